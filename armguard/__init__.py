@@ -1,0 +1,1 @@
+"""armguard: a real-time safety monitor for robot arms."""

@@ -1,0 +1,57 @@
+"""Where time comes from: the machine's monotonic clock, or a clock that a test or replay sets.
+
+Time is injected, never read behind the scenes: whatever decides takes `now` as an argument, and
+only the outermost loop owns a clock.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """A source of time in [s] that never runs backwards."""
+
+    def now(self) -> float:
+        """Seconds since the clock's own epoch."""
+        ...
+
+    def sleep_until(self, deadline: float) -> None:
+        """Return at `deadline`, in [s] of this clock, or at once if it has passed."""
+        ...
+
+
+class MonotonicClock:
+    """The machine's monotonic clock, counted from the moment of construction.
+
+    A near epoch keeps nanoseconds within float64.
+    """
+
+    def __init__(self) -> None:
+        self._epoch_ns = time.monotonic_ns()
+
+    def now(self) -> float:
+        """Seconds since construction."""
+        return (time.monotonic_ns() - self._epoch_ns) * 1e-9
+
+    def sleep_until(self, deadline: float) -> None:
+        """Sleep to the absolute `deadline`: a loop that sleeps for a while instead drifts."""
+        remaining = deadline - self.now()
+        if remaining > 0.0:
+            time.sleep(remaining)
+
+
+class ManualClock:
+    """A clock that moves only when told to, for tests and replay."""
+
+    def __init__(self, start: float = 0.0) -> None:
+        self._now = start
+
+    def now(self) -> float:
+        """The time it was last set to, in [s]."""
+        return self._now
+
+    def sleep_until(self, deadline: float) -> None:
+        """Jump to `deadline` at once; never backwards."""
+        self._now = max(self._now, deadline)
