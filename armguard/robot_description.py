@@ -1,0 +1,191 @@
+"""What a robot.toml says: the watched joints, each limit with its source, the joints that are locked.
+
+URDF files carry neither accelerations nor guaranteed decelerations, and often infinite or missing
+limits, so every limit is named here, with where it comes from. Parsing is strict: an unknown key,
+a missing limit or one that is not finite is refused by name.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from armguard.exceptions import RobotError
+
+LIMITS = ("position", "velocity", "acceleration", "braking")
+
+
+class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Refuses keys that it does not know."""
+
+
+class LimitSources(_Strict):
+    """Where each kind of limit comes from; the robot's, or one joint's own where it differs."""
+
+    position: str = ""
+    velocity: str = ""
+    acceleration: str = ""
+    braking: str = ""
+
+
+class JointDescription(_Strict):
+    """Limits of one watched joint, in [rad] or [m], [s]; `position` is absent if continuous."""
+
+    velocity: float
+    acceleration: float
+    braking: float
+    position: tuple[float, float] | None = None
+    position_error: float = 1e-3
+    velocity_error: float = 0.02
+    sources: LimitSources = LimitSources()
+
+
+class LockedJoint(_Strict):
+    """An unwatched joint beyond or before a watched one.
+
+    Either it rests at `position`, or it may be anywhere in `travel` (prismatic joints only) and
+    its links are taken as all that they can reach, in [m].
+    """
+
+    position: float | None = None
+    travel: tuple[float, float] | None = None
+
+
+class RobotDescription(_Strict):
+    """A parsed and checked robot.toml.
+
+    Attributes:
+        title: The robot's name for people.
+        urdf: Path below `robots/` of example-robot-data; empty where the caller brings the URDF.
+        sources: Where the limits come from.
+        joints: The watched joints by name.
+        locked: Unwatched joints that move links beyond, or carry, a watched one.
+    """
+
+    sources: LimitSources
+    joints: dict[str, JointDescription]
+    title: str = ""
+    urdf: str = ""
+    locked: dict[str, LockedJoint] = {}
+
+    def source(self, joint: str, limit: str) -> str:
+        """Where one limit of one joint comes from."""
+        return getattr(self.joints[joint].sources, limit) or getattr(self.sources, limit)
+
+
+def read_description(source: str | Path | Mapping[str, Any]) -> RobotDescription:
+    """Parse and check a robot.toml or a mapping of the same form.
+
+    Raises:
+        RobotError: It cannot be read, has an unknown or missing key, or a limit is unusable.
+    """
+    try:
+        if isinstance(source, Mapping):
+            place = "limits"
+            description = msgspec.convert(source, RobotDescription)
+        else:
+            place = str(source)
+            content = Path(source).read_bytes()
+            description = msgspec.toml.decode(content, type=RobotDescription)
+    except OSError as error:
+        raise RobotError(place, f"cannot be read: {error.strerror}") from error
+    except (msgspec.ValidationError, msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise RobotError(place, str(error)) from error
+    _check(place, description)
+    return description
+
+
+def robots_directory() -> Path:
+    """The folder of known robots: inside the package in a wheel, beside it in a checkout."""
+    package = Path(__file__).resolve().parent
+    for directory in (package / "robots", package.parent / "robots"):
+        if directory.is_dir():
+            return directory
+    raise RobotError("robots", f"no such folder in {package} or beside it", remedy="reinstall")
+
+
+def find_robot(name: str) -> Path:
+    """The folder of one known robot.
+
+    Raises:
+        RobotError: There is none of that name; the message lists those that exist.
+    """
+    known = sorted(path.parent.name for path in robots_directory().glob("*/robot.toml"))
+    if name not in known:
+        raise RobotError(f"robot {name!r}", "is not known", expected=f"one of {', '.join(known)}")
+    return robots_directory() / name
+
+
+def find_example_urdf(path: str) -> tuple[Path, Path]:
+    """A URDF of the example-robot-data distribution, and the folder that its packages lie in.
+
+    The distribution ships data only, and its loader has wrong entries, so the file is looked up
+    in the list of installed files.
+
+    Args:
+        path: Path below the distribution's `robots/` folder.
+
+    Raises:
+        RobotError: The distribution is not installed or has no such file.
+    """
+    try:
+        distribution = importlib.metadata.distribution("example-robot-data")
+    except importlib.metadata.PackageNotFoundError as error:
+        raise RobotError(
+            "example-robot-data", "is not installed", remedy="pip install example-robot-data"
+        ) from error
+    ending = ("example-robot-data", "robots", *Path(path).parts)
+    for file in distribution.files or ():
+        if file.parts[-len(ending) :] == ending:
+            urdf = Path(str(distribution.locate_file(file))).resolve()
+            return urdf, urdf.parents[len(ending) - 1]
+    raise RobotError(path, f"is not in example-robot-data {distribution.version}")
+
+
+def _check(place: str, description: RobotDescription) -> None:
+    if not description.joints:
+        raise RobotError(place, "watches no joint", expected="at least one under [joints]")
+    for name, joint in description.joints.items():
+        where = f"{place}: joint {name}"
+        for limit in LIMITS:
+            if limit == "position" and joint.position is None:
+                continue
+            if not description.source(name, limit).strip():
+                raise RobotError(where, f"its {limit} limit has no source")
+        for key in ("velocity", "acceleration", "braking"):
+            value = getattr(joint, key)
+            if not (0.0 < value < math.inf):
+                raise RobotError(where, f"{key} = {value}", expected="positive and finite")
+        for key in ("position_error", "velocity_error"):
+            value = getattr(joint, key)
+            if not (0.0 <= value < math.inf):
+                raise RobotError(where, f"{key} = {value}", expected="non-negative and finite")
+        if joint.position is not None:
+            _check_range(where, "position", joint.position)
+        if not (joint.braking <= joint.acceleration):
+            raise RobotError(
+                where,
+                f"braking = {joint.braking} exceeds acceleration = {joint.acceleration}",
+                remedy="the acceleration limit holds while braking as well",
+            )
+    for name, locked in description.locked.items():
+        where = f"{place}: locked joint {name}"
+        if name in description.joints:
+            raise RobotError(where, "is watched as well", remedy="name it in one place only")
+        if (locked.position is None) == (locked.travel is None):
+            raise RobotError(where, "names both or neither", expected="position or travel")
+        if locked.travel is not None:
+            _check_range(where, "travel", locked.travel)
+        elif not math.isfinite(locked.position or 0.0):
+            raise RobotError(where, f"position = {locked.position}", expected="a finite number")
+
+
+def _check_range(where: str, key: str, limits: tuple[float, float]) -> None:
+    lower, upper = limits
+    if not (-math.inf < lower < upper < math.inf):
+        raise RobotError(where, f"{key} = [{lower}, {upper}]", expected="finite, lower < upper")

@@ -1,0 +1,147 @@
+"""The surface of collision geometry as triangles: arrays out, whatever Coal's shape was.
+
+Covers and exact hulls need points, Coal has shapes. Boxes and meshes are given exactly; round
+shapes by a polyhedron that contains them, because a cover of it then contains the shape as well.
+What cannot be turned into triangles is refused by name: geometry never vanishes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.exceptions import RobotError
+
+Array = NDArray[np.float64]
+
+SIDES = 32  # of the prism around a cylinder: 0.5 % wider than the cylinder at its edges
+ROUND_UP = 1.0 + 1e-12  # widens a containing polyhedron past the rounding of its construction
+
+_BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+_BOX_TRIANGLES = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+    ]
+)
+
+
+def triangulate(name: str, geometry: Any) -> Array:
+    """The surface of one collision geometry, or of a polyhedron that contains it.
+
+    Args:
+        name: What to call the geometry in an error.
+        geometry: Coal's shape or mesh; a mesh's scale is already in its vertices.
+
+    Returns:
+        Triangles in the geometry's own frame, in [m]. Shape (n, 3, 3), n > 0.
+
+    Raises:
+        RobotError: The geometry is empty, not finite, or of a kind that has no triangles.
+    """
+    if isinstance(geometry, coal.BVHModelBase):
+        triangles = _mesh_triangles(geometry)
+    elif isinstance(geometry, coal.Box):
+        triangles = (_BOX_CORNERS * np.asarray(geometry.halfSide))[_BOX_TRIANGLES]
+    elif isinstance(geometry, coal.Sphere):
+        triangles = _ball_triangles(geometry.radius)
+    elif isinstance(geometry, coal.Cylinder):
+        triangles = _prism_triangles(geometry.radius, geometry.halfLength)
+    elif isinstance(geometry, coal.Capsule):
+        ball = _ball_triangles(geometry.radius)
+        start = np.array([0.0, 0.0, -geometry.halfLength])
+        triangles = sweep_triangles(ball + start, -2.0 * start)
+    else:
+        raise RobotError(
+            name,
+            f"has collision geometry of kind {type(geometry).__name__}",
+            expected="a mesh, box, sphere, cylinder or capsule",
+            remedy="replace it in the URDF",
+        )
+    if not len(triangles):
+        raise RobotError(name, "has no triangles", remedy="check its mesh file")
+    if not np.isfinite(triangles).all():
+        raise RobotError(name, "has a vertex that is not finite", remedy="check its mesh file")
+    return np.ascontiguousarray(triangles, dtype=np.float64)
+
+
+def sweep_triangles(triangles: Array, travel: Array) -> Array:
+    """The surface that triangles sweep over while they are shifted along a straight line.
+
+    Both ends of the travel, and between them the parallelogram that each edge sweeps: every
+    boundary point of the swept volume lies on one of these.
+
+    Args:
+        triangles: In [m]. Shape (n, 3, 3).
+        travel: From the first position to the last, in [m]. Shape (3,).
+
+    Returns:
+        Triangles in [m]. Shape (m, 3, 3).
+    """
+    end = triangles + travel
+    edges = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+    edges = np.unique(np.sort(edges.view("f8,f8,f8")[..., 0], axis=1), axis=0)
+    edges = edges.view(np.float64).reshape(-1, 2, 3)
+    first, second = edges[:, 0], edges[:, 1]
+    sides = (
+        np.stack([first, second, second + travel], axis=1),
+        np.stack([first, second + travel, first + travel], axis=1),
+    )
+    return np.concatenate([triangles, end, *sides])
+
+
+def _mesh_triangles(mesh: Any) -> Array:
+    indices = np.array(
+        [
+            [corner[0], corner[1], corner[2]]
+            for corner in map(mesh.tri_indices, range(mesh.num_tris))
+        ],
+        dtype=np.int64,
+    ).reshape(-1, 3)
+    vertices: Array = np.array(mesh.vertices(), dtype=np.float64)
+    return vertices[indices]
+
+
+def _prism_triangles(radius: float, half_length: float) -> Array:
+    angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
+    corner = radius / np.cos(np.pi / SIDES) * ROUND_UP
+    ring = np.stack([corner * np.cos(angle), corner * np.sin(angle), np.zeros(SIDES)], axis=1)
+    lower, upper = ring - [0, 0, half_length], ring + [0, 0, half_length]
+    after = np.roll(np.arange(SIDES), -1)
+    fan = np.arange(1, SIDES - 1)
+    return np.concatenate(
+        [
+            np.stack([lower, lower[after], upper[after]], axis=1),
+            np.stack([lower, upper[after], upper], axis=1),
+            *(
+                np.stack([np.broadcast_to(e[0], (SIDES - 2, 3)), e[fan], e[fan + 1]], axis=1)
+                for e in (lower, upper)
+            ),
+        ]
+    )
+
+
+def _ball_triangles(radius: float, subdivisions: int = 2) -> Array:
+    """An octahedron, subdivided on the unit sphere and grown until its faces clear the ball."""
+    axes = np.eye(3)
+    triangles = np.array(
+        [
+            [sx * axes[0], sy * axes[1], sz * axes[2]]
+            for sx in (-1, 1)
+            for sy in (-1, 1)
+            for sz in (-1, 1)
+        ]
+    )
+    for _ in range(subdivisions):
+        a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+        ab, bc, ca = a + b, b + c, c + a
+        corners = ([a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca])
+        triangles = np.concatenate([np.stack(corner, axis=1) for corner in corners])
+        triangles /= np.linalg.norm(triangles, axis=2, keepdims=True)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    clearance = np.abs(np.einsum("ij,ij->i", normals, triangles[:, 0])).min()
+    return triangles * (radius / clearance * ROUND_UP)

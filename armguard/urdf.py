@@ -1,0 +1,130 @@
+"""Reads a URDF into Pinocchio's model and its collision geometry, with nothing lost on the way.
+
+Pinocchio reads most of it, but drops mimic relations, gives continuous joints a configuration of
+two numbers, and depends on the present folder for relative mesh names. The XML is therefore set
+right first, and afterwards every collision element is accounted for.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pinocchio
+
+from armguard.exceptions import RobotError
+
+FREE_RANGE = 1e9  # stands in for "none" where the URDF format wants a number, in [rad]
+
+
+class UrdfModel(NamedTuple):
+    """What a URDF says, in Pinocchio's terms: one degree of freedom a joint, so nq = nv."""
+
+    model: Any
+    """`pinocchio.Model` of every joint; continuous ones are revolute, their range ±inf."""
+    collision_model: Any
+    """`pinocchio.GeometryModel` of the collision geometry as read."""
+    mimics: dict[str, str]
+    """Which joint each mimic joint follows."""
+    continuous: frozenset[str]
+    """Names of the continuous joints."""
+
+
+def read_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> UrdfModel:
+    """Read the model and the collision geometry of a URDF; visual meshes are not opened.
+
+    Args:
+        path: The URDF file. Mesh names without a scheme are relative to its folder.
+        package_dirs: Folders in which `package://` names are looked up.
+
+    Raises:
+        RobotError: The file is missing or malformed, a mesh cannot be read, a joint has more
+            than one degree of freedom, or geometry was lost.
+    """
+    path = Path(path)
+    try:
+        root = ElementTree.fromstring(path.read_bytes())
+    except OSError as error:
+        raise RobotError(str(path), f"cannot be read: {error.strerror}") from error
+    except ElementTree.ParseError as error:
+        raise RobotError(str(path), f"is not XML: {error}") from error
+    continuous, mimics = _prepare_joints(root)
+    _prepare_meshes(root, path.resolve().parent)
+    text = ElementTree.tostring(root, encoding="unicode")
+    try:
+        model = pinocchio.buildModelFromXML(text)
+    except (ValueError, RuntimeError) as error:
+        raise RobotError(str(path), f"is not a usable URDF: {_first_line(error)}") from error
+    try:
+        collision_model = pinocchio.buildGeomFromUrdfString(
+            model,
+            text,
+            pinocchio.GeometryType.COLLISION,
+            package_dirs=[str(directory) for directory in package_dirs],
+        )
+    except (ValueError, RuntimeError) as error:
+        raise RobotError(
+            str(path),
+            f"its collision geometry cannot be read: {_first_line(error)}",
+            remedy="name the folders of its packages in package_dirs",
+        ) from error
+    for joint in list(model.joints)[1:]:
+        if joint.nv != 1:
+            raise RobotError(
+                f"joint {model.names[joint.id]!r}",
+                f"has {joint.nv} degrees of freedom",
+                expected="one (no free-flyer or moving base)",
+                remedy="describe the arm on its fixed base",
+            )
+    expected = sum(len(link.findall("collision")) for link in root.findall("link"))
+    if collision_model.ngeoms != expected:
+        raise RobotError(
+            str(path),
+            f"only {collision_model.ngeoms} of its {expected} collision elements could be read",
+        )
+    for name in continuous:
+        index = model.joints[model.getJointId(name)].idx_q
+        model.lowerPositionLimit[index] = -float("inf")
+        model.upperPositionLimit[index] = float("inf")
+    return UrdfModel(model, collision_model, mimics, frozenset(continuous))
+
+
+def _prepare_joints(root: ElementTree.Element) -> tuple[list[str], dict[str, str]]:
+    """Make continuous joints revolute; tell which they were, and who follows whom."""
+    continuous: list[str] = []
+    mimics: dict[str, str] = {}
+    for joint in root.findall("joint"):
+        name = joint.get("name", "")
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            mimics[name] = mimic.get("joint", "")
+        if joint.get("type") != "continuous":
+            continue
+        continuous.append(name)
+        joint.set("type", "revolute")
+        limit = joint.find("limit")
+        if limit is None:
+            limit = ElementTree.SubElement(joint, "limit")
+        limit.set("lower", str(-FREE_RANGE))
+        limit.set("upper", str(FREE_RANGE))
+        for key in ("effort", "velocity"):
+            limit.set(key, limit.get(key, "0"))
+    return continuous, mimics
+
+
+def _prepare_meshes(root: ElementTree.Element, directory: Path) -> None:
+    for mesh in root.iterfind("link/collision/geometry/mesh"):
+        name = mesh.get("filename", "")
+        if "://" not in name and not Path(name).is_absolute():
+            mesh.set("filename", str(directory / name))
+
+
+def _first_line(error: Exception) -> str:
+    """Coal's errors have their message in a later line of three."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    for i, line in enumerate(lines):
+        if line.startswith("message:"):
+            return " ".join([line.removeprefix("message:").strip(), *lines[i + 1 : i + 2]])
+    return lines[0] if lines else type(error).__name__
