@@ -1,0 +1,96 @@
+"""Schedules: which pairs to evaluate in this tick.
+
+A schedule sees pair numbers and times only: neither arms nor obstacles. That is what lets the world
+of the paper and the monitor run on the same code. Each follows `Schedule`; a tick is
+
+    pairs = schedule.due()
+    schedule.settle(contact times of exactly these pairs, stop_time)
+    watched = schedule.flagged()
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from numpy.typing import ArrayLike
+
+from armguard.exceptions import ArmguardError
+from armguard.schedules.arguments import IntegerArray, Measure
+from armguard.schedules.daa import DaaSchedule
+from armguard.schedules.distance import DistanceSchedule
+from armguard.schedules.full import FullSchedule
+
+__all__ = [
+    "SCHEDULES",
+    "DaaSchedule",
+    "DistanceSchedule",
+    "FullSchedule",
+    "Measure",
+    "Schedule",
+    "make_schedule",
+]
+
+SCHEDULES = ("full", "distance", "daa")
+
+
+class Schedule(Protocol):
+    """What the monitor asks of every schedule.
+
+    Pair numbers are any non-negative int64, sparse, and may come back after they have left. A
+    change between `due` and `settle` gives the unsettled pairs back: the next `due` names them
+    again.
+    """
+
+    @property
+    def measure(self) -> Measure:
+        """What `settle` is to be given: times to contact, or times by distance alone."""
+        ...
+
+    def insert(self, pairs: ArrayLike) -> None:
+        """Take in new pairs; all are due at the next `due`. Shape (n,)."""
+        ...
+
+    def remove(self, pairs: ArrayLike) -> None:
+        """Let go of pairs. Shape (n,)."""
+        ...
+
+    def touch(self, pairs: ArrayLike) -> None:
+        """Make pairs due at the next `due`, out of turn. Shape (n,)."""
+        ...
+
+    def due(self) -> IntegerArray:
+        """Start the next tick: the pairs to evaluate now, each once. Shape (m,)."""
+        ...
+
+    def settle(self, contact_times: ArrayLike, stop_time: float) -> None:
+        """Take the results for the pairs that `due` returned, in that order.
+
+        Args:
+            contact_times: In [s] from now; NaN counts as 0. Shape (m,).
+            stop_time: In [s], the time that a certificate must outlast the next visit by.
+        """
+        ...
+
+    def flagged(self) -> IntegerArray:
+        """Pairs that might come too near before their next visit: watch each tick. Shape (f,)."""
+        ...
+
+    def ranking(self) -> IntegerArray:
+        """All pairs, most imminent first, as far as this schedule knows. Shape (M,)."""
+        ...
+
+
+def make_schedule(name: str, period: float) -> Schedule:
+    """Make a schedule by its name.
+
+    Args:
+        name: One of `SCHEDULES`.
+        period: Time between two ticks, in [s].
+    """
+    if name == "full":
+        return FullSchedule()
+    if name == "distance":
+        return DistanceSchedule()
+    if name == "daa":
+        return DaaSchedule(period)
+    raise ArmguardError("schedule", f"unknown name {name!r}", expected=", ".join(SCHEDULES))

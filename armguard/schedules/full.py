@@ -1,0 +1,108 @@
+"""full-DAA: evaluate every pair in every tick.
+
+The first reference of [Awareness]_: nothing is missed and nothing is saved. The ranking is made
+only when somebody asks for it, since the verdict needs the smallest time and not the order.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armguard.schedules.arguments import (
+    FloatArray,
+    IntegerArray,
+    Measure,
+    read_contact_times,
+    read_pairs,
+    refuse_known,
+    refuse_settle,
+    refuse_unknown,
+)
+
+
+class FullSchedule:
+    """All pairs are due, none is ever flagged.
+
+    Attributes:
+        measure: What `settle` is to be given.
+    """
+
+    measure: Measure = "contact_time"
+
+    def __init__(self) -> None:
+        self._members: dict[int, None] = {}
+        self._numbers = np.empty(0, dtype=np.int64)
+        self._stale = False
+        self._awaiting = False
+        self._contact_times: FloatArray = np.empty(0)
+        self._settled: IntegerArray = self._numbers
+
+    def __len__(self) -> int:
+        return len(self._members)
+
+    def insert(self, pairs: ArrayLike) -> None:
+        """Take in new pairs. Shape (n,)."""
+        numbers = read_pairs(pairs).tolist()
+        for number in numbers:
+            if number in self._members:
+                raise refuse_known(number)
+        self._members.update(dict.fromkeys(numbers))
+        self._change()
+
+    def remove(self, pairs: ArrayLike) -> None:
+        """Let go of pairs. Shape (n,)."""
+        numbers = self._read_members(pairs)
+        for number in numbers:
+            del self._members[number]
+        self._change()
+
+    def touch(self, pairs: ArrayLike) -> None:
+        """Nothing to do, as every pair is due anyway. Shape (n,)."""
+        self._read_members(pairs)
+        self._awaiting = False
+
+    def due(self) -> IntegerArray:
+        """All pairs, in the order in which they came; read-only. Shape (M,)."""
+        if self._stale:
+            self._numbers = np.fromiter(self._members, dtype=np.int64, count=len(self._members))
+            self._numbers.flags.writeable = False
+            self._stale = False
+        self._awaiting = True
+        return self._numbers
+
+    def settle(self, contact_times: ArrayLike, stop_time: float) -> None:
+        """Take the results for all pairs.
+
+        Args:
+            contact_times: In [s], or whatever `measure` says. Shape (M,).
+            stop_time: In [s]. Without meaning here: every pair is looked at again next tick.
+        """
+        if not self._awaiting:
+            raise refuse_settle()
+        self._contact_times = read_contact_times(contact_times, self._numbers.size)
+        self._settled = self._numbers
+        self._awaiting = False
+
+    def flagged(self) -> IntegerArray:
+        """None. Shape (0,)."""
+        return np.empty(0, dtype=np.int64)
+
+    def ranking(self) -> IntegerArray:
+        """All pairs by their last results, most imminent first; new ones at the end. Shape (M,)."""
+        order = self._settled[np.argsort(self._contact_times, kind="stable")]
+        if not self._stale and self._settled is self._numbers:
+            return order
+        ranked = dict.fromkeys(n for n in order.tolist() if n in self._members)
+        return np.array([*ranked, *(n for n in self._members if n not in ranked)], dtype=np.int64)
+
+    def _read_members(self, pairs: ArrayLike) -> list[int]:
+        numbers: list[int] = read_pairs(pairs).tolist()
+        for number in numbers:
+            if number not in self._members:
+                raise refuse_unknown(number)
+        return numbers
+
+    def _change(self) -> None:
+        self._stale = True
+        self._awaiting = False
