@@ -1,0 +1,23 @@
+"""Simulated arms, people and parts, and recordings of real people, for demos and studies.
+
+Whatever is published here goes through the same door as real perception: `Obstacles.update`.
+"""
+
+from armguard.simulation.arm import SimulatedArm
+from armguard.simulation.balls import WanderingBalls
+from armguard.simulation.person import ProceduralPerson
+from armguard.simulation.recordings import Recording
+from armguard.simulation.sources import ObstacleSink, ObstacleSource
+from armguard.simulation.trajectory import JointTrajectory, keeps_above, random_trajectory
+
+__all__ = [
+    "JointTrajectory",
+    "ObstacleSink",
+    "ObstacleSource",
+    "ProceduralPerson",
+    "Recording",
+    "SimulatedArm",
+    "WanderingBalls",
+    "keeps_above",
+    "random_trajectory",
+]
