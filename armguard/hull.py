@@ -1,0 +1,162 @@
+"""The point of a hull of at most eight moving points that is nearest to the origin.
+
+Gilbert, Johnson and Keerthi's walk over simplices. Only the direction of the answer is used, as a
+witness, and any witness is safe, so nothing here has to be exact: it has to be quick, to allocate
+nothing and to end. A point of the hull is computed anew whenever it is looked at, from where it is
+and how long it is carried along its velocity.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+MAX_STEPS = 20
+TOLERANCE = 1e-13
+
+
+@njit(error_model="numpy", cache=True)
+def _nearest_on_segment(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
+    """Weight of b in the point of segment a-b nearest to the origin."""
+    dx, dy, dz = bx - ax, by - ay, bz - az
+    square = dx * dx + dy * dy + dz * dz
+    if not square > 0.0:
+        return 0.0
+    return min(1.0, max(0.0, -(ax * dx + ay * dy + az * dz) / square))
+
+
+@njit(error_model="numpy", cache=True)
+def _nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):  # type: ignore[no-untyped-def]
+    """Weights of b and c in the point of triangle a-b-c nearest to the origin."""
+    px, py, pz = bx - ax, by - ay, bz - az
+    qx, qy, qz = cx - ax, cy - ay, cz - az
+    pp = px * px + py * py + pz * pz
+    pq = px * qx + py * qy + pz * qz
+    qq = qx * qx + qy * qy + qz * qz
+    ap = -(ax * px + ay * py + az * pz)
+    aq = -(ax * qx + ay * qy + az * qz)
+    determinant = pp * qq - pq * pq
+    if determinant > 0.0:
+        b = (ap * qq - aq * pq) / determinant
+        c = (aq * pp - ap * pq) / determinant
+        if b >= 0.0 and c >= 0.0 and b + c <= 1.0:
+            return b, c
+    # On an edge then: the nearest of three.
+    ab = _nearest_on_segment(ax, ay, az, bx, by, bz)
+    ac = _nearest_on_segment(ax, ay, az, cx, cy, cz)
+    bc = _nearest_on_segment(bx, by, bz, cx, cy, cz)
+    best_b, best_c = ab, 0.0
+    sx, sy, sz = ax + ab * px, ay + ab * py, az + ab * pz
+    best = sx * sx + sy * sy + sz * sz
+    sx, sy, sz = ax + ac * qx, ay + ac * qy, az + ac * qz
+    square = sx * sx + sy * sy + sz * sz
+    if square < best:
+        best, best_b, best_c = square, 0.0, ac
+    sx, sy, sz = bx + bc * (cx - bx), by + bc * (cy - by), bz + bc * (cz - bz)
+    square = sx * sx + sy * sy + sz * sz
+    if square < best:
+        best_b, best_c = 1.0 - bc, bc
+    return best_b, best_c
+
+
+@njit(error_model="numpy", cache=True)
+def _carried(j, ox, oy, oz, points, velocities, carry):  # type: ignore[no-untyped-def]
+    return (
+        points[j, 0] - ox + velocities[j, 0] * carry,
+        points[j, 1] - oy + velocities[j, 1] * carry,
+        points[j, 2] - oz + velocities[j, 2] * carry,
+    )
+
+
+@njit(error_model="numpy", cache=True)
+def nearest_on_hull(ox, oy, oz, points, velocities, count, carry):  # type: ignore[no-untyped-def]
+    """Vector from (ox, oy, oz) to the hull of points[:count], each carried for `carry` seconds.
+
+    Arrays have the shape (8, 3), in [m] and [m/s]. The zero vector or a poor one where the origin
+    is inside the hull or the hull is beyond what squares can hold.
+    """
+    i0 = 0
+    i1 = 0
+    i2 = 0
+    size = 1
+    ax, ay, az = _carried(0, ox, oy, oz, points, velocities, carry)
+    bx, by, bz = ax, ay, az
+    cx, cy, cz = ax, ay, az
+    x, y, z = ax, ay, az
+    for _ in range(MAX_STEPS):
+        square = x * x + y * y + z * z
+        found = 0
+        least = math.inf
+        for j in range(count):
+            px, py, pz = _carried(j, ox, oy, oz, points, velocities, carry)
+            along = x * px + y * py + z * pz
+            if along < least:
+                least = along
+                found = j
+        if not square - least > TOLERANCE * square:
+            break
+        if found == i0 or (size > 1 and found == i1) or (size > 2 and found == i2):
+            break
+        px, py, pz = _carried(found, ox, oy, oz, points, velocities, carry)
+        if size == 1:
+            i1, bx, by, bz = found, px, py, pz
+            c = 0.0
+            b = _nearest_on_segment(ax, ay, az, bx, by, bz)
+        elif size == 2:
+            i2, cx, cy, cz = found, px, py, pz
+            b, c = _nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz)
+        else:
+            # The new point with each edge of the triangle: the nearest of three faces.
+            b, c = _nearest_on_triangle(px, py, pz, ax, ay, az, bx, by, bz)
+            wx = px + b * (ax - px) + c * (bx - px)
+            wy = py + b * (ay - py) + c * (by - py)
+            wz = pz + b * (az - pz) + c * (bz - pz)
+            best = wx * wx + wy * wy + wz * wz
+            out = 2
+            b1, c1 = _nearest_on_triangle(px, py, pz, ax, ay, az, cx, cy, cz)
+            wx = px + b1 * (ax - px) + c1 * (cx - px)
+            wy = py + b1 * (ay - py) + c1 * (cy - py)
+            wz = pz + b1 * (az - pz) + c1 * (cz - pz)
+            square = wx * wx + wy * wy + wz * wz
+            if square < best:
+                best, out, b, c = square, 1, b1, c1
+            b1, c1 = _nearest_on_triangle(px, py, pz, bx, by, bz, cx, cy, cz)
+            wx = px + b1 * (bx - px) + c1 * (cx - px)
+            wy = py + b1 * (by - py) + c1 * (cy - py)
+            wz = pz + b1 * (bz - pz) + c1 * (cz - pz)
+            if wx * wx + wy * wy + wz * wz < best:
+                out, b, c = 0, b1, c1
+            # Now a is the new point, b and c the two that stay, in the order of the weights.
+            if out == 2:
+                i2, cx, cy, cz = i1, bx, by, bz
+                i1, bx, by, bz = i0, ax, ay, az
+            elif out == 1:
+                i1, bx, by, bz = i0, ax, ay, az
+            i0, ax, ay, az = found, px, py, pz
+        x = ax + b * (bx - ax) + c * (cx - ax)
+        y = ay + b * (by - ay) + c * (cy - ay)
+        z = az + b * (bz - az) + c * (cz - az)
+        # Corners without weight leave the simplex.
+        size = 3
+        if c == 0.0:
+            size = 2
+            if b == 0.0:
+                size = 1
+            elif b == 1.0:
+                i0, ax, ay, az = i1, bx, by, bz
+                size = 1
+        elif b == 0.0 or b + c == 1.0:
+            if b + c == 1.0:
+                i0, ax, ay, az = i1, bx, by, bz
+                b = 1.0 - c
+            i1, bx, by, bz = i2, cx, cy, cz
+            size = 2
+            if c == 1.0:
+                i0, ax, ay, az = i1, bx, by, bz
+                size = 1
+        if size < 3:
+            cx, cy, cz = ax, ay, az
+        if size < 2:
+            bx, by, bz = ax, ay, az
+    return x, y, z
