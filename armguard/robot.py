@@ -16,7 +16,8 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
-from armguard.exceptions import RobotError
+from armguard.cover import Cover
+from armguard.exceptions import CoverError, RobotError
 from armguard.robot_description import (
     LIMITS,
     LockedJoint,
@@ -41,15 +42,19 @@ class Robot:
         model: `pinocchio.Model` reduced to the watched joints: nq = nv.
         collision_model: `pinocchio.GeometryModel` of it, geometry as read.
         joints: Names of the watched joints, in model order.
+        cover: A tree of spheres for each link, proved to contain it.
         links: Names of the URDF bodies with collision geometry that a watched joint moves.
         velocity_limit: In [rad]/[s] or [m]/[s].
-        acceleration_limit: Holds in every mode, emergency brakes included, in [rad]/[s²] or [m]/[s²].
+        acceleration_limit: Holds in every mode, emergency brakes included, in [rad]/[s²] or
+            [m]/[s²].
         braking_deceleration: Guaranteed under load, in [rad]/[s²] or [m]/[s²].
         lower_position_limit: In [rad] or [m]; -inf for a continuous joint.
         upper_position_limit: In [rad] or [m]; inf for a continuous joint.
         position_error: What a measured position may be off by, in [rad] or [m].
         velocity_error: What a measured velocity may be off by, in [rad]/[s] or [m]/[s].
     """
+
+    cover: Cover
 
     def __init__(
         self, name: str, urdf: UrdfModel, description: RobotDescription, joints: Sequence[str]
@@ -79,16 +84,20 @@ class Robot:
 
     @classmethod
     def load(cls, name: str) -> Robot:
-        """Load a robot that armguard knows, with its proved cover.
+        """Load a robot that armguard knows, with the cover that was proved for it.
 
         Raises:
             RobotError: There is no such robot, or its files are unusable.
+            CoverError: Its cover is damaged, or was made for other geometry.
         """
         directory = find_robot(name)
         description = read_description(directory / "robot.toml")
         path, packages = find_example_urdf(description.urdf)
         urdf = read_urdf(path, [packages])
-        return cls(name, urdf, description, list(description.joints))
+        robot = cls(name, urdf, description, list(description.joints))
+        robot.cover = Cover.load(directory / "cover.json")
+        robot.cover.verify(robot)
+        return robot
 
     @classmethod
     def from_urdf(
@@ -98,6 +107,7 @@ class Robot:
         limits: str | Path | Mapping[str, Any],
         joints: Sequence[str] | None = None,
         package_dirs: Sequence[str | Path] = (),
+        cover: str | Path | None = None,
     ) -> Robot:
         """Load anybody's robot.
 
@@ -106,14 +116,26 @@ class Robot:
             limits: A robot.toml, or a mapping of the same form.
             joints: The joints to watch; None: all that `limits` names.
             package_dirs: Folders in which `package://` mesh names are looked up.
+            cover: A file that `Cover.save` wrote, which is proved again; None: one is fitted,
+                which takes seconds a link.
 
         Raises:
             RobotError: A joint, a limit or a mesh is missing or unusable; the message names it.
+            CoverError: The cover is for other geometry, or does not cover it.
         """
         description = read_description(limits)
         urdf = read_urdf(path, package_dirs)
         watched = list(description.joints) if joints is None else list(joints)
-        return cls(Path(path).stem, urdf, description, watched)
+        robot = cls(Path(path).stem, urdf, description, watched)
+        if cover is None:
+            robot.cover = Cover.fit(robot)
+            return robot
+        robot.cover = Cover.load(cover)
+        robot.cover.verify(robot)
+        for link, report in robot.cover.check(robot).links.items():
+            if not report.proved:
+                raise CoverError(f"link {link!r}", f"is not inside its spheres in {cover}")
+        return robot
 
     def source(self, joint: str, limit: str) -> str:
         """Where a limit comes from: `position`, `velocity`, `acceleration` or `braking`."""

@@ -1,4 +1,4 @@
-"""What a robot.toml says: the watched joints, each limit with its source, the joints that are locked.
+"""What a robot.toml says: the watched joints, every limit with its source, the locked joints.
 
 URDF files carry neither accelerations nor guaranteed decelerations, and often infinite or missing
 limits, so every limit is named here, with where it comes from. Parsing is strict: an unknown key,
@@ -20,11 +20,7 @@ from armguard.exceptions import RobotError
 LIMITS = ("position", "velocity", "acceleration", "braking")
 
 
-class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Refuses keys that it does not know."""
-
-
-class LimitSources(_Strict):
+class LimitSources(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Where each kind of limit comes from; the robot's, or one joint's own where it differs."""
 
     position: str = ""
@@ -33,7 +29,7 @@ class LimitSources(_Strict):
     braking: str = ""
 
 
-class JointDescription(_Strict):
+class JointDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Limits of one watched joint, in [rad] or [m], [s]; `position` is absent if continuous."""
 
     velocity: float
@@ -45,7 +41,7 @@ class JointDescription(_Strict):
     sources: LimitSources = LimitSources()
 
 
-class LockedJoint(_Strict):
+class LockedJoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """An unwatched joint beyond or before a watched one.
 
     Either it rests at `position`, or it may be anywhere in `travel` (prismatic joints only) and
@@ -56,7 +52,7 @@ class LockedJoint(_Strict):
     travel: tuple[float, float] | None = None
 
 
-class RobotDescription(_Strict):
+class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A parsed and checked robot.toml.
 
     Attributes:
@@ -75,7 +71,9 @@ class RobotDescription(_Strict):
 
     def source(self, joint: str, limit: str) -> str:
         """Where one limit of one joint comes from."""
-        return getattr(self.joints[joint].sources, limit) or getattr(self.sources, limit)
+        own: str = getattr(self.joints[joint].sources, limit)
+        general: str = getattr(self.sources, limit)
+        return own or general
 
 
 def read_description(source: str | Path | Mapping[str, Any]) -> RobotDescription:

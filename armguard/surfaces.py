@@ -69,28 +69,28 @@ def triangulate(name: str, geometry: Any) -> Array:
 
 
 def sweep_triangles(triangles: Array, travel: Array) -> Array:
-    """The surface that triangles sweep over while they are shifted along a straight line.
+    """The surface that a body sweeps over while it is shifted along a straight line.
 
-    Both ends of the travel, and between them the parallelogram that each edge sweeps: every
-    boundary point of the swept volume lies on one of these.
+    The body where it starts, and the closed prism that each of its triangles sweeps: their union
+    is all that the body reaches. Each prism is wound outwards, whatever the winding of the
+    triangle, so that no point inside is taken to be outside.
 
     Args:
         triangles: In [m]. Shape (n, 3, 3).
         travel: From the first position to the last, in [m]. Shape (3,).
 
     Returns:
-        Triangles in [m]. Shape (m, 3, 3).
+        Triangles in [m]. Shape (9 n, 3, 3).
     """
-    end = triangles + travel
-    edges = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
-    edges = np.unique(np.sort(edges.view("f8,f8,f8")[..., 0], axis=1), axis=0)
-    edges = edges.view(np.float64).reshape(-1, 2, 3)
-    first, second = edges[:, 0], edges[:, 1]
-    sides = (
-        np.stack([first, second, second + travel], axis=1),
-        np.stack([first, second + travel, first + travel], axis=1),
-    )
-    return np.concatenate([triangles, end, *sides])
+    sides = triangles[:, 1:] - triangles[:, :1]
+    is_front = np.cross(sides[:, 0], sides[:, 1]) @ travel >= 0.0
+    start = np.where(is_front[:, None, None], triangles, triangles[:, ::-1])
+    prisms = [start[:, ::-1], start + travel]
+    for i in range(3):
+        first, second = start[:, i], start[:, (i + 1) % 3]
+        prisms.append(np.stack([first, second, second + travel], axis=1))
+        prisms.append(np.stack([first, second + travel, first + travel], axis=1))
+    return np.concatenate([triangles, *prisms])
 
 
 def _mesh_triangles(mesh: Any) -> Array:
@@ -109,32 +109,27 @@ def _prism_triangles(radius: float, half_length: float) -> Array:
     angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
     corner = radius / np.cos(np.pi / SIDES) * ROUND_UP
     ring = np.stack([corner * np.cos(angle), corner * np.sin(angle), np.zeros(SIDES)], axis=1)
-    lower, upper = ring - [0, 0, half_length], ring + [0, 0, half_length]
+    top = np.array([0.0, 0.0, half_length])
+    lower, upper = ring - top, ring + top
     after = np.roll(np.arange(SIDES), -1)
-    fan = np.arange(1, SIDES - 1)
+    center = np.zeros((SIDES, 3))
     return np.concatenate(
         [
             np.stack([lower, lower[after], upper[after]], axis=1),
             np.stack([lower, upper[after], upper], axis=1),
-            *(
-                np.stack([np.broadcast_to(e[0], (SIDES - 2, 3)), e[fan], e[fan + 1]], axis=1)
-                for e in (lower, upper)
-            ),
+            np.stack([center - top, lower[after], lower], axis=1),
+            np.stack([center + top, upper, upper[after]], axis=1),
         ]
     )
 
 
 def _ball_triangles(radius: float, subdivisions: int = 2) -> Array:
     """An octahedron, subdivided on the unit sphere and grown until its faces clear the ball."""
-    axes = np.eye(3)
+    x, y, z = np.eye(3)
     triangles = np.array(
-        [
-            [sx * axes[0], sy * axes[1], sz * axes[2]]
-            for sx in (-1, 1)
-            for sy in (-1, 1)
-            for sz in (-1, 1)
-        ]
+        [[i * x, j * y, i * j * k * z] for i in (1, -1) for j in (1, -1) for k in (1, -1)]
     )
+    triangles[1::2] = triangles[1::2, ::-1]
     for _ in range(subdivisions):
         a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
         ab, bc, ca = a + b, b + c, c + a
@@ -144,4 +139,5 @@ def _ball_triangles(radius: float, subdivisions: int = 2) -> Array:
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     clearance = np.abs(np.einsum("ij,ij->i", normals, triangles[:, 0])).min()
-    return triangles * (radius / clearance * ROUND_UP)
+    grown: Array = triangles * (radius / clearance * ROUND_UP)
+    return grown

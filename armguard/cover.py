@@ -1,0 +1,353 @@
+"""`Cover`: a tree of spheres for each link, proved to contain the link's whole surface.
+
+The sphere sets that come with VAMP and cuRobo are fitted to samples, and leave a fifth to a half
+of Panda's surface uncovered. A cover here is a proof object: `check` shows, from the triangles
+alone, that each piece of surface lies inside a leaf and inside every ball above that leaf. So any
+set of nodes that cuts all paths from the root (a level, or a descent stopped anywhere) covers all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.exceptions import CoverError
+from armguard.fitting import GRID, MARGIN, SphereTree, bisect_triangles, fit_tree
+from armguard.surface_distance import compute_signed_distances
+
+Array = NDArray[np.float64]
+
+CoverTree = SphereTree
+
+FORMAT = 1
+DEFAULT_PROTRUSION = 0.02  # [m]
+ROUNDING = 1e-14  # relative: above what a distance and a bisected corner lose to rounding
+MOST_PIECES = 2_000_000  # a proof that needs more has failed
+BATCH = 2048  # pieces examined at once
+
+
+class Surfaces(Protocol):
+    """What has links with surfaces: a `Robot`."""
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of the links."""
+
+    def triangles(self, link: str) -> Array:
+        """Surface of a link in the frame of its parent joint, in [m]. Shape (n, 3, 3)."""
+
+
+@dataclass(frozen=True)
+class LinkReport:
+    """What is known of one link's cover."""
+
+    proved: bool
+    """Every piece of surface is inside a leaf and all balls above it."""
+    count: int
+    """Number of leaves."""
+    max_protrusion: float
+    """No point of a leaf is farther from the link than this, in [m]."""
+    mean_protrusion: float
+    """Distance to the link, averaged over the surface of the union of leaves, in [m]."""
+
+
+@dataclass(frozen=True)
+class CoverReport:
+    """The outcome of `Cover.check`."""
+
+    links: dict[str, LinkReport]
+
+    @property
+    def proved(self) -> bool:
+        """Whether every link is covered."""
+        return all(link.proved for link in self.links.values())
+
+
+class Cover:
+    """A tree of spheres for each link.
+
+    Args:
+        trees: One for each link.
+        geometry: Digest of each link's surface, as `hash_surface` makes it.
+    """
+
+    def __init__(self, trees: Mapping[str, CoverTree], geometry: Mapping[str, str]) -> None:
+        if set(trees) != set(geometry):
+            raise CoverError("cover", "its trees and its digests are for different links")
+        self._trees = {link: CoverTree(*map(_read_only, tree)) for link, tree in trees.items()}
+        for link, tree in self._trees.items():
+            _check_tree(link, tree)
+        self._geometry = dict(geometry)
+
+    @classmethod
+    def fit(
+        cls, robot: Surfaces, *, spheres: int | None = None, protrusion: float | None = None
+    ) -> Cover:
+        """Fit and prove a cover; the same robot gives the same cover.
+
+        Args:
+            robot: Whose links to cover.
+            spheres: At most so many leaves a link, which stick out as little as possible.
+            protrusion: How far leaves may stick out, in [m]: as few as possible. If neither is
+                given, `DEFAULT_PROTRUSION`.
+
+        Raises:
+            CoverError: An argument is unusable, or the fit could not be proved.
+        """
+        if spheres is not None and protrusion is not None:
+            raise CoverError("spheres and protrusion", "exclude each other")
+        if spheres is not None and not spheres >= 1:
+            raise CoverError("spheres", f"is {spheres}", expected="at least 1")
+        if protrusion is not None and not 0.0 < protrusion < np.inf:
+            raise CoverError("protrusion", f"is {protrusion} m", expected="positive and finite")
+        if spheres is None and protrusion is None:
+            protrusion = DEFAULT_PROTRUSION
+        trees, geometry = {}, {}
+        for link in robot.links:
+            triangles = robot.triangles(link)
+            trees[link] = fit_tree(triangles, spheres=spheres, protrusion=protrusion)
+            geometry[link] = hash_surface(triangles)
+            if not _contains(trees[link], triangles):
+                raise CoverError(f"link {link!r}", "its fitted spheres could not be proved")
+        return cls(trees, geometry)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """The links that have a tree."""
+        return tuple(self._trees)
+
+    def tree(self, link: str) -> CoverTree:
+        """The spheres of a link as a tree."""
+        if link not in self._trees:
+            raise CoverError(
+                f"link {link!r}", "has no cover", expected=f"one of {', '.join(self.links)}"
+            )
+        return self._trees[link]
+
+    def levels(self, link: str) -> int:
+        """How many levels a link has: one more than the depth of its deepest leaf."""
+        return int(_compute_depths(self.tree(link)).max()) + 1
+
+    def spheres(self, link: str, level: int = -1) -> Array:
+        """The spheres of one level: nodes at that depth, and the leaves above it.
+
+        Args:
+            link: One of `links`.
+            level: From 0, one ball, to `levels(link) - 1`, all leaves; -1 is the finest.
+
+        Returns:
+            Centre and radius in the frame of the link's parent joint, in [m]. Shape (n, 4).
+        """
+        tree, levels = self.tree(link), self.levels(link)
+        if not -levels <= level < levels:
+            raise CoverError(f"level {level}", f"is not one of the {levels} of link {link!r}")
+        depths = _compute_depths(tree)
+        wanted = level % levels
+        chosen: Array = tree.spheres[
+            (depths == wanted) | ((depths < wanted) & (tree.child_count == 0))
+        ]
+        return chosen
+
+    def check(self, robot: Surfaces) -> CoverReport:
+        """Prove for every link that all of its surface is inside its spheres.
+
+        A triangle whose corners are in a ball is inside it, balls being convex; one that is in
+        no leaf and its ancestors is bisected until its parts are, or until a corner is seen to be
+        outside of all. Distances are rounded up and radii reduced by what the digest leaves open.
+
+        Raises:
+            CoverError: The cover is for other links.
+        """
+        if set(robot.links) != set(self._trees):
+            raise CoverError(
+                "cover",
+                f"is for links {', '.join(self.links)}",
+                expected=", ".join(robot.links),
+            )
+        return CoverReport(
+            {link: _report(self.tree(link), robot.triangles(link)) for link in robot.links}
+        )
+
+    def verify(self, robot: Surfaces) -> None:
+        """Make sure that this cover was made for exactly this geometry.
+
+        Raises:
+            CoverError: It was not; the message names the first link that differs.
+        """
+        for link in (*robot.links, *self._geometry):
+            if link not in robot.links or link not in self._geometry:
+                raise CoverError(f"link {link!r}", "is in the robot or in the cover, not in both")
+            if hash_surface(robot.triangles(link)) != self._geometry[link]:
+                raise CoverError(
+                    f"link {link!r}",
+                    "its cover was made for other geometry",
+                    remedy="fit a cover for this robot",
+                )
+
+    def save(self, path: str | Path) -> None:
+        """Write the cover as JSON; equal covers give equal bytes."""
+        links = {
+            link: _LinkFile(
+                geometry=self._geometry[link],
+                spheres=[tuple(sphere) for sphere in tree.spheres.tolist()],
+                first_child=tree.first_child.tolist(),
+                child_count=tree.child_count.tolist(),
+            )
+            for link, tree in self._trees.items()
+        }
+        file = _CoverFile(format=FORMAT, digest=_hash_links(links), links=links)
+        content = msgspec.json.encode(file).replace(b"],[", b"],\n[").replace(b"},", b"},\n")
+        Path(path).write_bytes(content + b"\n")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Cover:
+        """Read a cover that `save` wrote.
+
+        Raises:
+            CoverError: The file is unreadable, malformed, or was changed by hand.
+        """
+        try:
+            file = msgspec.json.decode(Path(path).read_bytes(), type=_CoverFile)
+        except OSError as error:
+            raise CoverError(str(path), f"cannot be read: {error.strerror}") from error
+        except (msgspec.ValidationError, msgspec.DecodeError, UnicodeDecodeError) as error:
+            raise CoverError(str(path), str(error)) from error
+        if file.format != FORMAT:
+            raise CoverError(str(path), f"has format {file.format}", expected=str(FORMAT))
+        if file.digest != _hash_links(file.links):
+            raise CoverError(str(path), "does not match its digest", remedy="fit it again")
+        trees = {
+            link: CoverTree(
+                np.array(entry.spheres, dtype=np.float64).reshape(-1, 4),
+                np.array(entry.first_child, dtype=np.int64),
+                np.array(entry.child_count, dtype=np.int64),
+            )
+            for link, entry in file.links.items()
+        }
+        return cls(trees, {link: entry.geometry for link, entry in file.links.items()})
+
+
+class _LinkFile(msgspec.Struct, forbid_unknown_fields=True):
+    geometry: str
+    spheres: list[tuple[float, float, float, float]]
+    first_child: list[int]
+    child_count: list[int]
+
+
+class _CoverFile(msgspec.Struct, forbid_unknown_fields=True):
+    format: int
+    digest: str
+    links: dict[str, _LinkFile]
+
+
+def hash_surface(triangles: Array) -> str:
+    """Digest of a surface, rounded to the grid so that another machine's rounding is the same."""
+    cells = np.floor(np.asarray(triangles) / GRID + 0.5).astype("<i8")
+    return hashlib.sha256(cells.tobytes()).hexdigest()
+
+
+def _hash_links(links: dict[str, _LinkFile]) -> str:
+    return hashlib.sha256(msgspec.json.encode(links, order="deterministic")).hexdigest()
+
+
+def _read_only(values: NDArray[Any]) -> NDArray[Any]:
+    copy = values.copy()
+    copy.flags.writeable = False
+    return copy
+
+
+def _check_tree(link: str, tree: CoverTree) -> None:
+    """Refuse what is not a tree in breadth-first order, or not made of balls."""
+    spheres, first_child, child_count = tree
+    count = len(spheres)
+    offender = f"cover of link {link!r}"
+    if spheres.shape != (count, 4) or not count:
+        raise CoverError(offender, f"has shape {spheres.shape}", expected="(n, 4), n > 0")
+    if first_child.shape != (count,) or child_count.shape != (count,):
+        raise CoverError(offender, "first_child, child_count and spheres differ in length")
+    if not (np.isfinite(spheres).all() and (spheres[:, 3] > 0.0).all()):
+        raise CoverError(offender, "has a sphere that is not finite or has no radius")
+    following = 1
+    for first, children in zip(first_child.tolist(), child_count.tolist(), strict=True):
+        if children < 0 or (children and first != following) or following + children > count:
+            raise CoverError(offender, "is not a tree in breadth-first order")
+        following += children
+    if following != count:
+        raise CoverError(offender, "has spheres that belong to no parent")
+
+
+def _compute_parents(tree: CoverTree) -> NDArray[np.int64]:
+    """Index of each node's parent, the root's own for the root."""
+    return np.concatenate([[0], np.repeat(np.arange(len(tree.spheres)), tree.child_count)])
+
+
+def _compute_depths(tree: CoverTree) -> NDArray[np.int64]:
+    parents = _compute_parents(tree)
+    depths = np.zeros(len(parents), dtype=np.int64)
+    for node in range(1, len(parents)):
+        depths[node] = depths[parents[node]] + 1
+    return depths
+
+
+def _contains(tree: CoverTree, triangles: Array) -> bool:
+    """Whether each triangle, or each part of it, is in a leaf and in all balls above that leaf."""
+    parents, is_leaf = _compute_parents(tree), tree.child_count == 0
+    centers, radii = tree.spheres[:, :3], tree.spheres[:, 3] - MARGIN
+    scale = np.abs(triangles).max(initial=0.0) + np.abs(tree.spheres).max()
+    radii = radii - ROUNDING * scale
+    waiting, examined = [triangles], 0
+    while waiting:
+        pieces, rest = waiting[-1][:BATCH], waiting[-1][BATCH:]
+        waiting[-1:] = [rest] if len(rest) else []
+        examined += len(pieces)
+        if not np.isfinite(pieces).all() or examined > MOST_PIECES:
+            return False
+        offsets = pieces[:, :, None, :] - centers
+        inside = np.sqrt((offsets**2).sum(axis=3)) <= radii
+        for node in range(1, len(parents)):
+            inside[:, :, node] &= inside[:, :, parents[node]]
+        inside = inside[:, :, is_leaf]
+        if not inside.any(axis=2).all():
+            return False  # this very corner is outside
+        is_open = ~inside.all(axis=1).any(axis=1)
+        if is_open.any():
+            waiting.append(bisect_triangles(pieces[is_open]))
+    return len(triangles) > 0
+
+
+def _report(tree: CoverTree, triangles: Array) -> LinkReport:
+    leaves = tree.spheres[tree.child_count == 0]
+    centers, radii = np.ascontiguousarray(leaves[:, :3]), leaves[:, 3]
+    protrusions = radii + compute_signed_distances(centers, triangles)
+    directions = _spread_directions(200)
+    points, weights = [], []
+    for i, (center, radius) in enumerate(zip(centers, radii, strict=True)):
+        surface = center + radius * directions
+        distances = np.sqrt(((surface[:, None] - centers) ** 2).sum(axis=2))
+        distances[:, i] = np.inf
+        exposed = surface[(distances >= radii).all(axis=1)]
+        points.append(exposed)
+        weights.append(np.full(len(exposed), radius**2))
+    outside = np.maximum(compute_signed_distances(np.concatenate(points), triangles), 0.0)
+    weight = np.concatenate(weights)
+    return LinkReport(
+        _contains(tree, triangles),
+        len(leaves),
+        float(protrusions.max()),
+        float((outside * weight).sum() / weight.sum()),
+    )
+
+
+def _spread_directions(count: int) -> Array:
+    """Unit vectors spread evenly over the sphere, on a Fibonacci spiral. Shape (count, 3)."""
+    height = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
+    across = np.sqrt(1.0 - height**2)
+    return np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)

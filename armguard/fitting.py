@@ -1,0 +1,315 @@
+"""Spheres that cover triangles: a small tree of balls, fitted to stick out as little as possible.
+
+Foam and cuRobo sample points and fit balls to them, so their sets leave surface uncovered. Here
+the triangles are cut into small pieces, each piece lies wholly inside a leaf that owns it and
+inside every ball above that leaf, so that each level of the tree, and each mixture of levels,
+covers all of them. `armguard.cover` proves it again from the triangles alone.
+
+Leaves: greedy set cover over a grid of candidate centres, where a ball of radius r at depth d
+sticks out by r - d; then, in turns, every piece goes to the ball that needs to stick out least for
+it, and every centre moves to where its own pieces need least. Upper levels: the pair of balls
+whose smallest common ball is smallest is joined, and so on up to one.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from armguard.enclosing_ball import enclose_points
+from armguard.surface_distance import compute_signed_distances, signed_distance
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+GRID = 1e-6
+"""Centres and radii are multiples of this, and geometry is known to this, in [m]."""
+MARGIN = 2e-6
+"""What a ball reaches beyond its pieces, in [m]: more than the diagonal of a grid cell."""
+
+_PIECES = 2500  # about as many pieces a link: finer ones fit tighter, and cost in proportion
+_CANDIDATES = 1500  # about as many candidate centres a link
+_MOST_CHILDREN = 4
+_ROUNDS = 30  # of moving pieces and centres in turns
+
+
+class SphereTree(NamedTuple):
+    """Balls in breadth-first order, root first; the children of each lie side by side."""
+
+    spheres: Array
+    """Centre and radius in [m]. Shape (n, 4)."""
+    first_child: Integers
+    """Index of the first child; 0 for a leaf. Shape (n,)."""
+    child_count: Integers
+    """Shape (n,)."""
+
+
+def fit_tree(
+    triangles: Array, *, spheres: int | None = None, protrusion: float | None = None
+) -> SphereTree:
+    """Fit a tree of balls to triangles; the same input gives the same tree.
+
+    Args:
+        triangles: In [m], finite. Shape (n, 3, 3), n > 0.
+        spheres: At most so many leaves, which then stick out as little as possible, or
+        protrusion: how far a leaf may stick out, in [m], with as few leaves as possible.
+    """
+    pieces = cut_triangles(triangles)
+    if spheres is not None:
+        centers, _ = _fit_count(pieces, triangles, spheres)
+    else:
+        centers = _fit_protrusion(pieces, triangles, float(protrusion or 0.0))
+    return _build_tree(_assign_pieces(pieces, triangles, centers))
+
+
+def bisect_triangles(triangles: Array) -> Array:
+    """Cut each triangle in two at the middle of its longest edge; (n, 3, 3) to (2n, 3, 3)."""
+    squared = ((triangles - np.roll(triangles, -1, axis=1)) ** 2).sum(axis=2)
+    turn = (np.argmax(squared, axis=1)[:, None] + np.arange(3)) % 3
+    a, b, c = np.take_along_axis(triangles, turn[:, :, None], axis=1).transpose(1, 0, 2)
+    middle = 0.5 * (a + b)
+    return np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+
+
+def cut_triangles(triangles: Array) -> Array:
+    """Bisect triangles until all edges are short. Shape (m, 3, 3), in [m]."""
+    sides = triangles[:, 1:] - triangles[:, :1]
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()
+    extent = np.ptp(triangles.reshape(-1, 3), axis=0).max()
+    longest = max(2.0 * math.sqrt(area / _PIECES), extent / 200.0)
+    done = []
+    while len(triangles):
+        squared = ((triangles - np.roll(triangles, -1, axis=1)) ** 2).sum(axis=2).max(axis=1)
+        is_short = squared <= longest**2
+        done.append(triangles[is_short])
+        triangles = bisect_triangles(triangles[~is_short])
+    return np.concatenate(done)
+
+
+def _fit_count(pieces: Array, triangles: Array, count: int) -> tuple[Array, float]:
+    """Centres, at most `count`, and how far the balls around them stick out."""
+    candidates, needed = _needed_by_candidates(pieces, triangles)
+    chosen = _cover_with(needed, count)
+    return _improve(pieces, triangles, candidates[chosen])
+
+
+def _fit_protrusion(pieces: Array, triangles: Array, limit: float) -> Array:
+    """As few centres as will do for balls that stick out by `limit`."""
+    candidates, needed = _needed_by_candidates(pieces, triangles)
+    chosen = _cover(needed, max(limit, float(needed.min(axis=0).max())))
+    centers, _ = _improve(pieces, triangles, candidates[chosen])
+    while len(centers) > 1:
+        fewer = (
+            candidates[_cover_with(needed, len(centers) - 1)],
+            _drop_one(pieces, triangles, centers),
+        )
+        tries = [_improve(pieces, triangles, start) for start in fewer]
+        best, reached = min(tries, key=lambda attempt: attempt[1])
+        if not (reached <= limit):
+            break
+        centers = best
+    return centers
+
+
+def _needed_by_candidates(pieces: Array, triangles: Array) -> tuple[Array, Array]:
+    """Candidate centres, and how far a ball there must stick out to reach each piece.
+
+    Returns:
+        Centres (c, 3) and protrusions (c, m) in [m].
+    """
+    corners = pieces.reshape(-1, 3)
+    lower, extent = corners.min(axis=0), np.ptp(corners, axis=0)
+    step = max((float(np.prod(extent)) / _CANDIDATES) ** (1 / 3), float(extent.max()) / 40.0, GRID)
+    axes = [lower[i] + step * np.arange(int(extent[i] / step) + 1) for i in range(3)]
+    axes = [axis + 0.5 * (lower[i] + extent[i] - axis[-1]) for i, axis in enumerate(axes)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    near = compute_signed_distances(grid, triangles) < 0.5 * step
+    on_surface = pieces[:: max(1, 4 * len(pieces) // _CANDIDATES)].mean(axis=1)
+    center, _ = enclose_points(corners)
+    candidates = np.concatenate([grid[near], on_surface, center[None]])
+    return candidates, _compute_needed(pieces, triangles, candidates)
+
+
+def _compute_needed(pieces: Array, triangles: Array, centers: Array) -> Array:
+    needed = np.empty((len(centers), len(pieces)))
+    _farthest_corners(centers, pieces, needed)
+    return needed + compute_signed_distances(centers, triangles)[:, None]
+
+
+def _cover(needed: Array, limit: float) -> list[int]:
+    """Greedy set cover: rows that together reach every column within the limit."""
+    reaches = needed <= limit
+    weights = reaches.astype(np.float32)
+    open_columns = np.ones(needed.shape[1], dtype=np.float32)
+    chosen: list[int] = []
+    while open_columns.any():
+        best = int(np.argmax(weights @ open_columns))
+        chosen.append(best)
+        open_columns[reaches[best]] = 0.0
+    return chosen
+
+
+def _cover_with(needed: Array, count: int) -> list[int]:
+    """The greedy cover of at most `count` rows with the least limit that bisection finds."""
+    low, high = float(needed.min(axis=0).max()), float(needed.max(axis=1).min())
+    chosen = [int(np.argmin(needed.max(axis=1)))]
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        attempt = _cover(needed, middle)
+        if len(attempt) <= count:
+            chosen, high = attempt, middle
+        else:
+            low = middle
+    return chosen
+
+
+def _drop_one(pieces: Array, triangles: Array, centers: Array) -> Array:
+    """Leave out the centre whose pieces the others reach most easily."""
+    needed = _compute_needed(pieces, triangles, centers)
+    without = [np.delete(needed, i, axis=0).min(axis=0).max() for i in range(len(centers))]
+    return np.delete(centers, int(np.argmin(without)), axis=0)
+
+
+def _improve(pieces: Array, triangles: Array, centers: Array) -> tuple[Array, float]:
+    """Move pieces and centres in turns; return the centres and how far the balls stick out."""
+    best, best_reached = centers, math.inf
+    for _ in range(_ROUNDS):
+        needed = _compute_needed(pieces, triangles, centers)
+        owners = np.argmin(needed, axis=0)
+        reached = float(needed.min(axis=0).max())
+        if not (reached < best_reached - 1e-5):
+            break
+        best, best_reached = centers, reached
+        used = np.unique(owners)
+        centers = centers[used].copy()
+        for i, owner in enumerate(used):
+            corners = np.unique(pieces[owners == owner].reshape(-1, 3), axis=0)
+            _move_center(centers[i], corners, triangles)
+    return best, best_reached
+
+
+def _assign_pieces(pieces: Array, triangles: Array, centers: Array) -> list[_Node]:
+    """Give each piece to a ball, so that no ball is larger than its own pieces make it."""
+    needed = _compute_needed(pieces, triangles, centers)
+    distances = np.empty_like(needed)
+    _farthest_corners(centers, pieces, distances)
+    owners = np.argmin(needed, axis=0)
+    radii = np.array([distances[i, owners == i].max(initial=-1.0) for i in range(len(centers))])
+    for i in np.argsort(-radii, kind="stable"):
+        inside = distances <= radii[:, None]
+        inside[i] = False
+        given = (owners == i) & inside.any(axis=0)
+        owners[given] = np.argmin(np.where(inside, needed, math.inf)[:, given], axis=0)
+        radii[i] = distances[i, owners == i].max(initial=-1.0)
+    return [
+        _Node(_enclose(centers[i], corners), corners, [])
+        for i in np.unique(owners)
+        for corners in [np.unique(pieces[owners == i].reshape(-1, 3), axis=0)]
+    ]
+
+
+class _Node(NamedTuple):
+    """A ball, the corners of the pieces that it owns, and what it is made of."""
+
+    sphere: Array
+    corners: Array
+    children: list[_Node]
+
+
+def _enclose(center: Array, corners: Array) -> Array:
+    """A ball on the grid whose radius clears the corners by the margin. Shape (4,)."""
+    rounded = np.round(center / GRID) * GRID
+    reach = float(np.sqrt(((corners - rounded) ** 2).sum(axis=1)).max()) + MARGIN
+    # As decimals, so that a file that names them in full is short.
+    return np.round(np.append(rounded, math.ceil(reach / GRID + 0.01) * GRID), 6)
+
+
+def _join(first: _Node, second: _Node) -> _Node:
+    corners = np.concatenate([first.corners, second.corners])
+    return _Node(_enclose(enclose_points(corners)[0], corners), corners, [first, second])
+
+
+def _build_tree(leaves: list[_Node]) -> SphereTree:
+    """Join the pair with the smallest common ball until one is left; then widen the tree."""
+    nodes = list(leaves)
+    joined = {(i, j): _join(nodes[i], nodes[j]) for j in range(len(nodes)) for i in range(j)}
+    alive = set(range(len(nodes)))
+    while len(alive) > 1:
+        pair = min(joined, key=lambda key: (joined[key].sphere[3], key))
+        nodes.append(joined[pair])
+        alive -= set(pair)
+        joined = {key: node for key, node in joined.items() if alive.issuperset(key)}
+        joined |= {(i, len(nodes) - 1): _join(nodes[i], nodes[-1]) for i in sorted(alive)}
+        alive.add(len(nodes) - 1)
+    order, spheres, first_child, child_count = [nodes[-1]], [], [], []
+    for node in order:  # grows while it is walked: breadth first
+        children = _widen(node)
+        spheres.append(node.sphere)
+        first_child.append(len(order) if children else 0)
+        child_count.append(len(children))
+        order.extend(children)
+    return SphereTree(
+        np.array(spheres),
+        np.array(first_child, dtype=np.int64),
+        np.array(child_count, dtype=np.int64),
+    )
+
+
+def _widen(node: _Node) -> list[_Node]:
+    """Replace the largest child by its own two children while there are few."""
+    children = list(node.children)
+    while len(children) < _MOST_CHILDREN:
+        inner = [i for i, child in enumerate(children) if child.children]
+        if not inner:
+            break
+        largest = max(inner, key=lambda i: children[i].sphere[3])
+        children[largest : largest + 1] = children[largest].children
+    return children
+
+
+@njit(error_model="numpy", cache=True)
+def _farthest_corners(centers, pieces, distances):  # type: ignore[no-untyped-def]
+    for i in range(len(centers)):
+        for j in range(len(pieces)):
+            farthest = 0.0
+            for k in range(3):
+                x = pieces[j, k, 0] - centers[i, 0]
+                y = pieces[j, k, 1] - centers[i, 1]
+                z = pieces[j, k, 2] - centers[i, 2]
+                farthest = max(farthest, x * x + y * y + z * z)
+            distances[i, j] = math.sqrt(farthest)
+
+
+@njit(error_model="numpy", cache=True)
+def _protrusion_at(x, y, z, corners, triangles):  # type: ignore[no-untyped-def]
+    farthest = 0.0
+    for i in range(len(corners)):
+        dx, dy, dz = corners[i, 0] - x, corners[i, 1] - y, corners[i, 2] - z
+        farthest = max(farthest, dx * dx + dy * dy + dz * dz)
+    return math.sqrt(farthest) + signed_distance(x, y, z, triangles)
+
+
+@njit(error_model="numpy", cache=True)
+def _move_center(center, corners, triangles):  # type: ignore[no-untyped-def]
+    """Pattern search for the centre from which a ball around the corners sticks out least."""
+    extent = 0.0
+    for k in range(3):
+        extent = max(extent, corners[:, k].max() - corners[:, k].min())
+    step = 0.1 * extent
+    best = _protrusion_at(center[0], center[1], center[2], corners, triangles)
+    while step > 2e-3 * extent:
+        moved = False
+        for direction in range(6):
+            sign = step if direction < 3 else -step
+            center[direction % 3] += sign
+            value = _protrusion_at(center[0], center[1], center[2], corners, triangles)
+            if value < best:
+                best, moved = value, True
+            else:
+                center[direction % 3] -= sign
+        if not moved:
+            step *= 0.5
