@@ -1,0 +1,33 @@
+"""The view: awareness in the browser, drawn by a process of its own.
+
+A monitor publishes snapshots with a `FramePublisher`, which never waits for anybody. The view
+process (`launch`, or `python -m armguard.view ADDRESS`) keeps the newest one, turns it into
+drawing commands and serves Meshcat's viewer on the loopback interface. However slow or dead the
+view or a browser may be, no tick of the monitor is ever delayed by it.
+"""
+
+from armguard.view.buckets import NO_BUCKET, compute_buckets
+from armguard.view.feed import (
+    FrameMessage,
+    LinkCover,
+    Obstacles,
+    Pairs,
+    SceneMessage,
+    VerdictSummary,
+)
+from armguard.view.process import ViewProcess, launch
+from armguard.view.publisher import FramePublisher
+
+__all__ = [
+    "NO_BUCKET",
+    "FrameMessage",
+    "FramePublisher",
+    "LinkCover",
+    "Obstacles",
+    "Pairs",
+    "SceneMessage",
+    "VerdictSummary",
+    "ViewProcess",
+    "compute_buckets",
+    "launch",
+]

@@ -1,0 +1,29 @@
+"""`python -m armguard.view ADDRESS [--port 0]`: see a running monitor in the browser."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import sys
+
+from armguard.exceptions import ArmguardError
+from armguard.view.watch import watch
+
+
+def main() -> int:
+    """Run a view until it is told to end. Returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m armguard.view", description=__doc__)
+    parser.add_argument("address", help='feed of a running monitor, e.g. "tcp://127.0.0.1:5555"')
+    parser.add_argument("--port", type=int, default=0, help="of the page; 0: any that is free")
+    parser.add_argument("--parent", type=int, default=None, help="end when this process has ended")
+    options = parser.parse_args()
+    try:
+        asyncio.run(watch(options.address, options.port, options.parent))
+    except ArmguardError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

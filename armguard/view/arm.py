@@ -1,0 +1,179 @@
+"""The arm as it is drawn: its visual meshes, and where each of its parts is.
+
+The meshes are opened here, in the process of the view: the monitor never needs them. Collada
+files go to the browser as they are, which knows their materials; all other geometry goes as the
+triangles that Pinocchio read. Where visual meshes cannot be read, the collision geometry takes
+their place, and a note says so.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio
+from numpy.typing import NDArray
+
+from armguard.exceptions import ArmguardError
+from armguard.robot_description import find_example_urdf, find_robot, read_description
+from armguard.surfaces import triangulate
+from armguard.urdf import read_urdf
+from armguard.view.drawing import Command, draw_collada, draw_triangles
+from armguard.view.feed import SceneMessage
+
+PLAIN_COLOUR = (0.82, 0.84, 0.87)
+
+
+class Arm:
+    """The arm of one scene.
+
+    Args:
+        scene: Which robot, where, and its cover.
+
+    Attributes:
+        notes: What could not be drawn as it should be, for people.
+
+    Raises:
+        ArmguardError: The robot is unknown, or its URDF has no such joints.
+    """
+
+    def __init__(self, scene: SceneMessage) -> None:
+        self.notes: list[str] = []
+        path, package_dirs, rest = _locate(scene)
+        urdf = read_urdf(path, package_dirs)
+        names = list(urdf.model.names)[1:]
+        for joint in (*scene.joints, *(cover.joint for cover in scene.cover)):
+            if joint not in names:
+                raise ArmguardError(f"joint {joint!r}", f"is not in {path}")
+        geometry = self._read_visual_model(urdf.model, path, package_dirs) or urdf.collision_model
+        configuration = pinocchio.neutral(urdf.model)
+        locked = [name for name in names if name not in scene.joints]
+        for name in locked:
+            index = urdf.model.joints[urdf.model.getJointId(name)].idx_q
+            configuration[index] = rest.get(name, 0.0)
+        self._model, self._geometry = pinocchio.buildReducedModel(
+            urdf.model,
+            geometry,
+            [urdf.model.getJointId(name) for name in locked],
+            configuration,
+        )
+        self._data = self._model.createData()
+        self._geometry_data = pinocchio.GeometryData(self._geometry)
+        self._base = np.array(scene.base, dtype=np.float64).reshape(4, 4)
+        self._order = [scene.joints.index(name) for name in list(self._model.names)[1:]]
+        covers = [cover.spheres for cover in scene.cover]
+        self._spheres = np.concatenate([np.zeros((0, 4), np.float32), *covers])
+        self._sphere_joints = np.repeat(
+            [self._model.getJointId(cover.joint) for cover in scene.cover],
+            [len(cover) for cover in covers],
+        ).astype(np.int64)
+
+    @property
+    def radii(self) -> NDArray[np.float32]:
+        """Radii of the cover spheres, in [m]. Shape (n,)."""
+        return self._spheres[:, 3]
+
+    def place(self, q: tuple[float, ...]) -> None:
+        """Move the arm to joint positions `q`, in the order of the scene's joints.
+
+        Raises:
+            ArmguardError: `q` has another length.
+        """
+        if len(q) != len(self._order):
+            raise ArmguardError("q", f"has {len(q)} values", expected=f"{len(self._order)}")
+        configuration = np.array(q, dtype=np.float64)[self._order]
+        pinocchio.forwardKinematics(self._model, self._data, configuration)
+        pinocchio.updateGeometryPlacements(
+            self._model, self._data, self._geometry, self._geometry_data
+        )
+
+    def compute_centres(self) -> NDArray[np.float64]:
+        """Centres of the cover spheres in the world, in [m], as last placed. Shape (n, 3)."""
+        poses = np.stack([self._base @ pose.homogeneous for pose in self._data.oMi])
+        turned = np.einsum("nij,nj->ni", poses[self._sphere_joints, :3, :3], self._spheres[:, :3])
+        centres: NDArray[np.float64] = turned + poses[self._sphere_joints, :3, 3]
+        return centres
+
+    def compute_poses(self) -> list[tuple[str, NDArray[np.float64]]]:
+        """Path and pose in the world of each mesh, as last placed, its scale included."""
+        poses = []
+        for geometry, pose in zip(
+            self._geometry.geometryObjects, self._geometry_data.oMg, strict=True
+        ):
+            scale = geometry.meshScale if _is_collada(geometry.meshPath) else np.ones(3)
+            poses.append(
+                (
+                    f"/armguard/arm/{geometry.name}",
+                    self._base @ pose.homogeneous @ np.diag([*np.ravel(scale), 1.0]),
+                )
+            )
+        return poses
+
+    def draw(self) -> list[Command]:
+        """One command for each mesh; sent once."""
+        commands = []
+        for geometry in self._geometry.geometryObjects:
+            path = f"/armguard/arm/{geometry.name}"
+            if _is_collada(geometry.meshPath):
+                text = Path(geometry.meshPath).read_text(encoding="utf-8", errors="replace")
+                commands.append(draw_collada(path, text))
+                continue
+            try:
+                triangles = triangulate(geometry.name, geometry.geometry)
+            except ArmguardError as error:
+                self.notes.append(f"not drawn: {error}")
+                continue
+            commands.append(draw_triangles(path, triangles, PLAIN_COLOUR))
+        return commands
+
+    def _read_visual_model(self, model: Any, path: Path, package_dirs: list[str]) -> Any:
+        try:
+            root = ElementTree.fromstring(path.read_bytes())
+            for mesh in root.iterfind("link/visual/geometry/mesh"):
+                name = mesh.get("filename", "")
+                if "://" not in name:
+                    mesh.set("filename", str(path.resolve().parent / name))
+            visual_model = pinocchio.buildGeomFromUrdfString(
+                model,
+                ElementTree.tostring(root, encoding="unicode"),
+                pinocchio.GeometryType.VISUAL,
+                package_dirs=package_dirs,
+            )
+        except (OSError, ValueError, RuntimeError):
+            visual_model = None
+        if visual_model is None or not visual_model.ngeoms:
+            self.notes.append("visual meshes cannot be read: collision geometry is drawn instead")
+            return None
+        return visual_model
+
+
+def _locate(scene: SceneMessage) -> tuple[Path, list[str], dict[str, float]]:
+    """URDF, package folders, and where the locked joints rest."""
+    if scene.urdf:
+        return Path(scene.urdf), list(scene.package_dirs), scene.locked
+    description = read_description(find_robot(scene.robot) / "robot.toml")
+    path, packages = find_example_urdf(description.urdf)
+    rest = {}
+    for name, entry in description.locked.items():
+        # Fingers that may be anywhere are drawn half open.
+        rest[name] = sum(entry.travel) / 2 if entry.travel else float(entry.position or 0.0)
+    return path, [str(packages)], rest | scene.locked
+
+
+def _is_collada(path: str) -> bool:
+    """Whether the browser can be trusted to read the file just as Pinocchio does.
+
+    Meshcat's loader ignores units and the up axis, so they must be what a robot has.
+    """
+    if not path.lower().endswith(".dae"):
+        return False
+    with Path(path).open(encoding="utf-8", errors="replace") as file:
+        head = file.read(100_000)
+    meter = re.search(r"<unit[^>]*\bmeter=\"([^\"]*)\"", head)
+    up_axis = re.search(r"<up_axis>\s*(\w+)", head)
+    return bool(
+        (meter is None or float(meter[1]) == 1.0) and up_axis is not None and up_axis[1] == "Z_UP"
+    )

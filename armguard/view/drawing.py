@@ -1,0 +1,189 @@
+"""Drawing commands for the page: Meshcat's own, and a few that it lacks.
+
+Meshcat replaces a whole object for every change, and compiles its shaders anew. What changes
+thirty times a second (balls, rods, lines, hulls) therefore has commands of its own, which the page
+answers by refilling its buffers. Each command has a key; of each key only the latest counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+_FLOAT32 = 0x17  # extension code of msgpack-lite, which the viewer decodes with
+
+
+class Command(NamedTuple):
+    """One packed command."""
+
+    key: str
+    """What it sets; a later command of the same key makes this one void."""
+    payload: bytes
+    """msgpack, as the page takes it."""
+
+
+def draw_collada(path: str, text: str) -> Command:
+    """A Collada file with its own materials."""
+    document = {"uuid": path, "type": "_meshfile_object", "format": "dae", "data": text}
+    return _set_object(path, {"geometries": [], "materials": [], "object": document | _RESOURCES})
+
+
+def draw_triangles(path: str, triangles: ArrayLike, colour: tuple[float, ...]) -> Command:
+    """A mesh of triangles, in [m], shape (n, 3, 3), of one colour, flatly shaded."""
+    geometry = {
+        "uuid": path + "/geometry",
+        "type": "BufferGeometry",
+        "data": {"attributes": {"position": _attribute(triangles)}},
+    }
+    material = {
+        "uuid": path + "/material",
+        "type": "MeshPhongMaterial",
+        "color": int.from_bytes(bytes(round(255 * value) for value in colour), "big"),
+        "flatShading": True,
+        "side": 2,
+    }
+    mesh = {
+        "uuid": path,
+        "type": "Mesh",
+        "geometry": geometry["uuid"],
+        "material": material["uuid"],
+    }
+    return _set_object(path, {"geometries": [geometry], "materials": [material], "object": mesh})
+
+
+def move(path: str, pose: NDArray[np.float64]) -> Command:
+    """Place what is drawn at `path`. `pose` is homogeneous, in [m]. Shape (4, 4)."""
+    matrix = pose.T.ravel().tolist()
+    return _pack("set_transform", path, {"matrix": matrix})
+
+
+def draw_balls(
+    path: str, centres: ArrayLike, radii: ArrayLike, colours: ArrayLike, opacity: float
+) -> Command:
+    """Balls in one instanced mesh.
+
+    Args:
+        path: Where in the tree of the scene.
+        centres: In the world, in [m]. Shape (n, 3).
+        radii: In [m]. Shape (n,).
+        colours: sRGB from 0 to 1. Shape (n, 3).
+        opacity: 0 to 1.
+    """
+    radii = np.asarray(radii, dtype=np.float32)
+    matrices = np.zeros((len(radii), 4, 4), dtype=np.float32)
+    matrices[:, [0, 1, 2], [0, 1, 2]] = radii[:, None]
+    matrices[:, 3, :3] = centres  # the page reads matrices column by column
+    matrices[:, 3, 3] = 1.0
+    return _instances(path, "ball", matrices, colours, opacity)
+
+
+def draw_rods(
+    path: str,
+    segments: ArrayLike,
+    radii: ArrayLike,
+    colours: ArrayLike,
+    opacity: float,
+) -> Command:
+    """Open cylinders around segments, in one instanced mesh.
+
+    Args:
+        path: Where in the tree of the scene.
+        segments: End points in the world, in [m]. Shape (n, 2, 3).
+        radii: In [m]. Shape (n,).
+        colours: sRGB from 0 to 1. Shape (n, 3).
+        opacity: 0 to 1.
+    """
+    ends = np.asarray(segments, dtype=np.float64).reshape(-1, 2, 3)
+    axis = ends[:, 1] - ends[:, 0]
+    length = np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-9)
+    along = axis / length
+    # Any vector that is not parallel gives the two others.
+    helper = np.where(np.abs(along[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    across = np.cross(along, helper)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    radius = np.asarray(radii, dtype=np.float64)[:, None]
+    matrices = np.zeros((len(ends), 4, 4), dtype=np.float32)
+    matrices[:, 0, :3] = across * radius
+    matrices[:, 1, :3] = axis
+    matrices[:, 2, :3] = np.cross(across, along) * radius
+    matrices[:, 3, :3] = ends.mean(axis=1)
+    matrices[:, 3, 3] = 1.0
+    return _instances(path, "rod", matrices, colours, opacity)
+
+
+def draw_lines(path: str, segments: ArrayLike, colours: ArrayLike) -> Command:
+    """Thin lines in one object.
+
+    Args:
+        path: Where in the tree of the scene.
+        segments: End points in the world, in [m]. Shape (n, 2, 3).
+        colours: sRGB from 0 to 1. Shape (n, 3).
+    """
+    both_ends = np.repeat(np.asarray(colours, dtype=np.float32).reshape(-1, 3), 2, axis=0)
+    content = {"positions": _floats(segments), "colours": _floats(both_ends), "opacity": 1.0}
+    return _pack("lines", path, content)
+
+
+def draw_surface(path: str, triangles: ArrayLike, colours: ArrayLike, opacity: float) -> Command:
+    """Triangles that may change, in one object.
+
+    Args:
+        path: Where in the tree of the scene.
+        triangles: Corners in the world, in [m]. Shape (n, 3, 3).
+        colours: Of each corner, sRGB from 0 to 1. Shape (3 n, 3).
+        opacity: 0 to 1.
+    """
+    content = {"positions": _floats(triangles), "colours": _floats(colours), "opacity": opacity}
+    return _pack("surface", path, content)
+
+
+def delete(path: str) -> Command:
+    """Remove everything at and below `path`."""
+    return _pack("delete", path, {})
+
+
+def show(panel: str, content: Mapping[str, Any]) -> Command:
+    """Fill one of the page's panels: `banner` or `legend`."""
+    return _pack(panel, "", content)
+
+
+_RESOURCES: dict[str, Any] = {"resources": {}}
+
+
+def _set_object(path: str, content: Mapping[str, Any]) -> Command:
+    metadata = {"version": 4.5, "type": "Object"}
+    return _pack("set_object", path, {"object": {"metadata": metadata, **content}})
+
+
+def _instances(
+    path: str, shape: str, matrices: NDArray[np.float32], colours: ArrayLike, opacity: float
+) -> Command:
+    content = {
+        "shape": shape,
+        "opacity": opacity,
+        "matrices": _floats(matrices),
+        "colours": _floats(colours),
+    }
+    return _pack("instances", path, content)
+
+
+def _pack(kind: str, path: str, content: Mapping[str, Any]) -> Command:
+    payload = msgspec.msgpack.encode({"type": kind, "path": path, **content})
+    return Command(f"{kind} {path}", payload)
+
+
+def _attribute(values: ArrayLike) -> dict[str, Any]:
+    return {
+        "itemSize": 3,
+        "type": "Float32Array",
+        "array": _floats(values),
+        "normalized": False,
+    }
+
+
+def _floats(values: ArrayLike) -> msgspec.msgpack.Ext:
+    return msgspec.msgpack.Ext(_FLOAT32, np.ascontiguousarray(values, dtype="<f4").tobytes())

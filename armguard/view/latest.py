@@ -1,0 +1,75 @@
+"""Keeps the latest value of each drawing command, and what each browser has yet to be told.
+
+A browser that is new is owed every value; one that is slow is owed, for each key, only the value
+of the moment when it next asks. Memory is therefore bounded by the number of keys, whatever the
+browsers do.
+"""
+
+from __future__ import annotations
+
+from armguard.view.drawing import Command
+
+BUNDLE_BYTES = 2_000_000
+"""Commands are handed over in bundles of about this size: no browser waits for all meshes."""
+
+
+class Reader:
+    """One browser's claim on the latest values; made by `LatestValues.attach`."""
+
+    def __init__(self, values: dict[str, bytes]) -> None:
+        self._values = values
+        self._owed = dict.fromkeys(values)
+
+    def owe(self, key: str) -> None:
+        """Note that a value has changed."""
+        self._owed[key] = None
+
+    def restart(self) -> None:
+        """Forget what was owed: all values are void."""
+        self._owed.clear()
+
+    def take(self) -> bytes | None:
+        """The next bundle, a msgpack array of commands, or None if nothing is owed."""
+        parts: list[bytes] = []
+        size = 0
+        while self._owed and size < BUNDLE_BYTES and len(parts) < 0xFFFF:
+            key = next(iter(self._owed))
+            del self._owed[key]
+            parts.append(self._values[key])
+            size += len(parts[-1])
+        if not parts:
+            return None
+        return b"\xdc" + len(parts).to_bytes(2, "big") + b"".join(parts)
+
+
+class LatestValues:
+    """The latest value of each key, in the order in which the keys first came."""
+
+    def __init__(self) -> None:
+        self._values: dict[str, bytes] = {}
+        self._readers: set[Reader] = set()
+
+    def set(self, command: Command) -> None:
+        """Keep a value; one that is unchanged is not sent again."""
+        if self._values.get(command.key) == command.payload:
+            return
+        self._values[command.key] = command.payload
+        for reader in self._readers:
+            reader.owe(command.key)
+
+    def clear(self, command: Command) -> None:
+        """Void all values; `command` tells browsers to forget what they have drawn."""
+        self._values.clear()
+        for reader in self._readers:
+            reader.restart()
+        self.set(command)
+
+    def attach(self) -> Reader:
+        """A new reader, who is owed everything."""
+        reader = Reader(self._values)
+        self._readers.add(reader)
+        return reader
+
+    def detach(self, reader: Reader) -> None:
+        """Forget a reader."""
+        self._readers.discard(reader)

@@ -1,0 +1,104 @@
+"""Starts and ends the view as a process of its own.
+
+A view within the process of the monitor would take its interpreter lock; thirty times a second
+that makes ticks late. The process ends with its parent, however that ends.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import re
+import subprocess
+import sys
+import threading
+from types import TracebackType
+from typing import IO
+
+from armguard.exceptions import ArmguardError
+
+START_TIMEOUT = 30.0
+END_TIMEOUT = 3.0
+
+
+class ViewProcess:
+    """A running view; made by `launch`.
+
+    Attributes:
+        url: Address of the page.
+        pid: The process.
+    """
+
+    def __init__(self, process: subprocess.Popen[str], url: str) -> None:
+        self._process = process
+        self.url = url
+        self.pid = process.pid
+
+    @property
+    def running(self) -> bool:
+        """Whether the process is alive."""
+        return self._process.poll() is None
+
+    def close(self) -> None:
+        """End the process and wait until it and its port are gone; harmless if they are."""
+        _end(self._process)
+
+    def __enter__(self) -> ViewProcess:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def launch(address: str, port: int = 0) -> ViewProcess:
+    """Start a view of the feed at `address`, and wait until its page can be opened.
+
+    Args:
+        address: Of a `FramePublisher`.
+        port: TCP port of the page on 127.0.0.1; 0: any that is free.
+
+    Raises:
+        ArmguardError: The process ended, or did not listen in time.
+    """
+    command = [sys.executable, "-m", "armguard.view", address]
+    command += ["--port", str(port), "--parent", str(os.getpid())]
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    lines: queue.Queue[str] = queue.Queue()
+    # A pipe cannot be read with a time limit on every system; a thread's queue can.
+    threading.Thread(target=_read_line, args=(process.stdout, lines), daemon=True).start()
+    try:
+        line = lines.get(timeout=START_TIMEOUT)
+    except queue.Empty:
+        line = ""
+    except BaseException:
+        _end(process)
+        raise
+    found = re.search(r"http://\S+", line)
+    if found is None:
+        _end(process)
+        raise ArmguardError(
+            "view process",
+            f"did not start (exit code {process.returncode})",
+            remedy="its own message, if any, stands on stderr",
+        )
+    return ViewProcess(process, found[0])
+
+
+def _read_line(stream: IO[str], lines: queue.Queue[str]) -> None:
+    with stream:
+        lines.put(stream.readline())
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    process.terminate()
+    try:
+        process.wait(END_TIMEOUT)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -1,0 +1,91 @@
+"""Publishes snapshots for whoever looks, and never waits for them.
+
+ZeroMQ's PUB socket drops what a subscriber does not take; two messages at most are kept for each,
+so a view that hangs costs neither time nor memory, and finds the present when it wakes.
+"""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+import zmq
+
+from armguard.exceptions import ArmguardError
+from armguard.view.feed import FrameMessage, SceneMessage, encode_message
+
+SCENE_INTERVAL = 15
+"""Frames after which the scene is told again, for views that attached late."""
+
+
+class FramePublisher:
+    """A socket that views attach to.
+
+    Args:
+        address: Where to bind, e.g. "ipc:///tmp/view" or "tcp://127.0.0.1:*".
+
+    Attributes:
+        address: Where views attach, with the port that was chosen.
+        dropped: Messages that could not be sent.
+        problem: Why the last of these could not; empty if all were sent.
+
+    Raises:
+        ArmguardError: The address is malformed or in use.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.dropped = 0
+        self.problem = ""
+        self._scene: SceneMessage | None = None
+        self._frames_since_scene = 0
+        # A context of its own: closing waits for nobody else's sockets.
+        self._context = zmq.Context()
+        self._socket = self._context.socket(zmq.PUB)
+        self._socket.set(zmq.SNDHWM, 2)
+        self._socket.set(zmq.LINGER, 0)
+        try:
+            self._socket.bind(address)
+        except zmq.ZMQError as error:
+            self.close()
+            raise ArmguardError(
+                f"view feed {address!r}",
+                f"cannot be bound: {error.strerror}",
+                expected='a free address such as "tcp://127.0.0.1:*"',
+            ) from error
+        self.address = self._socket.get_string(zmq.LAST_ENDPOINT)
+
+    def publish_scene(self, scene: SceneMessage) -> None:
+        """Tell what does not change; it is repeated by itself among the frames."""
+        self._scene = scene
+        self._frames_since_scene = 0
+        self._send(scene)
+
+    def publish_frame(self, frame: FrameMessage) -> None:
+        """Tell one moment; whoever does not keep up misses it."""
+        self._frames_since_scene += 1
+        if self._frames_since_scene >= SCENE_INTERVAL and self._scene is not None:
+            self._frames_since_scene = 0
+            self._send(self._scene)
+        self._send(frame)
+
+    def close(self) -> None:
+        """Free the address; whatever is published afterwards is dropped."""
+        self._context.destroy(linger=0)
+
+    def __enter__(self) -> FramePublisher:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _send(self, message: SceneMessage | FrameMessage) -> None:
+        try:
+            self._socket.send(encode_message(message), zmq.NOBLOCK)
+        except (zmq.ZMQError, TypeError, ValueError, OverflowError) as error:
+            # An observer must not hurt the loop: whatever it is, count it and go on.
+            self.dropped += 1
+            self.problem = str(error)
