@@ -1,0 +1,147 @@
+"""Reads what a call on the obstacle table was given: arrays of the right shape, or an error.
+
+Only what makes a whole call unintelligible is an error here: lengths, shapes, types, repeated
+ids, a stamp that is no time. Numbers that are wrong for one obstacle are the rule's business.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armguard.exceptions import ObstacleError
+from armguard.obstacle_table import MAXIMUM_POINTS, Samples
+
+FloatArray = NDArray[np.float64]
+
+
+def show(value: object) -> str:
+    """A value as it was written, short enough for one line."""
+    text = repr(value).replace("\n", " ")
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def read_ids(ids: Sequence[str]) -> list[str]:
+    """Names of obstacles: strings, none empty, none twice."""
+    if isinstance(ids, (str, bytes)):
+        raise ObstacleError("ids", f"is the string {show(ids)}", expected="a list of strings")
+    try:
+        names = list(ids)
+    except TypeError:
+        raise ObstacleError("ids", f"is {show(ids)}", expected="a list of strings") from None
+    if not {str}.issuperset(map(type, names)):
+        for i, name in enumerate(names):
+            if not isinstance(name, str):
+                raise ObstacleError("ids", f"holds {show(name)}", expected="strings only")
+            names[i] = str(name)
+    distinct = set(names)
+    if "" in distinct:
+        raise ObstacleError("ids", "holds an empty string", expected="names")
+    if len(distinct) != len(names):
+        repeated = next(name for i, name in enumerate(names) if name in names[:i])
+        raise ObstacleError("ids", f"names {show(repeated)} twice", expected="each id once")
+    return names
+
+
+def read_time(name: str, value: object) -> float:
+    """A finite time, in [s]."""
+    time = math.nan
+    if isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, bool):
+        try:
+            time = float(value)
+        except OverflowError:
+            time = math.inf
+    if not math.isfinite(time):
+        raise ObstacleError(name, f"is {show(value)}", expected="a finite time in [s]")
+    return time
+
+
+def read_bound(name: str, value: object) -> float:
+    """A bound that may be infinite, not negative."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
+        raise ObstacleError(name, f"is {show(value)}", expected="a number")
+    if not value >= 0:
+        raise ObstacleError(name, f"is {show(value)}", expected="at least 0, or inf for none")
+    return float(value)
+
+
+def read_points(name: str, value: ArrayLike, count: int) -> FloatArray:
+    """Points or velocities of `count` obstacles, copied. Shape (count, k, 3), k from 1 to 8."""
+    array = _read_array(name, value)
+    if count == 0 and array.size == 0:
+        return np.zeros((0, 1, 3))
+    if array.shape == (count, 3):
+        return array.reshape(count, 1, 3)
+    if array.ndim == 3 and array.shape == (count, array.shape[1], 3) and array.shape[1] > 0:
+        if array.shape[1] <= MAXIMUM_POINTS:
+            return array
+        raise ObstacleError(
+            name, f"has {array.shape[1]} points each", expected=f"at most {MAXIMUM_POINTS}"
+        )
+    raise ObstacleError(
+        name,
+        f"has shape {array.shape} for {count} ids",
+        expected=f"({count}, 3) or ({count}, k, 3)",
+    )
+
+
+def read_field(name: str, value: ArrayLike, count: int) -> FloatArray:
+    """One number for all obstacles or one for each, copied. Shape (count,)."""
+    array = _read_array(name, value)
+    if array.shape == ():
+        return np.full(count, array)
+    if array.shape == (count,):
+        return array
+    raise ObstacleError(
+        name, f"has shape {array.shape} for {count} ids", expected=f"one number or ({count},)"
+    )
+
+
+def read_samples(
+    count: int,
+    position: ArrayLike,
+    velocity: ArrayLike | None,
+    radius: ArrayLike,
+    accel: ArrayLike,
+    speed: ArrayLike,
+    position_error: ArrayLike,
+    velocity_error: ArrayLike,
+) -> Samples:
+    """The samples of one message, as arrays of its own; `velocity` None: 0, off by `speed`."""
+    points = read_points("position", position, count)
+    speeds = read_field("speed", speed, count)
+    velocity_errors = read_field("velocity_error", velocity_error, count)
+    if velocity is None:
+        velocities = np.zeros_like(points)
+        velocity_errors = speeds.copy()
+    else:
+        velocities = read_points("velocity", velocity, count)
+        if velocities.shape != points.shape:
+            raise ObstacleError(
+                "velocity", f"has shape {velocities.shape}", expected=f"{points.shape} as position"
+            )
+    return Samples(
+        points,
+        velocities,
+        read_field("radius", radius, count),
+        read_field("accel", accel, count),
+        speeds,
+        read_field("position_error", position_error, count),
+        velocity_errors,
+    )
+
+
+def _read_array(name: str, value: ArrayLike) -> FloatArray:
+    if isinstance(value, np.ma.MaskedArray):
+        # What was masked out was not measured.
+        value = np.ma.filled(value.astype(np.float64), np.nan)
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        raise ObstacleError(name, f"is {show(value)}", expected="an array of numbers") from None
+    if array.dtype.kind not in "fiu":
+        raise ObstacleError(name, f"is {show(value)}", expected="an array of numbers")
+    return np.array(array, dtype=np.float64, order="C")

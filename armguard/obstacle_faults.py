@@ -1,0 +1,87 @@
+"""What was wrong with data about obstacles: small records, kept until the next monitor step.
+
+Bad data never raises inside the loop; it is refused, and what was refused is told once. The queue
+is bounded, so that a source that talks nonsense costs no memory, and it counts what it drops.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+CAPACITY = 256
+"""Faults kept between two steps; more say nothing that these do not."""
+
+
+class FaultKind(enum.StrEnum):
+    """What was wrong."""
+
+    MALFORMED = "malformed call"
+    NOT_FINITE = "not a finite number"
+    NEGATIVE = "negative"
+    BEYOND_ACCEL = "beyond what its acceleration allows"
+    BEYOND_SPEED = "beyond what its speed allows"
+    SHAPE_CHANGED = "another number of points than before"
+    TWO_PUBLISHERS = "an id that belongs to another source"
+    LATE = "a new id with a stamp from before a removal"
+    STALE_REMOVAL = "a removal older than the state it would remove"
+    UNKNOWN_ID = "removal of an id that is not in the table"
+    TRACK_CHANGED = "continued on another track"
+    TABLE_FULL = "no room left in the table"
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One refused row or call, or one row that changed its track.
+
+    Attributes:
+        kind: What was wrong.
+        source: Who said it.
+        id: Of which obstacle; empty for a malformed call.
+        field: Which field or argument.
+        value: What was found there: the offending number, the length of a jump in [m] or [m]/[s],
+            or words for a malformed call.
+        stamp: Of the message, in [s]; NaN if it had none.
+    """
+
+    kind: FaultKind
+    source: str
+    id: str
+    field: str
+    value: float | str
+    stamp: float
+
+
+class FaultQueue:
+    """Faults since they were last taken.
+
+    Attributes:
+        count: All faults so far.
+        dropped: How many of them nobody will see, because the queue was full.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.dropped = 0
+        self._faults: list[Fault] = []
+
+    def leave(
+        self,
+        kind: FaultKind,
+        source: str,
+        name: str,
+        field: str,
+        value: float | str,
+        stamp: float,
+    ) -> None:
+        """Adds a fault, or only counts it if the queue is full."""
+        self.count += 1
+        if len(self._faults) < CAPACITY:
+            self._faults.append(Fault(kind, source, name, field, value, stamp))
+        else:
+            self.dropped += 1
+
+    def take(self) -> list[Fault]:
+        """The faults since the last call, oldest first; the queue is empty afterwards."""
+        taken, self._faults = self._faults, []
+        return taken

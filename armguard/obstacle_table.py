@@ -1,0 +1,191 @@
+"""The arrays of the obstacle table.
+
+A struct of arrays, one stable slot (row) for each obstacle, so that compiled loops read it as it
+is. Beside its last accepted state each row keeps its last refused sample, since both may be true.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+MAXIMUM_POINTS = 8
+MAXIMUM_ROWS = 65536
+"""Bound on memory: some 60 MB. What finds no row is a fault."""
+
+
+class States(NamedTuple):
+    """Measured states of bodies: hulls of up to eight points, rounded by a radius."""
+
+    points: FloatArray
+    """[m]. Shape (rows, 8, 3)."""
+    velocities: FloatArray
+    """[m/s]. Shape (rows, 8, 3)."""
+    point_count: IntArray
+    """Points in use. Shape (rows,)."""
+    radius: FloatArray
+    """[m]. Shape (rows,)."""
+    accel: FloatArray
+    """Bound on acceleration, [m/s²]. Shape (rows,)."""
+    speed: FloatArray
+    """Bound on speed, [m/s]. Shape (rows,)."""
+    position_error: FloatArray
+    """[m]. Shape (rows,)."""
+    velocity_error: FloatArray
+    """[m/s]. Shape (rows,)."""
+    stamp: FloatArray
+    """[s]. Shape (rows,)."""
+
+
+class Marks(NamedTuple):
+    """What is known about each row beside its states."""
+
+    alive: BoolArray
+    """In use. Shape (rows,)."""
+    static: BoolArray
+    """Never moves and never ages. Shape (rows,)."""
+    has_state: BoolArray
+    """An accepted state exists. Shape (rows,)."""
+    refused: BoolArray
+    """A refused sample stands beside it. Shape (rows,)."""
+    refused_finite: BoolArray
+    """That sample can be reckoned with. Shape (rows,)."""
+    revision: IntArray
+    """Goes up whenever the accepted state changes. Shape (rows,)."""
+    owner: IntArray
+    """Number of the source that it belongs to. Shape (rows,)."""
+    streak: IntArray
+    """Consecutive samples beside the accepted track that agree with each other. Shape (rows,)."""
+
+
+class Samples(NamedTuple):
+    """One call's samples, as measured in one frame, before they are judged."""
+
+    points: FloatArray
+    """[m]. Shape (n, k, 3)."""
+    velocities: FloatArray
+    """[m/s]. Shape (n, k, 3)."""
+    radius: FloatArray
+    """[m]. Shape (n,)."""
+    accel: FloatArray
+    """[m/s²]. Shape (n,)."""
+    speed: FloatArray
+    """[m/s]. Shape (n,)."""
+    position_error: FloatArray
+    """[m]. Shape (n,)."""
+    velocity_error: FloatArray
+    """[m/s]. Shape (n,)."""
+
+
+class ObstacleTable:
+    """Rows of obstacles; the arrays are replaced by larger ones when it grows.
+
+    The fields of `States` and `Marks` are attributes (`table.points`, `table.alive`, …); those of
+    the last refused samples are called `refused_points`, and so on.
+    """
+
+    points: FloatArray
+    velocities: FloatArray
+    point_count: IntArray
+    radius: FloatArray
+    accel: FloatArray
+    speed: FloatArray
+    position_error: FloatArray
+    velocity_error: FloatArray
+    stamp: FloatArray
+    refused_points: FloatArray
+    refused_velocities: FloatArray
+    refused_point_count: IntArray
+    refused_radius: FloatArray
+    refused_accel: FloatArray
+    refused_speed: FloatArray
+    refused_position_error: FloatArray
+    refused_velocity_error: FloatArray
+    refused_stamp: FloatArray
+    alive: BoolArray
+    static: BoolArray
+    has_state: BoolArray
+    refused: BoolArray
+    refused_finite: BoolArray
+    revision: IntArray
+    owner: IntArray
+    streak: IntArray
+
+    def __init__(self, capacity: int = 64) -> None:
+        self._free: list[int] = []
+        self.marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 3))
+        self.accepted = _make_states(0)
+        self.refused_states = _make_states(0)
+        self._grow(capacity)
+
+    def take_row(self, owner: int) -> int:
+        """A row for a new obstacle of this source, without a state; -1 if there is no room."""
+        if not self._free:
+            capacity = len(self.alive)
+            if capacity >= MAXIMUM_ROWS:
+                return -1
+            self._grow(2 * capacity)
+        row = self._free.pop()
+        for mark in (self.static, self.has_state, self.refused, self.refused_finite):
+            mark[row] = False
+        self.alive[row] = True
+        self.owner[row] = owner
+        self.streak[row] = 0
+        self.point_count[row] = self.refused_point_count[row] = 1
+        self.revision[row] += 1
+        return row
+
+    def free_row(self, row: int) -> None:
+        """Gives a row back."""
+        self.alive[row] = self.has_state[row] = self.refused[row] = False
+        self._free.append(row)
+
+    def place_static(self, row: int, points: FloatArray, radius: float) -> None:
+        """Lets a row stand still for ever: points in [m] of shape (k, 3), radius in [m]."""
+        for array in self.accepted:
+            array[row] = 0
+        self.points[row, : len(points)] = points
+        self.point_count[row] = len(points)
+        self.radius[row] = radius
+        self.static[row] = self.has_state[row] = True
+
+    def distrust(self, row: int) -> None:
+        """Turns a row's accepted state into its refused sample; its whereabouts are unknown."""
+        if not self.has_state[row] or self.static[row]:
+            return
+        for accepted, refused in zip(self.accepted, self.refused_states, strict=True):
+            refused[row] = accepted[row]
+        self.has_state[row] = False
+        self.refused[row] = self.refused_finite[row] = True
+        self.streak[row] = 0
+        self.revision[row] += 1
+
+    def _grow(self, capacity: int) -> None:
+        first = len(self.marks.alive)
+        self._free.extend(range(capacity - 1, first - 1, -1))
+        self.accepted = States(*(_extend(array, capacity) for array in self.accepted))
+        self.refused_states = States(*(_extend(array, capacity) for array in self.refused_states))
+        self.marks = Marks(*(_extend(array, capacity) for array in self.marks))
+        for group in (self.accepted, self.marks):
+            for name, array in group._asdict().items():
+                setattr(self, name, array)
+        for name, array in self.refused_states._asdict().items():
+            setattr(self, f"refused_{name}", array)
+
+
+def _make_states(rows: int) -> States:
+    shape = (rows, MAXIMUM_POINTS, 3)
+    scalars = [np.zeros(rows) for _ in range(6)]
+    return States(np.zeros(shape), np.zeros(shape), np.ones(rows, dtype=np.int64), *scalars)
+
+
+def _extend(array: NDArray[Any], rows: int) -> NDArray[Any]:
+    longer = np.zeros((rows, *array.shape[1:]), dtype=array.dtype)
+    longer[: len(array)] = array
+    return longer

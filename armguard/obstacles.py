@@ -1,0 +1,464 @@
+"""Obstacles as their sources report them: states, ages, errors and bounds, by id.
+
+`Obstacles` is what perception talks to and the monitor reads. Good rows are taken, implausible
+ones refused without an exception and left as faults for the next step; obstacles that are not
+seen stay, and grow with their bounds. The arrays are in `obstacle_table`, the rule that takes or
+refuses a sample in `obstacle_rule`, who has spoken when in `sources`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import repeat
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armguard import obstacle_rule as rule
+from armguard import plausibility
+from armguard.exceptions import ObstacleError
+from armguard.frames import Frame
+from armguard.obstacle_call import (
+    read_bound,
+    read_field,
+    read_ids,
+    read_points,
+    read_samples,
+    read_time,
+    show,
+)
+from armguard.obstacle_faults import Fault, FaultKind, FaultQueue
+from armguard.obstacle_table import ObstacleTable, Samples
+from armguard.sources import NO_SOURCE, Source, SourceBook, SourceState, Tombstones
+
+__all__ = ["Fault", "FaultKind", "Frame", "Obstacles", "Source"]
+
+IntArray = NDArray[np.int64]
+
+WORLD = "world"
+NO_ROWS: IntArray = np.zeros(0, dtype=np.int64)
+
+_KINDS = {
+    plausibility.POSITION_BY_ACCEL: (FaultKind.BEYOND_ACCEL, "position"),
+    plausibility.POSITION_BY_SPEED: (FaultKind.BEYOND_SPEED, "position"),
+    plausibility.VELOCITY_BY_ACCEL: (FaultKind.BEYOND_ACCEL, "velocity"),
+    plausibility.VELOCITY_BY_SPEED: (FaultKind.BEYOND_SPEED, "velocity"),
+    plausibility.SHAPE: (FaultKind.SHAPE_CHANGED, "position"),
+    rule.FOREIGN: (FaultKind.TWO_PUBLISHERS, "id"),
+    rule.TRACK_CHANGED: (FaultKind.TRACK_CHANGED, "position"),
+}
+for _field, _name in enumerate(rule.FIELDS):
+    _KINDS[rule.NOT_FINITE + _field] = (FaultKind.NOT_FINITE, _name)
+    _KINDS[rule.NEGATIVE + _field] = (FaultKind.NEGATIVE, _name)
+
+
+class Obstacles:
+    """The table of obstacles.
+
+    Attributes:
+        table: The arrays, by row; see `ObstacleTable`.
+        ids: Id of each row; empty where the row is free.
+        membership: Goes up whenever a row comes into use or is given back.
+        late_count: Late messages, by obstacle, that were ignored.
+    """
+
+    def __init__(
+        self,
+        accel: float = 10.0,
+        speed: float = 2.0,
+        sources: Iterable[str | Source] = (),
+        *,
+        frames: Mapping[str, Frame] | None = None,
+    ) -> None:
+        """Makes an empty table.
+
+        Args:
+            accel: Bound on acceleration where a message gives none, in [m]/[s]^2; inf for none.
+            speed: Bound on speed where a message gives none, in [m]/[s]; inf for none.
+            sources: Those that must be heard: while one is not, the monitor says STOP.
+            frames: By name, those that messages may refer to; "world" is always there.
+        """
+        if isinstance(sources, str):
+            raise ObstacleError("sources", f"is the string {sources!r}", expected="a list of names")
+        self.table = ObstacleTable()
+        self.ids: list[str] = [""] * len(self.table.alive)
+        self.membership = 0
+        self.late_count = 0
+        self._accel = read_bound("accel", accel)
+        self._speed = read_bound("speed", speed)
+        self._book = SourceBook(sources)
+        self._frames = {**(frames or {}), WORLD: Frame(np.eye(3), np.zeros(3))}
+        self._rows: dict[str, int] = {}
+        self._tombstones = Tombstones()
+        self._faults = FaultQueue()
+        self._added: set[int] = set()
+        self._removed: set[int] = set()
+        self._newest = -math.inf
+        self._any_refused = False
+        nothing = read_samples(0, (), None, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self._run_rule(NO_ROWS, nothing, 0.0, NO_SOURCE, WORLD, True)  # compiles it
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    # What sources say
+
+    def update(
+        self,
+        ids: Sequence[str],
+        stamp: float,
+        position: ArrayLike = (),
+        velocity: ArrayLike | None = None,
+        radius: ArrayLike | None = None,
+        accel: ArrayLike | None = None,
+        speed: ArrayLike | None = None,
+        position_error: ArrayLike = 0.0,
+        velocity_error: ArrayLike = 0.0,
+        source: str = "default",
+        frame: str = WORLD,
+        snapshot: bool = False,
+    ) -> None:
+        """Takes a message of a source; without ids it is a heartbeat.
+
+        Rows that are not finite, negative or beyond their bounds are refused and leave a fault.
+        Fields may be one number for all obstacles or one for each.
+
+        Args:
+            ids: Names of the obstacles, unique across sources. Length n.
+            stamp: When they were measured, in [s].
+            position: Balls' centres, or up to eight points whose hull each obstacle is, in [m].
+                Shape (n, 3) or (n, k, 3).
+            velocity: Theirs, in [m]/[s]; None: unknown, that is 0 with an error of `speed`. Shape
+                as of `position`.
+            radius: Around the hull, in [m]; required. Shape () or (n,).
+            accel: Bound on acceleration, in [m]/[s]^2; None: the table's. Shape () or (n,).
+            speed: Bound on speed, in [m]/[s]; None: the table's. Shape () or (n,).
+            position_error: What positions may be off by, in [m]. Shape () or (n,).
+            velocity_error: What velocities may be off by, in [m]/[s]. Shape () or (n,).
+            source: Who speaks; required from then on.
+            frame: In which frame, one of the table's.
+            snapshot: Whether this source sees the whole cell: its absent ids are removed.
+
+        Raises:
+            ObstacleError: The call is malformed; nothing of it is taken, and a fault is left.
+        """
+        try:
+            names = read_ids(ids)
+            time = self._read_call(stamp, source, frame)
+            if not isinstance(snapshot, (bool, np.bool_)):
+                raise ObstacleError("snapshot", f"is {show(snapshot)}", expected="True or False")
+            if names and radius is None:
+                raise ObstacleError("radius", "is missing", expected="a radius in [m]")
+            samples = read_samples(
+                len(names),
+                position,
+                velocity,
+                0.0 if radius is None else radius,
+                self._accel if accel is None else accel,
+                self._speed if speed is None else speed,
+                position_error,
+                velocity_error,
+            )
+        except ObstacleError as error:
+            raise self._leave_malformed(error, source, stamp) from None
+        known = self._book.find(source)
+        late = known is not None and time < known.stamp
+        state = self._book.hear(source, time)
+        rows = np.fromiter(map(self._rows.get, names, repeat(-1)), np.int64, len(names))
+        for i in np.flatnonzero(rows < 0):
+            rows[i] = self._admit(names[i], time, state)
+        codes, values = self._run_rule(rows, samples, time, state.index, frame, velocity is None)
+        for i in np.flatnonzero(codes):
+            if codes[i] == rule.LATE:
+                self.late_count += 1
+            else:
+                kind, field = _KINDS[int(codes[i])]
+                value = self.source_of(rows[i]) if codes[i] == rule.FOREIGN else float(values[i])
+                self._faults.leave(kind, source, names[i], field, value, time)
+        if snapshot:
+            self._remove_absent(rows, time, state, late)
+
+    def add_static(self, id: str, position: ArrayLike, radius: float) -> None:  # noqa: A002 (public name)
+        """Adds an obstacle that stands still for ever and never ages.
+
+        Args:
+            id: Its name, unique across sources.
+            position: Its centre, or up to eight points whose hull it is, in [m]. Shape (3,) or
+                (k, 3).
+            radius: Around the hull, in [m].
+
+        Raises:
+            ObstacleError: Something of this is malformed, or the id is taken; a fault is left.
+        """
+        try:
+            (name,) = read_ids([id])
+            if name in self._rows:
+                raise ObstacleError(f"id {name!r}", "is in the table already")
+            points = read_points("position", np.asarray(position)[np.newaxis], 1)[0]
+            (size,) = read_field("radius", radius, 1)
+            if not (np.isfinite(points).all() and 0.0 <= size < math.inf):
+                raise ObstacleError(
+                    f"static obstacle {name!r}",
+                    f"is at {points.tolist()} with radius {size}",
+                    expected="finite numbers and a radius of at least 0",
+                )
+            row = self._take_row(name, NO_SOURCE)
+            if row < 0:
+                raise ObstacleError(f"id {name!r}", "finds no room in the table")
+        except ObstacleError as error:
+            raise self._leave_malformed(error, "", math.nan) from None
+        self.table.place_static(row, points, size)
+
+    def remove(
+        self, ids: Sequence[str], stamp: float | None = None, source: str | None = None
+    ) -> None:
+        """Removes obstacles; messages from before the removal never bring them back.
+
+        Ids that are unknown, belong to another source or have a newer state stay as they are and
+        leave a fault.
+
+        Args:
+            ids: Names of the obstacles.
+            stamp: From when they are gone, in [s]; None: now, whatever their stamps.
+            source: Who says so; None: the application itself, which may remove anybody's.
+
+        Raises:
+            ObstacleError: The call is malformed; nothing is removed, and a fault is left.
+        """
+        try:
+            names = read_ids(ids)
+            time = self._read_call(0.0 if stamp is None else stamp, source, WORLD)
+        except ObstacleError as error:
+            raise self._leave_malformed(error, source, stamp) from None
+        state = None if source is None else self._book.find(source)
+        if source is not None and stamp is not None:
+            state = self._book.hear(source, time)
+        for name in names:
+            self._remove_one(name, None if stamp is None else time, state, source)
+
+    # What the monitor asks
+
+    def row(self, id: str) -> int:  # noqa: A002 (public name)
+        """Row of an obstacle; -1 if it is not in the table."""
+        return self._rows.get(id, -1)
+
+    def source_of(self, row: int) -> str:
+        """Name of the source that a row belongs to; empty for a static obstacle."""
+        owner = int(self.table.owner[row])
+        return "" if owner == NO_SOURCE else self._book.states[owner].source.name
+
+    def drain_membership(self) -> tuple[IntArray, IntArray]:
+        """Rows that came into use and rows that lost their occupant since the last call.
+
+        A row can be in both: it was given back and taken again. Shapes (a,) and (r,), ascending.
+        """
+        if not self._added and not self._removed:
+            return NO_ROWS, NO_ROWS
+        added = np.array(sorted(self._added), dtype=np.int64)
+        removed = np.array(sorted(self._removed), dtype=np.int64)
+        self._added.clear()
+        self._removed.clear()
+        return added, removed
+
+    def refused_rows(self) -> IntArray:
+        """Rows beside whose state a refused sample stands. Shape (r,)."""
+        return np.flatnonzero(self.table.refused) if self._any_refused else NO_ROWS
+
+    def rows_ahead(self, now: float, tolerance: float) -> IntArray:
+        """Rows whose accepted stamp is more than `tolerance` [s] ahead of `now`. Shape (r,)."""
+        if self._newest - now <= tolerance:
+            return NO_ROWS
+        table = self.table
+        moving = table.alive & table.has_state & ~table.static
+        self._newest = float(np.max(table.stamp, where=moving, initial=-math.inf))
+        return np.flatnonzero(moving & ~(table.stamp - now <= tolerance))
+
+    def distrust(self, row: int) -> None:
+        """Gives up a row's accepted state: it counts as refused, until a good one comes."""
+        self.table.distrust(int(row))
+        self._any_refused = bool(self.table.refused.any())
+
+    @property
+    def has_sources(self) -> bool:
+        """Whether any source was named or has spoken."""
+        return bool(self._book.states)
+
+    @property
+    def heard_any(self) -> bool:
+        """Whether any source has spoken."""
+        return any(state.heard for state in self._book.states)
+
+    def required_sources(self) -> list[str]:
+        """Names of the sources whose silence counts."""
+        return [state.source.name for state in self._book.states if state.required]
+
+    def source_state(self, name: str) -> SourceState | None:
+        """What is known about a source; None if it was neither named nor heard."""
+        return self._book.find(name)
+
+    def silent_sources(self, now: float, default_timeout: float) -> list[str]:
+        """Required sources that are silent for longer than their timeout, in [s]."""
+        return self._book.silent(now, default_timeout)
+
+    def ahead_sources(self, now: float, tolerance: float) -> list[str]:
+        """Sources whose last stamp is more than `tolerance` [s] ahead of `now`.
+
+        Removals stamped so far ahead count as made now: else they would hide their ids for ever.
+        """
+        if not self._tombstones.newest - now <= tolerance:
+            self._tombstones.limit(now)
+        return self._book.ahead(now, tolerance)
+
+    def take_faults(self) -> list[Fault]:
+        """What was refused since the last call, oldest first."""
+        return self._faults.take()
+
+    @property
+    def fault_count(self) -> int:
+        """Faults since construction, taken or not."""
+        return self._faults.count
+
+    @property
+    def dropped_faults(self) -> int:
+        """Faults that nobody will see, because too many came between two steps."""
+        return self._faults.dropped
+
+    # How it is done
+
+    def _read_call(self, stamp: object, source: object, frame: object) -> float:
+        """The stamp, if the three make sense; None is no source in particular."""
+        if source is not None:
+            if not isinstance(source, str) or not source:
+                raise ObstacleError("source", f"is {show(source)}", expected="a name")
+            self._book.check_room(source)
+        if not isinstance(frame, str) or frame not in self._frames:
+            raise ObstacleError(
+                "frame", f"{show(frame)} is unknown", expected=f"one of {sorted(self._frames)}"
+            )
+        return read_time("stamp", stamp)
+
+    def _leave_malformed(
+        self, error: ObstacleError, source: object, stamp: object
+    ) -> ObstacleError:
+        name = source if isinstance(source, str) else ""
+        time = float(stamp) if isinstance(stamp, (float, np.floating)) else math.nan
+        self._faults.leave(FaultKind.MALFORMED, name, "", error.offender, error.problem, time)
+        return error
+
+    def _run_rule(
+        self,
+        rows: IntArray,
+        samples: Samples,
+        time: float,
+        source: int,
+        frame: str,
+        speed_is_error: bool,
+    ) -> tuple[IntArray, NDArray[np.float64]]:
+        codes = np.zeros(len(rows), dtype=np.int64)
+        values = np.zeros(len(rows))
+        place = self._frames[frame]
+        taken = rule.take_samples(
+            self.table.accepted,
+            self.table.refused_states,
+            self.table.marks,
+            rows,
+            samples,
+            time,
+            source,
+            speed_is_error,
+            place.rotation,
+            place.translation,
+            place.position_error,
+            frame == WORLD,
+            codes,
+            values,
+        )
+        if taken:
+            self._newest = max(self._newest, time)
+        if self._any_refused or codes.any():
+            self._any_refused = bool(self.table.refused.any())
+        return codes, values
+
+    def _admit(self, name: str, time: float, state: SourceState) -> int:
+        """Row for an id that is not in the table; -1 if it may not come in."""
+        if self._tombstones.covers(name, time):
+            self.late_count += 1
+            return -1
+        source = state.source.name
+        if self._tombstones.below_floor(state.index, time):
+            self._faults.leave(FaultKind.LATE, source, name, "stamp", time, time)
+            return -1
+        row = self._take_row(name, state.index)
+        if row < 0:
+            self._faults.leave(FaultKind.TABLE_FULL, source, name, "id", name, time)
+        else:
+            self._tombstones.lift(name)
+        return row
+
+    def _take_row(self, name: str, owner: int) -> int:
+        row = self.table.take_row(owner)
+        if row >= 0:
+            self.ids.extend([""] * (len(self.table.alive) - len(self.ids)))
+            self.ids[row] = name
+            self._rows[name] = row
+            self._added.add(row)
+            self.membership += 1
+        return row
+
+    def _remove_absent(self, rows: IntArray, time: float, state: SourceState, late: bool) -> None:
+        """Removes what a snapshot does not show, unless something newer is known of it."""
+        table = self.table
+        absent = table.alive & (table.owner == state.index)
+        absent[rows[rows >= 0]] = False
+        gone = absent & np.where(table.has_state, table.stamp <= time, not late)
+        for row in np.flatnonzero(gone):
+            self._release(int(row), time)
+
+    def _remove_one(
+        self, name: str, time: float | None, state: SourceState | None, source: str | None
+    ) -> None:
+        table = self.table
+        row = self._rows.get(name, -1)
+        speaker = source or ""
+        stamp = math.nan if time is None else time
+        if row < 0:
+            if time is not None and state is not None:
+                # Its last states may still be under way.
+                self._tombstones.add(name, time, state.index)
+            self._faults.leave(FaultKind.UNKNOWN_ID, speaker, name, "id", name, stamp)
+        elif source is not None and (state is None or table.owner[row] != state.index):
+            owner = self.source_of(row)
+            self._faults.leave(FaultKind.TWO_PUBLISHERS, speaker, name, "id", owner, stamp)
+        elif (
+            time is not None
+            and table.has_state[row]
+            and not table.static[row]
+            and not time >= table.stamp[row]
+        ):
+            newer = float(table.stamp[row])
+            self._faults.leave(FaultKind.STALE_REMOVAL, speaker, name, "stamp", newer, stamp)
+        else:
+            self._release(row, time)
+
+    def _release(self, row: int, time: float | None) -> None:
+        table = self.table
+        owner = int(table.owner[row])
+        name = self.ids[row]
+        if owner != NO_SOURCE:
+            if time is None:
+                time = self._book.states[owner].stamp
+                if table.has_state[row]:
+                    time = max(time, float(table.stamp[row]))
+            self._tombstones.add(name, time, owner)
+        table.free_row(row)
+        del self._rows[name]
+        self.ids[row] = ""
+        self.membership += 1
+        # A row that came and went between two looks of the monitor was never there for it.
+        if row in self._added:
+            self._added.discard(row)
+        else:
+            self._removed.add(row)
+        if self._any_refused:
+            self._any_refused = bool(table.refused.any())

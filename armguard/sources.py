@@ -1,0 +1,170 @@
+"""Who speaks about obstacles, when each was last heard, and what was removed when.
+
+A source is required when it was named as such, and every source is from the moment it first
+speaks: silence of something that used to see people is not news of an empty cell.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from armguard.exceptions import ObstacleError
+
+MAXIMUM_SOURCES = 256
+MAXIMUM_TOMBSTONES = 4096
+NO_SOURCE = -1
+"""Index of the owner of static obstacles."""
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A publisher of obstacle states.
+
+    Attributes:
+        name: As in the `source` of its messages.
+        timeout: Longest silence, in [s]; None: the monitor's default.
+        required: Whether silence counts before it has first spoken.
+    """
+
+    name: str
+    timeout: float | None = None
+    required: bool = True
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise ObstacleError("source name", f"is {self.name!r}", expected="a non-empty string")
+        if self.timeout is not None and not 0.0 < self.timeout < math.inf:
+            raise ObstacleError(
+                f"source {self.name!r}",
+                f"has a timeout of {self.timeout}",
+                expected="a finite time above 0 in [s], or None",
+            )
+
+
+@dataclass(slots=True)
+class SourceState:
+    """What is known about a source.
+
+    Attributes:
+        source: As it was named, or as it introduced itself.
+        index: Its number, in order of appearance.
+        heard: Whether it has ever spoken.
+        stamp: Of the last message received, in [s]; -inf before the first.
+    """
+
+    source: Source
+    index: int
+    heard: bool = False
+    stamp: float = -math.inf
+
+    @property
+    def required(self) -> bool:
+        """Whether its silence counts."""
+        return self.heard or self.source.required
+
+
+class SourceBook:
+    """All sources that were named or have spoken, in order of appearance."""
+
+    def __init__(self, sources: Iterable[str | Source]) -> None:
+        self.states: list[SourceState] = []
+        self._by_name: dict[str, SourceState] = {}
+        for item in sources:
+            source = item if isinstance(item, Source) else Source(item)
+            if source.name in self._by_name:
+                raise ObstacleError(f"source {source.name!r}", "is named twice")
+            self._add(source)
+
+    def find(self, name: str) -> SourceState | None:
+        """State of a source; None if it was neither named nor heard."""
+        return self._by_name.get(name)
+
+    def hear(self, name: str, stamp: float) -> SourceState:
+        """Notes a message with this stamp, of a source known or new."""
+        state = self._by_name.get(name) or self._add(Source(name))
+        state.heard = True
+        state.stamp = stamp
+        return state
+
+    def check_room(self, name: str) -> None:
+        """Raises where a new source of this name would be one too many."""
+        if name not in self._by_name and len(self.states) >= MAXIMUM_SOURCES:
+            raise ObstacleError(
+                "source", f"{name!r} is one too many", expected=f"at most {MAXIMUM_SOURCES}"
+            )
+
+    def silent(self, now: float, default_timeout: float) -> list[str]:
+        """Required sources unheard so far, or for longer than their timeout, in [s]."""
+        names = []
+        for state in self.states:
+            if state.required:
+                timeout = state.source.timeout
+                if not now - state.stamp <= (default_timeout if timeout is None else timeout):
+                    names.append(state.source.name)
+        return names
+
+    def ahead(self, now: float, tolerance: float) -> list[str]:
+        """Sources whose last stamp is more than `tolerance` [s] ahead of `now`."""
+        return [
+            state.source.name
+            for state in self.states
+            if state.heard and not state.stamp - now <= tolerance
+        ]
+
+    def _add(self, source: Source) -> SourceState:
+        state = SourceState(source, len(self.states))
+        self.states.append(state)
+        self._by_name[source.name] = state
+        return state
+
+
+class Tombstones:
+    """When ids were removed, so that an older message does not revive them.
+
+    Memory is bounded: the oldest tombstones are given up, and from then on their source may not
+    introduce ids with stamps from before those removals.
+
+    Attributes:
+        newest: Latest stamp of any removal, in [s].
+    """
+
+    def __init__(self) -> None:
+        self.newest = -math.inf
+        self._stones: OrderedDict[str, tuple[float, int]] = OrderedDict()
+        self._floors: dict[int, float] = {}
+
+    def add(self, name: str, stamp: float, source: int) -> None:
+        """Notes that `name` of the source with this number was removed, at `stamp` [s]."""
+        earlier = self._stones.pop(name, None)
+        if earlier is not None:
+            stamp = max(stamp, earlier[0])
+        self._stones[name] = (stamp, source)
+        self.newest = max(self.newest, stamp)
+        if len(self._stones) > MAXIMUM_TOMBSTONES:
+            _, (given_up, owner) = self._stones.popitem(last=False)
+            self._floors[owner] = max(self._floors.get(owner, -math.inf), given_up)
+
+    def covers(self, name: str, stamp: float) -> bool:
+        """Whether `name` was removed at `stamp` [s] or later."""
+        stone = self._stones.get(name)
+        return stone is not None and not stamp > stone[0]
+
+    def below_floor(self, source: int, stamp: float) -> bool:
+        """Whether a source may no longer introduce ids at `stamp` [s]."""
+        return bool(self._floors) and not stamp > self._floors.get(source, -math.inf)
+
+    def lift(self, name: str) -> None:
+        """Forgets the tombstone of an id that has come back."""
+        self._stones.pop(name, None)
+
+    def limit(self, now: float) -> None:
+        """Lets no tombstone lie ahead of `now` [s]: its stamp was wrong, and would hide an id."""
+        for name, (stamp, source) in self._stones.items():
+            if stamp > now:
+                self._stones[name] = (now, source)
+        for source, floor in self._floors.items():
+            self._floors[source] = min(floor, now)
+        self.newest = now
