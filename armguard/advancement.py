@@ -211,9 +211,9 @@ def ball_contact_time(  # type: ignore[no-untyped-def]
     x, y, z, contact_distance,
     vx1, vy1, vz1, accel1, speed1, velocity_error1, age1,
     vx2, vy2, vz2, accel2, speed2, velocity_error2, age2,
-    advances,
+    advances, trace,
 ):  # fmt: skip
-    """`pair_contact_time` for a single point at (x, y, z) relative to the sphere's centre."""
+    """`trace_contact_time` for a single point at (x, y, z) relative to the sphere's centre."""
     if not (
         _are_bounds(accel1, speed1, velocity_error1, age1)
         and _are_bounds(accel2, speed2, velocity_error2, age2)
@@ -251,7 +251,9 @@ def ball_contact_time(  # type: ignore[no-untyped-def]
             nx, ny, nz = cx, cy, cz
 
     t = 0.0
-    for _ in range(advances):
+    for k in range(advances):
+        if trace is not None:
+            trace[k, 0], trace[k, 1], trace[k, 2], trace[k, 3] = t, nx, ny, nz
         before = t
         t, bite1, bite2 = _follow(
             nx * x + ny * y + nz * z - contact_distance, length, t,
@@ -282,31 +284,23 @@ def _hull_direction(  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", cache=True)
-def pair_contact_time(  # type: ignore[no-untyped-def]
+def trace_contact_time(  # type: ignore[no-untyped-def]
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, count, accel2, speed2, velocity_error2, age2,
-    contact_distance, advances,
+    contact_distance, advances, trace,
 ):  # fmt: skip
-    """Earliest time at which a sphere and the rounded hull of points[:count] could touch.
+    """`pair_contact_time` that leaves its witnesses behind.
 
-    (px, py, pz) is the centre of the sphere at its stamp in [m], (vx, vy, vz) its velocity in
-    [m/s]; accel1 [m/s^2] and speed1 [m/s] are its bounds, inf where there is none; velocity_error1
-    [m/s] is what the velocity may be off by; age1 [s] is now minus its stamp, negative where that
-    is newer than now. `points` and `velocities`, shape (8, 3), float64, [m] and [m/s], are the
-    corners of the hull: count 1 is a ball, 2 a capsule, 8 a box; their bounds, error and age hold
-    for each corner. contact_distance [m] is both radii, margin and position errors. `advances` is
-    the most tangent advances: more come closer, and every number is safe.
-
-    Returns:
-        A time from now in [s] before which there is no contact; inf if never, 0 if contact is
-        possible now or any input is NaN, negative or infinite where that means nothing.
+    `trace` is None, which costs nothing, or has the shape (advances, 4): row k takes the time from
+    which on the k-th witness is in charge, in [s], and the witness. Rows that were not needed stay
+    as they were; the last one written may be of a witness that did not bring the time forward.
     """
     if count == 1:
         return ball_contact_time(
             points[0, 0] - px, points[0, 1] - py, points[0, 2] - pz, contact_distance,
             vx, vy, vz, accel1, speed1, velocity_error1, age1,
             velocities[0, 0], velocities[0, 1], velocities[0, 2],
-            accel2, speed2, velocity_error2, age2, advances,
+            accel2, speed2, velocity_error2, age2, advances, trace,
         )  # fmt: skip
     if not (
         count > 1
@@ -361,6 +355,8 @@ def pair_contact_time(  # type: ignore[no-untyped-def]
             if not math.isnan(cx):
                 nx, ny, nz = cx, cy, cz
                 continue
+        if trace is not None:
+            trace[k, 0], trace[k, 1], trace[k, 2], trace[k, 3] = t, nx, ny, nz
         if not t < reached < math.inf:
             return max(t, reached)
         t = reached
@@ -370,6 +366,33 @@ def pair_contact_time(  # type: ignore[no-untyped-def]
         )  # fmt: skip
         k += 1
     return t
+
+
+@njit(error_model="numpy", cache=True)
+def pair_contact_time(  # type: ignore[no-untyped-def]
+    px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
+    points, velocities, count, accel2, speed2, velocity_error2, age2,
+    contact_distance, advances,
+):  # fmt: skip
+    """Earliest time at which a sphere and the rounded hull of points[:count] could touch.
+
+    (px, py, pz) is the centre of the sphere at its stamp in [m], (vx, vy, vz) its velocity in
+    [m/s]; accel1 [m/s^2] and speed1 [m/s] are its bounds, inf where there is none; velocity_error1
+    [m/s] is what the velocity may be off by; age1 [s] is now minus its stamp, negative where that
+    is newer than now. `points` and `velocities`, shape (8, 3), float64, [m] and [m/s], are the
+    corners of the hull: count 1 is a ball, 2 a capsule, 8 a box; their bounds, error and age hold
+    for each corner. contact_distance [m] is both radii, margin and position errors. `advances` is
+    the most tangent advances: more come closer, and every number is safe.
+
+    Returns:
+        A time from now in [s] before which there is no contact; inf if never, 0 if contact is
+        possible now or any input is NaN, negative or infinite where that means nothing.
+    """
+    return trace_contact_time(
+        px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
+        points, velocities, count, accel2, speed2, velocity_error2, age2,
+        contact_distance, advances, None,
+    )  # fmt: skip
 
 
 @njit(error_model="numpy", cache=True)

@@ -8,16 +8,23 @@ speed it applies to, belong into `contact_distance`; NaN anywhere gives 0.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from armguard.advancement import ball_contact_time, pair_contact_time, pair_distance_time
+from armguard.advancement import (
+    ball_contact_time,
+    pair_contact_time,
+    pair_distance_time,
+    trace_contact_time,
+)
 from armguard.exceptions import ArmguardError
 
 __all__ = [
+    "Certificate",
+    "certify",
     "earliest_contact",
     "earliest_contact_hull",
     "earliest_contact_pair",
@@ -28,6 +35,22 @@ __all__ = [
 MAX_POINTS = 8
 
 Floats = NDArray[np.float64]
+
+
+class Certificate(NamedTuple):
+    """A time before which there is no contact, with all that is needed to prove it.
+
+    `armguard.certificate.verify` checks it in exact arithmetic.
+    """
+
+    contact_time: float
+    """From now, in [s]; inf if there is never contact."""
+
+    times: Floats
+    """When each witness takes over, in [s], from 0 on and rising. Shape (k,)."""
+
+    witnesses: Floats
+    """Directions from body 1 to body 2, of length 1 but for rounding. Shape (k, 3)."""
 
 
 @njit(error_model="numpy", cache=True)
@@ -51,13 +74,24 @@ def _pair_loop(  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", cache=True)
+def _trace_pair(  # type: ignore[no-untyped-def]
+    p1, v1, a1, s1, e1, age1, points, velocities, a2, s2, e2, age2, distance, advances, trace
+):  # fmt: skip
+    return trace_contact_time(
+        p1[0, 0], p1[0, 1], p1[0, 2], v1[0, 0], v1[0, 1], v1[0, 2], a1[0], s1[0], e1[0], age1[0],
+        points[0], velocities[0], points.shape[1], a2[0], s2[0], e2[0], age2[0],
+        distance[0], advances, trace,
+    )  # fmt: skip
+
+
+@njit(error_model="numpy", cache=True)
 def _relative_loop(position, velocity, distance, accel, speed, advances, out):  # type: ignore[no-untyped-def]
     for i in range(out.size):
         out[i] = ball_contact_time(
             position[i, 0], position[i, 1], position[i, 2], distance[i],
             0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
             velocity[i, 0], velocity[i, 1], velocity[i, 2], accel[i], speed[i], 0.0, 0.0,
-            advances,
+            advances, None,
         )  # fmt: skip
 
 
@@ -229,6 +263,32 @@ def earliest_contact_hull(
     All arguments are as there, but for `p2` and `v2`, whose shape is (..., k, 3): k = 1 is a ball,
     2 a capsule, 8 a box. Bounds, age and error of body 2 hold for each of its points.
     """
+    steps = _check_advances(advances)
+    shape, arrays = _pair_arrays(
+        p1, v1, a1, s1, p2, v2, a2, s2, contact_distance,
+        age1, age2, velocity_error1, velocity_error2,
+    )  # fmt: skip
+    out = np.empty(math.prod(shape))
+    _pair_loop(*arrays, steps, out)  # type: ignore[call-arg]
+    return _shaped(out, shape)
+
+
+def _pair_arrays(
+    p1: ArrayLike,
+    v1: ArrayLike,
+    a1: ArrayLike,
+    s1: ArrayLike,
+    p2: ArrayLike,
+    v2: ArrayLike,
+    a2: ArrayLike,
+    s2: ArrayLike,
+    contact_distance: ArrayLike,
+    age1: ArrayLike,
+    age2: ArrayLike,
+    velocity_error1: ArrayLike,
+    velocity_error2: ArrayLike,
+) -> tuple[tuple[int, ...], list[Floats]]:
+    """The common shape, and the arrays checked, broadcast, flat and in the kernels' order."""
     vectors = {"p1": _vectors("p1", p1), "v1": _vectors("v1", v1)}
     hulls = {"p2": _vectors("p2", p2), "v2": _vectors("v2", v2)}
     scalars = {
@@ -256,7 +316,39 @@ def earliest_contact_hull(
     bodies = [_spread(array, shape, (3,)) for array in vectors.values()]
     corners = [_spread(array, shape, (count, 3)) for array in hulls.values()]
     numbers = [_spread(array, shape, ()) for array in scalars.values()]
-    out = np.empty(math.prod(shape))
+    return shape, [*bodies, *numbers[:4], *corners, *numbers[4:]]
+
+
+def certify(
+    p1: ArrayLike,
+    v1: ArrayLike,
+    a1: float,
+    s1: float,
+    p2: ArrayLike,
+    v2: ArrayLike,
+    a2: float,
+    s2: float,
+    contact_distance: float,
+    *,
+    age1: float = 0.0,
+    age2: float = 0.0,
+    velocity_error1: float = 0.0,
+    velocity_error2: float = 0.0,
+    advances: int = 8,
+) -> Certificate:
+    """The contact time of one pair together with its proof.
+
+    Arguments are as for `earliest_contact_pair`, for a single pair; `p2` and `v2` have the shape
+    (3,), or (k, 3) for the rounded hull of up to eight points. The time is the same, to the bit.
+    """
     steps = _check_advances(advances)
-    _pair_loop(*bodies, *numbers[:4], *corners, *numbers[4:], steps, out)  # type: ignore[call-arg]
-    return _shaped(out, shape)
+    shape, arrays = _pair_arrays(
+        p1, v1, a1, s1, np.atleast_2d(_vectors("p2", p2)), np.atleast_2d(_vectors("v2", v2)),
+        a2, s2, contact_distance, age1, age2, velocity_error1, velocity_error2,
+    )  # fmt: skip
+    if shape:
+        raise ArmguardError("arguments", f"are {shape} pairs", expected="a single pair")
+    trace = np.full((steps, 4), math.nan)
+    contact_time = float(_trace_pair(*arrays, steps, trace))  # type: ignore[call-arg]
+    used = trace[trace[:, 0] < contact_time]
+    return Certificate(contact_time, used[:, 0].copy(), used[:, 1:].copy())

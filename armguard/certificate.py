@@ -1,0 +1,236 @@
+"""Check a certificate of no contact in exact arithmetic, trusting nothing of how it was found.
+
+A certificate lists witnesses and the times at which they take over. While a witness is in charge,
+its gap is concave in time, so it is positive throughout if it is positive at the start and not
+negative at the end: two inequalities a witness. They are decided in rational numbers
+(`fractions`); the few square roots and quotients in them are replaced by rational bounds on the
+side that makes the check harder. Not a line is shared with the kernels.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armguard.contact import Certificate
+
+PRECISION = 160  # bits of a bounded square root or quotient: far below the kernels' slack
+
+Vector = tuple[Fraction, Fraction, Fraction]
+
+
+@dataclass(frozen=True)
+class _Body:
+    """One body, or one corner of it, as its stamp describes it; None stands for no bound."""
+
+    position: Vector
+    velocity: Vector
+    accel: Fraction | None
+    top_speed: Fraction | None
+    velocity_error: Fraction
+    age: Fraction
+
+
+def verify(
+    certificate: Certificate,
+    p1: ArrayLike,
+    v1: ArrayLike,
+    a1: float,
+    s1: float,
+    p2: ArrayLike,
+    v2: ArrayLike,
+    a2: float,
+    s2: float,
+    contact_distance: float,
+    *,
+    age1: float = 0.0,
+    age2: float = 0.0,
+    velocity_error1: float = 0.0,
+    velocity_error2: float = 0.0,
+) -> bool:
+    """Whether `certificate` proves that there is no contact before its `contact_time`.
+
+    The inputs are those of `armguard.contact.certify`, read as the real numbers they stand for.
+    A time of 0 claims nothing and is proved by nothing.
+
+    Returns:
+        True only if every claim holds. False for a wrong, incomplete or malformed certificate and
+        for inputs that allow none (NaN, infinite positions, negative bounds).
+    """
+    contact_time = float(certificate.contact_time)
+    if contact_time == 0.0:
+        return True
+    times = np.asarray(certificate.times, dtype=np.float64)
+    witnesses = np.asarray(certificate.witnesses, dtype=np.float64)
+    bounds = (a1, s1, velocity_error1, a2, s2, velocity_error2, contact_distance)
+    if not (
+        contact_time > 0.0
+        and times.ndim == 1
+        and times.size >= 1
+        and witnesses.shape == (times.size, 3)
+        and np.isfinite(times).all()
+        and np.isfinite(witnesses).all()
+        and times[0] == 0.0
+        and (np.diff(times) > 0.0).all()
+        and times[-1] < contact_time
+        and all(bound >= 0.0 for bound in bounds)
+        and math.isfinite(contact_distance)
+        and math.isfinite(velocity_error1)
+        and math.isfinite(velocity_error2)
+    ):
+        return False
+    corners = np.asarray(p2, dtype=np.float64).reshape(-1, 3)
+    motions = np.broadcast_to(np.asarray(v2, dtype=np.float64).reshape(-1, 3), corners.shape)
+    try:
+        first = _body(p1, v1, a1, s1, velocity_error1, age1)
+        others = [
+            _body(p, v, a2, s2, velocity_error2, age2)
+            for p, v in zip(corners, motions, strict=True)
+        ]
+    except (OverflowError, ValueError):  # what Fraction makes of inf and NaN
+        return False
+    distance = Fraction(contact_distance)
+    starts = [Fraction(float(t)) for t in times]
+    ends = [*starts[1:], Fraction(contact_time) if contact_time < math.inf else None]
+    return bool(others) and all(
+        _is_witness(_vector(witness), first, other, distance, start, end)
+        for witness, start, end in zip(witnesses, starts, ends, strict=True)
+        for other in others
+    )
+
+
+def _vector(values: ArrayLike) -> Vector:
+    x, y, z = np.asarray(values, dtype=np.float64).tolist()
+    return Fraction(x), Fraction(y), Fraction(z)
+
+
+def _body(
+    position: ArrayLike,
+    velocity: ArrayLike,
+    accel: float,
+    speed: float,
+    velocity_error: float,
+    age: float,
+) -> _Body:
+    motion = _vector(velocity)
+    error = Fraction(float(velocity_error))
+    top_speed = None if speed == math.inf else Fraction(float(speed))
+    square = _dot(motion, motion)
+    if top_speed is not None and square > (top_speed + error) ** 2:
+        top_speed = _root_bounds(square)[1] + error  # the bound is broken: what was seen counts
+    return _Body(
+        _vector(position),
+        motion,
+        None if accel == math.inf else Fraction(float(accel)),
+        top_speed,
+        error,
+        Fraction(float(age)),
+    )
+
+
+def _dot(a: Vector, b: Vector) -> Fraction:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _floor(value: Fraction) -> Fraction:
+    """The largest dyadic number of about PRECISION bits that is no larger than `value`."""
+    shift = PRECISION - value.numerator.bit_length() + value.denominator.bit_length()
+    if shift >= 0:
+        return Fraction((value.numerator << shift) // value.denominator, 1 << shift)
+    return Fraction(value.numerator // (value.denominator << -shift) << -shift)
+
+
+def _root_bounds(square: Fraction) -> tuple[Fraction, Fraction]:
+    """Rational numbers just below and above the square root."""
+    if square == 0:
+        return square, square
+    shift = 2 * PRECISION - square.numerator.bit_length() + square.denominator.bit_length()
+    shift += shift % 2
+    if shift >= 0:
+        root = math.isqrt((square.numerator << shift) // square.denominator)
+        return Fraction(root, 1 << shift // 2), Fraction(root + 1, 1 << shift // 2)
+    root = math.isqrt(square.numerator // (square.denominator << -shift))
+    return Fraction(root << -shift // 2), Fraction((root + 1) << -shift // 2)
+
+
+def _is_witness(
+    witness: Vector,
+    first: _Body,
+    other: _Body,
+    contact_distance: Fraction,
+    start: Fraction,
+    end: Fraction | None,
+) -> bool:
+    """Whether the witness keeps the two apart from `start` on and before `end` (None: for ever)."""
+    square = _dot(witness, witness)
+    if square == 0:
+        return False
+    low, high = _root_bounds(square)
+    inverse_low, inverse_high = _floor(1 / high), -_floor(-1 / low)
+
+    def lower(value: Fraction) -> Fraction:  # of value / |witness|
+        return value * (inverse_low if value >= 0 else inverse_high)
+
+    def upper(value: Fraction) -> Fraction:
+        return value * (inverse_high if value >= 0 else inverse_low)
+
+    between = (
+        other.position[0] - first.position[0],
+        other.position[1] - first.position[1],
+        other.position[2] - first.position[2],
+    )
+    apart = lower(_dot(witness, between)) - contact_distance
+    along1 = _dot(witness, first.velocity)
+    along2 = -_dot(witness, other.velocity)
+
+    def gap(t: Fraction) -> Fraction | None:
+        left = apart
+        for body, along in ((first, along1), (other, along2)):
+            advance = _advance(body, upper(along), upper(-along), body.age + t)
+            if advance is None:
+                return None
+            left -= advance
+        return left
+
+    at_start = gap(start)
+    if at_start is None or not at_start > 0:
+        return False
+    if end is not None:
+        at_end = gap(end)
+        return at_end is not None and at_end >= 0
+    # For ever: concave and positive, the gap stays so if in the long run it does not shrink.
+    long_run = [_final_speed(first, upper(along1)), _final_speed(other, upper(along2))]
+    return long_run[0] is not None and long_run[1] is not None and long_run[0] + long_run[1] <= 0
+
+
+def _advance(body: _Body, closing: Fraction, receding: Fraction, s: Fraction) -> Fraction | None:
+    """How far the body can have come along the witness `s` seconds from its stamp; None: anywhere.
+
+    `closing` and `receding` bound its measured speed along the witness and against it.
+    """
+    if s < 0:
+        closing, s = receding, -s
+    top = body.top_speed
+    speed = closing + body.velocity_error
+    if top is None:
+        if body.accel is None:
+            return None
+        return speed * s + body.accel * s * s / 2
+    speed = min(speed, top)
+    if body.accel is None or speed == top:
+        return top * s
+    if body.accel * s <= top - speed:
+        return speed * s + body.accel * s * s / 2
+    return top * s - _floor((top - speed) ** 2 / (2 * body.accel))
+
+
+def _final_speed(body: _Body, closing: Fraction) -> Fraction | None:
+    """The speed along the witness that the body tends to; None if there is no bound."""
+    speed = closing + body.velocity_error
+    if body.accel == 0:
+        return speed if body.top_speed is None else min(speed, body.top_speed)
+    return body.top_speed
