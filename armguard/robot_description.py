@@ -107,13 +107,18 @@ def robots_directory() -> Path:
     raise RobotError("robots", f"no such folder in {package} or beside it", remedy="reinstall")
 
 
+def list_robots() -> list[str]:
+    """Names of the robots that `Robot.load` knows."""
+    return sorted(path.parent.name for path in robots_directory().glob("*/robot.toml"))
+
+
 def find_robot(name: str) -> Path:
     """The folder of one known robot.
 
     Raises:
         RobotError: There is none of that name; the message lists those that exist.
     """
-    known = sorted(path.parent.name for path in robots_directory().glob("*/robot.toml"))
+    known = list_robots()
     if name not in known:
         raise RobotError(f"robot {name!r}", "is not known", expected=f"one of {', '.join(known)}")
     return robots_directory() / name

@@ -46,6 +46,11 @@ class Schedule(Protocol):
         """What `settle` is to be given: times to contact, or times by distance alone."""
         ...
 
+    @property
+    def every_tick(self) -> bool:
+        """Whether all pairs are due in every tick, so that no answer need outlive its tick."""
+        ...
+
     def insert(self, pairs: ArrayLike) -> None:
         """Take in new pairs; all are due at the next `due`. Shape (n,)."""
         ...

@@ -178,11 +178,13 @@ class DaaSchedule:
 
     Attributes:
         measure: What `settle` is to be given.
+        every_tick: Whether all pairs are due in every tick.
         period: Time between two ticks, in [s].
         tick: Number of the present tick; -1 before the first.
     """
 
     measure: Measure = "contact_time"
+    every_tick: bool = False
 
     def __init__(
         self, period: float, partition: PartitionLaw = "powers", sort: SortLaw = "partial"

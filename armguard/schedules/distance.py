@@ -15,6 +15,8 @@ class DistanceSchedule(FullSchedule):
 
     Attributes:
         measure: What `settle` is to be given.
+        every_tick: Whether all pairs are due in every tick.
     """
 
     measure: Measure = "distance"
+    every_tick: bool = True

@@ -26,9 +26,11 @@ class FullSchedule:
 
     Attributes:
         measure: What `settle` is to be given.
+        every_tick: Whether all pairs are due in every tick.
     """
 
     measure: Measure = "contact_time"
+    every_tick: bool = True
 
     def __init__(self) -> None:
         self._members: dict[int, None] = {}

@@ -1,0 +1,279 @@
+"""What is known about every pair: until when its certificate holds, and what it rests on.
+
+A certificate says "no contact before `expiry`, whatever happens within the bounds". It stays good
+while every newer state of its obstacle lies within what the record behind it allowed; the ledger
+keeps that record for each pair (its anchor) and tests new states against it. Schedules that look
+at every pair in every tick need no anchors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from armguard.obstacle_table import States
+from armguard.pairs import FloatArray, IntArray, TickState
+from armguard.plausibility import ALLOWED, body_allows
+
+NEVER = -1
+
+UNDISTURBED, GROWN, BROKEN = 0, 1, 2
+"""What newer states did to the ground that a certificate stands on."""
+
+
+class PairLedger:
+    """Certificates of all pairs; pair = obstacle row × links + link.
+
+    Args:
+        link_count: Links of the arm.
+        watched: For a row, which links are watched against it. Shape (links,) of bool.
+        keeps_certificates: Whether certificates outlive their tick, so that anchors are needed.
+    """
+
+    def __init__(
+        self,
+        link_count: int,
+        watched: Callable[[int], NDArray[np.bool_]],
+        *,
+        keeps_certificates: bool,
+    ) -> None:
+        self.link_count = link_count
+        self.keeps_certificates = keeps_certificates
+        self._watched = watched
+        self.active: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
+        self.expiry: FloatArray = np.zeros(0)
+        """End of each certificate, in [s] since the monitor's epoch."""
+        self.evaluated_at: FloatArray = np.zeros(0)
+        """Time of each pair's last evaluation, alike."""
+        self.tick: IntArray = np.zeros(0, dtype=np.int64)
+        """Tick of each pair's last evaluation or exact check; NEVER before the first."""
+        self.sphere: IntArray = np.zeros(0, dtype=np.int64)
+        """Sphere that decided each pair."""
+        self.pairs: IntArray = np.zeros(0, dtype=np.int64)
+        """The active pairs, ascending."""
+        self._seen_revision: IntArray = np.zeros(0, dtype=np.int64)
+        self._anchors = _make_bodies(0)
+        self._outcomes: NDArray[np.int8] = np.zeros(0, dtype=np.int8)
+
+    def change(
+        self, added: IntArray, removed: IntArray, capacity: int
+    ) -> tuple[IntArray, IntArray]:
+        """Follow rows of the obstacle table that came and went.
+
+        Args:
+            added: Rows now in use that were not, or that changed their occupant. Shape (a,).
+            removed: Rows that lost their occupant. Shape (r,).
+            capacity: Rows of the obstacle table.
+
+        Returns:
+            Pairs that are new, and pairs that are gone.
+        """
+        self._grow(capacity)
+        links = np.arange(self.link_count)
+        gone = (removed[:, None] * self.link_count + links).ravel()
+        gone = gone[self.active[gone]]
+        self.active[gone] = False
+        masks = [self._watched(int(row)) for row in added]
+        new = [row * self.link_count + links[mask] for row, mask in zip(added, masks, strict=True)]
+        fresh = np.concatenate(new).astype(np.int64) if new else np.zeros(0, dtype=np.int64)
+        self.active[fresh] = True
+        self.expiry[fresh] = -np.inf
+        self.evaluated_at[fresh] = -np.inf
+        self.tick[fresh] = NEVER
+        self._seen_revision[added] = NEVER
+        self.pairs = np.flatnonzero(self.active)
+        return fresh, gone
+
+    def record(
+        self,
+        pairs: IntArray,
+        contact_times: FloatArray,
+        spheres: IntArray,
+        now: float,
+        tick: int,
+        state: TickState,
+    ) -> None:
+        """Enter evaluations made at `now`, in [s] since the epoch."""
+        self.expiry[pairs] = np.nextafter(now + contact_times, -np.inf)
+        self.evaluated_at[pairs] = now
+        self.tick[pairs] = tick
+        self.sphere[pairs] = spheres
+        if self.keeps_certificates:
+            _anchor(pairs, self.link_count, state.bodies, self._anchors)
+
+    def extend(self, pair: int, contact_time: float, now: float, tick: int) -> None:
+        """Enter another proof for a pair; the later of the two stands."""
+        self.expiry[pair] = max(self.expiry[pair], np.nextafter(now + contact_time, -np.inf))
+        self.tick[pair] = tick
+
+    def void(self, pairs: IntArray) -> None:
+        """Let the certificates of `pairs` end at once."""
+        self.expiry[pairs] = -np.inf
+
+    def disturbed(self, state: TickState, revision: IntArray) -> tuple[IntArray, IntArray]:
+        """Pairs whose certificates no longer stand on firm ground.
+
+        Returns:
+            Pairs to be evaluated at once because a bound of their obstacle grew or a refused
+            sample stands beside it, and pairs whose obstacle broke the bounds behind them.
+        """
+        if not self.keeps_certificates or not len(self.pairs):
+            return self.pairs[:0], self.pairs[:0]
+        outcomes = self._test(self.pairs, state, revision)
+        np.copyto(self._seen_revision[: len(revision)], revision)
+        return self.pairs[outcomes == GROWN], self.pairs[outcomes == BROKEN]
+
+    def earliest(self, now: float, tick: int) -> tuple[int, float, int]:
+        """The pair whose certificate ends first, that time from `now`, and pairs overdue.
+
+        Returns:
+            Pair number (NEVER without pairs), time in [s] (inf without pairs, never below 0),
+            and how many pairs have neither a certificate in force nor a look in this tick.
+        """
+        pair, expiry, overdue = _earliest(self.pairs, self.expiry, self.tick, now, tick)
+        return pair, max(0.0, expiry - now), overdue
+
+    def compile(self, state: TickState, revision: IntArray) -> None:
+        """Run every kernel on no pairs, so that none is compiled in a tick."""
+        none, no_times = np.zeros(0, dtype=np.int64), np.zeros(0)
+        self.record(none, no_times, none, 0.0, 0, state)
+        self.earliest(0.0, 0)
+        if self.keeps_certificates:
+            self._test(none, state, revision)
+
+    def _test(self, pairs: IntArray, state: TickState, revision: IntArray) -> NDArray[np.int8]:
+        """What newer states did to each pair's certificate. Shape (m,)."""
+        outcomes = self._outcomes[: len(pairs)]
+        _test_anchors(
+            pairs,
+            self.link_count,
+            self.tick,
+            revision,
+            self._seen_revision,
+            state.marks.refused,
+            state.marks.static,
+            state.bodies,
+            self._anchors,
+            outcomes,
+        )
+        return outcomes
+
+    def _grow(self, capacity: int) -> None:
+        size = capacity * self.link_count
+        if size <= len(self.active):
+            return
+        extra = size - len(self.active)
+        self.active = np.concatenate([self.active, np.zeros(extra, dtype=np.bool_)])
+        self.expiry = np.concatenate([self.expiry, np.full(extra, -np.inf)])
+        self.evaluated_at = np.concatenate([self.evaluated_at, np.full(extra, -np.inf)])
+        self.tick = np.concatenate([self.tick, np.full(extra, NEVER, dtype=np.int64)])
+        self.sphere = np.concatenate([self.sphere, np.zeros(extra, dtype=np.int64)])
+        rows = capacity - len(self._seen_revision)
+        self._seen_revision = np.concatenate(
+            [self._seen_revision, np.full(rows, NEVER, dtype=np.int64)]
+        )
+        if self.keeps_certificates:
+            more = _make_bodies(extra)
+            self._anchors = States(
+                *(np.concatenate([old, new]) for old, new in zip(self._anchors, more, strict=True))
+            )
+            self._outcomes = np.zeros(size, dtype=np.int8)
+
+
+def _make_bodies(count: int) -> States:
+    scalars = [np.zeros(count) for _ in range(6)]
+    return States(
+        np.zeros((count, 8, 3)),
+        np.zeros((count, 8, 3)),
+        np.ones(count, dtype=np.int64),
+        *scalars,
+    )
+
+
+@njit(error_model="numpy", cache=True)
+def _anchor(pairs: IntArray, links: int, bodies: States, anchors: States) -> None:
+    """Keep the records that fresh certificates rest on."""
+    for pair in pairs:
+        row = pair // links
+        count = bodies.point_count[row]
+        anchors.points[pair, :count] = bodies.points[row, :count]
+        anchors.velocities[pair, :count] = bodies.velocities[row, :count]
+        anchors.point_count[pair] = count
+        anchors.radius[pair] = bodies.radius[row]
+        anchors.accel[pair] = bodies.accel[row]
+        anchors.speed[pair] = bodies.speed[row]
+        anchors.position_error[pair] = bodies.position_error[row]
+        anchors.velocity_error[pair] = bodies.velocity_error[row]
+        anchors.stamp[pair] = bodies.stamp[row]
+
+
+@njit(error_model="numpy", cache=True)
+def _test_anchors(
+    pairs: IntArray,
+    links: int,
+    ticks: IntArray,
+    revision: IntArray,
+    seen_revision: IntArray,
+    refused: NDArray[np.bool_],
+    static: NDArray[np.bool_],
+    bodies: States,
+    anchors: States,
+    outcomes: NDArray[np.int8],
+) -> None:
+    """Fill `outcomes`: UNDISTURBED, GROWN or BROKEN for each pair."""
+    for index in range(pairs.shape[0]):
+        pair = pairs[index]
+        row = pair // links
+        outcomes[index] = UNDISTURBED
+        if refused[row]:
+            outcomes[index] = GROWN
+        if static[row] or ticks[pair] == NEVER or revision[row] == seen_revision[row]:
+            continue
+        if (
+            bodies.radius[row] > anchors.radius[pair]
+            or bodies.accel[row] > anchors.accel[pair]
+            or bodies.speed[row] > anchors.speed[pair]
+            or bodies.position_error[row] > anchors.position_error[pair]
+            or bodies.velocity_error[row] > anchors.velocity_error[pair]
+        ):
+            outcomes[index] = GROWN
+        code = body_allows(
+            anchors.points[pair],
+            anchors.velocities[pair],
+            anchors.point_count[pair],
+            anchors.radius[pair],
+            anchors.accel[pair],
+            anchors.speed[pair],
+            anchors.position_error[pair],
+            anchors.velocity_error[pair],
+            anchors.stamp[pair],
+            bodies.points[row],
+            bodies.velocities[row],
+            bodies.point_count[row],
+            bodies.radius[row],
+            bodies.position_error[row],
+            bodies.velocity_error[row],
+            bodies.stamp[row],
+        )
+        if code != ALLOWED:
+            outcomes[index] = BROKEN
+
+
+@njit(error_model="numpy", cache=True)
+def _earliest(
+    pairs: IntArray, expiry: FloatArray, ticks: IntArray, now: float, tick: int
+) -> tuple[int, float, int]:
+    """Pair with the earliest expiry, that expiry, and how many pairs are overdue."""
+    earliest = -1
+    soonest = np.inf
+    overdue = 0
+    for pair in pairs:
+        if earliest < 0 or expiry[pair] < soonest:
+            earliest = pair
+            soonest = expiry[pair]
+        if ticks[pair] != tick and not expiry[pair] > now:
+            overdue += 1
+    return earliest, soonest, overdue
