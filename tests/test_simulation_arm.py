@@ -109,9 +109,7 @@ def check_steps(panda, q0, v0, q1, v1, dt):
 @pytest.mark.parametrize("fraction", [0.3, 0.9])
 def test_an_arm_at_any_scale_stays_within_its_limits(panda, fraction):
     random = np.random.default_rng(3)
-    way = random_trajectory(
-        panda, 1, 10.0, speed_fraction=fraction, acceleration_fraction=fraction
-    )
+    way = random_trajectory(panda, 1, 10.0, speed_fraction=fraction, acceleration_fraction=fraction)
     arm = SimulatedArm(way)
     dt, scale = 0.001, 1.0
     q0, v0 = arm.q, arm.v

@@ -154,7 +154,7 @@ def read_vicon_csv(path: Path) -> tuple[float, Array]:
         lines.pop()
     if not lines:
         raise ArmguardError(str(path), "is empty", expected="motion capture exported as CSV")
-    rows = [line.rstrip("\r").split(",") for line in lines]
+    rows = [line.split(",") for line in lines]
     rate, bodies = _check_header(path, rows)
     if len(rows) == _HEADER_LINES:
         raise _bad(path, _HEADER_LINES, "is the last line", "a line for each frame after it")
@@ -181,11 +181,7 @@ def _check_header(path: Path, rows: list[list[str]]) -> tuple[float, list[str]]:
             raise _bad(path, line, "is missing", "a header of five lines")
         if line == 1 and rows[0] != ["Objects"]:
             raise _bad(path, 1, f"is {','.join(rows[0])[:40]!r}", "the header 'Objects'")
-    try:
-        (cell,) = rows[1]
-        rate = float(cell)
-    except ValueError:
-        rate = math.nan
+    rate = _read_number(",".join(rows[1]))
     if not (0.0 < rate < math.inf):
         raise _bad(path, 2, f"is {','.join(rows[1])[:40]!r}", "the rate in Hz")
     bodies = _read_bodies(path, rows[2])
@@ -227,10 +223,7 @@ def _read_point(path: Path, line: int, body: str, cells: list[str]) -> list[floa
         return [math.nan] * 3
     values = []
     for axis, cell in zip(_AXES, cells, strict=True):
-        try:
-            value = float(cell)
-        except ValueError:
-            value = math.nan
+        value = _read_number(cell)
         if not math.isfinite(value):
             raise _bad(
                 path,
@@ -240,6 +233,14 @@ def _read_point(path: Path, line: int, body: str, cells: list[str]) -> list[floa
             )
         values.append(value)
     return values[3:]
+
+
+def _read_number(cell: str) -> float:
+    """A number, NaN where it is none; Python by itself would take 1_000 as well."""
+    try:
+        return math.nan if "_" in cell else float(cell)
+    except ValueError:
+        return math.nan
 
 
 def _read_frame_number(path: Path, line: int, cell: str) -> int:
@@ -256,13 +257,12 @@ def _bad(path: Path, line: int, problem: str, expected: str) -> ArmguardError:
 def _check_placement(placement: ArrayLike | None) -> tuple[Array, Array]:
     """Rotation (3, 3) and translation (3,) of a homogeneous matrix."""
     matrix = np.eye(4) if placement is None else np.array(placement, dtype=np.float64)
-    rotation = matrix[:3, :3]
     proper = (
         matrix.shape == (4, 4)
         and bool(np.isfinite(matrix).all())
         and np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0])
-        and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
-        and np.linalg.det(rotation) > 0.0
+        and np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-9)
+        and np.linalg.det(matrix[:3, :3]) > 0.0
     )
     if not proper:
         raise ArmguardError(
@@ -270,4 +270,4 @@ def _check_placement(placement: ArrayLike | None) -> tuple[Array, Array]:
             f"is {matrix.tolist()}",
             expected="a homogeneous matrix, shape (4, 4), with a rotation",
         )
-    return rotation, matrix[:3, 3]
+    return matrix[:3, :3], matrix[:3, 3]

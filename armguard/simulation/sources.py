@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 from numpy.typing import ArrayLike
 
@@ -24,13 +24,13 @@ class ObstacleSink(Protocol):
         stamp: float,
         position: ArrayLike,
         velocity: ArrayLike | None = None,
-        radius: ArrayLike = ...,
+        radius: ArrayLike | None = None,
         accel: ArrayLike | None = None,
         speed: ArrayLike | None = None,
         position_error: ArrayLike = 0.0,
         velocity_error: ArrayLike = 0.0,
         source: str = "default",
-    ) -> Any:
+    ) -> None:
         """Take the states of some obstacles; see `armguard.Obstacles.update`."""
         ...
 
