@@ -202,14 +202,15 @@ def _turn_point(circles: Floats) -> None:
 @numba.njit(error_model="numpy", cache=True)
 def _enclose(tangents: Floats, supports: Floats, circles: Floats) -> int:
     """Circles on which neighbouring tangents meet; how many there are."""
-    for k in range(tangents.shape[0] - 1):
+    count: int = tangents.shape[0] - 1
+    for k in range(count):
         c1, s1 = tangents[k, 0], tangents[k, 1]
         c2, s2 = tangents[k + 1, 0], tangents[k + 1, 1]
         determinant = c1 * s2 - c2 * s1
         distance = (supports[k] * s2 - supports[k + 1] * s1) / determinant
         height = (c1 * supports[k + 1] - c2 * supports[k]) / determinant
         _set_circle(circles[k], distance, height)
-    return tangents.shape[0] - 1
+    return count
 
 
 @numba.njit(error_model="numpy", cache=True)

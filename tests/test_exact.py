@@ -1,0 +1,219 @@
+import numpy as np
+import pinocchio
+import pytest
+
+from armguard.exact import ExactGeometry, _build_hull
+from armguard.exceptions import ArmguardError
+from armguard.kinematics import Kinematics
+from armguard.robot import Robot
+
+TOLERANCE = 1e-5
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("panda")
+
+
+@pytest.fixture(scope="module")
+def kinematics(robot):
+    kinematics = Kinematics(robot, pinocchio.SE3(np.eye(3), np.array([0.5, -0.3, 0.2])))
+    kinematics.compute(np.array([0.3, -0.5, 0.2, -1.8, 0.4, 1.6, 0.7]), np.zeros(7))
+    return kinematics
+
+
+@pytest.fixture(scope="module")
+def exact(robot, kinematics):
+    return ExactGeometry(robot, kinematics)
+
+
+def closest_in_hull(points, iterations=200):
+    """Wolfe's algorithm: the point of a convex hull that is closest to the origin."""
+    active = [int(np.argmin((points**2).sum(axis=1)))]
+    weights = np.array([1.0])
+    for _ in range(iterations):
+        nearest = weights @ points[active]
+        entering = int(np.argmin(points @ nearest))
+        if entering in active or nearest @ (nearest - points[entering]) <= 1e-15:
+            break
+        active, weights = [*active, entering], np.append(weights, 0.0)
+        while True:
+            corners = points[active]
+            size = len(active)
+            system = np.ones((size + 1, size + 1))
+            system[:size, :size] = corners @ corners.T
+            system[-1, -1] = 0.0
+            right = np.append(np.zeros(size), 1.0)
+            affine = np.linalg.lstsq(system, right, rcond=None)[0][:size]
+            if (affine >= -1e-12).all():
+                weights = np.maximum(affine, 0.0)
+                break
+            falling = affine < weights
+            shares = weights[falling] / (weights[falling] - affine[falling])
+            weights = weights + min(shares.min(), 1.0) * (affine - weights)
+            kept = weights > 1e-14
+            active = [corner for corner, keep in zip(active, kept, strict=True) if keep]
+            weights = weights[kept] / weights[kept].sum()
+    return weights @ points[active]
+
+
+def true_distance(robot, kinematics, link_index, corners, radius):
+    """Feasible points of both bodies: never below the true distance."""
+    link = robot.links[link_index]
+    placement = kinematics.data.oMi[robot.joint_index(link)]
+    vertices = robot.hull(link) @ placement.rotation.T + placement.translation
+    differences = (corners[:, None] - vertices[None]).reshape(-1, 3)
+    return np.linalg.norm(closest_in_hull(differences)) - radius
+
+
+def random_obstacle(random, kinematics, link_index, kind):
+    root = kinematics.spheres.root[link_index]
+    direction = random.normal(size=3)
+    center = kinematics.centers[root] + random.choice([0.3, 0.5, 2.0]) * direction
+    size = random.choice([1e-3, 0.05, 0.3])
+    shapes = {
+        "ball": np.zeros((1, 3)),
+        "capsule": random.normal(size=(2, 3)),
+        "point twice": np.zeros((2, 3)),
+        "triangle": random.normal(size=(3, 3)),
+        "line of three": np.outer([0.0, 0.3, 1.0], random.normal(size=3)),
+        "point thrice": np.zeros((3, 3)),
+        "flat": random.normal(size=(6, 3)) * [1.0, 1.0, 0.0],
+        "hull": random.normal(size=(8, 3)),
+        "box": np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), axis=-1).reshape(8, 3),
+    }
+    turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    return center + size * shapes[kind] @ turn, float(random.choice([0.0, 0.02, 0.1]))
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "ball",
+        "capsule",
+        "point twice",
+        "triangle",
+        "line of three",
+        "point thrice",
+        "flat",
+        "hull",
+        "box",
+    ],
+)
+def test_distances_are_never_too_large_and_hardly_too_small(robot, kinematics, exact, kind):
+    random = np.random.default_rng(0)
+    apart = 0
+    for round_ in range(120):
+        link_index = round_ % len(robot.links)
+        corners, radius = random_obstacle(random, kinematics, link_index, kind)
+        truth = true_distance(robot, kinematics, link_index, corners, radius)
+        found, on_link, on_obstacle = exact.distance(link_index, corners, radius)
+        assert found <= truth + 1e-12
+        if truth > 1e-9:
+            apart += 1
+            assert found >= truth - TOLERANCE
+            assert np.linalg.norm(on_obstacle - on_link) == pytest.approx(truth, abs=1e-4)
+    assert apart > 60
+
+
+def test_the_middle_of_a_link_is_not_free(robot, kinematics, exact):
+    for index, link in enumerate(robot.links):
+        placement = kinematics.data.oMi[robot.joint_index(link)]
+        middle = placement.act(robot.hull(link).mean(axis=0))
+        distance, _, _ = exact.distance(index, middle[None], 0.001)
+        assert distance < -0.001
+
+
+def test_overlap_is_negative_to_the_depth(robot, kinematics, exact):
+    for index in range(len(robot.links)):
+        center = kinematics.centers[kinematics.spheres.root[index]]
+        far = center + np.array([0.0, 0.0, 3.0])
+        clear, _, _ = exact.distance(index, far[None], 0.0)
+        grown, _, _ = exact.distance(index, far[None], clear + 0.2)
+        assert grown == pytest.approx(-0.2, abs=TOLERANCE)
+
+
+def test_distance_follows_the_arm(robot):
+    kinematics = Kinematics(robot)
+    exact = ExactGeometry(robot, kinematics)
+    ball = np.array([[0.9, 0.0, 0.5]])
+    link = robot.links.index("panda_hand")
+    away = np.array([np.pi / 2, 0.5, 0.0, -1.0, 0.0, 1.5, 0.0])
+    kinematics.compute(away, np.zeros(7))
+    far, _, _ = exact.distance(link, ball, 0.1)
+    kinematics.compute(away * [0, 1, 1, 1, 1, 1, 1], np.zeros(7))
+    near, _, _ = exact.distance(link, ball, 0.1)
+    assert near < 0.3 < far
+    assert near == pytest.approx(true_distance(robot, kinematics, link, ball, 0.1), abs=TOLERANCE)
+
+
+def test_leaves_of_the_cover_are_never_further_than_the_geometry(robot, kinematics, exact):
+    # Covers contain their link, so seen from outside they can only be closer.
+    random = np.random.default_rng(6)
+    spheres = kinematics.spheres
+    for index in range(len(robot.links)):
+        leaves = (spheres.link == index) & (spheres.child_count == 0)
+        for _ in range(20):
+            point = kinematics.centers[spheres.root[index]] + random.normal(size=3)
+            gaps = np.linalg.norm(kinematics.centers[leaves] - point, axis=1)
+            cover = (gaps - spheres.radius[leaves]).min()
+            distance, _, _ = exact.distance(index, point[None], 0.0)
+            assert cover <= distance + TOLERANCE
+
+
+def test_shape_order_and_repetition_do_not_matter(exact):
+    box = np.stack(np.meshgrid([1, 2], [1, 3], [0, 1]), axis=-1).reshape(8, 3).astype(float)
+    expected, _, _ = exact.distance(3, box, 0.05)
+    for corners in (box[::-1], box[[3, 1, 4, 0, 5, 2, 7, 6]], np.concatenate([box, box[:3]])):
+        distance, _, _ = exact.distance(3, corners, 0.05)
+        assert distance == pytest.approx(expected, abs=TOLERANCE)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e6, 1e150, 1e300])
+@pytest.mark.parametrize("count", [1, 2, 3, 8])
+def test_extreme_places_stay_safe(robot, kinematics, exact, scale, count):
+    corners = scale * np.random.default_rng(7).uniform(0.5, 1.5, (count, 3))
+    distance, _, _ = exact.distance(2, corners, 0.1)
+    nearest = corners[np.argmin(corners @ np.ones(3))]
+    reach = 2.0
+    assert np.isfinite(distance)
+    assert distance <= np.abs(nearest).max() * np.sqrt(3.0) + reach
+    assert exact.distance(2, corners, 1e300)[0] < 0.0 or scale == 1e300
+
+
+@pytest.mark.parametrize("vertices", [1, 2, 4])
+def test_flat_links_get_a_hull_that_contains_them(vertices):
+    plate = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    hull = _build_hull(plate[:vertices])
+    corners = np.array(hull.points())
+    for direction in np.random.default_rng(8).normal(size=(50, 3)):
+        assert (corners @ direction).max() >= (plate[:vertices] @ direction).max()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "offender"),
+    [
+        ((-1, np.zeros((1, 3)), 0.1), "link index"),
+        ((99, np.zeros((1, 3)), 0.1), "link index"),
+        ((0, np.zeros(3), 0.1), "points"),
+        ((0, np.zeros((0, 3)), 0.1), "points"),
+        ((0, np.zeros((2, 2)), 0.1), "points"),
+        ((0, np.full((1, 3), np.nan), 0.1), "obstacle or arm"),
+        ((0, np.full((1, 3), np.inf), 0.1), "obstacle or arm"),
+        ((0, np.zeros((1, 3)), -0.1), "obstacle or arm"),
+        ((0, np.zeros((1, 3)), np.nan), "obstacle or arm"),
+        ((0, np.zeros((1, 3)), np.inf), "obstacle or arm"),
+    ],
+)
+def test_bad_obstacles_are_refused(exact, arguments, offender):
+    with pytest.raises(ArmguardError) as caught:
+        exact.distance(*arguments)
+    assert caught.value.offender == offender
+
+
+def test_an_unknown_arm_is_refused(robot):
+    kinematics = Kinematics(robot)
+    exact = ExactGeometry(robot, kinematics)
+    kinematics.compute(np.full(7, np.nan), np.zeros(7))
+    with pytest.raises(ArmguardError, match="obstacle or arm"):
+        exact.distance(6, np.zeros((1, 3)), 0.1)
