@@ -17,8 +17,8 @@ from armguard.obstacle_table import Marks, Samples, States
 from armguard.plausibility import (
     ALLOWED,
     SHAPE,
+    SLACK,
     VELOCITY_BY_ACCEL,
-    VELOCITY_BY_SPEED,
     body_allows,
 )
 
@@ -33,6 +33,7 @@ TAKEN = 0
 LATE = 10
 FOREIGN = 11
 TRACK_CHANGED = 12
+TOO_FAST = 13
 NOT_FINITE = 20
 """Plus the number of the field; NEGATIVE alike."""
 NEGATIVE = 30
@@ -40,50 +41,72 @@ FIELDS = ("position", "velocity", "radius", "accel", "speed", "position_error", 
 
 
 @njit(error_model="numpy", cache=True)
-def _move_to_world(
-    samples: Samples, sample: int, rotation: FloatArray, translation: FloatArray
-) -> None:
+def _move_to_world(samples: Samples, i: int, rotation: FloatArray, translation: FloatArray) -> None:
+    moved = np.empty((2, 3))
     for k in range(samples.points.shape[1]):
-        for vectors, offset in ((samples.points, 1.0), (samples.velocities, 0.0)):
-            x, y, z = vectors[sample, k]
-            for axis in range(3):
-                turned = rotation[axis, 0] * x + rotation[axis, 1] * y + rotation[axis, 2] * z
-                vectors[sample, k, axis] = turned + offset * translation[axis]
+        for axis in range(3):
+            moved[0, axis] = translation[axis]
+            moved[1, axis] = 0.0
+            for other in range(3):
+                moved[0, axis] += rotation[axis, other] * samples.points[i, k, other]
+                moved[1, axis] += rotation[axis, other] * samples.velocities[i, k, other]
+        for axis in range(3):
+            samples.points[i, k, axis] = moved[0, axis]
+            samples.velocities[i, k, axis] = moved[1, axis]
+
+
+@njit(error_model="numpy", cache=True)
+def _find_scalar_flaw(field: int, value: float, may_be_infinite: bool) -> int:
+    if not (abs(value) < math.inf or (may_be_infinite and value == math.inf)):
+        return NOT_FINITE + field
+    if not value >= 0.0:
+        return NEGATIVE + field
+    return TAKEN
 
 
 @njit(error_model="numpy", cache=True)
 def _find_flaw(samples: Samples, i: int, speed_is_error: bool) -> tuple[int, float]:
     """Code and value of the first field that cannot be used as it is; TAKEN if all can."""
-    for field, vectors in ((0, samples.points), (1, samples.velocities)):
-        for value in vectors[i].flat:
-            if not abs(value) < math.inf:
-                return NOT_FINITE + field, value
-    for field, value, top in (
-        (2, samples.radius[i], math.inf),
-        (3, samples.accel[i], 0.0),
-        (4, samples.speed[i], 0.0),
-        (5, samples.position_error[i], math.inf),
-        (6, samples.velocity_error[i], 0.0 if speed_is_error else math.inf),
-    ):
-        # A limit of 0 marks the fields that may be infinite.
-        if not (value < top or (top == 0.0 and value <= math.inf)):
-            return NOT_FINITE + field, value
-        if not value >= 0.0:
-            return NEGATIVE + field, value
+    flaw = _find_scalar_flaw(2, samples.radius[i], False)
+    if flaw != TAKEN:
+        return flaw, samples.radius[i]
+    flaw = _find_scalar_flaw(3, samples.accel[i], True)
+    if flaw != TAKEN:
+        return flaw, samples.accel[i]
+    flaw = _find_scalar_flaw(4, samples.speed[i], True)
+    if flaw != TAKEN:
+        return flaw, samples.speed[i]
+    flaw = _find_scalar_flaw(5, samples.position_error[i], False)
+    if flaw != TAKEN:
+        return flaw, samples.position_error[i]
+    flaw = _find_scalar_flaw(6, samples.velocity_error[i], speed_is_error)
+    if flaw != TAKEN:
+        return flaw, samples.velocity_error[i]
     top_speed = samples.speed[i] + samples.velocity_error[i]
+    fastest = 0.0
     for k in range(samples.points.shape[1]):
-        x, y, z = samples.velocities[i, k]
-        rate = math.sqrt(x * x + y * y + z * z)
-        if not (rate < math.inf and rate <= top_speed * (1.0 + 1e-15)):
-            return VELOCITY_BY_SPEED, rate
+        square = 0.0
+        for axis in range(3):
+            position = samples.points[i, k, axis]
+            velocity = samples.velocities[i, k, axis]
+            if not abs(position) < math.inf:
+                return NOT_FINITE, position
+            if not abs(velocity) < math.inf:
+                return NOT_FINITE + 1, velocity
+            square += velocity * velocity
+        fastest = max(fastest, math.sqrt(square))
+    if not (fastest < math.inf and fastest <= top_speed * (1.0 + SLACK)):
+        return TOO_FAST, fastest
     return TAKEN, 0.0
 
 
 @njit(error_model="numpy", cache=True)
 def _write(states: States, row: int, samples: Samples, i: int, stamp: float) -> None:
     count = samples.points.shape[1]
-    states.points[row, :count] = samples.points[i]
-    states.velocities[row, :count] = samples.velocities[i]
+    for k in range(count):
+        for axis in range(3):
+            states.points[row, k, axis] = samples.points[i, k, axis]
+            states.velocities[row, k, axis] = samples.velocities[i, k, axis]
     states.point_count[row] = count
     states.radius[row] = samples.radius[i]
     states.accel[row] = samples.accel[i]
@@ -132,7 +155,7 @@ def _largest_step(before: FloatArray, after: FloatArray) -> float:
 
 
 @njit(error_model="numpy", cache=True)
-def _take(
+def _set_aside(
     accepted: States,
     refused: States,
     marks: Marks,
@@ -140,49 +163,40 @@ def _take(
     samples: Samples,
     i: int,
     stamp: float,
-    source: int,
-    speed_is_error: bool,
+    code: int,
+    value: float,
 ) -> tuple[int, float]:
-    """Judge one sample of one row: its code, and the value that a fault would show."""
-    flaw, value = _find_flaw(samples, i, speed_is_error)
-    if flaw != TAKEN or marks.owner[row] != source:
-        marks.refused[row] = True
-        marks.refused_finite[row] = flaw in (TAKEN, VELOCITY_BY_SPEED)
+    """Keep a sample beside the accepted state, unless it makes another track believable.
+
+    Returns:
+        Its final code, and the value that a fault would show.
+    """
+    if code >= NOT_FINITE or code in (TOO_FAST, FOREIGN):
         marks.streak[row] = 0
+        marks.refused[row] = True
+        marks.refused_finite[row] = code < NOT_FINITE
         _write(refused, row, samples, i, stamp)
-        return (FOREIGN, 0.0) if flaw == TAKEN else (flaw, value)
-    code = ALLOWED
-    takes = True
-    if marks.has_state[row]:
-        code = _allows(accepted, row, samples, i, stamp)
-        takes = code == ALLOWED and stamp > accepted.stamp[row]
-    if not takes:
-        known = marks.streak[row] > 0
-        follows = known and _allows(refused, row, samples, i, stamp) == ALLOWED
-        if follows and stamp > refused.stamp[row]:
-            marks.streak[row] += 1
-            _write(refused, row, samples, i, stamp)
-        elif not follows and not (known and marks.refused[row] and code == ALLOWED):
-            # A late message must not hide a track that is about to be believed.
-            marks.streak[row] = 1
-            _write(refused, row, samples, i, stamp)
-        if marks.streak[row] < TRACK_SAMPLES:
-            if code == ALLOWED:
-                return LATE, 0.0
-            marks.refused[row] = True
-            marks.refused_finite[row] = True
-            if code == SHAPE:
-                return code, float(samples.points.shape[1])
-            if code == VELOCITY_BY_ACCEL:
-                return code, _largest_step(accepted.velocities[row], samples.velocities[i])
-            return code, _largest_step(accepted.points[row], samples.points[i])
-        code = TRACK_CHANGED
+        return code, value
+    known = marks.streak[row] > 0
+    follows = known and _allows(refused, row, samples, i, stamp) == ALLOWED
+    if follows and stamp > refused.stamp[row]:
+        marks.streak[row] += 1
+        _write(refused, row, samples, i, stamp)
+    elif not follows and not (known and marks.refused[row] and code == LATE):
+        # A late message must not hide a track that is about to be believed.
+        marks.streak[row] = 1
+        _write(refused, row, samples, i, stamp)
+    if code == VELOCITY_BY_ACCEL:
+        value = _largest_step(accepted.velocities[row], samples.velocities[i])
+    elif code == SHAPE:
+        value = float(samples.points.shape[1])
+    else:
         value = _largest_step(accepted.points[row], samples.points[i])
-    _write(accepted, row, samples, i, stamp)
-    marks.has_state[row] = True
-    marks.refused[row] = False
-    marks.streak[row] = 0
-    marks.revision[row] += 1
+    if marks.streak[row] >= TRACK_SAMPLES:
+        code = TRACK_CHANGED
+    elif code != LATE:
+        marks.refused[row] = True
+        marks.refused_finite[row] = True
     return code, value
 
 
@@ -231,9 +245,23 @@ def take_samples(
         if not in_world:
             _move_to_world(samples, i, rotation, translation)
             samples.position_error[i] += frame_error
-        codes[i], values[i] = _take(
-            accepted, refused, marks, rows[i], samples, i, stamp, source, speed_is_error
-        )
-        if codes[i] == TAKEN or codes[i] == TRACK_CHANGED:
+        row = rows[i]
+        code, value = _find_flaw(samples, i, speed_is_error)
+        if code == TAKEN and marks.owner[row] != source:
+            code = FOREIGN
+        elif code == TAKEN and marks.has_state[row]:
+            code = _allows(accepted, row, samples, i, stamp)
+            if code == ALLOWED and not stamp > accepted.stamp[row]:
+                code = LATE
+        if code != TAKEN:
+            code, value = _set_aside(accepted, refused, marks, row, samples, i, stamp, code, value)
+        codes[i] = code
+        values[i] = value
+        if code in (TAKEN, TRACK_CHANGED):
+            _write(accepted, row, samples, i, stamp)
+            marks.has_state[row] = True
+            marks.refused[row] = False
+            marks.streak[row] = 0
+            marks.revision[row] += 1
             taken += 1
     return taken

@@ -3,7 +3,7 @@
 `Obstacles` is what perception talks to and the monitor reads. Good rows are taken, implausible
 ones refused without an exception and left as faults for the next step; obstacles that are not
 seen stay, and grow with their bounds. The arrays are in `obstacle_table`, the rule that takes or
-refuses a sample in `obstacle_rule`, who has spoken when in `sources`.
+refuses a sample in `obstacle_rule`, what the monitor asks in `obstacle_register`.
 """
 
 from __future__ import annotations
@@ -28,16 +28,14 @@ from armguard.obstacle_call import (
     read_time,
     show,
 )
-from armguard.obstacle_faults import Fault, FaultKind, FaultQueue
-from armguard.obstacle_table import ObstacleTable, Samples
-from armguard.sources import NO_SOURCE, Source, SourceBook, SourceState, Tombstones
+from armguard.obstacle_faults import Fault, FaultKind
+from armguard.obstacle_register import NO_ROWS, IntArray, ObstacleRegister
+from armguard.obstacle_table import Samples
+from armguard.sources import NO_SOURCE, Source, SourceState
 
 __all__ = ["Fault", "FaultKind", "Frame", "Obstacles", "Source"]
 
-IntArray = NDArray[np.int64]
-
 WORLD = "world"
-NO_ROWS: IntArray = np.zeros(0, dtype=np.int64)
 
 _KINDS = {
     plausibility.POSITION_BY_ACCEL: (FaultKind.BEYOND_ACCEL, "position"),
@@ -45,6 +43,7 @@ _KINDS = {
     plausibility.VELOCITY_BY_ACCEL: (FaultKind.BEYOND_ACCEL, "velocity"),
     plausibility.VELOCITY_BY_SPEED: (FaultKind.BEYOND_SPEED, "velocity"),
     plausibility.SHAPE: (FaultKind.SHAPE_CHANGED, "position"),
+    rule.TOO_FAST: (FaultKind.BEYOND_SPEED, "velocity"),
     rule.FOREIGN: (FaultKind.TWO_PUBLISHERS, "id"),
     rule.TRACK_CHANGED: (FaultKind.TRACK_CHANGED, "position"),
 }
@@ -53,15 +52,8 @@ for _field, _name in enumerate(rule.FIELDS):
     _KINDS[rule.NEGATIVE + _field] = (FaultKind.NEGATIVE, _name)
 
 
-class Obstacles:
-    """The table of obstacles.
-
-    Attributes:
-        table: The arrays, by row; see `ObstacleTable`.
-        ids: Id of each row; empty where the row is free.
-        membership: Goes up whenever a row comes into use or is given back.
-        late_count: Late messages, by obstacle, that were ignored.
-    """
+class Obstacles(ObstacleRegister):
+    """The table of obstacles, as sources and applications write to it."""
 
     def __init__(
         self,
@@ -79,30 +71,12 @@ class Obstacles:
             sources: Those that must be heard: while one is not, the monitor says STOP.
             frames: By name, those that messages may refer to; "world" is always there.
         """
-        if isinstance(sources, str):
-            raise ObstacleError("sources", f"is the string {sources!r}", expected="a list of names")
-        self.table = ObstacleTable()
-        self.ids: list[str] = [""] * len(self.table.alive)
-        self.membership = 0
-        self.late_count = 0
+        super().__init__(sources)
         self._accel = read_bound("accel", accel)
         self._speed = read_bound("speed", speed)
-        self._book = SourceBook(sources)
         self._frames = {**(frames or {}), WORLD: Frame(np.eye(3), np.zeros(3))}
-        self._rows: dict[str, int] = {}
-        self._tombstones = Tombstones()
-        self._faults = FaultQueue()
-        self._added: set[int] = set()
-        self._removed: set[int] = set()
-        self._newest = -math.inf
-        self._any_refused = False
         nothing = read_samples(0, (), None, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._run_rule(NO_ROWS, nothing, 0.0, NO_SOURCE, WORLD, True)  # compiles it
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    # What sources say
 
     def update(
         self,
@@ -179,7 +153,7 @@ class Obstacles:
         if snapshot:
             self._remove_absent(rows, time, state, late)
 
-    def add_static(self, id: str, position: ArrayLike, radius: float) -> None:  # noqa: A002 (public name)
+    def add_static(self, id: str, position: ArrayLike, radius: float) -> None:
         """Adds an obstacle that stands still for ever and never ages.
 
         Args:
@@ -195,7 +169,7 @@ class Obstacles:
             (name,) = read_ids([id])
             if name in self._rows:
                 raise ObstacleError(f"id {name!r}", "is in the table already")
-            points = read_points("position", np.asarray(position)[np.newaxis], 1)[0]
+            points = read_points("position", [position], 1)[0]
             (size,) = read_field("radius", radius, 1)
             if not (np.isfinite(points).all() and 0.0 <= size < math.inf):
                 raise ObstacleError(
@@ -236,95 +210,6 @@ class Obstacles:
             state = self._book.hear(source, time)
         for name in names:
             self._remove_one(name, None if stamp is None else time, state, source)
-
-    # What the monitor asks
-
-    def row(self, id: str) -> int:  # noqa: A002 (public name)
-        """Row of an obstacle; -1 if it is not in the table."""
-        return self._rows.get(id, -1)
-
-    def source_of(self, row: int) -> str:
-        """Name of the source that a row belongs to; empty for a static obstacle."""
-        owner = int(self.table.owner[row])
-        return "" if owner == NO_SOURCE else self._book.states[owner].source.name
-
-    def drain_membership(self) -> tuple[IntArray, IntArray]:
-        """Rows that came into use and rows that lost their occupant since the last call.
-
-        A row can be in both: it was given back and taken again. Shapes (a,) and (r,), ascending.
-        """
-        if not self._added and not self._removed:
-            return NO_ROWS, NO_ROWS
-        added = np.array(sorted(self._added), dtype=np.int64)
-        removed = np.array(sorted(self._removed), dtype=np.int64)
-        self._added.clear()
-        self._removed.clear()
-        return added, removed
-
-    def refused_rows(self) -> IntArray:
-        """Rows beside whose state a refused sample stands. Shape (r,)."""
-        return np.flatnonzero(self.table.refused) if self._any_refused else NO_ROWS
-
-    def rows_ahead(self, now: float, tolerance: float) -> IntArray:
-        """Rows whose accepted stamp is more than `tolerance` [s] ahead of `now`. Shape (r,)."""
-        if self._newest - now <= tolerance:
-            return NO_ROWS
-        table = self.table
-        moving = table.alive & table.has_state & ~table.static
-        self._newest = float(np.max(table.stamp, where=moving, initial=-math.inf))
-        return np.flatnonzero(moving & ~(table.stamp - now <= tolerance))
-
-    def distrust(self, row: int) -> None:
-        """Gives up a row's accepted state: it counts as refused, until a good one comes."""
-        self.table.distrust(int(row))
-        self._any_refused = bool(self.table.refused.any())
-
-    @property
-    def has_sources(self) -> bool:
-        """Whether any source was named or has spoken."""
-        return bool(self._book.states)
-
-    @property
-    def heard_any(self) -> bool:
-        """Whether any source has spoken."""
-        return any(state.heard for state in self._book.states)
-
-    def required_sources(self) -> list[str]:
-        """Names of the sources whose silence counts."""
-        return [state.source.name for state in self._book.states if state.required]
-
-    def source_state(self, name: str) -> SourceState | None:
-        """What is known about a source; None if it was neither named nor heard."""
-        return self._book.find(name)
-
-    def silent_sources(self, now: float, default_timeout: float) -> list[str]:
-        """Required sources that are silent for longer than their timeout, in [s]."""
-        return self._book.silent(now, default_timeout)
-
-    def ahead_sources(self, now: float, tolerance: float) -> list[str]:
-        """Sources whose last stamp is more than `tolerance` [s] ahead of `now`.
-
-        Removals stamped so far ahead count as made now: else they would hide their ids for ever.
-        """
-        if not self._tombstones.newest - now <= tolerance:
-            self._tombstones.limit(now)
-        return self._book.ahead(now, tolerance)
-
-    def take_faults(self) -> list[Fault]:
-        """What was refused since the last call, oldest first."""
-        return self._faults.take()
-
-    @property
-    def fault_count(self) -> int:
-        """Faults since construction, taken or not."""
-        return self._faults.count
-
-    @property
-    def dropped_faults(self) -> int:
-        """Faults that nobody will see, because too many came between two steps."""
-        return self._faults.dropped
-
-    # How it is done
 
     def _read_call(self, stamp: object, source: object, frame: object) -> float:
         """The stamp, if the three make sense; None is no source in particular."""
@@ -396,16 +281,6 @@ class Obstacles:
             self._tombstones.lift(name)
         return row
 
-    def _take_row(self, name: str, owner: int) -> int:
-        row = self.table.take_row(owner)
-        if row >= 0:
-            self.ids.extend([""] * (len(self.table.alive) - len(self.ids)))
-            self.ids[row] = name
-            self._rows[name] = row
-            self._added.add(row)
-            self.membership += 1
-        return row
-
     def _remove_absent(self, rows: IntArray, time: float, state: SourceState, late: bool) -> None:
         """Removes what a snapshot does not show, unless something newer is known of it."""
         table = self.table
@@ -440,25 +315,3 @@ class Obstacles:
             self._faults.leave(FaultKind.STALE_REMOVAL, speaker, name, "stamp", newer, stamp)
         else:
             self._release(row, time)
-
-    def _release(self, row: int, time: float | None) -> None:
-        table = self.table
-        owner = int(table.owner[row])
-        name = self.ids[row]
-        if owner != NO_SOURCE:
-            if time is None:
-                time = self._book.states[owner].stamp
-                if table.has_state[row]:
-                    time = max(time, float(table.stamp[row]))
-            self._tombstones.add(name, time, owner)
-        table.free_row(row)
-        del self._rows[name]
-        self.ids[row] = ""
-        self.membership += 1
-        # A row that came and went between two looks of the monitor was never there for it.
-        if row in self._added:
-            self._added.discard(row)
-        else:
-            self._removed.add(row)
-        if self._any_refused:
-            self._any_refused = bool(table.refused.any())

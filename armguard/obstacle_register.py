@@ -1,0 +1,169 @@
+"""The side of the obstacle table that the monitor sees, and the register of its ids.
+
+Which row belongs to which id and source, who has gone silent, what was refused, which rows came
+and went: questions that are asked in every tick and answered without looking at each row.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.exceptions import ObstacleError
+from armguard.obstacle_faults import Fault, FaultQueue
+from armguard.obstacle_table import ObstacleTable
+from armguard.sources import NO_SOURCE, Source, SourceBook, SourceState, Tombstones
+
+IntArray = NDArray[np.int64]
+
+NO_ROWS: IntArray = np.zeros(0, dtype=np.int64)
+
+
+class ObstacleRegister:
+    """Obstacles by id, row and source.
+
+    Attributes:
+        table: The arrays, by row; see `ObstacleTable`.
+        ids: Id of each row; empty where the row is free.
+        membership: Goes up whenever a row comes into use or is given back.
+        late_count: Late messages, by obstacle, that were ignored.
+    """
+
+    def __init__(self, sources: Iterable[str | Source]) -> None:
+        if isinstance(sources, str):
+            raise ObstacleError("sources", f"is the string {sources!r}", expected="a list of names")
+        self.table = ObstacleTable()
+        self.ids: list[str] = [""] * len(self.table.alive)
+        self.membership = 0
+        self.late_count = 0
+        self._book = SourceBook(sources)
+        self._rows: dict[str, int] = {}
+        self._tombstones = Tombstones()
+        self._faults = FaultQueue()
+        self._added: set[int] = set()
+        self._removed: set[int] = set()
+        self._newest = -math.inf
+        self._any_refused = False
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def row(self, id: str) -> int:
+        """Row of an obstacle; -1 if it is not in the table."""
+        return self._rows.get(id, -1)
+
+    def source_of(self, row: int) -> str:
+        """Name of the source that a row belongs to; empty for a static obstacle."""
+        owner = int(self.table.owner[row])
+        return "" if owner == NO_SOURCE else self._book.states[owner].source.name
+
+    def drain_membership(self) -> tuple[IntArray, IntArray]:
+        """Rows that came into use and rows that lost their occupant since the last call.
+
+        A row can be in both: it was given back and taken again. Shapes (a,) and (r,), ascending.
+        """
+        if not self._added and not self._removed:
+            return NO_ROWS, NO_ROWS
+        added = np.array(sorted(self._added), dtype=np.int64)
+        removed = np.array(sorted(self._removed), dtype=np.int64)
+        self._added.clear()
+        self._removed.clear()
+        return added, removed
+
+    def refused_rows(self) -> IntArray:
+        """Rows beside whose state a refused sample stands. Shape (r,)."""
+        return np.flatnonzero(self.table.refused) if self._any_refused else NO_ROWS
+
+    def rows_ahead(self, now: float, tolerance: float) -> IntArray:
+        """Rows whose accepted stamp is more than `tolerance` [s] ahead of `now`. Shape (r,)."""
+        if self._newest - now <= tolerance:
+            return NO_ROWS
+        table = self.table
+        moving = table.alive & table.has_state & ~table.static
+        self._newest = float(np.max(table.stamp, where=moving, initial=-math.inf))
+        return np.flatnonzero(moving & ~(table.stamp - now <= tolerance))
+
+    def distrust(self, row: int) -> None:
+        """Gives up a row's accepted state: it counts as refused, until a good one comes."""
+        self.table.distrust(int(row))
+        self._any_refused = bool(self.table.refused.any())
+
+    @property
+    def has_sources(self) -> bool:
+        """Whether any source was named or has spoken."""
+        return bool(self._book.states)
+
+    @property
+    def heard_any(self) -> bool:
+        """Whether any source has spoken."""
+        return any(state.heard for state in self._book.states)
+
+    def required_sources(self) -> list[str]:
+        """Names of the sources whose silence counts."""
+        return [state.source.name for state in self._book.states if state.required]
+
+    def source_state(self, name: str) -> SourceState | None:
+        """What is known about a source; None if it was neither named nor heard."""
+        return self._book.find(name)
+
+    def silent_sources(self, now: float, default_timeout: float) -> list[str]:
+        """Required sources that are silent for longer than their timeout, in [s]."""
+        return self._book.silent(now, default_timeout)
+
+    def ahead_sources(self, now: float, tolerance: float) -> list[str]:
+        """Sources whose last stamp is more than `tolerance` [s] ahead of `now`.
+
+        Removals stamped so far ahead count as made now: else they would hide their ids for ever.
+        """
+        if not self._tombstones.newest - now <= tolerance:
+            self._tombstones.limit(now)
+        return self._book.ahead(now, tolerance)
+
+    def take_faults(self) -> list[Fault]:
+        """What was refused since the last call, oldest first."""
+        return self._faults.take()
+
+    @property
+    def fault_count(self) -> int:
+        """Faults since construction, taken or not."""
+        return self._faults.count
+
+    @property
+    def dropped_faults(self) -> int:
+        """Faults that nobody will see, because too many came between two steps."""
+        return self._faults.dropped
+
+    def _take_row(self, name: str, owner: int) -> int:
+        row = self.table.take_row(owner)
+        if row >= 0:
+            self.ids.extend([""] * (len(self.table.alive) - len(self.ids)))
+            self.ids[row] = name
+            self._rows[name] = row
+            self._added.add(row)
+            self.membership += 1
+        return row
+
+    def _release(self, row: int, time: float | None) -> None:
+        table = self.table
+        owner = int(table.owner[row])
+        name = self.ids[row]
+        if owner != NO_SOURCE:
+            if time is None:
+                time = self._book.states[owner].stamp
+                if table.has_state[row]:
+                    time = max(time, float(table.stamp[row]))
+            self._tombstones.add(name, time, owner)
+        table.free_row(row)
+        del self._rows[name]
+        self.ids[row] = ""
+        self.membership += 1
+        # A row that came and went between two looks of the monitor was never there for it.
+        if row in self._added:
+            self._added.discard(row)
+        else:
+            self._removed.add(row)
+        if self._any_refused:
+            self._any_refused = bool(table.refused.any())
