@@ -30,6 +30,7 @@ from armguard.simulation import (
     Recording,
     SimulatedArm,
     WanderingBalls,
+    keeps_within,
     random_trajectory,
 )
 from armguard.simulation.person import DURATIONS
@@ -43,6 +44,12 @@ REFRESH = 0.25
 
 SPEED_FRACTION = 0.3
 """Share of its velocity limits that the arm works at."""
+
+WORKSPACE = ((-0.6, -0.25, 0.02), (1.0, 1.0, 1.5))
+"""Where the arm works, in [m]: above its table, not on the side that people come from."""
+
+WORK_CYCLE = 30.0
+"""Until the arm's motion repeats, at least, in [s]."""
 
 COLORS = {Level.STOP: "red", Level.SLOW: "yellow", Level.AWARE: "cyan", Level.CLEAR: "green"}
 
@@ -132,7 +139,15 @@ def run_demo(
         robot = Robot.load("panda")
         obstacles = Obstacles(sources=[source.name for source in sources])
         monitor = Monitor(robot, obstacles, rate=RATE, schedule=schedule)
-        arm = SimulatedArm(random_trajectory(robot, seed, 30.0, speed_fraction=SPEED_FRACTION))
+        arm = SimulatedArm(
+            random_trajectory(
+                robot,
+                seed,
+                WORK_CYCLE,
+                speed_fraction=SPEED_FRACTION,
+                accept=keeps_within(robot, *WORKSPACE),
+            )
+        )
     tally = Tally(int(duration * RATE) + 1)
     try:
         _supervise(monitor, arm, sources, tally, console, live=not as_json)

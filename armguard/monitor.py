@@ -286,9 +286,10 @@ class Monitor:
         state.begin(now, arm_age, opening_time)
         grown, broken = ledger.disturbed(state, self.obstacles.table.revision)
         for disturbed in (grown, broken):
-            ledger.void(disturbed)
-            schedule.touch(disturbed)
-        for row in np.unique(broken // ledger.link_count):
+            if len(disturbed):
+                ledger.void(disturbed)
+                schedule.touch(disturbed)
+        for row in dict.fromkeys((broken // ledger.link_count).tolist()):
             reasons.append(Reason(ReasonKind.BOUND_BROKEN, self.obstacles.ids[row]))
         due = schedule.due()
         times = self._contact_times[: len(due)]

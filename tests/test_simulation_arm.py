@@ -5,7 +5,7 @@ import pytest
 
 from armguard.exceptions import ArmguardError
 from armguard.robot import Robot
-from armguard.simulation import JointTrajectory, SimulatedArm, keeps_above, random_trajectory
+from armguard.simulation import JointTrajectory, SimulatedArm, keeps_within, random_trajectory
 from armguard.simulation.trajectory import PEAK_ACCELERATION, PEAK_SPEED
 
 ROUNDING = 1e-9
@@ -87,13 +87,13 @@ def test_a_trajectory_holds_at_its_end_or_loops(panda):
 
 
 def test_random_trajectories_are_deterministic_and_can_keep_off_the_floor(panda):
-    accept = keeps_above(panda, 0.02)
+    accept = keeps_within(panda, (-np.inf, -np.inf, 0.02), (np.inf, np.inf, np.inf))
     first = random_trajectory(panda, 5, 10.0, accept=accept)
     again = random_trajectory(panda, 5, 10.0, accept=accept)
     assert np.array_equal(first.waypoints, again.waypoints)
     assert not np.array_equal(first.waypoints, random_trajectory(panda, 6, 10.0).waypoints)
     times = np.linspace(0.0, first.duration, 500)
-    above = keeps_above(panda, 0.0)
+    above = keeps_within(panda, (-np.inf, -np.inf, 0.0), (np.inf, np.inf, np.inf))
     assert all(above(first.sample(time)[0]) for time in times)
 
 

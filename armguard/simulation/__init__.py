@@ -8,7 +8,7 @@ from armguard.simulation.balls import WanderingBalls
 from armguard.simulation.person import ProceduralPerson
 from armguard.simulation.recordings import Recording
 from armguard.simulation.sources import ObstacleSink, ObstacleSource
-from armguard.simulation.trajectory import JointTrajectory, keeps_above, random_trajectory
+from armguard.simulation.trajectory import JointTrajectory, keeps_within, random_trajectory
 
 __all__ = [
     "JointTrajectory",
@@ -18,6 +18,6 @@ __all__ = [
     "Recording",
     "SimulatedArm",
     "WanderingBalls",
-    "keeps_above",
+    "keeps_within",
     "random_trajectory",
 ]

@@ -180,22 +180,29 @@ def random_trajectory(
     )
 
 
-def keeps_above(robot: Robot, height: float) -> Callable[[Array], bool]:
-    """A test for `random_trajectory`: no part of any moving link is below a height.
+def keeps_within(robot: Robot, lower: ArrayLike, upper: ArrayLike) -> Callable[[Array], bool]:
+    """A test for `random_trajectory`: every part of every moving link is inside a box.
 
     Args:
         robot: The arm.
-        height: In the frame of the arm's base, in [m].
+        lower: Corner of the box in the frame of the arm's base, in [m]; -inf is allowed.
+            Shape (3,).
+        upper: The opposite corner; inf is allowed. Shape (3,).
     """
+    low, high = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+    if not (low.shape == high.shape == (3,) and (low < high).all()):
+        raise ArmguardError("box", f"from {lower} to {upper}", expected="two corners (x, y, z)")
     data = robot.model.createData()
     hulls = [(robot.joint_index(link), robot.hull(link)) for link in robot.links]
 
     def accept(q: Array) -> bool:
         pinocchio.forwardKinematics(robot.model, data, q)
-        return all(
-            (vertices @ data.oMi[joint].rotation[2] + data.oMi[joint].translation[2]).min() > height
-            for joint, vertices in hulls
-        )
+        for joint, vertices in hulls:
+            placement = data.oMi[joint]
+            points = vertices @ placement.rotation.T + placement.translation
+            if not ((points >= low).all() and (points <= high).all()):
+                return False
+        return True
 
     return accept
 
