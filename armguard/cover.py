@@ -131,6 +131,11 @@ class Cover:
             )
         return self._trees[link]
 
+    def digest(self, link: str) -> str:
+        """Digest of the surface that a link's tree was made for."""
+        self.tree(link)
+        return self._geometry[link]
+
     def levels(self, link: str) -> int:
         """How many levels a link has: one more than the depth of its deepest leaf."""
         return int(_compute_depths(self.tree(link)).max()) + 1

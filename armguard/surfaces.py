@@ -82,6 +82,8 @@ def sweep_triangles(triangles: Array, travel: Array) -> Array:
     Returns:
         Triangles in [m]. Shape (9 n, 3, 3).
     """
+    if np.linalg.det(triangles).sum() < 0.0:  # six times the volume: the winding is inverted
+        triangles = triangles[:, ::-1]
     sides = triangles[:, 1:] - triangles[:, :1]
     is_front = np.cross(sides[:, 0], sides[:, 1]) @ travel >= 0.0
     start = np.where(is_front[:, None, None], triangles, triangles[:, ::-1])

@@ -1,0 +1,80 @@
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from arms import SOURCES, limits_for, two_links
+
+from armguard.exceptions import RobotError
+from armguard.robot import Robot
+from armguard.robot_description import read_description, robots_directory
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"velocity": None}, "velocity"),
+        ({"position": None}, "'shoulder'.*has no position limit"),
+        ({"acceleration": float("inf")}, "shoulder: acceleration = inf"),
+        ({"acceleration": float("nan")}, "shoulder: acceleration = nan"),
+        ({"braking": 0.0}, "shoulder: braking = 0.0"),
+        ({"braking": 5.5}, "exceeds acceleration"),
+        ({"velocity": -1.0}, "shoulder: velocity = -1.0"),
+        ({"position": [float("-inf"), 1.0]}, "shoulder: position"),
+        ({"position": [1.0, float("nan")]}, "shoulder: position"),
+        ({"position": [1.0, 1.0]}, "lower < upper"),
+        ({"position_error": float("nan")}, "position_error = nan"),
+        ({"velocity_error": -0.1}, "velocity_error = -0.1"),
+        ({"jerk": 10.0}, "jerk"),
+        ({"velocity": "fast"}, "velocity"),
+        ({"sources": {"speed": "a guess"}}, "speed"),
+    ],
+)
+def test_unusable_limits_are_refused_by_name(tmp_path, changes, message):
+    with pytest.raises(RobotError, match=message):
+        Robot.from_urdf(two_links(tmp_path), limits=limits_for("shoulder", **changes))
+
+
+def test_a_limit_without_source_is_refused(tmp_path):
+    limits = limits_for("shoulder")
+    limits["sources"] = SOURCES | {"braking": " "}
+    with pytest.raises(RobotError, match="shoulder: its braking limit has no source"):
+        Robot.from_urdf(two_links(tmp_path), limits=limits)
+
+
+@pytest.mark.parametrize("content", ["joints = 3", "[joints", "\xff", ""])
+def test_malformed_files_are_refused(tmp_path, content):
+    path = tmp_path / "robot.toml"
+    path.write_bytes(content.encode("latin-1"))
+    with pytest.raises(RobotError, match=r"robot\.toml"):
+        read_description(path)
+    with pytest.raises(RobotError, match="cannot be read"):
+        read_description(tmp_path / "none.toml")
+
+
+def test_robots_are_found_in_a_checkout():
+    assert robots_directory() == ROOT / "robots"
+
+
+def test_robots_are_found_in_a_wheel(tmp_path):
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path / "unpacked")
+    script = (
+        "import armguard.robot as r, armguard.robot_description as d;"
+        "print(d.robots_directory(), r.Robot.load('panda').links[0])"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=tmp_path / "unpacked",
+        env={"PYTHONPATH": str(tmp_path / "unpacked")},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert result.stdout.split() == [str(tmp_path / "unpacked/armguard/robots"), "panda_link1"]

@@ -1,0 +1,67 @@
+import coal
+import numpy as np
+import pytest
+
+from armguard.exceptions import RobotError
+from armguard.surface_distance import compute_signed_distances
+from armguard.surfaces import sweep_triangles, triangulate
+
+
+def points_on(shape, count=2000):
+    """Points on a round shape's surface."""
+    generator = np.random.default_rng(5)
+    points = generator.normal(size=(count, 3))
+    points *= shape.radius / np.linalg.norm(points, axis=1, keepdims=True)
+    if isinstance(shape, coal.Capsule):
+        points[:, 2] += np.where(points[:, 2] > 0.0, shape.halfLength, -shape.halfLength)
+    if isinstance(shape, coal.Cylinder):
+        points[:, :2] *= shape.radius / np.linalg.norm(points[:, :2], axis=1, keepdims=True)
+        points[:, 2] = generator.uniform(-1.0, 1.0, size=count) * shape.halfLength
+    return points
+
+
+@pytest.mark.parametrize(
+    "shape", [coal.Sphere(0.05), coal.Cylinder(0.05, 0.2), coal.Capsule(0.05, 0.3)]
+)
+def test_round_shapes_are_contained_and_only_just(shape):
+    distances = compute_signed_distances(points_on(shape), triangulate("tip", shape))
+    assert (distances < 1e-12).all()
+    assert (distances > -0.12 * shape.radius).all()
+
+
+def test_boxes_are_exact():
+    triangles = triangulate("tip", coal.Box(0.2, 0.4, 0.6))
+    assert set(np.abs(triangles).reshape(-1, 3).max(axis=0)) == {0.1, 0.2, 0.3}
+    sides = triangles[:, 1:] - triangles[:, :1]
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    assert np.linalg.norm(normals, axis=1).sum() / 2 == pytest.approx(2 * (0.08 + 0.12 + 0.24))
+    volume = np.einsum("ij,ij->i", triangles[:, 0], normals).sum() / 6
+    assert volume == pytest.approx(0.2 * 0.4 * 0.6)  # so all faces are wound outwards
+
+
+@pytest.mark.parametrize("winding", [1, -1])
+def test_a_swept_box_is_the_longer_box(winding):
+    box = triangulate("tip", coal.Box(0.2, 0.2, 0.2))[:, ::winding]
+    swept = sweep_triangles(box, np.array([0.0, 0.0, 0.3]))
+    points = np.random.default_rng(1).uniform(-0.5, 0.8, size=(4000, 3))
+    longer = np.abs(points - [0.0, 0.0, 0.15]) <= [0.1, 0.1, 0.25]
+    distances = compute_signed_distances(points, swept)
+    np.testing.assert_array_equal(distances < 0.0, longer.all(axis=1))
+
+
+def test_a_swept_sheet_does_not_vanish():
+    sheet = np.array([[[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]])
+    for travel in (np.array([0.2, 0.0, 0.0]), np.array([0.0, 0.0, 0.2])):
+        weights = np.random.default_rng(2).dirichlet(np.ones(3), size=500)
+        points = weights @ sheet[0] + np.linspace(0.0, 1.0, 500)[:, None] * travel
+        assert (compute_signed_distances(points, sweep_triangles(sheet, travel)) < 1e-12).all()
+
+
+def test_other_shapes_are_refused_by_name():
+    with pytest.raises(RobotError, match="tip: has collision geometry of kind Cone"):
+        triangulate("tip", coal.Cone(0.1, 0.2))
+
+
+def test_shapes_that_are_not_finite_are_refused_by_name():
+    with pytest.raises(RobotError, match="tip: has a vertex that is not finite"):
+        triangulate("tip", coal.Box(0.1, np.nan, 0.1))

@@ -1,0 +1,80 @@
+import numpy as np
+import pinocchio
+import pytest
+from arms import joint_xml, limits_for, link_xml, mesh_xml, two_links, write_stl, write_urdf
+
+from armguard.exceptions import RobotError
+from armguard.robot import Robot
+
+
+@pytest.mark.parametrize("content", ["", "<robot", "<robot/>", '<robot name="x"/>'])
+def test_unusable_urdfs_are_refused(tmp_path, content):
+    path = tmp_path / "arm.urdf"
+    path.write_text(content)
+    with pytest.raises(RobotError, match=r"arm|shoulder"):
+        Robot.from_urdf(path, limits=limits_for("shoulder"))
+    with pytest.raises(RobotError, match="cannot be read"):
+        Robot.from_urdf(tmp_path / "none.urdf", limits=limits_for("shoulder"))
+
+
+def test_mimic_joints_are_refused(tmp_path):
+    path = write_urdf(
+        tmp_path,
+        *(link_xml(name) for name in ("base", "upper", "lower")),
+        joint_xml("shoulder", "base", "upper"),
+        joint_xml("elbow", "upper", "lower", extra='<mimic joint="shoulder"/>'),
+    )
+    with pytest.raises(RobotError, match="'elbow': mimics joint 'shoulder'"):
+        Robot.from_urdf(path, limits=limits_for("shoulder", locked={"elbow": {"position": 0.0}}))
+
+
+@pytest.mark.parametrize(("kind", "freedoms"), [("floating", 6), ("planar", 3)])
+def test_moving_bases_are_refused(tmp_path, kind, freedoms):
+    path = write_urdf(
+        tmp_path,
+        *(link_xml(name) for name in ("world", "base", "upper")),
+        joint_xml("drive", "world", "base", kind),
+        joint_xml("shoulder", "base", "upper"),
+    )
+    with pytest.raises(RobotError, match=f"'drive': has {freedoms} degrees of freedom"):
+        Robot.from_urdf(path, limits=limits_for("shoulder"))
+
+
+def test_continuous_joints_become_unbounded_revolute_ones(tmp_path):
+    path = two_links(tmp_path, kind="continuous")
+    with pytest.raises(RobotError, match="'shoulder': is continuous and has no range"):
+        Robot.from_urdf(path, limits=limits_for("shoulder"))
+    robot = Robot.from_urdf(path, limits=limits_for("shoulder", position=None))
+    assert robot.model.nq == robot.model.nv == 1
+    assert (robot.lower_position_limit, robot.upper_position_limit) == (-np.inf, np.inf)
+    original = pinocchio.buildModelFromUrdf(str(path))
+    assert original.nq == 2
+    for angle in (-7.0, 0.3, 100.0):
+        data, expected = robot.model.createData(), original.createData()
+        pinocchio.forwardKinematics(robot.model, data, np.array([angle]))
+        pinocchio.forwardKinematics(original, expected, np.array([np.cos(angle), np.sin(angle)]))
+        np.testing.assert_allclose(data.oMi[1].homogeneous, expected.oMi[1].homogeneous, atol=1e-13)
+
+
+def test_meshes_are_found_beside_the_urdf(tmp_path, monkeypatch):
+    corners = np.eye(3) * 0.1
+    write_stl(tmp_path / "good.stl", [corners, corners[::-1] * 0.5])
+    monkeypatch.chdir("/")
+    robot = Robot.from_urdf(
+        two_links(tmp_path, mesh_xml("good.stl")), limits=limits_for("shoulder")
+    )
+    assert robot.triangles("upper").shape == (2, 3, 3)
+
+
+@pytest.mark.parametrize("damage", ["missing", "empty", "noise", "nan", "package"])
+def test_unreadable_meshes_are_refused_by_name(tmp_path, damage):
+    path = tmp_path / "bad.stl"
+    if damage == "empty":
+        write_stl(path, [])
+    elif damage == "noise":
+        path.write_bytes(bytes(range(256)))
+    elif damage == "nan":
+        write_stl(path, [np.full((3, 3), np.nan), np.eye(3)])
+    name = "package://none/bad.stl" if damage == "package" else "bad.stl"
+    with pytest.raises(RobotError, match=r"bad\.stl|'upper'"):
+        Robot.from_urdf(two_links(tmp_path, mesh_xml(name)), limits=limits_for("shoulder"))
