@@ -91,15 +91,15 @@ def describe_buckets(period: float) -> list[tuple[str, str, float]]:
     starts = [0] + [k for k in range(1, BUCKET_COUNT) if codes[k] != codes[k - 1]]
     lines = []
     for index, start in enumerate(starts):
-        begin = period * 2**start
+        begin = _format_time(period * 2**start)
         if index + 1 == len(starts):
-            text = f"over {_format_time(begin)}"
-        elif start == 0:
-            text = f"under {_format_time(period * 2 ** starts[index + 1])}"
+            text = f"over {begin}"
         else:
-            end = period * 2 ** starts[index + 1]
-            text = f"{_format_time(begin)} to {_format_time(end)}"
-        lines.append((text, codes[start], begin if start else 0.0))
+            end = _format_time(period * 2 ** starts[index + 1])
+            number, unit = begin.split()
+            text = f"{number if end.endswith(f' {unit}') else begin} to {end}"
+            text = text if start else f"under {end}"
+        lines.append((text, codes[start], period * 2**start if start else 0.0))
     return lines
 
 

@@ -138,8 +138,9 @@ class Obstacles(msgspec.Struct, frozen=True):
             buckets: Bucket of its most imminent pair; None: `NO_BUCKET`. Shape (n,).
         """
         number = len(ids)
-        rows = np.asarray(points, dtype="<f4").reshape(number, -1, 3)
-        width = rows.shape[1] if number else 0
+        rows = np.asarray(points, dtype="<f4")
+        width = rows.size // (3 * number) if number else 0
+        rows = rows.reshape(number, width, 3)
         used = np.full(number, width) if counts is None else np.asarray(counts)
         return cls(
             tuple(ids),

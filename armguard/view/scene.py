@@ -27,7 +27,7 @@ from armguard.view.drawing import Command
 from armguard.view.feed import FrameMessage, Obstacles, Pairs, SceneMessage
 
 ROOT = "/armguard"
-COVER_OPACITY = 0.34
+COVER_OPACITY = 0.2
 OBSTACLE_OPACITY = 0.8
 HULL_OPACITY = 0.45
 ROD_RADIUS = 0.006

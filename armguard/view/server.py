@@ -8,13 +8,13 @@ next bundle only after it has drawn the last: a slow one misses moments, a hung 
 
 from __future__ import annotations
 
+import importlib.metadata
+import socket
 import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
-import meshcat
 import tornado.httpserver
-import tornado.netutil
 import tornado.web
 import tornado.websocket
 
@@ -27,7 +27,10 @@ BROWSER_LIMIT = 16
 DONE = "done"
 _LOCAL_NAMES = ("127.0.0.1", "localhost", "::1")
 _PAGE = Path(__file__).resolve().parent / "page"
-_VIEWER = Path(meshcat.__file__).resolve().parent / "viewer" / "dist"
+# Importing Meshcat would start its own machinery; only its viewer is wanted.
+_VIEWER = Path(
+    str(importlib.metadata.distribution("meshcat").locate_file("meshcat/viewer/dist"))
+).resolve()
 _HEADERS = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
@@ -70,17 +73,10 @@ class ViewServer:
             websocket_max_message_size=64,
             log_function=_log_nothing,
         )
-        try:
-            sockets = tornado.netutil.bind_sockets(port, address=LOOPBACK)
-        except (OSError, OverflowError) as error:
-            raise ArmguardError(
-                f"port {port} on {LOOPBACK}",
-                f"cannot be used by the view: {error}",
-                remedy="name another port, or 0 for any that is free",
-            ) from error
+        listener = _listen(port)
         self._server = tornado.httpserver.HTTPServer(application)
-        self._server.add_sockets(sockets)
-        self.url = f"http://{LOOPBACK}:{sockets[0].getsockname()[1]}/"
+        self._server.add_socket(listener)
+        self.url = f"http://{LOOPBACK}:{listener.getsockname()[1]}/"
 
     def flush(self) -> None:
         """Hand every browser that waits for it what has changed; called after each frame."""
@@ -184,7 +180,23 @@ class BrowserSocket(_LocalOnly, tornado.websocket.WebSocketHandler):
         except tornado.websocket.WebSocketClosedError:
             return
         # A browser that goes away while it is being written to is no error.
-        sending.add_done_callback(lambda future: future.exception())
+        sending.add_done_callback(lambda future: future.cancelled() or future.exception())
+
+
+def _listen(port: int) -> socket.socket:
+    try:
+        # A number out of range would be wrapped around by the system, not refused.
+        if not 0 <= port <= 65535:
+            raise OSError("there is no such port")
+        listener = socket.create_server((LOOPBACK, port))
+    except OSError as error:
+        raise ArmguardError(
+            f"port {port} on {LOOPBACK}",
+            f"cannot be used by the view: {error}",
+            remedy="name another port, or 0 for any that is free",
+        ) from error
+    listener.setblocking(False)
+    return listener
 
 
 def _log_nothing(handler: tornado.web.RequestHandler) -> None:

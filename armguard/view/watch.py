@@ -21,6 +21,7 @@ from armguard.view.server import ViewServer
 
 PARENT_CHECK_INTERVAL = 0.25
 COMPLAINT_INTERVAL = 1.0
+QUEUE_LIMIT = 64
 _logger = logging.getLogger("armguard.view")
 
 
@@ -66,7 +67,7 @@ class Watch:
         while True:
             payloads = [await self._socket.recv()]
             # Only the newest moment counts; what waited behind it is past.
-            while await self._socket.poll(0):
+            while len(payloads) < QUEUE_LIMIT and await self._socket.poll(0):
                 payloads.append(await self._socket.recv())
             self._draw_newest(payloads)
 

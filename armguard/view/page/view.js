@@ -30,10 +30,10 @@ function furnish() {
   floor.add(plate, fine, coarse);
   viewer.set_object(["Floor"], floor);
 
+  // The camera's own frame has y up: world x, z, -y.
   viewer.camera.fov = 38;
-  viewer.set_property(["Cameras", "default", "rotated", "<object>"], "position", [2.7, 1.35, 2.1]);
-  viewer.set_transform(
-    ["Cameras", "default"], new THREE.Matrix4().makeTranslation(0.25, 0.1, 0.5).toArray());
+  viewer.camera.position.set(1.25, 1.45, 3.0);
+  viewer.controls.target.set(0.3, 0.66, -0.1);
 }
 
 // ---- commands -------------------------------------------------------------------------------
@@ -100,33 +100,6 @@ function fillVertices(command, make) {
   object.geometry.setDrawRange(0, count);
 }
 
-// Collada triangles come with three corners of their own each; shared corners are drawn once.
-function weld(geometry) {
-  const names = Object.keys(geometry.attributes);
-  if (geometry.index !== null || !names.every((name) => geometry.attributes[name].isBufferAttribute)) return;
-  const sources = names.map((name) => geometry.attributes[name]);
-  const known = new Map();
-  const indices = [];
-  const firsts = []; // of each corner that stays, where it was first seen
-  for (let i = 0; i < sources[0].count; i++) {
-    const key = sources.map(({ array, itemSize }) =>
-      array.slice(i * itemSize, (i + 1) * itemSize).join()).join();
-    let index = known.get(key);
-    if (index === undefined) {
-      index = firsts.push(i) - 1;
-      known.set(key, index);
-    }
-    indices.push(index);
-  }
-  sources.forEach(({ array, itemSize }, k) => {
-    const values = new Float32Array(firsts.length * itemSize);
-    firsts.forEach((first, i) =>
-      values.set(array.slice(first * itemSize, (first + 1) * itemSize), i * itemSize));
-    geometry.setAttribute(names[k], new THREE.BufferAttribute(values, itemSize));
-  });
-  geometry.setIndex(indices);
-}
-
 const commands = {
   instances: fillInstances,
   lines: (command) => fillVertices(command, (geometry) => new THREE.LineSegments(
@@ -149,9 +122,6 @@ viewer.handle_command = (command) => {
   } else {
     if (command.type === "delete") drawn.clear();
     meshcatCommand(command);
-    if (command.type === "set_object") {
-      weld(viewer.scene_tree.find(split(command.path).concat(["<object>"])).object.geometry);
-    }
   }
 };
 

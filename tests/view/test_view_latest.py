@@ -1,0 +1,71 @@
+import msgspec
+
+from armguard.view.drawing import Command
+from armguard.view.latest import BUNDLE_BYTES, LatestValues
+
+
+def command(key, value):
+    return Command(key, msgspec.msgpack.encode(value))
+
+
+def read_all(reader):
+    values = []
+    while (bundle := reader.take()) is not None:
+        values += msgspec.msgpack.decode(bundle)
+    return values
+
+
+def test_who_comes_late_is_told_everything_in_order():
+    latest = LatestValues()
+    for value in range(5):
+        latest.set(command("b", value))
+        latest.set(command("a", f"a{value}"))
+    assert read_all(latest.attach()) == [4, "a4"]
+
+
+def test_who_is_slow_is_told_the_present_only():
+    latest = LatestValues()
+    reader = latest.attach()
+    for value in range(1000):
+        latest.set(command(f"key{value % 3}", value))
+    assert sorted(read_all(reader)) == [997, 998, 999]
+    assert reader.take() is None
+
+
+def test_what_did_not_change_is_not_told_again():
+    latest = LatestValues()
+    reader = latest.attach()
+    latest.set(command("a", 1))
+    assert read_all(reader) == [1]
+    latest.set(command("a", 1))
+    assert reader.take() is None
+
+
+def test_large_values_come_in_several_bundles():
+    latest = LatestValues()
+    for value in range(5):
+        latest.set(command(str(value), b"x" * BUNDLE_BYTES))
+    reader = latest.attach()
+    bundles = [reader.take() for _ in range(5)]
+    assert all(len(msgspec.msgpack.decode(bundle)) == 1 for bundle in bundles)
+    assert reader.take() is None
+
+
+def test_nothing_of_a_cleared_picture_is_told():
+    latest = LatestValues()
+    old, new = latest.attach(), latest.attach()
+    latest.set(command("a", 1))
+    read_all(old)
+    latest.clear(command("clear", "all"))
+    latest.set(command("b", 2))
+    for reader in (old, new, latest.attach()):
+        assert read_all(reader) == ["all", 2]
+
+
+def test_who_has_left_is_forgotten():
+    latest = LatestValues()
+    reader = latest.attach()
+    latest.detach(reader)
+    latest.detach(reader)
+    latest.set(command("a", 1))
+    assert reader.take() is None

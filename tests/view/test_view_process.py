@@ -1,0 +1,164 @@
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import zmq
+from tornado.httpclient import HTTPClient
+from view_samples import make_frame, make_scene
+
+from armguard.exceptions import ArmguardError
+from armguard.view import FramePublisher, launch
+from armguard.view.feed import encode_message
+
+TIMEOUT = 10.0
+
+
+def wait_until(condition):
+    deadline = time.monotonic() + TIMEOUT
+    while not condition():
+        assert time.monotonic() < deadline, "timed out"
+        time.sleep(0.02)
+
+
+def port_of(url):
+    return int(url.rstrip("/").rsplit(":", 1)[1])
+
+
+def is_open(port):
+    with socket.socket() as connection:
+        return connection.connect_ex(("127.0.0.1", port)) == 0
+
+
+def is_alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def listening_addresses(pid):
+    """Local addresses, in the kernel's hexadecimal, on which a process accepts connections."""
+    inodes = set()
+    for descriptor in Path(f"/proc/{pid}/fd").iterdir():
+        target = os.readlink(descriptor)
+        if target.startswith("socket:["):
+            inodes.add(target[8:-1])
+    addresses = set()
+    for table in ("tcp", "tcp6", "udp", "udp6"):
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+            fields = line.split()
+            if fields[9] in inodes and (table.startswith("udp") or fields[3] == "0A"):
+                addresses.add(fields[1].split(":")[0])
+    return addresses
+
+
+@pytest.fixture(scope="module")
+def view():
+    with launch("tcp://127.0.0.1:1") as process:
+        yield process
+
+
+def test_it_listens_on_the_loopback_interface_only(view):
+    assert view.url.startswith("http://127.0.0.1:")
+    assert listening_addresses(view.pid) == {"0100007F"}
+
+
+def test_a_port_in_use_is_refused(view, capfd):
+    with pytest.raises(ArmguardError, match="exit code 2"):
+        launch("tcp://127.0.0.1:1", port_of(view.url))
+    assert f"port {port_of(view.url)}" in capfd.readouterr().err
+
+
+def test_a_malformed_address_is_refused_in_one_line(capfd):
+    with pytest.raises(ArmguardError, match="exit code 2"):
+        launch("nonsense")
+    error = capfd.readouterr().err
+    assert "nonsense" in error
+    assert len(error.splitlines()) == 1
+
+
+def test_closing_leaves_no_process_and_no_port():
+    process = launch("tcp://127.0.0.1:1")
+    assert process.running
+    assert is_open(port_of(process.url))
+    process.close()
+    assert not process.running
+    assert not is_alive(process.pid)
+    assert not is_open(port_of(process.url))
+    process.close()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_it_quietly(number, capfd):
+    command = [sys.executable, "-m", "armguard.view", "tcp://127.0.0.1:1"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert "http://127.0.0.1:" in process.stdout.readline()
+        process.send_signal(number)
+        assert process.wait(TIMEOUT) == 0
+    assert capfd.readouterr().err == ""
+
+
+def test_it_ends_when_its_parent_is_killed():
+    script = """
+import time
+from armguard.view import launch
+view = launch("tcp://127.0.0.1:1")
+print(view.pid, view.url, flush=True)
+time.sleep(60)
+"""
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, text=True
+    ) as parent:
+        pid, url = parent.stdout.readline().split()
+        assert is_alive(pid)
+        parent.kill()
+        parent.wait()
+    wait_until(lambda: not is_alive(pid))
+    assert not is_open(port_of(url))
+
+
+def test_a_stopped_view_can_be_closed():
+    process = launch("tcp://127.0.0.1:1")
+    os.kill(process.pid, signal.SIGSTOP)
+    process.close()
+    assert not is_alive(process.pid)
+
+
+def test_rubbish_on_the_feed_is_counted_and_survived(capfd):
+    context = zmq.Context()
+    try:
+        socket_ = context.socket(zmq.PUB)
+        port = socket_.bind_to_random_port("tcp://127.0.0.1")
+        with launch(f"tcp://127.0.0.1:{port}") as view:
+            time.sleep(0.5)
+            for rubbish in (b"", b"\xff" * 100, b"\x00", encode_message(make_scene(period=-1.0))):
+                socket_.send(rubbish)
+            socket_.send(encode_message(make_scene(robot="nobody")))
+            socket_.send(encode_message(make_frame()))
+            time.sleep(0.5)
+            assert view.running
+            client = HTTPClient()
+            assert client.fetch(view.url).code == 200
+            client.close()
+        lines = capfd.readouterr().err.splitlines()
+        assert 1 <= len(lines) <= 3
+        assert all("feed" in line for line in lines)
+    finally:
+        context.destroy(linger=0)
+
+
+def test_it_attaches_to_a_feed_that_comes_and_goes(view):
+    with FramePublisher("tcp://127.0.0.1:*") as publisher:
+        address = publisher.address
+    with launch(address) as process:
+        for _ in range(2):
+            with FramePublisher(address) as publisher:
+                publisher.publish_scene(make_scene())
+                publisher.publish_frame(make_frame())
+                time.sleep(0.1)
+        assert process.running

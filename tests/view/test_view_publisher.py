@@ -1,0 +1,87 @@
+import time
+
+import pytest
+import zmq
+from view_samples import make_frame, make_scene
+
+from armguard.exceptions import ArmguardError
+from armguard.view import FramePublisher, SceneMessage
+from armguard.view.feed import decode_message
+from armguard.view.publisher import SCENE_INTERVAL
+
+
+@pytest.fixture
+def subscriber():
+    context = zmq.Context()
+    socket = context.socket(zmq.SUB)
+    socket.set(zmq.RCVTIMEO, 5000)
+    socket.set(zmq.RCVHWM, 2)
+    socket.subscribe(b"")
+    yield socket
+    context.destroy(linger=0)
+
+
+def test_nobody_listens_and_nothing_happens():
+    with FramePublisher("tcp://127.0.0.1:*") as publisher:
+        publisher.publish_scene(make_scene())
+        for sequence in range(1000):
+            publisher.publish_frame(make_frame(sequence=sequence))
+        assert publisher.dropped == 0
+
+
+def test_who_comes_late_is_told_the_scene(subscriber):
+    with FramePublisher("tcp://127.0.0.1:*") as publisher:
+        publisher.publish_scene(make_scene())
+        subscriber.connect(publisher.address)
+        heard = []
+        for sequence in range(200):
+            publisher.publish_frame(make_frame(sequence=sequence))
+            time.sleep(0.005)
+            while subscriber.poll(0):
+                heard.append(decode_message(subscriber.recv()))
+            if len(heard) > 2 * SCENE_INTERVAL:
+                break
+        scenes = [message for message in heard if isinstance(message, SceneMessage)]
+        assert scenes
+        assert all(scene == make_scene() for scene in scenes)
+
+
+def test_who_never_reads_finds_few_old_frames_and_delays_nobody(subscriber, tmp_path):
+    with FramePublisher(f"ipc://{tmp_path}/feed") as publisher:
+        subscriber.connect(publisher.address)
+        time.sleep(0.2)
+        frames = 20_000
+        frame = make_frame()
+        for _ in range(frames):
+            publisher.publish_frame(frame)
+        waiting = 0
+        while subscriber.poll(100):
+            subscriber.recv()
+            waiting += 1
+        # What the two queues and the kernel's buffer hold, not what was said.
+        assert waiting < frames / 4
+
+
+def test_what_cannot_be_sent_is_counted_and_never_raised():
+    publisher = FramePublisher("tcp://127.0.0.1:*")
+    publisher.publish_frame(make_frame(now="soon", q=object()))
+    assert publisher.dropped == 1
+    assert "object" in publisher.problem
+    publisher.close()
+    publisher.publish_frame(make_frame())
+    publisher.close()
+    assert publisher.dropped == 2
+
+
+@pytest.mark.parametrize("address", ["nonsense", "tcp://127.0.0.1:notaport", "carrier://pigeon"])
+def test_an_address_that_cannot_be_bound_is_named(address):
+    with pytest.raises(ArmguardError, match=address.split(":")[0]):
+        FramePublisher(address)
+
+
+def test_an_address_in_use_is_named():
+    with (
+        FramePublisher("tcp://127.0.0.1:*") as publisher,
+        pytest.raises(ArmguardError, match="cannot be bound"),
+    ):
+        FramePublisher(publisher.address)

@@ -1,0 +1,180 @@
+import math
+
+import numpy as np
+import pytest
+from view_samples import PERIOD, Q, make_frame, make_scene, read_command
+
+from armguard.exceptions import ArmguardError
+from armguard.robot_description import find_example_urdf
+from armguard.view import NO_BUCKET, Obstacles, Pairs, compute_buckets
+from armguard.view.arm import Arm
+from armguard.view.buckets import REFUSED_COLOUR, compute_colours, parse_colour
+from armguard.view.scene import Scene
+
+
+class Picture:
+    """What the page would show."""
+
+    def __init__(self):
+        self.payloads = {}
+        self.scene = Scene(self.draw, self.payloads.clear)
+
+    def draw(self, command):
+        self.payloads[command.key] = command.payload
+
+    def __getitem__(self, key):
+        return read_command(self.payloads[key])
+
+
+@pytest.fixture(scope="module")
+def shared_picture():
+    picture = Picture()
+    picture.scene.draw_scene(make_scene())
+    return picture
+
+
+@pytest.fixture
+def picture(shared_picture):
+    shared_picture.scene.draw_frame(make_frame())
+    return shared_picture
+
+
+def test_the_arm_is_drawn_from_its_visual_meshes_with_a_pose_each(picture):
+    meshes = [key for key in picture.payloads if key.startswith("set_object /armguard/arm/")]
+    poses = [key for key in picture.payloads if key.startswith("set_transform /armguard/arm/")]
+    assert len(meshes) == len(poses) == 11
+    assert all(picture[key]["object"]["object"]["format"] == "dae" for key in meshes)
+    assert picture["banner "]["notes"] == []
+
+
+def test_cover_balls_stand_where_the_joints_are(picture):
+    arm = Arm(make_scene())
+    arm.place((0.0,) * 7)
+    centres = arm.compute_centres()
+    # Panda stretched upwards: its shoulder is 0.333 m above the base, its elbow 0.649 m.
+    assert np.allclose(centres[0], (0.0, 0.0, 0.333))
+    assert np.allclose(centres[4], (0.0, 0.0, 0.649))
+    base = np.eye(4)
+    base[:3, 3] = (1.0, 2.0, 3.0)
+    moved = Arm(make_scene(base=tuple(base.ravel())))
+    moved.place((0.0,) * 7)
+    assert np.allclose(moved.compute_centres(), centres + base[:3, 3])
+
+
+def test_joints_may_come_in_any_order(picture):
+    scene = make_scene()
+    mixed = Arm(make_scene(joints=scene.joints[::-1]))
+    straight = Arm(scene)
+    mixed.place(Q[::-1])
+    straight.place(Q)
+    assert np.allclose(mixed.compute_centres(), straight.compute_centres())
+
+
+@pytest.mark.parametrize("contact_time", [0.01, 0.3, 3.0, math.inf])
+def test_everything_has_the_colour_of_its_bucket(picture, contact_time):
+    picture.scene.draw_frame(make_frame(contact_time))
+    colour = compute_colours(PERIOD)[compute_buckets(contact_time, PERIOD)]
+    for key in (
+        "instances /armguard/cover",
+        "instances /armguard/obstacles/balls",
+        "instances /armguard/obstacles/rods",
+        "instances /armguard/pairs/first",
+        "surface /armguard/obstacles/hulls",
+        "lines /armguard/pairs/lines",
+    ):
+        colours = picture[key]["colours"].reshape(-1, 3)
+        assert len(colours)
+        assert np.allclose(colours, colour), key
+
+
+def test_matrices_place_balls_and_rods(picture):
+    balls = picture["instances /armguard/obstacles/balls"]["matrices"].reshape(-1, 4, 4)
+    assert len(balls) == 3  # one ball, and the two ends of a capsule
+    assert np.allclose(balls[0, 3, :3], (0.9, 0.1, 0.7))
+    assert np.allclose(np.diag(balls[0])[:3], 0.15)
+    (rod,) = picture["instances /armguard/obstacles/rods"]["matrices"].reshape(-1, 4, 4)
+    assert np.allclose(rod[3, :3], (0.2, 0.7, 0.55))
+    assert np.allclose(rod[1, :3], (0.0, 0.0, 0.7), atol=1e-6)
+    axes = rod[:3, :3].astype(float)
+    assert np.allclose(np.linalg.norm(axes, axis=1), (0.1, 0.7, 0.1))
+    assert np.linalg.det(axes) > 0.0
+
+
+def test_a_hull_spans_its_points(picture):
+    corners = picture["surface /armguard/obstacles/hulls"]["positions"].reshape(-1, 3)
+    assert np.allclose(corners.min(axis=0), (0.4, -0.9, 0.2), atol=2e-3)
+    assert np.allclose(corners.max(axis=0), (0.8, -0.5, 0.4), atol=2e-3)
+
+
+def test_flat_and_repeated_hulls_are_drawn_too(picture):
+    flat = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    obstacles = Obstacles.pack(["flat", "point"], [flat, [[1, 1, 1]] * 4], [0.0, 0.0])
+    picture.scene.draw_frame(make_frame(obstacles=obstacles))
+    assert len(picture["surface /armguard/obstacles/hulls"]["positions"]) > 0
+    assert picture["banner "]["obstacles"] == 2
+
+
+def test_a_refused_obstacle_has_a_colour_of_its_own(picture):
+    obstacles = Obstacles.pack(["ghost"], [[0, 0, 1]], [0.1], refused=[True], buckets=[0])
+    picture.scene.draw_frame(make_frame(obstacles=obstacles))
+    colours = picture["instances /armguard/obstacles/balls"]["colours"]
+    assert np.allclose(colours, parse_colour(REFUSED_COLOUR))
+    assert NO_BUCKET not in compute_buckets([0.0, math.inf], PERIOD)
+
+
+def test_what_is_nowhere_is_not_drawn(picture):
+    points = [[0, 0, 1], [math.nan, 0, 1], [0, 0, 2], [0, math.inf, 0]]
+    obstacles = Obstacles.pack(list("abcd"), points, [0.1, 0.1, math.nan, 0.1])
+    pairs = Pairs.pack([[[0, 0, 0], [0, 0, math.nan]]], [0])
+    picture.scene.draw_frame(make_frame(obstacles=obstacles, pairs=pairs))
+    assert picture["instances /armguard/obstacles/balls"]["colours"].size == 3
+    assert picture["lines /armguard/pairs/lines"]["positions"].size == 0
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"q": (0.0,) * 6}, {"q": (math.nan,) * 7}, {"sphere_buckets": b"\0"}],
+)
+def test_an_arm_that_cannot_be_placed_is_said_and_the_rest_is_drawn(picture, changes):
+    picture.scene.draw_frame(make_frame(sequence=77, **changes))
+    banner = picture["banner "]
+    assert "not moved" in banner["notes"][0]
+    assert banner["sequence"] == 77
+
+
+def test_an_unknown_robot_is_said_and_the_rest_is_drawn():
+    picture = Picture()
+    picture.scene.draw_frame(make_frame())
+    assert not picture.payloads
+    picture.scene.draw_scene(make_scene(robot="no-such-arm"))
+    picture.scene.draw_frame(make_frame())
+    assert "no-such-arm" in picture["banner "]["notes"][0]
+    assert "instances /armguard/obstacles/balls" in picture.payloads
+
+
+def test_joints_that_the_robot_lacks_are_refused():
+    with pytest.raises(ArmguardError, match="elbow"):
+        Arm(make_scene(joints=("elbow",)))
+
+
+def test_collision_geometry_stands_in_for_missing_meshes_and_says_so(tmp_path):
+    urdf, packages = find_example_urdf("panda_description/urdf/panda.urdf")
+    text = urdf.read_text().replace("meshes/visual/", "meshes/nowhere/")
+    path = tmp_path / "own.urdf"
+    path.write_text(text)
+    picture = Picture()
+    picture.scene.draw_scene(make_scene(robot="own", urdf=str(path), package_dirs=(str(packages),)))
+    picture.scene.draw_frame(make_frame())
+    assert "collision geometry" in picture["banner "]["notes"][0]
+    mesh = picture["set_object /armguard/arm/panda_link1_0"]["object"]["geometries"][0]
+    assert mesh["data"]["attributes"]["position"]["array"].size > 100
+
+
+def test_the_same_scene_again_costs_nothing_and_another_one_starts_afresh():
+    picture = Picture()
+    picture.scene.draw_scene(make_scene(robot="a"))
+    picture.payloads["marker"] = b""
+    picture.scene.draw_scene(make_scene(robot="a"))
+    assert "marker" in picture.payloads
+    picture.scene.draw_scene(make_scene(robot="b"))
+    assert "marker" not in picture.payloads

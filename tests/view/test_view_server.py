@@ -1,0 +1,204 @@
+import asyncio
+import contextlib
+
+import msgspec
+import pytest
+from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
+from tornado.websocket import WebSocketClientConnection, websocket_connect
+
+from armguard.exceptions import ArmguardError
+from armguard.view.drawing import show
+from armguard.view.latest import LatestValues
+from armguard.view.server import BROWSER_LIMIT, DONE, ViewServer
+
+TIMEOUT = 5.0
+
+
+class Stage:
+    """A server, and browsers to look at it."""
+
+    def __init__(self) -> None:
+        self.values = LatestValues()
+        self.server = ViewServer(self.values, "tcp://127.0.0.1:1")
+        self._browsers: list[WebSocketClientConnection] = []
+
+    async def get(self, path: str = "", **headers: str):
+        request = HTTPRequest(self.server.url + path, headers=headers)
+        return await AsyncHTTPClient().fetch(request, raise_error=False)
+
+    async def browse(self, **headers: str) -> WebSocketClientConnection:
+        url = self.server.url.replace("http", "ws") + "feed"
+        browser = await websocket_connect(HTTPRequest(url, headers=headers))
+        self._browsers.append(browser)
+        return browser
+
+    async def close(self) -> None:
+        for browser in self._browsers:
+            browser.close()
+        self.server.close()
+        await asyncio.sleep(0.05)
+
+
+async def hear(browser: WebSocketClientConnection):
+    message = await asyncio.wait_for(browser.read_message(), TIMEOUT)
+    return None if message is None else msgspec.msgpack.decode(message)
+
+
+async def hears_nothing(browser: WebSocketClientConnection) -> bool:
+    # The next message is asked for once only: tornado allows one reader at a time.
+    waiting = asyncio.ensure_future(browser.read_message())
+    done, _ = await asyncio.wait([waiting], timeout=0.2)
+    with contextlib.suppress(asyncio.CancelledError):
+        waiting.cancel()
+    return not done
+
+
+def on_stage(play):
+    async def run():
+        stage = Stage()
+        try:
+            await play(stage)
+        finally:
+            await stage.close()
+
+    asyncio.run(run())
+
+
+def test_the_page_and_meshcat_are_served_with_strict_headers():
+    async def play(stage):
+        for path, content in (
+            ("", b"meshcat/main.min.js"),
+            ("view.js", b"MeshCat.Viewer"),
+            ("view.css", b"#banner"),
+            ("meshcat/main.min.js", b"MeshCat"),
+        ):
+            answer = await stage.get(path)
+            assert answer.code == 200
+            assert content in answer.body
+            assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
+
+    on_stage(play)
+
+
+def test_no_other_file_is_served():
+    async def play(stage):
+        for path in ("../server.py", "%2e%2e/server.py", "meshcat/index.html", "/etc/passwd"):
+            assert (await stage.get(path)).code in (403, 404)
+
+    on_stage(play)
+
+
+def test_names_that_only_resolve_to_this_machine_are_refused():
+    async def play(stage):
+        for host in ("evil.example", "evil.example:80", "127.0.0.1.evil.example", "[::1", "a:b:c"):
+            assert (await stage.get(Host=host)).code in (400, 403)
+            with pytest.raises(HTTPClientError):
+                await stage.browse(Host=host)
+        for host in ("localhost:1234", "127.0.0.1"):
+            assert (await stage.get(Host=host)).code == 200
+
+    on_stage(play)
+
+
+def test_pages_of_other_origins_are_refused():
+    async def play(stage):
+        own = stage.server.url.rstrip("/")
+        for origin in ("http://evil.example", "http://127.0.0.1:1", "null", own + "0"):
+            with pytest.raises(HTTPClientError):
+                await stage.browse(Origin=origin)
+        browser = await stage.browse(Origin=own)
+        assert (await hear(browser))["type"] == "hello"
+
+    on_stage(play)
+
+
+def test_who_comes_late_is_told_the_present():
+    async def play(stage):
+        for sequence in range(100):
+            stage.values.set(show("banner", {"sequence": sequence}))
+            stage.server.flush()
+        browser = await stage.browse()
+        hello = await hear(browser)
+        assert hello["address"] == "tcp://127.0.0.1:1"
+        assert 0.0 <= hello["silence"] < TIMEOUT
+        await browser.write_message(DONE)
+        (banner,) = await hear(browser)
+        assert banner["sequence"] == 99
+
+    on_stage(play)
+
+
+def test_who_is_told_before_there_is_news_hears_that():
+    async def play(stage):
+        browser = await stage.browse()
+        assert (await hear(browser))["silence"] is None
+
+    on_stage(play)
+
+
+def test_who_has_not_drawn_the_last_moment_is_told_no_other():
+    async def play(stage):
+        browser = await stage.browse()
+        await hear(browser)
+        for sequence in range(50):
+            stage.values.set(show("banner", {"sequence": sequence}))
+            stage.server.flush()
+        assert await hears_nothing(browser)
+
+    on_stage(play)
+
+
+def test_slow_and_quick_browsers_each_get_the_latest():
+    async def play(stage):
+        slow, quick = await stage.browse(), await stage.browse()
+        for browser in (slow, quick):
+            await hear(browser)
+            await browser.write_message(DONE)
+        await asyncio.sleep(0.05)
+        for sequence in range(5):
+            stage.values.set(show("banner", {"sequence": sequence}))
+            stage.server.flush()
+            (banner,) = await hear(quick)
+            assert banner["sequence"] == sequence
+            await quick.write_message(DONE)
+            await asyncio.sleep(0.02)
+        (first,) = await hear(slow)
+        await slow.write_message(DONE)
+        (last,) = await hear(slow)
+        assert (first["sequence"], last["sequence"]) == (0, 4)
+
+    on_stage(play)
+
+
+@pytest.mark.parametrize("message", ["draw!", b"done", DONE + DONE, "x" * 1000])
+def test_browsers_may_say_nothing_else(message):
+    async def play(stage):
+        browser = await stage.browse()
+        await hear(browser)
+        await browser.write_message(message, binary=isinstance(message, bytes))
+        assert await hear(browser) is None
+
+    on_stage(play)
+
+
+def test_too_many_browsers_are_sent_away():
+    async def play(stage):
+        watching = [await stage.browse() for _ in range(BROWSER_LIMIT)]
+        for browser in watching:
+            assert (await hear(browser))["type"] == "hello"
+        assert await hear(await stage.browse()) is None
+        watching[0].close()
+        await asyncio.sleep(0.1)
+        assert (await hear(await stage.browse()))["type"] == "hello"
+
+    on_stage(play)
+
+
+def test_a_port_in_use_and_an_impossible_one_are_named():
+    async def play(stage):
+        port = int(stage.server.url.rstrip("/").rsplit(":", 1)[1])
+        for unusable in (port, 70_000):
+            with pytest.raises(ArmguardError, match=str(unusable)):
+                ViewServer(stage.values, "tcp://127.0.0.1:1", unusable)
+
+    on_stage(play)
