@@ -98,6 +98,8 @@ class TickState:
             motion.velocity_error,
         )
         self._obstacles = obstacles
+        self.sphere_time = np.full(len(self.tree.radius), np.inf)
+        """Soonest contact time that each sphere was given in this tick, [s]. Shape (n,)."""
         self._node_time = np.zeros(len(self.tree.radius))
         self._view_table()
 
@@ -112,6 +114,7 @@ class TickState:
         self.now = now
         self.arm_age = arm_age
         self.opening_time = opening_time
+        self.sphere_time.fill(np.inf)
         self._view_table()
 
     def _view_table(self) -> None:
@@ -152,6 +155,7 @@ def _link_time(
     advances: int,
     by_distance: bool,
     node_time: FloatArray,
+    sphere_time: FloatArray,
 ) -> tuple[float, int, int]:
     """Contact time of one link and one body, the node that decided, and evaluations spent."""
     best = np.inf
@@ -212,6 +216,7 @@ def _link_time(
         if tree.parent[node] >= 0:
             time = max(time, node_time[tree.parent[node]])
         node_time[node] = time
+        sphere_time[node] = min(sphere_time[node], time)
         opens = tree.first_child[node] >= 0 and time < opening_time and time < best
         if opens:
             node = tree.first_child[node]
@@ -238,6 +243,7 @@ def _evaluate(
     advances: int,
     by_distance: bool,
     node_time: FloatArray,
+    sphere_time: FloatArray,
     contact_times: FloatArray,
     nodes: IntArray,
 ) -> int:
@@ -264,6 +270,7 @@ def _evaluate(
                 advances,
                 by_distance,
                 node_time,
+                sphere_time,
             )
             evaluations += spent
         if marks.refused[row] and not marks.refused_finite[row]:
@@ -283,6 +290,7 @@ def _evaluate(
                 advances,
                 by_distance,
                 node_time,
+                sphere_time,
             )
             evaluations += spent
             if other < best:
@@ -321,6 +329,7 @@ def evaluate(state: TickState, pairs: IntArray, contact_times: FloatArray, nodes
         state.advances,
         state.by_distance,
         state._node_time,
+        state.sphere_time,
         contact_times,
         nodes,
     )
