@@ -68,7 +68,7 @@ def read_bound(name: str, value: object) -> float:
     return float(value)
 
 
-def read_points(name: str, value: ArrayLike, count: int) -> FloatArray:
+def read_points(name: str, value: ArrayLike | list[ArrayLike], count: int) -> FloatArray:
     """Points or velocities of `count` obstacles, copied. Shape (count, k, 3), k from 1 to 8."""
     array = _read_array(name, value)
     if count == 0 and array.size == 0:
@@ -134,7 +134,7 @@ def read_samples(
     )
 
 
-def _read_array(name: str, value: ArrayLike) -> FloatArray:
+def _read_array(name: str, value: ArrayLike | list[ArrayLike]) -> FloatArray:
     if isinstance(value, np.ma.MaskedArray):
         # What was masked out was not measured.
         value = np.ma.filled(value.astype(np.float64), np.nan)

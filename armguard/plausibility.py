@@ -4,10 +4,9 @@ A certificate made from an old state stays true for as long as the body keeps it
 tests say whether a newer (or late) measurement agrees with that: for obstacles between any two
 records, for the arm against everything accepted before.
 
-Rounding goes towards acceptance and is bounded: durations are widened by `SLACK` times the stamps,
-positions and velocities by `SLACK` times the magnitudes that entered the test (`SLACK` is eight
-times the spacing of float64 at one), so nothing passes that is more than some 1e-14 of its own
-magnitude beyond its bound. NaN never passes.
+Rounding goes towards acceptance and is bounded: durations are widened by `SLACK` (eight ulp of 1)
+times the stamps, lengths and speeds by `SLACK` times the magnitudes that enter the test. NaN never
+passes.
 """
 
 from __future__ import annotations
@@ -115,17 +114,11 @@ def body_allows(
     velocity_change += velocity_error0 + velocity_error1
     top_speed = speed0 + velocity_error1
     for k in range(count0):
-        stray2 = 0.0
-        step2 = 0.0
-        change2 = 0.0
-        velocity2 = 0.0
-        length = 0.0
-        rate = 0.0
+        stray2 = step2 = change2 = velocity2 = 0.0
+        length = rate = 0.0
         for axis in range(3):
-            x0 = points0[k, axis]
-            x1 = points1[k, axis]
-            v0 = velocities0[k, axis]
-            v1 = velocities1[k, axis]
+            x0, x1 = points0[k, axis], points1[k, axis]
+            v0, v1 = velocities0[k, axis], velocities1[k, axis]
             step = x1 - x0
             stray = step - v0 * elapsed
             step2 += step * step
@@ -183,8 +176,7 @@ def _test_joint(
     if not (slowest - changed <= v <= fastest + changed):
         return VELOCITY_BY_ACCEL
     for k in range(anchor_stamps.shape[0]):
-        q0 = anchor_positions[k, joint]
-        v0 = anchor_velocities[k, joint]
+        q0, v0 = anchor_positions[k, joint], anchor_velocities[k, joint]
         duration = stamp - anchor_stamps[k] + clock_slack
         stray = abs(q - q0 - v0 * (stamp - anchor_stamps[k]))
         bound = 2.0 * position_error + (0.5 * accel * duration + velocity_error) * duration
@@ -201,7 +193,6 @@ def _accept_joints(
     anchor_stamps: Array,
     anchor_positions: Array,
     anchor_velocities: Array,
-    ages: Array,
     stamp: float,
     q: Array,
     v: Array,
@@ -224,8 +215,8 @@ def _accept_joints(
         )
         if code != ALLOWED:
             return code + 16 * joint
-    clock_slack = SLACK * (abs(stamp) + abs(anchor_stamps[0]))
-    elapsed = stamp - anchor_stamps[0] + clock_slack
+    # Rounded stamps add up exactly, so the slack for them belongs to the test alone.
+    elapsed = stamp - anchor_stamps[0]
     for joint in range(joints):
         top_speed, accel, position_error, velocity_error = limits[:, joint]
         speed = max(top_speed, abs(v[joint]), abs(anchor_velocities[0, joint]))
@@ -236,7 +227,7 @@ def _accept_joints(
         reachable[2, joint] = min(reachable[2, joint] + changed, v[joint] + velocity_error)
         reachable[3, joint] = max(reachable[3, joint] - changed, v[joint] - velocity_error)
     for k in range(anchor_stamps.shape[0]):
-        if k == 0 or stamp - anchor_stamps[k] >= ages[k]:
+        if k == 0 or stamp - anchor_stamps[k] >= ANCHOR_AGES[k]:
             anchor_stamps[k] = stamp
             for joint in range(joints):
                 anchor_positions[k, joint] = q[joint]
@@ -287,7 +278,6 @@ class JointHistory:
         self._anchor_stamps = np.empty(len(ANCHOR_AGES))
         self._anchor_positions = np.empty((len(ANCHOR_AGES), self._joints))
         self._anchor_velocities = np.empty((len(ANCHOR_AGES), self._joints))
-        self._epoch = 0.0
         self.joint = -1
         self.code = ALLOWED
         self.clear()
@@ -339,9 +329,7 @@ class JointHistory:
 
     def _run(self, stamp: float, q: Array, v: Array) -> None:
         if self._empty:
-            # Time is counted from near by, so that stamps keep their nanoseconds.
-            self._epoch = stamp
-            self._anchor_stamps[:] = 0.0
+            self._anchor_stamps[:] = stamp
             self._anchor_positions[:] = q
             self._anchor_velocities[:] = v
         code = _accept_joints(
@@ -350,8 +338,7 @@ class JointHistory:
             self._anchor_stamps,
             self._anchor_positions,
             self._anchor_velocities,
-            ANCHOR_AGES,
-            stamp - self._epoch,
+            stamp,
             q,
             v,
         )
