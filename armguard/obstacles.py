@@ -119,7 +119,9 @@ class Obstacles(ObstacleRegister):
         """
         try:
             names = read_ids(ids)
-            time = self._read_call(stamp, source, frame)
+            time = read_time("stamp", stamp)
+            self._check_source(source)
+            self._check_frame(frame)
             if not isinstance(snapshot, (bool, np.bool_)):
                 raise ObstacleError("snapshot", f"is {show(snapshot)}", expected="True or False")
             if names and radius is None:
@@ -202,26 +204,27 @@ class Obstacles(ObstacleRegister):
         """
         try:
             names = read_ids(ids)
-            time = self._read_call(0.0 if stamp is None else stamp, source, WORLD)
+            time = None if stamp is None else read_time("stamp", stamp)
+            if source is not None:
+                self._check_source(source)
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
         state = None if source is None else self._book.find(source)
-        if source is not None and stamp is not None:
+        if source is not None and time is not None:
             state = self._book.hear(source, time)
         for name in names:
-            self._remove_one(name, None if stamp is None else time, state, source)
+            self._remove_one(name, time, state, source)
 
-    def _read_call(self, stamp: object, source: object, frame: object) -> float:
-        """The stamp, if the three make sense; None is no source in particular."""
-        if source is not None:
-            if not isinstance(source, str) or not source:
-                raise ObstacleError("source", f"is {show(source)}", expected="a name")
-            self._book.check_room(source)
+    def _check_source(self, source: object) -> None:
+        if not isinstance(source, str) or not source:
+            raise ObstacleError("source", f"is {show(source)}", expected="a name")
+        self._book.check_room(source)
+
+    def _check_frame(self, frame: object) -> None:
         if not isinstance(frame, str) or frame not in self._frames:
             raise ObstacleError(
                 "frame", f"{show(frame)} is unknown", expected=f"one of {sorted(self._frames)}"
             )
-        return read_time("stamp", stamp)
 
     def _leave_malformed(
         self, error: ObstacleError, source: object, stamp: object
