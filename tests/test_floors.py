@@ -1,0 +1,141 @@
+"""armguard is built in floors: a module imports only from below, so data can flow one way only.
+
+The table here is the law; docs/architecture.md tells it in words.
+"""
+
+import ast
+import graphlib
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "armguard"
+
+# Floor, step on that floor, and the modules and packages that stand there. Steps part what one
+# module of a floor is made of; a package stands on one step as a whole.
+FLOORS = [
+    (0, 1, "exceptions clock latency enclosing_ball hull surface_distance"),
+    (0, 2, "advancement fitting plausibility"),
+    (0, 3, "contact"),
+    (1, 1, "certificate cover frames obstacle_faults obstacle_table sources verdict"),
+    (1, 2, "obstacle_call obstacle_register obstacle_rule"),
+    (1, 3, "obstacles"),
+    (2, 1, "levers robot_description surfaces urdf"),
+    (2, 2, "robot"),
+    (3, 1, "bounds joint_states kinematics"),
+    (4, 1, "exact pairs"),
+    (5, 1, "ledger schedules"),
+    (6, 1, "monitor"),
+    (7, 1, "armguard cell_schema simulation streams"),
+    (7, 2, "cell"),
+    (8, 1, "loop view"),
+    (8, 2, "demo"),
+    (9, 1, "cli"),
+]
+FLOOR_OF = {name: (floor, step) for floor, step, names in FLOORS for name in names.split()}
+
+
+def read_modules(package=PACKAGE):
+    """Syntax trees of all modules under `package`, by dotted name without `armguard.`."""
+    trees = {}
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package.parent).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        trees[name] = (ast.parse(path.read_text(encoding="utf-8")), path.name == "__init__.py")
+    return trees
+
+
+MODULES = read_modules()
+
+
+def read_imports(name, modules=MODULES):
+    """Names of the armguard modules that one module imports, wherever in it the import stands."""
+    tree, is_package = modules[name]
+    parent = name if is_package else name.rpartition(".")[0]
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            relative = "." * node.level + (node.module or "")
+            base = importlib.util.resolve_name(relative, parent) if node.level else node.module
+            # `from package import module` imports the module, `from module import name` its home.
+            found |= {
+                f"{base}.{alias.name}" if f"{base}.{alias.name}" in modules else base
+                for alias in node.names
+            }
+    return {one for one in found if one.split(".")[0] == "armguard"}
+
+
+def read_room(name):
+    """What stands on a floor: a top-level module, a package as a whole, or armguard itself."""
+    parts = name.split(".")
+    return parts[1] if len(parts) > 1 else parts[0]
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_a_module_imports_only_from_lower_floors(name):
+    room = read_room(name)
+    assert room in FLOOR_OF, (
+        f"{room} has no floor: add it to FLOORS in tests/test_floors.py, above all that it "
+        "imports, and say in docs/architecture.md what it holds"
+    )
+    for imported in read_imports(name):
+        other = read_room(imported)
+        if other == room:
+            continue  # within a package: held by the test of cycles
+        assert other in FLOOR_OF, f"{name} imports {imported}, which has no floor"
+        assert FLOOR_OF[other] < FLOOR_OF[room], (
+            f"{name} (floor {FLOOR_OF[room]}) imports {imported} (floor {FLOOR_OF[other]}): "
+            "move what both need to a lower floor, or hand it over as an argument"
+        )
+
+
+def test_the_table_names_nothing_that_is_gone():
+    assert not set(FLOOR_OF) - {read_room(name) for name in MODULES}
+
+
+def test_no_module_imports_itself_by_way_of_others():
+    graph = {name: read_imports(name) for name in MODULES}
+    list(graphlib.TopologicalSorter(graph).static_order())  # raises CycleError with the cycle
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_no_import_hides(name):
+    tree, _ = MODULES[name]
+    words = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    words |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    words |= {
+        alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert not words & {"TYPE_CHECKING", "import_module", "__import__"}
+
+
+def test_what_the_reader_of_imports_sees(tmp_path):
+    package = tmp_path / "armguard"
+    (package / "rooms").mkdir(parents=True)
+    (package / "__init__.py").write_text("from armguard import lamp")
+    (package / "lamp.py").write_text("import numpy\ndef late():\n    import armguard.rooms.door")
+    (package / "rooms" / "__init__.py").write_text("from . import door\nfrom ..lamp import late")
+    (package / "rooms" / "door.py").write_text("from armguard.rooms import hinge")
+    modules = read_modules(package)
+    assert {name: read_imports(name, modules) for name in modules} == {
+        "armguard": {"armguard.lamp"},
+        "armguard.lamp": {"armguard.rooms.door"},
+        "armguard.rooms": {"armguard.rooms.door", "armguard.lamp"},
+        "armguard.rooms.door": {"armguard.rooms"},
+    }
+
+
+def test_the_architecture_page_tells_the_same_floors():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    told = {}
+    for floor, rooms in re.findall(r"^\| (\d) \| ([^|]+) \|", page, flags=re.MULTILINE):
+        told |= {name: int(floor) for name in re.findall(r"`(\w+)(?:\.py|/)`", rooms)}
+    assert told == {name: floor for name, (floor, _) in FLOOR_OF.items() if name != "armguard"}
