@@ -74,6 +74,9 @@ class Obstacles(ObstacleRegister):
         super().__init__(sources)
         self._accel = read_bound("accel", accel)
         self._speed = read_bound("speed", speed)
+        for name, place in (frames or {}).items():
+            if not isinstance(place, Frame):
+                raise ObstacleError(f"frame {name!r}", f"is {show(place)}", expected="a Frame")
         self._frames = {**(frames or {}), WORLD: Frame(np.eye(3), np.zeros(3))}
         nothing = read_samples(0, (), None, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._run_rule(NO_ROWS, nothing, 0.0, NO_SOURCE, WORLD, True)  # compiles it

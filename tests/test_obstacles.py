@@ -153,6 +153,8 @@ def test_frames_turn_positions_and_velocities_and_add_their_error():
 def test_frames_are_checked(frame):
     with pytest.raises(ObstacleError, match="frame"):
         Frame(*frame)
+    with pytest.raises(ObstacleError, match="frame"):
+        Obstacles(frames={"cam": frame})
 
 
 def test_statics_stand_still_and_belong_to_nobody():
