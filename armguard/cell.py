@@ -1,0 +1,302 @@
+"""`Cell`: a cell file made into robot, obstacles and monitor.
+
+The file says what is particular to one cell: which arm stands where, which sensors look at it and
+with which clocks, what never moves, and how careful to be. The same file is what a run, a replay
+and a study start from.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+import pinocchio
+from numpy.typing import ArrayLike, NDArray
+
+from armguard.cell_schema import CellTables, Quaternion, given, make_error, parse_cell
+from armguard.exceptions import ArmguardError, CellError
+from armguard.monitor import Monitor
+from armguard.obstacles import Frame, Obstacles, Source
+from armguard.robot import Robot
+
+_UNIT_TOLERANCE = 1e-3
+
+_T = TypeVar("_T")
+
+
+class Placement(NamedTuple):
+    """A frame in the world, and how far points given in it may be off by."""
+
+    rotation: NDArray[np.float64]
+    """World from frame. Shape (3, 3)."""
+    translation: NDArray[np.float64]
+    """Origin of the frame in the world, in [m]. Shape (3,)."""
+    calibration_error: float
+    """In [m]; errors along a chain of frames add up."""
+
+    def apply(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Points of the frame in the world, in [m]. Shape (..., 3)."""
+        moved: NDArray[np.float64] = np.asarray(points, float) @ self.rotation.T + self.translation
+        return moved
+
+
+class Cell:
+    """A checked cell file; made by `Cell.load` or `Cell.from_text`.
+
+    Attributes:
+        file: Name of the file, for messages.
+        tables: What it says, as read.
+        frames: Placements in the world by name, "world" and "base" (the robot's) among them.
+    """
+
+    def __init__(self, tables: CellTables, file: str, folder: Path) -> None:
+        self.file = file
+        self.tables = tables
+        self._folder = folder
+        self._check_robot()
+        self._check_sources()
+        self.frames = self._resolve_frames()
+        self._statics = self._place_statics()
+
+    @classmethod
+    def load(cls, path: str | Path) -> Cell:
+        """Read a cell file; paths inside it are relative to its folder.
+
+        Raises:
+            CellError: If it cannot be read or says something impossible.
+        """
+        path = Path(path)
+        try:
+            text = path.read_bytes().decode()
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
+            raise CellError(str(path), f"cannot be read ({reason})") from None
+        return cls(parse_cell(text, str(path)), str(path), path.parent)
+
+    @classmethod
+    def from_text(cls, text: str, folder: str | Path = ".") -> Cell:
+        """Read a cell from TOML text; paths inside it are relative to `folder`.
+
+        Raises:
+            CellError: If it says something impossible.
+        """
+        return cls(parse_cell(text, "cell"), "cell", Path(folder))
+
+    def build(self) -> tuple[Robot, Obstacles, Monitor]:
+        """Robot, obstacles and the monitor that watches them.
+
+        Raises:
+            CellError: If the robot cannot be made, or something in the file does not fit it.
+        """
+        robot = self.make_robot()
+        obstacles = self.make_obstacles()
+        return robot, obstacles, self.make_monitor(robot, obstacles)
+
+    def make_robot(self) -> Robot:
+        """The robot that the file names."""
+        table = self.tables.robot
+        if table.name is not None:
+            return self._attempt("robot.name", Robot.load, table.name)
+
+        def load_urdf() -> Robot:
+            return Robot.from_urdf(
+                self._folder / str(table.urdf),
+                limits=self._folder / str(table.limits),
+                joints=table.joints,
+                package_dirs=[self._folder / folder for folder in table.package_dirs],
+            )
+
+        return self._attempt("robot.urdf", load_urdf)
+
+    def make_obstacles(self) -> Obstacles:
+        """The table of obstacles, with its sources, frames and statics."""
+        bounds = given(self.tables.bounds)
+        bounds.pop("margin", None)
+        sources = [
+            Source(name, table.timeout, table.required)
+            for name, table in self.tables.sources.items()
+        ]
+        frames = {
+            name: Frame(placement.rotation, placement.translation, placement.calibration_error)
+            for name, placement in self.frames.items()
+            if name != "world"
+        }
+
+        def make() -> Obstacles:
+            obstacles = Obstacles(sources=sources, frames=frames, **bounds)
+            for name, (points, radius) in self._statics.items():
+                obstacles.add_static(name, points, radius)
+            return obstacles
+
+        return self._attempt("bounds", make)
+
+    def make_monitor(self, robot: Robot, obstacles: Obstacles) -> Monitor:
+        """The monitor, with the file's settings; what the file leaves out is as in `Monitor`."""
+        tables = self.tables
+        settings = {**given(tables.monitor), **given(tables.thresholds)}
+        margin = given(tables.bounds).get("margin")
+        if margin is not None:
+            settings["margin"] = margin
+        base = self.frames["base"]
+        placement = pinocchio.SE3(base.rotation, base.translation)
+        ignore = self._expand_ignore(robot)
+
+        def make() -> Monitor:
+            return Monitor(robot, obstacles, ignore=ignore, base_placement=placement, **settings)
+
+        return self._attempt("", make)
+
+    def _check_robot(self) -> None:
+        table = self.tables.robot
+        if (table.name is None) == (table.urdf is None):
+            both = table.name is not None
+            raise self._error(
+                "robot",
+                "has both name and urdf" if both else "has neither name nor urdf",
+                'name = "panda", or urdf and limits',
+            )
+        if table.urdf is not None and table.limits is None:
+            raise self._error("robot.limits", "is missing", "a file of joint limits for the urdf")
+        if table.name is not None:
+            for key in ("limits", "package_dirs", "joints"):
+                value = getattr(table, key)
+                if value:
+                    raise self._error(
+                        f"robot.{key}",
+                        f"is {value!r} beside robot.name",
+                        "it only beside robot.urdf",
+                    )
+        if table.joints is not None and (not table.joints or _repeats(table.joints)):
+            raise self._error("robot.joints", f"is {table.joints!r}", "joint names, each once")
+
+    def _check_sources(self) -> None:
+        for name, table in self.tables.sources.items():
+            if table.clock == "arrival" and not table.latency > 0.0:
+                raise self._error(
+                    f"sources.{name}.latency",
+                    f'is {table.latency} with clock = "arrival"',
+                    "the longest time in seconds from measurement to arrival",
+                )
+            for bound in ("speed", "accel"):
+                if table.clock == "arrival" and bound not in given(self.tables.bounds):
+                    raise self._error(
+                        f"bounds.{bound}",
+                        f'is missing with sources.{name}.clock = "arrival"',
+                        "the bound, since it says how far things get between two clocks",
+                    )
+            if table.rate is None or table.timeout is None:
+                continue
+            if not table.timeout * table.rate > 1.0:
+                raise self._error(
+                    f"sources.{name}.timeout",
+                    f"is {table.timeout}",
+                    f"longer than one period of its rate, {1.0 / table.rate:.4g} s",
+                )
+
+    def _resolve_frames(self) -> dict[str, Placement]:
+        base = self.tables.robot.base
+        rotation = self._rotation("robot.base.quaternion", base.quaternion)
+        resolved = {
+            "world": Placement(np.eye(3), np.zeros(3), 0.0),
+            "base": Placement(rotation, np.array(base.xyz), 0.0),
+        }
+        frames = self.tables.frames
+        for name in frames:
+            if name in resolved:
+                raise self._error(f"frames.{name}", "is a frame of its own", "another name")
+        for name in frames:
+            self._resolve(name, resolved, [])
+        return resolved
+
+    def _resolve(self, name: str, resolved: dict[str, Placement], below: list[str]) -> Placement:
+        if name in resolved:
+            return resolved[name]
+        child = below[-1] if below else name
+        if name not in self.tables.frames:
+            known = ", ".join(["world", "base", *self.tables.frames])
+            raise self._error(f"frames.{child}.parent", f"is {name!r}", f"one of {known}")
+        if name in below:
+            chain = " in ".join([*below[below.index(name) :], name])
+            raise self._error(f"frames.{child}.parent", f"makes a circle ({chain})", "a tree")
+        table = self.tables.frames[name]
+        parent = self._resolve(table.parent, resolved, [*below, name])
+        rotation = self._rotation(f"frames.{name}.quaternion", table.quaternion)
+        resolved[name] = Placement(
+            parent.rotation @ rotation,
+            parent.apply(table.xyz),
+            parent.calibration_error + table.calibration_error,
+        )
+        return resolved[name]
+
+    def _rotation(self, key: str, quaternion: Quaternion) -> NDArray[np.float64]:
+        norm = math.hypot(*quaternion)
+        if not abs(norm - 1.0) <= _UNIT_TOLERANCE:
+            raise self._error(
+                key, f"is {list(quaternion)}, of length {norm:.6g}", "x, y, z, w of length 1"
+            )
+        x, y, z, w = (value / norm for value in quaternion)
+        rotation: NDArray[np.float64] = pinocchio.Quaternion(w, x, y, z).toRotationMatrix()
+        return rotation
+
+    def _place_statics(self) -> dict[str, tuple[NDArray[np.float64], float]]:
+        placed = {}
+        for name, table in self.tables.statics.items():
+            if (table.position is None) == (table.points is None):
+                raise self._error(
+                    f"statics.{name}", "has not exactly one of position and points", "one of them"
+                )
+            if table.frame not in self.frames:
+                raise self._error(
+                    f"statics.{name}.frame",
+                    f"is {table.frame!r}",
+                    f"one of {', '.join(self.frames)}",
+                )
+            frame = self.frames[table.frame]
+            points = table.points if table.position is None else table.position
+            placed[name] = (frame.apply(np.array(points)), table.radius + frame.calibration_error)
+        return placed
+
+    def _expand_ignore(self, robot: Robot) -> list[tuple[str, str]]:
+        pairs = []
+        for number, (pattern, obstacle) in enumerate(self.tables.ignore):
+            links = [link for link in robot.links if fnmatchcase(link, pattern)]
+            if not links:
+                raise self._error(
+                    f"ignore[{number}]",
+                    f"names the link {pattern!r}",
+                    f"a pattern that fits one of {', '.join(robot.links)}",
+                )
+            pairs += [(link, obstacle) for link in links]
+        return pairs
+
+    def _attempt(self, key: str, make: Callable[..., _T], *arguments: object) -> _T:
+        """Make something, its errors becoming ones of this file."""
+        try:
+            return make(*arguments)
+        except CellError:
+            raise
+        except ArmguardError as error:
+            key = self._find_key(error.offender) or key
+            offender = f"{self.file}: {key}" if key else self.file
+            problem = f"{error.offender}: {error.problem}"
+            raise CellError(
+                offender, problem, expected=error.expected, remedy=error.remedy
+            ) from error
+
+    def _find_key(self, offender: str) -> str:
+        """The key behind a setting that a constructor refused, if it is one of this file's."""
+        for table in ("monitor", "thresholds", "bounds"):
+            if offender in given(getattr(self.tables, table)):
+                return f"{table}.{offender}"
+        return ""
+
+    def _error(self, key: str, problem: str, expected: str) -> CellError:
+        return make_error(self.file, key, problem, expected)
+
+
+def _repeats(names: list[str]) -> bool:
+    return len(set(names)) < len(names)

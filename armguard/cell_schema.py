@@ -1,0 +1,230 @@
+"""What a cell file may say: the tables and keys of `cell.toml`, their units and ranges.
+
+Parsing is strict and every mistake is one `CellError` that names file, key, value and what was
+expected. A key that is absent leaves the matter to the default of the class that it configures,
+so no default is written down twice.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
+from msgspec import UNSET, Meta, UnsetType
+
+from armguard.exceptions import CellError
+
+Positive = Annotated[float, Meta(gt=0.0)]
+NotNegative = Annotated[float, Meta(ge=0.0)]
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Name = Annotated[str, Meta(min_length=1)]
+
+
+class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Refuses keys that it does not know."""
+
+
+class BaseTable(_Table, frozen=True, kw_only=True):
+    """`[robot.base]`: where the robot stands in the world."""
+
+    xyz: Vector = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+class RobotTable(_Table, frozen=True, kw_only=True):
+    """`[robot]`: one that armguard knows, or anybody's URDF with a file of limits."""
+
+    name: Name | None = None
+    urdf: Name | None = None
+    limits: Name | None = None
+    package_dirs: list[Name] = []
+    joints: list[Name] | None = None
+    base: BaseTable = BaseTable()
+
+
+class StampTable(_Table, frozen=True, kw_only=True):
+    """`[joint_state]`: how the robot's states are stamped."""
+
+    clock: Literal["monotonic", "unix"] = "monotonic"
+    latency: NotNegative = 0.0
+
+
+class FrameTable(_Table, frozen=True, kw_only=True):
+    """`[frames.<name>]`: where a sensor stands, and how well that is known."""
+
+    parent: Name = "world"
+    xyz: Vector = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    calibration_error: NotNegative = 0.0
+
+
+class SourceTable(_Table, frozen=True, kw_only=True):
+    """`[sources.<name>]`: one that sends obstacles."""
+
+    rate: Positive | None = None
+    timeout: Positive | None = None
+    clock: Literal["monotonic", "unix", "arrival"] = "monotonic"
+    latency: NotNegative = 0.0
+    required: bool = True
+
+
+class StaticTable(_Table, frozen=True, kw_only=True):
+    """`[statics.<id>]`: something that never moves, a ball or the rounded hull of 8 points."""
+
+    frame: Name = "world"
+    position: Vector | None = None
+    points: Annotated[list[Vector], Meta(min_length=1, max_length=8)] | None = None
+    radius: NotNegative
+
+
+class BoundsTable(_Table, frozen=True, kw_only=True):
+    """`[bounds]`: what obstacles can do unless they say otherwise, and what counts as contact."""
+
+    accel: NotNegative | UnsetType = UNSET
+    speed: NotNegative | UnsetType = UNSET
+    margin: NotNegative | UnsetType = UNSET
+
+
+class MonitorTable(_Table, frozen=True, kw_only=True):
+    """`[monitor]`: how often and how pairs are looked at."""
+
+    rate: Positive | UnsetType = UNSET
+    schedule: Name | UnsetType = UNSET
+    motion: Name | UnsetType = UNSET
+    freshness: Annotated[float, Meta(ge=0.0, lt=1.0)] | UnsetType = UNSET
+
+
+class ThresholdsTable(_Table, frozen=True, kw_only=True):
+    """`[thresholds]`: times in [s] that decide about levels and faults."""
+
+    reaction_time: NotNegative | UnsetType = UNSET
+    latency: NotNegative | UnsetType = UNSET
+    slow_margin: NotNegative | UnsetType = UNSET
+    aware_margin: NotNegative | UnsetType = UNSET
+    hold: NotNegative | UnsetType = UNSET
+    source_timeout: Positive | UnsetType = UNSET
+    joint_timeout: Positive | UnsetType = UNSET
+
+
+class CellTables(_Table, frozen=True, kw_only=True):
+    """A whole cell file."""
+
+    robot: RobotTable
+    joint_state: StampTable = StampTable()
+    frames: dict[Name, FrameTable] = {}
+    sources: dict[Name, SourceTable] = {}
+    statics: dict[Name, StaticTable] = {}
+    ignore: list[tuple[Name, Name]] = []
+    bounds: BoundsTable = BoundsTable()
+    monitor: MonitorTable = MonitorTable()
+    thresholds: ThresholdsTable = ThresholdsTable()
+
+
+_NAMED: dict[str, type[_Table]] = {
+    "frames": FrameTable,
+    "sources": SourceTable,
+    "statics": StaticTable,
+}
+
+_T = TypeVar("_T")
+
+
+def make_error(file: str, key: str, problem: str, expected: str = "") -> CellError:
+    """The CellError about one key, given by its dotted path."""
+    return CellError(f"{file}: {key}" if key else file, problem, expected=expected)
+
+
+def parse_cell(text: str, file: str) -> CellTables:
+    """Read the text of a cell file.
+
+    Args:
+        text: TOML.
+        file: What to call it in errors.
+
+    Raises:
+        CellError: If it is no TOML, or has a key or value that it must not have.
+    """
+    try:
+        raw = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise make_error(file, "", f"is no TOML ({error})") from None
+    _check_finite(raw, "", file)
+    # Tables with free names one by one: msgspec does not say which entry was wrong.
+    for table, kind in _NAMED.items():
+        entries = raw.get(table, {})
+        if isinstance(entries, dict):
+            for name, entry in entries.items():
+                _convert(entry, kind, f"{table}.{name}", file)
+    return _convert(raw, CellTables, "", file)
+
+
+def given(table: msgspec.Struct) -> dict[str, Any]:
+    """The keys of a table that are in the file, with their values."""
+    pairs = ((name, getattr(table, name)) for name in table.__struct_fields__)
+    return {name: value for name, value in pairs if value is not UNSET}
+
+
+def _check_finite(value: object, path: str, file: str) -> None:
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            _check_finite(entry, f"{path}.{key}" if path else key, file)
+    elif isinstance(value, list):
+        for number, entry in enumerate(value):
+            _check_finite(entry, f"{path}[{number}]", file)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise make_error(file, path, f"is {value}", "a finite number")
+
+
+def _convert(raw: object, kind: type[_T], path: str, file: str) -> _T:
+    try:
+        return msgspec.convert(raw, kind)
+    except msgspec.ValidationError as error:
+        raise _translate(error, raw, kind, path, file) from None
+
+
+def _translate(
+    error: msgspec.ValidationError, raw: object, kind: type, path: str, file: str
+) -> CellError:
+    """One of our errors from one of msgspec's, which looks like "Expected … - at `$.a[0].b`"."""
+    text, _, place = str(error).partition(" - at ")
+    place = place.strip("`")
+    steps = re.findall(r"\.(\w+)|\[(\d+)\]", place)
+    value = raw
+    for name, index in steps:
+        value = value[name] if name else value[int(index)]  # type: ignore[index]
+    key = f"{path}{place.removeprefix('$')}".strip(".")
+    field = re.search(r"(?:unknown|missing required) field `(.*)`", text)
+    if field is None:
+        expected = text.removeprefix("Expected ").partition(", got ")[0]
+        if text.startswith("Invalid enum value"):
+            expected = _choices(kind, steps)
+        return make_error(file, key, f"is {value!r}", expected.replace("`", ""))
+    key = f"{key}.{field[1]}".strip(".")
+    if "missing" in text:
+        return make_error(file, key, "is missing")
+    known = getattr(_table_at(kind, steps), "__struct_fields__", ())
+    found = value[field[1]] if isinstance(value, Mapping) else value
+    return make_error(
+        file, key, f"is no key (its value is {found!r})", f"one of {', '.join(known)}"
+    )
+
+
+def _table_at(kind: type, steps: list[tuple[str, str]]) -> Any:
+    for name, _ in steps:
+        for field in msgspec.structs.fields(kind) if name and issubclass(kind, _Table) else ():
+            if field.name == name and isinstance(field.type, type):
+                kind = field.type
+    return kind
+
+
+def _choices(kind: type, steps: list[tuple[str, str]]) -> str:
+    table = _table_at(kind, steps[:-1])
+    for field in msgspec.structs.fields(table):
+        if steps and field.name == steps[-1][0]:
+            return "one of " + ", ".join(repr(choice) for choice in field.type.__args__)
+    return "another value"

@@ -1,0 +1,285 @@
+import inspect
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armguard.cell import Cell
+from armguard.exceptions import CellError
+from armguard.monitor import Monitor
+
+EXAMPLE = Path(__file__).parents[1] / "demos" / "cell.toml"
+ROBOT = '[robot]\nname = "panda"\n'
+READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+
+FRAMES = (
+    ROBOT
+    + """
+[robot.base]
+xyz = [1.0, 0.0, 0.0]
+quaternion = [0.0, 0.0, 0.7071067811865476, 0.7071067811865476]
+[frames.lens]
+parent = "camera"
+xyz = [0.0, 0.0, 0.5]
+calibration_error = 0.002
+[frames.camera]
+parent = "base"
+xyz = [2.0, 0.0, 0.0]
+quaternion = [1.0, 0.0, 0.0, 0.0]
+calibration_error = 0.01
+"""
+)
+
+
+@pytest.fixture(scope="module")
+def example():
+    cell = Cell.load(EXAMPLE)
+    return cell, *cell.build()
+
+
+def test_the_example_gives_robot_obstacles_and_monitor(example):
+    cell, robot, obstacles, monitor = example
+    assert robot.name == "panda"
+    assert sorted(obstacles.ids[:2]) == ["pillar", "table"]
+    assert obstacles.required_sources() == ["camera"]
+    assert monitor.period == 0.001
+    verdict = monitor.step(0.0, READY, np.zeros(7))
+    assert [str(reason) for reason in verdict.reasons][:1] == ["source silent: camera"]
+    # The table is ignored: it is what is nearest, and not what is named.
+    assert verdict.obstacle == "pillar"
+    assert cell.frames["camera"].calibration_error == 0.01
+
+
+def test_the_example_says_what_the_library_would_do_anyway():
+    """The values that the example explains are the defaults, so that neither misleads."""
+    defaults = {
+        name: parameter.default for name, parameter in inspect.signature(Monitor).parameters.items()
+    }
+    tables = Cell.load(EXAMPLE).tables
+    for table in (tables.monitor, tables.thresholds):
+        for key in table.__struct_fields__:
+            if key != "joint_timeout":
+                assert getattr(table, key) == defaults[key], key
+    assert tables.thresholds.joint_timeout == max(0.05, 5.0 / tables.monitor.rate)
+
+
+def test_every_setting_of_the_monitor_has_a_key():
+    tables = Cell.load(EXAMPLE).tables
+    keys = {*tables.monitor.__struct_fields__, *tables.thresholds.__struct_fields__, "margin"}
+    others = {"robot", "obstacles", "ignore", "base_placement"}
+    assert keys == set(inspect.signature(Monitor).parameters) - others
+
+
+def test_the_example_explains_every_key():
+    text = EXAMPLE.read_text()
+    tables = Cell.load(EXAMPLE).tables
+    for name in tables.__struct_fields__:
+        table = getattr(tables, name)
+        parts = table.values() if isinstance(table, dict) else [table]
+        for part in parts:
+            for key in getattr(part, "__struct_fields__", ()):
+                assert f"{key} = " in text or f"[robot.{key}]" in text or key == "position", key
+
+
+def test_a_cell_with_only_a_robot_has_the_defaults_of_the_library():
+    _, _, monitor = Cell.from_text(ROBOT).build()
+    assert monitor.period == 0.001
+
+
+def test_chains_of_frames_are_resolved_in_any_order():
+    frames = Cell.from_text(FRAMES).frames
+    # base: turned by a quarter about z; camera: turned over about x.
+    np.testing.assert_allclose(frames["camera"].translation, [1.0, 2.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(frames["lens"].translation, [1.0, 2.0, -0.5], atol=1e-15)
+    np.testing.assert_allclose(frames["lens"].apply([1.0, 2.0, 3.0]), [3.0, 3.0, -3.5], atol=1e-15)
+    assert frames["lens"].calibration_error == pytest.approx(0.012)
+
+
+def test_obstacles_in_a_frame_arrive_in_the_world_with_its_error():
+    obstacles = Cell.from_text(FRAMES).make_obstacles()
+    obstacles.update(["a"], 0.0, [[1.0, 2.0, 3.0]], radius=0.1, frame="lens", position_error=0.1)
+    row = obstacles.row("a")
+    accepted = obstacles.table.accepted
+    np.testing.assert_allclose(accepted.points[row, 0], [3.0, 3.0, -3.5], atol=1e-12)
+    assert accepted.position_error[row] == pytest.approx(0.112)
+
+
+def test_the_base_moves_the_robot_and_statics_follow_their_frame():
+    def contact_time(base, frame, position):
+        text = (
+            f"{ROBOT}[robot.base]\nxyz = {base}\n"
+            f'[statics.post]\nframe = "{frame}"\nposition = {position}\nradius = 0.1\n'
+        )
+        _, _, monitor = Cell.from_text(text).build()
+        return monitor.step(0.0, READY, np.zeros(7)).contact_time
+
+    here = contact_time([0.0, 0.0, 0.0], "world", [2.0, 0.0, 0.5])
+    assert 0.0 < here < math.inf
+    assert contact_time([1.0, 2.0, 3.0], "world", [3.0, 2.0, 3.5]) == pytest.approx(here)
+    assert contact_time([1.0, 2.0, 3.0], "base", [2.0, 0.0, 0.5]) == pytest.approx(here)
+    assert contact_time([1.0, 2.0, 3.0], "world", [2.0, 0.0, 0.5]) != pytest.approx(here)
+
+
+def test_statics_grow_by_the_error_of_their_frame():
+    text = FRAMES + '[statics.lamp]\nframe = "lens"\nposition = [0, 0, 0]\nradius = 0.1\n'
+    obstacles = Cell.from_text(text).make_obstacles()
+    row = obstacles.row("lamp")
+    assert obstacles.table.accepted.radius[row] == pytest.approx(0.112)
+
+
+def test_settings_reach_obstacles_and_monitor():
+    text = (
+        'ignore = [["panda_link[1-3]", "part*"], ["*", "toy"]]\n'
+        + ROBOT
+        + "[bounds]\nspeed = 3\naccel = 7.0\nmargin = 0.05\n[monitor]\nrate = 500\n"
+        + '[sources.cam]\ntimeout = 0.5\nrequired = false\n[sources.lidar]\nclock = "unix"\n'
+    )
+    _, obstacles, monitor = Cell.from_text(text).build()
+    assert monitor.period == 0.002
+    assert obstacles.required_sources() == ["lidar"]
+    obstacles.update(["a"], 0.0, [[9.0, 9.0, 9.0]], radius=0.1)
+    row = obstacles.row("a")
+    assert obstacles.table.accepted.speed[row] == 3.0
+    assert obstacles.table.accepted.accel[row] == 7.0
+
+
+def test_a_urdf_with_its_limits_beside_the_file(tmp_path):
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="arm"><link name="base"/><link name="upper"><collision><geometry>'
+        '<box size="0.1 0.1 0.4"/></geometry></collision></link>'
+        '<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="9" velocity="2"/></joint></robot>'
+    )
+    (tmp_path / "limits.toml").write_text(
+        '[sources]\nposition = "test"\nvelocity = "test"\nacceleration = "test"\n'
+        'braking = "test"\n[joints.shoulder]\nposition = [-1.0, 1.0]\nvelocity = 2.0\n'
+        "acceleration = 10.0\nbraking = 5.0\n"
+    )
+    (tmp_path / "cell.toml").write_text(
+        '[robot]\nurdf = "arm.urdf"\nlimits = "limits.toml"\njoints = ["shoulder"]\n'
+    )
+    robot = Cell.load(tmp_path / "cell.toml").make_robot()
+    assert robot.joints == ("shoulder",)
+    assert robot.links == ("upper",)
+
+
+MISTAKES = [
+    ("", "robot", "is missing"),
+    ("robot = 3", "robot", "is 3"),
+    ("[robot]", "robot", "neither name nor urdf"),
+    ('[robot]\nname = "panda"\nurdf = "a"', "robot", "both name and urdf"),
+    ('[robot]\nurdf = "arm.urdf"', "robot.limits", "is missing"),
+    (ROBOT + "joints = ['panda_joint1']", "robot.joints", "panda_joint1"),
+    (ROBOT + "colour = 'red'", "robot.colour", "'red'.*one of name, urdf"),
+    ("[robot]\nname = 7", "robot.name", "is 7; expected str"),
+    ("[robot]\nname = ''", "robot.name", "is ''"),
+    (ROBOT + "[robot.base]\nxyz = [1, 2]", "robot.base.xyz", r"is \[1, 2\]; expected .*length 3"),
+    (ROBOT + "[robot.base]\nxyz = [1, 2, 'up']", "robot.base.xyz[2]", "is 'up'; expected float"),
+    (ROBOT + "[robot.base]\nxyz = [1, 2, nan]", "robot.base.xyz[2]", "is nan; expected .*finite"),
+    (
+        ROBOT + "[robot.base]\nquaternion = [0, 0, 0, 1.01]",
+        "robot.base.quaternion",
+        "of length 1.01; expected x, y, z, w",
+    ),
+    (ROBOT + "[robot.base]\nquaternion = [0, 0, 0, 0]", "robot.base.quaternion", "of length 0"),
+    (ROBOT + "[robot.base]\nparent = 'world'", "robot.base.parent", "is no key"),
+    (ROBOT + "[frames.world]", "frames.world", "frame of its own"),
+    (ROBOT + "[frames.base]", "frames.base", "frame of its own"),
+    (ROBOT + "[frames.a]\nparent = 'b'", "frames.a.parent", "is 'b'; expected one of world, base"),
+    (
+        ROBOT + "[frames.a]\nparent = 'b'\n[frames.b]\nparent = 'a'",
+        "frames.b.parent",
+        r"circle \(a in b in a\)",
+    ),
+    (ROBOT + "[frames.a]\nparent = 'a'", "frames.a.parent", r"circle \(a in a\)"),
+    (ROBOT + "[frames.a]\ncalibration_error = -1", "frames.a.calibration_error", "is -1.*>= 0"),
+    (ROBOT + "[frames.a]\nquaternion = [1, 1, 0, 0]", "frames.a.quaternion", "length 1.41421"),
+    (ROBOT + "[frames.a.b]\nxyz = 3", "frames.a.b", "is no key"),
+    (ROBOT + "[sources.cam0]\ntimeout = 0", "sources.cam0.timeout", "is 0; expected float > 0"),
+    (ROBOT + "[sources.cam0]\ntimeout = inf", "sources.cam0.timeout", "is inf.*finite"),
+    (ROBOT + "[sources.cam0]\ntimeout = '1'", "sources.cam0.timeout", "is '1'; expected float"),
+    (ROBOT + "[sources.cam0]\nrequired = 1", "sources.cam0.required", "is 1; expected bool"),
+    (
+        ROBOT + "[sources.cam0]\nclock = 'sundial'",
+        "sources.cam0.clock",
+        "is 'sundial'; expected one of 'monotonic', 'unix', 'arrival'",
+    ),
+    (ROBOT + "[sources.cam0]\nclock = 'arrival'", "sources.cam0.latency", "is 0.0"),
+    (
+        ROBOT + "[sources.cam0]\nclock = 'arrival'\nlatency = 0.1",
+        "bounds.speed",
+        "missing with sources.cam0.clock",
+    ),
+    (
+        ROBOT + "[sources.cam0]\nrate = 5\ntimeout = 0.1",
+        "sources.cam0.timeout",
+        "is 0.1; expected longer than one period of its rate, 0.2 s",
+    ),
+    (ROBOT + "[joint_state]\nclock = 'arrival'", "joint_state.clock", "'monotonic', 'unix'"),
+    (ROBOT + "[statics.t]\nradius = 1", "statics.t", "not exactly one of position and points"),
+    (ROBOT + "[statics.t]\nposition = [0, 0, 0]", "statics.t.radius", "is missing"),
+    (ROBOT + "[statics.t]\nradius = 1\npoints = []", "statics.t.points", r"is \[\]; expected"),
+    (
+        ROBOT + "[statics.t]\nradius = 1\nposition = [0, 0, 0]\nframe = 'moon'",
+        "statics.t.frame",
+        "is 'moon'; expected one of world, base",
+    ),
+    (ROBOT + "[bounds]\nspeed = -1", "bounds.speed", "is -1"),
+    (ROBOT + "[monitor]\nrate = 0", "monitor.rate", "is 0"),
+    (ROBOT + "[monitor]\nfreshness = 1", "monitor.freshness", "is 1"),
+    (ROBOT + "[thresholds]\nhold = true", "thresholds.hold", "is True; expected float"),
+    (ROBOT + "[thresholds]\nhold = 1\n[treshold]\na = 1", "treshold", "is no key"),
+    ("ignore = 'all'\n" + ROBOT, "ignore", "is 'all'; expected array"),
+    ("ignore = [['a']]\n" + ROBOT, "ignore[0]", "length 2"),
+    ("[tool]\nmass = 1\n" + ROBOT, "tool", "is no key"),
+]
+
+
+@pytest.mark.parametrize(("text", "key", "pattern"), MISTAKES)
+def test_mistakes_name_file_key_value_and_expectation(text, key, pattern, tmp_path):
+    (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(CellError, match=pattern) as caught:
+        Cell.load(tmp_path / "mine.toml")
+    assert caught.value.offender == f"{tmp_path}/mine.toml: {key}"
+    assert "\n" not in str(caught.value)
+    assert "$" not in str(caught.value)
+    assert "`" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "pattern"),
+    [
+        ('[robot]\nname = "nobody"', "robot.name", "'nobody'.*one of panda"),
+        ('[robot]\nurdf = "no.urdf"\nlimits = "no.toml"', "robot.urdf", "no.toml"),
+        (ROBOT + '[monitor]\nschedule = "never"', "monitor.schedule", "'never'"),
+        (ROBOT + '[monitor]\nmotion = "slow"', "monitor.motion", "'slow'"),
+        ("ignore = [['arm*', '*']]\n" + ROBOT, "ignore[0]", "'arm.*panda_link1"),
+    ],
+)
+def test_what_shows_only_when_built_names_its_key_too(text, key, pattern):
+    with pytest.raises(CellError, match=pattern) as caught:
+        Cell.from_text(text).build()
+    assert caught.value.offender == f"cell: {key}"
+
+
+@pytest.mark.parametrize(
+    "content", [b"[robot", b"a = 1\na = 2", b"\xff\xfe", b"x = " + b"[" * 9999]
+)
+def test_what_is_no_toml_is_refused(content, tmp_path):
+    (tmp_path / "mine.toml").write_bytes(content)
+    with pytest.raises(CellError, match=r"mine\.toml"):
+        Cell.load(tmp_path / "mine.toml")
+
+
+def test_files_that_cannot_be_read_are_named(tmp_path):
+    for path in (tmp_path / "absent.toml", tmp_path):
+        with pytest.raises(CellError, match="cannot be read"):
+            Cell.load(path)
+
+
+@pytest.mark.parametrize("length", [1.0 + 0.9e-3, 1.0 - 0.9e-3])
+def test_quaternions_are_made_unit_when_nearly_so(length):
+    text = f"{ROBOT}[robot.base]\nquaternion = [0.0, 0.0, {0.6 * length}, {0.8 * length}]"
+    rotation = Cell.from_text(text).frames["base"].rotation
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)
