@@ -46,3 +46,7 @@ class ObstacleError(ArmguardError):
 
 class CellError(ArmguardError):
     """A cell file is unreadable or says something impossible."""
+
+
+class StreamError(ArmguardError):
+    """An address cannot be used, or what was to be sent does not fit the wire."""

@@ -1,0 +1,28 @@
+"""Obstacles and joint states streamed in, verdicts streamed out.
+
+ZeroMQ over ipc or loopback TCP, in msgpack or JSON, or JSON lines on standard input. `Publisher`
+and `VerdictReader` are for users' own nodes; `Edge` and the inputs are the monitor's side.
+"""
+
+from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
+from armguard.streams.edge import Edge, JointState, StampClock
+from armguard.streams.faults import FaultLog
+from armguard.streams.inputs import Input, LineInput, PacedInput, SocketInput
+from armguard.streams.nodes import Publisher, VerdictPublisher, VerdictReader
+
+__all__ = [
+    "JOINTS_ADDRESS",
+    "OBSTACLES_ADDRESS",
+    "VERDICTS_ADDRESS",
+    "Edge",
+    "FaultLog",
+    "Input",
+    "JointState",
+    "LineInput",
+    "PacedInput",
+    "Publisher",
+    "SocketInput",
+    "StampClock",
+    "VerdictPublisher",
+    "VerdictReader",
+]

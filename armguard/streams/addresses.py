@@ -1,0 +1,92 @@
+"""Addresses of this machine only: ipc and loopback TCP, checked before a socket sees them.
+
+Nothing on these streams is encrypted or signed, so an address that other machines could reach is
+refused.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+import socket
+import stat
+from pathlib import Path
+
+import zmq
+
+from armguard.exceptions import StreamError
+
+OBSTACLES_ADDRESS = "tcp://127.0.0.1:5701"
+JOINTS_ADDRESS = "tcp://127.0.0.1:5702"
+VERDICTS_ADDRESS = "tcp://127.0.0.1:5703"
+
+_EXPECTED = "ipc:///some/path, or tcp://127.0.0.1:PORT"
+
+
+def check_address(address: str) -> None:
+    """Raise StreamError unless `address` is ipc or TCP on the loopback interface."""
+    if re.fullmatch(r"ipc://[^\0]+", address):
+        return
+    match = re.fullmatch(r"tcp://(\[[^\]]*\]|[^:\[\]]*):(\d+|\*)", address)
+    if match is None:
+        raise StreamError(address, "is no address that can be used", expected=_EXPECTED)
+    host, port = match.groups()
+    try:
+        loopback = ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:  # a name: what it stands for may change, so names are refused
+        loopback = False
+    if not loopback:
+        raise StreamError(
+            address,
+            "could be reached from other machines, or is a name",
+            expected=_EXPECTED,
+            remedy="armguard's streams are open to whoever can connect: keep them on this machine",
+        )
+    if port != "*" and not 0 < int(port) < 65536:
+        raise StreamError(address, f"port {port} does not exist", expected="1 to 65535")
+
+
+def check_free(address: str) -> None:
+    """Raise StreamError if another process answers on an ipc address.
+
+    ZeroMQ would take the file away from it without a word; for TCP the system refuses by itself.
+    """
+    path = address.removeprefix("ipc://")
+    if path == address or path.startswith("@"):
+        return
+    try:
+        if not stat.S_ISSOCK(Path(path).stat().st_mode):
+            raise StreamError(address, "is a file", expected="a path that is free")
+    except OSError:
+        return
+    with socket.socket(socket.AF_UNIX) as probe:
+        probe.setblocking(False)
+        try:
+            probe.connect(path)
+        except BlockingIOError:  # somebody listens, too busy to answer
+            pass
+        except OSError:
+            return
+    raise _in_use(address)
+
+
+def remove_file(address: str) -> None:
+    """Remove the file of an ipc address that we still hold; ZeroMQ leaves it behind."""
+    path = address.removeprefix("ipc://")
+    if path != address and not path.startswith("@"):
+        Path(path).unlink(missing_ok=True)
+
+
+def explain(address: str, error: zmq.ZMQError) -> StreamError:
+    """The StreamError that says why ZeroMQ refused to bind or connect."""
+    if error.errno == zmq.EADDRINUSE:
+        return _in_use(address)
+    return StreamError(address, f"cannot be used ({error.strerror})", expected=_EXPECTED)
+
+
+def _in_use(address: str) -> StreamError:
+    return StreamError(
+        address,
+        "is in use by another process",
+        remedy="end that one, or choose another address",
+    )

@@ -1,0 +1,310 @@
+"""The edge: messages from outside, checked once, become obstacle rows and a joint state.
+
+Nothing raises here and nothing is lost silently: whatever is wrong is counted with its source,
+number, field and value, and what can still be used is passed on. Rows that only the obstacle
+table can judge (implausible, negative, not finite) are its business and lead to its faults, so
+that the verdict knows of them; the edge names their values.
+
+Sources stamp with clocks of their own; here all times become the monitor's.
+"""
+
+from __future__ import annotations
+
+import hmac
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.clock import Clock
+from armguard.exceptions import ArmguardError
+from armguard.obstacles import Obstacles
+from armguard.streams.faults import FaultLog
+from armguard.streams.inputs import BYTE_LIMIT, Input
+from armguard.streams.messages import (
+    AnyMessage,
+    JointsMessage,
+    MessageError,
+    ObstaclesMessage,
+    RemoveMessage,
+    decode,
+    to_points,
+    to_values,
+)
+from armguard.streams.sequence import SequenceWatch
+
+_MESSAGES_A_DRAIN = 64
+"""Most messages taken from one input in one tick; the rest wait for the next."""
+
+_SOURCES = 256
+"""Most sources known at once, so that made-up names cannot fill the memory."""
+
+_NANOSECOND = 1e-9
+
+_FIELDS = (
+    "position",
+    "velocity",
+    "radius",
+    "accel",
+    "speed",
+    "position_error",
+    "velocity_error",
+)
+
+
+class StampClock(NamedTuple):
+    """Which clock a source stamps with, and how old its measurements are by then."""
+
+    clock: Literal["monotonic", "unix", "arrival"] = "monotonic"
+    latency: float = 0.0
+    """From measurement to stamp in [s]; for `arrival`, at most, from measurement to arrival."""
+
+
+MONOTONIC = StampClock()
+
+
+class JointState(NamedTuple):
+    """The arm's state in the order of the watched joints, stamped in the monitor's time."""
+
+    stamp: float
+    q: NDArray[np.float64]
+    v: NDArray[np.float64]
+
+
+class Edge:
+    """Takes messages from inputs and hands what they say to the obstacle table.
+
+    Args:
+        obstacles: The table.
+        joints: Names of the watched joints, in the order of `q` and `v`.
+        clock: The monitor's clock.
+        faults: Where faults are counted.
+        stamp_clocks: How sources stamp; those not named here, with the monotonic clock.
+        joint_clock: How joint states are stamped; not by arrival.
+        speed: Speed bound of obstacles that bring none, in [m/s]; for sources without a clock.
+        accel: Acceleration bound of obstacles that bring none, in [m/s²]; alike.
+        reset_token: What a reset message must carry; without one, none is obeyed.
+        monotonic: Reads the clock of `monotonic` stamps, in [s].
+        unix: Reads the clock of `unix` stamps, in [s].
+    """
+
+    def __init__(
+        self,
+        obstacles: Obstacles,
+        joints: Sequence[str],
+        clock: Clock,
+        faults: FaultLog,
+        *,
+        stamp_clocks: Mapping[str, StampClock] | None = None,
+        joint_clock: StampClock = MONOTONIC,
+        speed: float = math.inf,
+        accel: float = math.inf,
+        reset_token: str | None = None,
+        monotonic: Callable[[], float] = time.monotonic,
+        unix: Callable[[], float] = time.time,
+    ) -> None:
+        self.faults = faults
+        self.received = 0
+        """Messages taken, good and bad."""
+        self.joint_state: JointState | None = None
+        """The newest joint state that could be read; None before the first."""
+        self.reset_requested = False
+        """Whether a reset with the right token came; whoever obeys it sets it back."""
+        # The monitor's clock is read first: an error makes stamps older, never newer.
+        start = clock.now()
+        self.offset = monotonic() - start
+        """Machine's monotonic clock minus the monitor's, in [s]."""
+        self._obstacles = obstacles
+        self._joints = list(joints)
+        self._clock = clock
+        self._unix = unix
+        self._stamp_clocks = dict(stamp_clocks or {})
+        self._joint_clock = joint_clock
+        self._speed = speed
+        self._accel = accel
+        self._reset_token = reset_token
+        self._watches: dict[str, SequenceWatch] = {}
+        self._joint_watch = SequenceWatch()
+        self._joint_names: list[str] | None = None
+        self._joint_order: NDArray[np.int64] = np.zeros(0, np.int64)
+        self._start = start
+        self._emptied: dict[Input, float] = {}
+        self._arrived_after = start
+        self._now = start
+        self._keeps_joint_state = False
+
+    def drain(self, inputs: Iterable[Input]) -> None:
+        """Take what has arrived, up to a bound on the work of one tick; never blocks or raises.
+
+        Inputs must be opened after the edge is made: arrival is counted from then on.
+        """
+        self._now = self._clock.now()
+        self._keeps_joint_state = False
+        for source in inputs:
+            # Whatever is taken now arrived since this input was last found empty.
+            self._arrived_after = self._emptied.get(source, self._start)
+            size = 0
+            for _ in range(_MESSAGES_A_DRAIN):
+                try:
+                    data = source.receive()
+                    if data is None:
+                        self._arrived_after = self._now
+                        break
+                    self.received += 1
+                    size += len(data)
+                    self._take(decode(data))
+                except MessageError as error:
+                    self.faults.add("malformed", "unknown", None, str(error))
+                if size > BYTE_LIMIT:
+                    break
+            self._emptied[source] = self._arrived_after
+
+    def _take(self, message: AnyMessage) -> None:
+        if isinstance(message, JointsMessage):
+            self._follow(self._joint_watch, "joints", message.seq)
+            self._take_joints(message)
+        elif isinstance(message, ObstaclesMessage | RemoveMessage):
+            watch = self._watches.get(message.source)
+            if watch is None:
+                if len(self._watches) >= _SOURCES:
+                    problem = f"source refused; expected at most {_SOURCES} sources"
+                    self.faults.add("too many sources", message.source, message.seq, problem)
+                    return
+                watch = self._watches[message.source] = SequenceWatch()
+            self._follow(watch, message.source, message.seq)
+            if isinstance(message, ObstaclesMessage):
+                self._take_obstacles(message)
+            else:
+                self._take_removal(message)
+        elif self._reset_token is not None and hmac.compare_digest(
+            message.token.encode(), self._reset_token.encode()
+        ):
+            self.reset_requested = True
+        else:
+            self.faults.add("reset refused", "unknown", None, "token is not the one of this run")
+
+    def _follow(self, watch: SequenceWatch, source: str, sequence: int | None) -> None:
+        for kind, times, problem in watch.follow(sequence):
+            self.faults.add(kind, source, sequence, problem, times)
+
+    def _take_obstacles(self, message: ObstaclesMessage) -> None:
+        source, sequence = message.source, message.seq
+        fields = {field: getattr(message, field) for field in _FIELDS}
+        clock = self._stamp_clocks.get(source, MONOTONIC)
+        stamp = self._to_monitor_time(message.stamp, clock)
+        counted = False
+        try:
+            fields = _unpack(fields, len(message.ids))
+            self._name_unusable(source, sequence, {"stamp": message.stamp, **fields})
+            if clock.clock == "arrival":
+                self._widen_for_arrival(fields, self._now - stamp)
+        except MessageError as error:
+            # Handed on as it came: the table refuses it too, and so the verdict knows of it.
+            self.faults.add("malformed", source, sequence, str(error))
+            counted = True
+        try:
+            self._obstacles.update(
+                message.ids,
+                stamp,
+                source=source,
+                frame=message.frame,
+                snapshot=message.snapshot,
+                **fields,
+            )
+        except ArmguardError as error:
+            if not counted:
+                self.faults.add("refused", source, sequence, str(error))
+
+    def _take_removal(self, message: RemoveMessage) -> None:
+        clock = self._stamp_clocks.get(message.source, MONOTONIC)
+        stamp = self._to_monitor_time(message.stamp, clock)
+        try:
+            self._obstacles.remove(message.ids, stamp=stamp, source=message.source)
+        except ArmguardError as error:
+            self.faults.add("refused", message.source, message.seq, str(error))
+
+    def _take_joints(self, message: JointsMessage) -> None:
+        try:
+            order = self._find_joints(message.names)
+            q = to_values("q", message.q, len(message.names))[order]
+            v = to_values("v", message.v, len(message.names))[order]
+        except MessageError as error:
+            self.faults.add("malformed", "joints", message.seq, str(error))
+            return
+        named = {"stamp": message.stamp, "q": q, "v": v}
+        usable = self._name_unusable("joints", message.seq, named)
+        stamp = self._to_monitor_time(message.stamp, self._joint_clock)
+        last = self.joint_state
+        if last is not None and stamp < last.stamp:
+            problem = f"stamp is {message.stamp!r}, {last.stamp - stamp:.3g} s before the last one"
+            self.faults.add("stamp went back", "joints", message.seq, problem)
+        if not self._keeps_joint_state:
+            self.joint_state = JointState(stamp, q, v)
+        # An impossible state must be seen by the monitor, even if a good one follows at once.
+        self._keeps_joint_state = self._keeps_joint_state or not usable
+
+    def _find_joints(self, names: list[str]) -> NDArray[np.int64]:
+        """Where each watched joint is in `names`; remembered, since senders keep their order."""
+        if names != self._joint_names:
+            missing = [joint for joint in self._joints if names.count(joint) != 1]
+            if missing:
+                found = "named twice" if missing[0] in names else "missing"
+                raise MessageError("names", f"without {missing[0]!r} ({found})", "each joint once")
+            self._joint_order = np.array([names.index(joint) for joint in self._joints])
+            self._joint_names = names
+        return self._joint_order
+
+    def _name_unusable(
+        self, source: str, sequence: int | None, named: Mapping[str, object]
+    ) -> bool:
+        """Count values that are not finite; refusing them is the business of table and monitor."""
+        usable = True
+        for field, values in named.items():
+            if values is None:
+                continue
+            array = np.asarray(values, float)
+            # Bounds may be infinite: that says that there is none.
+            good = ~np.isnan(array) if field in ("accel", "speed") else np.isfinite(array)
+            if good.all():
+                continue
+            place = np.unravel_index(int(np.argmin(good)), good.shape)
+            index = f"[{', '.join(str(int(i)) for i in place)}]" if place else ""
+            problem = f"{field}{index} is {array[place]}; expected a finite number"
+            self.faults.add("not finite", source, sequence, problem)
+            usable = False
+        return usable
+
+    def _to_monitor_time(self, stamp: float, clock: StampClock) -> float:
+        if clock.clock == "monotonic":
+            return stamp - self.offset - clock.latency
+        if clock.clock == "unix":
+            # Read anew each time: the machine's date may be set while we run.
+            return stamp - (self._unix() - self._clock.now()) - clock.latency
+        # Of several that arrived together the later ones must not look simultaneous.
+        self._arrived_after += _NANOSECOND
+        return self._arrived_after - clock.latency
+
+    def _widen_for_arrival(self, fields: dict[str, Any], window: float) -> None:
+        """Add what a body can do in the time within which a message was measured somewhere."""
+        for field, rate, default in (
+            ("position_error", fields["speed"], self._speed),
+            ("velocity_error", fields["accel"], self._accel),
+        ):
+            bound = np.asarray(default if rate is None else rate)
+            fields[field] = np.asarray(fields[field]) + bound * window
+
+
+def _unpack(fields: Mapping[str, Any], count: int) -> dict[str, Any]:
+    """The fields of `count` obstacles as arrays; None and single numbers stay as they are."""
+    arrays: dict[str, Any] = {}
+    for field, value in fields.items():
+        if value is None or isinstance(value, float):
+            arrays[field] = value
+        elif field in ("position", "velocity"):
+            arrays[field] = to_points(field, value, count)
+        else:
+            arrays[field] = to_values(field, value, count)
+    return arrays

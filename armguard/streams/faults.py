@@ -1,0 +1,97 @@
+"""What was wrong with messages: counted without limit of number, told at most once a second each.
+
+A hostile or broken sender may be wrong a hundred thousand times a second, with a new name each
+time; neither log nor memory may grow with that.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Callable
+from typing import NamedTuple
+
+_KEYS = 512
+"""Kinds of faults kept apart; what comes beyond is counted under one name."""
+
+_WIDTH = 240
+"""Longest quotation, in characters, of what somebody sent."""
+
+logger = logging.getLogger("armguard.streams")
+
+
+class FaultKey(NamedTuple):
+    """What is told apart: the same fault of the same source is one."""
+
+    kind: str
+    source: str
+
+
+class FaultLog:
+    """Counts faults and says each at most once a second.
+
+    Args:
+        now: Reads the time in [s], for the pace of the lines.
+        emit: Takes one line of text; by default a warning of the log `armguard.streams`.
+        interval: Between two lines about one fault, in [s].
+    """
+
+    def __init__(
+        self,
+        now: Callable[[], float],
+        emit: Callable[[str], None] = logger.warning,
+        interval: float = 1.0,
+    ) -> None:
+        self.counts: Counter[FaultKey] = Counter()
+        """How often each fault was met."""
+        self._now = now
+        self._emit = emit
+        self._interval = interval
+        self._told: dict[FaultKey, tuple[float, int]] = {}
+
+    @property
+    def total(self) -> int:
+        """All faults together."""
+        return self.counts.total()
+
+    def count(self, kind: str) -> int:
+        """Faults of one kind, of all sources together."""
+        return sum(number for key, number in self.counts.items() if key.kind == kind)
+
+    def add(
+        self,
+        kind: str,
+        source: str,
+        sequence: int | None,
+        problem: str,
+        times: int = 1,
+    ) -> None:
+        """Count a fault, and say so if it was not said in the last second.
+
+        Args:
+            kind: What sort of fault it is, in one word or two.
+            source: Who sent it.
+            sequence: Number of the message, where it has one.
+            problem: Field, value found, and what was expected.
+            times: How many faults of the kind this is.
+        """
+        key = FaultKey(kind, _quote(source))
+        if key not in self.counts and len(self.counts) >= _KEYS:
+            key = FaultKey("other", "other sources")
+        self.counts[key] += times
+        now = self._now()
+        last, told = self._told.get(key, (-float("inf"), 0))
+        if now - last < self._interval:
+            return
+        number = "" if sequence is None else f" message {sequence}"
+        unsaid = self.counts[key] - told - times
+        more = f" ({unsaid} more since the last such line)" if unsaid else ""
+        self._told[key] = (now, self.counts[key])
+        self._emit(f"{key.kind}: {_quote(source)}{number}: {_quote(problem)}{more}")
+
+
+def _quote(text: str) -> str:
+    """Printable and of bounded length, whatever it was."""
+    start = text[:_WIDTH]
+    printable = start if start.isprintable() else start.encode("unicode_escape").decode("ascii")
+    return printable if len(printable) <= _WIDTH else printable[:_WIDTH] + "…"

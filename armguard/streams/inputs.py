@@ -1,0 +1,198 @@
+"""Where messages come in: a bound ZeroMQ socket, or lines of JSON on a file descriptor.
+
+An input never blocks and never raises on what others send: `receive` answers with one message, or
+None when nothing more is there. What cannot be a message at all (too long, in several parts) is
+raised as `MessageError` for the edge to count.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import select
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import zmq
+
+from armguard.exceptions import StreamError
+from armguard.streams.addresses import check_address, check_free, explain, remove_file
+from armguard.streams.messages import MessageError, TimedMessage, decode, encode
+
+BYTE_LIMIT = 4 * 1024 * 1024
+"""Longest message taken: 10,000 boxes with velocities, packed, are 3.9 MB."""
+
+QUEUE_LIMIT = 4000
+"""Messages that wait while the loop is busy: forty seconds of a 100 Hz source, four of joints."""
+
+
+class Input(Protocol):
+    """A transport that messages are taken from."""
+
+    ended: bool
+
+    def receive(self) -> bytes | None:
+        """The next message, or None if there is none at present; never blocks."""
+        ...
+
+    def close(self) -> None:
+        """Give back what the input holds."""
+        ...
+
+
+class SocketInput:
+    """A subscribing socket that is bound, so that any number of publishers may connect.
+
+    Args:
+        address: `ipc://path`, or TCP on the loopback interface; `tcp://127.0.0.1:*` takes any port.
+    """
+
+    def __init__(self, address: str) -> None:
+        check_address(address)
+        check_free(address)
+        self.ended = False
+        self._in_parts = False
+        self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.SUB)
+        self._socket.set(zmq.LINGER, 0)
+        self._socket.set(zmq.RCVHWM, QUEUE_LIMIT)
+        self._socket.subscribe(b"")
+        try:
+            self._socket.bind(address)
+        except zmq.ZMQError as error:
+            self._socket.close()
+            raise explain(address, error) from None
+        self.address: str = self._socket.last_endpoint.rstrip(b"\0").decode()
+
+    def receive(self) -> bytes | None:
+        """The next message, or None; raises MessageError for one too long or in several parts."""
+        try:
+            # Without a copy, so that the size is known before any is made.
+            frame = self._socket.recv(zmq.NOBLOCK, copy=False)
+        except zmq.Again:
+            return None
+        in_parts = self._in_parts or frame.more
+        self._in_parts = frame.more
+        if in_parts:
+            raise MessageError("message", "in several parts", "one part")
+        size = len(frame)
+        if size > BYTE_LIMIT:
+            raise MessageError("message", f"{size} bytes long", f"at most {BYTE_LIMIT}")
+        data: bytes = frame.bytes
+        return data
+
+    def close(self) -> None:
+        """Unbind and close; what waits in the queue is dropped."""
+        if not self._socket.closed:
+            remove_file(self.address)
+        self._socket.close()
+
+
+class LineInput:
+    """JSON lines from a pipe or file, read as they come, with no thread.
+
+    Args:
+        descriptor: File descriptor to read from; 0 is standard input.
+    """
+
+    def __init__(self, descriptor: int = 0) -> None:
+        self.ended = False
+        self._descriptor = descriptor
+        self._buffer = bytearray()
+        self._scanned = 0
+        self._skipping = False
+        self._at_end = False
+        try:
+            os.fstat(descriptor)
+        except OSError as error:
+            raise StreamError("-", f"cannot be read ({error.strerror})") from None
+
+    def receive(self) -> bytes | None:
+        """The next line, or None; raises MessageError for one that is too long."""
+        while True:
+            end = self._buffer.find(b"\n", self._scanned)
+            if end >= 0:
+                line = self._take(end)
+                if self._skipping:
+                    self._skipping = False
+                elif line.strip():
+                    return line
+                continue
+            self._scanned = len(self._buffer)
+            if self._skipping:
+                self._take(len(self._buffer))
+            elif len(self._buffer) > BYTE_LIMIT:
+                self._take(len(self._buffer))
+                self._skipping = True
+                raise MessageError("line", f"over {BYTE_LIMIT} bytes long", "a shorter one")
+            if self._at_end:
+                line = self._take(len(self._buffer))
+                self.ended = True
+                return line if line.strip() else None
+            if not self._read():
+                return None
+
+    def _take(self, end: int) -> bytes:
+        line = bytes(self._buffer[:end])
+        del self._buffer[: end + 1]
+        self._scanned = 0
+        return line
+
+    def _read(self) -> bool:
+        """Read what is there; False if that is nothing yet."""
+        if not select.select([self._descriptor], [], [], 0.0)[0]:
+            return False
+        try:
+            chunk = os.read(self._descriptor, 65536)
+        except (BlockingIOError, InterruptedError):
+            return False
+        except OSError:  # a terminal that hung up has ended as surely as a closed pipe
+            chunk = b""
+        self._buffer += chunk
+        self._at_end = not chunk
+        return True
+
+    def close(self) -> None:
+        """Nothing to give back: the descriptor belongs to the caller."""
+
+
+class PacedInput:
+    """A recording, played: its first stamp is taken for the present, and each line waits until due.
+
+    Args:
+        lines: Where its lines come from.
+        monotonic: Reads the clock that its stamps are moved to, in [s].
+    """
+
+    def __init__(self, lines: Input, monotonic: Callable[[], float] = time.monotonic) -> None:
+        self.ended = False
+        self._lines = lines
+        self._monotonic = monotonic
+        self._shift: float | None = None
+        self._held: TimedMessage | None = None
+
+    def receive(self) -> bytes | None:
+        """The next line that is due, its stamp moved to the present; None if there is none."""
+        if self._held is None:
+            line = self._lines.receive()
+            if line is None:
+                self.ended = self._lines.ended
+                return None
+            try:
+                message = decode(line)
+            except MessageError:
+                return line  # counted where it is refused
+            if not isinstance(message, TimedMessage) or not math.isfinite(message.stamp):
+                return line
+            if self._shift is None:
+                self._shift = self._monotonic() - message.stamp
+            message.stamp += self._shift
+            self._held = message
+        if self._held.stamp > self._monotonic():
+            return None
+        message, self._held = self._held, None
+        return encode(message)
+
+    def close(self) -> None:
+        """Close what the lines come from."""
+        self._lines.close()

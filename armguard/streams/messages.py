@@ -1,0 +1,253 @@
+"""What goes over the wire: one schema for every message, in msgpack or JSON.
+
+The two encodings carry the same fields and are told apart by their first byte: no msgpack map
+begins with a brace or white space. msgspec holds types and names; what a type cannot say (lengths,
+packed arrays, finiteness) is checked by `to_points` and `to_values`, once, at the edge.
+"""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.contact import Certificate
+from armguard.verdict import Level, Reason, ReasonKind, Verdict
+
+POINT_LIMIT = 8
+"""Most points of one obstacle."""
+
+Points = bytes | list[list[float | list[float]]]
+"""Rows of points: (n, 3) or (n, k, 3) nested lists, or packed little-endian float64."""
+
+Values = float | bytes | list[float]
+"""One value for all, or one a row: a list, or packed little-endian float64."""
+
+
+class MessageError(Exception):
+    """A message that cannot be used: where, what was found, what was expected."""
+
+    def __init__(self, field: str, value: str, expected: str) -> None:
+        self.field = field
+        self.value = value
+        self.expected = expected
+        super().__init__(f"{field} is {value}; expected {expected}")
+
+
+class Message(msgspec.Struct, forbid_unknown_fields=True, tag_field="type"):
+    """What every message is: a map whose `type` names one of the children below."""
+
+
+class ObstaclesMessage(Message, tag="obstacles"):
+    """States of obstacles as one source saw them at one time; without ids, a heartbeat."""
+
+    ids: list[str]
+    stamp: float
+    source: str = "default"
+    seq: int | None = None
+    frame: str = "world"
+    snapshot: bool = False
+    position: Points = []
+    velocity: Points | None = None
+    radius: Values | None = None
+    accel: Values | None = None
+    speed: Values | None = None
+    position_error: Values = 0.0
+    velocity_error: Values = 0.0
+
+
+class JointsMessage(Message, tag="joints"):
+    """The arm's joint state; any order of names, more of them than needed is no fault."""
+
+    stamp: float
+    names: list[str]
+    q: bytes | list[float]
+    v: bytes | list[float]
+    seq: int | None = None
+
+
+class RemoveMessage(Message, tag="remove"):
+    """Obstacles that left the cell, said by the source that saw them go."""
+
+    ids: list[str]
+    stamp: float
+    source: str = "default"
+    seq: int | None = None
+
+
+class ResetMessage(Message, tag="reset"):
+    """Asks to release a latched STOP; only with the token that the run was started with."""
+
+    token: str
+
+
+TimedMessage = ObstaclesMessage | JointsMessage | RemoveMessage
+"""Those that say when."""
+
+AnyMessage = TimedMessage | ResetMessage
+
+
+class ReasonMessage(msgspec.Struct):
+    """One reason of a verdict; `kind` is the lower-case name of a `ReasonKind`."""
+
+    kind: str
+    subject: str
+    detail: str
+
+
+class CertificateMessage(msgspec.Struct):
+    """A `Certificate`, its arrays as lists."""
+
+    contact_time: float
+    times: list[float]
+    witnesses: list[tuple[float, float, float]]
+
+
+class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
+    """A `Verdict` on the wire: times on the machine's monotonic clock, the level by name."""
+
+    stamp: float
+    sequence: int
+    level: str
+    contact_time: float
+    stop_time: float
+    speed_scale: float
+    link: str | None
+    obstacle: str | None
+    complete: bool
+    evaluated: int
+    reasons: list[ReasonMessage]
+    valid_until: float
+    separation: float | None = None
+    certificate: CertificateMessage | None = None
+
+
+_encoder = msgspec.msgpack.Encoder()
+_json_decoder: msgspec.json.Decoder[AnyMessage] = msgspec.json.Decoder(AnyMessage)
+_msgpack_decoder: msgspec.msgpack.Decoder[AnyMessage] = msgspec.msgpack.Decoder(AnyMessage)
+_verdict_decoder = msgspec.msgpack.Decoder(VerdictMessage)
+
+
+def encode(message: AnyMessage) -> bytes:
+    """One message as a msgpack map."""
+    return _encoder.encode(message)
+
+
+def decode(data: bytes) -> AnyMessage:
+    """One message from msgpack or JSON.
+
+    Raises:
+        MessageError: If it is malformed, truncated, of unknown type, or has a field too many,
+            too few or of the wrong type.
+    """
+    try:
+        if data[:1] in (b"{", b" ", b"\t", b"\r", b"\n"):
+            return _json_decoder.decode(data)
+        return _msgpack_decoder.decode(data)
+    except (ValueError, RecursionError, MemoryError) as error:
+        problem, _, place = str(error).partition(" - at `$")
+        beginning = bytes(data[:40])
+        raise MessageError(
+            place.strip(".`") or "message",
+            f"unusable ({problem}; it begins {beginning!r})",
+            "a msgpack map or JSON object of a known type",
+        ) from None
+
+
+def to_values(field: str, values: bytes | list[float], count: int) -> NDArray[np.float64]:
+    """One number a row as an array, of shape (count,).
+
+    Raises:
+        MessageError: If there are more or fewer than `count`.
+    """
+    if isinstance(values, bytes):
+        if len(values) != 8 * count:
+            raise MessageError(field, f"{len(values)} bytes", f"{count} packed float64")
+        return np.frombuffer(values, "<f8")
+    if len(values) != count:
+        raise MessageError(field, f"{len(values)} values", f"{count}, one for each name or id")
+    return np.array(values, float)
+
+
+def to_points(field: str, points: Points, count: int) -> NDArray[np.float64]:
+    """Points as an array, of shape (count, 3) or (count, k, 3), k at most 8.
+
+    Raises:
+        MessageError: If the number of rows, points or coordinates is not that.
+    """
+    expected = f"{count} rows of 3 coordinates, or of 1 to {POINT_LIMIT} such points alike"
+    if isinstance(points, bytes):
+        per_row, rest = divmod(len(points), 24 * count) if count else (0, len(points))
+        if rest or not (count == 0 or 1 <= per_row <= POINT_LIMIT):
+            raise MessageError(field, f"{len(points)} bytes", f"packed float64: {expected}")
+        shape = (count, 3) if per_row <= 1 else (count, per_row, 3)
+        return np.frombuffer(points, "<f8").reshape(shape)
+    try:
+        array = np.array(points, float)
+    except ValueError:
+        raise MessageError(field, "rows of unequal length", expected) from None
+    if len(points) != count:
+        raise MessageError(field, f"{len(points)} rows", expected)
+    if count == 0:
+        return np.zeros((0, 3))
+    if not (
+        (array.ndim == 2 or (array.ndim == 3 and 1 <= array.shape[1] <= POINT_LIMIT))
+        and array.shape[-1] == 3
+    ):
+        raise MessageError(field, f"an array of shape {array.shape}", expected)
+    return array
+
+
+def encode_verdict(verdict: Verdict, offset: float) -> bytes:
+    """A verdict as a msgpack map.
+
+    Args:
+        verdict: In the monitor's own time.
+        offset: Machine's monotonic clock minus the monitor's, in [s].
+    """
+    certificate = None
+    if verdict.certificate is not None:
+        contact_time, times, witnesses = verdict.certificate
+        certificate = CertificateMessage(contact_time, times.tolist(), witnesses.tolist())
+    return _encoder.encode(
+        VerdictMessage(
+            float(verdict.stamp) + offset,
+            verdict.sequence,
+            verdict.level.name,
+            float(verdict.contact_time),
+            float(verdict.stop_time),
+            float(verdict.speed_scale),
+            verdict.link,
+            verdict.obstacle,
+            bool(verdict.complete),
+            int(verdict.evaluated),
+            [ReasonMessage(r.kind.name.lower(), r.subject, r.detail) for r in verdict.reasons],
+            math.nextafter(verdict.valid_until + offset, -math.inf),  # never too long
+            verdict.separation,
+            certificate,
+        )
+    )
+
+
+def decode_verdict(data: bytes) -> Verdict:
+    """A verdict from the wire, its times on the machine's monotonic clock.
+
+    Raises:
+        MessageError: If it is no verdict.
+    """
+    try:
+        message = _verdict_decoder.decode(data)
+        fields = {name: getattr(message, name) for name in message.__struct_fields__}
+        fields["level"] = Level[message.level]
+        fields["reasons"] = tuple(
+            Reason(ReasonKind[r.kind.upper()], r.subject, r.detail) for r in message.reasons
+        )
+        proof = message.certificate
+        if proof is not None:
+            times, witnesses = np.array(proof.times), np.array(proof.witnesses).reshape(-1, 3)
+            fields["certificate"] = Certificate(proof.contact_time, times, witnesses)
+        return Verdict(**fields)
+    except (ValueError, KeyError, RecursionError) as error:
+        raise MessageError("verdict", f"unusable ({error})", "a verdict of this version") from None

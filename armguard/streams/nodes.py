@@ -1,0 +1,291 @@
+"""What users put into their own nodes: `Publisher` for perception and robot, `VerdictReader`.
+
+Publishers and readers connect, the monitor binds; so either side may start first, and either may
+be restarted. Stamps are seconds of the machine's monotonic clock (`time.monotonic()`) unless the
+cell file names another clock for the source.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import zmq
+from numpy.typing import ArrayLike
+
+from armguard.exceptions import StreamError
+from armguard.streams.addresses import check_address, check_free, explain, remove_file
+from armguard.streams.inputs import QUEUE_LIMIT
+from armguard.streams.messages import (
+    AnyMessage,
+    JointsMessage,
+    MessageError,
+    ObstaclesMessage,
+    RemoveMessage,
+    Values,
+    decode_verdict,
+    encode,
+    encode_verdict,
+)
+from armguard.verdict import Level, Verdict
+
+_LINGER = 200
+"""How long, in [ms], a closing publisher may take to hand over its last messages."""
+
+
+def _connect(address: str, kind: int) -> zmq.Socket[bytes]:
+    check_address(address)
+    connection: zmq.Socket[bytes] = zmq.Context.instance().socket(kind)
+    connection.set(zmq.SNDHWM, QUEUE_LIMIT)
+    connection.set(zmq.RCVHWM, QUEUE_LIMIT)
+    connection.set(zmq.LINGER, _LINGER)
+    connection.set(zmq.RECONNECT_IVL, 20)
+    connection.set(zmq.RECONNECT_IVL_MAX, 200)
+    try:
+        connection.connect(address)
+    except zmq.ZMQError as error:
+        connection.close()
+        raise explain(address, error) from None
+    return connection
+
+
+class Publisher:
+    """Sends obstacles or joint states to a running monitor; never blocks.
+
+    Args:
+        address: The monitor's input.
+        source: Name under which the obstacles are known; one publisher a source.
+    """
+
+    def __init__(self, address: str, source: str = "default") -> None:
+        self.source = source
+        self._sequence = 0
+        self._joints_sequence = 0
+        self._connected = False
+        # XPUB publishes as PUB does, and lets us see when somebody begins to listen.
+        self._socket = _connect(address, zmq.XPUB)
+
+    def wait(self, timeout: float) -> bool:
+        """Whether a monitor has begun to listen, waiting for that up to `timeout` [s].
+
+        What is published before that is lost, as with any publisher. A monitor listens from its
+        first tick on.
+        """
+        if not self._connected and self._socket.poll(int(1000 * timeout)):
+            self._socket.recv()
+            self._connected = True
+        return self._connected
+
+    def update(
+        self,
+        ids: Sequence[str],
+        stamp: float,
+        position: ArrayLike,
+        velocity: ArrayLike | None = None,
+        radius: ArrayLike | None = None,
+        accel: ArrayLike | None = None,
+        speed: ArrayLike | None = None,
+        position_error: ArrayLike = 0.0,
+        velocity_error: ArrayLike = 0.0,
+        frame: str = "world",
+        snapshot: bool = False,
+    ) -> None:
+        """Send the states of obstacles, as `Obstacles.update` takes them; none is a heartbeat.
+
+        Args:
+            ids: Names of the obstacles. Length n.
+            stamp: When they were there, in [s].
+            position: Centres in [m], shape (n, 3); or points of their hulls, shape (n, k, 3).
+            velocity: Alike, in [m/s]; None where it is not known.
+            radius: In [m], one for all or shape (n,); needed wherever there are ids.
+            accel: Bounds on acceleration in [m/s²], one or shape (n,); None: the cell's.
+            speed: Bounds on speed in [m/s], alike.
+            position_error: What positions may be off by, in [m], one or shape (n,).
+            velocity_error: What velocities may be off by, in [m/s], alike.
+            frame: Name of the frame that all of it is given in.
+            snapshot: Whether this is all that is in the cell, so that absent ids are gone.
+
+        Raises:
+            StreamError: If shapes do not fit the number of ids.
+        """
+        names, count = list(ids), len(ids)
+        self._sequence += 1
+        self._send(
+            ObstaclesMessage(
+                ids=names,
+                stamp=float(stamp),
+                source=self.source,
+                seq=self._sequence,
+                frame=frame,
+                snapshot=snapshot,
+                position=_pack_points("position", position, count),
+                velocity=None if velocity is None else _pack_points("velocity", velocity, count),
+                radius=_pack_values("radius", radius, count),
+                accel=_pack_values("accel", accel, count),
+                speed=_pack_values("speed", speed, count),
+                position_error=_pack_values("position_error", position_error, count) or 0.0,
+                velocity_error=_pack_values("velocity_error", velocity_error, count) or 0.0,
+            )
+        )
+
+    def remove(self, ids: Sequence[str], stamp: float) -> None:
+        """Say that these obstacles have left the cell, at `stamp` [s]."""
+        self._sequence += 1
+        self._send(RemoveMessage(list(ids), float(stamp), self.source, self._sequence))
+
+    def joints(self, stamp: float, names: Sequence[str], q: ArrayLike, v: ArrayLike) -> None:
+        """Send a joint state: names in any order, positions [rad], velocities [rad/s], shape (n,).
+
+        Raises:
+            StreamError: If lengths do not fit the number of names.
+        """
+        self._joints_sequence += 1
+        positions = _pack("q", q, (len(names),))
+        velocities = _pack("v", v, (len(names),))
+        self._send(
+            JointsMessage(float(stamp), list(names), positions, velocities, self._joints_sequence)
+        )
+
+    def _send(self, message: AnyMessage) -> None:
+        self._socket.send(encode(message), zmq.NOBLOCK)
+
+    def close(self) -> None:
+        """Close; messages on their way get a fifth of a second to arrive."""
+        self._socket.close()
+
+    def __enter__(self) -> Publisher:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _pack(field: str, values: ArrayLike, *shapes: tuple[int, ...]) -> bytes:
+    array = np.ascontiguousarray(values, "<f8")
+    if array.shape not in shapes:
+        raise StreamError(
+            field, f"has shape {array.shape}", expected=" or ".join(str(shape) for shape in shapes)
+        )
+    return array.tobytes()
+
+
+def _pack_points(field: str, points: ArrayLike, count: int) -> bytes:
+    if count == 0:
+        return b""
+    array = np.asarray(points, float)
+    middle = array.shape[1:2] if array.ndim == 3 else ()
+    return _pack(field, array, (count, *middle, 3))
+
+
+def _pack_values(field: str, values: ArrayLike | None, count: int) -> Values | None:
+    if values is None or np.ndim(values) == 0:
+        return None if values is None else float(np.asarray(values))
+    return _pack(field, values, (count,))
+
+
+class VerdictPublisher:
+    """Sends verdicts to whoever listens; a reader that never reads loses some, nobody waits.
+
+    Args:
+        address: Where readers connect to; bound.
+        offset: Machine's monotonic clock minus the monitor's, in [s].
+    """
+
+    def __init__(self, address: str, offset: float) -> None:
+        check_address(address)
+        check_free(address)
+        self._offset = offset
+        self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.PUB)
+        self._socket.set(zmq.LINGER, 0)
+        try:
+            self._socket.bind(address)
+        except zmq.ZMQError as error:
+            self._socket.close()
+            raise explain(address, error) from None
+        self.address: str = self._socket.last_endpoint.rstrip(b"\0").decode()
+
+    def publish(self, verdict: Verdict) -> None:
+        """Send one verdict; never blocks."""
+        self._socket.send(encode_verdict(verdict, self._offset), zmq.NOBLOCK)
+
+    def close(self) -> None:
+        """Unbind and close."""
+        if not self._socket.closed:
+            remove_file(self.address)
+        self._socket.close()
+
+
+class VerdictReader:
+    """Receives verdicts; for a controller, which must brake on STOP and on silence alike.
+
+    Times of the verdicts are seconds of the machine's monotonic clock. What is malformed or comes
+    from another version is counted in `refused` and otherwise treated as silence.
+
+    Args:
+        address: The monitor's verdicts.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.refused = 0
+        self._last: Verdict | None = None
+        self._socket = _connect(address, zmq.SUB)
+        self._socket.subscribe(b"")
+
+    def latest(self, timeout: float = 0.0) -> Verdict | None:
+        """The newest verdict received so far, or None before the first.
+
+        Waits up to `timeout` [s], and only if nothing new has arrived.
+        """
+        if self._socket.poll(int(1000 * timeout)):
+            # A sender that never pauses must not hold the reader.
+            for _ in range(QUEUE_LIMIT):
+                if not self._receive():
+                    break
+        return self._last
+
+    def silent(self, now: float | None = None) -> bool:
+        """Whether there is no verdict that is still valid at `now` (default: the present)."""
+        if now is None:
+            now = time.monotonic()
+        return self._last is None or not now <= self._last.valid_until
+
+    def speed_scale(self, now: float | None = None) -> float:
+        """How fast the arm may go on, from 0 to 1: 0 in STOP, and beyond `valid_until`.
+
+        Looks at what `latest` has received; it receives nothing itself.
+        """
+        if self._last is None or self.silent(now) or self._last.level is Level.STOP:
+            return 0.0
+        scale = self._last.speed_scale
+        return scale if 0.0 <= scale <= 1.0 else 0.0
+
+    def _receive(self) -> bool:
+        try:
+            parts = self._socket.recv_multipart(zmq.NOBLOCK)
+        except zmq.Again:
+            return False
+        try:
+            self._last = decode_verdict(parts[0])
+        except MessageError:
+            self.refused += 1
+        return True
+
+    def __iter__(self) -> Iterator[Verdict]:
+        """Every verdict in turn, for ever; waits for each."""
+        while True:
+            before = self._last
+            self._socket.poll()
+            self._receive()
+            if self._last is not None and self._last is not before:
+                yield self._last
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._socket.close()
+
+    def __enter__(self) -> VerdictReader:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

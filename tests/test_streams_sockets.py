@@ -1,0 +1,409 @@
+import math
+import os
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import zmq
+
+from armguard.clock import MonotonicClock
+from armguard.exceptions import StreamError
+from armguard.obstacles import Obstacles
+from armguard.streams import (
+    Edge,
+    FaultLog,
+    Publisher,
+    SocketInput,
+    VerdictPublisher,
+    VerdictReader,
+)
+from armguard.streams.addresses import check_address
+from armguard.streams.inputs import BYTE_LIMIT
+from armguard.streams.messages import MessageError
+from armguard.verdict import Level, Reason, ReasonKind, Verdict
+
+PATIENCE = 5.0
+"""Seconds that a busy machine is given; nothing waits that long when all is well."""
+
+
+@pytest.fixture(params=["ipc", "tcp"])
+def address(request, tmp_path):
+    return f"ipc://{tmp_path}/in" if request.param == "ipc" else "tcp://127.0.0.1:*"
+
+
+@pytest.fixture
+def raw():
+    """Makes plain publishing sockets, as a foreign program would."""
+    publishers = []
+
+    def connect(source):
+        publisher = zmq.Context.instance().socket(zmq.XPUB)
+        publishers.append(publisher)
+        publisher.connect(source.address)
+        attend(source, lambda: publisher.poll(1))
+        return publisher
+
+    yield connect
+    for publisher in publishers:
+        publisher.close(linger=0)
+
+
+def attend(source, ready):
+    """Subscriptions are sent by the thread that receives, so it must be seen to receive."""
+    end = time.monotonic() + PATIENCE
+    while not ready():
+        assert source.receive() is None
+        assert time.monotonic() < end
+
+
+def receive(source):
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        data = source.receive()
+        if data is not None:
+            return data
+        time.sleep(0.001)
+    pytest.fail("nothing came")
+
+
+def make_verdict(sequence, level=Level.CLEAR, valid_for=10.0, scale=1.0):
+    now = time.monotonic()
+    reasons = (Reason(ReasonKind.NO_SOURCES),)
+    valid = now + valid_for
+    return Verdict(now, sequence, level, 1.0, 0.1, scale, None, None, True, 0, reasons, valid)
+
+
+# Addresses
+
+
+@pytest.mark.parametrize(
+    "address", ["ipc:///tmp/a b", "tcp://127.0.0.1:5701", "tcp://[::1]:1", "tcp://127.9.9.9:*"]
+)
+def test_addresses_of_this_machine_are_good(address):
+    check_address(address)
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "",
+        "5701",
+        "tcp://",
+        "tcp://127.0.0.1",
+        "tcp://127.0.0.1:",
+        "tcp://127.0.0.1:x",
+        "tcp://127.0.0.1:0",
+        "tcp://127.0.0.1:65536",
+        "tcp://*:5701",
+        "tcp://0.0.0.0:5701",
+        "tcp://[::]:5701",
+        "tcp://192.168.0.7:5701",
+        "tcp://eth0:5701",
+        "tcp://example.com:5701",
+        "tcp://127.0.0.1:5701;tcp://192.168.0.7:1",
+        "udp://127.0.0.1:5701",
+        "inproc://a",
+        "ipc://",
+    ],
+)
+@pytest.mark.parametrize("user", [SocketInput, Publisher, VerdictReader])
+def test_other_addresses_are_refused_by_name(address, user):
+    with pytest.raises(StreamError) as caught:
+        user(address)
+    assert caught.value.offender == address
+    assert caught.value.expected
+
+
+@pytest.mark.parametrize("second", [SocketInput, lambda address: VerdictPublisher(address, 0.0)])
+def test_an_address_in_use_is_a_clear_error(address, second):
+    first = SocketInput(address)
+    try:
+        with pytest.raises(StreamError, match=r"in use by another process; .*choose another"):
+            second(first.address)
+    finally:
+        first.close()
+
+
+def test_a_port_of_a_foreign_program_is_in_use():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        with pytest.raises(StreamError, match="in use"):
+            SocketInput(f"tcp://127.0.0.1:{port}")
+
+
+def test_what_a_killed_process_left_behind_is_taken_over(tmp_path):
+    left = socket.socket(socket.AF_UNIX)
+    left.bind(str(tmp_path / "in"))
+    left.close()
+    SocketInput(f"ipc://{tmp_path}/in").close()
+
+
+def test_a_file_is_not_replaced_by_a_socket(tmp_path):
+    (tmp_path / "in").write_text("precious")
+    with pytest.raises(StreamError, match="is a file"):
+        SocketInput(f"ipc://{tmp_path}/in")
+    assert (tmp_path / "in").read_text() == "precious"
+
+
+def test_folders_that_do_not_exist_and_names_too_long_are_clear_errors(tmp_path):
+    for path in (tmp_path / "no" / "in", tmp_path / ("x" * 200)):
+        with pytest.raises(StreamError, match="cannot be used"):
+            SocketInput(f"ipc://{path}")
+
+
+def test_closing_frees_the_address(address):
+    first = SocketInput(address)
+    first.close()
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        try:
+            SocketInput(first.address).close()
+        except StreamError:
+            time.sleep(0.01)
+        else:
+            return
+    pytest.fail("still in use")
+
+
+# Inputs
+
+
+def test_messages_in_parts_or_too_long_are_refused_and_the_next_is_taken(address, raw):
+    source = SocketInput(address)
+    publisher = raw(source)
+    publisher.send_multipart([b"topic", b"message", b"more"])
+    publisher.send(b"x" * (BYTE_LIMIT + 1))
+    publisher.send(b"good")
+    found = []
+    while b"good" not in found:
+        try:
+            found.append(receive(source))
+        except MessageError as error:
+            found.append(error.field + " is " + error.value)
+    source.close()
+    assert found == ["message is in several parts"] * 3 + [
+        f"message is {BYTE_LIMIT + 1} bytes long",
+        b"good",
+    ]
+
+
+def test_an_input_without_messages_does_not_wait(address):
+    source = SocketInput(address)
+    assert source.receive() is None
+    source.close()
+
+
+# Publisher
+
+
+def test_what_is_published_arrives_in_the_table(address):
+    clock = MonotonicClock()
+    obstacles = Obstacles()
+    faults = FaultLog(clock.now)
+    edge = Edge(obstacles, ["a", "b"], clock, faults)
+    source = SocketInput(address)
+    stamp = time.monotonic()
+    box = np.random.default_rng(0).normal(size=(2, 8, 3))
+    with Publisher(source.address, "cam0") as publisher:
+        attend(source, lambda: publisher.wait(0.001))
+        publisher.update(
+            ["x", "y"], stamp, box, 0 * box, [0.1, 0.2], speed=3.0, position_error=0.01
+        )
+        publisher.update([], stamp, [])
+        publisher.update(["z"], stamp, [[1, 2, 3]], radius=0.0)
+        publisher.remove(["z"], stamp + 1e-3)
+        publisher.joints(stamp, ["b", "a"], [1.0, 2.0], [3.0, 4.0])
+        end = time.monotonic() + PATIENCE
+        while edge.joint_state is None and time.monotonic() < end:
+            edge.drain([source])
+    source.close()
+    assert edge.received == 5
+    assert faults.total == 0
+    assert len(obstacles) == 2
+    row = obstacles.row("y")
+    accepted = obstacles.table.accepted
+    assert (accepted.points[row] == box[1]).all()
+    assert accepted.radius[row] == 0.2
+    assert accepted.speed[row] == 3.0
+    assert accepted.stamp[row] == pytest.approx(stamp - edge.offset, abs=1e-9)
+    assert edge.joint_state.q.tolist() == [2.0, 1.0]
+    assert edge.joint_state.v.tolist() == [4.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"position": [[1, 2]]},
+        {"position": [1, 2, 3]},
+        {"position": [[1, 2, 3], [4, 5, 6]]},
+        {"velocity": [[[1, 2, 3, 4]]]},
+        {"radius": [0.1, 0.1]},
+        {"position_error": [[0.1]]},
+    ],
+)
+def test_what_does_not_fit_is_not_published(tmp_path, fields):
+    arguments = {"position": [[1, 2, 3]], "radius": 0.1, **fields}
+    with Publisher(f"ipc://{tmp_path}/in") as publisher:
+        with pytest.raises(StreamError, match="shape"):
+            publisher.update(["a"], 0.0, **arguments)
+        with pytest.raises(StreamError, match="q: has shape"):
+            publisher.joints(0.0, ["a"], [1.0, 2.0], [1.0])
+
+
+def test_publishing_to_nobody_neither_waits_nor_fails(address):
+    source = SocketInput(address)
+    source.close()
+    with Publisher(source.address) as publisher:
+        assert not publisher.wait(0.0)
+        for _ in range(10_000):
+            publisher.update([], 0.0, [])
+
+
+# Verdicts
+
+
+def test_a_controller_brakes_on_silence_and_on_stop(address):
+    publisher = VerdictPublisher(address, 0.0)
+    with VerdictReader(publisher.address) as reader:
+        assert reader.latest() is None
+        assert reader.silent()
+        assert reader.speed_scale() == 0.0
+        verdict = None
+        for sequence in range(1000):
+            publisher.publish(make_verdict(sequence, scale=0.7))
+            verdict = reader.latest(0.01)
+            if verdict is not None:
+                break
+        assert verdict.level is Level.CLEAR
+        now = time.monotonic()
+        assert not reader.silent(now)
+        assert reader.speed_scale(now) == 0.7
+        assert reader.silent(verdict.valid_until + 1e-6)
+        assert reader.speed_scale(verdict.valid_until + 1e-6) == 0.0
+        assert reader.silent(math.nan)
+        publisher.publish(make_verdict(5000, Level.STOP, scale=0.7))
+        publisher.publish(make_verdict(5001, Level.STOP, scale=0.7))
+        while reader.latest(PATIENCE).sequence < 5001:
+            pass
+        assert not reader.silent()
+        assert reader.speed_scale() == 0.0
+        publisher.publish(make_verdict(5002, scale=math.nan))
+        while reader.latest(PATIENCE).sequence < 5002:
+            pass
+        assert reader.speed_scale() == 0.0
+    publisher.close()
+
+
+def test_a_reader_iterates_over_every_verdict():
+    publisher = VerdictPublisher("tcp://127.0.0.1:*", 0.0)
+    with VerdictReader(publisher.address) as reader:
+        while reader.latest(0.01) is None:
+            publisher.publish(make_verdict(0))
+        while reader.latest(0.05) is not reader.latest(0.05):
+            pass
+        for sequence in range(1, 501):
+            publisher.publish(make_verdict(sequence))
+        verdicts = iter(reader)
+        assert [next(verdicts).sequence for _ in range(500)] == list(range(1, 501))
+    publisher.close()
+
+
+def test_a_stranger_in_place_of_the_monitor_is_silence():
+    server = zmq.Context.instance().socket(zmq.XPUB)
+    server.set(zmq.LINGER, 0)
+    port = server.bind_to_random_port("tcp://127.0.0.1")
+    with VerdictReader(f"tcp://127.0.0.1:{port}") as reader:
+        assert server.poll(1000 * PATIENCE)
+        for data in (b"", b"nonsense", b'{"type": "verdict"}'):
+            server.send(data)
+        end = time.monotonic() + PATIENCE
+        while reader.refused < 3 and time.monotonic() < end:
+            assert reader.latest(0.01) is None
+        assert reader.refused == 3
+        assert reader.speed_scale() == 0.0
+    server.close()
+
+
+def test_a_subscriber_that_never_reads_holds_up_nobody():
+    publisher = VerdictPublisher("tcp://127.0.0.1:*", 0.0)
+    with VerdictReader(publisher.address) as lazy, VerdictReader(publisher.address) as keen:
+        while lazy.latest(0.01) is None or keen.latest(0.01) is None:
+            publisher.publish(make_verdict(0))
+        # Far more than every buffer on the way holds; a blocking send would never end.
+        for sequence in range(1, 60_001):
+            publisher.publish(make_verdict(sequence))
+            if sequence % 100 == 0:
+                keen.latest(0.001)
+        while keen.latest(1.0).sequence < 60_000:
+            publisher.publish(make_verdict(60_000))
+    publisher.close()
+
+
+# Two processes
+
+PERCEPTION = """
+import sys, time
+import numpy as np
+from armguard.streams import Publisher
+address, count, messages = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+ids = [f"obstacle {i}" for i in range(count)]
+start = np.random.default_rng(1).uniform(-5.0, 5.0, (count, 3))
+velocity = np.random.default_rng(2).uniform(-1.0, 1.0, (count, 3))
+with Publisher(address, "cam0") as publisher:
+    assert publisher.wait(20.0)
+    begin = tick = time.monotonic()
+    for _ in range(messages):
+        publisher.update(ids, tick, start + velocity * (tick - begin), velocity, radius=0.1)
+        tick += 0.01
+        time.sleep(max(0.0, tick - time.monotonic()))
+"""
+
+
+def test_a_thousand_obstacles_at_a_hundred_hertz_from_another_process(address):
+    messages = 250
+    clock = MonotonicClock()
+    obstacles = Obstacles()
+    faults = FaultLog(clock.now)
+    edge = Edge(obstacles, [], clock, faults)
+    source = SocketInput(address)
+    arguments = [source.address, "1000", str(messages)]
+    process = subprocess.Popen([sys.executable, "-c", PERCEPTION, *arguments])
+    ages, stamps = [], []
+    deadline = clock.now()
+    try:
+        while edge.received < messages and (deadline < 30.0 or stamps):
+            clock.sleep_until(deadline)
+            before = edge.received
+            edge.drain([source])
+            if edge.received > before:
+                stamp = float(obstacles.table.accepted.stamp[obstacles.row("obstacle 999")])
+                ages.append(clock.now() - stamp)
+                stamps.append(stamp)
+            deadline = max(deadline + 0.001, clock.now())
+            assert deadline < 40.0
+    finally:
+        process.wait() if edge.received == messages else process.kill()
+        process.wait()
+        source.close()
+    assert edge.received == messages
+    assert faults.total == 0
+    assert obstacles.take_faults() == []
+    assert len(obstacles) == 1000
+    # Stamps are 10 ms apart as they were sent, whenever they came: nothing was restamped.
+    steps = np.diff(stamps) / 0.01
+    assert np.allclose(steps, np.round(steps), atol=1e-5)
+    assert min(ages) > 0.0
+    assert np.median(ages) < 0.05
+
+
+def test_no_file_is_left_behind(tmp_path):
+    source = SocketInput(f"ipc://{tmp_path}/in")
+    publisher = VerdictPublisher(f"ipc://{tmp_path}/out", 0.0)
+    assert sorted(os.listdir(tmp_path)) == ["in", "out"]
+    for resource in (source, publisher):
+        resource.close()
+        resource.close()
+    assert os.listdir(tmp_path) == []
