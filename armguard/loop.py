@@ -1,0 +1,252 @@
+"""The rate loop: drain inputs, step the monitor, publish the verdict, sleep to the deadline.
+
+One thread, no locks. Deadlines are absolute, on a grid that never drifts; a tick that overruns
+skips the deadlines it has missed, and they are counted. Whatever draws or records is another
+process: five milliseconds of Python in a thread make one tick in thirty late.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from armguard.cell import Cell
+from armguard.cell_schema import given
+from armguard.clock import Clock, MonotonicClock
+from armguard.latency import Durations
+from armguard.monitor import Monitor
+from armguard.streams import (
+    JOINTS_ADDRESS,
+    OBSTACLES_ADDRESS,
+    VERDICTS_ADDRESS,
+    Edge,
+    FaultLog,
+    Input,
+    LineInput,
+    PacedInput,
+    SocketInput,
+    StampClock,
+    VerdictPublisher,
+)
+from armguard.verdict import Level, Reason, ReasonKind, Verdict
+
+
+class LoopReport(NamedTuple):
+    """What a run was like; times in [s]."""
+
+    ticks: int
+    late: int
+    """Ticks that were not done before the next deadline."""
+    missed: int
+    """Deadlines that passed without a tick of their own."""
+    p50: float
+    """Half of all ticks took no longer: draining, stepping and publishing."""
+    p99: float
+    p999: float
+    longest: float
+    received: int
+    """Messages taken."""
+    faults: dict[str, int]
+    """Faults of messages, by kind and source."""
+
+
+class RateLoop:
+    """Steps a monitor at its rate from an edge and its inputs.
+
+    Args:
+        monitor: What is stepped.
+        edge: What the inputs' messages go through.
+        inputs: Where messages come from; the loop ends when one that can end has ended.
+        clock: Tells time and sleeps; the same as the edge's.
+        publish: Takes each verdict; must never block.
+    """
+
+    def __init__(
+        self,
+        monitor: Monitor,
+        edge: Edge,
+        inputs: Sequence[Input],
+        clock: Clock,
+        publish: Callable[[Verdict], None],
+    ) -> None:
+        self._monitor = monitor
+        self._edge = edge
+        self._inputs = list(inputs)
+        self._clock = clock
+        self._publish = publish
+        self._durations = Durations()
+        self._ticks = 0
+        self._late = 0
+        self._missed = 0
+
+    def run(
+        self, duration: float = math.inf, stopped: Callable[[], bool] = lambda: False
+    ) -> LoopReport:
+        """Loop for `duration` [s], until `stopped()`, Ctrl-C, or the end of an input.
+
+        Raises nothing of its own; KeyboardInterrupt ends the loop as `stopped` does.
+        """
+        clock, period = self._clock, self._monitor.period
+        # Collections of the long-lived heap would take tens of milliseconds in mid-tick.
+        gc.collect()
+        gc.freeze()
+        start = clock.now()
+        tick = 0
+        try:
+            while tick * period < duration and not stopped():
+                clock.sleep_until(start + tick * period)
+                begin = clock.now()
+                ended = any(source.ended for source in self._inputs)
+                self.tick()
+                end = clock.now()
+                self._durations.add(end - begin)
+                self._ticks += 1
+                tick += 1
+                behind = end - (start + tick * period)
+                if behind > 0.0:
+                    skipped = int(behind / period)
+                    self._late += 1
+                    self._missed += skipped
+                    tick += skipped
+                if ended:
+                    break
+        except KeyboardInterrupt:
+            pass
+        finally:
+            gc.unfreeze()
+        return self.report()
+
+    def tick(self) -> Verdict:
+        """Drain, step, publish."""
+        edge = self._edge
+        edge.drain(self._inputs)
+        if edge.reset_requested:
+            edge.reset_requested = False
+            self._monitor.reset()
+        state = edge.joint_state
+        now = self._clock.now()
+        if state is None:
+            verdict = _wait_for_joints(now)
+        else:
+            verdict = self._monitor.step(state.stamp, state.q, state.v, now)
+        self._publish(verdict)
+        return verdict
+
+    def report(self) -> LoopReport:
+        """What the run was like so far."""
+        durations = self._durations
+        return LoopReport(
+            ticks=self._ticks,
+            late=self._late,
+            missed=self._missed,
+            p50=durations.percentile(50.0),
+            p99=durations.percentile(99.0),
+            p999=durations.percentile(99.9),
+            longest=durations.longest,
+            received=self._edge.received,
+            faults={
+                f"{key.kind}: {key.source}": number
+                for key, number in sorted(self._edge.faults.counts.items())
+            },
+        )
+
+
+def run(
+    cell: Cell,
+    obstacles_address: str = OBSTACLES_ADDRESS,
+    joints_address: str | None = None,
+    verdicts_address: str = VERDICTS_ADDRESS,
+    *,
+    recorded: bool = False,
+    duration: float = math.inf,
+    reset_token: str | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+    observe: Callable[[Monitor, Verdict], None] | None = None,
+) -> LoopReport:
+    """Supervise a cell from streams until stopped, interrupted, or the end of standard input.
+
+    Args:
+        cell: Robot, obstacles and monitor.
+        obstacles_address: Bound for publishers of obstacles; "-" reads JSON lines from standard
+            input, with the joint states among them unless they have an address.
+        joints_address: Bound for publishers of joint states; may be the same as that of obstacles.
+            Default: `JOINTS_ADDRESS`.
+        verdicts_address: Bound for readers of verdicts.
+        recorded: Whether standard input is a recording: its first stamp is taken for the present,
+            and each line waits until it is due.
+        duration: How long to run, in [s].
+        reset_token: What a reset message must carry; without one, none is obeyed.
+        stopped: Asked at every tick whether to end.
+        observe: Sees each verdict, with the monitor, after it was published; must not block.
+
+    Raises:
+        StreamError: If an address cannot be used.
+        ArmguardError: If the cell cannot be made.
+    """
+    robot, obstacles, monitor = cell.build()
+    joint_state = cell.tables.joint_state
+    clock = MonotonicClock()
+    edge = Edge(
+        obstacles,
+        robot.joints,
+        clock,
+        FaultLog(clock.now),
+        stamp_clocks={
+            name: StampClock("monotonic" if recorded else source.clock, source.latency)
+            for name, source in cell.tables.sources.items()
+        },
+        joint_clock=StampClock("monotonic" if recorded else joint_state.clock, joint_state.latency),
+        reset_token=reset_token,
+        **{name: bound for name, bound in given(cell.tables.bounds).items() if name != "margin"},
+    )
+    opened: list[Input | VerdictPublisher] = []
+    try:
+        inputs: list[Input] = []
+        for address in dict.fromkeys(_inputs(obstacles_address, joints_address)):
+            inputs.append(_open_input(address, recorded))
+            opened.append(inputs[-1])
+        publisher = VerdictPublisher(verdicts_address, edge.offset)
+        opened.append(publisher)
+
+        def publish(verdict: Verdict) -> None:
+            publisher.publish(verdict)
+            if observe is not None:
+                observe(monitor, verdict)
+
+        return RateLoop(monitor, edge, inputs, clock, publish).run(duration, stopped)
+    finally:
+        for resource in opened:
+            resource.close()
+
+
+def _open_input(address: str, recorded: bool) -> Input:
+    if address != "-":
+        return SocketInput(address)
+    return PacedInput(LineInput()) if recorded else LineInput()
+
+
+def _inputs(obstacles_address: str, joints_address: str | None) -> list[str]:
+    if joints_address is None:
+        return ["-"] if obstacles_address == "-" else [obstacles_address, JOINTS_ADDRESS]
+    return [obstacles_address, joints_address]
+
+
+def _wait_for_joints(now: float) -> Verdict:
+    """The verdict while no joint state has ever come: nothing is known, so STOP."""
+    reason = Reason(ReasonKind.NOT_YET_COMPLETE, "joints", "no joint state has arrived yet")
+    return Verdict(
+        stamp=now,
+        sequence=0,
+        level=Level.STOP,
+        contact_time=0.0,
+        stop_time=math.inf,
+        speed_scale=0.0,
+        link=None,
+        obstacle=None,
+        complete=False,
+        evaluated=0,
+        reasons=(reason,),
+        valid_until=now,
+    )
