@@ -28,6 +28,7 @@ from armguard.obstacles import Obstacles
 from armguard.pairs import TickState, evaluate
 from armguard.robot import Robot
 from armguard.schedules import Schedule, make_schedule
+from armguard.snapshot import Snapshot, take_snapshot
 from armguard.verdict import (
     Effect,
     Level,
@@ -131,6 +132,7 @@ class Monitor:
             raise ArmguardError("motion", f"is {motion!r}", expected='"isotropic"')
         self.robot = robot
         self.obstacles = obstacles
+        self.base_placement = base_placement or pinocchio.SE3.Identity()
         self._ignore = _check_ignore(ignore, robot)
         self._horizon = self.period + latency
         self._reaction_time = reaction_time
@@ -205,6 +207,24 @@ class Monitor:
         now = self._now - self._epoch
         order = np.argsort(ledger.expiry[ledger.pairs], kind="stable")[:limit]
         return [self._report(int(pair), now) for pair in ledger.pairs[order]]
+
+    def snapshot(self, *, pair_limit: int, row_limit: int) -> Snapshot:
+        """What there is to see of the last tick, for observers; cheap, and their own to keep.
+
+        Args:
+            pair_limit: At most so many pairs, the most imminent ones.
+            row_limit: At most so many obstacles, likewise.
+        """
+        time = 0.0 if self._epoch is None else self._now - self._epoch
+        return take_snapshot(
+            self._ledger,
+            self._state,
+            self._states.q,
+            time,
+            self._sequence,
+            pair_limit=pair_limit,
+            row_limit=row_limit,
+        )
 
     def _step(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> Verdict:
         stamp, now = _as_time(stamp), _as_time(now)

@@ -89,6 +89,7 @@ class TickState:
         self.arm_age = 0.0
         self.opening_time = 0.0
         self.tree = thread_tree(kinematics.spheres)
+        self.link_of = kinematics.spheres.link
         self.arm = ArmArrays(
             kinematics.centers,
             kinematics.velocities,

@@ -96,6 +96,24 @@ class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
     reasons: tuple[str, ...] = ()
 
 
+class Load(msgspec.Struct, frozen=True, kw_only=True):
+    """How hard the monitor works.
+
+    Attributes:
+        ticks: Ticks so far.
+        late: How many of them came late.
+        evaluated: Contact-time evaluations in the last one.
+        p50: Half of the ticks took no longer, in [s].
+        p99: 99 of a hundred took no longer, in [s].
+    """
+
+    ticks: int
+    late: int
+    evaluated: int
+    p50: float
+    p99: float
+
+
 class Obstacles(msgspec.Struct, frozen=True):
     """Obstacles of one frame, each the hull of up to 8 points, rounded by a radius.
 
@@ -213,6 +231,7 @@ class FrameMessage(msgspec.Struct, frozen=True, tag="frame", kw_only=True):
         q: Joint positions, in [rad] or [m]. Length of `SceneMessage.joints`.
         verdict: What the monitor says.
         sphere_buckets: Bucket of each cover sphere's most imminent pair; uint8.
+        load: How hard the monitor works; None where that is not known.
         obstacles: What is in the cell.
         pairs: The imminent pairs.
     """
@@ -221,6 +240,7 @@ class FrameMessage(msgspec.Struct, frozen=True, tag="frame", kw_only=True):
     now: float
     q: tuple[float, ...]
     verdict: VerdictSummary
+    load: Load | None = None
     sphere_buckets: bytes = b""
     obstacles: Obstacles = Obstacles()
     pairs: Pairs = Pairs()

@@ -1,0 +1,8 @@
+"""`python -m armguard`: the same as the command `armguard`."""
+
+import sys
+
+from armguard.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())
