@@ -28,17 +28,21 @@ class Reader:
         """Forget what was owed: all values are void."""
         self._owed.clear()
 
-    def take(self) -> bytes | None:
-        """The next bundle, a msgpack array of commands, or None if nothing is owed."""
-        parts: list[bytes] = []
+    def take(self, preface: bytes) -> bytes | None:
+        """The next bundle, a msgpack array of commands, or None if nothing is owed.
+
+        Args:
+            preface: A packed command to put before the others.
+        """
+        if not self._owed:
+            return None
+        parts = [preface]
         size = 0
         while self._owed and size < BUNDLE_BYTES and len(parts) < 0xFFFF:
             key = next(iter(self._owed))
             del self._owed[key]
             parts.append(self._values[key])
             size += len(parts[-1])
-        if not parts:
-            return None
         return b"\xdc" + len(parts).to_bytes(2, "big") + b"".join(parts)
 
 

@@ -91,15 +91,18 @@ class ViewServer:
             browser.close(1001, "the view has ended")
 
     def attach(self, browser: BrowserSocket) -> bool:
-        """Take in a browser, unless there are too many; tell it how old its news is."""
+        """Take in a browser, unless there are too many."""
         if len(self._browsers) >= BROWSER_LIMIT:
             return False
         self._browsers.add(browser)
-        silence = None if self._last_frame is None else time.monotonic() - self._last_frame
-        hello = show("hello", {"address": self._address, "silence": silence})
         browser.reader = self._values.attach()
-        browser.send(hello.payload)
+        browser.send(self.tell_news())
         return True
+
+    def tell_news(self) -> bytes:
+        """How old the latest moment is: what is handed to a late browser may long be past."""
+        silence = None if self._last_frame is None else time.monotonic() - self._last_frame
+        return show("news", {"address": self._address, "silence": silence}).payload
 
     def detach(self, browser: BrowserSocket) -> None:
         """Forget a browser that has gone."""
@@ -168,7 +171,7 @@ class BrowserSocket(_LocalOnly, tornado.websocket.WebSocketHandler):
         """Send the next bundle, if the browser waits for one and there is one."""
         if not self._waits or self.reader is None:
             return
-        bundle = self.reader.take()
+        bundle = self.reader.take(self._view.tell_news())
         if bundle is not None:
             self.send(bundle)
 

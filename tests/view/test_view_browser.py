@@ -193,7 +193,7 @@ def test_the_page_finds_back_to_a_view_that_was_restarted(feed, page):
 def test_buffers_do_not_grow_while_it_runs(feed, page):
     count = "() => [viewer.renderer.info.memory.geometries, viewer.scene.children.length]"
     feed.show(contact_time=0.05)
-    page.wait_for_timeout(3000)
+    page.wait_for_timeout(1000)
     before = page.evaluate(count)
-    page.wait_for_timeout(5000)
+    page.wait_for_timeout(2000)
     assert page.evaluate(count) == before

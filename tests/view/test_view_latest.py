@@ -3,6 +3,8 @@ import msgspec
 from armguard.view.drawing import Command
 from armguard.view.latest import BUNDLE_BYTES, LatestValues
 
+PREFACE = msgspec.msgpack.encode("preface")
+
 
 def command(key, value):
     return Command(key, msgspec.msgpack.encode(value))
@@ -10,8 +12,10 @@ def command(key, value):
 
 def read_all(reader):
     values = []
-    while (bundle := reader.take()) is not None:
-        values += msgspec.msgpack.decode(bundle)
+    while (bundle := reader.take(PREFACE)) is not None:
+        preface, *commands = msgspec.msgpack.decode(bundle)
+        assert preface == "preface"
+        values += commands
     return values
 
 
@@ -29,7 +33,7 @@ def test_who_is_slow_is_told_the_present_only():
     for value in range(1000):
         latest.set(command(f"key{value % 3}", value))
     assert sorted(read_all(reader)) == [997, 998, 999]
-    assert reader.take() is None
+    assert reader.take(PREFACE) is None
 
 
 def test_what_did_not_change_is_not_told_again():
@@ -38,7 +42,7 @@ def test_what_did_not_change_is_not_told_again():
     latest.set(command("a", 1))
     assert read_all(reader) == [1]
     latest.set(command("a", 1))
-    assert reader.take() is None
+    assert reader.take(PREFACE) is None
 
 
 def test_large_values_come_in_several_bundles():
@@ -46,9 +50,9 @@ def test_large_values_come_in_several_bundles():
     for value in range(5):
         latest.set(command(str(value), b"x" * BUNDLE_BYTES))
     reader = latest.attach()
-    bundles = [reader.take() for _ in range(5)]
-    assert all(len(msgspec.msgpack.decode(bundle)) == 1 for bundle in bundles)
-    assert reader.take() is None
+    bundles = [reader.take(PREFACE) for _ in range(5)]
+    assert all(len(msgspec.msgpack.decode(bundle)) == 2 for bundle in bundles)
+    assert reader.take(PREFACE) is None
 
 
 def test_nothing_of_a_cleared_picture_is_told():
@@ -68,4 +72,4 @@ def test_who_has_left_is_forgotten():
     latest.detach(reader)
     latest.detach(reader)
     latest.set(command("a", 1))
-    assert reader.take() is None
+    assert reader.take(PREFACE) is None

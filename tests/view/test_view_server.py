@@ -107,7 +107,7 @@ def test_pages_of_other_origins_are_refused():
             with pytest.raises(HTTPClientError):
                 await stage.browse(Origin=origin)
         browser = await stage.browse(Origin=own)
-        assert (await hear(browser))["type"] == "hello"
+        assert (await hear(browser))["type"] == "news"
 
     on_stage(play)
 
@@ -118,11 +118,11 @@ def test_who_comes_late_is_told_the_present():
             stage.values.set(show("banner", {"sequence": sequence}))
             stage.server.flush()
         browser = await stage.browse()
-        hello = await hear(browser)
-        assert hello["address"] == "tcp://127.0.0.1:1"
-        assert 0.0 <= hello["silence"] < TIMEOUT
+        news = await hear(browser)
+        assert news["address"] == "tcp://127.0.0.1:1"
+        assert 0.0 <= news["silence"] < TIMEOUT
         await browser.write_message(DONE)
-        (banner,) = await hear(browser)
+        (_, banner) = await hear(browser)
         assert banner["sequence"] == 99
 
     on_stage(play)
@@ -158,13 +158,13 @@ def test_slow_and_quick_browsers_each_get_the_latest():
         for sequence in range(5):
             stage.values.set(show("banner", {"sequence": sequence}))
             stage.server.flush()
-            (banner,) = await hear(quick)
+            (_, banner) = await hear(quick)
             assert banner["sequence"] == sequence
             await quick.write_message(DONE)
             await asyncio.sleep(0.02)
-        (first,) = await hear(slow)
+        (_, first) = await hear(slow)
         await slow.write_message(DONE)
-        (last,) = await hear(slow)
+        (_, last) = await hear(slow)
         assert (first["sequence"], last["sequence"]) == (0, 4)
 
     on_stage(play)
@@ -185,11 +185,11 @@ def test_too_many_browsers_are_sent_away():
     async def play(stage):
         watching = [await stage.browse() for _ in range(BROWSER_LIMIT)]
         for browser in watching:
-            assert (await hear(browser))["type"] == "hello"
+            assert (await hear(browser))["type"] == "news"
         assert await hear(await stage.browse()) is None
         watching[0].close()
         await asyncio.sleep(0.1)
-        assert (await hear(await stage.browse()))["type"] == "hello"
+        assert (await hear(await stage.browse()))["type"] == "news"
 
     on_stage(play)
 

@@ -109,7 +109,7 @@ const commands = {
       vertexColors: true, flatShading: true, side: THREE.DoubleSide, depthWrite: false })))),
   banner: showBanner,
   legend: showLegend,
-  hello: showSource,
+  news: showNews,
 };
 
 const meshcatCommand = viewer.handle_command.bind(viewer);
@@ -165,7 +165,6 @@ function stepOf(time) {
 }
 
 function showBanner(command) {
-  lastNews = performance.now();
   level = command.level;
   element("contact").textContent = seconds(command.contact_time);
   element("stop").textContent = seconds(command.stop_time);
@@ -191,9 +190,10 @@ function showBanner(command) {
   showState();
 }
 
-function showSource(command) {
+// Comes before all other commands of a bundle and says how old they are, in [s].
+function showNews(command) {
   lastNews = command.silence === null ? null : performance.now() - 1000 * command.silence;
-  element("source").textContent = `feed: ${command.address}`;
+  if (lastNews === null) element("source").textContent = `feed: ${command.address}`;
   showState();
 }
 
