@@ -398,6 +398,16 @@ def test_duplicates_between_new_messages_never_turn_a_row_back():
     assert obstacles.late_count == 100
 
 
+def test_late_messages_do_not_hide_a_track_that_is_about_to_be_believed():
+    obstacles = Obstacles()
+    row = see(obstacles, 1.0)
+    for i in range(1, 6):
+        see(obstacles, 0.9 + 0.01 * i)
+        see(obstacles, 1.0 + 0.01 * i, x=1.0)
+    assert obstacles.table.points[row, 0, 0] == 1.0
+    assert not obstacles.table.refused[row]
+
+
 # Removing
 
 
@@ -437,6 +447,7 @@ def test_removals_that_are_refused():
     assert obstacles.row("a") == row
     # The removal of what is still under way.
     obstacles.remove(["c"], stamp=2.0, source="cam1")
+    obstacles.remove(["c"], stamp=1.5, source="cam1")
     see(obstacles, 1.9, id="c", source="cam1")
     assert obstacles.row("c") == -1
 
