@@ -61,6 +61,14 @@ class RateLoop:
         inputs: Where messages come from; the loop ends when one that can end has ended.
         clock: Tells time and sleeps; the same as the edge's.
         publish: Takes each verdict; must never block.
+        observe: Sees each verdict, with this loop, after it was published; must never block.
+
+    Attributes:
+        monitor: What is stepped.
+        clock: Tells time.
+        durations: How long ticks took so far.
+        late: Ticks so far that were not done before the next deadline.
+        missed: Deadlines so far that passed without a tick of their own.
     """
 
     def __init__(
@@ -70,16 +78,18 @@ class RateLoop:
         inputs: Sequence[Input],
         clock: Clock,
         publish: Callable[[Verdict], None],
+        observe: Callable[[RateLoop, Verdict], None] | None = None,
     ) -> None:
-        self._monitor = monitor
+        self.monitor = monitor
         self._edge = edge
         self._inputs = list(inputs)
-        self._clock = clock
+        self.clock = clock
         self._publish = publish
-        self._durations = Durations()
+        self._observe = observe
+        self.durations = Durations()
         self._ticks = 0
-        self._late = 0
-        self._missed = 0
+        self.late = 0
+        self.missed = 0
 
     def run(
         self, duration: float = math.inf, stopped: Callable[[], bool] = lambda: False
@@ -88,7 +98,7 @@ class RateLoop:
 
         Raises nothing of its own; KeyboardInterrupt ends the loop as `stopped` does.
         """
-        clock, period = self._clock, self._monitor.period
+        clock, period = self.clock, self.monitor.period
         # Collections of the long-lived heap would take tens of milliseconds in mid-tick.
         gc.collect()
         gc.freeze()
@@ -101,14 +111,14 @@ class RateLoop:
                 ended = any(source.ended for source in self._inputs)
                 self.tick()
                 end = clock.now()
-                self._durations.add(end - begin)
+                self.durations.add(end - begin)
                 self._ticks += 1
                 tick += 1
                 behind = end - (start + tick * period)
                 if behind > 0.0:
                     skipped = int(behind / period)
-                    self._late += 1
-                    self._missed += skipped
+                    self.late += 1
+                    self.missed += skipped
                     tick += skipped
                 if ended:
                     break
@@ -124,23 +134,25 @@ class RateLoop:
         edge.drain(self._inputs)
         if edge.reset_requested:
             edge.reset_requested = False
-            self._monitor.reset()
+            self.monitor.reset()
         state = edge.joint_state
-        now = self._clock.now()
+        now = self.clock.now()
         if state is None:
             verdict = _wait_for_joints(now)
         else:
-            verdict = self._monitor.step(state.stamp, state.q, state.v, now)
+            verdict = self.monitor.step(state.stamp, state.q, state.v, now)
         self._publish(verdict)
+        if self._observe is not None:
+            self._observe(self, verdict)
         return verdict
 
     def report(self) -> LoopReport:
         """What the run was like so far."""
-        durations = self._durations
+        durations = self.durations
         return LoopReport(
             ticks=self._ticks,
-            late=self._late,
-            missed=self._missed,
+            late=self.late,
+            missed=self.missed,
             p50=durations.percentile(50.0),
             p99=durations.percentile(99.0),
             p999=durations.percentile(99.9),
@@ -163,7 +175,7 @@ def run(
     duration: float = math.inf,
     reset_token: str | None = None,
     stopped: Callable[[], bool] = lambda: False,
-    observe: Callable[[Monitor, Verdict], None] | None = None,
+    observe: Callable[[RateLoop, Verdict], None] | None = None,
 ) -> LoopReport:
     """Supervise a cell from streams until stopped, interrupted, or the end of standard input.
 
@@ -179,7 +191,7 @@ def run(
         duration: How long to run, in [s].
         reset_token: What a reset message must carry; without one, none is obeyed.
         stopped: Asked at every tick whether to end.
-        observe: Sees each verdict, with the monitor, after it was published; must not block.
+        observe: Sees each verdict, with the loop, after it was published; must not block.
 
     Raises:
         StreamError: If an address cannot be used.
@@ -209,13 +221,7 @@ def run(
             opened.append(inputs[-1])
         publisher = VerdictPublisher(verdicts_address, edge.offset)
         opened.append(publisher)
-
-        def publish(verdict: Verdict) -> None:
-            publisher.publish(verdict)
-            if observe is not None:
-                observe(monitor, verdict)
-
-        return RateLoop(monitor, edge, inputs, clock, publish).run(duration, stopped)
+        return RateLoop(monitor, edge, inputs, clock, publisher.publish, observe).run(duration, stopped)
     finally:
         for resource in opened:
             resource.close()

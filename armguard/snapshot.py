@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armguard.ledger import PairLedger
 from armguard.pairs import FloatArray, IntArray, TickState

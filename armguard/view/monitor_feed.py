@@ -7,7 +7,7 @@ bounded amount, whatever the number of obstacles, and publish without waiting.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
