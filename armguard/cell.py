@@ -108,6 +108,7 @@ class Cell:
                 limits=self._folder / str(table.limits),
                 joints=table.joints,
                 package_dirs=[self._folder / folder for folder in table.package_dirs],
+                cover=None if table.cover is None else self._folder / table.cover,
             )
 
         return self._attempt("robot.urdf", load_urdf)
@@ -162,7 +163,7 @@ class Cell:
         if table.urdf is not None and table.limits is None:
             raise self._error("robot.limits", "is missing", "a file of joint limits for the urdf")
         if table.name is not None:
-            for key in ("limits", "package_dirs", "joints"):
+            for key in ("limits", "package_dirs", "joints", "cover"):
                 value = getattr(table, key)
                 if value:
                     raise self._error(

@@ -44,6 +44,7 @@ class RobotTable(_Table, frozen=True, kw_only=True):
     limits: Name | None = None
     package_dirs: list[Name] = []
     joints: list[Name] | None = None
+    cover: Name | None = None
     base: BaseTable = BaseTable()
 
 

@@ -8,6 +8,7 @@ import pytest
 from armguard.cell import Cell
 from armguard.exceptions import CellError
 from armguard.monitor import Monitor
+from armguard.robot import Robot
 
 EXAMPLE = Path(__file__).parents[1] / "demos" / "cell.toml"
 ROBOT = '[robot]\nname = "panda"\n'
@@ -144,24 +145,25 @@ def test_settings_reach_obstacles_and_monitor():
     assert obstacles.table.accepted.accel[row] == 7.0
 
 
-def test_a_urdf_with_its_limits_beside_the_file(tmp_path):
-    (tmp_path / "arm.urdf").write_text(
-        '<robot name="arm"><link name="base"/><link name="upper"><collision><geometry>'
-        '<box size="0.1 0.1 0.4"/></geometry></collision></link>'
-        '<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>'
-        '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="9" velocity="2"/></joint></robot>'
-    )
-    (tmp_path / "limits.toml").write_text(
-        '[sources]\nposition = "test"\nvelocity = "test"\nacceleration = "test"\n'
-        'braking = "test"\n[joints.shoulder]\nposition = [-1.0, 1.0]\nvelocity = 2.0\n'
-        "acceleration = 10.0\nbraking = 5.0\n"
-    )
+def test_a_urdf_and_what_belongs_to_it_are_found_beside_the_file(tmp_path, monkeypatch):
+    calls, options = [], inspect.signature(Robot.from_urdf).parameters
+    monkeypatch.setattr(Robot, "from_urdf", lambda *path, **options: calls.append((path, options)))
     (tmp_path / "cell.toml").write_text(
-        '[robot]\nurdf = "arm.urdf"\nlimits = "limits.toml"\njoints = ["shoulder"]\n'
+        '[robot]\nurdf = "arm.urdf"\nlimits = "limits.toml"\njoints = ["elbow"]\n'
+        'package_dirs = ["meshes", "/opt/meshes"]\ncover = "cover.json"\n'
     )
-    robot = Cell.load(tmp_path / "cell.toml").make_robot()
-    assert robot.joints == ("shoulder",)
-    assert robot.links == ("upper",)
+    Cell.load(tmp_path / "cell.toml").make_robot()
+    Cell.from_text('[robot]\nurdf = "/a.urdf"\nlimits = "b.toml"', tmp_path).make_robot()
+    assert calls[0][0] == (tmp_path / "arm.urdf",)
+    assert calls[0][1] == {
+        "limits": tmp_path / "limits.toml",
+        "joints": ["elbow"],
+        "package_dirs": [tmp_path / "meshes", Path("/opt/meshes")],
+        "cover": tmp_path / "cover.json",
+    }
+    assert calls[1][0] == (Path("/a.urdf"),)
+    assert calls[1][1]["joints"] is calls[1][1]["cover"] is None
+    assert set(calls[0][1]) == set(options) - {"path"}
 
 
 MISTAKES = [
