@@ -10,11 +10,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.plausibility import ALLOWED, JointHistory
 from armguard.robot import Robot
 from armguard.verdict import Reason, ReasonKind
+
+FloatArray = NDArray[np.float64]
+
+NOBODY = -1
+"""In place of a joint's index, where every joint is as it should be."""
 
 
 class JointStates:
@@ -26,13 +32,18 @@ class JointStates:
     """
 
     def __init__(self, robot: Robot, joint_timeout: float) -> None:
-        self.q: NDArray[np.float64] = np.zeros(len(robot.joints))
+        self.q: FloatArray = np.zeros(len(robot.joints))
         """Last well-formed joint positions, [rad] or [m]. Shape (nv,)."""
-        self.v: NDArray[np.float64] = np.zeros(len(robot.joints))
+        self.v: FloatArray = np.zeros(len(robot.joints))
         """Last well-formed joint velocities, [rad/s] or [m/s]. Shape (nv,)."""
         self.stamp = -math.inf
         self._robot = robot
         self._timeout = joint_timeout
+        self._read: FloatArray = np.zeros(len(robot.joints))
+        self._lower = robot.lower_position_limit - robot.position_error
+        self._upper = robot.upper_position_limit + robot.position_error
+        self._fastest = robot.velocity_limit + robot.velocity_error
+        self._slowest = -self._fastest
         self._history = JointHistory(
             robot.velocity_limit,
             robot.acceleration_limit,
@@ -40,6 +51,7 @@ class JointStates:
             robot.velocity_error,
         )
         self._fresh = True
+        self._compile()
 
     def reset(self) -> None:
         """Forget all states; the next one starts a new history."""
@@ -63,53 +75,56 @@ class JointStates:
     def stopping(self) -> Reason | None:
         """Why a joint cannot be kept from running into its stop; None if all can."""
         robot = self._robot
-        for sign, distance in (
-            (1.0, robot.upper_position_limit - self.q),
-            (-1.0, self.q - robot.lower_position_limit),
-        ):
-            speed = np.maximum(sign * self.v + robot.velocity_error, 0.0)
-            room = 2.0 * robot.acceleration_limit * (distance + robot.position_error)
-            if not np.all(speed * speed <= room):
-                joint = int(np.argmin(room - speed * speed))
-                return Reason(
-                    ReasonKind.JOINT_STOP_AHEAD,
-                    robot.joints[joint],
-                    f"{self.v[joint]:.3g} towards a limit {distance[joint]:.3g} away",
-                )
-        return None
+        joint = _find_runaway(
+            self.q, self.v, self._lower, self._upper, robot.velocity_error, robot.acceleration_limit
+        )
+        if joint == NOBODY:
+            return None
+        limits = robot.lower_position_limit[joint], robot.upper_position_limit[joint]
+        return Reason(
+            ReasonKind.JOINT_STOP_AHEAD,
+            robot.joints[joint],
+            f"at {self.q[joint]:.6g} with velocity {self.v[joint]:.3g}, "
+            f"between stops at {limits[0]:.6g} and {limits[1]:.6g}",
+        )
 
-    def _copy(self, name: str, values: ArrayLike, into: NDArray[np.float64]) -> Reason | None:
+    def _copy(self, name: str, values: ArrayLike, into: FloatArray) -> Reason | None:
+        if isinstance(values, np.ma.MaskedArray):
+            # What was masked out was not measured.
+            values = np.ma.filled(values.astype(np.float64), np.nan)
         try:
-            array = np.asarray(values, dtype=np.float64)
-        except (TypeError, ValueError):
+            array = np.asarray(values)
+        except Exception:
+            # Whatever an object of somebody else's raises here, it is no array.
             return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, "not an array of numbers")
+        # NumPy would read strings of digits as numbers, and drop imaginary parts.
+        if array.dtype.kind not in "fiu":
+            detail = f"array of {array.dtype}, expected numbers"
+            return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, detail)
         if array.shape != into.shape:
             detail = f"shape {array.shape}, expected {into.shape}"
             return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, detail)
-        if not np.isfinite(array).all():
-            joint = int(np.argmin(np.isfinite(array)))
-            return Reason(
-                ReasonKind.JOINT_STATE_MALFORMED,
-                self._robot.joints[joint],
-                f"{name} is {array[joint]}",
-            )
-        into[:] = array
-        return None
+        self._read[:] = array
+        joint = _take_finite(self._read, into)
+        if joint == NOBODY:
+            return None
+        detail = f"{name} is {self._read[joint]}"
+        return Reason(ReasonKind.JOINT_STATE_MALFORMED, self._robot.joints[joint], detail)
 
     def _check_limits(self) -> Reason | None:
-        robot = self._robot
-        low = robot.lower_position_limit - robot.position_error
-        high = robot.upper_position_limit + robot.position_error
-        fast = robot.velocity_limit + robot.velocity_error
-        for name, value, lower, upper in (("q", self.q, low, high), ("v", self.v, -fast, fast)):
-            inside = (lower <= value) & (value <= upper)
-            if not inside.all():
-                joint = int(np.argmin(inside))
+        for name, value, lower, upper in (
+            ("q", self.q, self._lower, self._upper),
+            ("v", self.v, self._slowest, self._fastest),
+        ):
+            joint = _find_outside(value, lower, upper)
+            if joint != NOBODY:
                 detail = (
                     f"{name} is {value[joint]:.6g}, limits with errors are "
                     f"{lower[joint]:.6g} to {upper[joint]:.6g}"
                 )
-                return Reason(ReasonKind.JOINT_STATE_BEYOND_LIMITS, robot.joints[joint], detail)
+                return Reason(
+                    ReasonKind.JOINT_STATE_BEYOND_LIMITS, self._robot.joints[joint], detail
+                )
         return None
 
     def _check_time(self, stamp: float, now: float) -> Reason | None:
@@ -131,3 +146,61 @@ class JointStates:
             self._fresh = False
             return None
         return Reason(ReasonKind.JOINT_STATE_JUMPED, *history.describe(self._robot.joints))
+
+    def _compile(self) -> None:
+        """Run every kernel once, so that none is compiled in a tick."""
+        _take_finite(self._read, self.q)
+        self._check_limits()
+        self.stopping()
+
+
+@njit(error_model="numpy", cache=True)
+def _take_finite(values: FloatArray, into: FloatArray) -> int:
+    """Copy the values if all are finite; otherwise the joint of the first that is not."""
+    for joint in range(values.shape[0]):
+        if not abs(values[joint]) < np.inf:
+            return joint
+    into[:] = values
+    return NOBODY
+
+
+@njit(error_model="numpy", cache=True)
+def _find_outside(values: FloatArray, lower: FloatArray, upper: FloatArray) -> int:
+    """First joint whose value is not between its limits."""
+    for joint in range(values.shape[0]):
+        if not lower[joint] <= values[joint] <= upper[joint]:
+            return joint
+    return NOBODY
+
+
+@njit(error_model="numpy", cache=True)
+def _find_runaway(
+    q: FloatArray,
+    v: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    velocity_error: FloatArray,
+    acceleration_limit: FloatArray,
+) -> int:
+    """First joint that no allowed deceleration stops short of its limit, errors included.
+
+    (|v| + dv)^2 <= 2 a (distance + dq) towards either limit is what can be stopped.
+
+    Args:
+        q: Joint positions, [rad] or [m]. Shape (nv,).
+        v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
+        lower: Lower position limits less their errors, alike. Shape (nv,).
+        upper: Upper position limits plus their errors, alike. Shape (nv,).
+        velocity_error: What velocities may be off by, alike. Shape (nv,).
+        acceleration_limit: [rad/s²] or [m/s²]. Shape (nv,).
+    """
+    for joint in range(q.shape[0]):
+        up = max(v[joint] + velocity_error[joint], 0.0)
+        down = max(velocity_error[joint] - v[joint], 0.0)
+        reach = 2.0 * acceleration_limit[joint]
+        if not (
+            up * up <= reach * (upper[joint] - q[joint])
+            and down * down <= reach * (q[joint] - lower[joint])
+        ):
+            return joint
+    return NOBODY
