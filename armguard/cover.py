@@ -18,8 +18,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.containment import compute_parents, is_contained, tighten
 from armguard.exceptions import CoverError
-from armguard.fitting import GRID, MARGIN, SphereTree, bisect_triangles, fit_tree
+from armguard.fitting import GRID, SphereTree, fit_tree
 from armguard.surface_distance import compute_signed_distances
 
 Array = NDArray[np.float64]
@@ -28,9 +29,6 @@ CoverTree = SphereTree
 
 FORMAT = 1
 DEFAULT_PROTRUSION = 0.02  # [m]
-ROUNDING = 1e-14  # relative: above what a distance and a bisected corner lose to rounding
-MOST_PIECES = 2_000_000  # a proof that needs more has failed
-BATCH = 2048  # pieces examined at once
 
 
 class Surfaces(Protocol):
@@ -111,11 +109,12 @@ class Cover:
             protrusion = DEFAULT_PROTRUSION
         trees, geometry = {}, {}
         for link in robot.links:
-            triangles = robot.triangles(link)
-            trees[link] = fit_tree(triangles, spheres=spheres, protrusion=protrusion)
-            geometry[link] = hash_surface(triangles)
-            if not _contains(trees[link], triangles):
+            triangles = _get_surface(robot, link)
+            tree = fit_tree(triangles, spheres=spheres, protrusion=protrusion)
+            if not is_contained(triangles, tree):
                 raise CoverError(f"link {link!r}", "its fitted spheres could not be proved")
+            trees[link] = tighten(triangles, tree)
+            geometry[link] = hash_surface(triangles)
         return cls(trees, geometry)
 
     @property
@@ -177,7 +176,7 @@ class Cover:
                 expected=", ".join(robot.links),
             )
         return CoverReport(
-            {link: _report(self.tree(link), robot.triangles(link)) for link in robot.links}
+            {link: _report(self.tree(link), _get_surface(robot, link)) for link in robot.links}
         )
 
     def verify(self, robot: Surfaces) -> None:
@@ -189,7 +188,7 @@ class Cover:
         for link in (*robot.links, *self._geometry):
             if link not in robot.links or link not in self._geometry:
                 raise CoverError(f"link {link!r}", "is in the robot or in the cover, not in both")
-            if hash_surface(robot.triangles(link)) != self._geometry[link]:
+            if hash_surface(_get_surface(robot, link)) != self._geometry[link]:
                 raise CoverError(
                     f"link {link!r}",
                     "its cover was made for other geometry",
@@ -252,6 +251,16 @@ class _CoverFile(msgspec.Struct, forbid_unknown_fields=True):
     links: dict[str, _LinkFile]
 
 
+def _get_surface(robot: Surfaces, link: str) -> Array:
+    """A link's triangles, refused where there is nothing to cover."""
+    triangles = robot.triangles(link)
+    if triangles.shape != (len(triangles), 3, 3) or not len(triangles):
+        raise CoverError(f"link {link!r}", f"has a surface of shape {triangles.shape}")
+    if not np.isfinite(triangles).all():
+        raise CoverError(f"link {link!r}", "has a surface that is not finite")
+    return triangles
+
+
 def hash_surface(triangles: Array) -> str:
     """Digest of a surface, rounded to the grid so that another machine's rounding is the same."""
     cells = np.floor(np.asarray(triangles) / GRID + 0.5).astype("<i8")
@@ -288,43 +297,12 @@ def _check_tree(link: str, tree: CoverTree) -> None:
         raise CoverError(offender, "has spheres that belong to no parent")
 
 
-def _compute_parents(tree: CoverTree) -> NDArray[np.int64]:
-    """Index of each node's parent, the root's own for the root."""
-    return np.concatenate([[0], np.repeat(np.arange(len(tree.spheres)), tree.child_count)])
-
-
 def _compute_depths(tree: CoverTree) -> NDArray[np.int64]:
-    parents = _compute_parents(tree)
+    parents = compute_parents(tree)
     depths = np.zeros(len(parents), dtype=np.int64)
     for node in range(1, len(parents)):
         depths[node] = depths[parents[node]] + 1
     return depths
-
-
-def _contains(tree: CoverTree, triangles: Array) -> bool:
-    """Whether each triangle, or each part of it, is in a leaf and in all balls above that leaf."""
-    parents, is_leaf = _compute_parents(tree), tree.child_count == 0
-    centers, radii = tree.spheres[:, :3], tree.spheres[:, 3] - MARGIN
-    scale = np.abs(triangles).max(initial=0.0) + np.abs(tree.spheres).max()
-    radii = radii - ROUNDING * scale
-    waiting, examined = [triangles], 0
-    while waiting:
-        pieces, rest = waiting[-1][:BATCH], waiting[-1][BATCH:]
-        waiting[-1:] = [rest] if len(rest) else []
-        examined += len(pieces)
-        if not np.isfinite(pieces).all() or examined > MOST_PIECES:
-            return False
-        offsets = pieces[:, :, None, :] - centers
-        inside = np.sqrt((offsets**2).sum(axis=3)) <= radii
-        for node in range(1, len(parents)):
-            inside[:, :, node] &= inside[:, :, parents[node]]
-        inside = inside[:, :, is_leaf]
-        if not inside.any(axis=2).all():
-            return False  # this very corner is outside
-        is_open = ~inside.all(axis=1).any(axis=1)
-        if is_open.any():
-            waiting.append(bisect_triangles(pieces[is_open]))
-    return len(triangles) > 0
 
 
 def _report(tree: CoverTree, triangles: Array) -> LinkReport:
@@ -343,7 +321,7 @@ def _report(tree: CoverTree, triangles: Array) -> LinkReport:
     outside = np.maximum(compute_signed_distances(np.concatenate(points), triangles), 0.0)
     weight = np.concatenate(weights)
     return LinkReport(
-        _contains(tree, triangles),
+        is_contained(triangles, tree),
         len(leaves),
         float(protrusions.max()),
         float((outside * weight).sum() / weight.sum()),

@@ -60,7 +60,7 @@ def fit_tree(
     """
     pieces = cut_triangles(triangles)
     if spheres is not None:
-        centers, _ = _fit_count(pieces, triangles, spheres)
+        centers = _fit_count(pieces, triangles, spheres)
     else:
         centers = _fit_protrusion(pieces, triangles, float(protrusion or 0.0))
     return _build_tree(_assign_pieces(pieces, triangles, centers))
@@ -90,11 +90,11 @@ def cut_triangles(triangles: Array) -> Array:
     return np.concatenate(done)
 
 
-def _fit_count(pieces: Array, triangles: Array, count: int) -> tuple[Array, float]:
-    """Centres, at most `count`, and how far the balls around them stick out."""
+def _fit_count(pieces: Array, triangles: Array, count: int) -> Array:
+    """At most `count` centres, around which balls stick out as little as possible."""
     candidates, needed = _needed_by_candidates(pieces, triangles)
-    chosen = _cover_with(needed, count)
-    return _improve(pieces, triangles, candidates[chosen])
+    starts = [candidates[_cover_with(needed, count)], _spread(pieces, count)]
+    return _improve_best(pieces, triangles, starts)[0]
 
 
 def _fit_protrusion(pieces: Array, triangles: Array, limit: float) -> Array:
@@ -103,16 +103,32 @@ def _fit_protrusion(pieces: Array, triangles: Array, limit: float) -> Array:
     chosen = _cover(needed, max(limit, float(needed.min(axis=0).max())))
     centers, _ = _improve(pieces, triangles, candidates[chosen])
     while len(centers) > 1:
-        fewer = (
-            candidates[_cover_with(needed, len(centers) - 1)],
+        starts = [
             _drop_one(pieces, triangles, centers),
-        )
-        tries = [_improve(pieces, triangles, start) for start in fewer]
-        best, reached = min(tries, key=lambda attempt: attempt[1])
+            candidates[_cover_with(needed, len(centers) - 1)],
+            _spread(pieces, len(centers) - 1),
+        ]
+        fewer, reached = _improve_best(pieces, triangles, starts)
         if not (reached <= limit):
             break
-        centers = best
+        centers = fewer
     return centers
+
+
+def _improve_best(pieces: Array, triangles: Array, starts: list[Array]) -> tuple[Array, float]:
+    return min((_improve(pieces, triangles, start) for start in starts), key=lambda end: end[1])
+
+
+def _spread(pieces: Array, count: int) -> Array:
+    """Middles of pieces that are far from one another: each the farthest from those before."""
+    middles = pieces.mean(axis=1)
+    chosen = [int(np.argmax(((middles - middles.mean(axis=0)) ** 2).sum(axis=1)))]
+    squared = np.full(len(middles), math.inf)
+    while len(chosen) < min(count, len(middles)):
+        squared = np.minimum(squared, ((middles - middles[chosen[-1]]) ** 2).sum(axis=1))
+        chosen.append(int(np.argmax(squared)))
+    spread: Array = middles[chosen]
+    return spread
 
 
 def _needed_by_candidates(pieces: Array, triangles: Array) -> tuple[Array, Array]:

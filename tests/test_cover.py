@@ -1,0 +1,242 @@
+import numpy as np
+import pytest
+from test_fitting import is_inside, sample
+
+from armguard.containment import is_contained
+from armguard.cover import Cover, CoverTree, hash_surface
+from armguard.exceptions import CoverError
+from armguard.fitting import GRID
+from armguard.robot import Robot
+from armguard.robot_description import robots_directory
+from armguard.surface_distance import compute_signed_distances
+
+SAMPLES = 100_000
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return Robot.load("panda")
+
+
+@pytest.fixture(scope="module")
+def cover_file(panda, tmp_path_factory):
+    path = tmp_path_factory.mktemp("cover") / "cover.json"
+    panda.cover.save(path)
+    return path
+
+
+class OneLink:
+    """What a cover needs to know of a robot."""
+
+    links = ("link",)
+
+    def __init__(self, triangles):
+        self._triangles = np.asarray(triangles, dtype=np.float64)
+
+    def triangles(self, link):
+        assert link == "link"
+        return self._triangles
+
+
+def tree(spheres, first_child=(0,), child_count=(0,)):
+    return CoverTree(
+        np.array(spheres, dtype=np.float64).reshape(-1, 4),
+        np.array(first_child, dtype=np.int64),
+        np.array(child_count, dtype=np.int64),
+    )
+
+
+def cover_of(robot, *arguments):
+    return Cover({"link": tree(*arguments)}, {"link": hash_surface(robot.triangles("link"))})
+
+
+def test_pandas_cover_is_proved(panda):
+    report = panda.cover.check(panda)
+    assert report.proved
+    assert tuple(report.links) == panda.links
+    assert 60 <= sum(link.count for link in report.links.values()) <= 130
+    for link in report.links.values():
+        assert 0.0 < link.mean_protrusion < link.max_protrusion < 0.0201
+
+
+def test_no_sample_is_outside_at_any_level(panda):
+    for link in panda.links:
+        points = sample(panda.triangles(link), SAMPLES // len(panda.links))
+        for level in range(panda.cover.levels(link)):
+            assert is_inside(points, panda.cover.spheres(link, level)).all()
+
+
+def test_descent_loses_no_geometry_wherever_it_stops(panda):
+    generator = np.random.default_rng(0)
+    for link in panda.links:
+        points = sample(panda.triangles(link), 1000)
+        whole = panda.cover.tree(link)
+        for _ in range(20):
+            front, stopped = [0], []
+            while front:
+                node = front.pop()
+                if whole.child_count[node] and generator.random() < 0.6:
+                    front.extend(whole.first_child[node] + np.arange(whole.child_count[node]))
+                else:
+                    stopped.append(node)
+            assert is_inside(points, whole.spheres[stopped]).all()
+
+
+def test_levels_go_from_one_ball_to_all_leaves(panda):
+    for link in panda.links:
+        whole, levels = panda.cover.tree(link), panda.cover.levels(link)
+        assert len(panda.cover.spheres(link, 0)) == 1
+        leaves = whole.spheres[whole.child_count == 0]
+        np.testing.assert_array_equal(panda.cover.spheres(link), leaves)
+        np.testing.assert_array_equal(panda.cover.spheres(link, levels - 1), leaves)
+        for wrong in (levels, -levels - 1):
+            with pytest.raises(CoverError, match=f"level {wrong}: is not one"):
+                panda.cover.spheres(link, wrong)
+    with pytest.raises(CoverError, match=r"'elbow': has no cover.*panda_link1"):
+        panda.cover.spheres("elbow")
+
+
+def test_a_smaller_sphere_fails_the_check(panda):
+    for name in panda.links:
+        robot, whole = OneLink(panda.triangles(name)), panda.cover.tree(name)
+        for change in (1e-3, 2 * GRID):
+            for index in range(len(whole.spheres)):
+                spheres = whole.spheres.copy()
+                spheres[index, 3] -= change
+                assert not is_contained(robot.triangles("link"), whole._replace(spheres=spheres))
+        changed = cover_of(robot, spheres, whole.first_child, whole.child_count)
+        assert not changed.check(robot).proved
+
+
+def test_protrusion_is_how_far_spheres_stick_out(panda):
+    report = panda.cover.check(panda)
+    directions = np.random.default_rng(0).normal(size=(2000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    for link in panda.links:
+        balls = panda.cover.spheres(link)
+        surface = balls[:, None, :3] + balls[:, None, 3:] * directions
+        reached = compute_signed_distances(surface.reshape(-1, 3), panda.triangles(link)).max()
+        assert reached <= report.links[link].max_protrusion + 1e-9
+        assert reached >= report.links[link].max_protrusion - 2e-3
+
+
+def test_a_triangle_across_two_balls_is_proved_by_its_parts():
+    robot = OneLink([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.1, 0.0]]])
+    root = [0.5, 0.0, 0.0, 0.6]
+    near = ([root, [0.2, 0, 0, 0.35], [0.8, 0, 0, 0.35]], [1, 0, 0], [2, 0, 0])
+    assert cover_of(robot, *near).check(robot).proved
+    gap = ([root, [0.2, 0, 0, 0.29], [0.8, 0, 0, 0.29]], [1, 0, 0], [2, 0, 0])
+    assert not cover_of(robot, *gap).check(robot).proved
+
+
+def test_leaves_that_cover_do_not_excuse_a_parent_that_does_not():
+    robot = OneLink([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.1, 0.0]]])
+    spheres = [[0.5, 0, 0, 0.45], [0.2, 0, 0, 0.35], [0.8, 0, 0, 0.35]]
+    assert not cover_of(robot, spheres, [1, 0, 0], [2, 0, 0]).check(robot).proved
+
+
+def test_balls_that_only_touch_prove_nothing():
+    robot = OneLink([[[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.0]]])
+    touching = ([[0, 0, 0, 0.6], [-0.25, 0, 0, 0.25], [0.25, 0, 0, 0.25]], [1, 0, 0], [2, 0, 0])
+    assert not cover_of(robot, *touching).check(robot).proved
+
+
+@pytest.mark.parametrize(
+    "triangles",
+    [np.empty((0, 3, 3)), np.full((1, 3, 3), np.nan), np.full((1, 3, 3), np.inf)],
+    ids=["empty", "nan", "inf"],
+)
+def test_geometry_that_is_not_there_is_never_proved(triangles):
+    here = OneLink(np.zeros((1, 3, 3)))
+    cover = cover_of(here, [[0.0, 0.0, 0.0, 1.0]])
+    with pytest.raises(CoverError, match="'link': "):
+        Cover.fit(OneLink(triangles))
+    with pytest.raises(CoverError, match="'link': "):
+        cover.check(OneLink(triangles))
+    with pytest.raises(CoverError, match="'link': "):
+        cover.verify(OneLink(triangles))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"spheres": 3, "protrusion": 0.01}, "exclude each other"),
+        ({"spheres": 0}, "spheres: is 0"),
+        ({"protrusion": 0.0}, "protrusion: is 0.0"),
+        ({"protrusion": float("nan")}, "protrusion: is nan"),
+    ],
+)
+def test_unusable_requests_are_refused(arguments, message):
+    with pytest.raises(CoverError, match=message):
+        Cover.fit(OneLink(np.zeros((1, 3, 3))), **arguments)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ([],),
+        ([[0, 0, 0, np.nan]],),
+        ([[0, 0, 0, 0.0]],),
+        ([[0, 0, 0, -1.0]],),
+        ([[0, 0, 0, 1.0]] * 2,),
+        ([[0, 0, 0, 1.0]] * 3, [1, 0, 0], [1, 0, 0]),
+        ([[0, 0, 0, 1.0]] * 3, [1, 0, 0], [3, 0, 0]),
+        ([[0, 0, 0, 1.0]] * 3, [0, 0, 0], [2, 0, 0]),
+        ([[0, 0, 0, 1.0]] * 3, [2, 0, 0], [2, 0, 0]),
+        ([[0, 0, 0, 1.0]] * 3, [1, 0, 0], [-1, 0, 3]),
+    ],
+)
+def test_malformed_trees_are_refused(arguments):
+    with pytest.raises(CoverError, match="cover of link 'link'"):
+        Cover({"link": tree(*arguments)}, {"link": ""})
+
+
+def test_files_come_back_as_they_were_and_bytes_are_the_same(panda, cover_file, tmp_path):
+    again = Cover.load(cover_file)
+    again.verify(panda)
+    for link in panda.links:
+        for one, other in zip(panda.cover.tree(link), again.tree(link), strict=True):
+            np.testing.assert_array_equal(one, other)
+    again.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == cover_file.read_bytes()
+    assert (robots_directory() / "panda" / "cover.json").read_bytes() == cover_file.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b"", b"x", "JSON"),
+        (b'"format":1', b'"format":2', "has format 2"),
+        (b'"child_count":[4', b'"child_count":[3', "does not match its digest"),
+        (b"[0.0", b"[0.1", "does not match its digest"),
+        (b'"spheres"', b'"balls"', "balls"),
+    ],
+)
+def test_changed_files_are_refused(cover_file, tmp_path, old, new, message):
+    path = tmp_path / "cover.json"
+    content = cover_file.read_bytes()
+    assert old in content
+    path.write_bytes(content.replace(old, new, 1))
+    with pytest.raises(CoverError, match=rf"cover\.json: .*{message}"):
+        Cover.load(path)
+    with pytest.raises(CoverError, match="cannot be read"):
+        Cover.load(tmp_path / "none.json")
+
+
+def test_a_cover_never_serves_another_mesh(panda):
+    triangles = panda.triangles("panda_hand")
+    cover = cover_of(OneLink(triangles), panda.cover.tree("panda_hand").spheres[:1])
+    cover.verify(OneLink(triangles))
+    moved = triangles.copy()
+    moved[7, 1, 2] += 3 * GRID
+    with pytest.raises(CoverError, match=r"'link': its cover was made for other geometry"):
+        cover.verify(OneLink(moved))
+    with pytest.raises(CoverError, match="not in both"):
+        cover.verify(panda)
+    with pytest.raises(CoverError, match="is for links link"):
+        cover.check(panda)
+
+
+def test_rounding_of_another_machine_does_not_change_the_digest(panda):
+    triangles = panda.triangles("panda_link3")
+    assert hash_surface(triangles * (1.0 + 2.0**-52)) == hash_surface(triangles)

@@ -1,0 +1,114 @@
+import coal
+import numpy as np
+import pytest
+
+from armguard.fitting import GRID, MARGIN, bisect_triangles, cut_triangles, fit_tree
+from armguard.surface_distance import compute_signed_distances
+from armguard.surfaces import triangulate
+
+
+def areas(triangles):
+    sides = triangles[:, 1:] - triangles[:, :1]
+    return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2.0
+
+
+@pytest.fixture(scope="module")
+def rod():
+    return triangulate("rod", coal.Box(0.08, 0.06, 0.4))
+
+
+def sample(triangles, count, seed=0):
+    """Points spread evenly over triangles. Shape (count, 3)."""
+    generator = np.random.default_rng(seed)
+    share = areas(triangles) / areas(triangles).sum()
+    chosen = triangles[generator.choice(len(triangles), size=count, p=share)]
+    return np.einsum("ij,ijk->ik", generator.dirichlet(np.ones(3), size=count), chosen)
+
+
+def is_inside(points, spheres):
+    offsets = np.linalg.norm(points[:, None] - spheres[:, :3], axis=2)
+    return (offsets <= spheres[:, 3]).any(axis=1)
+
+
+def test_bisection_keeps_the_triangle():
+    triangles = np.random.default_rng(0).normal(size=(50, 3, 3))
+    halves = bisect_triangles(triangles)
+    np.testing.assert_allclose(areas(halves[:50]) + areas(halves[50:]), areas(triangles))
+    normals, cut = (np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in (triangles, halves))
+    np.testing.assert_allclose(cut[:50] + cut[50:], normals, atol=1e-12)
+    for _ in range(12):
+        halves = bisect_triangles(halves[:200])
+    edges = np.linalg.norm(halves - np.roll(halves, 1, axis=1), axis=2)
+    assert edges.max() < 0.2
+
+
+def test_pieces_are_short_and_lose_no_area(rod):
+    pieces = cut_triangles(rod)
+    assert areas(pieces).sum() == pytest.approx(areas(rod).sum(), rel=1e-12)
+    edges = np.linalg.norm(pieces - np.roll(pieces, 1, axis=1), axis=2)
+    assert edges.max() < 0.02
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 9])
+def test_at_most_so_many_leaves_that_stick_out_less_the_more_there_are(rod, count):
+    tree = fit_tree(rod, spheres=count)
+    leaves = tree.spheres[tree.child_count == 0]
+    assert 1 <= len(leaves) <= count
+    assert is_inside(sample(rod, 20_000), leaves).all()
+    protrusion = (leaves[:, 3] + compute_signed_distances(leaves[:, :3], rod)).max()
+    assert protrusion < {1: 0.181, 2: 0.09, 5: 0.04, 9: 0.035}[count]
+
+
+def test_leaves_stick_out_no_more_than_asked(rod):
+    tree = fit_tree(rod, protrusion=0.03)
+    leaves = tree.spheres[tree.child_count == 0]
+    protrusions = leaves[:, 3] + compute_signed_distances(leaves[:, :3], rod)
+    assert (protrusions <= 0.03 + MARGIN + 2 * GRID).all()
+    assert len(leaves) <= 8
+    assert is_inside(sample(rod, 20_000), leaves).all()
+
+
+def test_the_root_is_the_smallest_ball(rod):
+    tree = fit_tree(rod, spheres=4)
+    np.testing.assert_allclose(tree.spheres[0, :3], 0.0, atol=GRID)
+    half_diagonal = np.linalg.norm([0.04, 0.03, 0.2])
+    assert half_diagonal <= tree.spheres[0, 3] <= half_diagonal + MARGIN + 3 * GRID
+
+
+def test_it_is_a_tree_with_two_to_four_children(rod):
+    tree = fit_tree(rod, spheres=9)
+    assert set(tree.child_count) <= {0, 2, 3, 4}
+    children = np.concatenate(
+        [
+            first + np.arange(count)
+            for first, count in zip(tree.first_child, tree.child_count, strict=True)
+            if count
+        ]
+    )
+    np.testing.assert_array_equal(children, np.arange(1, len(tree.spheres)))
+
+
+def test_the_same_input_gives_the_same_tree(rod):
+    first, second = fit_tree(rod, spheres=6), fit_tree(rod.copy(), spheres=6)
+    for one, other in zip(first, second, strict=True):
+        assert one.tobytes() == other.tobytes()
+
+
+@pytest.mark.parametrize(
+    "triangles",
+    [
+        np.zeros((1, 3, 3)),
+        np.array([[[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.1, 0.0, 0.0]]]),
+        np.array([[[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.1, 0.0]]]),
+        np.array([[[0.0, 0.0, 0.0], [1e-7, 0.0, 0.0], [0.0, 1e-7, 0.0]]]),
+        np.array([[[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.3, 1e-9, 0.0]]] * 3),
+    ],
+    ids=["point", "segment", "sheet", "speck", "sliver"],
+)
+def test_degenerate_geometry_is_covered(triangles):
+    for wanted in ({"spheres": 3}, {"protrusion": 0.02}):
+        tree = fit_tree(triangles, **wanted)
+        weights = np.random.default_rng(0).dirichlet(np.ones(3), size=500)
+        points = (weights @ triangles).reshape(-1, 3)
+        assert is_inside(points, tree.spheres[tree.child_count == 0]).all()
+        assert is_inside(points, tree.spheres[:1]).all()
