@@ -23,6 +23,9 @@ NEVER = -1
 UNDISTURBED, GROWN, BROKEN = 0, 1, 2
 """What newer states did to the ground that a certificate stands on."""
 
+ROUNDING = 2.0**-50
+"""Relative: what a deadline is early by, above all that sums and differences of times lose."""
+
 
 class PairLedger:
     """Certificates of all pairs; pair = obstacle row × links + link.
@@ -97,17 +100,30 @@ class PairLedger:
         state: TickState,
     ) -> None:
         """Enter evaluations made at `now`, in [s] since the epoch."""
-        self.expiry[pairs] = np.nextafter(now + contact_times, -np.inf)
-        self.evaluated_at[pairs] = now
-        self.tick[pairs] = tick
-        self.sphere[pairs] = spheres
+        _record(
+            pairs,
+            contact_times,
+            spheres,
+            now,
+            tick,
+            self.expiry,
+            self.evaluated_at,
+            self.tick,
+            self.sphere,
+        )
         if self.keeps_certificates:
-            _anchor(pairs, self.link_count, state.bodies, self._anchors)
+            self._anchor(pairs, state)
 
-    def extend(self, pair: int, contact_time: float, now: float, tick: int) -> None:
-        """Enter another proof for a pair; the later of the two stands."""
-        self.expiry[pair] = max(self.expiry[pair], np.nextafter(now + contact_time, -np.inf))
+    def extend(
+        self, pair: int, contact_time: float, now: float, tick: int, state: TickState
+    ) -> None:
+        """Enter another proof for a pair, made at `now`; the later of the two stands."""
+        deadline = _deadline(now, contact_time)
         self.tick[pair] = tick
+        if deadline > self.expiry[pair]:
+            self.expiry[pair] = deadline
+            # What stands now rests on the present state, no longer on the one behind the last look.
+            self._anchor(np.array([pair]), state)
 
     def void(self, pairs: IntArray) -> None:
         """Let the certificates of `pairs` end at once."""
@@ -141,8 +157,13 @@ class PairLedger:
         none, no_times = np.zeros(0, dtype=np.int64), np.zeros(0)
         self.record(none, no_times, none, 0.0, 0, state)
         self.earliest(0.0, 0)
+        _deadline(0.0, 0.0)
         if self.keeps_certificates:
             self._test(none, state, revision)
+
+    def _anchor(self, pairs: IntArray, state: TickState) -> None:
+        """Keep the states that certificates made in this tick rest on."""
+        _anchor(pairs, self.link_count, state.bodies, state.marks.has_state, self._anchors)
 
     def _test(self, pairs: IntArray, state: TickState, revision: IntArray) -> NDArray[np.int8]:
         """What newer states did to each pair's certificate. Shape (m,)."""
@@ -194,10 +215,43 @@ def _make_bodies(count: int) -> States:
 
 
 @njit(error_model="numpy", cache=True)
-def _anchor(pairs: IntArray, links: int, bodies: States, anchors: States) -> None:
-    """Keep the records that fresh certificates rest on."""
+def _deadline(now: float, contact_time: float) -> float:
+    """When a certificate ends; early by more than rounding costs, from now on to its last use."""
+    if contact_time == np.inf:
+        return np.inf
+    return now + contact_time - ROUNDING * (abs(now) + contact_time)
+
+
+@njit(error_model="numpy", cache=True)
+def _record(
+    pairs: IntArray,
+    contact_times: FloatArray,
+    spheres: IntArray,
+    now: float,
+    tick: int,
+    expiry: FloatArray,
+    evaluated_at: FloatArray,
+    ticks: IntArray,
+    deciding: IntArray,
+) -> None:
+    for index in range(pairs.shape[0]):
+        pair = pairs[index]
+        expiry[pair] = _deadline(now, contact_times[index])
+        evaluated_at[pair] = now
+        ticks[pair] = tick
+        deciding[pair] = spheres[index]
+
+
+@njit(error_model="numpy", cache=True)
+def _anchor(
+    pairs: IntArray, links: int, bodies: States, has_state: NDArray[np.bool_], anchors: States
+) -> None:
+    """Keep the records that fresh certificates rest on; no points where there is no record."""
     for pair in pairs:
         row = pair // links
+        if not has_state[row]:
+            anchors.point_count[pair] = 0
+            continue
         count = bodies.point_count[row]
         anchors.points[pair, :count] = bodies.points[row, :count]
         anchors.velocities[pair, :count] = bodies.velocities[row, :count]
@@ -232,6 +286,10 @@ def _test_anchors(
             outcomes[index] = GROWN
         if static[row] or ticks[pair] == NEVER or revision[row] == seen_revision[row]:
             continue
+        if anchors.point_count[pair] == 0:
+            # The obstacle had no accepted state when the pair was looked at, and has one now.
+            outcomes[index] = GROWN
+            continue
         if (
             bodies.radius[row] > anchors.radius[pair]
             or bodies.accel[row] > anchors.accel[pair]
@@ -253,7 +311,8 @@ def _test_anchors(
             bodies.points[row],
             bodies.velocities[row],
             bodies.point_count[row],
-            bodies.radius[row],
+            # A larger radius is another description, no motion: it has been seen to above.
+            min(bodies.radius[row], anchors.radius[pair]),
             bodies.position_error[row],
             bodies.velocity_error[row],
             bodies.stamp[row],

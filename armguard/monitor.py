@@ -319,7 +319,7 @@ class Monitor:
         schedule.settle(times, stop_time)
         for pair in schedule.flagged():
             contact_time = self._exact_contact_time(int(pair), arm_age)
-            ledger.extend(int(pair), contact_time, time, self._sequence)
+            ledger.extend(int(pair), contact_time, time, self._sequence, state)
 
     def _exact_contact_time(self, pair: int, arm_age: float) -> float:
         """True distance over the fastest closing speed, in [s]: for pairs between two looks."""

@@ -139,12 +139,13 @@ def compute_stop_time(
         velocity_limit: Velocity limits, alike. Shape (nv,).
         acceleration_limit: Acceleration limits, [rad/s²] or [m/s²]. Shape (nv,).
         braking_deceleration: Guaranteed decelerations, alike. Shape (nv,).
-        age: How long ago the state was measured, in [s]; a future stamp counts as 0.
+        age: How long ago the state was measured, in [s]; negative where it is yet to be.
         horizon: Period plus latency, in [s]: until the verdict after this one is obeyed.
         reaction_time: From command to braking torque, in [s].
     """
     slowest = 0.0
-    free = max(age, 0.0) + horizon + reaction_time
+    # The longest time, either way, between the stamp and the moment when braking bites.
+    free = max(max(age, 0.0) + horizon + reaction_time, -age)
     for i in range(velocity.shape[0]):
         limit = max(velocity_limit[i], abs(velocity[i]))
         speed = min(limit, abs(velocity[i]) + velocity_error[i] + acceleration_limit[i] * free)
