@@ -214,6 +214,25 @@ def test_malformed_messages_are_counted_and_do_nothing(data):
     assert len(world.obstacles) == 1
 
 
+@pytest.mark.parametrize("dump", [pack, lambda message: json.dumps(message).encode()])
+@pytest.mark.parametrize(
+    ("message", "text"),
+    [
+        (obstacles(seq=17, position=[[1, "x", 3]]), "cam0 message 17: position.0..1. is 'x'; "),
+        (obstacles(seq=17, stamp="noon"), "cam0 message 17: stamp is 'noon'; expected float"),
+        (obstacles(seq=17, hue=1), "cam0 message 17: hue is there; expected no such field"),
+        (obstacles(seq=17, ids=...), "cam0 message 17: ids is missing; expected a value"),
+        (obstacles(seq="x"), "cam0: seq is 'x'; expected int"),
+        (joints(seq=4, q="up"), "joints"),
+        ({"type": "gossip"}, "gossip: type is 'gossip'; expected"),
+    ],
+)
+def test_mistakes_name_source_number_field_and_value(dump, message, text):
+    world = World()
+    world.send(dump(message))
+    assert re.match(f"malformed: {text}", world.lines[0]), world.lines[0]
+
+
 @given(st.binary(max_size=200))
 def test_random_bytes_never_raise(data):
     for beginning in (b"", b'{"type":"obstacles",', b"\x83\xa4type\xa9obstacles"):
@@ -308,6 +327,13 @@ def test_unbounded_obstacles_without_a_clock_are_refused():
     world = World(stamp_clocks={"cam0": StampClock("arrival", 0.1)})
     world.send(obstacles())
     assert [fault.kind for fault in world.obstacles.take_faults()] == [FaultKind.NOT_FINITE]
+
+
+@pytest.mark.parametrize("error", [-0.1, -math.inf, [math.nan]])
+def test_errors_that_make_no_sense_are_not_hidden_by_those_of_arrival(error):
+    world = World(stamp_clocks={"cam0": StampClock("arrival", 0.1)}, speed=2.0, accel=10.0)
+    world.send(obstacles(position_error=error, speed=math.inf if error == -math.inf else 2.0))
+    assert [fault.field for fault in world.obstacles.take_faults()] == ["position_error"]
 
 
 def test_heartbeat_snapshot_and_removal():

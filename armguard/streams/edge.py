@@ -157,7 +157,7 @@ class Edge:
                     size += len(data)
                     self._take(decode(data))
                 except MessageError as error:
-                    self.faults.add("malformed", "unknown", None, str(error))
+                    self.faults.add("malformed", error.source, error.sequence, str(error))
                 if size > BYTE_LIMIT:
                     break
             self._emptied[source] = self._arrived_after
@@ -294,7 +294,10 @@ class Edge:
             ("velocity_error", fields["accel"], self._accel),
         ):
             bound = np.asarray(default if rate is None else rate)
-            fields[field] = np.asarray(fields[field]) + bound * window
+            error = np.asarray(fields[field])
+            with np.errstate(invalid="ignore"):
+                # What is negative stays so, for the table to refuse.
+                fields[field] = np.where(error < 0.0, error, error + bound * window)
 
 
 def _unpack(fields: Mapping[str, Any], count: int) -> dict[str, Any]:

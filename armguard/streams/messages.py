@@ -8,6 +8,8 @@ packed arrays, finiteness) is checked by `to_points` and `to_values`, once, at t
 from __future__ import annotations
 
 import math
+import re
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -15,6 +17,9 @@ from numpy.typing import NDArray
 
 from armguard.contact import Certificate
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
+
+_CLOSER_LOOK = 65536
+"""Longest message, in bytes, that is read a second time to say what was wrong with it."""
 
 POINT_LIMIT = 8
 """Most points of one obstacle."""
@@ -27,12 +32,21 @@ Values = float | bytes | list[float]
 
 
 class MessageError(Exception):
-    """A message that cannot be used: where, what was found, what was expected."""
+    """A message that cannot be used: where, what was found, what was expected, and from whom."""
 
-    def __init__(self, field: str, value: str, expected: str) -> None:
+    def __init__(
+        self,
+        field: str,
+        value: str,
+        expected: str,
+        source: str = "unknown",
+        sequence: int | None = None,
+    ) -> None:
         self.field = field
         self.value = value
         self.expected = expected
+        self.source = source
+        self.sequence = sequence
         super().__init__(f"{field} is {value}; expected {expected}")
 
 
@@ -142,18 +156,42 @@ def decode(data: bytes) -> AnyMessage:
         MessageError: If it is malformed, truncated, of unknown type, or has a field too many,
             too few or of the wrong type.
     """
+    is_json = data[:1] in (b"{", b" ", b"\t", b"\r", b"\n")
     try:
-        if data[:1] in (b"{", b" ", b"\t", b"\r", b"\n"):
-            return _json_decoder.decode(data)
-        return _msgpack_decoder.decode(data)
+        return _json_decoder.decode(data) if is_json else _msgpack_decoder.decode(data)
+    except msgspec.ValidationError as error:
+        raise _name_mistake(data, is_json, str(error)) from None
     except (ValueError, RecursionError, MemoryError) as error:
-        problem, _, place = str(error).partition(" - at `$")
         beginning = bytes(data[:40])
         raise MessageError(
-            place.strip(".`") or "message",
-            f"unusable ({problem}; it begins {beginning!r})",
-            "a msgpack map or JSON object of a known type",
+            "message", f"{beginning!r}… ({error})", "a msgpack map or a JSON object"
         ) from None
+
+
+def _name_mistake(data: bytes, is_json: bool, problem: str) -> MessageError:
+    """What a message of good form but wrong content says about itself."""
+    problem, _, place = problem.replace("`", "").partition(" - at $")
+    expected, _, found = problem.removeprefix("Expected ").partition(", got ")
+    field = place.strip(".")
+    source, sequence = "unknown", None
+    if len(data) <= _CLOSER_LOOK:
+        try:
+            value: Any = msgspec.json.decode(data) if is_json else msgspec.msgpack.decode(data)
+            source = str(value.get("source", value["type"]))
+            sequence = value["seq"] if isinstance(value.get("seq"), int) else None
+            for name, index in re.findall(r"\.(\w+)|\[(\d+)\]", place):
+                value = value[name] if name else value[int(index)]
+            found = repr(value) if place else found
+        except (ValueError, TypeError, AttributeError, LookupError, RecursionError):
+            pass  # then less is said about it
+    mistake = re.fullmatch(r"Object (missing required|contains unknown) field (.*)", problem)
+    if mistake is not None:
+        missing = mistake[1] == "missing required"
+        field = f"{field}.{mistake[2]}".strip(".")
+        found, expected = ("missing", "a value") if missing else ("there", "no such field")
+    elif not found:
+        found, expected = problem, "another value"
+    return MessageError(field or "message", found, expected, source, sequence)
 
 
 def to_values(field: str, values: bytes | list[float], count: int) -> NDArray[np.float64]:
