@@ -1,0 +1,62 @@
+"""What every motion model is asked, and what it refuses to answer."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from armguard.exceptions import ArmguardError
+
+Floats = npt.NDArray[np.float64]
+
+
+class MotionModel(Protocol):
+    """What a bound on the arm's motion answers."""
+
+    def advance(
+        self,
+        q: npt.ArrayLike,
+        v: npt.ArrayLike,
+        link: str,
+        point: npt.ArrayLike,
+        direction: npt.ArrayLike,
+        t: float,
+    ) -> float:
+        """Bound on a point's displacement along a direction at every time in [0, t], in [m].
+
+        Args:
+            q: Measured joint positions, in [rad] or [m]. Shape (nv,).
+            v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
+            link: Name of the link that carries the point.
+            point: In the frame of the link's parent joint, in [m]. Shape (3,).
+            direction: Unit vector in the world. Shape (3,).
+            t: Time from the state's stamp, in [s], >= 0.
+
+        Returns:
+            Never negative, and never falling as t grows.
+        """
+        ...
+
+
+def check_vector(name: str, values: npt.ArrayLike, length: int) -> Floats:
+    """The values as float64, refused unless finite and of the right length."""
+    try:
+        vector = np.ascontiguousarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ArmguardError(name, f"are no numbers: {error}") from error
+    if not (np.shape(values) == (length,) and np.isfinite(vector).all()):
+        raise ArmguardError(
+            name,
+            f"have shape {np.shape(values)} or are not finite",
+            expected=f"{length} finite numbers",
+        )
+    return vector
+
+
+def read_only(array: Floats) -> Floats:
+    """A view of the same memory that cannot be written through."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -1,0 +1,98 @@
+"""What limits on joints mean for points of the arm: levers, and the sums taken with them.
+
+A lever R_j is the greatest distance that a point of the arm can have from the axis of joint j,
+whatever the configuration; `armguard.levers` proves it. With R_max(i, j) the lever of the more
+distal of two joints, no second derivative of the point's position with respect to joints i and j
+is longer than that, and so sums over joints bound what the point does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from armguard.exceptions import ArmguardError
+from armguard.levers import bound_levers, is_prismatic, moving_joints
+from armguard.robot import Robot
+
+Floats = npt.NDArray[np.float64]
+
+ROUNDING = 1e-12
+"""Relative widening of every bound: thousands of times the rounding error of the sums within."""
+
+
+def compute_levers(robot: Robot, link: str, points: npt.ArrayLike) -> Floats:
+    """Proved bounds on how far points of a link can be from the axis line of each joint.
+
+    They hold in every configuration; `armguard.levers` has the proof. Angle limits are not used,
+    travel limits of prismatic joints are, widened by twice the position error: once for the
+    measurement, once for what a monitor accepts beyond a limit.
+
+    Args:
+        robot: The arm.
+        link: One of `robot.links`.
+        points: In the frame of the link's parent joint, in [m]. Shape (n, 3).
+
+    Returns:
+        R_j in [m] for a revolute joint; 1 for a prismatic one, and 0 for a joint that does not
+        move the link. Shape (n, nv).
+
+    Raises:
+        ArmguardError: An unknown link, points of another shape or not finite, a joint that is
+            neither revolute nor prismatic, or a prismatic one without finite travel.
+    """
+    places = np.ascontiguousarray(points, dtype=np.float64)
+    if not (places.ndim == 2 and places.shape[1] == 3 and np.isfinite(places).all()):
+        raise ArmguardError(
+            f"points on {link}",
+            f"have shape {places.shape} or are not finite",
+            expected="finite numbers, shape (n, 3)",
+        )
+    slack = 2.0 * robot.position_error
+    travel = np.column_stack(
+        [robot.lower_position_limit - slack, robot.upper_position_limit + slack]
+    )
+    return bound_levers(robot.model, robot.joint_index(link), places, travel)
+
+
+def turning_joints(robot: Robot, link: str) -> npt.NDArray[np.bool_]:
+    """The revolute joints that move a link. Shape (nv,)."""
+    turning = np.zeros(robot.model.nv, dtype=np.bool_)
+    for joint in moving_joints(robot.model, robot.joint_index(link)):
+        turning[robot.model.idx_vs[joint]] = not is_prismatic(robot.model, joint)
+    return turning
+
+
+def sum_levers(lever: Floats, rates: Floats) -> Floats:
+    """Bound sum_j R_j x_j: of joint velocities, a point's speed; of angles, its way. Shape (n,)."""
+    return (lever @ rates) * (1.0 + ROUNDING)
+
+
+def sum_accelerations(lever: Floats, fastest: Floats, acceleration_limit: Floats) -> Floats:
+    """Bound on the acceleration of points, in [m]/[s²]. Shape (n,).
+
+    sum_j R_j qdd_j + sum_ij R_max(i, j) qd_i qd_j over ordered pairs. Joints come in the order
+    base to tip, so joint j meets each joint before it twice and itself once.
+    """
+    moving = np.where(lever > 0.0, fastest, 0.0)
+    before = np.cumsum(moving, axis=1) - moving
+    bound: Floats = np.sum(lever * (acceleration_limit + moving * (moving + 2.0 * before)), axis=1)
+    return bound * (1.0 + ROUNDING)
+
+
+def velocity_error_terms(
+    lever: Floats, position_error: Floats, velocity_error: Floats
+) -> tuple[Floats, Floats]:
+    """Rate (n, nv) and floor (n,) of a point's velocity error, which is rate |qd| + floor.
+
+    The error is sum_j R_j dqd_j + sum_ij R_max(i, j) (|qd_i| + dqd_i) dq_j: the joint rates are
+    wrong, and so is the Jacobian that they are taken with.
+    """
+    moved = lever > 0.0
+    errors = np.where(moved, position_error, 0.0)
+    weighted = lever * errors
+    up_to = np.cumsum(errors, axis=1)
+    beyond = weighted.sum(axis=1, keepdims=True) - np.cumsum(weighted, axis=1)
+    rate = np.where(moved, lever * up_to + np.maximum(beyond, 0.0), 0.0) * (1.0 + ROUNDING)
+    floor = (lever @ velocity_error + rate @ velocity_error) * (1.0 + ROUNDING)
+    return rate, floor
