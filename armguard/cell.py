@@ -96,6 +96,15 @@ class Cell:
         obstacles = self.make_obstacles()
         return robot, obstacles, self.make_monitor(robot, obstacles)
 
+    @property
+    def urdf(self) -> tuple[str, list[str]]:
+        """Path of the robot's own URDF and its package folders; empty for a known robot."""
+        table = self.tables.robot
+        if table.urdf is None:
+            return "", []
+        folders = [str(self._folder / folder) for folder in table.package_dirs]
+        return str(self._folder / table.urdf), folders
+
     def make_robot(self) -> Robot:
         """The robot that the file names."""
         table = self.tables.robot

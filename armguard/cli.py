@@ -2,6 +2,7 @@
 
 Each command is a small dataclass: its fields are the options, its docstring the help, `run` the
 work. Mistakes are one line on standard error and exit code 2; a traceback is always a bug.
+Libraries are imported by the command that needs them, so that help and mistakes come at once.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Protocol
 
 import tyro
 
@@ -20,6 +21,16 @@ from armguard.exceptions import ArmguardError
 
 MISTAKE = 2
 """Exit code of a call that could not be carried out as given."""
+
+Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+
+
+class Command(Protocol):
+    """What `armguard` can be asked to do."""
+
+    def run(self) -> int:
+        """Do it; the exit code."""
+        ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,13 +50,18 @@ class Demo:
     """Which pairs are looked at in each tick."""
     seed: int = 0
     """Of the arm's, the person's and the balls' motions."""
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    no_view: Flag = False
+    """Serve no browser page."""
+    port: int = 0
+    """TCP port of the page on 127.0.0.1; 0: any that is free."""
+    open: Flag = False
+    """Open the page in the browser."""
+    json: Flag = False
     """Print one JSON object at the end and nothing else."""
 
     def run(self) -> int:
-        """Run the demo; the exit code."""
-        # Imported here: help and mistakes should not wait for Pinocchio and Numba.
-        from armguard.demo import run_demo
+        """Run the demo."""
+        from armguard.demo.launcher import run_demo
 
         return run_demo(
             duration=self.duration,
@@ -53,8 +69,75 @@ class Demo:
             obstacle_count=self.obstacles,
             schedule=self.schedule,
             seed=self.seed,
+            view=not self.no_view,
+            port=self.port,
+            open_browser=self.open,
             as_json=self.json,
         )
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """Supervise a cell: obstacles and joint states streamed in, verdicts streamed out.
+
+    Example: armguard run demos/cell.toml --view tcp://127.0.0.1:5704
+    """
+
+    cell: Annotated[Path, tyro.conf.Positional]
+    """The cell file."""
+    obstacles: str | None = None
+    """Address to bind for obstacles; "-" reads JSON lines, joint states among them, from stdin."""
+    joints: str | None = None
+    """Address to bind for joint states."""
+    verdicts: str | None = None
+    """Address to bind for readers of verdicts."""
+    view: str | None = None
+    """Address to bind for views to attach to, as `armguard view` does."""
+    reset_token: str | None = None
+    """What a reset message must carry; without one, none is obeyed."""
+    recorded: Flag = False
+    """Standard input is a recording: its first stamp is now, and later lines wait their turn."""
+    duration: float = float("inf")
+    """How long to run, in seconds."""
+    json: Flag = False
+    """Print the summary as one JSON object."""
+
+    def run(self) -> int:
+        """Run until the end of the duration, of standard input, or Ctrl-C."""
+        from armguard.supervision import supervise
+
+        return supervise(
+            self.cell,
+            obstacles_address=self.obstacles,
+            joints_address=self.joints,
+            verdicts_address=self.verdicts,
+            view_address=self.view,
+            reset_token=self.reset_token,
+            recorded=self.recorded,
+            duration=self.duration,
+            as_json=self.json,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class View:
+    """Show a running monitor in the browser.
+
+    Example: armguard view tcp://127.0.0.1:5704 --port 7000
+    """
+
+    address: Annotated[str, tyro.conf.Positional]
+    """What `armguard run --view` was given."""
+    port: int = 0
+    """TCP port of the page on 127.0.0.1; 0: any that is free."""
+    open: Flag = False
+    """Open the page in the browser."""
+
+    def run(self) -> int:
+        """Serve the page until Ctrl-C."""
+        from armguard.supervision import show
+
+        return show(self.address, self.port, open_browser=self.open)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,11 +148,11 @@ class Robots:
     """
 
     def run(self) -> int:
-        """Print the list; the exit code."""
+        """Print the list."""
         from armguard.robot_description import list_robots
 
         for name in list_robots():
-            print(name)  # noqa: T201
+            print(name)  # noqa: T201 - what the command is for
         return 0
 
 
@@ -83,14 +166,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return MISTAKE
 
 
-def _parse(arguments: Sequence[str] | None) -> Demo | Robots:
+def _parse(arguments: Sequence[str] | None) -> Command:
     """Read the command line; a mistake ends the process with one line and exit code 2."""
     messages = io.StringIO()
     try:
         with contextlib.redirect_stderr(messages):
             return tyro.cli(
-                tyro.conf.OmitSubcommandPrefixes[  # type: ignore[misc]
+                tyro.conf.OmitSubcommandPrefixes[  # type: ignore[misc]  # a type made by a call
                     Annotated[Demo, tyro.conf.subcommand("demo")]
+                    | Annotated[Run, tyro.conf.subcommand("run")]
+                    | Annotated[View, tyro.conf.subcommand("view")]
                     | Annotated[Robots, tyro.conf.subcommand("robots")]
                 ],
                 prog="armguard",

@@ -50,6 +50,8 @@ class LoopReport(NamedTuple):
     """Messages taken."""
     faults: dict[str, int]
     """Faults of messages, by kind and source."""
+    monitor_faults: int
+    """Refused rows and calls, and joint states not believed."""
 
 
 class RateLoop:
@@ -162,6 +164,7 @@ class RateLoop:
                 f"{key.kind}: {key.source}": number
                 for key, number in sorted(self._edge.faults.counts.items())
             },
+            monitor_faults=self.monitor.faults,
         )
 
 
@@ -176,6 +179,7 @@ def run(
     reset_token: str | None = None,
     stopped: Callable[[], bool] = lambda: False,
     observe: Callable[[RateLoop, Verdict], None] | None = None,
+    prepared: Callable[[Monitor], None] | None = None,
 ) -> LoopReport:
     """Supervise a cell from streams until stopped, interrupted, or the end of standard input.
 
@@ -192,12 +196,15 @@ def run(
         reset_token: What a reset message must carry; without one, none is obeyed.
         stopped: Asked at every tick whether to end.
         observe: Sees each verdict, with the loop, after it was published; must not block.
+        prepared: Called with the monitor when everything is compiled, before the first tick.
 
     Raises:
         StreamError: If an address cannot be used.
         ArmguardError: If the cell cannot be made.
     """
     robot, obstacles, monitor = cell.build()
+    if prepared is not None:
+        prepared(monitor)
     joint_state = cell.tables.joint_state
     clock = MonotonicClock()
     edge = Edge(
@@ -221,7 +228,8 @@ def run(
             opened.append(inputs[-1])
         publisher = VerdictPublisher(verdicts_address, edge.offset)
         opened.append(publisher)
-        return RateLoop(monitor, edge, inputs, clock, publisher.publish, observe).run(duration, stopped)
+        loop = RateLoop(monitor, edge, inputs, clock, publisher.publish, observe)
+        return loop.run(duration, stopped)
     finally:
         for resource in opened:
             resource.close()

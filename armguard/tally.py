@@ -11,6 +11,7 @@ class Tally:
     """Counts verdicts; its size does not grow.
 
     Attributes:
+        waiting: Ticks before the first joint state; they count nowhere else.
         levels: Ticks at each level.
         stops: How often the level fell to STOP; a run that begins with STOP begins with one.
         incomplete: Ticks in which not every pair had a certificate in force.
@@ -19,6 +20,7 @@ class Tally:
     """
 
     def __init__(self) -> None:
+        self.waiting = 0
         self.levels = dict.fromkeys(Level, 0)
         self.stops = 0
         self.incomplete = 0
@@ -27,6 +29,9 @@ class Tally:
 
     def count(self, verdict: Verdict) -> None:
         """Add one verdict."""
+        if verdict.sequence == 0:
+            self.waiting += 1
+            return
         if verdict.level is Level.STOP and self._level is not Level.STOP:
             self.stops += 1
         self._level = verdict.level

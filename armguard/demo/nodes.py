@@ -1,0 +1,221 @@
+"""The demo's perception and robot, each a process of its own, on the streams that users use.
+
+Both begin when the monitor's first verdict arrives, so that nothing is missed while it starts, and
+both end by themselves when their parent has gone.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from types import FrameType
+
+import msgspec
+from numpy.typing import ArrayLike
+
+from armguard.exceptions import ArmguardError
+from armguard.robot import Robot
+from armguard.simulation import (
+    ObstacleSource,
+    ProceduralPerson,
+    Recording,
+    SimulatedArm,
+    WanderingBalls,
+    keeps_within,
+    random_trajectory,
+)
+from armguard.simulation.person import DURATIONS
+from armguard.streams import Publisher, VerdictReader
+
+ROBOT = "panda"
+
+ROBOT_PERIOD = 0.001
+"""Between two joint states, in [s]."""
+
+PERCEPTION_PERIOD = 0.005
+"""Between two looks at what is due, in [s]."""
+
+SPEED_FRACTION = 0.3
+"""Share of its velocity limits that the arm works at."""
+
+WORKSPACE = ((-0.6, -0.25, 0.02), (1.0, 1.0, 1.5))
+"""Where the arm works, in [m]: above its table, not on the side that people come from."""
+
+WORK_CYCLE = 30.0
+"""Until the arm's motion repeats, at least, in [s]."""
+
+BALL_CLEARANCE = 2.5
+"""Distance that wandering balls keep from the arm's axis, in [m]."""
+
+START_TIMEOUT = 120.0
+"""How long to wait for the monitor, which compiles its kernels at the first start, in [s]."""
+
+
+def make_sources(duration: float, person: str, ball_count: int, seed: int) -> list[ObstacleSource]:
+    """What moves about the arm.
+
+    Args:
+        duration: Of the demo, in [s].
+        person: Vicon CSV of a person; empty: a simulated one.
+        ball_count: Wandering balls besides.
+        seed: Of all motions.
+    """
+    sources: list[ObstacleSource] = []
+    if not person:
+        shortest, longest = DURATIONS
+        sources.append(ProceduralPerson(seed, min(max(duration, shortest), longest)))
+    else:
+        sources.append(Recording(person))
+    if ball_count:
+        sources.append(WanderingBalls(ball_count, seed, clearance=BALL_CLEARANCE))
+    return sources
+
+
+class Perception(msgspec.Struct, frozen=True, tag=True, kw_only=True):
+    """Publish what moves about the arm."""
+
+    obstacles: str
+    """Address of the monitor's obstacles."""
+    verdicts: str
+    """Address of its verdicts."""
+    duration: float
+    """Of the demo, in seconds."""
+    seed: int
+    """Of all motions."""
+    person: str
+    """Vicon CSV of a person; empty: a simulated one."""
+    balls: int
+    """How many wander about besides."""
+
+    def run(self) -> None:
+        """Publish until ended."""
+        sources = make_sources(self.duration, self.person, self.balls, self.seed)
+        publishers = [Publisher(self.obstacles, source.name) for source in sources]
+        _wait_for_monitor(self.verdicts)
+        start = time.monotonic()
+        sinks = [_Restamped(publisher, start) for publisher in publishers]
+        tick = 0
+        while not _orphaned():
+            for source, sink in zip(sources, sinks, strict=True):
+                source.publish(sink, time.monotonic() - start)
+            tick += 1
+            time.sleep(max(0.0, start + tick * PERCEPTION_PERIOD - time.monotonic()))
+
+
+class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
+    """Move the arm as the verdicts allow, and publish its joint states."""
+
+    joints: str
+    """Address of the monitor's joint states."""
+    verdicts: str
+    """Address of its verdicts."""
+    seed: int
+    """Of the arm's motion."""
+
+    def run(self) -> None:
+        """Move until ended."""
+        robot = Robot.load(ROBOT)
+        arm = SimulatedArm(
+            random_trajectory(
+                robot,
+                self.seed,
+                WORK_CYCLE,
+                speed_fraction=SPEED_FRACTION,
+                accept=keeps_within(robot, *WORKSPACE),
+            )
+        )
+        with Publisher(self.joints) as publisher, VerdictReader(self.verdicts) as reader:
+            _wait_for_monitor(self.verdicts)
+            start = stamp = time.monotonic()
+            tick = 0
+            while not _orphaned():
+                now = time.monotonic()
+                reader.latest()
+                # Silence beyond `valid_until` is a scale of 0: it brakes, as on STOP.
+                q, v = arm.step(max(now - stamp, 1e-9), reader.speed_scale(now))
+                stamp = now
+                publisher.joints(now, robot.joints, q, v)
+                tick = max(tick + 1, math.floor((now - start) / ROBOT_PERIOD))
+                time.sleep(max(0.0, start + tick * ROBOT_PERIOD - time.monotonic()))
+
+
+class _Restamped:
+    """Hands a simulated source's samples on, stamped with the machine's clock."""
+
+    def __init__(self, publisher: Publisher, start: float) -> None:
+        self._publisher = publisher
+        self._start = start
+
+    def update(
+        self,
+        ids: Sequence[str],
+        stamp: float,
+        position: ArrayLike,
+        velocity: ArrayLike | None = None,
+        radius: ArrayLike | None = None,
+        accel: ArrayLike | None = None,
+        speed: ArrayLike | None = None,
+        position_error: ArrayLike = 0.0,
+        velocity_error: ArrayLike = 0.0,
+        source: str = "",
+        frame: str = "world",
+        snapshot: bool = False,
+    ) -> None:
+        """As `Publisher.update`; the source is the publisher's own."""
+        self._publisher.update(
+            ids,
+            self._start + stamp,
+            position,
+            velocity,
+            radius,
+            accel,
+            speed,
+            position_error,
+            velocity_error,
+            frame,
+            snapshot,
+        )
+
+
+_PARENT = os.getppid()
+
+
+def _orphaned() -> bool:
+    """Whether the process that started this one has gone."""
+    return os.getppid() != _PARENT
+
+
+def _wait_for_monitor(verdicts: str) -> None:
+    """Return when a verdict has arrived."""
+    with VerdictReader(verdicts) as reader:
+        deadline = time.monotonic() + START_TIMEOUT
+        while reader.latest(timeout=0.1) is None:
+            if _orphaned() or time.monotonic() > deadline:
+                raise ArmguardError(verdicts, f"no verdict within {START_TIMEOUT:g} s")
+
+
+def _end(signal_number: int, frame: FrameType | None) -> None:
+    raise SystemExit(0)
+
+
+def start(node: Perception | RobotNode) -> subprocess.Popen[bytes]:
+    """Start a node as a process of its own."""
+    command = [sys.executable, "-m", "armguard.demo.nodes", msgspec.json.encode(node).decode()]
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL)
+
+
+def main() -> None:
+    """Run the node that the command line describes until it is told to end."""
+    signal.signal(signal.SIGTERM, _end)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launcher ends its processes in its order
+    node: Perception | RobotNode = msgspec.json.decode(sys.argv[1], type=Perception | RobotNode)
+    node.run()
+
+
+if __name__ == "__main__":
+    main()

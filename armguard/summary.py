@@ -1,0 +1,51 @@
+"""What a run was like, in one object for programs and in one table for people."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rich.table import Table
+
+from armguard.loop import LoopReport
+from armguard.tally import Tally
+
+COLORS = {"STOP": "red", "SLOW": "yellow", "AWARE": "cyan", "CLEAR": "green"}
+
+
+def summarise(report: LoopReport, tally: Tally) -> dict[str, Any]:
+    """The object that `--json` prints; a contact time that never was finite is null."""
+    times = {"p50": report.p50, "p99": report.p99, "p99.9": report.p999, "max": report.longest}
+    soonest = tally.min_contact_time
+    return {
+        "ticks": report.ticks - tally.waiting,
+        "waiting": tally.waiting,
+        "stops": tally.stops,
+        "levels": {level.name: count for level, count in tally.levels.items()},
+        "min_contact_time": soonest if math.isfinite(soonest) else None,
+        "tick_us": {name: round(1e6 * time, 1) for name, time in times.items()},
+        "late": report.late,
+        "incomplete": tally.incomplete,
+        "faults": report.monitor_faults + sum(report.faults.values()),
+        "received": report.received,
+        "message_faults": report.faults,
+    }
+
+
+def draw_summary(summary: dict[str, Any]) -> Table:
+    """The table at the end of a run."""
+    table = Table(title="summary", show_header=False)
+    ticks = max(summary["ticks"], 1)
+    spent = summary["tick_us"]
+    soonest = summary["min_contact_time"]
+    table.add_row("ticks", f"{summary['ticks']} ({summary['late']} late)")
+    table.add_row("waited for joint states", f"{summary['waiting']} ticks")
+    for name, count in summary["levels"].items():
+        table.add_row(f"[{COLORS[name]}]{name}[/]", f"{100.0 * count / ticks:.1f} % of the time")
+    table.add_row("stops", str(summary["stops"]))
+    table.add_row("soonest contact", "none possible" if soonest is None else f"{soonest:.3f} s")
+    names = ("p50", "p99", "p99.9", "max")
+    table.add_row("tick " + " / ".join(names), " / ".join(f"{spent[n]:.0f}" for n in names) + " µs")
+    table.add_row("incomplete ticks", str(summary["incomplete"]))
+    table.add_row("faults", str(summary["faults"]))
+    return table

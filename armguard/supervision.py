@@ -1,0 +1,132 @@
+"""`armguard run` and `armguard view`: a cell supervised from streams, and a look at it."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import webbrowser
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+
+from armguard.cell import Cell
+from armguard.exceptions import ArmguardError
+from armguard.loop import RateLoop, run
+from armguard.streams import OBSTACLES_ADDRESS, VERDICTS_ADDRESS
+from armguard.summary import draw_summary, summarise
+from armguard.tally import Tally
+from armguard.verdict import Verdict
+from armguard.view.monitor_feed import MonitorFeed
+from armguard.view.process import launch
+from armguard.view.publisher import FramePublisher
+
+
+def supervise(
+    cell_file: Path,
+    *,
+    obstacles_address: str | None,
+    joints_address: str | None,
+    verdicts_address: str | None,
+    view_address: str | None,
+    reset_token: str | None,
+    recorded: bool,
+    duration: float,
+    as_json: bool,
+) -> int:
+    """Supervise a cell until the end, and print the summary.
+
+    Args:
+        cell_file: The cell.
+        obstacles_address: Bound for obstacles; None: the default; "-": standard input.
+        joints_address: Bound for joint states; None: the default, or standard input.
+        verdicts_address: Bound for verdicts; None: the default.
+        view_address: Bound for views; None: no feed.
+        reset_token: What a reset message must carry.
+        recorded: Whether standard input is a recording.
+        duration: How long, in [s].
+        as_json: Print one JSON object instead of a table.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        ArmguardError: The cell cannot be made, or an address cannot be used.
+    """
+    if not duration > 0.0:
+        raise ArmguardError("--duration", f"is {duration}", expected="seconds above 0")
+    console = Console(stderr=True)
+    cell = Cell.load(cell_file)
+    publisher = None if view_address is None else FramePublisher(view_address)
+    ended = threading.Event()
+    before = signal.signal(signal.SIGTERM, lambda *_: ended.set())
+    observer = _Observer(cell, publisher)
+    status = console.status("compiling the kernels (once; kept for the next start)")
+    status.start()
+    try:
+        report = run(
+            cell,
+            obstacles_address or OBSTACLES_ADDRESS,
+            joints_address,
+            verdicts_address or VERDICTS_ADDRESS,
+            duration=duration,
+            recorded=recorded,
+            reset_token=reset_token,
+            stopped=ended.is_set,
+            observe=observer.observe,
+            prepared=lambda _: status.stop(),
+        )
+    finally:
+        status.stop()
+        signal.signal(signal.SIGTERM, before)
+        if publisher is not None:
+            publisher.close()
+    summary = summarise(report, observer.tally)
+    if as_json:
+        sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
+    else:
+        Console().print(draw_summary(summary))
+    return 0
+
+
+def show(address: str, port: int, *, open_browser: bool) -> int:
+    """Serve the page of a running monitor until Ctrl-C; the exit code.
+
+    Args:
+        address: Of the monitor's feed.
+        port: TCP port of the page; 0: any that is free.
+        open_browser: Open the page.
+    """
+    with launch(address, port) as page:
+        Console().print(f"see it in the browser: {page.url}", soft_wrap=True)
+        if open_browser:
+            webbrowser.open(page.url)
+        try:
+            while page.running:
+                signal.pause()
+        except KeyboardInterrupt:
+            pass
+    return 0
+
+
+class _Observer:
+    """Counts every verdict, and feeds the views if there is an address for them."""
+
+    def __init__(self, cell: Cell, publisher: FramePublisher | None) -> None:
+        self.tally = Tally()
+        self._cell = cell
+        self._publisher = publisher
+        self._feed: MonitorFeed | None = None
+
+    def observe(self, loop: RateLoop, verdict: Verdict) -> None:
+        """Called after each verdict was published."""
+        self.tally.count(verdict)
+        if self._publisher is None:
+            return
+        if self._feed is None:
+            urdf, package_dirs = self._cell.urdf
+            self._feed = MonitorFeed(
+                loop.monitor, self._publisher, urdf=urdf, package_dirs=package_dirs
+            )
+        self._feed.observe(verdict, loop.clock.now(), loop.durations, loop.late)
