@@ -17,9 +17,9 @@ PACKAGE = ROOT / "armguard"
 # Floor, step on that floor, and the modules and packages that stand there. Steps part what one
 # module of a floor is made of; a package stands on one step as a whole.
 FLOORS = [
-    (0, 1, "exceptions clock latency enclosing_ball hull surface_distance"),
+    (0, 1, "exceptions clock latency enclosing_ball hull sphere_tree surface_distance witness"),
     (0, 2, "advancement fitting plausibility"),
-    (0, 3, "contact"),
+    (0, 3, "contact containment"),
     (1, 1, "certificate cover frames obstacle_faults obstacle_table sources verdict"),
     (1, 2, "obstacle_call obstacle_register obstacle_rule"),
     (1, 3, "obstacles"),
@@ -27,13 +27,16 @@ FLOORS = [
     (2, 2, "robot"),
     (3, 1, "bounds joint_states kinematics"),
     (4, 1, "exact pairs"),
-    (5, 1, "ledger schedules"),
+    (5, 1, "flagged ledger schedules"),
+    (5, 2, "pair_reports snapshot"),
     (6, 1, "monitor"),
-    (7, 1, "armguard cell_schema simulation streams"),
+    (7, 1, "armguard cell_schema simulation streams tally"),
     (7, 2, "cell"),
     (8, 1, "loop view"),
-    (8, 2, "demo"),
+    (8, 2, "summary"),
+    (8, 3, "demo supervision"),
     (9, 1, "cli"),
+    (9, 2, "__main__"),
 ]
 FLOOR_OF = {name: (floor, step) for floor, step, names in FLOORS for name in names.split()}
 

@@ -1,0 +1,115 @@
+"""What the README says can be done can be done: its snippets and its commands are run."""
+
+import ast
+import inspect
+import re
+import shlex
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+ARMGUARD = Path(sys.executable).with_name("armguard")
+
+
+def read_blocks(language):
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
+
+
+COMMANDS = [
+    line.removeprefix("$ ")
+    for block in read_blocks("console")
+    for line in block.splitlines()
+    if line.startswith("$ ")
+]
+
+
+def test_the_snippets_run_one_after_another(capsys):
+    names = {}
+    for snippet in read_blocks("python"):
+        exec(compile(snippet, "README.md", "exec"), names)
+    printed = re.findall(r"s: (\w+), contact", capsys.readouterr().out)
+    assert printed == ["CLEAR", "AWARE", "SLOW", "STOP"], "as the README says of the first one"
+    assert not names["cell"].take_faults()
+
+
+def test_the_first_snippet_is_the_first_demo():
+    source = (ROOT / "demos" / "01_hello.py").read_text(encoding="utf-8")
+    (main,) = (node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef))
+    body = source.splitlines()[main.body[1].lineno - 1 : main.end_lineno]
+    assert (
+        read_blocks("python")[0] == "import armguard\n\n" + textwrap.dedent("\n".join(body)) + "\n"
+    )
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_commands_run(command):
+    program, *arguments = shlex.split(command)
+    assert program == "armguard", "`console` blocks hold commands of armguard that end soon"
+    result = subprocess.run(
+        [ARMGUARD, *arguments],
+        cwd=ROOT,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stdout
+
+
+def test_every_command_that_is_named_exists():
+    named = set(re.findall(r"(?<![\w/.-])armguard ([a-z]+)\b(?! (?:stands|watches|takes))", code()))
+    assert "demo" in named
+    for command in named:
+        result = subprocess.run(
+            [ARMGUARD, command, "--help"],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=60,
+            check=False,
+        )
+        assert result.returncode == 0, f"armguard {command}"
+
+
+def code():
+    """All that stands in blocks and between backticks."""
+    fenced = re.findall(r"^```\w*\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
+    return "\n".join([*fenced, *re.findall(r"`([^`\n]+)`", README)])
+
+
+def test_the_two_commands_are_there():
+    first, second = read_blocks("sh")[0].splitlines()
+    assert first == (
+        "python3 -m venv .venv && .venv/bin/pip install -e '.[test]' && .venv/bin/armguard demo"
+    )
+    assert second == ".venv/bin/pytest"
+
+
+def test_links_lead_somewhere():
+    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+            if not target.startswith("http"):
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_defaults_in_words_are_those_of_the_code():
+    from armguard import Monitor, Obstacles
+
+    monitor = inspect.signature(Monitor).parameters
+    for name, words in {
+        "aware_margin": "`aware_margin` (0.3 s)",
+        "slow_margin": "`slow_margin` (0.1 s)",
+        "hold": "0.3 s of evidence (`hold`)",
+        "source_timeout": "`source_timeout`, 0.2 s",
+    }.items():
+        assert words in README
+        assert f"{monitor[name].default} s" in words
+    assert "at most 10 m/s² and 2 m/s" in README
+    bounds = inspect.signature(Obstacles).parameters
+    assert (bounds["accel"].default, bounds["speed"].default) == (10.0, 2.0)
