@@ -348,7 +348,8 @@ def certify(
     )  # fmt: skip
     if shape:
         raise ArmguardError("arguments", f"are {shape} pairs", expected="a single pair")
-    trace = np.full((steps, 4), math.nan)
+    trace = np.full((2 * steps, 4), math.nan)
     contact_time = float(_trace_pair(*arrays, steps, trace))  # type: ignore[call-arg]
     used = trace[trace[:, 0] < contact_time]
+    used = used[np.diff(used[:, 0], append=contact_time) > 0.0]
     return Certificate(contact_time, used[:, 0].copy(), used[:, 1:].copy())

@@ -1,0 +1,308 @@
+"""How long one witness keeps two bounded bodies apart, in compiled code.
+
+A unit vector n, the *witness*, proves that a sphere (body 1) and a point (body 2) are apart at
+time t if
+
+    gap(n, t) = n.x - contact_distance - D1(t) - D2(t) > 0,
+
+where D bounds how far a body comes along its side of n with its acceleration, top speed, velocity
+error and age. The gap is concave in t, piecewise quadratic, and followed to its root in closed
+form. Whatever the witness, the time reached is proved; so it is in floating point:
+
+- With e = 2**-53: a direction of length right to 4 e, positions right to e and sums of products
+  make n.x right to 9 e |x|. D is a sum of at most three non-negative magnitudes ("reach"), each
+  right to 5 e; the sums of the gap add 4 e of every term. SLACK = 16 e of |x| + contact_distance
+  and of both reaches is subtracted.
+- A closing speed is inflated by SLACK of |v| + velocity_error, never of its own small value, and
+  a slope by SLACK of the speeds in it. The step up to which `gap - slope h - accel h^2 / 2` stays
+  positive is right to 10 e and shortened by 16 e, its sum with the time so far likewise. Slope and
+  acceleration bound the gap between the two ends (Taylor's formula, not an approximation).
+- When a body is taken to reach its top speed does not matter to safety: see `_follow_forward`.
+- Squares are used where they keep their bits; else the direction is rescaled by a power of two
+  and the root taken by `hypot`. Non-zero accelerations below TINY count as TINY, lengths below it
+  as contact, so that what underflows (2**-1074) is far below the SLACK of something present.
+  Lengths above LARGE count as contact, speeds above it as anything up to the top speed; what still
+  overflows makes the gap -inf or NaN and ends the search where it stands.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+
+from numba import njit
+
+SLACK = 2.0**-49
+TINY = 1e-270
+LARGE = 1e153
+NO_BOUND = sys.float_info.max  # the top speed of a body that has none
+LONGEST = 1e305  # no step is longer, so that sums of times stay finite
+MAX_PIECES = 8  # seven with both ages negative, and one to stop
+
+
+@njit(error_model="numpy", cache=True)
+def _measured_speed(vx, vy, vz, speed, velocity_error):  # type: ignore[no-untyped-def]
+    """The speed bound that holds: `speed`, or what was measured where that breaks it."""
+    allowed = speed + velocity_error
+    largest = max(abs(vx), abs(vy), abs(vz))
+    if not (largest > 0.0):
+        return largest + velocity_error  # NaN, or a zero that no bound can break
+    scaled_x, scaled_y, scaled_z = vx / largest, vy / largest, vz / largest
+    norm = largest * math.sqrt(scaled_x**2 + scaled_y**2 + scaled_z**2)
+    norm = norm * (1.0 + SLACK) + 5e-324
+    if norm <= allowed * (1.0 - SLACK):
+        return speed
+    return (norm + velocity_error) * (1.0 + SLACK)
+
+
+@njit(error_model="numpy", cache=True, forceinline=True)
+def limits(vx, vy, vz, accel, speed, velocity_error):  # type: ignore[no-untyped-def]
+    """Top speed, and what is added to a measured closing speed: its error, and a few ulp of |v|.
+
+    Without a bound on acceleration a body has its top speed at once: its margin is infinite.
+    """
+    size = abs(vx) + abs(vy) + abs(vz)
+    top = speed
+    if not size * (1.0 + SLACK) <= speed + velocity_error:  # |v| is no more than that, often less
+        top = _measured_speed(vx, vy, vz, speed, velocity_error)
+    margin = velocity_error
+    if size > 0.0:
+        margin += SLACK * (max(size, TINY) + velocity_error)
+    if accel == math.inf or size > LARGE:
+        margin = math.inf
+    return NO_BOUND if top > NO_BOUND else top, margin
+
+
+@njit(error_model="numpy", cache=True, forceinline=True)
+def usable_accel(accel):  # type: ignore[no-untyped-def]
+    """The acceleration to reckon with: none where `limits` sees to it, never a vanishing one."""
+    if accel == math.inf:
+        return 0.0
+    return TINY if 0.0 < accel < TINY else accel
+
+
+@njit(error_model="numpy", cache=True, forceinline=True)
+def are_bounds(accel, speed, velocity_error, age):  # type: ignore[no-untyped-def]
+    """Whether bounds and age mean something, and hold the body back at all (NaN never does)."""
+    return (
+        accel >= 0.0
+        and speed >= 0.0
+        and velocity_error >= 0.0
+        and abs(age) < math.inf
+        and (speed < math.inf or accel + velocity_error < math.inf)
+    )
+
+
+@njit(error_model="numpy", cache=True)
+def _rescaled(x, y, z):  # type: ignore[no-untyped-def]
+    largest = max(abs(x), abs(y), abs(z))
+    if not (0.0 < largest < math.inf):
+        return math.nan, math.nan, math.nan, math.nan
+    exponent = math.frexp(largest)[1]
+    x, y, z = math.ldexp(x, -exponent), math.ldexp(y, -exponent), math.ldexp(z, -exponent)
+    return x, y, z, 1.0 / math.sqrt(x * x + y * y + z * z)
+
+
+@njit(error_model="numpy", cache=True, forceinline=True)
+def direction(x, y, z):  # type: ignore[no-untyped-def]
+    """A vector along (x, y, z) and the inverse of its length; NaN for the zero vector.
+
+    Kept apart so that products with the vector need not wait for the root and the quotient.
+    """
+    square = x * x + y * y + z * z
+    if 1e-40 < square < 1e300:
+        return x, y, z, 1.0 / math.sqrt(square)
+    return _rescaled(x, y, z)
+
+
+@njit(error_model="numpy", cache=True)
+def _extreme_root(gap, slope, accel):  # type: ignore[no-untyped-def]
+    return math.hypot(slope, math.sqrt(accel) * math.sqrt(gap) * math.sqrt(2.0))
+
+
+@njit(error_model="numpy", cache=True, forceinline=True)
+def _step(gap, slope, accel):  # type: ignore[no-untyped-def]
+    """Largest h up to which gap - slope h - accel h^2 / 2 stays positive, for gap > 0."""
+    square = slope * slope + 2.0 * accel * gap
+    ordinary = 1e-280 < square < 1e300
+    root = math.sqrt(square) if ordinary else _extreme_root(gap, slope, accel)
+    # One division for both forms: which of them is right depends on the data, as chance would.
+    closing = slope >= 0.0
+    above = root - slope
+    below = slope + root
+    twice = 2.0 * gap
+    above = twice if closing else above
+    below = below if closing else accel
+    step = above / below * (1.0 - SLACK)
+    if step > LONGEST:  # only what never closes takes for ever; NaN stays
+        return math.inf if accel == 0.0 and slope <= 0.0 else LONGEST
+    return step
+
+
+@njit(error_model="numpy", cache=True, forceinline=True)
+def _later(t, step):  # type: ignore[no-untyped-def]
+    """The time `step` after `t`, rounded down, but never before `t`."""
+    after = (t + step) * (1.0 - SLACK)
+    return after if after > t else t
+
+
+@njit(error_model="numpy", cache=True, forceinline=True)
+def follow_forward(  # type: ignore[no-untyped-def]
+    along, length, t, start1, inverse1, top1, accel1, s1, start2, inverse2, top2, accel2, s2
+):  # fmt: skip
+    """`follow` where no stamp is newer than `t`: at most three pieces, chosen without branches.
+
+    start is the speed along the witness at the stamp, inverse that of the acceleration, s the time
+    since the stamp. A body that gains speed until sigma and has its top speed from then on comes
+    start sigma + accel sigma^2 / 2 + top (s - sigma) far: its advance is the least of these over
+    all sigma, so that each of them bounds it, and the rounding of sigma costs nothing.
+    """
+    bite1 = (top1 - start1) * inverse1 if start1 < top1 else 0.0
+    bite2 = (top2 - start2) * inverse2 if start2 < top2 else 0.0
+    until1 = min(bite1, s1)
+    until2 = min(bite2, s2)
+    gain1 = accel1 * until1
+    gain2 = accel2 * until2
+    cruise1 = top1 * (s1 - until1)
+    cruise2 = top2 * (s2 - until2)
+    advance1 = until1 * (start1 + 0.5 * gain1) + cruise1
+    advance2 = until2 * (start2 + 0.5 * gain2) + cruise2
+    fast1 = abs(start1) + gain1
+    fast2 = abs(start2) + gain2
+    reach = (until1 * fast1 + cruise1) + (until2 * fast2 + cruise2)
+    gap = along - advance1 - advance2 - SLACK * (length + reach)
+    if not gap > 0.0:
+        return t, bite1, bite2
+
+    # Until `first` both gain speed, until `last` one of them does.
+    slope1 = start1 + gain1
+    slope2 = start2 + gain2
+    left1 = bite1 - until1
+    left2 = bite2 - until2
+    first = min(left1, left2)
+    last = max(left1, left2)
+    accel = accel1 + accel2
+    slope = slope1 + slope2 + SLACK * (fast1 + fast2)
+    is_first = left1 < left2
+    later_accel = accel2 if is_first else accel1
+    capped = top1 if is_first else top2
+    other = slope2 if is_first else slope1
+    gained = later_accel * first
+    later_slope = capped + other + gained + SLACK * (capped + abs(other) + gained)
+    later_gap = gap - first * (slope + 0.5 * accel * first)
+    later_gap -= SLACK * (gap + first * (abs(slope) + accel * first))
+    span = last - first
+    last_slope = (top1 + top2) * (1.0 + SLACK)
+    last_gap = later_gap - span * (later_slope + 0.5 * later_accel * span)
+    last_gap -= SLACK * (later_gap + span * (abs(later_slope) + later_accel * span))
+    is_later = (later_gap > 0.0) & (first < LONGEST)
+    is_last = is_later & (last_gap > 0.0) & (last < LONGEST)
+    past = first if is_later else 0.0
+    gap = later_gap if is_later else gap
+    slope = later_slope if is_later else slope
+    accel = later_accel if is_later else accel
+    past = last if is_last else past
+    gap = last_gap if is_last else gap
+    slope = last_slope if is_last else slope
+    accel = 0.0 if is_last else accel
+    return _later(t, past + _step(gap, slope, accel)), bite1, bite2
+
+
+@njit(error_model="numpy", cache=True)
+def motion(closing, margin, top, accel, age, s):  # type: ignore[no-untyped-def]
+    """One body's advance along a direction, `s` seconds from its stamp, either way.
+
+    Returns the advance, the largest speed in it, its slope and curvature in time, and the time
+    from the stamp at which the speed bound bites, inf if that lies further out.
+    """
+    start = (closing if s >= 0.0 else -closing) + margin
+    if start > top:
+        start = top
+    span = abs(s)
+    reached = start + accel * span
+    if reached < top * (1.0 - SLACK):
+        advance = span * (start + 0.5 * accel * span)
+        slope = reached if s >= 0.0 else -reached
+        return advance, abs(start) + accel * span, slope, accel, math.inf
+    bite = (top - start) / accel if start < top else 0.0
+    until = min(bite, span)
+    advance = 0.5 * (start + top) * until + top * (span - until)
+    if s >= 0.0:
+        return advance, top, top, 0.0, bite
+    # Too close to the end of its piece to step there: the next piece's curvature is safe in both.
+    steppable = bite == 0.0 or span - bite > -2.0 * SLACK * age
+    return advance, top, -top, 0.0 if steppable else accel, bite
+
+
+@njit(error_model="numpy", cache=True)
+def _piece_end(s, slope, curvature, top, age, bite, t):  # type: ignore[no-untyped-def]
+    """Until when the slope and curvature that `motion` gave at `t` describe it."""
+    if s >= 0.0:
+        end = t + (top - slope) / curvature
+        return end if end > t else math.inf  # also without curvature, and where t cannot resolve it
+    if curvature == 0.0 and 0.0 < bite < math.inf:
+        return (-age - bite) * (1.0 - SLACK)
+    return -age
+
+
+@njit(error_model="numpy", cache=True)
+def follow_backward(  # type: ignore[no-untyped-def]
+    along, length, t, closing1, margin1, top1, accel1, age1, closing2, margin2, top2, accel2, age2
+):  # fmt: skip
+    """`follow` where a stamp is newer than `t`: piece by piece, each looked at anew."""
+    bite1 = 0.0
+    bite2 = 0.0
+    for _ in range(MAX_PIECES):
+        s1 = age1 + t
+        s2 = age2 + t
+        advance1, fast1, slope1, curvature1, bite1 = motion(
+            closing1, margin1, top1, accel1, age1, s1
+        )
+        advance2, fast2, slope2, curvature2, bite2 = motion(
+            closing2, margin2, top2, accel2, age2, s2
+        )
+        slack = SLACK * (length + fast1 * abs(s1) + fast2 * abs(s2))
+        gap = along - advance1 - advance2 - slack
+        if not gap > 0.0:
+            break
+        slope = slope1 + slope2 + SLACK * (fast1 + fast2)
+        step = _step(gap, slope, curvature1 + curvature2)
+        if not step >= 0.0:
+            break
+        end1 = _piece_end(s1, slope1, curvature1, top1, age1, bite1, t)
+        end2 = _piece_end(s2, slope2, curvature2, top2, age2, bite2, t)
+        end = min(end1, end2)
+        if end >= t + step:
+            return _later(t, step), bite1, bite2
+        if not end > t:
+            break
+        t = end
+    return t, bite1, bite2
+
+
+@njit(error_model="numpy", cache=True, forceinline=True)
+def follow(  # type: ignore[no-untyped-def]
+    along, length, t,
+    closing1, margin1, inverse1, top1, accel1, age1,
+    closing2, margin2, inverse2, top2, accel2, age2,
+):  # fmt: skip
+    """Follow one witness's gap from `t` to its root.
+
+    `along` is n.x - contact_distance, `length` the magnitude that its rounding goes by. Returns
+    the time reached, no earlier than `t`, and for both bodies the time from their stamps for which
+    they are carried along their measured velocities when the next witness is chosen.
+    """
+    s1 = age1 + t
+    s2 = age2 + t
+    if s1 >= 0.0 and s2 >= 0.0:
+        start1 = closing1 + margin1
+        start2 = closing2 + margin2
+        start1 = top1 if start1 > top1 else start1
+        start2 = top2 if start2 > top2 else start2
+        return follow_forward(
+            along, length, t, start1, inverse1, top1, accel1, s1, start2, inverse2, top2, accel2, s2
+        )
+    return follow_backward(
+        along, length, t,
+        closing1, margin1, top1, accel1, age1, closing2, margin2, top2, accel2, age2,
+    )  # fmt: skip

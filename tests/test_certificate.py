@@ -1,0 +1,218 @@
+"""Certificates of the kernels against exact arithmetic, and the checker against forgeries.
+
+ARMGUARD_CASES sets how many random pairs are certified and verified (default 8,000).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+
+import numpy as np
+import pytest
+from contact_cases import grazing_case, mixed_case, ordinary_case
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armguard.certificate import verify
+from armguard.contact import Certificate, certify, earliest_contact_hull
+
+CASES = int(os.environ.get("ARMGUARD_CASES", "8000"))
+SEED = int(os.environ.get("ARMGUARD_SEED", "0"))
+
+# Pairs that once were, or easily could be, answered wrongly.
+HOSTILE = {
+    "contact by one ulp": {"p2": [1.0, 0, 0], "contact_distance": np.nextafter(1.0, 0), "a2": 1.0},
+    "contact exactly": {"p2": [3.0, 4.0, 0], "contact_distance": 5.0, "a2": 1.0},
+    "no acceleration": {"p2": [1.0, 0.3, 0], "v2": [-1.0, 0.1, 0], "contact_distance": 0.5},
+    "no speed": {"p2": [1.0, 1.0, 0], "a2": 9.0, "s2": 0.0, "contact_distance": 0.5},
+    "at its speed bound": {"p2": [1.0, 1.0, 0], "v2": [-0.6, 0.8, 0], "a2": 9.0, "s2": 1.0},
+    "bound broken by an ulp": {
+        "p2": [1.0, 1.0, 0],
+        "v2": [-1.0, 0, 0],
+        "a2": 9.0,
+        "s2": np.nextafter(1.0, 0),
+        "velocity_error2": 0.0,
+    },
+    "bound broken": {
+        "p2": [1.0, 1.0, 0],
+        "v2": [-3.0, 1.0, 0],
+        "a2": 9.0,
+        "s2": 1.0,
+        "velocity_error2": 0.1,
+    },
+    "both at rest": {"p2": [1.0, 1.0, 0], "a1": 1.0, "a2": 2.0, "s1": 0.3, "s2": 0.2},
+    "receding": {"p2": [1.0, 1.0, 0], "v2": [9.0, 9.0, 0], "a2": 1.0, "s2": 13.0},
+    "receding for ever": {"p2": [1.0, 1.0, 0], "v2": [9.0, 9.0, 0]},
+    "near 1e-162": {"p2": [1e-162, 1e-162, 1e-162], "v2": [1e-162, 0, 0], "a2": 1e-162},
+    "near 1e-162, passing": {
+        "p2": [1e-162, 1e-162, 0],
+        "v2": [-1e-162, 0, 0],
+        "contact_distance": 1e-163,
+    },
+    "huge, hardly accelerated": {
+        "p2": [1e150, 1e150, 0],
+        "v2": [1e150, 0, 0],
+        "s2": 1e150,
+        "a2": 1e-150,
+    },
+    "tiny, and very fast away": {"p2": [1e-150, 0, 0], "v2": [1e150, 1e149, 0], "a2": 1e-150},
+    "smallest numbers": {"p2": [5e-324, 0, 0], "v2": [5e-324, 0, 0], "a2": 5e-324},
+    "largest numbers": {"p2": [1.7e308, 0, 0], "v2": [-1.7e308, 0, 0], "a2": 1.7e308},
+    "no acceleration bound": {"p2": [1.0, 2.0, 0], "v2": [0.1, 0, 0], "a2": math.inf, "s2": 2.0},
+    "no bound at all": {"p2": [1.0, 2.0, 0], "a2": math.inf},
+    "old and new": {
+        "p2": [1.0, 2.0, 0],
+        "v1": [1.0, 0, 0],
+        "v2": [0, -1.0, 0],
+        "a1": 5.0,
+        "a2": 2.0,
+        "s1": 2.0,
+        "s2": 1.5,
+        "age1": -0.4,
+        "age2": 0.1,
+    },
+    "both newer than now": {
+        "p2": [1.0, 2.0, 0],
+        "v1": [1.0, 0, 0],
+        "v2": [0, -1.0, 0],
+        "a1": 5.0,
+        "a2": 2.0,
+        "s1": 2.0,
+        "s2": 1.5,
+        "age1": -0.4,
+        "age2": -0.7,
+        "velocity_error1": 0.1,
+        "velocity_error2": 0.2,
+    },
+    "newer, unbounded acceleration": {
+        "p2": [1.0, 2.0, 0],
+        "v2": [0, -1.0, 0],
+        "a2": math.inf,
+        "s2": 1.5,
+        "age2": -0.1,
+    },
+    "capsule": {"p2": [[1.0, -5.0, 0], [1.0, 5.0, 0]], "a2": 1.0, "contact_distance": 0.3},
+    "flat box": {
+        "p2": [[1.0, y, z] for y in (-1, 1) for z in (-1, 1)] * 2,
+        "a2": 1.0,
+        "s1": 1.0,
+        "a1": 1.0,
+    },
+    "points in one place": {"p2": [[1.0, 1.0, 1.0]] * 8, "a2": 1.0},
+    "inside a box": {
+        "p2": [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)],
+        "a2": 1.0,
+    },
+    "spinning rod": {
+        "p2": [[1.0, -1, 0], [1.0, 1, 0]],
+        "v2": [[-1, 0, 0], [1, 0, 0]],
+        "a2": 1.0,
+        "s2": 2.0,
+    },
+}
+
+
+def _filled(case):
+    still = {"v1": np.zeros(3), "v2": np.zeros(np.shape(case["p2"]))}
+    bounds = {"a1": 0.0, "s1": math.inf, "a2": 0.0, "s2": math.inf, "contact_distance": 0.0}
+    return {"p1": np.zeros(3)} | still | bounds | case
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.parametrize("advances", [1, 2, 8, 60])
+def test_hostile_pairs_are_certified(name, advances):
+    case = _filled(HOSTILE[name])
+    assert verify(certify(**case, advances=advances), **case)
+
+
+def test_what_the_hostile_pairs_give():
+    def time(name):
+        return certify(**_filled(HOSTILE[name])).contact_time
+
+    for name in ("contact exactly", "largest numbers", "no bound at all", "inside a box"):
+        assert time(name) == 0.0, name
+    for name in ("no speed", "receding for ever"):
+        assert time(name) == math.inf, name
+    large = {"p2": np.ones(3), "v2": [1.0, 0, 0], "a2": 1.0}
+    assert time("near 1e-162") == pytest.approx(certify(**_filled(large)).contact_time, rel=1e-12)
+    assert time("no acceleration bound") == pytest.approx(math.sqrt(5) / 2)
+    assert time("flat box") == pytest.approx(1.0)  # together for 0.5 m and 0.5 m
+
+
+def test_random_pairs_are_certified():
+    rng = np.random.default_rng(SEED)
+    proved = 0
+    for _ in range(CASES):
+        case = mixed_case(rng)
+        certificate = certify(**case, advances=int(rng.integers(1, 12)))
+        assert verify(certificate, **case), case
+        proved += certificate.contact_time > 0.0
+    assert proved > CASES / 2
+
+
+def test_certified_time_is_the_kernels_to_the_bit():
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        case = mixed_case(rng)
+        whole = case | {"p2": np.atleast_2d(case["p2"]), "v2": np.atleast_2d(case["v2"])}
+        assert certify(**case).contact_time == earliest_contact_hull(**whole)
+
+
+def test_forgeries_are_refused():
+    rng = np.random.default_rng(2)
+    tried = 0
+    while tried < 200:
+        case = grazing_case(rng) if tried % 2 else ordinary_case(rng, 1 + tried % 3)
+        certificate = certify(**case, advances=40)
+        time, times, witnesses = certificate
+        if not 0.0 < time < math.inf:
+            continue
+        tried += 1
+        later = Certificate(time * (1.0 + 1e-6), times, witnesses)
+        assert not verify(later, **case)
+        assert not verify(Certificate(math.inf, times, witnesses), **case)
+        assert not verify(Certificate(math.nan, times, witnesses), **case)
+        assert not verify(Certificate(time, times, -witnesses), **case)
+        assert not verify(Certificate(time, times, 0.0 * witnesses), **case)
+        assert not verify(Certificate(time, times + time, witnesses), **case)
+        assert not verify(Certificate(time, times[:0], witnesses[:0]), **case)
+        assert not verify(certificate, **case | {"contact_distance": 1e6})
+        assert not verify(certificate, **case | {"contact_distance": math.nan})
+        assert not verify(certificate, **case | {"a1": -1.0})
+        assert not verify(certificate, **case | {"p1": [math.nan, 0.0, 0.0]})
+
+
+def test_length_of_a_witness_does_not_matter():
+    case = _filled(HOSTILE["old and new"])
+    time, times, witnesses = certify(**case)
+    for factor in (1e-300, 3.0, 1e300):
+        assert verify(Certificate(time, times, witnesses * factor), **case)
+
+
+def test_nothing_claimed_is_true():
+    case = _filled(HOSTILE["no bound at all"])
+    assert verify(Certificate(0.0, np.empty(0), np.empty((0, 3))), **case)
+
+
+EXTREME = st.floats(-1e150, 1e150) | st.floats(-2.0, 2.0) | st.floats(-1e-140, 1e-140)
+VECTOR = st.tuples(EXTREME, EXTREME, EXTREME)
+BOUND = EXTREME.map(abs) | st.just(math.inf)
+
+
+@settings(
+    max_examples=int(os.environ.get("ARMGUARD_EXAMPLES", "300")), derandomize=True, deadline=None
+)
+@given(
+    case=st.fixed_dictionaries(
+        {
+            "p1": VECTOR, "v1": VECTOR, "a1": BOUND, "s1": BOUND,
+            "p2": VECTOR, "v2": VECTOR, "a2": BOUND, "s2": BOUND,
+            "contact_distance": EXTREME.map(abs), "age1": EXTREME, "age2": EXTREME,
+            "velocity_error1": EXTREME.map(abs), "velocity_error2": EXTREME.map(abs),
+        }
+    ),
+    advances=st.integers(1, 20),
+)  # fmt: skip
+def test_no_counter_example_is_found(case, advances):
+    assert verify(certify(**case, advances=advances), **case)
