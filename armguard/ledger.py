@@ -19,6 +19,10 @@ from armguard.pairs import FloatArray, IntArray, TickState
 from armguard.plausibility import ALLOWED, body_allows
 
 NEVER = -1
+"""In place of a tick, for a pair that was never looked at."""
+
+NOBODY = -1
+"""In place of a pair number, where there are no pairs."""
 
 UNDISTURBED, GROWN, BROKEN = 0, 1, 2
 """What newer states did to the ground that a certificate stands on."""
@@ -90,6 +94,11 @@ class PairLedger:
         self.pairs = np.flatnonzero(self.active)
         return fresh, gone
 
+    def clear(self) -> None:
+        """Forget all pairs."""
+        self.active[:] = False
+        self.pairs = self.pairs[:0]
+
     def record(
         self,
         pairs: IntArray,
@@ -139,14 +148,16 @@ class PairLedger:
         if not self.keeps_certificates or not len(self.pairs):
             return self.pairs[:0], self.pairs[:0]
         outcomes = self._test(self.pairs, state, revision)
-        np.copyto(self._seen_revision[: len(revision)], revision)
+        # The table may have grown for rows that were gone again before anybody looked.
+        known = len(self._seen_revision)
+        self._seen_revision[:] = revision[:known]
         return self.pairs[outcomes == GROWN], self.pairs[outcomes == BROKEN]
 
     def earliest(self, now: float, tick: int) -> tuple[int, float, int]:
         """The pair whose certificate ends first, that time from `now`, and pairs overdue.
 
         Returns:
-            Pair number (NEVER without pairs), time in [s] (inf without pairs, never below 0),
+            Pair number (NOBODY without pairs), time in [s] (inf without pairs, never below 0),
             and how many pairs have neither a certificate in force nor a look in this tick.
         """
         pair, expiry, overdue = _earliest(self.pairs, self.expiry, self.tick, now, tick)
@@ -326,7 +337,7 @@ def _earliest(
     pairs: IntArray, expiry: FloatArray, ticks: IntArray, now: float, tick: int
 ) -> tuple[int, float, int]:
     """Pair with the earliest expiry, that expiry, and how many pairs are overdue."""
-    earliest = -1
+    earliest = NOBODY
     soonest = np.inf
     overdue = 0
     for pair in pairs:

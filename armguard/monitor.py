@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from fnmatch import fnmatchcase
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio
@@ -20,11 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 from armguard.bounds import IsotropicMotion
 from armguard.exact import ExactGeometry
 from armguard.exceptions import ArmguardError
+from armguard.flagged import FlaggedCheck
+from armguard.ignored_pairs import IgnoredPairs
 from armguard.joint_states import JointStates
 from armguard.kinematics import Kinematics
-from armguard.ledger import PairLedger
-from armguard.obstacle_faults import Fault
+from armguard.ledger import NOBODY, PairLedger
+from armguard.obstacle_reasons import take_obstacle_reasons
 from armguard.obstacles import Obstacles
+from armguard.pair_reports import PairReport, report_pair
 from armguard.pairs import TickState, evaluate
 from armguard.robot import Robot
 from armguard.schedules import Schedule, make_schedule
@@ -41,28 +42,6 @@ from armguard.verdict import (
 
 ADVANCES = 8
 """Tangent advances per evaluation; nearly every pair has converged by then."""
-
-BUCKETS = 16
-"""Grades of imminence: bucket k holds contact times of 2^k to 2^(k+1) periods."""
-
-
-class PairReport(NamedTuple):
-    """One pair as `Monitor.pairs` shows it."""
-
-    link: str
-    obstacle: str
-    contact_time: float
-    """[s] from the last tick."""
-    bucket: int
-    """Imminence, 0 (next tick) to 15 (far)."""
-    age: float
-    """Since the pair was last evaluated, in [s]."""
-    bound: str
-    """Motion model that decided."""
-    point_on_link: NDArray[np.float64]
-    """Closest point of the link, [m], world. Shape (3,)."""
-    point_on_obstacle: NDArray[np.float64]
-    """Closest point of the obstacle as last measured, [m], world. Shape (3,)."""
 
 
 class Monitor:
@@ -133,12 +112,11 @@ class Monitor:
         self.robot = robot
         self.obstacles = obstacles
         self.base_placement = base_placement or pinocchio.SE3.Identity()
-        self._ignore = _check_ignore(ignore, robot)
+        self._ignored = IgnoredPairs(ignore, robot)
         self._horizon = self.period + latency
         self._reaction_time = reaction_time
         self._source_timeout = source_timeout
         self._freshness = freshness
-        self._margin = margin
         self._schedule = (
             make_schedule(schedule, self.period) if isinstance(schedule, str) else schedule
         )
@@ -155,8 +133,9 @@ class Monitor:
             advances=ADVANCES,
             by_distance=self._schedule.measure == "distance",
         )
+        self._flagged = FlaggedCheck(self._exact, self._motion, self._state)
         self._ledger = PairLedger(
-            len(robot.links), self._watched, keeps_certificates=not self._schedule.every_tick
+            len(robot.links), self._watched_links, keeps_certificates=not self._schedule.every_tick
         )
         self._epoch: float | None = None
         self._now = -math.inf
@@ -165,9 +144,15 @@ class Monitor:
         self._contact_times = np.zeros(0)
         self._spheres = np.zeros(0, dtype=np.int64)
         self._braking_scale = float(np.min(robot.braking_deceleration / robot.velocity_limit))
-        self.faults = 0
-        """Faults met since construction: refused rows and calls, and states not believed."""
+        self._disbelieved = 0
+        self._faults_before = obstacles.fault_count
         self._compile()
+        self._watcher = obstacles.start_watching()
+
+    @property
+    def faults(self) -> int:
+        """Faults since construction: refused rows and calls, and states not believed."""
+        return self._disbelieved + self.obstacles.fault_count - self._faults_before
 
     def step(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float | None = None) -> Verdict:
         """Judge one joint state.
@@ -187,15 +172,18 @@ class Monitor:
         except Exception as error:
             # Whatever went wrong inside, the arm must stop.
             return self._refuse(
-                stamp, Reason(ReasonKind.INTERNAL_ERROR, type(error).__name__, str(error))
+                _as_time(stamp),
+                Reason(ReasonKind.INTERNAL_ERROR, type(error).__name__, str(error)),
             )
 
     def reset(self) -> None:
         """Forget latched faults and past joint states; every pair is looked at anew."""
         self._rule.reset()
         self._states.reset()
-        self._ledger.void(self._ledger.pairs)
-        self._schedule.touch(self._ledger.pairs)
+        # An error may have struck anywhere, so nothing that is known of pairs is kept.
+        self._schedule.remove(self._schedule.ranking())
+        self._ledger.clear()
+        self._watcher = self.obstacles.start_watching()
         self._now = -math.inf
         self._epoch = None
 
@@ -203,10 +191,15 @@ class Monitor:
         """The most imminent pairs as of the last tick, soonest first, at most `limit`."""
         if self._epoch is None:
             return []
-        ledger = self._ledger
+        ledger, state = self._ledger, self._state
         now = self._now - self._epoch
-        order = np.argsort(ledger.expiry[ledger.pairs], kind="stable")[:limit]
-        return [self._report(int(pair), now) for pair in ledger.pairs[order]]
+        # Obstacles may have been removed since.
+        there = ledger.pairs[state.marks.alive[ledger.pairs // ledger.link_count]]
+        order = np.argsort(ledger.expiry[there], kind="stable")[:limit]
+        return [
+            report_pair(pair, now, self.period, self._names(pair), ledger, state, self._exact)
+            for pair in there[order].tolist()
+        ]
 
     def snapshot(self, *, pair_limit: int, row_limit: int) -> Snapshot:
         """What there is to see of the last tick, for observers; cheap, and their own to keep.
@@ -241,7 +234,9 @@ class Monitor:
         disbelief = self._states.receive(stamp, q, v, now)
         if disbelief is not None:
             return self._refuse(stamp, disbelief)
-        reasons = self._standing_faults(now)
+        stopping = self._states.stopping()
+        reasons = [] if stopping is None else [stopping]
+        reasons += take_obstacle_reasons(self.obstacles, now, self._source_timeout)
         self._kinematics.compute(self._states.q, self._states.v)
         self._motion.update(self._states.v)
         stop_time = self._stop_time(now - stamp)
@@ -249,6 +244,12 @@ class Monitor:
         return self._judge(stamp, now, stop_time, reasons)
 
     def _follow_membership(self) -> None:
+        if self.obstacles.watcher != self._watcher:
+            raise ArmguardError(
+                "obstacles",
+                "are watched by another monitor, which came later",
+                remedy="give each monitor obstacles of its own",
+            )
         added, removed = self.obstacles.drain_membership()
         if not len(added) and not len(removed):
             return
@@ -258,30 +259,6 @@ class Monitor:
         if len(self._contact_times) < len(self._ledger.active):
             self._contact_times = np.zeros(len(self._ledger.active))
             self._spheres = np.zeros(len(self._ledger.active), dtype=np.int64)
-
-    def _standing_faults(self, now: float) -> list[Reason]:
-        """What forces STOP for as long as it lasts."""
-        obstacles = self.obstacles
-        reasons: list[Reason] = []
-        stopping = self._states.stopping()
-        if stopping is not None:
-            reasons.append(stopping)
-        for name in obstacles.silent_sources(now, self._source_timeout):
-            reasons.append(Reason(ReasonKind.SOURCE_SILENT, name))
-        for name in obstacles.ahead_sources(now, self._source_timeout):
-            reasons.append(Reason(ReasonKind.STAMP_AHEAD, name))
-        for row in obstacles.rows_ahead(now, self._source_timeout):
-            reasons.append(Reason(ReasonKind.STAMP_AHEAD, obstacles.ids[row]))
-            obstacles.distrust(row)
-        named = set()
-        for fault in obstacles.take_faults():
-            self.faults += 1
-            named.add(fault.id)
-            reasons.append(_as_reason(fault))
-        for row in obstacles.refused_rows():
-            if obstacles.ids[row] not in named:
-                reasons.append(Reason(ReasonKind.OBSTACLE_REFUSED, obstacles.ids[row]))
-        return reasons
 
     def _stop_time(self, age: float) -> float:
         robot = self.robot
@@ -311,36 +288,15 @@ class Monitor:
                 schedule.touch(disturbed)
         for row in dict.fromkeys((broken // ledger.link_count).tolist()):
             reasons.append(Reason(ReasonKind.BOUND_BROKEN, self.obstacles.ids[row]))
-        due = schedule.due()
+        due = np.array(schedule.due())
         times = self._contact_times[: len(due)]
         spheres = self._spheres[: len(due)]
         self._evaluated = evaluate(state, due, times, spheres)
         ledger.record(due, times, spheres, time, self._sequence, state)
         schedule.settle(times, stop_time)
-        for pair in schedule.flagged():
-            contact_time = self._exact_contact_time(int(pair), arm_age)
-            ledger.extend(int(pair), contact_time, time, self._sequence, state)
-
-    def _exact_contact_time(self, pair: int, arm_age: float) -> float:
-        """True distance over the fastest closing speed, in [s]: for pairs between two looks."""
-        row, link = divmod(pair, self._ledger.link_count)
-        marks, state, motion = self._state.marks, self._state, self._motion
-        if not marks.has_state[row] or marks.refused[row]:
-            return 0.0
-        body = state.bodies
-        count = int(body.point_count[row])
-        distance, _, _ = self._exact.distance(
-            link, body.points[row, :count], float(body.radius[row])
-        )
-        velocity = np.linalg.norm(body.velocities[row, :count], axis=1).max()
-        speed = float(max(body.speed[row], velocity + body.velocity_error[row]))
-        age = 0.0 if marks.static[row] else abs(self._now - float(body.stamp[row]))
-        arm_speed = float(motion.surface_speed[link])
-        gap = distance - self._margin - float(body.position_error[row])
-        gap -= float(motion.surface_position_error[link]) + speed * age + arm_speed * abs(arm_age)
-        if not gap > 0.0:
-            return 0.0
-        return gap / (speed + arm_speed) if speed + arm_speed > 0.0 else math.inf
+        for pair in schedule.flagged().tolist():
+            contact_time = self._flagged.contact_time(*divmod(pair, ledger.link_count))
+            ledger.extend(pair, contact_time, time, self._sequence, state)
 
     def _judge(self, stamp: float, now: float, stop_time: float, reasons: list[Reason]) -> Verdict:
         """The verdict of a tick whose arm state is believed."""
@@ -354,7 +310,7 @@ class Monitor:
         level, held = self._rule.decide(
             now, contact_time, stop_time, complete=not overdue, standing=standing
         )
-        link, obstacle = self._names(pair)
+        link, obstacle = (None, None) if pair == NOBODY else self._names(pair)
         if self._rule.grade(contact_time, stop_time) is not Level.CLEAR:
             reasons.append(
                 Reason(ReasonKind.CONTACT, f"{link} and {obstacle}", f"in {contact_time:.4g} s")
@@ -379,7 +335,7 @@ class Monitor:
 
     def _refuse(self, stamp: float, reason: Reason) -> Verdict:
         """The verdict of a tick whose arm state is not believed: the worst of everything."""
-        self.faults += 1
+        self._disbelieved += 1
         self._rule.latch(reason)
         now = self._now if math.isfinite(self._now) else 0.0
         self._rule.decide(now, 0.0, math.inf, complete=False, standing=True)
@@ -395,45 +351,16 @@ class Monitor:
             complete=False,
             evaluated=self._evaluated,
             reasons=tuple(self._rule.latched.values()),
-            valid_until=now + self._horizon,
+            valid_until=math.nextafter(now + self._horizon, -math.inf),
         )
 
-    def _names(self, pair: int) -> tuple[str | None, str | None]:
-        if pair < 0:
-            return None, None
+    def _names(self, pair: int) -> tuple[str, str]:
         row, link = divmod(pair, self._ledger.link_count)
         return self.robot.links[link], self.obstacles.ids[row]
 
-    def _report(self, pair: int, now: float) -> PairReport:
-        row, link = divmod(pair, self._ledger.link_count)
-        bodies = self._state.bodies
-        contact_time = max(0.0, float(self._ledger.expiry[pair]) - now)
-        _, on_link, on_obstacle = self._exact.distance(
-            link, bodies.points[row, : int(bodies.point_count[row])], float(bodies.radius[row])
-        )
-        return PairReport(
-            link=self.robot.links[link],
-            obstacle=self.obstacles.ids[row],
-            contact_time=contact_time,
-            bucket=bucket_of(contact_time, self.period),
-            age=now - float(self._ledger.evaluated_at[pair]),
-            bound="distance" if self._state.by_distance else "isotropic",
-            point_on_link=on_link,
-            point_on_obstacle=on_obstacle,
-        )
-
-    def _watched(self, row: int) -> NDArray[np.bool_]:
+    def _watched_links(self, row: int) -> NDArray[np.bool_]:
         """Which links are watched against the obstacle in `row`. Shape (links,)."""
-        name = self.obstacles.ids[row]
-        return np.array(
-            [
-                not any(
-                    pattern in (link, "*") and fnmatchcase(name, ids)
-                    for pattern, ids in self._ignore
-                )
-                for link in self.robot.links
-            ]
-        )
+        return self._ignored.watched_links(self.obstacles.ids[row])
 
     def _compile(self) -> None:
         """Run every kernel once on nothing, so that none is compiled in a tick."""
@@ -447,40 +374,17 @@ class Monitor:
         self._ledger.compile(self._state, self.obstacles.table.revision)
 
 
-def bucket_of(contact_time: float, period: float) -> int:
-    """Imminence of a contact time: floor(log2(contact_time / period)), clipped to 0 … 15."""
-    if not contact_time > period:
-        return 0
-    if contact_time == math.inf:
-        return BUCKETS - 1
-    return min(int(math.log2(contact_time / period)), BUCKETS - 1)
-
-
-def _as_time(value: float) -> float:
+def _as_time(value: object) -> float:
+    """A time in [s]; NaN for whatever is not one number."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
+        return math.nan
     try:
         return float(value)
-    except (TypeError, ValueError):
+    except OverflowError:
         return math.nan
-
-
-def _as_reason(fault: Fault) -> Reason:
-    kind = ReasonKind.OBSTACLE_REFUSED if fault.id else ReasonKind.CALL_REFUSED
-    return Reason(kind, fault.id or fault.source, f"{fault.field} is {fault.value}: {fault.kind}")
 
 
 def _check_not_negative(**values: float) -> None:
     for name, value in values.items():
         if not 0.0 <= value < math.inf:
             raise ArmguardError(name, f"is {value}", expected="a finite number, at least 0")
-
-
-def _check_ignore(ignore: Iterable[tuple[str, str]], robot: Robot) -> list[tuple[str, str]]:
-    pairs = [(link, ids) for link, ids in ignore]
-    for link, _ in pairs:
-        if link != "*" and link not in robot.links:
-            raise ArmguardError(
-                f"ignore: link {link!r}",
-                "is not watched",
-                expected=f'one of {", ".join(robot.links)} or "*"',
-            )
-    return pairs

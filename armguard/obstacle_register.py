@@ -30,6 +30,7 @@ class ObstacleRegister:
         ids: Id of each row; empty where the row is free.
         membership: Goes up whenever a row comes into use or is given back.
         late_count: Late messages, by obstacle, that were ignored.
+        watcher: Number of whoever follows the rows; see `start_watching`.
     """
 
     def __init__(self, sources: Iterable[str | Source]) -> None:
@@ -39,6 +40,7 @@ class ObstacleRegister:
         self.ids: list[str] = [""] * len(self.table.alive)
         self.membership = 0
         self.late_count = 0
+        self.watcher = 0
         self._book = SourceBook(sources)
         self._rows: dict[str, int] = {}
         self._tombstones = Tombstones()
@@ -59,6 +61,16 @@ class ObstacleRegister:
         """Name of the source that a row belongs to; empty for a static obstacle."""
         owner = int(self.table.owner[row])
         return "" if owner == NO_SOURCE else self._book.states[owner].source.name
+
+    def start_watching(self) -> int:
+        """Makes every row in use news to a new watcher, and returns its number.
+
+        What is drained is gone: only the watcher that came last learns of all rows.
+        """
+        self.watcher += 1
+        self._removed.clear()
+        self._added = set(self._rows.values())
+        return self.watcher
 
     def drain_membership(self) -> tuple[IntArray, IntArray]:
         """Rows that came into use and rows that lost their occupant since the last call.

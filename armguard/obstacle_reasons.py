@@ -1,0 +1,40 @@
+"""What is wrong with the obstacle table in a tick, as reasons of a verdict."""
+
+from __future__ import annotations
+
+from armguard.obstacle_faults import Fault
+from armguard.obstacles import Obstacles
+from armguard.verdict import Reason, ReasonKind
+
+
+def take_obstacle_reasons(obstacles: Obstacles, now: float, timeout: float) -> list[Reason]:
+    """Reasons to stop for as long as they last; takes the faults that were left for this tick.
+
+    States that are stamped too far ahead are given up: their obstacles could be anywhere.
+
+    Args:
+        obstacles: The table.
+        now: Time of the tick, in [s].
+        timeout: Silence that a source may keep, and lead of its stamps, in [s].
+    """
+    reasons = [
+        Reason(ReasonKind.SOURCE_SILENT, name) for name in obstacles.silent_sources(now, timeout)
+    ]
+    for name in obstacles.ahead_sources(now, timeout):
+        reasons.append(Reason(ReasonKind.STAMP_AHEAD, name))
+    for row in obstacles.rows_ahead(now, timeout):
+        reasons.append(Reason(ReasonKind.STAMP_AHEAD, obstacles.ids[row]))
+        obstacles.distrust(row)
+    named = set()
+    for fault in obstacles.take_faults():
+        named.add(fault.id)
+        reasons.append(_as_reason(fault))
+    for row in obstacles.refused_rows():
+        if obstacles.ids[row] not in named:
+            reasons.append(Reason(ReasonKind.OBSTACLE_REFUSED, obstacles.ids[row]))
+    return reasons
+
+
+def _as_reason(fault: Fault) -> Reason:
+    kind = ReasonKind.OBSTACLE_REFUSED if fault.id else ReasonKind.CALL_REFUSED
+    return Reason(kind, fault.id or fault.source, f"{fault.field} is {fault.value}: {fault.kind}")
