@@ -14,7 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.fitting import GRID, MARGIN, SphereTree, bisect_triangles
+from armguard.fitting import bisect_triangles
+from armguard.sphere_tree import GRID, MARGIN, SphereTree
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from armguard.containment import compute_parents, is_contained, tighten
 from armguard.exceptions import CoverError
-from armguard.fitting import GRID, SphereTree, fit_tree
+from armguard.fitting import fit_tree
+from armguard.sphere_tree import GRID, SphereTree
 from armguard.surface_distance import compute_signed_distances
 
 Array = NDArray[np.float64]

@@ -7,45 +7,27 @@ covers all of them. `armguard.cover` proves it again from the triangles alone.
 
 Leaves: greedy set cover over a grid of candidate centres, where a ball of radius r at depth d
 sticks out by r - d; then, in turns, every piece goes to the ball that needs to stick out least for
-it, and every centre moves to where its own pieces need least. Upper levels: the pair of balls
-whose smallest common ball is smallest is joined, and so on up to one.
+it, and every centre moves to where its own pieces need least. Upper levels: `sphere_tree`.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from armguard.enclosing_ball import enclose_points
+from armguard.sphere_tree import GRID, Node, SphereTree, build_tree, enclose
 from armguard.surface_distance import compute_signed_distances, signed_distance
 
 Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
-GRID = 1e-6
-"""Centres and radii are multiples of this, and geometry is known to this, in [m]."""
-MARGIN = 2e-6
-"""What a ball reaches beyond its pieces, in [m]: more than the diagonal of a grid cell."""
 
 _PIECES = 2500  # about as many pieces a link: finer ones fit tighter, and cost in proportion
 _CANDIDATES = 1500  # about as many candidate centres a link
-_MOST_CHILDREN = 4
+_SKIP = 4  # one piece in so many is enough to find where to start from
 _ROUNDS = 30  # of moving pieces and centres in turns
-
-
-class SphereTree(NamedTuple):
-    """Balls in breadth-first order, root first; the children of each lie side by side."""
-
-    spheres: Array
-    """Centre and radius in [m]. Shape (n, 4)."""
-    first_child: Integers
-    """Index of the first child; 0 for a leaf. Shape (n,)."""
-    child_count: Integers
-    """Shape (n,)."""
 
 
 def fit_tree(
@@ -63,7 +45,7 @@ def fit_tree(
         centers = _fit_count(pieces, triangles, spheres)
     else:
         centers = _fit_protrusion(pieces, triangles, float(protrusion or 0.0))
-    return _build_tree(_assign_pieces(pieces, triangles, centers))
+    return build_tree(_assign_pieces(pieces, triangles, centers))
 
 
 def bisect_triangles(triangles: Array) -> Array:
@@ -93,7 +75,8 @@ def cut_triangles(triangles: Array) -> Array:
 def _fit_count(pieces: Array, triangles: Array, count: int) -> Array:
     """At most `count` centres, around which balls stick out as little as possible."""
     candidates, needed = _needed_by_candidates(pieces, triangles)
-    starts = [candidates[_cover_with(needed, count)], _spread(pieces, count)]
+    coarse = np.ascontiguousarray(needed[:, ::_SKIP])
+    starts = [candidates[_cover_with(coarse, count)], _spread(pieces, count)]
     return _improve_best(pieces, triangles, starts)[0]
 
 
@@ -102,10 +85,11 @@ def _fit_protrusion(pieces: Array, triangles: Array, limit: float) -> Array:
     candidates, needed = _needed_by_candidates(pieces, triangles)
     chosen = _cover(needed, max(limit, float(needed.min(axis=0).max())))
     centers, _ = _improve(pieces, triangles, candidates[chosen])
+    coarse = np.ascontiguousarray(needed[:, ::_SKIP])
     while len(centers) > 1:
         starts = [
             _drop_one(pieces, triangles, centers),
-            candidates[_cover_with(needed, len(centers) - 1)],
+            candidates[_cover_with(coarse, len(centers) - 1)],
             _spread(pieces, len(centers) - 1),
         ]
         fewer, reached = _improve_best(pieces, triangles, starts)
@@ -158,15 +142,9 @@ def _compute_needed(pieces: Array, triangles: Array, centers: Array) -> Array:
 
 def _cover(needed: Array, limit: float) -> list[int]:
     """Greedy set cover: rows that together reach every column within the limit."""
-    reaches = needed <= limit
-    weights = reaches.astype(np.float32)
-    open_columns = np.ones(needed.shape[1], dtype=np.float32)
-    chosen: list[int] = []
-    while open_columns.any():
-        best = int(np.argmax(weights @ open_columns))
-        chosen.append(best)
-        open_columns[reaches[best]] = 0.0
-    return chosen
+    chosen = np.empty(needed.shape[1], dtype=np.int64)
+    count = _choose_greedily(needed, limit, chosen)
+    return [int(row) for row in chosen[:count]]
 
 
 def _cover_with(needed: Array, count: int) -> list[int]:
@@ -203,12 +181,11 @@ def _improve(pieces: Array, triangles: Array, centers: Array) -> tuple[Array, fl
         used = np.unique(owners)
         centers = centers[used].copy()
         for i, owner in enumerate(used):
-            corners = np.unique(pieces[owners == owner].reshape(-1, 3), axis=0)
-            _move_center(centers[i], corners, triangles)
+            _move_center(centers[i], pieces[owners == owner].reshape(-1, 3), triangles)
     return best, best_reached
 
 
-def _assign_pieces(pieces: Array, triangles: Array, centers: Array) -> list[_Node]:
+def _assign_pieces(pieces: Array, triangles: Array, centers: Array) -> list[Node]:
     """Give each piece to a ball, so that no ball is larger than its own pieces make it."""
     needed = _compute_needed(pieces, triangles, centers)
     distances = np.empty_like(needed)
@@ -222,69 +199,10 @@ def _assign_pieces(pieces: Array, triangles: Array, centers: Array) -> list[_Nod
         owners[given] = np.argmin(np.where(inside, needed, math.inf)[:, given], axis=0)
         radii[i] = distances[i, owners == i].max(initial=-1.0)
     return [
-        _Node(_enclose(centers[i], corners), corners, [])
+        Node(enclose(centers[i], corners), corners, [])
         for i in np.unique(owners)
         for corners in [np.unique(pieces[owners == i].reshape(-1, 3), axis=0)]
     ]
-
-
-class _Node(NamedTuple):
-    """A ball, the corners of the pieces that it owns, and what it is made of."""
-
-    sphere: Array
-    corners: Array
-    children: list[_Node]
-
-
-def _enclose(center: Array, corners: Array) -> Array:
-    """A ball on the grid whose radius clears the corners by the margin. Shape (4,)."""
-    rounded = np.round(center / GRID) * GRID
-    reach = float(np.sqrt(((corners - rounded) ** 2).sum(axis=1)).max()) + MARGIN
-    # As decimals, so that a file that names them in full is short.
-    return np.round(np.append(rounded, math.ceil(reach / GRID + 0.01) * GRID), 6)
-
-
-def _join(first: _Node, second: _Node) -> _Node:
-    corners = np.concatenate([first.corners, second.corners])
-    return _Node(_enclose(enclose_points(corners)[0], corners), corners, [first, second])
-
-
-def _build_tree(leaves: list[_Node]) -> SphereTree:
-    """Join the pair with the smallest common ball until one is left; then widen the tree."""
-    nodes = list(leaves)
-    joined = {(i, j): _join(nodes[i], nodes[j]) for j in range(len(nodes)) for i in range(j)}
-    alive = set(range(len(nodes)))
-    while len(alive) > 1:
-        pair = min(joined, key=lambda key: (joined[key].sphere[3], key))
-        nodes.append(joined[pair])
-        alive -= set(pair)
-        joined = {key: node for key, node in joined.items() if alive.issuperset(key)}
-        joined |= {(i, len(nodes) - 1): _join(nodes[i], nodes[-1]) for i in sorted(alive)}
-        alive.add(len(nodes) - 1)
-    order, spheres, first_child, child_count = [nodes[-1]], [], [], []
-    for node in order:  # grows while it is walked: breadth first
-        children = _widen(node)
-        spheres.append(node.sphere)
-        first_child.append(len(order) if children else 0)
-        child_count.append(len(children))
-        order.extend(children)
-    return SphereTree(
-        np.array(spheres),
-        np.array(first_child, dtype=np.int64),
-        np.array(child_count, dtype=np.int64),
-    )
-
-
-def _widen(node: _Node) -> list[_Node]:
-    """Replace the largest child by its own two children while there are few."""
-    children = list(node.children)
-    while len(children) < _MOST_CHILDREN:
-        inner = [i for i, child in enumerate(children) if child.children]
-        if not inner:
-            break
-        largest = max(inner, key=lambda i: children[i].sphere[3])
-        children[largest : largest + 1] = children[largest].children
-    return children
 
 
 @njit(error_model="numpy", cache=True)
@@ -298,6 +216,29 @@ def _farthest_corners(centers, pieces, distances):  # type: ignore[no-untyped-de
                 z = pieces[j, k, 2] - centers[i, 2]
                 farthest = max(farthest, x * x + y * y + z * z)
             distances[i, j] = math.sqrt(farthest)
+
+
+@njit(error_model="numpy", cache=True)
+def _choose_greedily(needed, limit, chosen):  # type: ignore[no-untyped-def]
+    """Fill `chosen` with the rows of a cover; return how many. Every column can be reached."""
+    rows, columns = needed.shape
+    is_open = np.ones(columns, dtype=np.bool_)
+    gains = np.zeros(rows, dtype=np.int64)
+    for i in range(rows):
+        for j in range(columns):
+            gains[i] += needed[i, j] <= limit
+    count = 0
+    while True:
+        best = int(np.argmax(gains))
+        if gains[best] == 0:
+            return count
+        chosen[count] = best
+        count += 1
+        taken = np.nonzero(is_open & (needed[best] <= limit))[0]
+        is_open[taken] = False
+        for i in range(rows):
+            for column in taken:
+                gains[i] -= needed[i, column] <= limit
 
 
 @njit(error_model="numpy", cache=True)

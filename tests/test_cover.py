@@ -5,9 +5,9 @@ from test_fitting import is_inside, sample
 from armguard.containment import is_contained
 from armguard.cover import Cover, CoverTree, hash_surface
 from armguard.exceptions import CoverError
-from armguard.fitting import GRID
 from armguard.robot import Robot
 from armguard.robot_description import robots_directory
+from armguard.sphere_tree import GRID
 from armguard.surface_distance import compute_signed_distances
 
 SAMPLES = 100_000
@@ -118,27 +118,6 @@ def test_protrusion_is_how_far_spheres_stick_out(panda):
         reached = compute_signed_distances(surface.reshape(-1, 3), panda.triangles(link)).max()
         assert reached <= report.links[link].max_protrusion + 1e-9
         assert reached >= report.links[link].max_protrusion - 2e-3
-
-
-def test_a_triangle_across_two_balls_is_proved_by_its_parts():
-    robot = OneLink([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.1, 0.0]]])
-    root = [0.5, 0.0, 0.0, 0.6]
-    near = ([root, [0.2, 0, 0, 0.35], [0.8, 0, 0, 0.35]], [1, 0, 0], [2, 0, 0])
-    assert cover_of(robot, *near).check(robot).proved
-    gap = ([root, [0.2, 0, 0, 0.29], [0.8, 0, 0, 0.29]], [1, 0, 0], [2, 0, 0])
-    assert not cover_of(robot, *gap).check(robot).proved
-
-
-def test_leaves_that_cover_do_not_excuse_a_parent_that_does_not():
-    robot = OneLink([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.1, 0.0]]])
-    spheres = [[0.5, 0, 0, 0.45], [0.2, 0, 0, 0.35], [0.8, 0, 0, 0.35]]
-    assert not cover_of(robot, spheres, [1, 0, 0], [2, 0, 0]).check(robot).proved
-
-
-def test_balls_that_only_touch_prove_nothing():
-    robot = OneLink([[[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.0]]])
-    touching = ([[0, 0, 0, 0.6], [-0.25, 0, 0, 0.25], [0.25, 0, 0, 0.25]], [1, 0, 0], [2, 0, 0])
-    assert not cover_of(robot, *touching).check(robot).proved
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,8 @@ import coal
 import numpy as np
 import pytest
 
-from armguard.fitting import GRID, MARGIN, bisect_triangles, cut_triangles, fit_tree
+from armguard.fitting import bisect_triangles, cut_triangles, fit_tree
+from armguard.sphere_tree import GRID, MARGIN
 from armguard.surface_distance import compute_signed_distances
 from armguard.surfaces import triangulate
 
