@@ -396,7 +396,7 @@ def test_a_thousand_obstacles_at_a_hundred_hertz_from_another_process(address):
     steps = np.diff(stamps) / 0.01
     assert np.allclose(steps, np.round(steps), atol=1e-5)
     assert min(ages) > 0.0
-    assert np.median(ages) < 0.05
+    assert np.median(ages) < 0.5
 
 
 def test_no_file_is_left_behind(tmp_path):
