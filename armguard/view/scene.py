@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import coal
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,7 +29,7 @@ from armguard.view.feed import FrameMessage, Obstacles, Pairs, SceneMessage
 
 ROOT = "/armguard"
 COVER_OPACITY = 0.2
-OBSTACLE_OPACITY = 0.8
+OBSTACLE_OPACITY = 0.72
 HULL_OPACITY = 0.45
 ROD_RADIUS = 0.006
 _BALL_DIRECTIONS = np.array(
@@ -105,6 +106,7 @@ class Scene:
                     "obstacle": verdict.obstacle,
                     "complete": verdict.complete,
                     "reasons": verdict.reasons,
+                    "load": None if message.load is None else msgspec.to_builtins(message.load),
                     "obstacles": len(message.obstacles.ids),
                     "notes": notes,
                 },

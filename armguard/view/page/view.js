@@ -17,7 +17,8 @@ function furnish() {
   viewer.set_property(["Grid"], "visible", false);
   viewer.set_property(["Axes"], "visible", false);
   viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", 0.5);
-  viewer.set_property(["Lights", "FillLight", "<object>"], "intensity", 0.35);
+  viewer.set_property(["Lights", "FillLight", "<object>"], "intensity", 0.42);
+  viewer.set_property(["Lights", "FillLight", "<object>"], "position", [8, -5, 7]);
   viewer.scene.fog = new THREE.Fog(0x1b222b, 6, 14);
 
   const floor = new THREE.Group();
@@ -32,8 +33,8 @@ function furnish() {
 
   // The camera's own frame has y up: world x, z, -y.
   viewer.camera.fov = 38;
-  viewer.camera.position.set(1.25, 1.45, 3.0);
-  viewer.controls.target.set(0.3, 0.66, -0.1);
+  viewer.camera.position.set(2.6, 1.55, 1.7);
+  viewer.controls.target.set(0.0, 0.64, 0.42);
 }
 
 // ---- commands -------------------------------------------------------------------------------
@@ -75,6 +76,7 @@ function fillInstances(command) {
     const material = new THREE.MeshPhongMaterial(look(command.opacity, { shininess: 12 }));
     const mesh = new THREE.InstancedMesh(shapes[command.shape](), material, capacity);
     mesh.instanceColor = new THREE.InstancedBufferAttribute(new Float32Array(3 * capacity), 3);
+    if (material.transparent && material.depthWrite) hideInside(mesh, capacity);
     return mesh;
   });
   object.instanceMatrix.array.set(command.matrices);
@@ -82,6 +84,23 @@ function fillInstances(command) {
   object.instanceColor.array.set(command.colours);
   object.instanceColor.needsUpdate = true;
   object.count = count;
+  for (const child of object.children) child.count = count;
+}
+
+// Of translucent bodies that touch, only the outside is seen, and once: depth is drawn before
+// colour, and where surfaces coincide the stencil lets the first one through.
+function hideInside(mesh, capacity) {
+  Object.assign(mesh.material, {
+    stencilWrite: true, stencilRef: 1, stencilFunc: THREE.NotEqualStencilFunc,
+    stencilZPass: THREE.ReplaceStencilOp,
+  });
+  const depth = new THREE.MeshBasicMaterial({ colorWrite: false, transparent: true });
+  const inside = new THREE.InstancedMesh(mesh.geometry, depth, capacity);
+  inside.instanceMatrix = mesh.instanceMatrix;
+  inside.frustumCulled = false;
+  inside.renderOrder = 1;
+  mesh.renderOrder = 2;
+  mesh.add(inside);
 }
 
 function fillVertices(command, make) {
@@ -136,6 +155,10 @@ function seconds(value) {
   return value < 0.9995 ? `${(1000 * value).toFixed(0)} ms` : `${value.toFixed(value < 10 ? 2 : 1)} s`;
 }
 
+function microseconds(value) {
+  return value < 0.9995e-3 ? `${(1e6 * value).toFixed(0)} µs` : `${(1e3 * value).toFixed(1)} ms`;
+}
+
 function item(text, colour) {
   const row = document.createElement("li");
   if (colour !== undefined) {
@@ -167,10 +190,11 @@ function stepOf(time) {
 function showBanner(command) {
   level = command.level;
   element("contact").textContent = seconds(command.contact_time);
-  element("stop").textContent = seconds(command.stop_time);
+  element("stop").textContent =
+    command.stop_time < Infinity ? seconds(command.stop_time) : "unknown";
   element("speed").textContent = `${(100 * command.speed_scale).toFixed(0)} %`;
-  element("pair").textContent =
-    command.link || command.obstacle ? `${command.link} – ${command.obstacle}` : "no pair";
+  element("link").textContent = command.link || "none";
+  element("obstacle").textContent = command.obstacle || "none";
   const lines = command.reasons.map((text) => item(text));
   if (!command.complete) lines.push(item("not every pair was looked at in time"));
   for (const text of command.notes) {
@@ -179,6 +203,11 @@ function showBanner(command) {
     lines.push(line);
   }
   element("reasons").replaceChildren(...lines);
+  const load = command.load;
+  element("evaluated").textContent = load === null ? "–" : load.evaluated;
+  element("duration").textContent =
+    load === null ? "–" : `${microseconds(load.p50)} · ${microseconds(load.p99)}`;
+  element("late").textContent = load === null ? "–" : load.late;
   element("source").textContent =
     `${command.robot} · ${command.obstacles} obstacles · tick ${command.sequence}`;
   const now = stepOf(command.contact_time);

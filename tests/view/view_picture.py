@@ -1,0 +1,53 @@
+"""`python tests/view/view_picture.py URL FILE.png`: a picture of a running view, without a screen.
+
+Waits until the arm and a verdict are drawn. Chromium draws by software: slow, but faithful.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from playwright.sync_api import Page, sync_playwright
+
+CHROMIUM = Path("/usr/bin/chromium")
+FLAGS = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]
+TIMEOUT = 60_000
+
+
+def wait_until_drawn(page: Page) -> None:
+    """Wait for the arm, for a verdict, and until both have reached the screen."""
+    page.wait_for_function(
+        "() => viewer.scene_tree.find(['armguard', 'cover']).children['<object>'] !== undefined"
+        " && !document.body.classList.contains('silent')",
+        timeout=TIMEOUT,
+    )
+    settle(page)
+
+
+def settle(page: Page) -> None:
+    """Let what was received be drawn."""
+    page.evaluate(
+        "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    )
+
+
+def main(url: str, file: str) -> None:
+    """Save a picture of the view at `url`."""
+    with (
+        sync_playwright() as playwright,
+        playwright.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS) as browser,
+    ):
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.goto(url)
+        wait_until_drawn(page)
+        page.screenshot(path=file)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
