@@ -1,0 +1,241 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armguard.verdict import (
+    Effect,
+    Level,
+    Reason,
+    ReasonKind,
+    Verdict,
+    VerdictRule,
+    compute_stop_time,
+)
+
+HOLD = 0.3
+SLOW, AWARE = 0.1, 0.4
+LATCHED = Reason(ReasonKind.TIME_BACKWARDS, "clock")
+
+
+def make_rule(hold=HOLD):
+    return VerdictRule(SLOW, AWARE, hold)
+
+
+def decide(rule, now, contact_time, stop_time=1.0, *, complete=True, standing=False):
+    return rule.decide(now, contact_time, stop_time, complete=complete, standing=standing)
+
+
+def test_levels_are_ordered():
+    assert list(Level) == [Level.STOP, Level.SLOW, Level.AWARE, Level.CLEAR]
+    assert Level.STOP < Level.SLOW < Level.AWARE < Level.CLEAR
+
+
+def test_grades_at_their_boundaries():
+    rule, stop_time = make_rule(), 0.7
+    borders = [0.7, 0.7 + SLOW, 0.7 + AWARE]
+    for level, border in zip(Level, borders, strict=False):
+        assert rule.grade(border, stop_time) is level
+        assert rule.grade(math.nextafter(border, math.inf), stop_time) is Level(level + 1)
+    assert rule.grade(0.0, 0.0) is Level.STOP
+    assert rule.grade(math.inf, stop_time) is Level.CLEAR
+
+
+@pytest.mark.parametrize(("contact_time", "stop_time"), [(math.nan, 1.0), (1.0, math.nan)])
+def test_what_is_no_number_is_a_stop(contact_time, stop_time):
+    assert make_rule().grade(contact_time, stop_time) is Level.STOP
+
+
+def test_an_endless_stop_time_is_a_stop():
+    assert make_rule().grade(math.inf, math.inf) is Level.STOP
+
+
+def test_the_first_complete_verdict_stands_at_once():
+    rule = make_rule()
+    assert decide(rule, 0.0, 9.0, complete=False) == (Level.STOP, False)
+    assert decide(rule, 0.001, 9.0) == (Level.CLEAR, False)
+
+
+def test_levels_fall_at_once_and_rise_after_hold():
+    rule = make_rule()
+    assert decide(rule, 10.0, 9.0) == (Level.CLEAR, False)
+    assert decide(rule, 10.1, 0.5) == (Level.STOP, False)
+    assert decide(rule, 10.2, 9.0) == (Level.STOP, True)
+    just_before = math.nextafter(10.1 + HOLD, 0.0)
+    assert decide(rule, just_before - 1e-9, 9.0) == (Level.STOP, True)
+    assert decide(rule, 10.1 + HOLD + 1e-9, 9.0) == (Level.CLEAR, False)
+
+
+def test_hold_ends_exactly():
+    rule = make_rule(hold=0.25)
+    decide(rule, 1.0, 0.5)
+    assert decide(rule, math.nextafter(1.25, 0.0), 9.0) == (Level.STOP, True)
+    assert decide(rule, 1.25, 9.0) == (Level.CLEAR, False)
+
+
+def test_a_level_rises_step_by_step_as_older_evidence_expires():
+    rule = make_rule()
+    decide(rule, 0.0, 0.5)
+    decide(rule, 0.1, 1.05)
+    decide(rule, 0.2, 1.3)
+    decide(rule, 0.25, 9.0)
+    assert decide(rule, 0.299, 9.0) == (Level.STOP, True)
+    assert decide(rule, 0.301, 9.0) == (Level.SLOW, True)
+    assert decide(rule, 0.401, 9.0) == (Level.AWARE, True)
+    assert decide(rule, 0.501, 9.0) == (Level.CLEAR, False)
+
+
+def test_a_flicker_during_hold_starts_it_anew():
+    rule = make_rule()
+    decide(rule, 0.0, 0.5)
+    decide(rule, 0.2, 0.5)
+    assert decide(rule, 0.4, 9.0) == (Level.STOP, True)
+    assert decide(rule, 0.51, 9.0)[0] is Level.CLEAR
+
+
+@pytest.mark.parametrize("fault", [{"standing": True}, {"complete": False}])
+def test_a_passing_fault_stops_and_is_held(fault):
+    rule = make_rule()
+    decide(rule, 0.0, 9.0)
+    assert decide(rule, 0.1, 9.0, **fault) == (Level.STOP, False)
+    assert decide(rule, 0.39, 9.0) == (Level.STOP, True)
+    assert decide(rule, 0.41, 9.0) == (Level.CLEAR, False)
+
+
+def test_a_latched_fault_stays_until_reset_and_then_recovers_at_once():
+    rule = make_rule()
+    decide(rule, 0.0, 9.0)
+    rule.latch(LATCHED)
+    for now in (0.1, 5.0, 1e6):
+        assert decide(rule, now, 9.0)[0] is Level.STOP
+    rule.reset()
+    assert decide(rule, 1e6 + 0.001, 9.0) == (Level.CLEAR, False)
+
+
+def test_a_latched_fault_before_the_first_verdict():
+    rule = make_rule()
+    rule.latch(LATCHED)
+    assert decide(rule, 0.0, 9.0)[0] is Level.STOP
+    rule.reset()
+    assert decide(rule, 0.001, 9.0, complete=False)[0] is Level.STOP
+    assert decide(rule, 0.002, 9.0, standing=True)[0] is Level.STOP
+    assert decide(rule, 0.003, 9.0) == (Level.STOP, True)
+
+
+def test_time_may_start_anew_after_a_reset():
+    rule = make_rule()
+    decide(rule, 100.0, 0.5)
+    rule.reset()
+    assert decide(rule, 1.0, 9.0) == (Level.CLEAR, False)
+
+
+def test_the_first_of_a_kind_is_kept():
+    rule = make_rule()
+    rule.latch(LATCHED)
+    rule.latch(Reason(ReasonKind.TIME_BACKWARDS, "joint states"))
+    rule.latch(Reason(ReasonKind.TIME_INVALID))
+    assert [reason.kind for reason in rule.latched.values()] == [
+        ReasonKind.TIME_BACKWARDS,
+        ReasonKind.TIME_INVALID,
+    ]
+    assert rule.latched[ReasonKind.TIME_BACKWARDS] is LATCHED
+
+
+events = st.lists(
+    st.tuples(
+        st.floats(0.0, 0.2),
+        st.sampled_from([0.5, 1.05, 1.3, 9.0, math.inf, math.nan]),
+        st.sampled_from(["none", "none", "none", "standing", "incomplete", "latch", "reset"]),
+    ),
+    max_size=40,
+)
+
+
+@settings(deadline=None)
+@given(events)
+def test_the_level_is_the_lowest_of_the_last_hold(history):
+    """Against the definition: a list of all raw levels, and what a latch and a reset mean."""
+    rule = make_rule()
+    now, raw, latched, settled = 0.0, [], False, False
+    for wait, contact_time, event in history:
+        now += wait
+        if event == "latch":
+            rule.latch(LATCHED)
+            latched = True
+        if event == "reset":
+            rule.reset()
+            raw, latched, settled = [], False, False
+        complete, standing = event != "incomplete", event == "standing"
+        level, held = decide(rule, now, contact_time, complete=complete, standing=standing)
+        earned = rule.grade(contact_time, 1.0)
+        if latched or standing or not complete:
+            earned = Level.STOP
+        settled = settled or (complete and not latched)
+        if settled:
+            raw.append((now, earned))
+        expected = min((one for at, one in raw if now - at < HOLD or at == now), default=0)
+        assert level == expected
+        assert level <= earned
+        assert held == (settled and level < earned)
+
+
+def plain_stop_time(v, errors, limits, accels, brakes, age, horizon, reaction):
+    worst = 0.0
+    for speed, error, limit, accel, brake in zip(v, errors, limits, accels, brakes, strict=True):
+        free = age + horizon + reaction
+        fastest = min(limit, abs(speed) + error + accel * free)
+        worst = max(worst, fastest / brake)
+    return horizon + reaction + worst
+
+
+joints = st.integers(1, 7).flatmap(
+    lambda n: st.tuples(
+        *(
+            st.lists(st.floats(low, high), min_size=n, max_size=n)
+            for low, high in ((-2.0, 2.0), (0.0, 0.1), (2.0, 3.0), (1.0, 20.0), (0.5, 5.0))
+        )
+    )
+)
+
+
+@settings(deadline=None)
+@given(joints, st.floats(0.0, 0.1), st.floats(1e-4, 0.1), st.floats(0.0, 0.1))
+def test_stop_time_is_the_formula(arm, age, horizon, reaction):
+    found = compute_stop_time(*(np.array(part) for part in arm), age, horizon, reaction)
+    assert found == pytest.approx(plain_stop_time(*arm, age, horizon, reaction), rel=1e-12)
+
+
+@settings(deadline=None)
+@given(joints, st.floats(-0.1, 0.1))
+def test_stop_time_outlasts_every_joint(arm, age):
+    """No joint that speeds up as it may, from its stamp on, moves after the stop time."""
+    v, errors, limits, accels, brakes = (np.array(part) for part in arm)
+    horizon, reaction = 0.003, 0.02
+    stop_time = compute_stop_time(v, errors, limits, accels, brakes, age, horizon, reaction)
+    for begin in np.linspace(0.0, horizon + reaction, 5):
+        speed = np.minimum(limits, np.abs(v) + errors + accels * abs(age + begin))
+        assert (begin + speed / brakes <= stop_time * (1.0 + 1e-12)).all()
+
+
+def test_stop_time_of_a_joint_beyond_its_limit_counts_what_was_measured():
+    one = np.ones(1)
+    found = compute_stop_time(1.01 * one, 0.02 * one, one, 5.0 * one, 2.0 * one, 0.0, 0.0, 0.5)
+    assert found == pytest.approx(0.5 + 1.01 / 2.0)
+
+
+def test_every_reason_says_what_it_does():
+    assert len({kind.text for kind in ReasonKind}) == len(ReasonKind)
+    assert {kind.effect for kind in ReasonKind} == set(Effect)
+    for kind, subject, detail in itertools.product(ReasonKind, ("", "cam"), ("", "3 > 2")):
+        text = str(Reason(kind, subject, detail))
+        assert all(part in text for part in (kind.text, subject, detail))
+
+
+def test_a_verdict_is_frozen():
+    verdict = Verdict(0.0, 1, Level.STOP, 0.0, 1.0, 0.0, None, None, False, 0, (), 0.003)
+    with pytest.raises(AttributeError):
+        verdict.level = Level.CLEAR
+    assert (verdict.separation, verdict.certificate) == (None, None)
