@@ -52,8 +52,9 @@ clock = "monotonic"
 schedule = "{schedule}"
 
 [thresholds]
-# A desktop machine may hold up the simulated robot for a while; a real controller does not. The
-# bounds grow with the age of a joint state, so waiting longer for one costs no safety.
+# A desktop machine may hold up any of these processes for a while; a real controller does not. The
+# bounds grow with age and latency, so waiting longer costs no safety, only a little room.
+latency = 0.01
 joint_timeout = 0.5
 source_timeout = 0.5
 """
