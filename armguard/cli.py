@@ -190,12 +190,15 @@ def _parse(arguments: Sequence[str] | None) -> Command:
 
 
 def _one_line(box: str) -> str:
-    """The message inside the box that Tyro draws around it."""
+    """The message inside the box that Tyro draws, with rules of either "─" or "-"."""
     words: list[str] = []
+    inside = False
     for line in box.splitlines():
-        text = line.strip("│╭╮╰╯─ ")
-        if line.startswith("│ ──"):
-            break
-        if line.startswith("│") and text:
+        text = line.strip("│ ")
+        if text.startswith(("╭", "──", "--" * 4)):
+            if words:
+                break
+            inside = True
+        elif inside and text:
             words.append(text)
-    return " ".join(words) or box.strip()
+    return " ".join(words) or " ".join(box.split())

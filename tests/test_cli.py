@@ -1,5 +1,6 @@
 """The command line: help that shows how, mistakes in one line, a demo that ends as it should."""
 
+import contextlib
 import json
 import os
 import pty
@@ -9,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+import uuid
 from pathlib import Path
 
 import pytest
@@ -55,7 +57,7 @@ def test_help_of_each_command_has_an_example(capsys):
         (["demo", "--person", "/"], "/"),
         (["robots", "panda"], "panda"),
     ],
-    ids=" ".join,
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
 def test_a_mistake_is_one_line_and_exit_code_2(arguments, words, capsys):
     assert run_main(arguments) == 2
@@ -76,19 +78,20 @@ def test_a_recording_without_its_header_is_a_mistake(content, tmp_path, capsys):
     assert "person.csv" in err
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "UTF-8", "ascii"])
+def test_a_mistake_is_one_line_whatever_the_terminal_can_show(encoding):
+    result = run_armguard("demo", "--schedule", "psychic", PYTHONIOENCODING=encoding)
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert re.fullmatch(r"armguard: [^\n]*psychic[^\n]+\n", result.stderr)
+
+
 def run_main(arguments):
     """The exit code, whichever way the call ends."""
     try:
         return main(arguments)
     except SystemExit as end:
         return end.code
-
-
-def test_a_mistake_ends_the_process_so():
-    result = run_armguard("demo", "--schedule", "psychic")
-    assert result.returncode == 2
-    assert result.stdout == ""
-    assert len(result.stderr.splitlines()) == 1
 
 
 def test_robots_lists_panda():
@@ -115,17 +118,19 @@ def test_the_demo_prints_one_json_object():
 def test_an_interrupt_ends_the_demo_with_its_summary(send):
     """As Ctrl-C in a terminal (the whole group), and as `kill -INT` (the one process)."""
     terminal, theirs = pty.openpty()
+    mark = f"ARMGUARD_TEST_MARK={uuid.uuid4()}"
     demo = subprocess.Popen(
         [ARMGUARD, "demo", "--duration", "60"],
         stdin=subprocess.DEVNULL,
         stdout=theirs,
         stderr=theirs,
-        env=os.environ | {"TERM": "xterm", "COLUMNS": "100"},
+        env=os.environ | {"TERM": "xterm", "COLUMNS": "100"} | dict([mark.split("=")]),
         start_new_session=True,
     )
     os.close(theirs)
     try:
         assert "contact possible in" in read_terminal(terminal, until="contact possible in")
+        assert len(find_processes(mark)) > 1
         send(demo.pid, signal.SIGINT)
         shown = read_terminal(terminal)
         assert demo.wait(timeout=20) == 0
@@ -135,6 +140,17 @@ def test_an_interrupt_ends_the_demo_with_its_summary(send):
         os.close(terminal)
     assert "summary" in shown
     assert "Traceback" not in shown
+    assert not find_processes(mark), "nobody stays behind"
+
+
+def find_processes(mark):
+    """Numbers of the processes that have `mark` in the environment they were started with."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):  # ended meanwhile, or somebody else's
+            if mark.encode() in path.read_bytes():
+                found.append(int(path.parent.name))
+    return found
 
 
 def read_terminal(terminal, until=None, patience=40.0):
@@ -155,12 +171,13 @@ def read_terminal(terminal, until=None, patience=40.0):
     return shown
 
 
-def run_armguard(*arguments):
+def run_armguard(*arguments, **environment):
     return subprocess.run(
         [ARMGUARD, *arguments],
         capture_output=True,
         text=True,
         stdin=subprocess.DEVNULL,
+        env=os.environ | environment,
         timeout=60,
         check=False,
     )

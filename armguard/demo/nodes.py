@@ -206,7 +206,8 @@ def _end(signal_number: int, frame: FrameType | None) -> None:
 def start(node: Perception | RobotNode) -> subprocess.Popen[bytes]:
     """Start a node as a process of its own."""
     command = [sys.executable, "-m", "armguard.demo.nodes", msgspec.json.encode(node).decode()]
-    return subprocess.Popen(command, stdin=subprocess.DEVNULL)
+    # In a session of its own: a Ctrl-C while it still imports would end it with a traceback.
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
 
 
 def main() -> None:
