@@ -89,10 +89,10 @@ class JointStates:
         )
 
     def _copy(self, name: str, values: ArrayLike, into: FloatArray) -> Reason | None:
-        if isinstance(values, np.ma.MaskedArray):
-            # What was masked out was not measured.
-            values = np.ma.filled(values.astype(np.float64), np.nan)
         try:
+            if isinstance(values, np.ma.MaskedArray):
+                # What was masked out was not measured.
+                values = np.ma.filled(values.astype(np.float64), np.nan)
             array = np.asarray(values)
         except Exception:
             # Whatever an object of somebody else's raises here, it is no array.
