@@ -60,8 +60,8 @@ def _turn_aged(  # type: ignore[no-untyped-def]
     px, py, pz, inverse = direction(x, y, z)
     closing1 = (px * vx1 + py * vy1 + pz * vz1) * inverse
     closing2 = -(px * vx2 + py * vy2 + pz * vz2) * inverse
-    carry1 = _carry(age1, motion(closing1, margin1, top1, accel1, age1, age1)[4])
-    carry2 = _carry(age2, motion(closing2, margin2, top2, accel2, age2, age2)[4])
+    carry1 = _carry(age1, motion(closing1, margin1, top1, accel1, age1, age1)[5])
+    carry2 = _carry(age2, motion(closing2, margin2, top2, accel2, age2, age2)[5])
     cx, cy, cz, turned = _turn(x, y, z, vx1, vy1, vz1, carry1, vx2, vy2, vz2, carry2)
     if math.isnan(turned):
         return px, py, pz, inverse

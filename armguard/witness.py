@@ -37,7 +37,7 @@ TINY = 1e-270
 LARGE = 1e153
 NO_BOUND = sys.float_info.max  # the top speed of a body that has none
 LONGEST = 1e305  # no step is longer, so that sums of times stay finite
-MAX_PIECES = 8  # seven with both ages negative, and one to stop
+MAX_PIECES = 12  # seven, and a few for ends that rounding splits
 
 
 @njit(error_model="numpy", cache=True)
@@ -212,8 +212,9 @@ def follow_forward(  # type: ignore[no-untyped-def]
 def motion(closing, margin, top, accel, age, s):  # type: ignore[no-untyped-def]
     """One body's advance along a direction, `s` seconds from its stamp, either way.
 
-    Returns the advance, the largest speed in it, its slope and curvature in time, and the time
-    from the stamp at which the speed bound bites, inf if that lies further out.
+    Returns the advance; the largest speed in it; slope and curvature in time of what bounds it
+    from here to the end of the piece; that end, counted from the stamp; and the time from the
+    stamp at which the speed bound bites, inf if that lies further out than `s`.
     """
     start = (closing if s >= 0.0 else -closing) + margin
     if start > top:
@@ -222,32 +223,26 @@ def motion(closing, margin, top, accel, age, s):  # type: ignore[no-untyped-def]
     reached = start + accel * span
     if reached < top * (1.0 - SLACK):
         advance = span * (start + 0.5 * accel * span)
-        slope = reached if s >= 0.0 else -reached
-        return advance, abs(start) + accel * span, slope, accel, math.inf
+        fast = abs(start) + accel * span
+        if s >= 0.0:
+            return advance, fast, reached, accel, s + (top - reached) / accel, math.inf
+        return advance, fast, -reached, accel, 0.0, math.inf
     bite = (top - start) / accel if start < top else 0.0
     until = min(bite, span)
     advance = 0.5 * (start + top) * until + top * (span - until)
     if s >= 0.0:
-        return advance, top, top, 0.0, bite
-    # Too close to the end of its piece to step there: the next piece's curvature is safe in both.
-    steppable = bite == 0.0 or span - bite > -2.0 * SLACK * age
-    return advance, top, -top, 0.0 if steppable else accel, bite
-
-
-@njit(error_model="numpy", cache=True)
-def _piece_end(s, slope, curvature, top, age, bite, t):  # type: ignore[no-untyped-def]
-    """Until when the slope and curvature that `motion` gave at `t` describe it."""
-    if s >= 0.0:
-        end = t + (top - slope) / curvature
-        return end if end > t else math.inf  # also without curvature, and where t cannot resolve it
-    if curvature == 0.0 and 0.0 < bite < math.inf:
-        return (-age - bite) * (1.0 - SLACK)
-    return -age
+        return advance, top, top, 0.0, math.inf, bite
+    if span - bite > -2.0 * SLACK * age:
+        return advance, top, -top, 0.0, -bite, bite
+    # Too close to the end of the piece to step there: the chord to the stamp, D being convex.
+    return advance, top, -advance / span, 0.0, 0.0, bite
 
 
 @njit(error_model="numpy", cache=True)
 def follow_backward(  # type: ignore[no-untyped-def]
-    along, length, t, closing1, margin1, top1, accel1, age1, closing2, margin2, top2, accel2, age2
+    along, length, t,
+    closing1, margin1, inverse1, top1, accel1, age1,
+    closing2, margin2, inverse2, top2, accel2, age2,
 ):  # fmt: skip
     """`follow` where a stamp is newer than `t`: piece by piece, each looked at anew."""
     bite1 = 0.0
@@ -255,27 +250,38 @@ def follow_backward(  # type: ignore[no-untyped-def]
     for _ in range(MAX_PIECES):
         s1 = age1 + t
         s2 = age2 + t
-        advance1, fast1, slope1, curvature1, bite1 = motion(
+        if s1 >= 0.0 and s2 >= 0.0:
+            start1 = closing1 + margin1
+            start2 = closing2 + margin2
+            start1 = top1 if start1 > top1 else start1
+            start2 = top2 if start2 > top2 else start2
+            return follow_forward(
+                along, length, t,
+                start1, inverse1, top1, accel1, s1, start2, inverse2, top2, accel2, s2,
+            )  # fmt: skip
+        advance1, fast1, slope1, curvature1, end1, bite1 = motion(
             closing1, margin1, top1, accel1, age1, s1
         )
-        advance2, fast2, slope2, curvature2, bite2 = motion(
+        advance2, fast2, slope2, curvature2, end2, bite2 = motion(
             closing2, margin2, top2, accel2, age2, s2
         )
         slack = SLACK * (length + fast1 * abs(s1) + fast2 * abs(s2))
         gap = along - advance1 - advance2 - slack
         if not gap > 0.0:
             break
+        # An end that is not the stamp itself comes a little early where that matters; where time
+        # is too coarse to resolve it, the top speed bounds what follows.
+        end1 = -age1 if end1 == 0.0 else (end1 - age1) * (1.0 - SLACK)
+        end2 = -age2 if end2 == 0.0 else (end2 - age2) * (1.0 - SLACK)
+        if not end1 > t:
+            slope1, curvature1, end1 = top1, 0.0, math.inf
+        if not end2 > t:
+            slope2, curvature2, end2 = top2, 0.0, math.inf
         slope = slope1 + slope2 + SLACK * (fast1 + fast2)
         step = _step(gap, slope, curvature1 + curvature2)
-        if not step >= 0.0:
-            break
-        end1 = _piece_end(s1, slope1, curvature1, top1, age1, bite1, t)
-        end2 = _piece_end(s2, slope2, curvature2, top2, age2, bite2, t)
         end = min(end1, end2)
-        if end >= t + step:
+        if not end < t + step:
             return _later(t, step), bite1, bite2
-        if not end > t:
-            break
         t = end
     return t, bite1, bite2
 
@@ -304,5 +310,6 @@ def follow(  # type: ignore[no-untyped-def]
         )
     return follow_backward(
         along, length, t,
-        closing1, margin1, top1, accel1, age1, closing2, margin2, top2, accel2, age2,
+        closing1, margin1, inverse1, top1, accel1, age1,
+        closing2, margin2, inverse2, top2, accel2, age2,
     )  # fmt: skip
