@@ -191,7 +191,7 @@ def keeps_within(robot: Robot, lower: ArrayLike, upper: ArrayLike) -> Callable[[
     """
     low, high = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
     if not (low.shape == high.shape == (3,) and (low < high).all()):
-        raise ArmguardError("box", f"from {lower} to {upper}", expected="two corners (x, y, z)")
+        raise ArmguardError("box", f"from {low} to {high}", expected="two corners (x, y, z)")
     data = robot.model.createData()
     hulls = [(robot.joint_index(link), robot.hull(link)) for link in robot.links]
 
