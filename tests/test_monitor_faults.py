@@ -1,0 +1,381 @@
+"""What must stop the arm: faults that stay until a reset, and faults that stay while they last."""
+
+import math
+from decimal import Decimal
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps, subjects
+
+from armguard import monitor as monitor_module
+from armguard.exceptions import ArmguardError
+from armguard.obstacles import Obstacles
+from armguard.verdict import Effect, Level, ReasonKind
+
+HOLD = 0.3
+FAR = [20.0, 0.0, 0.5]
+
+SCHEDULES = ["full", "distance", "daa"]
+
+
+@pytest.fixture(params=SCHEDULES)
+def schedule(request):
+    return request.param
+
+
+def changed(vector, joint, value):
+    vector = vector.copy()
+    vector[joint] = value
+    return vector
+
+
+def keep(obstacles, monitor, start, count, q=HOME, v=STILL):
+    """Ticks with a ball that is heard of in each."""
+    verdicts = []
+    for i in range(start, start + count):
+        see(obstacles, i * PERIOD, FAR)
+        verdicts.append(monitor.step(i * PERIOD, q, v))
+    return verdicts
+
+
+LATCHING = {
+    "q not finite": (lambda m: m.step(0.01, changed(HOME, 2, math.nan), STILL), "MALFORMED"),
+    "v not finite": (lambda m: m.step(0.01, HOME, changed(STILL, 2, math.inf)), "MALFORMED"),
+    "q too short": (lambda m: m.step(0.01, HOME[:6], STILL), "MALFORMED"),
+    "v too long": (lambda m: m.step(0.01, HOME, np.zeros(8)), "MALFORMED"),
+    "q of strings": (lambda m: m.step(0.01, ["0"] * 7, STILL), "MALFORMED"),
+    "q missing": (lambda m: m.step(0.01, None, STILL), "MALFORMED"),
+    "v missing": (lambda m: m.step(0.01, HOME, None), "MALFORMED"),
+    "q beyond limits": (lambda m: m.step(0.01, changed(HOME, 0, 3.0), STILL), "BEYOND_LIMITS"),
+    "v beyond limits": (lambda m: m.step(0.01, HOME, changed(STILL, 0, -3.0)), "BEYOND_LIMITS"),
+    "q jumped": (lambda m: m.step(0.01, HOME + 0.1, STILL), "JUMPED"),
+    "v jumped": (lambda m: m.step(0.01, HOME, STILL + 1.0), "JUMPED"),
+    "gap in stamps": (lambda m: m.step(0.2, HOME, STILL), "GAP"),
+    "state too old": (lambda m: m.step(0.01, HOME, STILL, 0.08), "GAP"),
+    "state from ahead": (lambda m: m.step(0.06, HOME, STILL, 0.005), "GAP"),
+}
+LATCHING = {name: (act, f"JOINT_STATE_{kind}") for name, (act, kind) in LATCHING.items()}
+LATCHING |= {
+    f"{part} {bad!r}": (act, "TIME_INVALID")
+    for bad in (math.nan, math.inf, -math.inf, "0.01", None, [0.01], 10**400, True, Decimal(1))
+    for part, act in (
+        ("stamp", lambda m, bad=bad: m.step(bad, HOME, STILL, 0.01)),
+        ("now", lambda m, bad=bad: m.step(0.01, HOME, STILL, bad)),
+    )
+    if not (part == "now" and bad is None)
+}
+LATCHING |= {
+    "stamp backwards": (lambda m: m.step(0.003, HOME, STILL, 0.01), "TIME_BACKWARDS"),
+    "clock backwards": (lambda m: m.step(0.005, HOME, STILL, 0.004), "TIME_BACKWARDS"),
+}
+
+
+@pytest.mark.parametrize("name", LATCHING)
+def test_latched_faults_stay_until_reset(name):
+    act, expected = LATCHING[name]
+    kind = ReasonKind[expected]
+    obstacles, monitor = make_monitor()
+    assert {one.level for one in keep(obstacles, monitor, 0, 6)} == {Level.CLEAR}
+    verdict = act(monitor)
+    assert kind.effect is Effect.LATCHED
+    assert verdict.reasons[0].kind is kind
+    assert (verdict.level, verdict.speed_scale, verdict.complete) == (Level.STOP, 0.0, False)
+    assert (verdict.contact_time, verdict.stop_time) == (0.0, math.inf)
+    assert (verdict.link, verdict.obstacle) == (None, None)
+    assert monitor.faults == 1
+    sequence = verdict.sequence
+    for later in keep(obstacles, monitor, 300, 5) + keep(obstacles, monitor, 2000, 5):
+        sequence += 1
+        assert (later.level, later.speed_scale) == (Level.STOP, 0.0)
+        assert kind in kinds(later)
+        assert later.sequence == sequence
+    monitor.reset()
+    (recovered,) = keep(obstacles, monitor, 2010, 1)
+    assert (recovered.level, recovered.reasons) == (Level.CLEAR, ())
+    assert recovered.sequence == sequence + 1
+
+
+def test_an_error_inside_is_a_latched_stop(schedule, monkeypatch):
+    obstacles, monitor = make_monitor(schedule)
+    keep(obstacles, monitor, 0, 5)
+    with monkeypatch.context() as patch:
+        patch.setattr(monitor_module, "evaluate", lambda *_: 1 // 0)
+        (verdict,) = keep(obstacles, monitor, 5, 1)
+    assert (verdict.level, verdict.contact_time) == (Level.STOP, 0.0)
+    assert subjects(verdict, ReasonKind.INTERNAL_ERROR) == {"ZeroDivisionError"}
+    assert {one.level for one in keep(obstacles, monitor, 6, 400)} == {Level.STOP}
+    monitor.reset()
+    (verdict,) = keep(obstacles, monitor, 406, 1)
+    assert (verdict.level, verdict.complete) == (Level.CLEAR, True)
+
+
+@pytest.mark.parametrize("method", ["insert", "remove", "due", "settle", "flagged"])
+def test_an_error_in_a_schedule_loses_no_pair(schedule, method, monkeypatch):
+    """Wherever it strikes: after a reset each pair is watched."""
+    obstacles, monitor = make_monitor(schedule)
+    see(obstacles, 0.0, [FAR, FAR], ("stays", "goes"))
+    steps(monitor, 0, 1)
+    obstacles.remove(["goes"])
+    see(obstacles, PERIOD, [0.6, 0.0, 0.5], ("comes",))
+    with monkeypatch.context() as patch:
+        patch.setattr(monitor._schedule, method, lambda *_: 1 // 0, raising=True)
+        (verdict,) = steps(monitor, 1, 1)
+    assert ReasonKind.INTERNAL_ERROR in kinds(verdict)
+    monitor.reset()
+    (verdict,) = steps(monitor, 2, 1)
+    assert verdict.complete
+    assert (verdict.level, verdict.obstacle) == (Level.STOP, "comes")
+    watched = {(report.link, report.obstacle) for report in monitor.pairs(99)}
+    assert watched == {(link, name) for link in panda().links for name in ("stays", "comes")}
+
+
+def test_two_monitors_cannot_share_a_table():
+    obstacles, older = make_monitor()
+    keep(obstacles, older, 0, 2)
+    _, newer = make_monitor(obstacles=obstacles)
+    (verdict,) = steps(newer, 2, 1)
+    assert (verdict.level, verdict.obstacle) == (Level.CLEAR, "ball")
+    (verdict,) = steps(older, 2, 1)
+    assert verdict.level is Level.STOP
+    assert ReasonKind.INTERNAL_ERROR in kinds(verdict)
+
+
+def test_reset_before_the_first_tick_and_twice(schedule):
+    obstacles, monitor = make_monitor(schedule)
+    monitor.reset()
+    monitor.reset()
+    assert keep(obstacles, monitor, 0, 1)[0].level is Level.CLEAR
+    monitor.reset()
+    monitor.reset()
+    assert keep(obstacles, monitor, 0, 1)[0].level is Level.CLEAR
+
+
+def assert_lasts_and_holds(obstacles, monitor, kind, present, until, subject=None):
+    """`present` are verdicts under the fault; it ended before tick number `until`."""
+    assert kind.effect is Effect.STANDING
+    for verdict in present:
+        assert (verdict.level, verdict.speed_scale) == (Level.STOP, 0.0)
+        assert kind in kinds(verdict)
+        assert subject is None or subject in subjects(verdict, kind)
+    held = round(HOLD / PERIOD) - 2
+    after = keep(obstacles, monitor, until, held)
+    assert {verdict.level for verdict in after} == {Level.STOP}
+    for verdict in after:
+        assert kind not in kinds(verdict)
+        assert ReasonKind.HOLD in kinds(verdict)
+    assert keep(obstacles, monitor, until + held, 5)[-1].level is Level.CLEAR
+
+
+def test_a_required_source_that_is_not_heard(schedule):
+    obstacles, monitor = make_monitor(schedule, obstacles=Obstacles(sources=["default"]))
+    silent = steps(monitor, 0, 50)
+    assert_lasts_and_holds(
+        obstacles, monitor, ReasonKind.SOURCE_SILENT, silent, 50, subject="default"
+    )
+
+
+def test_a_source_that_has_spoken_and_falls_silent(schedule):
+    obstacles, monitor = make_monitor(schedule)
+    assert keep(obstacles, monitor, 0, 1)[0].level is Level.CLEAR
+    assert {verdict.level for verdict in steps(monitor, 1, 200)} == {Level.CLEAR}
+    assert_lasts_and_holds(
+        obstacles, monitor, ReasonKind.SOURCE_SILENT, steps(monitor, 201, 100), 301
+    )
+
+
+def test_a_heartbeat_is_enough():
+    obstacles, monitor = make_monitor(obstacles=Obstacles(sources=["camera"]))
+    obstacles.update([], 0.0, source="camera")
+    (verdict,) = steps(monitor, 0, 1)
+    assert (verdict.level, verdict.contact_time) == (Level.CLEAR, math.inf)
+
+
+def test_a_stamp_far_ahead_of_the_clock(schedule):
+    """The state is not believed, nor is any before it: the obstacle could be anywhere."""
+    obstacles, monitor = make_monitor(schedule)
+    keep(obstacles, monitor, 0, 2)
+    see(obstacles, 0.3, FAR)
+    kind, present = ReasonKind.STAMP_AHEAD, steps(monitor, 2, 90)
+    assert ReasonKind.OBSTACLE_REFUSED in kinds(present[-1])
+    assert_lasts_and_holds(obstacles, monitor, kind, present, 92, subject="default")
+
+
+def test_a_refused_row(schedule):
+    obstacles, monitor = make_monitor(schedule)
+    keep(obstacles, monitor, 0, 2)
+    see(obstacles, 2 * PERIOD, [math.nan, 0.0, 0.0])
+    present = steps(monitor, 2, 5)
+    assert {verdict.contact_time for verdict in present} == {0.0}
+    kind = ReasonKind.OBSTACLE_REFUSED
+    assert_lasts_and_holds(obstacles, monitor, kind, present, 7, subject="ball")
+    assert monitor.faults == 1
+
+
+def test_a_refused_sample_counts_in_contact_time(schedule):
+    obstacles, monitor = make_monitor(schedule)
+    keep(obstacles, monitor, 0, 2)
+    see(obstacles, 2 * PERIOD, [0.9, 0.0, 0.5], velocity=[[-30.0, 0.0, 0.0]])
+    (verdict,) = steps(monitor, 2, 1)
+    assert 0.0 < verdict.contact_time < 0.05
+    assert verdict.obstacle == "ball"
+    (verdict,) = keep(obstacles, monitor, 3, 1)
+    assert verdict.contact_time > 1.0
+
+
+def test_another_track_is_believed_after_five_samples(schedule):
+    obstacles, monitor = make_monitor(schedule)
+    keep(obstacles, monitor, 0, 2)
+    near = [1.2, 0.0, 0.5]
+    for i in range(2, 6):
+        see(obstacles, i * PERIOD, near)
+        (verdict,) = steps(monitor, i, 1)
+        assert (verdict.level, verdict.contact_time > 0.0) == (Level.STOP, True)
+        assert ReasonKind.OBSTACLE_REFUSED in kinds(verdict)
+    see(obstacles, 6 * PERIOD, near)
+    (verdict,) = steps(monitor, 6, 1)
+    assert verdict.level is Level.STOP
+    expected = {ReasonKind.OBSTACLE_REFUSED} | (
+        {ReasonKind.BOUND_BROKEN} if schedule == "daa" else set()
+    )
+    assert kinds(verdict) & {ReasonKind.BOUND_BROKEN, ReasonKind.OBSTACLE_REFUSED} == expected
+    (verdict,) = steps(monitor, 7, 1)
+    assert ReasonKind.OBSTACLE_REFUSED not in kinds(verdict)
+
+
+def test_a_malformed_call(schedule):
+    obstacles, monitor = make_monitor(schedule)
+    keep(obstacles, monitor, 0, 2)
+    with pytest.raises(ArmguardError):
+        obstacles.update(["ball"], 0.002, [[1.0, 2.0]], radius=0.1)
+    kind = ReasonKind.CALL_REFUSED
+    assert_lasts_and_holds(obstacles, monitor, kind, steps(monitor, 2, 1), 3, subject="default")
+
+
+def test_a_joint_that_runs_into_its_stop():
+    obstacles, monitor = make_monitor()
+    q, v = changed(HOME, 6, 2.88), changed(STILL, 6, 1.5)
+    (verdict,) = keep(obstacles, monitor, 0, 1, q, v)
+    assert verdict.level is Level.STOP
+    assert subjects(verdict, ReasonKind.JOINT_STOP_AHEAD) == {"panda_joint7"}
+    assert verdict.contact_time > 0.0
+    q, v = changed(HOME, 6, 2.8812), changed(STILL, 6, 1.5 - 0.02)
+    back = changed(HOME, 6, -2.88), changed(STILL, 6, -1.5)
+    monitor.reset()
+    (verdict,) = keep(obstacles, monitor, 0, 1, *back)
+    assert subjects(verdict, ReasonKind.JOINT_STOP_AHEAD) == {"panda_joint7"}
+    monitor.reset()
+    away = changed(HOME, 6, 2.88), changed(STILL, 6, -1.5)
+    assert keep(obstacles, monitor, 0, 1, *away)[0].level is Level.CLEAR
+
+
+def test_steps_that_each_fit_but_not_together():
+    """Every sample agrees with the one before; the certificate behind them tells the truth."""
+    obstacles, monitor = make_monitor("daa")
+    see(obstacles, 0.0, FAR, position_error=0.05)
+    assert steps(monitor, 0, 1)[0].level is Level.CLEAR
+    broken = []
+    for i in range(1, 8):
+        see(obstacles, i * PERIOD, [FAR[0] - 0.09 * i, 0.0, 0.5], position_error=0.05)
+        broken += [subjects(verdict, ReasonKind.BOUND_BROKEN) for verdict in steps(monitor, i, 1)]
+    assert {"ball"} in broken
+
+
+class ForgetfulSchedule:
+    """Never names the pairs that it was given."""
+
+    measure, every_tick = "contact_time", False
+
+    def __init__(self):
+        self.pairs = np.zeros(0, dtype=np.int64)
+
+    def insert(self, pairs):
+        self.pairs = np.union1d(self.pairs, pairs)
+
+    def remove(self, pairs):
+        self.pairs = np.setdiff1d(self.pairs, pairs)
+
+    def touch(self, pairs):
+        pass
+
+    def settle(self, contact_times, stop_time):
+        pass
+
+    def due(self):
+        return np.zeros(0, dtype=np.int64)
+
+    flagged = due
+
+    def ranking(self):
+        return self.pairs
+
+
+def test_pairs_without_a_look_are_overdue():
+    obstacles, monitor = make_monitor(ForgetfulSchedule())
+    for verdict in keep(obstacles, monitor, 0, 3):
+        assert (verdict.level, verdict.complete) == (Level.STOP, False)
+        assert verdict.contact_time == 0.0
+        assert ReasonKind.OVERDUE in kinds(verdict)
+
+
+def test_a_certificate_that_ran_out_is_overdue():
+    obstacles, monitor = make_monitor(ForgetfulSchedule())
+    evaluate_once = np.arange(len(panda().links))
+    monitor._schedule.due = lambda: evaluate_once
+    see(obstacles, 0.0, [8.0, 0.0, 0.5])
+    (first,) = steps(monitor, 0, 1)
+    assert (first.level, first.complete) == (Level.CLEAR, True)
+    del monitor._schedule.due
+    for i in range(1, 2000):
+        obstacles.update([], i * PERIOD)
+        (verdict,) = steps(monitor, i, 1)
+        left = first.contact_time - i * PERIOD
+        assert verdict.contact_time <= max(left, 0.0) + 1e-12
+        assert verdict.complete == (verdict.contact_time > 0.0)
+        if not verdict.complete:
+            break
+    assert ReasonKind.OVERDUE in kinds(verdict)
+    assert i * PERIOD == pytest.approx(first.contact_time, abs=2.0 * PERIOD)
+
+
+garbage = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.floats(),
+    st.text(max_size=3),
+    st.binary(max_size=3),
+    st.lists(st.one_of(st.floats(), st.none(), st.text(max_size=2)), max_size=8),
+    st.lists(st.floats(-2.0, 2.0), min_size=7, max_size=7),
+    st.just(HOME),
+    st.just(STILL),
+    st.complex_numbers(),
+    st.dictionaries(st.text(max_size=1), st.integers(), max_size=2),
+    st.just(object()),
+    st.just(np.zeros((7, 7))),
+    st.just(np.array("x")),
+    st.just(np.float64(1.0)),
+    st.just(np.datetime64("2026-01-01")),
+)
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.lists(st.tuples(garbage, garbage, garbage, garbage), max_size=5))
+def test_step_never_raises(calls):
+    obstacles, monitor = GARBAGE_SCENE
+    monitor.reset()
+    see(obstacles, 0.0, FAR)
+    for call in calls:
+        verdict = monitor.step(*call)
+        assert isinstance(verdict.level, Level)
+        assert isinstance(verdict.stamp, float)
+        assert not math.isnan(verdict.contact_time)
+        assert verdict.valid_until < math.inf
+        if any(reason.kind.effect is Effect.LATCHED for reason in verdict.reasons):
+            assert (verdict.level, verdict.speed_scale) == (Level.STOP, 0.0)
+        assert ReasonKind.INTERNAL_ERROR not in kinds(verdict)
+    assert isinstance(monitor.pairs(), list)
+
+
+GARBAGE_SCENE = make_monitor()
