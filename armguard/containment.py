@@ -14,22 +14,25 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.fitting import bisect_triangles
-from armguard.sphere_tree import GRID, MARGIN, SphereTree
+from armguard.fitting import bisect_triangles, cut_triangles
+from armguard.sphere_tree import MARGIN, SphereTree
 
 Array = NDArray[np.float64]
 
 ROUNDING = 1e-14  # relative: above what a distance and a bisected corner lose to rounding
 MOST_PIECES = 2_000_000  # a proof that needs more has failed
 BATCH = 2048  # pieces examined at once
+STEP = 2e-5  # `tighten` leaves radii no more than this too large, in [m], and
+FEW_PIECES = 20_000  # tries no harder than this: balls that barely meet need very many
 
 
-def is_contained(triangles: Array, tree: SphereTree) -> bool:
+def is_contained(triangles: Array, tree: SphereTree, most_pieces: int = MOST_PIECES) -> bool:
     """Whether each triangle, or each part of it, is in a leaf and in all balls above that leaf.
 
     Args:
         triangles: In [m], finite. Shape (n, 3, 3).
         tree: Balls in breadth-first order.
+        most_pieces: When to give up.
 
     Returns:
         True only if it is proved. False: a corner of a part is outside, or no proof was found.
@@ -42,7 +45,7 @@ def is_contained(triangles: Array, tree: SphereTree) -> bool:
         pieces, rest = waiting[-1][:BATCH], waiting[-1][BATCH:]
         waiting[-1:] = [rest] if len(rest) else []
         examined += len(pieces)
-        if examined > MOST_PIECES:
+        if examined > most_pieces:
             return False
         offsets = pieces[:, :, None, :] - centers
         inside = np.sqrt((offsets**2).sum(axis=3)) <= radii
@@ -60,26 +63,30 @@ def is_contained(triangles: Array, tree: SphereTree) -> bool:
 def tighten(triangles: Array, tree: SphereTree) -> SphereTree:
     """Make each radius as small as the proof allows while the others stay, leaves first.
 
-    Shrinking one ball never allows another to shrink further, so one pass is enough: afterwards
-    no ball could be smaller by more than a step of the grid.
+    Shrinking one ball never allows another to shrink further, so one pass is enough.
 
     Args:
         triangles: In [m], finite. Shape (n, 3, 3).
         tree: Proved to contain them.
     """
     spheres = tree.spheres.copy()
+    pieces = cut_triangles(triangles)
+    middles = pieces.mean(axis=1)
+    sizes = np.sqrt(((pieces - middles[:, None]) ** 2).sum(axis=2)).max(axis=1)
     for node in reversed(range(len(spheres))):
-        steps = round(spheres[node, 3] / GRID)
-        enough, too_few = steps, 0
-        trial = steps - 1
-        while enough - too_few > 1:
-            spheres[node, 3] = round(trial * GRID, 6)
-            if is_contained(triangles, tree._replace(spheres=spheres)):
-                enough = trial
+        # The proof of a piece that this ball does not reach stays as it is.
+        distances = np.sqrt(((middles - spheres[node, :3]) ** 2).sum(axis=1))
+        near = pieces[distances <= spheres[node, 3] + sizes + MARGIN]
+        too_small, radius = 0.0, float(spheres[node, 3])
+        trial = round(radius - STEP, 6)
+        while trial > too_small:
+            spheres[node, 3] = trial
+            if is_contained(near, tree._replace(spheres=spheres), FEW_PIECES):
+                radius = trial
             else:
-                too_few = trial
-            trial = (enough + too_few) // 2
-        spheres[node, 3] = round(enough * GRID, 6)
+                too_small = trial
+            trial = round(0.5 * (too_small + radius), 6) if radius - too_small > STEP else -1.0
+        spheres[node, 3] = radius
     return tree._replace(spheres=spheres)
 
 

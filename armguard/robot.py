@@ -26,7 +26,7 @@ from armguard.robot_description import (
     find_robot,
     read_description,
 )
-from armguard.surfaces import sweep_triangles, triangulate
+from armguard.surfaces import hull_triangles, triangulate
 from armguard.urdf import UrdfModel, read_urdf
 
 Array = NDArray[np.float64]
@@ -264,7 +264,11 @@ def _reduce(
 def _moving_links(
     urdf: UrdfModel, robot: Robot, description: RobotDescription
 ) -> tuple[dict[str, Array], dict[str, int]]:
-    """Triangles and parent joint of every link that a watched joint moves."""
+    """Triangles and parent joint of every link that a watched joint moves.
+
+    Of a link that travels, they are those of the hull of both ends: all that it can reach.
+    """
+    travelling: set[str] = set()
     pieces: dict[str, list[Array]] = {}
     joint_index: dict[str, int] = {}
     for geometry in urdf.collision_model.geometryObjects:
@@ -278,8 +282,9 @@ def _moving_links(
             data = joint.createData()
             joint.calc(data, np.full(urdf.model.nq, _rest_position(entry)))
             if entry is not None and entry.travel is not None:
-                travel = entry.travel[1] - entry.travel[0]
-                triangles = sweep_triangles(triangles, data.S[:3].ravel() * travel)
+                end = data.S[:3].ravel() * (entry.travel[1] - entry.travel[0])
+                triangles = np.concatenate([triangles, triangles + end])
+                travelling.add(link)
             triangles = _place(urdf.model.jointPlacements[number] * data.M, triangles)
             number = urdf.model.parents[number]
         if number:
@@ -289,6 +294,8 @@ def _moving_links(
         raise RobotError(robot.name, "no watched joint moves a link with collision geometry")
     in_model_order = sorted(pieces, key=lambda link: joint_index[link])
     surfaces = {link: np.concatenate(pieces[link]) for link in in_model_order}
+    for link in travelling & set(surfaces):
+        surfaces[link] = hull_triangles(f"link {link!r}", surfaces[link].reshape(-1, 3))
     for surface in surfaces.values():
         surface.flags.writeable = False
     return surfaces, joint_index

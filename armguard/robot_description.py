@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from armguard.exceptions import RobotError
 
@@ -85,17 +86,26 @@ def read_description(source: str | Path | Mapping[str, Any]) -> RobotDescription
     try:
         if isinstance(source, Mapping):
             place = "limits"
-            description = msgspec.convert(source, RobotDescription)
+            description = msgspec.convert(
+                msgspec.to_builtins(source, enc_hook=_to_builtin), RobotDescription
+            )
         else:
             place = str(source)
             content = Path(source).read_bytes()
             description = msgspec.toml.decode(content, type=RobotDescription)
     except OSError as error:
         raise RobotError(place, f"cannot be read: {error.strerror}") from error
-    except (msgspec.ValidationError, msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.ValidationError, msgspec.DecodeError, UnicodeDecodeError, TypeError) as error:
         raise RobotError(place, str(error)) from error
     _check(place, description)
     return description
+
+
+def _to_builtin(value: object) -> object:
+    """Let limits be NumPy's numbers and arrays as well."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{value!r} is neither number, text, list nor mapping")
 
 
 def robots_directory() -> Path:

@@ -18,6 +18,7 @@ from armguard.exceptions import RobotError
 Array = NDArray[np.float64]
 
 SIDES = 32  # of the prism around a cylinder: 0.5 % wider than the cylinder at its edges
+FLAT = 1e-6  # of the largest extent: thinner has no hull
 ROUND_UP = 1.0 + 1e-12  # widens a containing polyhedron past the rounding of its construction
 
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
@@ -52,8 +53,8 @@ def triangulate(name: str, geometry: Any) -> Array:
         triangles = _prism_triangles(geometry.radius, geometry.halfLength)
     elif isinstance(geometry, coal.Capsule):
         ball = _ball_triangles(geometry.radius)
-        start = np.array([0.0, 0.0, -geometry.halfLength])
-        triangles = sweep_triangles(ball + start, -2.0 * start)
+        end = np.array([0.0, 0.0, geometry.halfLength])
+        triangles = hull_triangles(name, np.concatenate([ball - end, ball + end]).reshape(-1, 3))
     else:
         raise RobotError(
             name,
@@ -68,31 +69,37 @@ def triangulate(name: str, geometry: Any) -> Array:
     return np.ascontiguousarray(triangles, dtype=np.float64)
 
 
-def sweep_triangles(triangles: Array, travel: Array) -> Array:
-    """The surface that a body sweeps over while it is shifted along a straight line.
-
-    The body where it starts, and the closed prism that each of its triangles sweeps: their union
-    is all that the body reaches. Each prism is wound outwards, whatever the winding of the
-    triangle, so that no point inside is taken to be outside.
+def hull_triangles(name: str, points: Array) -> Array:
+    """The surface of the convex hull of points, wound outwards.
 
     Args:
-        triangles: In [m]. Shape (n, 3, 3).
-        travel: From the first position to the last, in [m]. Shape (3,).
+        name: What to call them in an error.
+        points: In [m], finite. Shape (n, 3).
 
     Returns:
-        Triangles in [m]. Shape (9 n, 3, 3).
+        Triangles in [m]. Shape (m, 3, 3).
+
+    Raises:
+        RobotError: The points lie in one plane.
     """
-    if np.linalg.det(triangles).sum() < 0.0:  # six times the volume: the winding is inverted
-        triangles = triangles[:, ::-1]
+    points = np.unique(points, axis=0)
+    # Qhull's own error would end the process, so flatness is found beforehand.
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if not (len(points) > 3 and spread[2] > FLAT * spread[0]):
+        raise RobotError(
+            name, "has no convex hull: its points lie in one plane", remedy="give it a thickness"
+        )
+    vertices = coal.StdVec_Vec3s()
+    vertices.extend(list(points))
+    hull = coal.Convex.convexHull(vertices, True, "Qt")
+    corners = [hull.polygons(i) for i in range(hull.num_polygons)]
+    indices = np.array([[corner[0], corner[1], corner[2]] for corner in corners])
+    triangles: Array = np.array(hull.points())[indices]
     sides = triangles[:, 1:] - triangles[:, :1]
-    is_front = np.cross(sides[:, 0], sides[:, 1]) @ travel >= 0.0
-    start = np.where(is_front[:, None, None], triangles, triangles[:, ::-1])
-    prisms = [start[:, ::-1], start + travel]
-    for i in range(3):
-        first, second = start[:, i], start[:, (i + 1) % 3]
-        prisms.append(np.stack([first, second, second + travel], axis=1))
-        prisms.append(np.stack([first, second + travel, first + travel], axis=1))
-    return np.concatenate([triangles, *prisms])
+    outwards = triangles[:, 0] - points.mean(axis=0)
+    is_inverted = np.einsum("ij,ij->i", np.cross(sides[:, 0], sides[:, 1]), outwards) < 0.0
+    triangles[is_inverted] = triangles[is_inverted, ::-1]
+    return triangles
 
 
 def _mesh_triangles(mesh: Any) -> Array:

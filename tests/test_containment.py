@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard.containment import compute_parents, is_contained, tighten
+from armguard.containment import STEP, compute_parents, is_contained, tighten
 from armguard.fitting import fit_tree
 from armguard.sphere_tree import GRID, MARGIN, SphereTree
 
@@ -84,7 +84,7 @@ def test_no_ball_of_a_tightened_tree_could_be_smaller():
     np.testing.assert_array_equal(tight.spheres[:, :3], loose.spheres[:, :3])
     for node in range(len(tight.spheres)):
         spheres = tight.spheres.copy()
-        spheres[node, 3] -= 1.5 * GRID
+        spheres[node, 3] -= 2 * STEP
         assert not is_contained(triangles, tight._replace(spheres=spheres))
 
 

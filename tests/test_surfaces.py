@@ -4,7 +4,7 @@ import pytest
 
 from armguard.exceptions import RobotError
 from armguard.surface_distance import compute_signed_distances
-from armguard.surfaces import sweep_triangles, triangulate
+from armguard.surfaces import hull_triangles, triangulate
 
 
 def points_on(shape, count=2000):
@@ -39,22 +39,30 @@ def test_boxes_are_exact():
     assert volume == pytest.approx(0.2 * 0.4 * 0.6)  # so all faces are wound outwards
 
 
-@pytest.mark.parametrize("winding", [1, -1])
-def test_a_swept_box_is_the_longer_box(winding):
-    box = triangulate("tip", coal.Box(0.2, 0.2, 0.2))[:, ::winding]
-    swept = sweep_triangles(box, np.array([0.0, 0.0, 0.3]))
-    points = np.random.default_rng(1).uniform(-0.5, 0.8, size=(4000, 3))
-    longer = np.abs(points - [0.0, 0.0, 0.15]) <= [0.1, 0.1, 0.25]
-    distances = compute_signed_distances(points, swept)
-    np.testing.assert_array_equal(distances < 0.0, longer.all(axis=1))
+def test_a_hull_contains_its_points_and_is_wound_outwards():
+    points = np.random.default_rng(1).normal(size=(300, 3))
+    triangles = hull_triangles("cloud", points)
+    assert (compute_signed_distances(points, triangles) < 1e-12).all()
+    sides = triangles[:, 1:] - triangles[:, :1]
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    heights = np.einsum("ij,nij->ni", normals, points[:, None] - triangles[:, 0])
+    assert (heights < 1e-12).all()
+    assert set(map(tuple, triangles.reshape(-1, 3))) <= set(map(tuple, points))
 
 
-def test_a_swept_sheet_does_not_vanish():
-    sheet = np.array([[[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]])
-    for travel in (np.array([0.2, 0.0, 0.0]), np.array([0.0, 0.0, 0.2])):
-        weights = np.random.default_rng(2).dirichlet(np.ones(3), size=500)
-        points = weights @ sheet[0] + np.linspace(0.0, 1.0, 500)[:, None] * travel
-        assert (compute_signed_distances(points, sweep_triangles(sheet, travel)) < 1e-12).all()
+def test_the_hull_of_a_cube_has_its_volume_and_no_inner_faces():
+    cube = triangulate("tip", coal.Box(0.2, 0.2, 0.2)).reshape(-1, 3)
+    shift = np.array([0.0, 0.0, 0.3])
+    triangles = hull_triangles("tip", np.concatenate([cube, cube + shift, cube * 0.5]))
+    assert len(triangles) == 12
+    assert np.linalg.det(triangles).sum() / 6 == pytest.approx(0.2 * 0.2 * 0.5)
+
+
+@pytest.mark.parametrize("count", [1, 3, 4])
+def test_flat_points_have_no_hull(count):
+    sheet = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    with pytest.raises(RobotError, match="sheet: has no convex hull"):
+        hull_triangles("sheet", sheet[:count])
 
 
 def test_other_shapes_are_refused_by_name():
