@@ -10,13 +10,13 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import io
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Protocol
 
 import tyro
 
+from armguard.ending import INTERRUPTED, complain, end_with, termination_as_interrupt
 from armguard.exceptions import ArmguardError
 
 MISTAKE = 2
@@ -101,9 +101,13 @@ class Run:
     """How long to run, in seconds."""
     json: Flag = False
     """Print the summary as one JSON object."""
+    parent: int | None = None
+    """End when this process is no longer the one that started this command."""
 
     def run(self) -> int:
         """Run until the end of the duration, of standard input, or Ctrl-C."""
+        if self.parent is not None:
+            end_with(self.parent)
         from armguard.supervision import supervise
 
         return supervise(
@@ -160,10 +164,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run `armguard` with `arguments` (default: the process's own); the exit code."""
     command = _parse(arguments)
     try:
-        return command.run()
+        with termination_as_interrupt():
+            return command.run()
     except ArmguardError as error:
-        print(f"armguard: {error}", file=sys.stderr)  # noqa: T201 - the command line speaks here
+        complain(str(error))
         return MISTAKE
+    except KeyboardInterrupt:
+        complain("interrupted before there was anything to show")
+        return INTERRUPTED
 
 
 def _parse(arguments: Sequence[str] | None) -> Command:
@@ -184,7 +192,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
             )
     except SystemExit as end:
         if end.code not in (0, None):
-            print(f"armguard: {_one_line(messages.getvalue())}", file=sys.stderr)  # noqa: T201
+            complain(_one_line(messages.getvalue()))
             raise SystemExit(MISTAKE) from None
         raise
 

@@ -93,13 +93,8 @@ class RateLoop:
         self.late = 0
         self.missed = 0
 
-    def run(
-        self, duration: float = math.inf, stopped: Callable[[], bool] = lambda: False
-    ) -> LoopReport:
-        """Loop for `duration` [s], until `stopped()`, Ctrl-C, or the end of an input.
-
-        Raises nothing of its own; KeyboardInterrupt ends the loop as `stopped` does.
-        """
+    def run(self, duration: float = math.inf) -> LoopReport:
+        """Loop for `duration` [s], until Ctrl-C (KeyboardInterrupt), or the end of an input."""
         clock, period = self.clock, self.monitor.period
         # Collections of the long-lived heap would take tens of milliseconds in mid-tick.
         gc.collect()
@@ -107,7 +102,7 @@ class RateLoop:
         start = clock.now()
         tick = 0
         try:
-            while tick * period < duration and not stopped():
+            while tick * period < duration:
                 clock.sleep_until(start + tick * period)
                 begin = clock.now()
                 ended = any(source.ended for source in self._inputs)
@@ -177,11 +172,10 @@ def run(
     recorded: bool = False,
     duration: float = math.inf,
     reset_token: str | None = None,
-    stopped: Callable[[], bool] = lambda: False,
     observe: Callable[[RateLoop, Verdict], None] | None = None,
     prepared: Callable[[Monitor], None] | None = None,
 ) -> LoopReport:
-    """Supervise a cell from streams until stopped, interrupted, or the end of standard input.
+    """Supervise a cell from streams until interrupted, or the end of standard input.
 
     Args:
         cell: Robot, obstacles and monitor.
@@ -194,7 +188,6 @@ def run(
             and each line waits until it is due.
         duration: How long to run, in [s].
         reset_token: What a reset message must carry; without one, none is obeyed.
-        stopped: Asked at every tick whether to end.
         observe: Sees each verdict, with the loop, after it was published; must not block.
         prepared: Called with the monitor when everything is compiled, before the first tick.
 
@@ -229,7 +222,7 @@ def run(
         publisher = VerdictPublisher(verdicts_address, edge.offset)
         opened.append(publisher)
         loop = RateLoop(monitor, edge, inputs, clock, publisher.publish, observe)
-        return loop.run(duration, stopped)
+        return loop.run(duration)
     finally:
         for resource in opened:
             resource.close()

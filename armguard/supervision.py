@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import signal
+import contextlib
 import sys
-import threading
+import time
 import webbrowser
 from pathlib import Path
 
@@ -12,15 +12,20 @@ import msgspec
 from rich.console import Console
 
 from armguard.cell import Cell
+from armguard.ending import COMPLAINT, complain
 from armguard.exceptions import ArmguardError
 from armguard.loop import RateLoop, run
-from armguard.streams import OBSTACLES_ADDRESS, VERDICTS_ADDRESS
+from armguard.streams import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
+from armguard.streams.addresses import check_address, check_free
 from armguard.summary import draw_summary, summarise
 from armguard.tally import Tally
 from armguard.verdict import Verdict
 from armguard.view.monitor_feed import MonitorFeed
 from armguard.view.process import launch
 from armguard.view.publisher import FramePublisher
+
+PAGE_CHECK_INTERVAL = 0.25
+"""Between two looks at whether the page is still served, in [s]."""
 
 
 def supervise(
@@ -56,32 +61,33 @@ def supervise(
     """
     if not duration > 0.0:
         raise ArmguardError("--duration", f"is {duration}", expected="seconds above 0")
-    console = Console(stderr=True)
     cell = Cell.load(cell_file)
-    publisher = None if view_address is None else FramePublisher(view_address)
-    ended = threading.Event()
-    before = signal.signal(signal.SIGTERM, lambda *_: ended.set())
-    observer = _Observer(cell, publisher)
-    status = console.status("compiling the kernels (once; kept for the next start)")
-    status.start()
-    try:
-        report = run(
-            cell,
-            obstacles_address or OBSTACLES_ADDRESS,
-            joints_address,
-            verdicts_address or VERDICTS_ADDRESS,
-            duration=duration,
-            recorded=recorded,
-            reset_token=reset_token,
-            stopped=ended.is_set,
-            observe=observer.observe,
-            prepared=lambda _: status.stop(),
-        )
-    finally:
-        status.stop()
-        signal.signal(signal.SIGTERM, before)
-        if publisher is not None:
-            publisher.close()
+    obstacles_address = obstacles_address or OBSTACLES_ADDRESS
+    verdicts_address = verdicts_address or VERDICTS_ADDRESS
+    inputs = (obstacles_address, joints_address or JOINTS_ADDRESS)
+    # Mistakes are told before anything is compiled.
+    for address in {*(one for one in inputs if one != "-"), verdicts_address}:
+        check_address(address)
+        check_free(address)
+    console = Console(stderr=True)
+    with contextlib.ExitStack() as resources:
+        publisher = None
+        if view_address is not None:
+            publisher = resources.enter_context(FramePublisher(view_address))
+        observer = _Observer(cell, publisher)
+        waiting = console.status("compiling the kernels (once; kept for the next start)")
+        with waiting:
+            report = run(
+                cell,
+                obstacles_address,
+                joints_address,
+                verdicts_address,
+                duration=duration,
+                recorded=recorded,
+                reset_token=reset_token,
+                observe=observer.observe,
+                prepared=lambda _: waiting.stop(),
+            )
     summary = summarise(report, observer.tally)
     if as_json:
         sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
@@ -104,10 +110,11 @@ def show(address: str, port: int, *, open_browser: bool) -> int:
             webbrowser.open(page.url)
         try:
             while page.running:
-                signal.pause()
+                time.sleep(PAGE_CHECK_INTERVAL)
         except KeyboardInterrupt:
-            pass
-    return 0
+            return 0
+    complain("the view has ended by itself")
+    return COMPLAINT
 
 
 class _Observer:

@@ -17,7 +17,7 @@ PACKAGE = ROOT / "armguard"
 # Floor, step on that floor, and the modules and packages that stand there. Steps part what one
 # module of a floor is made of; a package stands on one step as a whole.
 FLOORS = [
-    (0, 1, "exceptions clock latency enclosing_ball hull surface_distance witness"),
+    (0, 1, "exceptions clock ending latency enclosing_ball hull surface_distance witness"),
     (0, 2, "advancement plausibility sphere_tree"),
     (0, 3, "contact fitting"),
     (0, 4, "containment"),

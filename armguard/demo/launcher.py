@@ -11,31 +11,23 @@ Nothing here is a short cut: `armguard run` gets a cell file and addresses, as i
 from __future__ import annotations
 
 import contextlib
-import signal
+import os
 import subprocess
 import sys
 import tempfile
-import time
 import webbrowser
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import msgspec
-import zmq
 from rich.console import Console
-from rich.live import Live
-from rich.markup import escape
-from rich.table import Table
 
 from armguard.demo import nodes
+from armguard.demo.watcher import Watcher
+from armguard.ending import COMPLAINT, complain
 from armguard.exceptions import ArmguardError
-from armguard.summary import COLORS, draw_summary
-from armguard.view.feed import FrameMessage, decode_message
+from armguard.summary import draw_summary
 from armguard.view.process import launch
-
-REFRESH = 0.1
-"""Between two drawings of the table, in [s]."""
 
 END_TIMEOUT = 10.0
 """How long a process may take to end when asked to, in [s]."""
@@ -105,14 +97,22 @@ def run_demo(
         obstacles, joints, verdicts, frames = (
             f"ipc://{folder}/{name}" for name in ("obstacles", "joints", "verdicts", "frames")
         )
-        cell = Path(folder) / "cell.toml"
+        cell, log = Path(folder) / "cell.toml", Path(folder) / "log"
         tables = "".join(f"[sources.{source.name}]\nrate = {source.rate}\n" for source in sources)
         cell.write_text(CELL.format(robot=nodes.ROBOT, sources=tables, schedule=schedule))
-        if view:
-            page = resources.enter_context(launch(frames, port))
-            console.print(f"see it in the browser: {page.url}", soft_wrap=True)
-            if open_browser:
-                webbrowser.open(page.url)
+        errors = resources.enter_context(log.open("ab"))
+        command = [sys.executable, "-m", "armguard", "run", str(cell), "--json"]
+        command += ["--obstacles", obstacles, "--joints", joints, "--verdicts", verdicts]
+        command += ["--view", frames, "--duration", str(duration), "--parent", str(os.getpid())]
+        # The monitor first: it has the longest way to go.
+        monitor = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            start_new_session=True,  # Ctrl-C reaches it through us, so that it ends first
+        )
+        resources.enter_context(_ending(monitor))
         perception = nodes.Perception(
             obstacles=obstacles,
             verdicts=verdicts,
@@ -122,25 +122,28 @@ def run_demo(
             balls=obstacle_count,
         )
         robot = nodes.RobotNode(joints=joints, verdicts=verdicts, seed=seed)
-        for node in (perception, robot):
-            resources.enter_context(_ending(nodes.start(node)))
-        command = [sys.executable, "-m", "armguard", "run", str(cell), "--json"]
-        command += ["--obstacles", obstacles, "--joints", joints, "--verdicts", verdicts]
-        command += ["--view", frames, "--duration", str(duration)]
-        monitor = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=None if as_json else subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C reaches it through us, so that it ends first
-        )
-        resources.enter_context(_ending(monitor))
-        summary = _watch(monitor, frames, console, live=not as_json)
-    if as_json:
-        sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
-    else:
-        console.print(draw_summary(summary))
-    return 0
+        parts = {
+            "perception": nodes.start(perception, errors),
+            "robot": nodes.start(robot, errors),
+        }
+        for node in parts.values():
+            resources.enter_context(_ending(node))
+        page = None
+        if view:
+            page = resources.enter_context(launch(frames, port))
+            console.print(f"see it in the browser: {page.url}", soft_wrap=True)
+            if open_browser:
+                webbrowser.open(page.url)
+        watcher = Watcher(monitor, parts, page, log, console, live=not as_json)
+        summary, problem = watcher.run(frames)
+    if summary is not None:
+        if as_json:
+            sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
+        else:
+            console.print(draw_summary(summary))
+    if problem:
+        complain(problem)
+    return COMPLAINT if problem else 0
 
 
 @contextlib.contextmanager
@@ -155,51 +158,3 @@ def _ending(process: subprocess.Popen[bytes]) -> Iterator[None]:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-
-
-def _watch(
-    monitor: subprocess.Popen[bytes], frames: str, console: Console, *, live: bool
-) -> dict[str, Any]:
-    """Show frames until the monitor ends, or Ctrl-C ends it; its summary."""
-    context = zmq.Context()
-    try:
-        reader = context.socket(zmq.SUB)
-        reader.set(zmq.CONFLATE, 1)
-        reader.subscribe(b"")
-        reader.connect(frames)
-        table = Live(console=console, auto_refresh=False, transient=True)
-        with console.status("starting (the first start compiles for a minute)") as waiting:
-            while monitor.poll() is None and not reader.poll(round(1000 * REFRESH)):
-                pass
-            waiting.stop()
-            with table if live else contextlib.nullcontext():
-                while monitor.poll() is None:
-                    if reader.poll(round(1000 * REFRESH)):
-                        message = decode_message(reader.recv())
-                        if live and isinstance(message, FrameMessage):
-                            table.update(draw_frame(message), refresh=True)
-                    time.sleep(REFRESH)
-    except KeyboardInterrupt:
-        monitor.send_signal(signal.SIGINT)
-    finally:
-        context.destroy(linger=0)
-    output, _ = monitor.communicate(timeout=END_TIMEOUT)
-    if monitor.returncode != 0:
-        raise ArmguardError("armguard run", f"ended with exit code {monitor.returncode}")
-    summary: dict[str, Any] = msgspec.json.decode(output)
-    return summary
-
-
-def draw_frame(frame: FrameMessage) -> Table:
-    """The live table."""
-    verdict, load = frame.verdict, frame.load
-    table = Table(title=f"armguard, {frame.now:.1f} s", show_header=False, width=78)
-    table.add_row("level", f"[{COLORS[verdict.level]}]{verdict.level}[/]")
-    table.add_row("contact possible in", f"{verdict.contact_time:.3f} s")
-    table.add_row("stop time", f"{verdict.stop_time:.3f} s")
-    table.add_row("pair", f"{verdict.link} and {verdict.obstacle}" if verdict.link else "none")
-    if load is not None:
-        table.add_row("evaluations", str(load.evaluated))
-        table.add_row("tick p50 / p99", f"{1e6 * load.p50:.0f} / {1e6 * load.p99:.0f} µs")
-    table.add_row("why", escape("; ".join(verdict.reasons)))
-    return table

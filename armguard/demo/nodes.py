@@ -13,12 +13,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from types import FrameType
+from typing import IO
 
 import msgspec
 from numpy.typing import ArrayLike
 
-from armguard.exceptions import ArmguardError
+from armguard.ending import end_with
 from armguard.robot import Robot
 from armguard.simulation import (
     ObstacleSource,
@@ -51,9 +51,6 @@ WORK_CYCLE = 30.0
 
 BALL_CLEARANCE = 2.5
 """Distance that wandering balls keep from the arm's axis, in [m]."""
-
-START_TIMEOUT = 120.0
-"""How long to wait for the monitor, which compiles its kernels at the first start, in [s]."""
 
 
 def make_sources(duration: float, person: str, ball_count: int, seed: int) -> list[ObstacleSource]:
@@ -100,7 +97,7 @@ class Perception(msgspec.Struct, frozen=True, tag=True, kw_only=True):
         start = time.monotonic()
         sinks = [_Restamped(publisher, start) for publisher in publishers]
         tick = 0
-        while not _orphaned():
+        while True:
             for source, sink in zip(sources, sinks, strict=True):
                 source.publish(sink, time.monotonic() - start)
             tick += 1
@@ -133,7 +130,7 @@ class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
             _wait_for_monitor(self.verdicts)
             start = stamp = time.monotonic()
             tick = 0
-            while not _orphaned():
+            while True:
                 now = time.monotonic()
                 reader.latest()
                 # Silence beyond `valid_until` is a scale of 0: it brakes, as on STOP.
@@ -182,39 +179,35 @@ class _Restamped:
         )
 
 
-_PARENT = os.getppid()
-
-
-def _orphaned() -> bool:
-    """Whether the process that started this one has gone."""
-    return os.getppid() != _PARENT
-
-
 def _wait_for_monitor(verdicts: str) -> None:
-    """Return when a verdict has arrived."""
+    """Return when a verdict has arrived, however long the monitor compiles."""
     with VerdictReader(verdicts) as reader:
-        deadline = time.monotonic() + START_TIMEOUT
         while reader.latest(timeout=0.1) is None:
-            if _orphaned() or time.monotonic() > deadline:
-                raise ArmguardError(verdicts, f"no verdict within {START_TIMEOUT:g} s")
+            pass
 
 
-def _end(signal_number: int, frame: FrameType | None) -> None:
-    raise SystemExit(0)
+def start(node: Perception | RobotNode, log: IO[bytes]) -> subprocess.Popen[bytes]:
+    """Start a node as a process of its own, which ends with this one.
 
-
-def start(node: Perception | RobotNode) -> subprocess.Popen[bytes]:
-    """Start a node as a process of its own."""
-    command = [sys.executable, "-m", "armguard.demo.nodes", msgspec.json.encode(node).decode()]
-    # In a session of its own: a Ctrl-C while it still imports would end it with a traceback.
-    return subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
+    Args:
+        node: What it is to do.
+        log: Where it writes what goes wrong.
+    """
+    described = msgspec.json.encode(node).decode()
+    return subprocess.Popen(
+        [sys.executable, "-m", "armguard.demo.nodes", described, str(os.getpid())],
+        stdin=subprocess.DEVNULL,
+        stderr=log,
+        start_new_session=True,  # a Ctrl-C is the launcher's, which ends its processes in its order
+    )
 
 
 def main() -> None:
     """Run the node that the command line describes until it is told to end."""
-    signal.signal(signal.SIGTERM, _end)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launcher ends its processes in its order
-    node: Perception | RobotNode = msgspec.json.decode(sys.argv[1], type=Perception | RobotNode)
+    described, parent = sys.argv[1:]
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    end_with(int(parent))
+    node: Perception | RobotNode = msgspec.json.decode(described, type=Perception | RobotNode)
     node.run()
 
 

@@ -6,6 +6,7 @@ refused.
 
 from __future__ import annotations
 
+import errno
 import ipaddress
 import re
 import socket
@@ -47,12 +48,27 @@ def check_address(address: str) -> None:
 
 
 def check_free(address: str) -> None:
-    """Raise StreamError if another process answers on an ipc address.
+    """Raise StreamError if another process answers on an address, or listens there.
 
-    ZeroMQ would take the file away from it without a word; for TCP the system refuses by itself.
+    On ipc ZeroMQ would take the file away from it without a word; for TCP the system refuses by
+    itself, but a long start had better not come first.
     """
+    if address.startswith("ipc://"):
+        _check_path_free(address)
+    elif not address.endswith(":*"):
+        host, port = address.removeprefix("tcp://").rsplit(":", 1)
+        family = socket.AF_INET6 if host.startswith("[") else socket.AF_INET
+        try:
+            socket.create_server((host.strip("[]"), int(port)), family=family).close()
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                raise _in_use(address) from None
+            raise StreamError(address, f"cannot be used ({error.strerror})") from None
+
+
+def _check_path_free(address: str) -> None:
     path = address.removeprefix("ipc://")
-    if path == address or path.startswith("@"):
+    if path.startswith("@"):
         return
     try:
         if not stat.S_ISSOCK(Path(path).stat().st_mode):

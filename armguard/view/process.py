@@ -16,6 +16,8 @@ from types import TracebackType
 from typing import IO
 
 from armguard.exceptions import ArmguardError
+from armguard.streams.addresses import check_address
+from armguard.view.listening import listen
 
 START_TIMEOUT = 30.0
 END_TIMEOUT = 3.0
@@ -63,11 +65,20 @@ def launch(address: str, port: int = 0) -> ViewProcess:
         port: TCP port of the page on 127.0.0.1; 0: any that is free.
 
     Raises:
-        ArmguardError: The process ended, or did not listen in time.
+        ArmguardError: The address or port cannot be used, or the process did not listen in time.
     """
+    # Mistakes are told here, in one line: from the process there would be its own and ours.
+    check_address(address)
+    listen(port).close()
     command = [sys.executable, "-m", "armguard.view", address]
     command += ["--port", str(port), "--parent", str(os.getpid())]
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,  # a Ctrl-C while it still imports would end it with a traceback
+    )
     assert process.stdout is not None
     lines: queue.Queue[str] = queue.Queue()
     # A pipe cannot be read with a time limit on every system; a thread's queue can.

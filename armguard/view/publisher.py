@@ -10,7 +10,7 @@ from types import TracebackType
 
 import zmq
 
-from armguard.exceptions import ArmguardError
+from armguard.streams.addresses import check_address, check_free, explain, remove_file
 from armguard.view.feed import FrameMessage, SceneMessage, encode_message
 
 SCENE_INTERVAL = 15
@@ -29,10 +29,12 @@ class FramePublisher:
         problem: Why the last of these could not; empty if all were sent.
 
     Raises:
-        ArmguardError: The address is malformed or in use.
+        StreamError: The address is malformed, reaches beyond this machine, or is in use.
     """
 
     def __init__(self, address: str) -> None:
+        check_address(address)
+        check_free(address)
         self.dropped = 0
         self.problem = ""
         self._scene: SceneMessage | None = None
@@ -45,12 +47,8 @@ class FramePublisher:
         try:
             self._socket.bind(address)
         except zmq.ZMQError as error:
-            self.close()
-            raise ArmguardError(
-                f"view feed {address!r}",
-                f"cannot be bound: {error.strerror}",
-                expected='a free address such as "tcp://127.0.0.1:*"',
-            ) from error
+            self._context.destroy(linger=0)
+            raise explain(address, error) from None
         self.address = self._socket.get_string(zmq.LAST_ENDPOINT)
 
     def publish_scene(self, scene: SceneMessage) -> None:
@@ -69,6 +67,8 @@ class FramePublisher:
 
     def close(self) -> None:
         """Free the address; whatever is published afterwards is dropped."""
+        if not self._context.closed:
+            remove_file(self.address)
         self._context.destroy(linger=0)
 
     def __enter__(self) -> FramePublisher:

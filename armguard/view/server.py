@@ -9,7 +9,6 @@ next bundle only after it has drawn the last: a slow one misses moments, a hung 
 from __future__ import annotations
 
 import importlib.metadata
-import socket
 import time
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -18,11 +17,10 @@ import tornado.httpserver
 import tornado.web
 import tornado.websocket
 
-from armguard.exceptions import ArmguardError
 from armguard.view.drawing import show
 from armguard.view.latest import LatestValues, Reader
+from armguard.view.listening import LOOPBACK, listen
 
-LOOPBACK = "127.0.0.1"
 BROWSER_LIMIT = 16
 DONE = "done"
 _LOCAL_NAMES = ("127.0.0.1", "localhost", "::1")
@@ -73,7 +71,7 @@ class ViewServer:
             websocket_max_message_size=64,
             log_function=_log_nothing,
         )
-        listener = _listen(port)
+        listener = listen(port)
         self._server = tornado.httpserver.HTTPServer(application)
         self._server.add_socket(listener)
         self.url = f"http://{LOOPBACK}:{listener.getsockname()[1]}/"
@@ -184,22 +182,6 @@ class BrowserSocket(_LocalOnly, tornado.websocket.WebSocketHandler):
             return
         # A browser that goes away while it is being written to is no error.
         sending.add_done_callback(lambda future: future.cancelled() or future.exception())
-
-
-def _listen(port: int) -> socket.socket:
-    try:
-        # A number out of range would be wrapped around by the system, not refused.
-        if not 0 <= port <= 65535:
-            raise OSError("there is no such port")
-        listener = socket.create_server((LOOPBACK, port))
-    except OSError as error:
-        raise ArmguardError(
-            f"port {port} on {LOOPBACK}",
-            f"cannot be used by the view: {error}",
-            remedy="name another port, or 0 for any that is free",
-        ) from error
-    listener.setblocking(False)
-    return listener
 
 
 def _log_nothing(handler: tornado.web.RequestHandler) -> None:

@@ -73,15 +73,26 @@ def test_what_cannot_be_sent_is_counted_and_never_raised():
     assert publisher.dropped == 2
 
 
-@pytest.mark.parametrize("address", ["nonsense", "tcp://127.0.0.1:notaport", "carrier://pigeon"])
+@pytest.mark.parametrize(
+    "address", ["nonsense", "tcp://127.0.0.1:notaport", "carrier://pigeon", "tcp://0.0.0.0:5704"]
+)
 def test_an_address_that_cannot_be_bound_is_named(address):
     with pytest.raises(ArmguardError, match=address.split(":")[0]):
         FramePublisher(address)
 
 
-def test_an_address_in_use_is_named():
+@pytest.mark.parametrize("scheme", ["tcp", "ipc"])
+def test_an_address_in_use_is_named(scheme, tmp_path):
     with (
-        FramePublisher("tcp://127.0.0.1:*") as publisher,
-        pytest.raises(ArmguardError, match="cannot be bound"),
+        FramePublisher(
+            {"tcp": "tcp://127.0.0.1:*", "ipc": f"ipc://{tmp_path}/feed"}[scheme]
+        ) as publisher,
+        pytest.raises(ArmguardError, match="in use"),
     ):
         FramePublisher(publisher.address)
+
+
+def test_a_closed_feed_leaves_no_file_behind(tmp_path):
+    with FramePublisher(f"ipc://{tmp_path}/feed"):
+        assert list(tmp_path.iterdir())
+    assert not list(tmp_path.iterdir())

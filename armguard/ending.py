@@ -1,0 +1,62 @@
+"""How a process of armguard ends: as Ctrl-C ends it, and with the process that started it.
+
+Nothing here needs a thread: a timer's signal looks after the parent, even while kernels compile.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from types import FrameType
+
+PARENT_CHECK_INTERVAL = 0.25
+"""Between two looks at whether the parent is still there, in [s]."""
+
+COMPLAINT = 1
+"""Exit code of a process that did what it was asked, until something else failed it."""
+
+INTERRUPTED = 130
+"""Exit code of a process that was ended before it had anything to show: 128 + SIGINT."""
+
+
+@contextlib.contextmanager
+def termination_as_interrupt() -> Iterator[None]:
+    """Inside, SIGTERM raises KeyboardInterrupt: one way of ending is enough to get right."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def end_with(parent: int) -> None:
+    """From now on, send this process SIGTERM when process `parent` is no longer its parent."""
+
+    def look(number: int, frame: FrameType | None) -> None:
+        if os.getppid() != parent:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    signal.signal(signal.SIGALRM, look)
+    # While Python shuts down its handlers are gone already, and an alarm would kill.
+    atexit.register(signal.setitimer, signal.ITIMER_REAL, 0.0)
+    signal.setitimer(signal.ITIMER_REAL, PARENT_CHECK_INTERVAL, PARENT_CHECK_INTERVAL)
+
+
+def describe_end(code: int) -> str:
+    """How a process has ended, for people: its exit code as `subprocess` tells it, in words."""
+    if code >= 0:
+        return f"with exit code {code}"
+    try:
+        return f"by {signal.Signals(-code).name}"
+    except ValueError:
+        return f"by signal {-code}"
+
+
+def complain(text: str) -> None:
+    """Write one line on standard error."""
+    sys.stderr.write(f"armguard: {text}\n")
