@@ -1,0 +1,404 @@
+import gc
+import itertools
+import math
+import subprocess
+import sys
+import tracemalloc
+
+import numpy as np
+import pinocchio
+import pytest
+from scenes import (
+    DAA_LAWS,
+    HOME,
+    PERIOD,
+    STILL,
+    kinds,
+    make_monitor,
+    panda,
+    see,
+    steps,
+)
+
+from armguard.exceptions import ArmguardError
+from armguard.monitor import ADVANCES
+from armguard.pair_reports import BUCKETS, bucket_of
+from armguard.pairs import TickState, evaluate
+from armguard.verdict import Level, ReasonKind
+
+SCHEDULES = ["full", "distance", *DAA_LAWS]
+
+
+def test_an_empty_cell_is_clear_and_says_why():
+    _, monitor = make_monitor()
+    (verdict,) = steps(monitor, 0, 1)
+    assert (verdict.level, verdict.contact_time) == (Level.CLEAR, math.inf)
+    assert (verdict.link, verdict.obstacle, verdict.evaluated) == (None, None, 0)
+    assert kinds(verdict) == {ReasonKind.NO_SOURCES}
+    assert (verdict.complete, verdict.speed_scale, verdict.sequence) == (True, 1.0, 1)
+
+
+def test_a_static_needs_no_source_and_never_ages():
+    obstacles, monitor = make_monitor()
+    obstacles.add_static("table", [1.5, 0.0, 0.0], 0.1)
+    first, *_, last = steps(monitor, 0, 3000)
+    assert first.contact_time == pytest.approx(last.contact_time, rel=1e-9)
+    assert 0.0 < first.contact_time < 2.0
+    assert first.obstacle == "table"
+
+
+def test_stop_time_speed_scale_and_validity_are_the_formulas():
+    robot, latency, reaction, rate = panda(), 0.004, 0.03, 500.0
+    obstacles, monitor = make_monitor(rate=rate, latency=latency, reaction_time=reaction)
+    horizon = 1.0 / rate + latency
+    for age, x in itertools.product((0.0, 0.01), (1.6, 2.0, 5.0, 20.0)):
+        monitor.reset()
+        obstacles.remove(list(filter(None, obstacles.ids)))
+        see(obstacles, 5.0, [x, 0.0, 0.5], (f"{age} {x}",))
+        v = 0.1 * robot.velocity_limit
+        verdict = monitor.step(5.0 - age, HOME, v, 5.0)
+        slowest = max(
+            min(top, abs(speed) + error + accel * (age + horizon + reaction)) / brake
+            for speed, top, error, accel, brake in zip(
+                v,
+                robot.velocity_limit,
+                robot.velocity_error,
+                robot.acceleration_limit,
+                robot.braking_deceleration,
+                strict=True,
+            )
+        )
+        assert verdict.stop_time == pytest.approx(horizon + reaction + slowest)
+        scale = (verdict.contact_time - horizon - reaction) * min(
+            robot.braking_deceleration / robot.velocity_limit
+        )
+        stopped = not verdict.contact_time > verdict.stop_time
+        assert (verdict.level is Level.STOP) == stopped
+        assert verdict.speed_scale == (0.0 if stopped else pytest.approx(min(max(scale, 0.0), 1.0)))
+        assert verdict.valid_until == pytest.approx(5.0 + horizon)
+        assert verdict.valid_until <= 5.0 + horizon
+        assert verdict.stamp == 5.0 - age
+
+
+def test_levels_fall_as_a_ball_comes_and_rise_after_it_has_gone():
+    obstacles, monitor = make_monitor()
+    path = np.concatenate([np.arange(6.0, 1.0, -0.002), np.arange(1.0, 6.0, 0.002)])
+    levels, times = [], []
+    for i, x in enumerate(path):
+        velocity = [[-2.0 if i < len(path) / 2 else 2.0, 0.0, 0.0]]
+        see(obstacles, i * PERIOD, [x, 0.0, 0.5], velocity=velocity, accel=math.inf)
+        (verdict,) = steps(monitor, i, 1)
+        levels.append(verdict.level)
+        times.append(verdict)
+    seen = [level for level, _ in itertools.groupby(levels)]
+    down, up = seen[: seen.index(Level.STOP) + 1], seen[seen.index(Level.STOP) :]
+    assert down == [Level.CLEAR, Level.AWARE, Level.SLOW, Level.STOP]
+    assert up == sorted(up)
+    assert up[-1] is Level.CLEAR
+    for before, verdict in itertools.pairwise(times):
+        earned = monitor._rule.grade(verdict.contact_time, verdict.stop_time)
+        assert verdict.level <= earned
+        assert (ReasonKind.HOLD in kinds(verdict)) == (verdict.level < earned)
+        assert (ReasonKind.CONTACT in kinds(verdict)) == (earned < Level.CLEAR)
+        if verdict.level > before.level:
+            recent = times[max(0, verdict.sequence - 301) : verdict.sequence]
+            lowest = min(monitor._rule.grade(one.contact_time, one.stop_time) for one in recent[2:])
+            assert verdict.level == lowest
+
+
+def all_times(monitor, obstacles, now, arm_age=0.0):
+    """Contact time of every pair, by a look of our own at the monitor's tick."""
+    state = TickState(
+        monitor._kinematics, monitor._motion, obstacles, margin=0.0, advances=ADVANCES,
+        by_distance=False,
+    )  # fmt: skip
+    state.begin(now, arm_age, monitor._state.opening_time)
+    links = len(panda().links)
+    rows = np.flatnonzero(obstacles.table.alive)
+    pairs = (rows[:, None] * links + np.arange(links)).ravel()
+    times = np.zeros(len(pairs))
+    evaluate(state, pairs, times, np.zeros(len(pairs), dtype=np.int64))
+    return dict(zip(pairs.tolist(), times.tolist(), strict=True))
+
+
+def test_full_sees_every_pair_while_ids_come_and_go():
+    rng = np.random.default_rng(0)
+    obstacles, monitor = make_monitor(ignore=[("panda_link1", "b*"), ("*", "c?")])
+    links = panda().links
+    for i in range(60):
+        names = [f"{kind}{n}" for kind in "abc" for n in range(9) if rng.random() < 0.5]
+        far = rng.normal(size=(len(names), 3))
+        far *= rng.uniform(1.5, 6.0, (len(names), 1)) / np.linalg.norm(far, axis=1, keepdims=True)
+        # A jump is refused and watched on both tracks; a removal starts anew.
+        obstacles.update(names, i * PERIOD, far, radius=0.1, snapshot=bool(rng.random() < 0.8))
+        (verdict,) = steps(monitor, i, 1)
+        watched = {
+            pair: time
+            for pair, time in all_times(monitor, obstacles, i * PERIOD).items()
+            if not obstacles.ids[pair // len(links)].startswith("c")
+            and not (
+                links[pair % len(links)] == "panda_link1"
+                and obstacles.ids[pair // len(links)][0] == "b"
+            )
+        }
+        assert verdict.contact_time == pytest.approx(min(watched.values(), default=math.inf))
+        assert verdict.complete
+        if watched:
+            pair = min(watched, key=watched.get)
+            assert verdict.link == links[pair % len(links)]
+            assert verdict.obstacle == obstacles.ids[pair // len(links)]
+        reported = {(one.link, one.obstacle) for one in monitor.pairs(10**6)}
+        assert len(reported) == len(watched)
+
+
+@pytest.mark.parametrize("schedule", SCHEDULES, ids=str)
+def test_a_new_obstacle_counts_in_its_first_tick(schedule):
+    obstacles, monitor = make_monitor(schedule)
+    far = [[30.0 + i, 0.0, 0.5] for i in range(40)]
+    for i in range(20):
+        see(obstacles, i * PERIOD, far, [f"far{k}" for k in range(40)])
+        steps(monitor, i, 1)
+    see(obstacles, 20 * PERIOD, [1.0, 0.0, 0.5], ["near"])
+    (verdict,) = steps(monitor, 20, 1)
+    assert (verdict.level, verdict.obstacle) == (Level.STOP, "near")
+    assert verdict.complete
+    obstacles.remove(["near"])
+    (verdict,) = steps(monitor, 21, 1)
+    assert verdict.contact_time > 1.0
+
+
+@pytest.mark.parametrize("corners", [1, 2, 8])
+def test_hulls_are_seen_whole(corners):
+    """A long body is as near as its nearest end."""
+    points = np.array([[6.0, 0.0, 0.5], [1.3, 0.0, 0.5]] * 4)[:corners]
+    points[2:] += np.random.default_rng(0).uniform(0.0, 0.2, (max(corners - 2, 0), 3))
+    obstacles, monitor = make_monitor()
+    obstacles.update(["body"], 0.0, points[None], radius=0.1)
+    (verdict,) = steps(monitor, 0, 1)
+    single, other = make_monitor()
+    see(single, 0.0, points[min(corners, 2) - 1])
+    (alone,) = steps(other, 0, 1)
+    assert verdict.contact_time <= alone.contact_time + 1e-12
+    assert verdict.contact_time >= 0.9 * alone.contact_time
+
+
+def random_calls(seed, count=300):
+    """What happens before each tick: reproducible, with refusals, removals, silence, a reset."""
+    rng = np.random.default_rng(seed)
+    positions = {f"o{k}": rng.uniform(-4.0, 4.0, 3) for k in range(12)}
+    for i in range(count):
+        actions = []
+        for name, place in positions.items():
+            place += rng.uniform(-0.002, 0.002, 3)
+            chance = rng.random()
+            if chance < 0.3:
+                actions.append(("see", name, place.copy()))
+            elif chance < 0.302:
+                actions.append(("see", name, place + 1.0))
+            elif chance < 0.304:
+                actions.append(("remove", name, None))
+        if rng.random() < 0.005:
+            actions.append(("reset", "", None))
+        yield i, actions, rng.uniform(-4e-4, 4e-4), rng.uniform(-1e-4, 1e-4, 7)
+
+
+def run(schedule, seed, start=0.0, base=None):
+    obstacles, monitor = make_monitor(schedule, base_placement=base)
+    move = (lambda x: x) if base is None else base.act
+    verdicts = []
+    for i, actions, age, wobble in random_calls(seed):
+        now = start + i * PERIOD
+        for action, name, place in actions:
+            if action == "see":
+                see(obstacles, now - 0.01, move(place), [name])
+            elif action == "remove" and obstacles.row(name) >= 0:
+                obstacles.remove([name])
+            elif action == "reset":
+                monitor.reset()
+        verdicts.append(monitor.step(now - age, HOME + wobble, STILL, now))
+    assert not {ReasonKind.INTERNAL_ERROR, ReasonKind.TIME_BACKWARDS} & set(
+        itertools.chain.from_iterable(map(kinds, verdicts))
+    )
+    return verdicts
+
+
+@pytest.mark.parametrize("schedule", SCHEDULES, ids=str)
+def test_a_replay_is_the_same_to_the_bit(schedule):
+    assert run(schedule, 5) == run(schedule, 5)
+
+
+@pytest.mark.parametrize("schedule", ["full", "daa"])
+def test_unix_time_works_as_time_near_zero_does(schedule):
+    near, far = run(schedule, 7), run(schedule, 7, start=1.7e9)
+    for one, other in zip(near, far, strict=True):
+        assert one.level == other.level
+        assert kinds(one) == kinds(other)
+        assert other.contact_time == pytest.approx(one.contact_time, rel=1e-5, abs=1e-5)
+
+
+def test_a_base_that_stands_elsewhere():
+    base = pinocchio.SE3(pinocchio.rpy.rpyToMatrix(0.3, -1.0, 2.0), np.array([3.0, -2.0, 1.0]))
+    for one, other in zip(run("full", 3), run("full", 3, base=base), strict=True):
+        assert other.contact_time == pytest.approx(one.contact_time, rel=1e-6, abs=1e-9)
+        assert (one.level, one.evaluated) == (other.level, other.evaluated)
+
+
+@pytest.mark.parametrize("lead", [0.0, 0.01, 0.04])
+def test_states_newer_than_now_count_their_lead(lead):
+    """What is known of a moment ahead says less about now than what is known of now."""
+    at_once, early = (make_monitor() for _ in range(2))
+    see(at_once[0], 0.0, [2.5, 0.0, 0.5])
+    see(early[0], lead, [2.5, 0.0, 0.5])
+    (now,) = steps(at_once[1], 0, 1)
+    ahead = early[1].step(lead, HOME, STILL, 0.0)
+    assert ahead.contact_time > 0.0
+    # Backwards in time the bodies can have been nearer, forwards the lead comes on top.
+    assert ahead.contact_time <= now.contact_time + lead + 1e-9
+    assert ahead.stop_time >= now.stop_time
+
+
+def test_reports_of_pairs():
+    obstacles, monitor = make_monitor("daa")
+    assert monitor.pairs() == []
+    see(obstacles, 0.0, [[1.5, 0.0, 0.5], [9.0, 0.0, 0.5]], ["near", "far"])
+    (verdict,) = steps(monitor, 0, 1)
+    reports = monitor.pairs()
+    assert len(reports) == 2 * len(panda().links)
+    assert [one.contact_time for one in reports] == sorted(one.contact_time for one in reports)
+    first = reports[0]
+    assert (first.link, first.obstacle) == (verdict.link, verdict.obstacle)
+    assert first.contact_time == verdict.contact_time
+    assert (first.age, first.bound) == (0.0, "isotropic")
+    assert np.linalg.norm(first.point_on_obstacle - [1.5, 0.0, 0.5]) == pytest.approx(0.1, abs=1e-4)
+    assert len(monitor.pairs(3)) == 3
+    obstacles.remove(["near"])
+    assert {one.obstacle for one in monitor.pairs()} == {"far"}
+    see(obstacles, 0.001, [math.nan, 0.0, 0.0], ["lost"])
+    steps(monitor, 1, 1)
+    lost = monitor.pairs()[0]
+    assert (lost.obstacle, lost.contact_time, lost.bucket) == ("lost", 0.0, 0)
+    assert np.isnan(lost.point_on_link).all()
+
+
+def test_buckets():
+    assert [bucket_of(time, 0.001) for time in (0.0, 0.001, 0.0019, 0.0021, 0.0041)] == [
+        0, 0, 0, 1, 2,
+    ]  # fmt: skip
+    for time in (65.537, 1e9, 1e308, math.inf, math.nextafter(65.536, 0.0)):
+        assert bucket_of(time, 0.001) == BUCKETS - 1
+    assert bucket_of(math.nan, 0.001) == 0
+    assert bucket_of(1e308, 5e-324) == BUCKETS - 1
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"rate": 0.0},
+        {"rate": math.inf},
+        {"rate": math.nan},
+        {"latency": -0.1},
+        {"margin": math.nan},
+        {"hold": math.inf},
+        {"freshness": 1.0},
+        {"freshness": math.nan},
+        {"motion": "hope"},
+        {"schedule": "sometimes"},
+        {"ignore": [("no_such_link", "*")]},
+        {"ignore": [("panda_hand", 3)]},
+        {"ignore": ["panda_hand"]},
+    ],
+    ids=str,
+)
+def test_settings_that_make_no_sense(wrong):
+    with pytest.raises(ArmguardError):
+        make_monitor(**wrong)
+
+
+def test_a_margin_counts_as_contact():
+    obstacles, monitor = make_monitor(margin=0.5)
+    plain, other = make_monitor()
+    for table in (obstacles, plain):
+        see(table, 0.0, [2.5, 0.0, 0.5])
+    assert steps(monitor, 0, 1)[0].contact_time < steps(other, 0, 1)[0].contact_time
+
+
+def test_memory_does_not_grow_while_ids_come_and_go():
+    obstacles, monitor = make_monitor("daa")
+
+    def churn(start, count):
+        for i in range(start, start + count):
+            names = [f"{i}-{k}" for k in range(8)]
+            far = np.full((8, 3), 5.0)
+            obstacles.update(names, i * PERIOD, far, radius=0.1, snapshot=True)
+            steps(monitor, i, 1)
+        monitor.pairs(4)
+        gc.collect()
+
+    churn(0, 550)  # Past the number of removals that are remembered.
+    tracemalloc.start()
+    churn(550, 550)  # By now all that is remembered was allocated under the tracer's eyes.
+    before, _ = tracemalloc.get_traced_memory()
+    churn(1100, 150)
+    after, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert after - before < 20_000
+
+
+COMPILED_IN_A_TICK = """
+import sys
+import numpy as np
+from numba.core import event
+from numba.core.dispatcher import Dispatcher
+from scenes import DAA_LAWS, HOME, STILL, make_monitor, see
+
+def kernels():
+    return {
+        (name, key): len(value.overloads)
+        for name, module in list(sys.modules.items()) if name.startswith("armguard")
+        for key, value in vars(module).items() if isinstance(value, Dispatcher)
+    }
+
+for schedule in ("full", "distance", *DAA_LAWS):
+    obstacles, monitor = make_monitor(schedule)
+    before = kernels()
+    with event.install_recorder("numba:compile") as recorder:
+        for i in range(40):
+            t = i * 1e-3
+            see(obstacles, t, [[1.2, 0, 0.5], [9, 0, 0.5]], ["near", "far"])
+            obstacles.update(["box"], t, np.full((1, 8, 3), 4.0), radius=0.1)
+            obstacles.update([f"brief{i}"], t, [[8.0, i, 0.0]], radius=0.1)
+            if i == 0:
+                obstacles.add_static("table", [2.0, 0.0, 0.0], 0.1)
+            if i > 2:
+                obstacles.remove([f"brief{i - 1}"])
+            if i == 10:
+                see(obstacles, t, [9.0, 3.0, 0.5], ["far"])
+            if i == 12:
+                see(obstacles, t, [float("nan"), 3.0, 0.5], ["far"])
+            if i == 20:
+                see(obstacles, t, [9.0, 0.0, 0.5], ["far"], accel=12.0)
+            if i == 24:
+                see(obstacles, t + 1.0, [9.0, 0.0, 0.5], ["far"])
+            if i == 30:
+                monitor.step(t, HOME * 9.0, STILL)
+                monitor.reset()
+            if i == 32:
+                names = [f"many{k}" for k in range(99)]
+                see(obstacles, t, np.full((99, 3), 7.0), names)
+            verdict = monitor.step(t, HOME, STILL, t + 1e-4)
+            monitor.pairs()
+            assert not any("inside" in str(reason) for reason in verdict.reasons), verdict
+    changed = {name for name, count in kernels().items() if before.get(name) != count}
+    assert not recorder.buffer and not changed, (schedule, changed, recorder.buffer)
+"""
+
+
+def test_nothing_is_compiled_in_a_tick(request):
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILED_IN_A_TICK],
+        cwd=request.path.parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
