@@ -57,6 +57,39 @@ def bound_levers(model: Any, joint: int, points: Floats, travel: Floats) -> Floa
         ArmguardError: A joint that moves the points is neither revolute nor prismatic, or slides
             without limits.
     """
+    reach, _ = _walk(model, joint, points, travel)
+    levers = np.zeros((len(points), model.nv))
+    levers[:, [model.idx_vs[number] for number in moving_joints(model, joint)]] = reach
+    return levers
+
+
+def bound_outlines(model: Any, joint: int, points: Floats, travel: Floats) -> tuple[Floats, Floats]:
+    """Where points can get to, seen from the axis of the first revolute joint that moves them.
+
+    Args:
+        model: As for `bound_levers`; at least one joint that moves the points is revolute.
+        joint: Index of the joint that carries the points.
+        points: In that joint's frame, in [m]. Shape (n, 3).
+        travel: Least and greatest joint positions; used for prismatic joints. Shape (nv, 2).
+
+    Returns:
+        Distance from that axis and height along it, in [m], of the corners of a polygon that
+        contains all that each point takes, up to a part with negative distances. Shape
+        (n, TANGENTS - 1, 2). And that axis, a unit vector in the frame of its joint. Shape (3,).
+    """
+    _, supports = _walk(model, joint, points, travel)
+    tangents = _tangents()
+    before, after = tangents[:-1], tangents[1:]
+    determinant = before[:, 0] * after[:, 1] - after[:, 0] * before[:, 1]
+    distance = supports[:, :-1] * after[:, 1] - supports[:, 1:] * before[:, 1]
+    height = supports[:, 1:] * before[:, 0] - supports[:, :-1] * after[:, 0]
+    first = next(k for k in moving_joints(model, joint) if not is_prismatic(model, k))
+    corners = np.stack([distance / determinant, height / determinant], axis=-1)
+    return corners, _axis_frame(model, first)[:, 2]
+
+
+def _walk(model: Any, joint: int, points: Floats, travel: Floats) -> tuple[Floats, Floats]:
+    """Levers of the joints that move the points, (n, joints), and supports, (n, TANGENTS)."""
     chain = moving_joints(model, joint)
     columns = [model.idx_vs[number] for number in chain]
     prismatic = np.array([is_prismatic(model, number) for number in chain])
@@ -74,19 +107,26 @@ def bound_levers(model: Any, joint: int, points: Floats, travel: Floats) -> Floa
         steps[k, :, :3] = frames[k - 1].T @ placement.rotation @ frames[k]
         steps[k, :, 3] = frames[k - 1].T @ placement.translation
 
-    angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, TANGENTS)
-    tangents = np.column_stack([np.cos(angle), np.sin(angle)])
-    # The outermost tangents bound the height alone, and the middle one the distance alone.
-    tangents[0], tangents[TANGENTS // 2], tangents[-1] = (0.0, -1.0), (1.0, 0.0), (0.0, 1.0)
+    tangents = _tangents()
     turn = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
     around = (1.0 + ROUNDING) / np.cos(np.pi / CORNERS)
     corners = around * np.column_stack([np.cos(turn), np.sin(turn)])
     circles = np.empty((_most_circles(prismatic), 3, 3))
     local, reach = np.ascontiguousarray(points @ frames[-1]), np.empty((len(points), len(chain)))
-    _walk_inwards(local, steps, prismatic, travel[columns], tangents, corners, circles, reach)
-    levers = np.zeros((len(points), model.nv))
-    levers[:, columns] = reach
-    return levers
+    supports = np.full((len(points), TANGENTS), np.inf)
+    _walk_inwards(
+        local, steps, prismatic, travel[columns], tangents, corners, circles, reach, supports
+    )
+    return reach, supports
+
+
+def _tangents() -> Floats:
+    """Directions of the tangents: distance and height. Shape (TANGENTS, 2)."""
+    angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, TANGENTS)
+    tangents = np.column_stack([np.cos(angle), np.sin(angle)])
+    # The outermost tangents bound the height alone, and the middle one the distance alone.
+    tangents[0], tangents[TANGENTS // 2], tangents[-1] = (0.0, -1.0), (1.0, 0.0), (0.0, 1.0)
+    return tangents
 
 
 def moving_joints(model: Any, joint: int) -> list[int]:
@@ -140,10 +180,14 @@ def _walk_inwards(
     corners: Floats,
     circles: Floats,
     levers: Floats,
+    outlines: Floats,
 ) -> None:
-    """Fill `levers`; a circle is its centre and two perpendicular radii, rows of a (3, 3) block."""
-    supports = np.empty(tangents.shape[0])
+    """Fill `levers`; a circle is its centre and two perpendicular radii, rows of a (3, 3) block.
+
+    `outlines` takes the supports of each point about the first revolute joint's axis.
+    """
     for i in range(points.shape[0]):
+        supports = outlines[i]
         circles[0, 0] = points[i]
         circles[0, 1:] = 0.0
         count = 1
@@ -155,12 +199,12 @@ def _walk_inwards(
             else:
                 single = count == 1
                 scale = max(scale, _bound_meridian(circles, count, tangents, corners, supports))
-                levers[i, j] = supports[tangents.shape[0] // 2] + ROUNDING * scale
+                for k in range(supports.shape[0]):
+                    supports[k] += ROUNDING * scale
+                levers[i, j] = supports[tangents.shape[0] // 2]
                 if single and _is_point(circles[0]):
                     _turn_point(circles)
                 else:
-                    for k in range(supports.shape[0]):
-                        supports[k] += ROUNDING * scale
                     count = _enclose(tangents, supports, circles)
             if j > 0:
                 _step(circles, count, steps[j])

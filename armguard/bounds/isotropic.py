@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.motion_model import check_vector, read_only
+from armguard.bounds.motion_model import check_question, check_vector, read_only
 from armguard.bounds.sums import (
     ROUNDING,
     compute_levers,
@@ -20,7 +20,6 @@ from armguard.bounds.sums import (
     turning_joints,
     velocity_error_terms,
 )
-from armguard.exceptions import ArmguardError
 from armguard.robot import Robot
 
 Floats = npt.NDArray[np.float64]
@@ -140,13 +139,7 @@ class IsotropicMotion:
         joint_count = len(robot.velocity_limit)
         position = check_vector("joint positions", q, joint_count)
         velocity = check_vector("joint velocities", v, joint_count)
-        local = check_vector("point", point, 3)
-        along = check_vector("direction", direction, 3)
-        if not abs(np.linalg.norm(along) - 1.0) <= 1e-9:
-            raise ArmguardError("direction", f"has length {np.linalg.norm(along)}", expected="1")
-        if not 0.0 <= t < np.inf:
-            raise ArmguardError("t", f"is {t} s", expected="finite and not negative")
-
+        local, along = check_question(point, direction, t)
         lever = compute_levers(robot, link, local[None])
         fastest = np.maximum(robot.velocity_limit, np.abs(velocity))
         speed = float(sum_levers(lever, fastest)[0])

@@ -60,3 +60,27 @@ def read_only(array: Floats) -> Floats:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def check_question(
+    point: npt.ArrayLike, direction: npt.ArrayLike, t: float
+) -> tuple[Floats, Floats]:
+    """The point and direction as float64.
+
+    Raises:
+        ArmguardError: A wrong shape, a value that is not finite, a direction that is no unit
+            vector, or a negative time.
+    """
+    local = check_vector("point", point, 3)
+    along = check_vector("direction", direction, 3)
+    if not abs(np.linalg.norm(along) - 1.0) <= 1e-9:
+        raise ArmguardError("direction", f"has length {np.linalg.norm(along)}", expected="1")
+    check_duration("t", t)
+    return local, along
+
+
+def check_duration(name: str, seconds: float) -> float:
+    """A time in [s], refused unless it is finite and not negative."""
+    if not 0.0 <= seconds < np.inf:
+        raise ArmguardError(name, f"is {seconds} s", expected="finite and not negative")
+    return float(seconds)

@@ -48,11 +48,13 @@ def compute_levers(robot: Robot, link: str, points: npt.ArrayLike) -> Floats:
             f"have shape {places.shape} or are not finite",
             expected="finite numbers, shape (n, 3)",
         )
+    return bound_levers(robot.model, robot.joint_index(link), places, widened_ranges(robot))
+
+
+def widened_ranges(robot: Robot) -> Floats:
+    """Joint ranges widened by twice the position error. Shape (nv, 2)."""
     slack = 2.0 * robot.position_error
-    travel = np.column_stack(
-        [robot.lower_position_limit - slack, robot.upper_position_limit + slack]
-    )
-    return bound_levers(robot.model, robot.joint_index(link), places, travel)
+    return np.column_stack([robot.lower_position_limit - slack, robot.upper_position_limit + slack])
 
 
 def turning_joints(robot: Robot, link: str) -> npt.NDArray[np.bool_]:
@@ -77,6 +79,17 @@ def sum_accelerations(lever: Floats, fastest: Floats, acceleration_limit: Floats
     moving = np.where(lever > 0.0, fastest, 0.0)
     before = np.cumsum(moving, axis=1) - moving
     bound: Floats = np.sum(lever * (acceleration_limit + moving * (moving + 2.0 * before)), axis=1)
+    return bound * (1.0 + ROUNDING)
+
+
+def sum_second_order(lever: Floats, displacements: Floats) -> Floats:
+    """Bound sum_ij R_max(i, j) |D_i| |D_j| / 2 on a path's departure from its tangent. Shape (n,).
+
+    The displacements, (nv,), are absolute.
+    """
+    moving = np.where(lever > 0.0, displacements, 0.0)
+    before = np.cumsum(moving, axis=1) - moving
+    bound: Floats = np.sum(lever * moving * (0.5 * moving + before), axis=1)
     return bound * (1.0 + ROUNDING)
 
 

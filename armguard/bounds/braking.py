@@ -1,0 +1,154 @@
+"""What the arm can still do while it brakes: each joint within what brakes guarantee and allow.
+
+Every joint is free for the reaction time; then it decelerates by at least what its brake
+guarantees and at most its acceleration limit, until it rests. One single deceleration would be no
+bound: a joint that stops sooner ends elsewhere.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+
+from armguard.bounds.joint_box import JointTable, set_columns, set_span
+from armguard.bounds.joint_limits import check_state
+from armguard.bounds.joint_space import JointSpaceMotion
+from armguard.bounds.motion_model import check_duration
+from armguard.bounds.sums import ROUNDING, sum_levers, sum_second_order
+from armguard.robot import Robot
+from armguard.verdict import compute_stop_time
+
+Floats = npt.NDArray[np.float64]
+
+FREE_NODES = 4
+"""Steps of the table before the brakes bite."""
+BRAKING_NODES = 28
+"""Steps of the table from then until the arm rests."""
+FREE_PARTS = np.linspace(0.0, 1.0, FREE_NODES + 1)
+BRAKING_PARTS = np.linspace(0.0, 1.0, BRAKING_NODES + 1)
+
+
+class BrakingMotion(JointSpaceMotion):
+    """Each joint moves freely for the reaction time and then brakes until it rests."""
+
+    interpolates = False
+
+    def __init__(
+        self,
+        robot: Robot,
+        reaction_time: float,
+        base_placement: pinocchio.SE3 | None = None,
+    ) -> None:
+        """Compute the levers of all spheres.
+
+        Args:
+            robot: The arm.
+            reaction_time: From command to braking torque, in [s], >= 0.
+            base_placement: Placement of the robot's base in the world; None: they coincide.
+
+        Raises:
+            ArmguardError: The reaction time is negative or not finite, or a limit of the robot is
+                missing or unusable.
+        """
+        super().__init__(robot, base_placement)
+        self.reaction_time = check_duration("reaction_time", reaction_time)
+        self._table = self._make_table(np.zeros(FREE_NODES + BRAKING_NODES + 1))
+
+    def stop_time(self, q: npt.ArrayLike, v: npt.ArrayLike, age: float, horizon: float) -> float:
+        """Time within which every joint surely rests, in [s] from now.
+
+        Args:
+            q: Measured joint positions, in [rad] or [m]. Shape (nv,).
+            v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
+            age: Now minus the stamp of the state, in [s]; a newer stamp counts as 0.
+            horizon: Until braking is commanded, in [s] from now.
+
+        Raises:
+            ArmguardError: The state is malformed or beyond its limits, or a time is unusable.
+        """
+        _, velocity = check_state(self._robot, self.limits, q, v)
+        return self._stop_time(velocity, age, check_duration("horizon", horizon))
+
+    def tabulate(self, q: Floats, v: Floats, age: float, horizon: float) -> JointTable:
+        """Fill the table of one tick; its last node is the stop time.
+
+        Args:
+            q: Measured joint positions, in [rad] or [m]. Shape (nv,), float64.
+            v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,), float64.
+            age: Now minus the stamp of the state, in [s]; negative where that is newer.
+            horizon: Until braking is commanded, in [s] from now.
+
+        Returns:
+            The table; always the same one, filled anew.
+
+        Raises:
+            ArmguardError: A vector has the wrong length, the state is not finite or beyond its
+                limits by more than its errors, or a time is unusable.
+        """
+        self._check_tick(q, v, age)
+        free = check_duration("horizon", horizon) + self.reaction_time
+        time, rest = self._table.time, self._stop_time(v, age, horizon)
+        time[: FREE_NODES + 1] = free * FREE_PARTS
+        time[FREE_NODES:] = free + (rest - free) * BRAKING_PARTS
+        self._fill(q, v, age, max(age, 0.0) + free, self._table)
+        return self._table
+
+    def stopping_volume(
+        self, q: npt.ArrayLike, v: npt.ArrayLike, age: float, horizon: float
+    ) -> Floats:
+        """Balls that contain all spheres of the arm at every time from now until it rests.
+
+        Args:
+            q: Measured joint positions, in [rad] or [m]. Shape (nv,).
+            v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
+            age: Now minus the stamp of the state, in [s]; negative where that is newer.
+            horizon: Until braking is commanded, in [s] from now.
+
+        Returns:
+            Centres and radii in the world, in [m], in the order of the arm's spheres; between
+            them they contain every link wherever it can get to. Shape (n, 4).
+
+        Raises:
+            ArmguardError: The state is malformed or beyond its limits, or a time is unusable.
+        """
+        position, velocity = check_state(self._robot, self.limits, q, v)
+        table = self.tabulate(position, velocity, age, horizon)
+        set_span(table, 0, len(table.time) - 1, 1.0)
+        high, low, size = table.span
+        middle, half = 0.5 * (high + low), 0.5 * (high - low)
+        jacobian = pinocchio.computeJointJacobians(self._robot.model, self._data, position)
+        volumes = np.empty((len(self.lever), 4))
+        row = 0
+        for link in self._robot.links:
+            joint = self._data.oMi[self._robot.joint_index(link)]
+            for x, y, z, radius in self._robot.cover.tree(link).spheres:
+                place = joint.act(np.array([x, y, z]))
+                set_columns(place[0], place[1], place[2], jacobian, table)
+                moving = np.where(self.lever[row] > 0.0, table.columns, 0.0)
+                center = place + moving @ middle
+                volumes[row, :3] = self._base.act(center)
+                volumes[row, 3] = radius + np.linalg.norm(moving, axis=0) @ half
+                row += 1
+        bent = sum_second_order(self.lever, size)
+        errors = sum_levers(self.lever, self.limits.position_error)
+        volumes[:, 3] += bent + self.slope_error @ size + errors
+        volumes[:, 3] += ROUNDING * np.abs(volumes).sum(axis=1)
+        return volumes
+
+    def _stop_time(self, velocity: Floats, age: float, horizon: float) -> float:
+        limits = self.limits
+        stop_time: float = compute_stop_time(
+            velocity,
+            limits.velocity_error,
+            limits.velocity,
+            limits.acceleration,
+            limits.braking,
+            age,
+            horizon,
+            self.reaction_time,
+        )
+        return stop_time
+
+    def _free_time(self) -> float:
+        return self.reaction_time

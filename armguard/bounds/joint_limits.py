@@ -1,0 +1,127 @@
+"""The limits of all joints for compiled code, refused unless every one of them is usable."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from armguard.bounds.motion_model import check_vector
+from armguard.exceptions import ArmguardError, RobotError
+from armguard.levers import is_prismatic
+from armguard.robot import Robot
+
+Floats = npt.NDArray[np.float64]
+
+SLACK = 1e-9
+"""What a sum of a limit and an error may be off by, in [rad], [m] or per second."""
+
+
+class JointLimits(NamedTuple):
+    """Limits and errors of all joints, in [rad] or [m] and [s]. Each has the shape (nv,)."""
+
+    lower: Floats
+    """Lower position limits; -inf for a continuous joint."""
+    upper: Floats
+    """Upper position limits; inf for a continuous joint."""
+    velocity: Floats
+    acceleration: Floats
+    braking: Floats
+    """Guaranteed decelerations."""
+    position_error: Floats
+    velocity_error: Floats
+
+
+def read_limits(robot: Robot) -> JointLimits:
+    """The robot's limits.
+
+    Raises:
+        RobotError: One of them is missing, zero, negative or not finite.
+    """
+    arrays = {
+        "lower": robot.lower_position_limit,
+        "upper": robot.upper_position_limit,
+        "velocity": robot.velocity_limit,
+        "acceleration": robot.acceleration_limit,
+        "braking": robot.braking_deceleration,
+        "position_error": robot.position_error,
+        "velocity_error": robot.velocity_error,
+    }
+    count = len(robot.joints)
+    for key, values in arrays.items():
+        if np.shape(values) != (count,):
+            raise RobotError(
+                f"{robot.name}: {key} limits",
+                f"have the shape {np.shape(values)}",
+                expected=f"({count},), one for each joint",
+            )
+    limits = JointLimits(**{key: np.array(values, float) for key, values in arrays.items()})
+    for j, joint in enumerate(robot.joints):
+        where = f"joint {joint!r}"
+        for key in ("velocity", "acceleration", "braking"):
+            value = getattr(limits, key)[j]
+            if not 0.0 < value < np.inf:
+                raise RobotError(where, f"{key} limit = {value}", expected="positive and finite")
+        for key in ("position_error", "velocity_error"):
+            value = getattr(limits, key)[j]
+            if not 0.0 <= value < np.inf:
+                raise RobotError(where, f"{key} = {value}", expected="non-negative and finite")
+        lower, upper = limits.lower[j], limits.upper[j]
+        slides = is_prismatic(robot.model, robot.model.getJointId(joint))
+        if not (lower < upper and (not slides or -np.inf < lower < upper < np.inf)):
+            raise RobotError(
+                where,
+                f"position limits = [{lower}, {upper}]",
+                expected="lower < upper, and both finite where it slides",
+            )
+        if not limits.braking[j] <= limits.acceleration[j]:
+            raise RobotError(
+                where,
+                f"braking = {limits.braking[j]} exceeds acceleration = {limits.acceleration[j]}",
+                remedy="the acceleration limit holds while braking as well",
+            )
+    return limits
+
+
+def check_state(
+    robot: Robot, limits: JointLimits, q: npt.ArrayLike, v: npt.ArrayLike
+) -> tuple[Floats, Floats]:
+    """A measured joint state as float64.
+
+    Raises:
+        ArmguardError: A vector has the wrong length or is not finite, or a joint is beyond its
+            limits by more than its errors; the message names it.
+    """
+    position = check_vector("joint positions", q, len(limits.lower))
+    velocity = check_vector("joint velocities", v, len(limits.lower))
+    refuse_flaw(robot, limits, position, velocity, find_flaw(position, velocity, limits))
+    return position, velocity
+
+
+@njit(error_model="numpy", cache=True)
+def find_flaw(q: Floats, v: Floats, limits: JointLimits) -> int:
+    """First joint whose state breaks its limits or is not finite, or -1."""
+    for j in range(q.shape[0]):
+        room = limits.position_error[j] + SLACK
+        allowed = limits.velocity[j] + limits.velocity_error[j] + SLACK
+        if not (
+            limits.lower[j] - room <= q[j] <= limits.upper[j] + room
+            and abs(q[j]) < np.inf
+            and abs(v[j]) <= allowed
+        ):
+            return j
+    return -1
+
+
+def refuse_flaw(robot: Robot, limits: JointLimits, q: Floats, v: Floats, flaw: int) -> None:
+    """Raise what `find_flaw` found, if anything."""
+    if flaw < 0:
+        return
+    ranges = f"{limits.lower[flaw]} to {limits.upper[flaw]}"
+    raise ArmguardError(
+        f"joint {robot.joints[flaw]!r}",
+        f"is at {q[flaw]} with velocity {v[flaw]}, beyond its limits by more than its errors",
+        expected=f"position {ranges}, velocity up to {limits.velocity[flaw]}",
+    )

@@ -1,0 +1,157 @@
+"""Where a link can be at all, whatever its joints do: workspace balls.
+
+`armguard.levers` encloses all that a point can take in a solid of revolution about the first
+revolute joint's axis; a ball with its centre on that axis contains the solid if it contains the
+circles on which its outline's corners turn. Its centre is put at the height that needs the least
+radius. Prismatic joints before that one carry the ball along, at most half their travel either
+way from the middle. Angle limits are not used, limits of travel are.
+
+For an obstacle far away this is the tightest bound there is: the arm stays in its ball for ever,
+so the obstacle alone moves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio
+
+from armguard.bounds.joint_limits import check_state, read_limits
+from armguard.bounds.motion_model import check_question, read_only
+from armguard.bounds.sums import ROUNDING, compute_levers, sum_levers, widened_ranges
+from armguard.enclosing_ball import enclose_points
+from armguard.levers import bound_outlines, is_prismatic, moving_joints
+from armguard.robot import Robot
+
+Floats = npt.NDArray[np.float64]
+
+
+class ReachMotion:
+    """Balls that links cannot leave, in the world.
+
+    A ball is an obstacle's partner that stands still: with accelerations and speeds of 0, no
+    error, and its radius in the contact distance, any contact kernel takes it.
+
+    Attributes:
+        link_balls: Centre and radius of a ball for each link, in [m], that contains all its
+            spheres in every configuration. Shape (L, 4).
+        arm_ball: Of a ball for the whole arm. Shape (4,).
+    """
+
+    def __init__(self, robot: Robot, base_placement: pinocchio.SE3 | None = None) -> None:
+        """Compute the balls; about as long as the levers take.
+
+        Args:
+            robot: The arm.
+            base_placement: Placement of the robot's base in the world; None: they coincide.
+
+        Raises:
+            RobotError: A limit of the robot is missing or unusable.
+        """
+        self._robot = robot
+        self._limits = read_limits(robot)
+        self._data = robot.model.createData()
+        self._base = pinocchio.SE3.Identity() if base_placement is None else base_placement
+        balls = []
+        for link in robot.links:
+            tree = robot.cover.tree(link)
+            leaves = tree.spheres[tree.child_count == 0]
+            balls.append(self._enclose(robot.joint_index(link), leaves))
+        self.link_balls = read_only(np.array(balls))
+        self.arm_ball = read_only(_enclose_balls(self.link_balls))
+
+    def advance(
+        self,
+        q: npt.ArrayLike,
+        v: npt.ArrayLike,
+        link: str,
+        point: npt.ArrayLike,
+        direction: npt.ArrayLike,
+        t: float,
+    ) -> float:
+        """Bound on a point's displacement along a direction at every time in [0, t], in [m].
+
+        How far the point can still go within its own ball, the same for every t; counted from
+        where the point truly is at the state's stamp. Arguments as in `MotionModel.advance`.
+
+        Raises:
+            ArmguardError: An unknown link, a wrong shape, a value that is not finite, a state
+                beyond its limits, a negative time, or a direction that is no unit vector.
+        """
+        robot = self._robot
+        position, _ = check_state(robot, self._limits, q, v)
+        local, along = check_question(point, direction, t)
+        lever = compute_levers(robot, link, local[None])
+        joint = robot.joint_index(link)
+        ball = self._enclose(joint, np.append(local, 0.0)[None])
+        pinocchio.forwardKinematics(robot.model, self._data, position)
+        place = self._base.act(self._data.oMi[joint].act(local))
+        missing = float(along @ (ball[:3] - place) + ball[3])
+        error = float(sum_levers(lever, robot.position_error)[0])
+        return max(0.0, missing + error + ROUNDING * float(np.abs(place).sum() + ball[3]))
+
+    def _enclose(self, joint: int, spheres: Floats) -> Floats:
+        """A ball in the world for spheres that ride a joint, (n, 4) in its frame. Shape (4,)."""
+        model = self._robot.model
+        travel = widened_ranges(self._robot)
+        middle = np.where(np.isfinite(travel).all(axis=1), travel.mean(axis=1), 0.0)
+        pinocchio.forwardKinematics(model, self._data, middle)
+        chain = moving_joints(model, joint)
+        turning = [number for number in chain if not is_prismatic(model, number)]
+        if turning:
+            outlines, axis = bound_outlines(model, joint, spheres[:, :3], travel)
+            height, radius = _lowest_radius(outlines, spheres[:, 3])
+            center = self._data.oMi[turning[0]].act(height * axis)
+            sliding = chain[: chain.index(turning[0])]
+        else:
+            middle_of, _ = enclose_points(spheres[:, :3])
+            distances = np.linalg.norm(spheres[:, :3] - middle_of, axis=1)
+            radius = float((distances + spheres[:, 3]).max())
+            center = self._data.oMi[joint].act(middle_of)
+            sliding = chain
+        radius += sum(0.5 * float(np.ptp(travel[model.idx_vs[number]])) for number in sliding)
+        center = self._base.act(center)
+        radius += ROUNDING * (radius + float(np.abs(center).sum()))
+        return np.append(center, radius)
+
+
+def _lowest_radius(outlines: Floats, radii: Floats) -> tuple[float, float]:
+    """Height on the axis, and the radius there, of the smallest ball around spheres on outlines.
+
+    Args:
+        outlines: Corners of each sphere centre's outline: distance, height. Shape (n, k, 2).
+        radii: Of the spheres. Shape (n,).
+    """
+
+    def radius(height: float) -> float:
+        reach = np.hypot(outlines[..., 0], outlines[..., 1] - height)
+        return float((reach + radii[:, None]).max())
+
+    # The radius is convex in the height.
+    low, high = float(outlines[..., 1].min()), float(outlines[..., 1].max())
+    for _ in range(60):
+        first, second = low + (high - low) / 3.0, high - (high - low) / 3.0
+        if radius(first) <= radius(second):
+            high = second
+        else:
+            low = first
+    height = 0.5 * (low + high)
+    return height, radius(height)
+
+
+def _enclose_balls(balls: Floats) -> Floats:
+    """A ball around all balls: the largest, grown just enough for each of the others in turn."""
+    order = np.argsort(-balls[:, 3])
+    ball: Floats = balls[order[0]].copy()
+    for other in balls[order[1:]]:
+        offset = other[:3] - ball[:3]
+        distance = float(np.linalg.norm(offset))
+        if distance + other[3] <= ball[3]:
+            continue
+        radius = 0.5 * (distance + other[3] + ball[3])
+        ball[:3] += offset * ((radius - ball[3]) / distance)
+        ball[3] = radius * (1.0 + ROUNDING) + ROUNDING * float(np.abs(ball[:3]).sum())
+    # Each step rounds; what was inside before is measured once more.
+    reaches = np.linalg.norm(balls[:, :3] - ball[:3], axis=1) + balls[:, 3]
+    ball[3] = max(ball[3], float(reaches.max()) * (1.0 + ROUNDING))
+    return ball

@@ -1,0 +1,214 @@
+"""Contact time of a sphere whose arm is bounded joint by joint, against a free obstacle.
+
+An interval [a, b] is free of contact if some unit vector n from sphere to obstacle proves it:
+
+    n.x - contact_distance - (arm's advance over [a, b]) - max(D2(a), D2(b)) > 0
+
+for every point of the obstacle's hull, D2 being its free bound, convex in time; the arm's advance
+comes from a table of joint displacements that serves all pairs. The search gallops: as long as
+intervals turn out free they grow, and where none of the witnesses tried proves one it is halved,
+at last within a single step of the table. What it reaches is a proved lower bound, whichever
+intervals and witnesses it took.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy.typing as npt
+from numba import njit
+from numpy import float64
+
+from armguard.bounds.joint_box import JointTable, advance_in_span, set_columns, set_span
+from armguard.bounds.sums import ROUNDING
+from armguard.bounds.travel import travel
+from armguard.hull import nearest_on_hull
+
+Floats = npt.NDArray[float64]
+
+FIRST_STRIDE = 4
+"""How many steps of the table the search takes at first."""
+HALVINGS = 3
+"""How often the step of the table in which it ends is halved."""
+
+
+@njit(error_model="numpy", cache=True)
+def _free_travel(closing: float, error: float, accel: float, top: float, s: float) -> float:
+    """A free body's way along a direction, `s` seconds from its stamp."""
+    if s == 0.0:
+        return 0.0
+    if s > 0.0:
+        return travel(closing + error, accel, top, s)
+    return travel(error - closing, accel, top, -s)
+
+
+@njit(error_model="numpy", cache=True)
+def _obstacle_room(
+    nx: float,
+    ny: float,
+    nz: float,
+    px: float,
+    py: float,
+    pz: float,
+    points: Floats,
+    velocities: Floats,
+    count: int,
+    accel: float,
+    speed: float,
+    velocity_error: float,
+    start: float,
+    end: float,
+) -> float:
+    """Least n.x over the hull at any time from `start` to `end`, counted from its stamp."""
+    least = math.inf
+    for k in range(count):
+        x, y, z = points[k, 0] - px, points[k, 1] - py, points[k, 2] - pz
+        ux, uy, uz = velocities[k, 0], velocities[k, 1], velocities[k, 2]
+        pace = math.sqrt(ux * ux + uy * uy + uz * uz) * (1.0 + ROUNDING)
+        top = speed if pace <= speed + velocity_error else pace + velocity_error
+        closing = -(nx * ux + ny * uy + nz * uz)
+        error = velocity_error + ROUNDING * pace
+        room = nx * x + ny * y + nz * z - ROUNDING * (abs(x) + abs(y) + abs(z))
+        room -= max(
+            _free_travel(closing, error, accel, top, start),
+            _free_travel(closing, error, accel, top, end),
+        )
+        if not room >= least:
+            least = room
+    return least
+
+
+@njit(error_model="numpy", cache=True)
+def _aim(
+    px: float,
+    py: float,
+    pz: float,
+    lever: Floats,
+    table: JointTable,
+    node: int,
+    points: Floats,
+    velocities: Floats,
+    count: int,
+    accel: float,
+    speed: float,
+    age: float,
+) -> tuple[float, float, float]:
+    """A witness for the time of a node: from the middle of where the sphere can be to the hull."""
+    x, y, z = px, py, pz
+    for j in range(lever.shape[0]):
+        if lever[j] > 0.0:
+            high = min(table.high[node, j], table.highest[j])
+            low = max(table.low[node, j], table.lowest[j])
+            middle = 0.5 * (high + low)
+            x += table.columns[0, j] * middle
+            y += table.columns[1, j] * middle
+            z += table.columns[2, j] * middle
+    ux, uy, uz = velocities[0, 0], velocities[0, 1], velocities[0, 2]
+    pace = math.sqrt(ux * ux + uy * uy + uz * uz)
+    carried = age + table.time[node]
+    if accel > 0.0:
+        # Beyond the time at which its speed bound bites it may go anywhere.
+        carried = min(carried, max(speed - pace, 0.0) / accel)
+    x, y, z = nearest_on_hull(x, y, z, points, velocities, count, carried)
+    length = math.sqrt(x * x + y * y + z * z)
+    return x / length, y / length, z / length
+
+
+@njit(error_model="numpy", cache=True)
+def table_contact_time(
+    px: float,
+    py: float,
+    pz: float,
+    jacobian: Floats,
+    lever: Floats,
+    slope_error: Floats,
+    table: JointTable,
+    points: Floats,
+    velocities: Floats,
+    count: int,
+    accel: float,
+    speed: float,
+    velocity_error: float,
+    age: float,
+    contact_distance: float,
+    free_until: float,
+) -> float:
+    """Earliest time at which a sphere of the arm and a rounded hull could touch.
+
+    Args:
+        px: Centre of the sphere at the arm's stamp, in the world, in [m].
+        py: As px.
+        pz: As px.
+        jacobian: Pinocchio's `data.J` at the arm's stamp, in the world. Shape (6, nv).
+        lever: The sphere's row of the motion's `lever`. Shape (nv,).
+        slope_error: The sphere's row of the motion's `slope_error`. Shape (nv,).
+        table: What the motion's `tabulate` filled for this tick.
+        points: Corners of the obstacle's hull at its stamp, in [m]. Shape (8, 3).
+        velocities: Their velocities, in [m]/[s]. Shape (8, 3).
+        count: How many of the corners count.
+        accel: Bound on each corner's acceleration, in [m]/[s²]; may be inf.
+        speed: Bound on each corner's speed, in [m]/[s]; may be inf.
+        velocity_error: What their velocities may be off by, in [m]/[s].
+        age: Now minus the obstacle's stamp, in [s].
+        contact_distance: Both radii, margin and position errors, the arm's included, in [m].
+        free_until: Time in [s] that another proof has shown free of contact; 0: none.
+
+    Returns:
+        Time from now in [s], no earlier than `free_until`, before which there is no contact. The
+        end of the table is the most that it can say by itself.
+    """
+    time = table.time
+    nodes = time.shape[0] - 1
+    reached = free_until if free_until > 0.0 else 0.0
+    usable = (
+        count >= 1
+        and contact_distance >= 0.0
+        and accel >= 0.0
+        and speed >= 0.0
+        and velocity_error >= 0.0
+        and abs(age) < math.inf
+    )
+    if not usable or not reached < time[nodes]:
+        return reached
+    first = 0
+    while time[first + 1] <= reached:
+        first += 1
+    set_columns(px, py, pz, jacobian, table)
+    stride = FIRST_STRIDE
+    part, proved, failed = 1.0, 0.0, 1.0
+    halvings = 0
+    nx = ny = nz = math.nan
+    while first < nodes:
+        last = min(first + stride, nodes)
+        end = time[first] + part * (time[last] - time[first])
+        set_span(table, first, last, part)
+        free = False
+        if halvings == 0:
+            nx, ny, nz = _aim(
+                px, py, pz, lever, table, last, points, velocities, count, accel, speed, age
+            )
+        room = _obstacle_room(
+            nx, ny, nz, px, py, pz, points, velocities, count,
+            accel, speed, velocity_error, age + time[first], age + end,
+        )  # fmt: skip
+        room -= contact_distance * (1.0 + ROUNDING)
+        room -= advance_in_span(nx, ny, nz, jacobian, lever, slope_error, table)
+        free = room > 0.0
+        if free:
+            reached = max(reached, end * (1.0 - ROUNDING))
+        if halvings > 0 or (not free and stride == 1):
+            # Within the last step: between the part of it that is proved and the least that failed.
+            if free:
+                proved = part
+            else:
+                failed = part
+            if halvings == HALVINGS:
+                break
+            halvings += 1
+            part = 0.5 * (proved + failed)
+        elif free:
+            first = last
+            stride *= 2
+        else:
+            stride //= 2
+    return reached

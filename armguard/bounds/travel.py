@@ -1,0 +1,151 @@
+"""How far one coordinate can have gone by a given time, within its limits.
+
+A joint that is measured at q with velocity v may truly be anywhere within its errors of both. Its
+displacement from where it truly was at the stamp lies between `low` and `high`:
+
+- By acceleration and speed: the free body's bound, convex in time.
+- By position limits: it stays between the limits, or within what was measured beyond them.
+- At a stop: no joint is to run into one, but should it do so, it may be at rest at the limit from
+  the moment on at which it can have got there first, and come back from there.
+
+Before its stamp a joint was nowhere that its top speed does not reach. Both bounds, before they
+are clipped to the limits, are convex (`high`) and concave (`low`) functions of time.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from armguard.bounds.joint_limits import JointLimits
+from armguard.bounds.sums import ROUNDING
+
+Floats = npt.NDArray[np.float64]
+
+
+@njit(error_model="numpy", cache=True)
+def travel(start: float, accel: float, top: float, s: float) -> float:
+    """Way along a direction within `s` >= 0 seconds of the fastest body that starts at `start`.
+
+    It accelerates at `accel` up to `top` and may be negative; rounded up. Bounds may be infinite.
+    """
+    start = min(start, top)
+    reached = start + accel * s
+    if reached < top:
+        return s * (start + 0.5 * accel * s) + ROUNDING * s * (abs(start) + accel * s)
+    ramp = (top - start) / accel if start < top else 0.0
+    ramp = min(ramp, s)
+    return 0.5 * (start + top) * ramp + top * (s - ramp) + ROUNDING * top * s
+
+
+@njit(error_model="numpy", cache=True)
+def arrival(start: float, accel: float, top: float, room: float) -> float:
+    """Earliest time at which that body can have gone `room`, rounded down; inf if never."""
+    if not room > 0.0:
+        return 0.0
+    if room == math.inf:
+        return math.inf
+    start = min(start, top)
+    ramp = (top - start) / accel
+    root = math.sqrt(start * start + 2.0 * accel * room)
+    time = 2.0 * room / (start + root) if start >= 0.0 else (root - start) / accel
+    if time > ramp:
+        time = ramp + (room - 0.5 * (start + top) * ramp) / top
+    return time * (1.0 - ROUNDING)
+
+
+@njit(error_model="numpy", cache=True)
+def rise(
+    velocity: float, accel: float, top: float, room_below: float, below: float, s: float
+) -> float:
+    """Greatest displacement `s` seconds from the stamp, before it is clipped.
+
+    `velocity` is the greatest that the joint may have had; `room_below` is how far down its stop
+    is at the least, and `below` when it can have got there first.
+    """
+    if s < 0.0:
+        return -top * s * (1.0 + ROUNDING)
+    highest = travel(velocity, accel, top, s)
+    if s > below:
+        highest = max(highest, travel(0.0, accel, top, s - below) - max(room_below, 0.0))
+    return highest
+
+
+@njit(error_model="numpy", cache=True)
+def brake(velocity: float, accel: float, deceleration: float, s: float) -> float:
+    """Greatest way within `s` seconds of braking from a velocity of at most `velocity`.
+
+    A joint that goes the right way decelerates by at least `deceleration`, one that goes the other
+    way by at most `accel`, each until it rests.
+    """
+    slows = deceleration if velocity > 0.0 else accel
+    until = min(s, abs(velocity) / slows)
+    way = until * (abs(velocity) - 0.5 * slows * until)
+    return math.copysign(way, velocity) + ROUNDING * way
+
+
+@njit(error_model="numpy", cache=True)
+def _settle(
+    velocity: float,
+    accel: float,
+    top: float,
+    deceleration: float,
+    highest: float,
+    room_below: float,
+    below: float,
+    free: float,
+    s: float,
+) -> float:
+    """`rise` of a joint that brakes from `free` seconds after the stamp on."""
+    displacement = rise(velocity, accel, top, room_below, below, min(s, free))
+    if s > free:
+        pace = min(top, velocity + accel * free)
+        if free > below:
+            pace = max(pace, min(top, accel * (free - below)))
+        displacement = min(displacement, highest) + brake(pace, accel, deceleration, s - free)
+    # One that stops at its limit below gets no further down, however fast it was.
+    return max(displacement, -max(room_below, 0.0))
+
+
+@njit(error_model="numpy", cache=True)
+def fill_displacements(
+    q: Floats,
+    v: Floats,
+    age: float,
+    free: float,
+    limits: JointLimits,
+    time: Floats,
+    high: Floats,
+    low: Floats,
+    highest: Floats,
+    lowest: Floats,
+) -> None:
+    """Fill the least and greatest displacements at the times `age` + `time` from the stamp.
+
+    Joints are free to move for `free` seconds from their stamp, then brake; inf: they never do.
+    `high` and `low`, shape (nodes, nv), are not yet clipped to `highest` and `lowest`, (nv,).
+    """
+    for j in range(q.shape[0]):
+        accel, top = limits.acceleration[j], max(limits.velocity[j], abs(v[j]))
+        up, down = v[j] + limits.velocity_error[j], -v[j] + limits.velocity_error[j]
+        error, braking = limits.position_error[j], limits.braking[j]
+        room_above, room_below = limits.upper[j] - q[j] - error, q[j] - limits.lower[j] - error
+        above = arrival(up, accel, top, room_above)
+        below = arrival(down, accel, top, room_below)
+        highest[j] = max(limits.upper[j] - q[j], 0.0) + error
+        lowest[j] = min(limits.lower[j] - q[j], 0.0) - error
+        for k in range(time.shape[0]):
+            s = age + time[k]
+            if s <= free:
+                high[k, j] = rise(up, accel, top, room_below, below, s)
+                low[k, j] = -rise(down, accel, top, room_above, above, s)
+            else:
+                high[k, j] = _settle(
+                    up, accel, top, braking, highest[j], room_below, below, free, s
+                )
+                low[k, j] = -_settle(
+                    down, accel, top, braking, -lowest[j], room_above, above, free, s
+                )
