@@ -43,6 +43,10 @@ def triangulate(name: str, geometry: Any) -> Array:
     Raises:
         RobotError: The geometry is empty, not finite, or of a kind that has no triangles.
     """
+    for key in ("radius", "halfLength", "halfSide"):
+        size = np.asarray(getattr(geometry, key, 1.0))
+        if not ((size > 0.0) & (size < np.inf)).all():
+            raise RobotError(name, f"has {key} = {size}", expected="positive and finite")
     if isinstance(geometry, coal.BVHModelBase):
         triangles = _mesh_triangles(geometry)
     elif isinstance(geometry, coal.Box):

@@ -70,6 +70,16 @@ def test_other_shapes_are_refused_by_name():
         triangulate("tip", coal.Cone(0.1, 0.2))
 
 
-def test_shapes_that_are_not_finite_are_refused_by_name():
-    with pytest.raises(RobotError, match="tip: has a vertex that is not finite"):
-        triangulate("tip", coal.Box(0.1, np.nan, 0.1))
+@pytest.mark.parametrize(
+    ("shape", "key"),
+    [
+        (coal.Box(0.1, np.nan, 0.1), "halfSide"),
+        (coal.Box(0.1, 0.1, -0.1), "halfSide"),
+        (coal.Sphere(0.0), "radius"),
+        (coal.Sphere(-1.0), "radius"),
+        (coal.Cylinder(0.1, np.inf), "halfLength"),
+    ],
+)
+def test_sizes_that_are_not_positive_and_finite_are_refused_by_name(shape, key):
+    with pytest.raises(RobotError, match=f"tip: has {key} = "):
+        triangulate("tip", shape)
