@@ -33,6 +33,10 @@ __all__ = [
 ]
 
 MAX_POINTS = 8
+PAIR_ARGUMENTS = (
+    "p1", "v1", "a1", "s1", "p2", "v2", "a2", "s2", "contact_distance",
+    "age1", "age2", "velocity_error1", "velocity_error2",
+)  # fmt: skip
 
 Floats = NDArray[np.float64]
 
@@ -205,9 +209,9 @@ def earliest_contact_pair(
     velocity_error2: ArrayLike = 0.0,
     advances: int = 8,
 ) -> Any:
-    """Earliest time at which two bodies could touch, each with bounds of its own.
+    """Earliest time at which two bodies could touch, each with bounds of its own (all broadcast).
 
-    Tighter than the relative form with the bounds added up. All arguments broadcast.
+    Tighter than the relative form with the bounds added up.
 
     Args:
         p1: Position of body 1 at its stamp, in [m]. Shape (..., 3).
@@ -273,35 +277,20 @@ def earliest_contact_hull(
     return _shaped(out, shape)
 
 
-def _pair_arrays(
-    p1: ArrayLike,
-    v1: ArrayLike,
-    a1: ArrayLike,
-    s1: ArrayLike,
-    p2: ArrayLike,
-    v2: ArrayLike,
-    a2: ArrayLike,
-    s2: ArrayLike,
-    contact_distance: ArrayLike,
-    age1: ArrayLike,
-    age2: ArrayLike,
-    velocity_error1: ArrayLike,
-    velocity_error2: ArrayLike,
-) -> tuple[tuple[int, ...], list[Floats]]:
+def _pair_arrays(*values: ArrayLike) -> tuple[tuple[int, ...], list[Floats]]:
     """The common shape, and the arrays checked, broadcast, flat and in the kernels' order."""
-    vectors = {"p1": _vectors("p1", p1), "v1": _vectors("v1", v1)}
-    hulls = {"p2": _vectors("p2", p2), "v2": _vectors("v2", v2)}
+    given = dict(zip(PAIR_ARGUMENTS, values, strict=True))
+    vectors = {name: _vectors(name, given[name]) for name in ("p1", "v1")}
+    hulls = {name: _vectors(name, given[name]) for name in ("p2", "v2")}
     scalars = {
-        "a1": _bounds("a1", a1),
-        "s1": _bounds("s1", s1),
-        "velocity_error1": _bounds("velocity_error1", velocity_error1),
-        "age1": np.asarray(age1, dtype=np.float64),
-        "a2": _bounds("a2", a2),
-        "s2": _bounds("s2", s2),
-        "velocity_error2": _bounds("velocity_error2", velocity_error2),
-        "age2": np.asarray(age2, dtype=np.float64),
-        "contact_distance": _bounds("contact_distance", contact_distance),
-    }
+        name: np.asarray(given[name], dtype=np.float64)
+        if name.startswith("age")  # which may be negative
+        else _bounds(name, given[name])
+        for name in (
+            "a1", "s1", "velocity_error1", "age1", "a2", "s2", "velocity_error2", "age2",
+            "contact_distance",
+        )
+    }  # fmt: skip
     for name, array in hulls.items():
         if array.ndim < 2:
             raise ArmguardError(name, f"has the shape {array.shape}", expected="(..., k, 3)")
