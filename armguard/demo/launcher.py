@@ -29,7 +29,7 @@ from armguard.exceptions import ArmguardError
 from armguard.summary import draw_summary
 from armguard.view.process import launch
 
-END_TIMEOUT = 10.0
+END_TIMEOUT = 3.0
 """How long a process may take to end when asked to, in [s]."""
 
 CELL = """\
@@ -149,12 +149,12 @@ def run_demo(
 @contextlib.contextmanager
 def _ending(process: subprocess.Popen[bytes]) -> Iterator[None]:
     """Whatever happens inside, the process is gone afterwards."""
-    try:
-        yield
-    finally:
-        process.terminate()
+    with process:  # waits for its end, and closes its pipes
         try:
-            process.wait(END_TIMEOUT)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+            yield
+        finally:
+            process.terminate()
+            try:
+                process.wait(END_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                process.kill()
