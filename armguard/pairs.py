@@ -9,7 +9,7 @@ answers is taken. All arrays are flat and belong to others; nothing here allocat
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -124,6 +124,7 @@ class TickState:
         self.bodies = table.accepted
         self.refused_bodies = table.refused_states
         self.marks = table.marks
+        self.arrays = (*self.tree, *self.arm, *self.bodies, *self.refused_bodies, *self.marks)
 
 
 def thread_tree(spheres: ArmSpheres) -> SphereTree:
@@ -232,11 +233,6 @@ def _link_time(
 @njit(error_model="numpy", cache=True)
 def _evaluate(
     pairs: IntArray,
-    tree: SphereTree,
-    arm: ArmArrays,
-    bodies: States,
-    refused_bodies: States,
-    marks: Marks,
     now: float,
     arm_age: float,
     margin: float,
@@ -247,8 +243,18 @@ def _evaluate(
     sphere_time: FloatArray,
     contact_times: FloatArray,
     nodes: IntArray,
+    *arrays: Any,
 ) -> int:
-    """Fill contact times and deciding nodes of `pairs`; evaluations spent."""
+    """Fill contact times and deciding nodes of `pairs`; evaluations spent.
+
+    `arrays` are the fields of tree, arm, accepted and refused bodies, and marks, in that order:
+    one by one they cross into compiled code three times faster than in tuples.
+    """
+    tree = SphereTree(*arrays[0:5])
+    arm = ArmArrays(*arrays[5:11])
+    bodies = States(*arrays[11:20])
+    refused_bodies = States(*arrays[20:29])
+    marks = Marks(*arrays[29:37])
     links = tree.root.shape[0]
     evaluations = 0
     for index in range(pairs.shape[0]):
@@ -318,11 +324,6 @@ def evaluate(state: TickState, pairs: IntArray, contact_times: FloatArray, nodes
     """
     spent: int = _evaluate(
         pairs,
-        state.tree,
-        state.arm,
-        state.bodies,
-        state.refused_bodies,
-        state.marks,
         state.now,
         state.arm_age,
         state.margin,
@@ -333,5 +334,6 @@ def evaluate(state: TickState, pairs: IntArray, contact_times: FloatArray, nodes
         state.sphere_time,
         contact_times,
         nodes,
+        *state.arrays,
     )
     return spent
