@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from armguard.compilation import kernel
 from armguard.hull_advancement import (
     FAR,
     SETTLED,
@@ -36,7 +36,7 @@ from armguard.witness import (
 )
 
 
-@njit(error_model="numpy", cache=True, forceinline=True)
+@kernel(forceinline=True)
 def _turn(x, y, z, vx1, vy1, vz1, carry1, vx2, vy2, vz2, carry2):  # type: ignore[no-untyped-def]
     return direction(
         x + vx2 * carry2 - vx1 * carry1,
@@ -45,7 +45,7 @@ def _turn(x, y, z, vx1, vy1, vz1, carry1, vx2, vy2, vz2, carry2):  # type: ignor
     )
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _turn_aged(  # type: ignore[no-untyped-def]
     x, y, z,
     vx1, vy1, vz1, margin1, top1, accel1, age1,
@@ -66,7 +66,7 @@ def _turn_aged(  # type: ignore[no-untyped-def]
     return cx, cy, cz, turned
 
 
-@njit(error_model="numpy", cache=True, forceinline=True)
+@kernel(forceinline=True)
 def ball_contact_time(  # type: ignore[no-untyped-def]
     x, y, z, contact_distance,
     vx1, vy1, vz1, accel1, speed1, velocity_error1, age1,
@@ -122,7 +122,7 @@ def ball_contact_time(  # type: ignore[no-untyped-def]
     return t
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _far_ball_contact_time(  # type: ignore[no-untyped-def]
     x, y, z, contact_distance,
     vx1, vy1, vz1, accel1, speed1, velocity_error1, age1,
@@ -140,7 +140,7 @@ def _far_ball_contact_time(  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _any_contact_time(  # type: ignore[no-untyped-def]
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, count, accel2, speed2, velocity_error2, age2,
@@ -160,7 +160,7 @@ def _any_contact_time(  # type: ignore[no-untyped-def]
     return t
 
 
-@njit(error_model="numpy", cache=True, forceinline=True)
+@kernel(forceinline=True)
 def trace_contact_time(  # type: ignore[no-untyped-def]
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, count, accel2, speed2, velocity_error2, age2,
@@ -186,7 +186,7 @@ def trace_contact_time(  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@njit(error_model="numpy", cache=True, forceinline=True)
+@kernel(forceinline=True)
 def pair_contact_time(  # type: ignore[no-untyped-def]
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, count, accel2, speed2, velocity_error2, age2,
@@ -213,7 +213,7 @@ def pair_contact_time(  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def pair_distance_time(  # type: ignore[no-untyped-def]
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, count, accel2, speed2, velocity_error2, age2,

@@ -11,7 +11,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.advancement import (
@@ -20,6 +19,7 @@ from armguard.advancement import (
     pair_distance_time,
     trace_contact_time,
 )
+from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError
 
 __all__ = [
@@ -57,7 +57,7 @@ class Certificate(NamedTuple):
     """Directions from body 1 to body 2, of length 1 but for rounding. Shape (k, 3)."""
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _pair_loop(  # type: ignore[no-untyped-def]
     p1, v1, a1, s1, e1, age1, points, velocities, a2, s2, e2, age2, distance, advances, out
 ):  # fmt: skip
@@ -77,7 +77,7 @@ def _pair_loop(  # type: ignore[no-untyped-def]
         )  # fmt: skip
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _trace_pair(  # type: ignore[no-untyped-def]
     p1, v1, a1, s1, e1, age1, points, velocities, a2, s2, e2, age2, distance, advances, trace
 ):  # fmt: skip
@@ -88,7 +88,7 @@ def _trace_pair(  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _relative_loop(position, velocity, distance, accel, speed, advances, out):  # type: ignore[no-untyped-def]
     for i in range(out.size):
         out[i] = ball_contact_time(
@@ -183,7 +183,7 @@ def earliest_contact(
         | {name: array.shape for name, array in scalars.items()}
     )
     out = np.empty(math.prod(shape))
-    _relative_loop(  # type: ignore[call-arg]
+    _relative_loop(
         *(_spread(array, shape, (3,)) for array in vectors.values()),
         *(_spread(array, shape, ()) for array in scalars.values()),
         _check_advances(advances),
@@ -273,7 +273,7 @@ def earliest_contact_hull(
         age1, age2, velocity_error1, velocity_error2,
     )  # fmt: skip
     out = np.empty(math.prod(shape))
-    _pair_loop(*arrays, steps, out)  # type: ignore[call-arg]
+    _pair_loop(*arrays, steps, out)
     return _shaped(out, shape)
 
 
@@ -338,7 +338,7 @@ def certify(
     if shape:
         raise ArmguardError("arguments", f"are {shape} pairs", expected="a single pair")
     trace = np.full((2 * steps, 4), math.nan)
-    contact_time = float(_trace_pair(*arrays, steps, trace))  # type: ignore[call-arg]
+    contact_time = float(_trace_pair(*arrays, steps, trace))
     used = trace[trace[:, 0] < contact_time]
     used = used[np.diff(used[:, 0], append=contact_time) > 0.0]
     return Certificate(contact_time, used[:, 0].copy(), used[:, 1:].copy())

@@ -13,13 +13,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from armguard.advancement import ball_contact_time
+from armguard.compilation import kernel
 from armguard.witness import NO_BOUND, SLACK
 
-BLOCK = 256
-COMMON = 1e60
+BLOCK = 128
+COMMON = 1e30
 GAIN = 1e-3  # a last advance that brings less than this share has settled its pair: the next
 # would bring about the square of it
 
@@ -30,7 +30,7 @@ X, Y, Z, VX, VY, VZ, DISTANCE, ACCEL, TOP, LENGTH, MARGIN, INVERSE, CARRY, TIME,
 ROWS = 15
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _copy(source, first, last, target, row):  # type: ignore[no-untyped-def]
     # Views of their own, so that no index can be negative: the loop becomes a plain copy.
     part = source[first:last]
@@ -39,7 +39,7 @@ def _copy(source, first, last, target, row):  # type: ignore[no-untyped-def]
         room[i] = part[i]
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _prepare(buffer):  # type: ignore[no-untyped-def]
     """What does not change from advance to advance; a length of NaN keeps a pair out."""
     for i in range(BLOCK):
@@ -56,13 +56,14 @@ def _prepare(buffer):  # type: ignore[no-untyped-def]
         common &= square * (1.0 + SLACK) <= speed * speed
         buffer[LENGTH + i] = length if common else math.nan
         buffer[MARGIN + i] = SLACK * size
-        buffer[INVERSE + i] = 1.0 / accel
+        # Only says when top speed is taken to be met, which need not be exact: single will do.
+        buffer[INVERSE + i] = np.float32(1.0) / np.float32(accel)
         buffer[TOP + i] = min(speed, NO_BOUND)
         buffer[TIME + i] = 0.0
         buffer[CARRY + i] = 0.0
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _advance(buffer):  # type: ignore[no-untyped-def]
     """One tangent advance of every pair of the block, as `witness.follow_forward` for one body."""
     for i in range(BLOCK):
@@ -113,7 +114,7 @@ def _advance(buffer):  # type: ignore[no-untyped-def]
         buffer[CARRY + i] = min(t, bite)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def batch_contact_times(  # type: ignore[no-untyped-def]
     x, y, z, vx, vy, vz, contact_distance, accel, speed, advances, times, before
 ):  # fmt: skip
@@ -141,10 +142,13 @@ def batch_contact_times(  # type: ignore[no-untyped-def]
         for _ in range(advances):
             _advance(buffer)
         _copy(buffer, TIME, TIME + last - first, times, first)
-        _copy(buffer, BEFORE, BEFORE + last - first, before, first)
+        if advances > 1:
+            _copy(buffer, BEFORE, BEFORE + last - first, before, first)
+    if advances == 1:
+        before[:] = 0.0
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def finish_contact_times(  # type: ignore[no-untyped-def]
     x, y, z, vx, vy, vz, contact_distance, accel, speed, advances, times, before
 ):  # fmt: skip

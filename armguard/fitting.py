@@ -15,9 +15,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from armguard.compilation import kernel
 from armguard.enclosing_ball import enclose_points
 from armguard.sphere_tree import GRID, Node, SphereTree, build_tree, enclose
 from armguard.surface_distance import compute_signed_distances, signed_distance
@@ -205,7 +205,7 @@ def _assign_pieces(pieces: Array, triangles: Array, centers: Array) -> list[Node
     ]
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _farthest_corners(centers, pieces, distances):  # type: ignore[no-untyped-def]
     for i in range(len(centers)):
         for j in range(len(pieces)):
@@ -218,7 +218,7 @@ def _farthest_corners(centers, pieces, distances):  # type: ignore[no-untyped-de
             distances[i, j] = math.sqrt(farthest)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _choose_greedily(needed, limit, chosen):  # type: ignore[no-untyped-def]
     """Fill `chosen` with the rows of a cover; return how many. Every column can be reached."""
     rows, columns = needed.shape
@@ -241,7 +241,7 @@ def _choose_greedily(needed, limit, chosen):  # type: ignore[no-untyped-def]
                 gains[i] -= needed[i, column] <= limit
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _protrusion_at(x, y, z, corners, triangles):  # type: ignore[no-untyped-def]
     farthest = 0.0
     for i in range(len(corners)):
@@ -250,7 +250,7 @@ def _protrusion_at(x, y, z, corners, triangles):  # type: ignore[no-untyped-def]
     return math.sqrt(farthest) + signed_distance(x, y, z, triangles)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _move_center(center, corners, triangles):  # type: ignore[no-untyped-def]
     """Pattern search for the centre from which a ball around the corners sticks out least."""
     extent = 0.0

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from armguard.compilation import kernel
 
 MAX_STEPS = 20
 TOLERANCE = 1e-13
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _nearest_on_segment(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
     """Weight of b in the point of segment a-b nearest to the origin."""
     dx, dy, dz = bx - ax, by - ay, bz - az
@@ -26,7 +26,7 @@ def _nearest_on_segment(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
     return min(1.0, max(0.0, -(ax * dx + ay * dy + az * dz) / square))
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):  # type: ignore[no-untyped-def]
     """Weights of b and c in the point of triangle a-b-c nearest to the origin."""
     px, py, pz = bx - ax, by - ay, bz - az
@@ -60,7 +60,7 @@ def _nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):  # type: ignore[no
     return best_b, best_c
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _carried(j, ox, oy, oz, points, velocities, carry):  # type: ignore[no-untyped-def]
     return (
         points[j, 0] - ox + velocities[j, 0] * carry,
@@ -69,7 +69,7 @@ def _carried(j, ox, oy, oz, points, velocities, carry):  # type: ignore[no-untyp
     )
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def nearest_on_hull(ox, oy, oz, points, velocities, count, carry):  # type: ignore[no-untyped-def]
     """Vector from (ox, oy, oz) to the hull of points[:count], each carried for `carry` seconds.
 

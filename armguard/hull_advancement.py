@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from armguard.compilation import kernel
 from armguard.hull import nearest_on_hull
 from armguard.witness import (
     LARGE,
@@ -28,13 +28,13 @@ SETTLED = 1.0 + 2.0**-44  # a smaller gain is nothing but rounding
 FAR = 1e100  # beyond, in [s], products with time may overflow
 
 
-@njit(error_model="numpy", cache=True, forceinline=True)
+@kernel(forceinline=True)
 def carry_time(s, bite):  # type: ignore[no-untyped-def]
     """How long a body is carried along its velocity until `s`, given when its speed bound bites."""
     return min(s, bite) if s >= 0.0 else max(s, -bite)
 
 
-@njit(error_model="numpy", cache=True, forceinline=True)
+@kernel(forceinline=True)
 def turn_hull(  # type: ignore[no-untyped-def]
     px, py, pz, vx, vy, vz, carry1, points, velocities, count, carry2
 ):  # fmt: skip
@@ -45,7 +45,7 @@ def turn_hull(  # type: ignore[no-untyped-def]
     return direction(x, y, z)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def hull_contact_time(  # type: ignore[no-untyped-def]
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, count, accel2, speed2, velocity_error2, age2,
@@ -121,12 +121,12 @@ def hull_contact_time(  # type: ignore[no-untyped-def]
     return t
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _scaled_bound(bound, exponent):  # type: ignore[no-untyped-def]
     return bound if bound == 0.0 else max(math.ldexp(bound, exponent), 2.0 * TINY)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def far_contact_time(  # type: ignore[no-untyped-def]
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, count, accel2, speed2, velocity_error2, age2,

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from armguard.compilation import kernel
 from armguard.plausibility import ALLOWED, JointHistory
 from armguard.robot import Robot
 from armguard.verdict import Reason, ReasonKind
@@ -154,7 +154,7 @@ class JointStates:
         self.stopping()
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _take_finite(values: FloatArray, into: FloatArray) -> int:
     """Copy the values if all are finite; otherwise the joint of the first that is not."""
     for joint in range(values.shape[0]):
@@ -164,7 +164,7 @@ def _take_finite(values: FloatArray, into: FloatArray) -> int:
     return NOBODY
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _find_outside(values: FloatArray, lower: FloatArray, upper: FloatArray) -> int:
     """First joint whose value is not between its limits."""
     for joint in range(values.shape[0]):
@@ -173,7 +173,7 @@ def _find_outside(values: FloatArray, lower: FloatArray, upper: FloatArray) -> i
     return NOBODY
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _find_runaway(
     q: FloatArray,
     v: FloatArray,

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 import pinocchio
 
+from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError
 from armguard.robot import Robot
 
@@ -178,7 +178,7 @@ def _view_data(data: Any, joint_count: int) -> tuple[Floats, Floats, Floats, Flo
     )
 
 
-@numba.njit(error_model="numpy", cache=True)
+@kernel
 def _move_spheres(
     rotation: Floats,
     translation: Floats,

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from armguard.compilation import kernel
 from armguard.obstacle_table import States
 from armguard.pairs import FloatArray, IntArray, TickState
 from armguard.plausibility import ALLOWED, body_allows
@@ -217,7 +217,7 @@ def _make_bodies(count: int) -> States:
     )
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _deadline(now: float, contact_time: float) -> float:
     """When a certificate ends; early by more than rounding costs, from now on to its last use."""
     if contact_time == np.inf:
@@ -225,7 +225,7 @@ def _deadline(now: float, contact_time: float) -> float:
     return now + contact_time - ROUNDING * (abs(now) + contact_time)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _record(
     pairs: IntArray,
     contact_times: FloatArray,
@@ -245,7 +245,7 @@ def _record(
         deciding[pair] = spheres[index]
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _anchor(pairs: IntArray, links: int, has_state: NDArray[np.bool_], *records: Any) -> None:
     """Keep the records that fresh certificates rest on; no points where there is no record.
 
@@ -270,7 +270,7 @@ def _anchor(pairs: IntArray, links: int, has_state: NDArray[np.bool_], *records:
         anchors.stamp[pair] = bodies.stamp[row]
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _test_anchors(
     pairs: IntArray,
     links: int,
@@ -327,7 +327,7 @@ def _test_anchors(
             outcomes[index] = BROKEN
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _earliest(
     pairs: IntArray, expiry: FloatArray, ticks: IntArray, now: float, tick: int
 ) -> tuple[int, float, int]:

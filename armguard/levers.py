@@ -22,10 +22,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
+from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError
 
 Floats = npt.NDArray[np.float64]
@@ -170,7 +170,7 @@ def _most_circles(prismatic: npt.NDArray[np.bool_]) -> int:
     return most
 
 
-@numba.njit(error_model="numpy", cache=True)
+@kernel
 def _walk_inwards(
     points: Floats,
     steps: Floats,
@@ -210,7 +210,7 @@ def _walk_inwards(
                 _step(circles, count, steps[j])
 
 
-@numba.njit(error_model="numpy", cache=True)
+@kernel
 def _bound_meridian(
     circles: Floats, count: int, tangents: Floats, corners: Floats, supports: Floats
 ) -> float:
@@ -231,19 +231,19 @@ def _bound_meridian(
     return largest
 
 
-@numba.njit(error_model="numpy", cache=True)
+@kernel
 def _is_point(circle: Floats) -> bool:
     return not (circle[1].any() or circle[2].any())
 
 
-@numba.njit(error_model="numpy", cache=True)
+@kernel
 def _turn_point(circles: Floats) -> None:
     """One point turns into exactly one circle."""
     x, y = circles[0, 0, 0], circles[0, 0, 1]
     _set_circle(circles[0], math.sqrt(x * x + y * y) * (1.0 + ROUNDING), circles[0, 0, 2])
 
 
-@numba.njit(error_model="numpy", cache=True)
+@kernel
 def _enclose(tangents: Floats, supports: Floats, circles: Floats) -> int:
     """Circles on which neighbouring tangents meet; how many there are."""
     count: int = tangents.shape[0] - 1
@@ -257,7 +257,7 @@ def _enclose(tangents: Floats, supports: Floats, circles: Floats) -> int:
     return count
 
 
-@numba.njit(error_model="numpy", cache=True)
+@kernel
 def _set_circle(circle: Floats, distance: float, height: float) -> None:
     circle[:] = 0.0
     circle[0, 2] = height
@@ -265,7 +265,7 @@ def _set_circle(circle: Floats, distance: float, height: float) -> None:
     circle[2, 1] = distance
 
 
-@numba.njit(error_model="numpy", cache=True)
+@kernel
 def _slide(circles: Floats, count: int, lowest: float, highest: float) -> int:
     """The circles at both ends of a prismatic joint's travel."""
     for k in range(count):
@@ -275,7 +275,7 @@ def _slide(circles: Floats, count: int, lowest: float, highest: float) -> int:
     return 2 * count
 
 
-@numba.njit(error_model="numpy", cache=True)
+@kernel
 def _step(circles: Floats, count: int, step: Floats) -> None:
     """Write circles in the axis frame of the joint before."""
     for k in range(count):

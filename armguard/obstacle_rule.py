@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from armguard.compilation import kernel
 from armguard.obstacle_table import Marks, Samples, States
 from armguard.plausibility import (
     ALLOWED,
@@ -40,7 +40,7 @@ NEGATIVE = 30
 FIELDS = ("position", "velocity", "radius", "accel", "speed", "position_error", "velocity_error")
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _move_to_world(samples: Samples, i: int, rotation: FloatArray, translation: FloatArray) -> None:
     moved = np.empty((2, 3))
     for k in range(samples.points.shape[1]):
@@ -55,7 +55,7 @@ def _move_to_world(samples: Samples, i: int, rotation: FloatArray, translation: 
             samples.velocities[i, k, axis] = moved[1, axis]
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _find_scalar_flaw(field: int, value: float, may_be_infinite: bool) -> int:
     if not (abs(value) < math.inf or (may_be_infinite and value == math.inf)):
         return NOT_FINITE + field
@@ -64,7 +64,7 @@ def _find_scalar_flaw(field: int, value: float, may_be_infinite: bool) -> int:
     return TAKEN
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _find_flaw(samples: Samples, i: int, speed_is_error: bool) -> tuple[int, float]:
     """Code and value of the first field that cannot be used as it is; TAKEN if all can."""
     flaw = _find_scalar_flaw(2, samples.radius[i], False)
@@ -100,9 +100,11 @@ def _find_flaw(samples: Samples, i: int, speed_is_error: bool) -> tuple[int, flo
     return TAKEN, 0.0
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _write(states: States, row: int, samples: Samples, i: int, stamp: float) -> None:
     count = samples.points.shape[1]
+    states.points[row] = 0.0
+    states.velocities[row] = 0.0
     for k in range(count):
         for axis in range(3):
             states.points[row, k, axis] = samples.points[i, k, axis]
@@ -116,7 +118,7 @@ def _write(states: States, row: int, samples: Samples, i: int, stamp: float) -> 
     states.stamp[row] = stamp
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _allows(states: States, row: int, samples: Samples, i: int, stamp: float) -> int:
     """`body_allows` between a stored state and a sample.
 
@@ -143,7 +145,7 @@ def _allows(states: States, row: int, samples: Samples, i: int, stamp: float) ->
     )
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _largest_step(before: FloatArray, after: FloatArray) -> float:
     largest = 0.0
     for k in range(min(before.shape[0], after.shape[0])):
@@ -154,7 +156,7 @@ def _largest_step(before: FloatArray, after: FloatArray) -> float:
     return largest
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _set_aside(
     accepted: States,
     refused: States,
@@ -200,7 +202,7 @@ def _set_aside(
     return code, value
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def take_samples(
     accepted: States,
     refused: States,

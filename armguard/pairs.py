@@ -12,10 +12,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from armguard.bounds import IsotropicMotion
+from armguard.compilation import kernel
 from armguard.contact import pair_contact_time, pair_distance_time
 from armguard.kinematics import ArmSpheres, Kinematics
 from armguard.obstacle_table import Marks, States
@@ -143,7 +143,7 @@ def thread_tree(spheres: ArmSpheres) -> SphereTree:
     return SphereTree(spheres.root, first_child, parent, skip, spheres.radius)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _link_time(
     link: int,
     row: int,
@@ -230,7 +230,7 @@ def _link_time(
     return best, best_node, evaluations
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _evaluate(
     pairs: IntArray,
     now: float,

@@ -15,9 +15,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ arm's joint stays tighter than its speed bound. Shape (anchors,).
 """
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def body_allows(
     points0: Array,
     velocities0: Array,
@@ -144,7 +144,7 @@ def body_allows(
     return ALLOWED
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _test_joint(
     limits: Array,
     reachable: Array,
@@ -186,7 +186,7 @@ def _test_joint(
     return ALLOWED
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _accept_joints(
     limits: Array,
     reachable: Array,

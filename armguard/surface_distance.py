@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from armguard.compilation import kernel
 
 Array = NDArray[np.float64]
 
@@ -31,13 +32,13 @@ def compute_signed_distances(points: Array, triangles: Array) -> Array:
     return distances
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _signed_distances(points, triangles, distances):  # type: ignore[no-untyped-def]
     for i in range(len(points)):
         distances[i] = signed_distance(points[i, 0], points[i, 1], points[i, 2], triangles)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def signed_distance(px, py, pz, triangles):  # type: ignore[no-untyped-def]
     """One value of `compute_signed_distances`, for compiled callers."""
     nearest = math.inf
@@ -62,7 +63,7 @@ def signed_distance(px, py, pz, triangles):  # type: ignore[no-untyped-def]
     return -distance if abs(solid_angle) > 2.0 * math.pi else distance
 
 
-@njit(error_model="numpy", cache=True, inline="always")
+@kernel(inline="always")
 def _segment_squared(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
     """Squared distance from the origin to segment ab."""
     ex, ey, ez = bx - ax, by - ay, bz - az
@@ -74,7 +75,7 @@ def _segment_squared(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
     return x * x + y * y + z * z
 
 
-@njit(error_model="numpy", cache=True, inline="always")
+@kernel(inline="always")
 def _squared_distance(ax, ay, az, bx, by, bz, cx, cy, cz):  # type: ignore[no-untyped-def]
     """Squared distance from the origin to triangle abc, degenerate ones included."""
     ux, uy, uz = bx - ax, by - ay, bz - az
@@ -97,6 +98,6 @@ def _squared_distance(ax, ay, az, bx, by, bz, cx, cy, cz):  # type: ignore[no-un
     )
 
 
-@njit(error_model="numpy", cache=True, inline="always")
+@kernel(inline="always")
 def _side(ax, ay, az, bx, by, bz, nx, ny, nz):  # type: ignore[no-untyped-def]
     return nx * (ay * bz - az * by) + ny * (az * bx - ax * bz) + nz * (ax * by - ay * bx)

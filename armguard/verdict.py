@@ -13,9 +13,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from armguard.compilation import kernel
 from armguard.contact import Certificate
 
 
@@ -117,7 +117,7 @@ class Verdict(NamedTuple):
     """Proof of the deciding pair, where asked for."""
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def compute_stop_time(
     velocity: NDArray[np.float64],
     velocity_error: NDArray[np.float64],

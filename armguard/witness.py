@@ -30,7 +30,7 @@ from __future__ import annotations
 import math
 import sys
 
-from numba import njit
+from armguard.compilation import kernel
 
 SLACK = 2.0**-49
 TINY = 1e-270
@@ -40,7 +40,7 @@ LONGEST = 1e305  # no step is longer, so that sums of times stay finite
 MAX_PIECES = 12  # seven, and a few for ends that rounding splits
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _measured_speed(vx, vy, vz, speed, velocity_error):  # type: ignore[no-untyped-def]
     """The speed bound that holds: `speed`, or what was measured where that breaks it."""
     allowed = speed + velocity_error
@@ -55,7 +55,7 @@ def _measured_speed(vx, vy, vz, speed, velocity_error):  # type: ignore[no-untyp
     return (norm + velocity_error) * (1.0 + SLACK)
 
 
-@njit(error_model="numpy", cache=True, forceinline=True)
+@kernel(forceinline=True)
 def limits(vx, vy, vz, accel, speed, velocity_error):  # type: ignore[no-untyped-def]
     """Top speed, and what is added to a measured closing speed: its error, and a few ulp of |v|.
 
@@ -73,7 +73,7 @@ def limits(vx, vy, vz, accel, speed, velocity_error):  # type: ignore[no-untyped
     return NO_BOUND if top > NO_BOUND else top, margin
 
 
-@njit(error_model="numpy", cache=True, forceinline=True)
+@kernel(forceinline=True)
 def usable_accel(accel):  # type: ignore[no-untyped-def]
     """The acceleration to reckon with: none where `limits` sees to it, never a vanishing one."""
     if accel == math.inf:
@@ -81,7 +81,7 @@ def usable_accel(accel):  # type: ignore[no-untyped-def]
     return TINY if 0.0 < accel < TINY else accel
 
 
-@njit(error_model="numpy", cache=True, forceinline=True)
+@kernel(forceinline=True)
 def are_bounds(accel, speed, velocity_error, age):  # type: ignore[no-untyped-def]
     """Whether bounds and age mean something, and hold the body back at all (NaN never does)."""
     return (
@@ -93,7 +93,7 @@ def are_bounds(accel, speed, velocity_error, age):  # type: ignore[no-untyped-de
     )
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _rescaled(x, y, z):  # type: ignore[no-untyped-def]
     largest = max(abs(x), abs(y), abs(z))
     if not (0.0 < largest < math.inf):
@@ -103,7 +103,7 @@ def _rescaled(x, y, z):  # type: ignore[no-untyped-def]
     return x, y, z, 1.0 / math.sqrt(x * x + y * y + z * z)
 
 
-@njit(error_model="numpy", cache=True, forceinline=True)
+@kernel(forceinline=True)
 def direction(x, y, z):  # type: ignore[no-untyped-def]
     """A vector along (x, y, z) and the inverse of its length; NaN for the zero vector.
 
@@ -115,12 +115,12 @@ def direction(x, y, z):  # type: ignore[no-untyped-def]
     return _rescaled(x, y, z)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _extreme_root(gap, slope, accel):  # type: ignore[no-untyped-def]
     return math.hypot(slope, math.sqrt(accel) * math.sqrt(gap) * math.sqrt(2.0))
 
 
-@njit(error_model="numpy", cache=True, forceinline=True)
+@kernel(forceinline=True)
 def _step(gap, slope, accel):  # type: ignore[no-untyped-def]
     """Largest h up to which gap - slope h - accel h^2 / 2 stays positive, for gap > 0."""
     square = slope * slope + 2.0 * accel * gap
@@ -139,14 +139,14 @@ def _step(gap, slope, accel):  # type: ignore[no-untyped-def]
     return step
 
 
-@njit(error_model="numpy", cache=True, forceinline=True)
+@kernel(forceinline=True)
 def _later(t, step):  # type: ignore[no-untyped-def]
     """The time `step` after `t`, rounded down, but never before `t`."""
     after = (t + step) * (1.0 - SLACK)
     return after if after > t else t
 
 
-@njit(error_model="numpy", cache=True, forceinline=True)
+@kernel(forceinline=True)
 def follow_forward(  # type: ignore[no-untyped-def]
     along, length, t, start1, inverse1, top1, accel1, s1, start2, inverse2, top2, accel2, s2
 ):  # fmt: skip
@@ -208,7 +208,7 @@ def follow_forward(  # type: ignore[no-untyped-def]
     return _later(t, past + _step(gap, slope, accel)), bite1, bite2
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def motion(closing, margin, top, accel, age, s):  # type: ignore[no-untyped-def]
     """One body's advance along a direction, `s` seconds from its stamp, either way.
 
@@ -238,7 +238,7 @@ def motion(closing, margin, top, accel, age, s):  # type: ignore[no-untyped-def]
     return advance, top, -advance / span, 0.0, 0.0, bite
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def follow_backward(  # type: ignore[no-untyped-def]
     along, length, t,
     closing1, margin1, inverse1, top1, accel1, age1,
@@ -286,7 +286,7 @@ def follow_backward(  # type: ignore[no-untyped-def]
     return t, bite1, bite2
 
 
-@njit(error_model="numpy", cache=True, forceinline=True)
+@kernel(forceinline=True)
 def follow(  # type: ignore[no-untyped-def]
     along, length, t,
     closing1, margin1, inverse1, top1, accel1, age1,

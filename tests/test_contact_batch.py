@@ -37,7 +37,7 @@ def _batch(pairs, advances, finish=None):
     return times
 
 
-@pytest.mark.parametrize("decades", [0.5, 3.0, 40.0, 150.0])
+@pytest.mark.parametrize("decades", [0.5, 3.0, 20.0, 150.0])
 def test_never_above_the_converged_time(decades):
     pairs = _pairs(np.random.default_rng(1), 5_000, decades)
     converged = earliest_contact(*pairs, advances=200)

@@ -6,7 +6,6 @@ sum_j R_j qd_j, and its acceleration at most sum_j R_j qdd_j + sum_ij R_max(i, j
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 import numpy.typing as npt
 import pinocchio
@@ -20,6 +19,7 @@ from armguard.bounds.sums import (
     turning_joints,
     velocity_error_terms,
 )
+from armguard.compilation import kernel
 from armguard.robot import Robot
 
 Floats = npt.NDArray[np.float64]
@@ -194,7 +194,7 @@ def free_advance(closing: float, accel: float, speed: float, t: float) -> float:
     return distance + ROUNDING * abs(distance)
 
 
-@numba.njit(error_model="numpy", cache=True)
+@kernel
 def _fill_velocity_error(
     velocity: Floats, limit: Floats, rate: Floats, floor: Floats, errors: Floats
 ) -> bool:

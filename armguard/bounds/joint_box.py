@@ -28,9 +28,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from armguard.bounds.sums import ROUNDING
+from armguard.compilation import kernel
 
 Floats = npt.NDArray[np.float64]
 Booleans = npt.NDArray[np.bool_]
@@ -85,7 +85,7 @@ def make_table(
     )
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def set_span(table: JointTable, first: int, last: int, part: float) -> None:
     """Fill `table.span` for the time from one node to a fraction of the way to another."""
     if not table.interpolates:
@@ -102,7 +102,7 @@ def set_span(table: JointTable, first: int, last: int, part: float) -> None:
         table.span[2, j] = max(high, -low)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _mean_slope(slope: float, spread: float, lever: float) -> float:
     """Mean over s in [0, 1] of min(slope + s spread, lever)."""
     if slope >= lever:
@@ -113,7 +113,7 @@ def _mean_slope(slope: float, spread: float, lever: float) -> float:
     return lever - 0.5 * missing * missing / spread
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def set_columns(px: float, py: float, pz: float, jacobian: Floats, table: JointTable) -> None:
     """Fill `table.columns` for the point p.
 
@@ -127,7 +127,7 @@ def set_columns(px: float, py: float, pz: float, jacobian: Floats, table: JointT
         table.columns[2, j] = jacobian[2, j] + ax * py - ay * px
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _set_bend(
     nx: float, ny: float, nz: float, jacobian: Floats, lever: Floats, table: JointTable
 ) -> None:
@@ -152,7 +152,7 @@ def _set_bend(
                 bend[1, j] -= min(one, other)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def advance_in_span(
     nx: float,
     ny: float,

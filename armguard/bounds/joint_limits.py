@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from armguard.bounds.motion_model import check_vector
+from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError, RobotError
 from armguard.levers import is_prismatic
 from armguard.robot import Robot
@@ -100,7 +100,7 @@ def check_state(
     return position, velocity
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def find_flaw(q: Floats, v: Floats, limits: JointLimits) -> int:
     """First joint whose state breaks its limits or is not finite, or -1."""
     for j in range(q.shape[0]):

@@ -7,7 +7,6 @@ from abc import ABC, abstractmethod
 import numpy as np
 import numpy.typing as npt
 import pinocchio
-from numba import njit
 
 from armguard.bounds.joint_box import (
     JointTable,
@@ -20,6 +19,7 @@ from armguard.bounds.joint_limits import check_state, find_flaw, read_limits, re
 from armguard.bounds.motion_model import check_question, read_only
 from armguard.bounds.sums import compute_levers, sum_levers, velocity_error_terms
 from armguard.bounds.travel import fill_displacements
+from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError
 from armguard.levers import is_prismatic
 from armguard.robot import Robot
@@ -128,7 +128,7 @@ def grid(nodes: int) -> Floats:
     return np.asarray(GRID_STEP * np.arange(nodes) ** 2.0, dtype=np.float64)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _largest_advance(
     along: Floats,
     place: Floats,

@@ -16,12 +16,12 @@ from __future__ import annotations
 import math
 
 import numpy.typing as npt
-from numba import njit
 from numpy import float64
 
 from armguard.bounds.joint_box import JointTable, advance_in_span, set_columns, set_span
 from armguard.bounds.sums import ROUNDING
 from armguard.bounds.travel import travel
+from armguard.compilation import kernel
 from armguard.hull import nearest_on_hull
 
 Floats = npt.NDArray[float64]
@@ -32,7 +32,7 @@ HALVINGS = 3
 """How often the step of the table in which it ends is halved."""
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _free_travel(closing: float, error: float, accel: float, top: float, s: float) -> float:
     """A free body's way along a direction, `s` seconds from its stamp."""
     if s == 0.0:
@@ -42,7 +42,7 @@ def _free_travel(closing: float, error: float, accel: float, top: float, s: floa
     return travel(error - closing, accel, top, -s)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _obstacle_room(
     nx: float,
     ny: float,
@@ -69,16 +69,15 @@ def _obstacle_room(
         closing = -(nx * ux + ny * uy + nz * uz)
         error = velocity_error + ROUNDING * pace
         room = nx * x + ny * y + nz * z - ROUNDING * (abs(x) + abs(y) + abs(z))
-        room -= max(
-            _free_travel(closing, error, accel, top, start),
-            _free_travel(closing, error, accel, top, end),
-        )
-        if not room >= least:
-            least = room
+        before = room - _free_travel(closing, error, accel, top, start)
+        after = room - _free_travel(closing, error, accel, top, end)
+        if math.isnan(before + after):
+            return math.nan
+        least = min(least, before, after)
     return least
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _aim(
     px: float,
     py: float,
@@ -114,7 +113,7 @@ def _aim(
     return x / length, y / length, z / length
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def table_contact_time(
     px: float,
     py: float,
@@ -174,6 +173,8 @@ def table_contact_time(
     while time[first + 1] <= reached:
         first += 1
     set_columns(px, py, pz, jacobian, table)
+    if not abs(table.columns.sum()) < math.inf:
+        return reached
     stride = FIRST_STRIDE
     part, proved, failed = 1.0, 0.0, 1.0
     halvings = 0

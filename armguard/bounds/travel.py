@@ -18,15 +18,15 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from armguard.bounds.joint_limits import JointLimits
 from armguard.bounds.sums import ROUNDING
+from armguard.compilation import kernel
 
 Floats = npt.NDArray[np.float64]
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def travel(start: float, accel: float, top: float, s: float) -> float:
     """Way along a direction within `s` >= 0 seconds of the fastest body that starts at `start`.
 
@@ -36,12 +36,11 @@ def travel(start: float, accel: float, top: float, s: float) -> float:
     reached = start + accel * s
     if reached < top:
         return s * (start + 0.5 * accel * s) + ROUNDING * s * (abs(start) + accel * s)
-    ramp = (top - start) / accel if start < top else 0.0
-    ramp = min(ramp, s)
+    ramp = min((top - start) / accel, s) if start < top and accel < math.inf else 0.0
     return 0.5 * (start + top) * ramp + top * (s - ramp) + ROUNDING * top * s
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def arrival(start: float, accel: float, top: float, room: float) -> float:
     """Earliest time at which that body can have gone `room`, rounded down; inf if never."""
     if not room > 0.0:
@@ -57,7 +56,7 @@ def arrival(start: float, accel: float, top: float, room: float) -> float:
     return time * (1.0 - ROUNDING)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def rise(
     velocity: float, accel: float, top: float, room_below: float, below: float, s: float
 ) -> float:
@@ -74,7 +73,7 @@ def rise(
     return highest
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def brake(velocity: float, accel: float, deceleration: float, s: float) -> float:
     """Greatest way within `s` seconds of braking from a velocity of at most `velocity`.
 
@@ -87,7 +86,7 @@ def brake(velocity: float, accel: float, deceleration: float, s: float) -> float
     return math.copysign(way, velocity) + ROUNDING * way
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _settle(
     velocity: float,
     accel: float,
@@ -110,7 +109,7 @@ def _settle(
     return max(displacement, -max(room_below, 0.0))
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def fill_displacements(
     q: Floats,
     v: Floats,

@@ -21,9 +21,9 @@ from __future__ import annotations
 from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError
 from armguard.schedules.arguments import (
     FloatArray,
@@ -75,7 +75,7 @@ class Table(NamedTuple):
     """Number of pairs, of flagged and of queued ones. Shape (3,)."""
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _add(members, index, counts, which, row):  # type: ignore[no-untyped-def]
     if index[row] < 0:
         index[row] = counts[which]
@@ -83,7 +83,7 @@ def _add(members, index, counts, which, row):  # type: ignore[no-untyped-def]
         counts[which] += 1
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _discard(members, index, counts, which, row):  # type: ignore[no-untyped-def]
     position = index[row]
     if position >= 0:
@@ -94,13 +94,13 @@ def _discard(members, index, counts, which, row):  # type: ignore[no-untyped-def
         index[row] = -1
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _queue(table, rows):  # type: ignore[no-untyped-def]
     for row in rows:
         _add(table.queued, table.queue_index, table.counts, _QUEUED, row)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _remove(table, rows):  # type: ignore[no-untyped-def]
     """Close each hole with the last pair; that one is due, since its new turn may be far off."""
     for row in rows:
@@ -115,7 +115,7 @@ def _remove(table, rows):  # type: ignore[no-untyped-def]
             _add(table.queued, table.queue_index, table.counts, _QUEUED, last)
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _collect(table, partition, tick, places):  # type: ignore[no-untyped-def]
     """Fill `places` with those in turn, ascending, then the queued ones; empty the queue."""
     found = compute_places_in_turn(partition, table.counts[_PAIRS], tick, places)
@@ -131,7 +131,7 @@ def _collect(table, partition, tick, places):  # type: ignore[no-untyped-def]
     return found
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def _put_in_order(table, partition, rows, times, order, places, tick, period, stop_time):  # type: ignore[no-untyped-def]
     """Give the ascending `places` to `rows[order]`; flag whom the next visit would find too late.
 

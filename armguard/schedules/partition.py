@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
-from numba import njit
 
+from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError
 from armguard.schedules.arguments import IntegerArray
 
@@ -46,7 +46,7 @@ def make_partition(law: PartitionLaw) -> Partition:
     return Partition(np.array(bases, dtype=np.int64), np.array(sizes, dtype=np.int64))
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def compute_places_in_turn(partition, count, tick, places):  # type: ignore[no-untyped-def]
     """The places to visit in a tick: bases[k] + tick mod sizes[k], where there is such a place.
 
@@ -70,7 +70,7 @@ def compute_places_in_turn(partition, count, tick, places):  # type: ignore[no-u
     return found
 
 
-@njit(error_model="numpy", cache=True)
+@kernel
 def compute_ticks_until_turn(base, size, place, tick):  # type: ignore[no-untyped-def]
     """Ticks after `tick` until a place comes round: 1 … size, and `size` for one just visited.
 

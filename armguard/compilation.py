@@ -1,0 +1,90 @@
+"""Compiled kernels, cached on disk under all the sources that they were made from.
+
+Numba renews a cached kernel when the kernel's own file changes, and by time stamp and size only. A
+kernel also contains the kernels and constants of other files that it uses, and files of a wheel all
+have one time stamp: a monitor must not run yesterday's bounds because of that. So every module's
+kernels are kept under a digest of its source and of all of armguard's sources that it imports.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numba
+
+config: Any = numba.config
+
+PACKAGE = Path(__file__).resolve().parent
+
+_IMPORT = re.compile(r"^\s*(?:from|import)\s+armguard\.([\w.]+)", re.MULTILINE)
+
+
+def kernel(function: Any = None, **options: Any) -> Any:
+    """Compile a function with NumPy's error model and strict floating point, and cache it.
+
+    Args:
+        function: What to compile.
+        options: Further options of `numba.njit`.
+    """
+
+    def compile_function(function: Any) -> Any:
+        before = config.CACHE_DIR
+        config.CACHE_DIR = str(find_cache(Path(function.__code__.co_filename)))
+        try:
+            # Python's error model costs two to four times as much, and fastmath would drop NaN.
+            return numba.njit(error_model="numpy", cache=True, **options)(function)
+        finally:
+            config.CACHE_DIR = before
+
+    return compile_function if function is None else compile_function(function)
+
+
+@functools.cache
+def find_cache(source: Path) -> Path:
+    """The folder for one module's kernels; those of its older versions beside it are removed.
+
+    Args:
+        source: The module's file.
+    """
+    name = f"kernels-{source.parent.name}-{source.stem}-"
+    place = name + digest_sources(source, PACKAGE)
+    if config.CACHE_DIR:  # by the user, as NUMBA_CACHE_DIR
+        return Path(config.CACHE_DIR) / place
+    beside = PACKAGE / "__pycache__"
+    if not os.access(beside if beside.exists() else PACKAGE, os.W_OK):
+        caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        return caches / "armguard" / place
+    for old in beside.glob(f"{name}*"):
+        if old.name != place:
+            shutil.rmtree(old, ignore_errors=True)
+    return beside / place
+
+
+def digest_sources(source: Path, package: Path) -> str:
+    """A digest of a module's source and of all sources of its package that it imports.
+
+    Args:
+        source: The module's file.
+        package: The folder of the package `armguard`.
+    """
+    sources: dict[Path, bytes] = {}
+    waiting = [source]
+    while waiting:
+        path = waiting.pop()
+        if path in sources:
+            continue
+        sources[path] = path.read_bytes()
+        for name in _IMPORT.findall(sources[path].decode()):
+            module = package.joinpath(*name.split("."))
+            found = (module.with_suffix(".py"), module / "__init__.py")
+            waiting.extend(path for path in found if path.is_file())
+    digest = hashlib.sha256()
+    for path in sorted(sources):
+        digest.update(hashlib.sha256(sources[path]).digest())
+    return digest.hexdigest()[:16]

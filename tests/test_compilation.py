@@ -1,0 +1,80 @@
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+from armguard import compilation
+from armguard.compilation import PACKAGE, digest_sources, find_cache, kernel
+
+
+@pytest.fixture
+def package(tmp_path):
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "top.py").write_text("from armguard.middle import half\n")
+    (tmp_path / "middle.py").write_text("import armguard.deep.bottom\n")
+    (tmp_path / "deep" / "bottom.py").write_text("from armguard.middle import half\nHALF = 0.5\n")
+    (tmp_path / "other.py").write_text("THIRD = 1 / 3\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize("changed", ["top.py", "middle.py", "deep/bottom.py"])
+def test_a_change_of_anything_imported_changes_the_digest(package, changed):
+    before = digest_sources(package / "top.py", package)
+    with (package / changed).open("a") as file:
+        file.write("# changed\n")
+    assert digest_sources(package / "top.py", package) != before
+
+
+def test_a_change_of_what_is_not_imported_changes_nothing(package):
+    before = digest_sources(package / "top.py", package)
+    (package / "other.py").write_text("THIRD = 0.0\n")
+    assert digest_sources(package / "top.py", package) == before
+
+
+def test_every_kernel_of_armguard_is_compiled_here():
+    for path in PACKAGE.rglob("*.py"):
+        if path.name != "compilation.py":
+            text = path.read_text()
+            assert "njit" not in text, f"{path}: use armguard.compilation.kernel"
+
+
+def test_old_kernels_of_a_module_are_removed(package, monkeypatch):
+    monkeypatch.setattr(compilation, "PACKAGE", package)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    source = package / "top.py"
+    first = find_cache.__wrapped__(source)
+    first.mkdir(parents=True)
+    source.write_text("ONE = 1.0\n")
+    second = find_cache.__wrapped__(source)
+    assert second != first
+    assert not first.exists()
+
+
+def test_the_folder_that_the_user_names_is_used(package, monkeypatch):
+    monkeypatch.setattr(compilation, "PACKAGE", package)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "/somewhere")
+    assert find_cache.__wrapped__(package / "top.py").parent == Path("/somewhere")
+
+
+def test_a_package_that_cannot_be_written_uses_the_users_cache(package, monkeypatch):
+    monkeypatch.setattr(compilation, "PACKAGE", package)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    monkeypatch.setattr(compilation.os, "access", lambda path, mode: False)
+    monkeypatch.setenv("XDG_CACHE_HOME", "/caches")
+    assert find_cache.__wrapped__(package / "top.py").parent == Path("/caches/armguard")
+
+
+def test_kernels_divide_as_numpy_does_and_keep_nan():
+    @kernel
+    def divide(a, b):
+        return a / b
+
+    @kernel(inline="always")
+    def subtract(a, b):
+        return a - b
+
+    assert divide(1.0, 0.0) == np.inf
+    assert np.isnan(divide(0.0, 0.0))
+    assert np.isnan(subtract(np.inf, np.inf))
+    assert find_cache(Path(__file__)) != find_cache(PACKAGE / "pairs.py")
