@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from typing import IO
 
 import msgspec
+import numpy as np
 from numpy.typing import ArrayLike
 
 from armguard.ending import end_with
@@ -40,11 +41,15 @@ ROBOT_PERIOD = 0.001
 PERCEPTION_PERIOD = 0.005
 """Between two looks at what is due, in [s]."""
 
-SPEED_FRACTION = 0.3
+SPEED_FRACTION = 0.2
 """Share of its velocity limits that the arm works at."""
 
-WORKSPACE = ((-0.6, -0.25, 0.02), (1.0, 1.0, 1.5))
+WORKSPACE = ((-0.3, -0.13, 0.02), (0.9, 0.9, 1.3))
 """Where the arm works, in [m]: above its table, not on the side that people come from."""
+
+SETBACK = 0.4
+"""People in recordings stood at a small table with the arm on it; here they stand this much farther
+away, along -y, in [m]: the arms differ, and so would the people's places."""
 
 WORK_CYCLE = 30.0
 """Until the arm's motion repeats, at least, in [s]."""
@@ -67,7 +72,9 @@ def make_sources(duration: float, person: str, ball_count: int, seed: int) -> li
         shortest, longest = DURATIONS
         sources.append(ProceduralPerson(seed, min(max(duration, shortest), longest)))
     else:
-        sources.append(Recording(person))
+        placement = np.eye(4)
+        placement[1, 3] = -SETBACK
+        sources.append(Recording(person, placement=placement))
     if ball_count:
         sources.append(WanderingBalls(ball_count, seed, clearance=BALL_CLEARANCE))
     return sources
