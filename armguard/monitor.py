@@ -13,20 +13,16 @@ from collections.abc import Iterable
 
 import numpy as np
 import pinocchio
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from armguard.bounds import IsotropicMotion
-from armguard.exact import ExactGeometry
 from armguard.exceptions import ArmguardError
-from armguard.flagged import FlaggedCheck
 from armguard.ignored_pairs import IgnoredPairs
 from armguard.joint_states import JointStates
-from armguard.kinematics import Kinematics
-from armguard.ledger import NOBODY, PairLedger
+from armguard.ledger import NOBODY
 from armguard.obstacle_reasons import take_obstacle_reasons
 from armguard.obstacles import Obstacles
-from armguard.pair_reports import PairReport, report_pair
-from armguard.pairs import TickState, evaluate
+from armguard.pair_reports import PairReport
+from armguard.pair_watch import PairWatch
 from armguard.robot import Robot
 from armguard.schedules import Schedule, make_schedule
 from armguard.snapshot import Snapshot, take_snapshot
@@ -39,9 +35,6 @@ from armguard.verdict import (
     VerdictRule,
     compute_stop_time,
 )
-
-ADVANCES = 8
-"""Tangent advances per evaluation; nearly every pair has converged by then."""
 
 
 class Monitor:
@@ -112,42 +105,28 @@ class Monitor:
         self.robot = robot
         self.obstacles = obstacles
         self.base_placement = base_placement or pinocchio.SE3.Identity()
-        self._ignored = IgnoredPairs(ignore, robot)
         self._horizon = self.period + latency
         self._reaction_time = reaction_time
         self._source_timeout = source_timeout
         self._freshness = freshness
-        self._schedule = (
-            make_schedule(schedule, self.period) if isinstance(schedule, str) else schedule
-        )
         self._rule = VerdictRule(slow_margin, aware_margin, hold)
         self._states = JointStates(robot, joint_timeout)
-        self._kinematics = Kinematics(robot, base_placement)
-        self._motion = IsotropicMotion(robot, base_placement)
-        self._exact = ExactGeometry(robot, self._kinematics)
-        self._state = TickState(
-            self._kinematics,
-            self._motion,
+        self._watch = PairWatch(
+            robot,
             obstacles,
-            margin=margin,
-            advances=ADVANCES,
-            by_distance=self._schedule.measure == "distance",
-        )
-        self._flagged = FlaggedCheck(self._exact, self._motion, self._state)
-        self._ledger = PairLedger(
-            len(robot.links), self._watched_links, keeps_certificates=not self._schedule.every_tick
+            make_schedule(schedule, self.period) if isinstance(schedule, str) else schedule,
+            IgnoredPairs(ignore, robot),
+            margin,
+            base_placement,
         )
         self._epoch: float | None = None
         self._now = -math.inf
         self._sequence = 0
         self._evaluated = 0
-        self._contact_times = np.zeros(0)
-        self._spheres = np.zeros(0, dtype=np.int64)
         self._braking_scale = float(np.min(robot.braking_deceleration / robot.velocity_limit))
         self._disbelieved = 0
         self._faults_before = obstacles.fault_count
-        self._compile()
-        self._watcher = obstacles.start_watching()
+        self._stop_time(0.0)  # compiles
 
     @property
     def faults(self) -> int:
@@ -180,10 +159,7 @@ class Monitor:
         """Forget latched faults and past joint states; every pair is looked at anew."""
         self._rule.reset()
         self._states.reset()
-        # An error may have struck anywhere, so nothing that is known of pairs is kept.
-        self._schedule.remove(self._schedule.ranking())
-        self._ledger.clear()
-        self._watcher = self.obstacles.start_watching()
+        self._watch.restart()
         self._now = -math.inf
         self._epoch = None
 
@@ -191,15 +167,7 @@ class Monitor:
         """The most imminent pairs as of the last tick, soonest first, at most `limit`."""
         if self._epoch is None:
             return []
-        ledger, state = self._ledger, self._state
-        now = self._now - self._epoch
-        # Obstacles may have been removed since.
-        there = ledger.pairs[state.marks.alive[ledger.pairs // ledger.link_count]]
-        order = np.argsort(ledger.expiry[there], kind="stable")[:limit]
-        return [
-            report_pair(pair, now, self.period, self._names(pair), ledger, state, self._exact)
-            for pair in there[order].tolist()
-        ]
+        return self._watch.report(self._now - self._epoch, self.period, limit)
 
     def snapshot(self, *, pair_limit: int, row_limit: int) -> Snapshot:
         """What there is to see of the last tick, for observers; cheap, and their own to keep.
@@ -210,8 +178,8 @@ class Monitor:
         """
         time = 0.0 if self._epoch is None else self._now - self._epoch
         return take_snapshot(
-            self._ledger,
-            self._state,
+            self._watch.ledger,
+            self._watch.state,
             self._states.q,
             time,
             self._sequence,
@@ -230,35 +198,22 @@ class Monitor:
         self._now = now
         if self._epoch is None:
             self._epoch = now
-        self._follow_membership()
+        self._watch.follow_rows()
         disbelief = self._states.receive(stamp, q, v, now)
         if disbelief is not None:
             return self._refuse(stamp, disbelief)
         stopping = self._states.stopping()
         reasons = [] if stopping is None else [stopping]
         reasons += take_obstacle_reasons(self.obstacles, now, self._source_timeout)
-        self._kinematics.compute(self._states.q, self._states.v)
-        self._motion.update(self._states.v)
+        self._watch.move_arm(self._states.q, self._states.v)
         stop_time = self._stop_time(now - stamp)
-        self._look(now, now - stamp, stop_time, reasons)
-        return self._judge(stamp, now, stop_time, reasons)
-
-    def _follow_membership(self) -> None:
-        if self.obstacles.watcher != self._watcher:
-            raise ArmguardError(
-                "obstacles",
-                "are watched by another monitor, which came later",
-                remedy="give each monitor obstacles of its own",
-            )
-        added, removed = self.obstacles.drain_membership()
-        if not len(added) and not len(removed):
-            return
-        fresh, gone = self._ledger.change(added, removed, len(self.obstacles.table.alive))
-        self._schedule.remove(gone)
-        self._schedule.insert(fresh)
-        if len(self._contact_times) < len(self._ledger.active):
-            self._contact_times = np.zeros(len(self._ledger.active))
-            self._spheres = np.zeros(len(self._ledger.active), dtype=np.int64)
+        # Children are opened only where a closer look could still matter to the level.
+        opening_time = (stop_time + self._rule.aware_margin) / (1.0 - self._freshness)
+        time = now - self._epoch
+        self._evaluated, broken = self._watch.look(
+            now, time, self._sequence, now - stamp, stop_time, opening_time
+        )
+        return self._judge(stamp, now, time, stop_time, [*reasons, *broken])
 
     def _stop_time(self, age: float) -> float:
         robot = self.robot
@@ -274,34 +229,11 @@ class Monitor:
         )
         return stop_time
 
-    def _look(self, now: float, arm_age: float, stop_time: float, reasons: list[Reason]) -> None:
-        """Evaluate the pairs that are due and check the flagged ones exactly."""
-        ledger, state, schedule = self._ledger, self._state, self._schedule
-        time = now - (self._epoch or 0.0)
-        # Children are opened only where a closer look could still matter to the level.
-        opening_time = (stop_time + self._rule.aware_margin) / (1.0 - self._freshness)
-        state.begin(now, arm_age, opening_time)
-        grown, broken = ledger.disturbed(state, self.obstacles.table.revision)
-        for disturbed in (grown, broken):
-            if len(disturbed):
-                ledger.void(disturbed)
-                schedule.touch(disturbed)
-        for row in dict.fromkeys((broken // ledger.link_count).tolist()):
-            reasons.append(Reason(ReasonKind.BOUND_BROKEN, self.obstacles.ids[row]))
-        due = np.array(schedule.due())
-        times = self._contact_times[: len(due)]
-        spheres = self._spheres[: len(due)]
-        self._evaluated = evaluate(state, due, times, spheres)
-        ledger.record(due, times, spheres, time, self._sequence, state)
-        schedule.settle(times, stop_time)
-        for pair in schedule.flagged().tolist():
-            contact_time = self._flagged.contact_time(*divmod(pair, ledger.link_count))
-            ledger.extend(pair, contact_time, time, self._sequence, state)
-
-    def _judge(self, stamp: float, now: float, stop_time: float, reasons: list[Reason]) -> Verdict:
+    def _judge(
+        self, stamp: float, now: float, time: float, stop_time: float, reasons: list[Reason]
+    ) -> Verdict:
         """The verdict of a tick whose arm state is believed."""
-        time = now - (self._epoch or 0.0)
-        pair, contact_time, overdue = self._ledger.earliest(time, self._sequence)
+        pair, contact_time, overdue = self._watch.ledger.earliest(time, self._sequence)
         if overdue:
             reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{overdue} pairs"))
         if not self.obstacles.has_sources:
@@ -310,7 +242,7 @@ class Monitor:
         level, held = self._rule.decide(
             now, contact_time, stop_time, complete=not overdue, standing=standing
         )
-        link, obstacle = (None, None) if pair == NOBODY else self._names(pair)
+        link, obstacle = (None, None) if pair == NOBODY else self._watch.names(pair)
         if self._rule.grade(contact_time, stop_time) is not Level.CLEAR:
             reasons.append(
                 Reason(ReasonKind.CONTACT, f"{link} and {obstacle}", f"in {contact_time:.4g} s")
@@ -353,25 +285,6 @@ class Monitor:
             reasons=tuple(self._rule.latched.values()),
             valid_until=math.nextafter(now + self._horizon, -math.inf),
         )
-
-    def _names(self, pair: int) -> tuple[str, str]:
-        row, link = divmod(pair, self._ledger.link_count)
-        return self.robot.links[link], self.obstacles.ids[row]
-
-    def _watched_links(self, row: int) -> NDArray[np.bool_]:
-        """Which links are watched against the obstacle in `row`. Shape (links,)."""
-        return self._ignored.watched_links(self.obstacles.ids[row])
-
-    def _compile(self) -> None:
-        """Run every kernel once on nothing, so that none is compiled in a tick."""
-        zeros = np.zeros(len(self.robot.joints))
-        self._kinematics.compute(zeros, zeros)
-        self._motion.update(zeros)
-        self._stop_time(0.0)
-        self._state.begin(0.0, 0.0, 0.0)
-        none = np.zeros(0, dtype=np.int64)
-        evaluate(self._state, none, self._contact_times, self._spheres)
-        self._ledger.compile(self._state, self.obstacles.table.revision)
 
 
 def _as_time(value: object) -> float:

@@ -14,6 +14,8 @@ from armguard.obstacles import Obstacles
 from armguard.pairs import TickState
 
 LINKS = 3
+KINEMATICS, MOTION = Kinematics(panda()), IsotropicMotion(panda())
+KINEMATICS.compute(HOME, np.zeros(7))
 
 
 class Scene:
@@ -21,10 +23,8 @@ class Scene:
 
     def __init__(self, watched=None, *, keeps_certificates=True, **bounds):
         self.obstacles = Obstacles(**bounds)
-        kinematics, motion = Kinematics(panda()), IsotropicMotion(panda())
-        kinematics.compute(HOME, np.zeros(7))
         self.state = TickState(
-            kinematics, motion, self.obstacles, margin=0.0, advances=8, by_distance=False
+            KINEMATICS, MOTION, self.obstacles, margin=0.0, advances=8, by_distance=False
         )
         self.ledger = PairLedger(
             LINKS,

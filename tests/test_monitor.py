@@ -21,8 +21,8 @@ from scenes import (
 )
 
 from armguard.exceptions import ArmguardError
-from armguard.monitor import ADVANCES
 from armguard.pair_reports import BUCKETS, bucket_of
+from armguard.pair_watch import ADVANCES
 from armguard.pairs import TickState, evaluate
 from armguard.verdict import Level, ReasonKind
 
@@ -109,10 +109,10 @@ def test_levels_fall_as_a_ball_comes_and_rise_after_it_has_gone():
 def all_times(monitor, obstacles, now, arm_age=0.0):
     """Contact time of every pair, by a look of our own at the monitor's tick."""
     state = TickState(
-        monitor._kinematics, monitor._motion, obstacles, margin=0.0, advances=ADVANCES,
+        monitor._watch.kinematics, monitor._watch.motion, obstacles, margin=0.0, advances=ADVANCES,
         by_distance=False,
     )  # fmt: skip
-    state.begin(now, arm_age, monitor._state.opening_time)
+    state.begin(now, arm_age, monitor._watch.state.opening_time)
     links = len(panda().links)
     rows = np.flatnonzero(obstacles.table.alive)
     pairs = (rows[:, None] * links + np.arange(links)).ravel()

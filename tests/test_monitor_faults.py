@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps, subjects
 
-from armguard import monitor as monitor_module
+from armguard import pair_watch
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
 from armguard.verdict import Effect, Level, ReasonKind
@@ -101,7 +101,7 @@ def test_an_error_inside_is_a_latched_stop(schedule, monkeypatch):
     obstacles, monitor = make_monitor(schedule)
     keep(obstacles, monitor, 0, 5)
     with monkeypatch.context() as patch:
-        patch.setattr(monitor_module, "evaluate", lambda *_: 1 // 0)
+        patch.setattr(pair_watch, "evaluate", lambda *_: 1 // 0)
         (verdict,) = keep(obstacles, monitor, 5, 1)
     assert (verdict.level, verdict.contact_time) == (Level.STOP, 0.0)
     assert subjects(verdict, ReasonKind.INTERNAL_ERROR) == {"ZeroDivisionError"}
@@ -120,7 +120,7 @@ def test_an_error_in_a_schedule_loses_no_pair(schedule, method, monkeypatch):
     obstacles.remove(["goes"])
     see(obstacles, PERIOD, [0.6, 0.0, 0.5], ("comes",))
     with monkeypatch.context() as patch:
-        patch.setattr(monitor._schedule, method, lambda *_: 1 // 0, raising=True)
+        patch.setattr(monitor._watch.schedule, method, lambda *_: 1 // 0, raising=True)
         (verdict,) = steps(monitor, 1, 1)
     assert ReasonKind.INTERNAL_ERROR in kinds(verdict)
     monitor.reset()
@@ -322,11 +322,11 @@ def test_pairs_without_a_look_are_overdue():
 def test_a_certificate_that_ran_out_is_overdue():
     obstacles, monitor = make_monitor(ForgetfulSchedule())
     evaluate_once = np.arange(len(panda().links))
-    monitor._schedule.due = lambda: evaluate_once
+    monitor._watch.schedule.due = lambda: evaluate_once
     see(obstacles, 0.0, [8.0, 0.0, 0.5])
     (first,) = steps(monitor, 0, 1)
     assert (first.level, first.complete) == (Level.CLEAR, True)
-    del monitor._schedule.due
+    del monitor._watch.schedule.due
     for i in range(1, 2000):
         obstacles.update([], i * PERIOD)
         (verdict,) = steps(monitor, i, 1)
