@@ -38,8 +38,10 @@ def _free_travel(closing: float, error: float, accel: float, top: float, s: floa
     if s == 0.0:
         return 0.0
     if s > 0.0:
-        return travel(closing + error, accel, top, s)
-    return travel(error - closing, accel, top, -s)
+        way: float = travel(closing + error, accel, top, s)
+    else:
+        way = travel(error - closing, accel, top, -s)
+    return way
 
 
 @kernel

@@ -1,0 +1,58 @@
+"""Arms of other makers, with made-up accelerations, and one ball a link for a cover."""
+
+from types import SimpleNamespace
+
+import numpy as np
+from arms import SOURCES
+
+from armguard.enclosing_ball import enclose_points
+from armguard.robot import Robot
+from armguard.robot_description import find_example_urdf, read_description
+from armguard.urdf import read_urdf
+
+ARMS = {
+    "xarm7": ("xarm_description/urdf/xarm7.urdf", [f"joint{k}" for k in range(1, 8)]),
+    "ur5": (
+        "ur_description/urdf/ur5_robot.urdf",
+        ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"]
+        + [f"wrist_{k}_joint" for k in (1, 2, 3)],
+    ),
+    "tiago": (
+        "tiago_description/robots/tiago.urdf",
+        ["torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8))],
+    ),
+}
+
+
+def load_arm(name):
+    if name == "panda":
+        return Robot.load("panda")
+    path, joints = ARMS[name]
+    urdf_path, packages = find_example_urdf(path)
+    urdf = read_urdf(urdf_path, [packages])
+    described = {}
+    for joint in joints:
+        number = urdf.model.getJointId(joint)
+        column = urdf.model.joints[number].idx_v
+        row = urdf.model.joints[number].idx_q
+        speed = float(urdf.model.velocityLimit[column])
+        described[joint] = {"velocity": speed, "acceleration": 5.0 * speed, "braking": 2.0 * speed}
+        if joint not in urdf.continuous:
+            described[joint]["position"] = [
+                float(urdf.model.lowerPositionLimit[row]),
+                float(urdf.model.upperPositionLimit[row]),
+            ]
+    locked = {name: {"position": 0.0} for name in list(urdf.model.names)[1:] if name not in joints}
+    limits = {"sources": SOURCES, "joints": described, "locked": locked}
+    robot = Robot(name, urdf, read_description(limits), joints)
+    robot.cover = SimpleNamespace(tree=lambda link: _single_ball(robot.hull(link)))
+    return robot
+
+
+def _single_ball(points):
+    center, radius = enclose_points(points)
+    return SimpleNamespace(
+        spheres=np.append(center, radius)[None],
+        first_child=np.zeros(1, np.int64),
+        child_count=np.zeros(1, np.int64),
+    )
