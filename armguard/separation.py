@@ -1,0 +1,99 @@
+"""The protective separation distance of speed and separation monitoring.
+
+The rule in use today beside people, with the symbols of ISO/TS 15066 [Separation]_:
+
+    Sp = Sh + Sr + Ss + C + Zd + Zr
+
+the person's way until the robot rests, the robot's until it brakes and while it brakes, how far a
+person reaches past the sensor before it sees them, and what both positions may be off by. armguard
+computes it to be compared with; it is no claim that anything conforms to a standard.
+
+.. [Separation] ISO/TS 15066:2016, Robots and robotic devices - Collaborative robots, 5.5.4.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armguard.exceptions import ArmguardError
+
+HUMAN_SPEED = 1.6
+"""How fast a person walks towards a robot where nothing else is known, in [m/s]."""
+
+
+def compute_separation(
+    robot_speed: ArrayLike,
+    reaction_time: ArrayLike,
+    stopping_time: ArrayLike,
+    *,
+    human_speed: ArrayLike = HUMAN_SPEED,
+    stopping_distance: ArrayLike | None = None,
+    intrusion_distance: ArrayLike = 0.0,
+    human_uncertainty: ArrayLike = 0.0,
+    robot_uncertainty: ArrayLike = 0.0,
+) -> Any:
+    """Protective separation distance Sp: below it the robot must stop. All arguments broadcast.
+
+    Args:
+        robot_speed: Speed of the robot towards the person, v_r, in [m/s]; 0 where it recedes.
+            Shape (...).
+        reaction_time: Until braking begins, T_r, in [s]. Shape (...).
+        stopping_time: From then until the robot rests, T_s, in [s]. Shape (...).
+        human_speed: Speed of the person towards the robot, v_h, in [m/s]. Shape (...).
+        stopping_distance: The robot's way while it brakes, Ss, in [m]; None: v_r T_s / 2, that of
+            a constant deceleration. Shape (...).
+        intrusion_distance: How far a person reaches before they are seen, C, in [m]. Shape (...).
+        human_uncertainty: Of the person's position, Zd, in [m]. Shape (...).
+        robot_uncertainty: Of the robot's position, Zr, in [m]. Shape (...).
+
+    Returns:
+        Distances in [m], inf where any argument is. Shape (...); a float if every argument is a
+        single number.
+
+    Raises:
+        ArmguardError: An argument is negative, NaN or no number, or shapes do not fit.
+    """
+    speed = _amount("robot_speed", robot_speed)
+    reaction = _amount("reaction_time", reaction_time)
+    stopping = _amount("stopping_time", stopping_time)
+    human = _amount("human_speed", human_speed)
+    offsets = [
+        _amount("intrusion_distance", intrusion_distance),
+        _amount("human_uncertainty", human_uncertainty),
+        _amount("robot_uncertainty", robot_uncertainty),
+    ]
+    if stopping_distance is not None:
+        offsets.append(_amount("stopping_distance", stopping_distance))
+    arrays = [speed, reaction, stopping, human, *offsets]
+    try:
+        np.broadcast_shapes(*(array.shape for array in arrays))
+    except ValueError:
+        shapes = ", ".join(str(array.shape) for array in arrays)
+        raise ArmguardError(
+            "arguments", f"do not broadcast: {shapes}", remedy="make their shapes agree"
+        ) from None
+    if stopping_distance is None:
+        offsets.append(0.5 * _times(speed, stopping))
+    distance = _times(human, reaction + stopping) + _times(speed, reaction) + sum(offsets)
+    return distance if np.ndim(distance) else float(distance)
+
+
+def _times(speed: Any, duration: Any) -> Any:
+    """A way; nothing moves it at speed 0, however long it takes."""
+    with np.errstate(invalid="ignore"):
+        way = speed * duration
+    return np.where((speed == 0.0) | (duration == 0.0), 0.0, way)
+
+
+def _amount(name: str, value: ArrayLike) -> Any:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ArmguardError(name, f"is no number: {error}") from error
+    if not (array >= 0.0).all():
+        worst = array[~(array >= 0.0)].ravel()[0]
+        raise ArmguardError(name, f"is {worst}", expected="0 or more")
+    return array
