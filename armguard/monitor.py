@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike
 
+from armguard.contact import Certificate
 from armguard.exceptions import ArmguardError
 from armguard.ignored_pairs import IgnoredPairs
 from armguard.joint_states import JointStates
@@ -59,6 +61,8 @@ class Monitor:
         margin: Distance that counts as contact already, [m].
         freshness: How stale an answer may look, as a fraction of itself, in [0, 1).
         base_placement: Of the robot's base in the world; default at the origin.
+        certify: Attach to each verdict a certificate of the pair that decides it; takes a fraction
+            of a millisecond a tick.
 
     Raises:
         ArmguardError: If an argument is out of range or names what does not exist.
@@ -83,6 +87,7 @@ class Monitor:
         margin: float = 0.0,
         freshness: float = 0.25,
         base_placement: pinocchio.SE3 | None = None,
+        certify: bool = False,
     ) -> None:
         if not 0.0 < rate < math.inf:
             raise ArmguardError("rate", f"is {rate}", expected="a finite number of hertz above 0")
@@ -119,6 +124,9 @@ class Monitor:
             margin,
             base_placement,
         )
+        self._certify = certify
+        self.certificate_inputs: dict[str, Any] | None = None
+        """What the last verdict's certificate is about: arguments of `certificate.verify`."""
         self._epoch: float | None = None
         self._now = -math.inf
         self._sequence = 0
@@ -263,11 +271,24 @@ class Monitor:
             evaluated=self._evaluated,
             reasons=(*self._rule.latched.values(), *reasons),
             valid_until=math.nextafter(now + self._horizon, -math.inf),
+            certificate=self._prove(pair),
         )
+
+    def _prove(self, pair: int) -> Certificate | None:
+        """Certificate of the deciding pair, where asked for and there is anything to prove."""
+        self.certificate_inputs = None
+        if not self._certify or pair == NOBODY:
+            return None
+        proof = self._watch.prove(pair)
+        if proof is None:
+            return None
+        certificate, self.certificate_inputs = proof
+        return certificate
 
     def _refuse(self, stamp: float, reason: Reason) -> Verdict:
         """The verdict of a tick whose arm state is not believed: the worst of everything."""
         self._disbelieved += 1
+        self.certificate_inputs = None
         self._rule.latch(reason)
         now = self._now if math.isfinite(self._now) else 0.0
         self._rule.decide(now, 0.0, math.inf, complete=False, standing=True)

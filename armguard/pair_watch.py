@@ -7,11 +7,14 @@ monitor's business.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
 from armguard.bounds import IsotropicMotion
+from armguard.contact import Certificate
 from armguard.exact import ExactGeometry
 from armguard.exceptions import ArmguardError
 from armguard.flagged import FlaggedCheck
@@ -19,6 +22,7 @@ from armguard.ignored_pairs import IgnoredPairs
 from armguard.kinematics import Kinematics
 from armguard.ledger import PairLedger
 from armguard.obstacles import Obstacles
+from armguard.pair_proof import prove_pair
 from armguard.pair_reports import PairReport, report_pair
 from armguard.pairs import TickState, evaluate
 from armguard.robot import Robot
@@ -157,6 +161,11 @@ class PairWatch:
         """Of the link and the obstacle."""
         row, link = divmod(pair, self.ledger.link_count)
         return self.robot.links[link], self.obstacles.ids[row]
+
+    def prove(self, pair: int) -> tuple[Certificate, dict[str, Any]] | None:
+        """A certificate of one pair in this tick and what it is about; see `prove_pair`."""
+        row = pair // self.ledger.link_count
+        return prove_pair(self.state, int(self.ledger.sphere[pair]), row)
 
     def report(self, time: float, period: float, limit: int) -> list[PairReport]:
         """The most imminent pairs, soonest first.

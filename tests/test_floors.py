@@ -30,7 +30,7 @@ FLOORS = [
     (3, 1, "bounds ignored_pairs joint_states kinematics"),
     (4, 1, "exact pairs"),
     (5, 1, "flagged ledger obstacle_reasons schedules"),
-    (5, 2, "pair_reports snapshot"),
+    (5, 2, "pair_proof pair_reports snapshot"),
     (5, 3, "pair_watch"),
     (6, 1, "monitor"),
     (7, 1, "armguard cell_schema simulation streams tally"),

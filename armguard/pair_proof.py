@@ -1,0 +1,67 @@
+"""The proof behind a verdict: a certificate of the pair that decides it, and what it is about.
+
+A pair's contact time is the soonest of its spheres', each of which may borrow a later time from a
+sphere above it in the tree, which owns its piece as well. So the certificate is that of the sphere
+on the way from the deciding one to the root whose time is latest. It is made from the state of the
+present tick, whatever tick the pair was last evaluated in.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from armguard.contact import Certificate, certify
+from armguard.obstacle_table import States
+from armguard.pairs import ROUNDING, TickState
+
+
+def prove_pair(
+    state: TickState, sphere: int, row: int
+) -> tuple[Certificate, dict[str, Any]] | None:
+    """Certify one pair in the present tick.
+
+    Args:
+        state: The tick's numbers.
+        sphere: The sphere that decided the pair.
+        row: Of the obstacle in its table.
+
+    Returns:
+        The certificate, and the arguments of `armguard.certificate.verify` that it is about; None
+        where the whereabouts of the obstacle are unknown, so that there is nothing to prove.
+    """
+    marks = state.marks
+    if not marks.has_state[row] or marks.refused[row]:
+        return None
+    age = 0.0 if marks.static[row] else state.now - float(state.bodies.stamp[row])
+    proofs = []
+    while sphere >= 0:
+        inputs = _describe(state, sphere, state.bodies, row, age)
+        proofs.append((certify(**inputs, advances=state.advances), inputs))
+        sphere = int(state.tree.parent[sphere])
+    return max(proofs, key=lambda proof: proof[0].contact_time)
+
+
+def _describe(
+    state: TickState, sphere: int, bodies: States, row: int, age: float
+) -> dict[str, Any]:
+    """Arguments of `certify` for one sphere and one obstacle, the observer's own to keep."""
+    arm, count = state.arm, int(bodies.point_count[row])
+    reach = state.tree.radius[sphere] + bodies.radius[row] + state.margin
+    reach += arm.position_error[sphere] + bodies.position_error[row]
+    return {
+        "p1": np.array(arm.centers[sphere]),
+        "v1": np.array(arm.velocities[sphere]),
+        "a1": float(arm.accel[sphere]),
+        "s1": float(arm.speed[sphere]),
+        "p2": np.array(bodies.points[row, :count]),
+        "v2": np.array(bodies.velocities[row, :count]),
+        "a2": float(bodies.accel[row]),
+        "s2": float(bodies.speed[row]),
+        "contact_distance": float(reach) * (1.0 + ROUNDING),
+        "age1": state.arm_age,
+        "age2": age,
+        "velocity_error1": float(arm.velocity_error[sphere]),
+        "velocity_error2": float(bodies.velocity_error[row]),
+    }
