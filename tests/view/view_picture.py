@@ -1,6 +1,10 @@
-"""`python tests/view/view_picture.py URL FILE.png`: a picture of a running view, without a screen.
+"""`python tests/view/view_picture.py URL FILE.png [LEVEL]`: a picture of a running view.
 
-Waits until the arm and a verdict are drawn. Chromium draws by software: slow, but faithful.
+Waits until the arm and a verdict are drawn, then for a verdict of that level, if one is named. No
+screen is needed: Chromium draws by software, slow, but faithful. The picture in docs/ is made by
+
+    armguard demo --duration 40 &
+    python tests/view/view_picture.py http://127.0.0.1:PORT/ docs/view.png SLOW
 """
 
 from __future__ import annotations
@@ -11,6 +15,7 @@ from pathlib import Path
 from playwright.sync_api import Page, sync_playwright
 
 CHROMIUM = Path("/usr/bin/chromium")
+NICE_CHROMIUM = Path(__file__).with_name("nice_chromium")
 FLAGS = [
     "--no-sandbox",
     "--use-gl=angle",
@@ -37,8 +42,17 @@ def settle(page: Page) -> None:
     )
 
 
-def main(url: str, file: str) -> None:
-    """Save a picture of the view at `url`."""
+def wait_for_level(page: Page, level: str) -> None:
+    """Wait until the banner says so."""
+    page.wait_for_function(
+        "(level) => document.getElementById('level').textContent === level",
+        arg=level,
+        timeout=TIMEOUT,
+    )
+
+
+def main(url: str, file: str, level: str = "") -> None:
+    """Save a picture of the view at `url`, of the first moment at `level`."""
     with (
         sync_playwright() as playwright,
         playwright.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS) as browser,
@@ -46,6 +60,8 @@ def main(url: str, file: str) -> None:
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         page.goto(url)
         wait_until_drawn(page)
+        if level:
+            wait_for_level(page, level)
         page.screenshot(path=file)
 
 

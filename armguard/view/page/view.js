@@ -33,8 +33,8 @@ function furnish() {
 
   // The camera's own frame has y up: world x, z, -y.
   viewer.camera.fov = 38;
-  viewer.camera.position.set(2.6, 1.55, 1.7);
-  viewer.controls.target.set(0.0, 0.64, 0.42);
+  viewer.camera.position.set(4.0, 1.9, -0.7);
+  viewer.controls.target.set(0.0, 0.5, 0.6);
 }
 
 // ---- commands -------------------------------------------------------------------------------

@@ -1,0 +1,78 @@
+"""The demo in a real browser: what it shows changes when the person reaches in."""
+
+import io
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from demo_processes import RunningDemo
+from PIL import Image
+from playwright.sync_api import sync_playwright
+
+sys.path.append(str(Path(__file__).parents[1] / "view"))
+from view_picture import CHROMIUM, FLAGS, NICE_CHROMIUM, TIMEOUT, wait_until_drawn
+
+STAGE = {"x": 310, "y": 30, "width": 490, "height": 470}  # beside the panels
+
+pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=f"{CHROMIUM} is not installed")
+
+READ = """
+  const text = (id) => document.getElementById(id).textContent;
+  const level = text("level"), [number, unit] = text("contact").split(" ");
+  const imminence = Number(number) * (unit === "ms" ? 0.001 : 1);
+"""
+AT_THE_ARM = "level === 'STOP' && imminence < 0.3"
+AWAY = "(level === 'AWARE' || level === 'CLEAR') && imminence > 0.3"
+
+
+def wait_for(page, condition):
+    """Colour of the banner and the legend's present step, once the banner says so."""
+    page.wait_for_function(f"() => {{ {READ} return {condition}; }}")
+    return page.evaluate(
+        """() => ({
+          level: getComputedStyle(document.getElementById("level")).color,
+          step: document.querySelector("#steps li.now span").textContent,
+        })"""
+    )
+
+
+def take_picture(page):
+    """Pixels of the stage. Shape (height, width, 3)."""
+    picture = Image.open(io.BytesIO(page.screenshot(clip=STAGE))).convert("RGB")
+    return np.asarray(picture).astype(int)
+
+
+def count_red(picture):
+    """Pixels that are red rather than orange or yellow."""
+    red, green, blue = np.moveaxis(picture, -1, 0)
+    return int(np.count_nonzero((red > 90) & (red > 2.0 * green) & (red > 1.8 * blue)))
+
+
+def test_the_colours_change_when_the_person_reaches_in(tmp_path):
+    with (
+        RunningDemo("--duration", "24", "--json", folder=tmp_path) as demo,
+        sync_playwright() as playwright,
+        playwright.chromium.launch(executable_path=str(NICE_CHROMIUM), args=FLAGS) as browser,
+    ):
+        url = None
+        while url is None:
+            url = re.search(r"http://127.0.0.1:\d+/", demo.process.stderr.readline())
+        page = browser.new_page(viewport={"width": 800, "height": 500})
+        page.set_default_timeout(TIMEOUT)
+        problems = []
+        page.on("pageerror", lambda error: problems.append(str(error)))
+        page.goto(url[0])
+        wait_until_drawn(page)
+        near = wait_for(page, AT_THE_ARM)
+        near_picture = take_picture(page)
+        away = wait_for(page, AWAY)
+        away_picture = take_picture(page)
+        assert problems == []
+    assert len(np.unique(near_picture.reshape(-1, 3), axis=0)) > 500
+    assert len(np.unique(away_picture.reshape(-1, 3), axis=0)) > 500
+    assert near["level"] != away["level"]
+    assert near["step"] != away["step"]
+    assert count_red(near_picture) > 1000
+    assert count_red(away_picture) < count_red(near_picture) / 4
