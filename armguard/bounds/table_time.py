@@ -178,6 +178,7 @@ def table_contact_time(
     if not abs(table.columns.sum()) < math.inf:
         return reached
     stride = FIRST_STRIDE
+    ceiling = nodes + 1  # the last node that failed
     part, proved, failed = 1.0, 0.0, 1.0
     halvings = 0
     nx = ny = nz = math.nan
@@ -211,7 +212,12 @@ def table_contact_time(
             part = 0.5 * (proved + failed)
         elif free:
             first = last
-            stride *= 2
+            if first < ceiling <= nodes:
+                stride = max(1, (ceiling - first) // 2)
+            else:
+                stride *= 2
+                ceiling = nodes + 1
         else:
+            ceiling = last
             stride //= 2
     return reached
