@@ -14,7 +14,7 @@ COLORS = {"STOP": "red", "SLOW": "yellow", "AWARE": "cyan", "CLEAR": "green"}
 
 
 def summarise(report: LoopReport, tally: Tally) -> dict[str, Any]:
-    """The object that `--json` prints; a contact time that never was finite is null."""
+    """The object that `--json` prints; a time that there is not is null."""
     times = {"p50": report.p50, "p99": report.p99, "p99.9": report.p999, "max": report.longest}
     soonest = tally.min_contact_time
     return {
@@ -23,7 +23,10 @@ def summarise(report: LoopReport, tally: Tally) -> dict[str, Any]:
         "stops": tally.stops,
         "levels": {level.name: count for level, count in tally.levels.items()},
         "min_contact_time": soonest if math.isfinite(soonest) else None,
-        "tick_us": {name: round(1e6 * time, 1) for name, time in times.items()},
+        "tick_us": {
+            name: round(1e6 * time, 1) if math.isfinite(time) else None
+            for name, time in times.items()
+        },
         "late": report.late,
         "incomplete": tally.incomplete,
         "faults": report.monitor_faults + sum(report.faults.values()),
@@ -45,7 +48,8 @@ def draw_summary(summary: dict[str, Any]) -> Table:
     table.add_row("stops", str(summary["stops"]))
     table.add_row("soonest contact", "none possible" if soonest is None else f"{soonest:.3f} s")
     names = ("p50", "p99", "p99.9", "max")
-    table.add_row("tick " + " / ".join(names), " / ".join(f"{spent[n]:.0f}" for n in names) + " µs")
+    times = ["–" if spent[name] is None else f"{spent[name]:.0f}" for name in names]
+    table.add_row("tick " + " / ".join(names), " / ".join(times) + " µs")
     table.add_row("incomplete ticks", str(summary["incomplete"]))
     table.add_row("faults", str(summary["faults"]))
     return table

@@ -104,36 +104,12 @@ def show(address: str, port: int, *, open_browser: bool) -> int:
         port: TCP port of the page; 0: any that is free.
         open_browser: Open the page.
     """
-    with launch(address, port) as page:
+    with contextlib.suppress(KeyboardInterrupt), launch(address, port) as page:
         Console().print(f"see it in the browser: {page.url}", soft_wrap=True)
         if open_browser:
             webbrowser.open(page.url)
-        try:
-            while page.running:
-                time.sleep(PAGE_CHECK_INTERVAL)
-        except KeyboardInterrupt:
-            return 0
-    complain("the view has ended by itself")
-    return COMPLAINT
-
-
-class _Observer:
-    """Counts every verdict, and feeds the views if there is an address for them."""
-
-    def __init__(self, cell: Cell, publisher: FramePublisher | None) -> None:
-        self.tally = Tally()
-        self._cell = cell
-        self._publisher = publisher
-        self._feed: MonitorFeed | None = None
-
-    def observe(self, loop: RateLoop, verdict: Verdict) -> None:
-        """Called after each verdict was published."""
-        self.tally.count(verdict)
-        if self._publisher is None:
-            return
-        if self._feed is None:
-            urdf, package_dirs = self._cell.urdf
-            self._feed = MonitorFeed(
-                loop.monitor, self._publisher, urdf=urdf, package_dirs=package_dirs
-            )
-        self._feed.observe(verdict, loop.clock.now(), loop.durations, loop.late)
+        while page.running:
+            time.sleep(PAGE_CHECK_INTERVAL)
+        complain("the view has ended by itself")
+        return COMPLAINT
+    return 0

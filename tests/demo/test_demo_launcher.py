@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import time
+from pathlib import Path
 
 import pytest
 from demo_processes import RunningDemo, listening_sockets, wait_until
@@ -14,6 +15,9 @@ from armguard.exceptions import ArmguardError
 from armguard.streams import VerdictReader
 from armguard.verdict import Level
 
+RECORDINGS = Path(
+    os.environ.get("ARMGUARD_RECORDINGS", Path(__file__).parents[2] / "../shared/data/human-motion")
+)
 SOON = 5.0
 """How long an end may take on a busy machine, in [s]."""
 
@@ -124,3 +128,20 @@ def test_mistakes_are_raised_before_anything_is_started():
             run_demo(**mistake)
     with pytest.raises(ArmguardError, match="port"):
         run_demo(port=-1)
+
+
+@pytest.mark.skipif(
+    not (RECORDINGS / "handover-0.csv").exists(),
+    reason="no recordings there: set ARMGUARD_RECORDINGS to their folder",
+)
+def test_a_real_person_is_supervised_over_the_same_streams(tmp_path):
+    person = str(RECORDINGS / "handover-0.csv")
+    arguments = ["--person", person, "--duration", "6", "--no-view", "--json"]
+    with RunningDemo(*arguments, folder=tmp_path) as demo:
+        out, _ = finish(demo)
+    assert demo.process.returncode == 0
+    summary = json.loads(out)
+    assert summary["received"] > 1000
+    assert summary["levels"]["STOP"] > 0
+    assert summary["min_contact_time"] >= 0.0
+    assert summary["message_faults"] == {}

@@ -1,0 +1,75 @@
+import json
+import math
+
+import pytest
+from rich.console import Console
+
+from armguard.loop import LoopReport
+from armguard.summary import COLORS, draw_summary, summarise
+from armguard.tally import Tally
+from armguard.verdict import Level
+
+
+def make_report(**changes):
+    fields = {
+        "ticks": 12,
+        "late": 1,
+        "missed": 2,
+        "p50": 20e-6,
+        "p99": 1e-3,
+        "p999": 2e-3,
+        "longest": 3e-3,
+        "received": 5,
+        "faults": {"malformed: cam0": 3},
+        "monitor_faults": 4,
+    }
+    return LoopReport(**(fields | changes))
+
+
+def test_programs_find_every_key_and_strict_json():
+    summary = summarise(make_report(), Tally())
+    expected = {"ticks", "stops", "levels", "min_contact_time", "tick_us", "incomplete", "faults"}
+    assert expected <= set(summary)
+    assert {"p50", "p99", "max"} <= set(summary["tick_us"])
+    assert summary["min_contact_time"] is None
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+
+
+def test_faults_are_those_of_messages_and_of_the_monitor():
+    assert summarise(make_report(), Tally())["faults"] == 7
+
+
+def test_ticks_are_those_that_judged_an_arm():
+    tally = Tally()
+    tally.waiting = 5
+    assert summarise(make_report(), tally)["ticks"] == 7
+
+
+def test_a_run_without_a_single_tick_has_a_summary():
+    nothing = make_report(ticks=0, p50=math.nan, p99=math.nan, p999=math.nan, longest=0.0)
+    summary = summarise(nothing, Tally())
+    assert summary["tick_us"] == {"p50": None, "p99": None, "p99.9": None, "max": 0.0}
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+    assert "ticks" in show(summary, 80)
+
+
+@pytest.mark.parametrize("width", [40, 80, 200])
+def test_people_see_it_whole_at_any_width(width):
+    tally = Tally()
+    tally.min_contact_time = 0.125
+    shown = show(summarise(make_report(), tally), width)
+    assert "0.125 s" in shown
+    assert all(level.name in shown for level in Level)
+    assert max(map(len, shown.splitlines())) <= width
+    assert "\x1b" not in shown
+
+
+def test_every_level_has_a_colour():
+    assert set(COLORS) == {level.name for level in Level}
+
+
+def show(summary, width):
+    console = Console(width=width, file=None, force_terminal=False)
+    with console.capture() as capture:
+        console.print(draw_summary(summary))
+    return capture.get()
