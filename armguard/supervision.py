@@ -113,3 +113,25 @@ def show(address: str, port: int, *, open_browser: bool) -> int:
         complain("the view has ended by itself")
         return COMPLAINT
     return 0
+
+
+class _Observer:
+    """Counts every verdict, and feeds the views if there is an address for them."""
+
+    def __init__(self, cell: Cell, publisher: FramePublisher | None) -> None:
+        self.tally = Tally()
+        self._cell = cell
+        self._publisher = publisher
+        self._feed: MonitorFeed | None = None
+
+    def observe(self, loop: RateLoop, verdict: Verdict) -> None:
+        """Called after each verdict was published."""
+        self.tally.count(verdict)
+        if self._publisher is None:
+            return
+        if self._feed is None:
+            urdf, package_dirs = self._cell.urdf
+            self._feed = MonitorFeed(
+                loop.monitor, self._publisher, urdf=urdf, package_dirs=package_dirs
+            )
+        self._feed.observe(verdict, loop.clock.now(), loop.durations, loop.late)
