@@ -5,10 +5,11 @@ An interval [a, b] is free of contact if some unit vector n from sphere to obsta
     n.x - contact_distance - (arm's advance over [a, b]) - max(D2(a), D2(b)) > 0
 
 for every point of the obstacle's hull, D2 being its free bound, convex in time; the arm's advance
-comes from a table of joint displacements that serves all pairs. The search gallops: as long as
-intervals turn out free they grow, and where none of the witnesses tried proves one it is halved,
-at last within a single step of the table. What it reaches is a proved lower bound, whichever
-intervals and witnesses it took.
+comes from a table of joint displacements that serves all pairs. The search strides ahead: while
+intervals turn out free they grow, and one that its witness does not prove is halved, at last within
+a single step of the table. Each interval gets a witness of its own, which looks from the middle of
+where the sphere can be by its end to where the obstacle is headed. What the search reaches is a
+proved lower bound, whichever intervals and witnesses it took.
 """
 
 from __future__ import annotations
