@@ -1,0 +1,108 @@
+"""What observers are shown must be what the monitor said, and their own to keep."""
+
+import numpy as np
+import pytest
+
+from armguard import Monitor, Obstacles, Robot
+
+READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+EVERYTHING = {"pair_limit": 10_000, "row_limit": 10_000}
+PERIOD = 1e-3
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("panda")
+
+
+def run_monitor(robot, count=12, ticks=1, **options):
+    """A monitor after some ticks beside `count` balls and a capsule."""
+    obstacles = Obstacles()
+    random = np.random.default_rng(1)
+    monitor = Monitor(robot, obstacles, **options)
+    positions = random.uniform(-2.5, 2.5, (count, 3))
+    for tick in range(1, ticks + 1):
+        now = PERIOD * tick
+        names = [f"ball{number}" for number in range(count)]
+        obstacles.update(names, now, positions, np.zeros((count, 3)), radius=0.1)
+        limb = [[[0.9, 0.1, 0.2], [0.9, 0.1, 0.9]]]
+        obstacles.update(["limb"], now, limb, np.zeros((1, 2, 3)), radius=0.05)
+        verdict = monitor.step(now, READY, np.zeros(7))
+    return monitor, verdict
+
+
+@pytest.mark.parametrize("schedule", ["full", "distance", "daa"])
+def test_the_soonest_of_everything_is_the_verdict(robot, schedule):
+    monitor, verdict = run_monitor(robot, schedule=schedule, ticks=20)
+    snapshot = monitor.snapshot(**EVERYTHING)
+    assert snapshot.pair_times[0] == pytest.approx(verdict.contact_time, abs=1e-12)
+    assert snapshot.row_times[0] == snapshot.pair_times[0]
+    row, link = divmod(int(snapshot.pairs[0]), len(robot.links))
+    assert monitor.obstacles.ids[row] == verdict.obstacle
+    assert robot.links[link] == verdict.link
+    assert snapshot.sphere_times.min() <= verdict.contact_time + 1e-12
+
+
+def test_rows_and_pairs_are_ordered_and_agree(robot):
+    monitor, _ = run_monitor(robot)
+    snapshot = monitor.snapshot(**EVERYTHING)
+    assert len(snapshot.pairs) == 13 * len(robot.links)
+    assert sorted(snapshot.rows) == sorted({pair // len(robot.links) for pair in snapshot.pairs})
+    for times in (snapshot.pair_times, snapshot.row_times):
+        assert np.all(np.diff(times) >= 0.0)
+    for row, time in zip(snapshot.rows, snapshot.row_times, strict=True):
+        of_row = snapshot.pair_times[snapshot.pairs // len(robot.links) == row]
+        assert time == of_row.min()
+
+
+@pytest.mark.parametrize("limit", [0, 1, 5, 13])
+def test_limits_keep_the_most_imminent(robot, limit):
+    monitor, _ = run_monitor(robot)
+    everything = monitor.snapshot(**EVERYTHING)
+    some = monitor.snapshot(pair_limit=limit, row_limit=limit)
+    assert np.array_equal(some.pair_times, everything.pair_times[:limit])
+    assert np.array_equal(some.row_times, everything.row_times[:limit])
+    assert some.segments.shape == (limit, 2, 3)
+
+
+def test_spheres_are_those_of_the_finest_cover(robot):
+    monitor, _ = run_monitor(robot)
+    count = sum(len(robot.cover.spheres(link)) for link in robot.links)
+    times = monitor.snapshot(**EVERYTHING).sphere_times
+    assert times.shape == (count,)
+    assert not np.isnan(times).any()
+
+
+def test_segments_end_on_their_obstacle(robot):
+    monitor, _ = run_monitor(robot)
+    snapshot = monitor.snapshot(**EVERYTHING)
+    table = monitor.obstacles.table
+    for pair, (_, end) in zip(snapshot.pairs, snapshot.segments, strict=True):
+        row = pair // len(robot.links)
+        points = table.points[row, : table.point_count[row]]
+        if len(points) == 1:
+            assert end == pytest.approx(points[0])
+        else:
+            assert end[:2] == pytest.approx([0.9, 0.1])
+            assert 0.2 <= end[2] <= 0.9
+
+
+def test_it_is_a_copy(robot):
+    monitor, _ = run_monitor(robot)
+    first = monitor.snapshot(**EVERYTHING)
+    for array in first:
+        array[...] = 0
+    second = monitor.snapshot(**EVERYTHING)
+    assert np.any(second.q)
+    assert np.any(second.pair_times)
+
+
+def test_before_the_first_tick_and_without_obstacles_there_is_little_to_see(robot):
+    fresh = Monitor(robot, Obstacles()).snapshot(**EVERYTHING)
+    assert len(fresh.pairs) == len(fresh.rows) == 0
+    alone = Monitor(robot, Obstacles())
+    alone.step(0.0, READY, np.zeros(7))
+    snapshot = alone.snapshot(**EVERYTHING)
+    assert len(snapshot.pairs) == 0
+    assert np.all(np.isinf(snapshot.sphere_times))
+    assert np.array_equal(snapshot.q, READY)
