@@ -111,6 +111,13 @@ def test_advance_starts_small_and_never_falls(robot, models, name):
             assert model.advance(q, v, "panda_hand", HAND_POINT, direction, 0.0) < 1e-9
 
 
+def test_in_the_long_run_the_ranges_of_joints_decide(robot, models):
+    q, v = moderate_state(robot, np.random.default_rng(7))
+    question = q, v, "panda_hand", HAND_POINT, np.array([0.0, 0.6, 0.8])
+    later = [models["joint"].advance(*question, t) for t in (20.0, 80.0, 1e6, 1e15)]
+    assert max(later) == min(later) < 12.0
+
+
 @pytest.mark.parametrize("name", ["reach", "joint", "braking"])
 def test_direction_is_the_worlds(robot, models, name):
     base = pinocchio.SE3(pinocchio.rpy.rpyToMatrix(0.4, 1.1, -2.0), np.array([3.0, 2.0, 1.0]))

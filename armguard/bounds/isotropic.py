@@ -94,7 +94,7 @@ class IsotropicMotion:
         self._widened = False
         self._fill_bounds()
 
-    def update(self, v: npt.ArrayLike) -> None:
+    def update(self, v: npt.ArrayLike) -> bool:
         """Fill `velocity_error` for the measured joint velocity, and widen the bounds if need be.
 
         A joint that is measured faster than its limit counts with what was measured: it may be
@@ -102,6 +102,10 @@ class IsotropicMotion:
 
         Args:
             v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
+
+        Returns:
+            Whether a speed or acceleration bound grew: what was proved with the bounds before may
+            be false then.
 
         Raises:
             ArmguardError: The vector has the wrong length or is not finite.
@@ -111,10 +115,14 @@ class IsotropicMotion:
         widens = _fill_velocity_error(
             velocity, limit, self._error_rate, self._error_floor, self._velocity_error
         )
-        if widens or self._widened:
-            np.maximum(np.abs(velocity), limit, out=self._fastest)
-            self._widened = widens
-            self._fill_bounds()
+        if not (widens or self._widened):
+            return False
+        fastest = np.maximum(np.abs(velocity), limit)
+        grew = bool((fastest > self._fastest).any())
+        self._fastest = fastest
+        self._widened = widens
+        self._fill_bounds()
+        return grew
 
     def advance(
         self,

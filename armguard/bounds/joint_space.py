@@ -27,6 +27,8 @@ from armguard.robot import Robot
 Floats = npt.NDArray[np.float64]
 
 GRID_STEP = 1e-3
+MOST_NODES = 300
+"""Of the grid of a single question; a minute and a half from now any joint is anywhere."""
 
 
 class JointSpaceMotion(ABC):
@@ -90,7 +92,7 @@ class JointSpaceMotion(ABC):
         jacobian = pinocchio.computeJointJacobians(robot.model, self._data, position)
         place = self._data.oMi[robot.joint_index(link)].act(local)
         # Nodes that do not depend on t, and t: what is greatest over them never falls with t.
-        nodes = grid(int(np.sqrt(t / GRID_STEP)) + 2)
+        nodes = grid(min(int(np.sqrt(t / GRID_STEP)) + 2, MOST_NODES))
         table = self._make_table(np.append(nodes[nodes < t], t))
         self._fill(position, velocity, 0.0, self._free_time(), table)
         along = self._base.rotation.T @ along
