@@ -65,6 +65,7 @@ class PairLedger:
         self._seen_revision: IntArray = np.zeros(0, dtype=np.int64)
         self._anchors = _make_bodies(0)
         self._outcomes: NDArray[np.int8] = np.zeros(0, dtype=np.int8)
+        self._doubted = False
 
     def change(
         self, added: IntArray, removed: IntArray, capacity: int
@@ -130,12 +131,17 @@ class PairLedger:
         """Let the certificates of `pairs` end at once."""
         self.expiry[pairs] = -np.inf
 
+    def doubt(self) -> None:
+        """Let `disturbed` name all pairs once: what they rest on beside their obstacles is gone."""
+        self._doubted = True
+
     def disturbed(self, state: TickState, revision: IntArray) -> tuple[IntArray, IntArray]:
         """Pairs whose certificates no longer stand on firm ground.
 
         Returns:
-            Pairs to be evaluated at once because a bound of their obstacle grew or a refused
-            sample stands beside it, and pairs whose obstacle broke the bounds behind them.
+            Pairs to be evaluated at once because a bound of their obstacle grew, a refused sample
+            stands beside it, or all are in doubt; and pairs whose obstacle broke the bounds behind
+            them.
         """
         if not self.keeps_certificates or not len(self.pairs):
             return self.pairs[:0], self.pairs[:0]
@@ -143,7 +149,9 @@ class PairLedger:
         # The table may have grown for rows that were gone again before anybody looked.
         known = len(self._seen_revision)
         self._seen_revision[:] = revision[:known]
-        return self.pairs[outcomes == GROWN], self.pairs[outcomes == BROKEN]
+        grown = self.pairs if self._doubted else self.pairs[outcomes == GROWN]
+        self._doubted = False
+        return grown, self.pairs[outcomes == BROKEN]
 
     def earliest(self, now: float, tick: int) -> tuple[int, float, int]:
         """The pair whose certificate ends first, that time from `now`, and pairs overdue.

@@ -288,6 +288,7 @@ class Monitor:
     def _refuse(self, stamp: float, reason: Reason) -> Verdict:
         """The verdict of a tick whose arm state is not believed: the worst of everything."""
         self._disbelieved += 1
+        self._watch.ledger.doubt()
         self.certificate_inputs = None
         self._rule.latch(reason)
         now = self._now if math.isfinite(self._now) else 0.0

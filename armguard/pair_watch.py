@@ -112,7 +112,8 @@ class PairWatch:
     def move_arm(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> None:
         """Place the arm for this tick: joint positions and velocities, each of shape (nv,)."""
         self.kinematics.compute(q, v)
-        self.motion.update(v)
+        if self.motion.update(v):
+            self.ledger.doubt()
 
     def look(
         self,

@@ -121,6 +121,15 @@ def test_measured_speed_above_its_limit_counts_and_passes(robot):
     assert arrays[3] is motion.velocity_error
 
 
+def test_bounds_that_grow_are_told(robot):
+    motion = IsotropicMotion(robot)
+    over = robot.velocity_limit + 0.01
+    first, second = np.diag(over)[0], np.diag(over)[1]
+    steps = [np.zeros(7), robot.velocity_limit, first, 0.5 * first, -first, first, second, first]
+    grew = [False, False, True, False, True, False, True, True]
+    assert [motion.update(v) for v in steps] == grew
+
+
 def test_velocity_error_is_unknown_before_the_first_update(robot):
     assert np.isinf(IsotropicMotion(robot).velocity_error).all()
 

@@ -86,6 +86,17 @@ def test_a_row_with_another_occupant_starts_anew():
     assert scene.disturbed() == ([], [])
 
 
+def test_doubt_touches_all_pairs_once():
+    scene = Scene()
+    scene.see(0.0, 3.0)
+    fresh, _ = scene.follow()
+    scene.look(fresh)
+    assert scene.disturbed() == ([], [])
+    scene.ledger.doubt()
+    assert scene.disturbed() == (fresh.tolist(), [])
+    assert scene.disturbed() == ([], [])
+
+
 def test_pairs_that_nobody_watches():
     scene = Scene(lambda row: np.array([True, False, True]))
     row = scene.see(0.0, 3.0)

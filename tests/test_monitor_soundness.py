@@ -206,3 +206,49 @@ def test_the_exact_check_of_statics_and_of_bodies_without_bounds():
         state.begin(now, 0.0, 0.0)
         assert check.contact_time(obstacles.row("post"), 3) > 0.1
         assert check.contact_time(obstacles.row("wild"), 3) == 0.0
+
+
+def watch_statics(q, v, tick, refused=()):
+    """Evaluations at a tick of DAA, after it has seen the same arm at rest or in motion for long.
+
+    Arms are at `q(i)` and `v(i)` at tick i; those in `refused` report an impossible state.
+    """
+    obstacles, monitor = make_monitor("daa")
+    for k in range(20):
+        obstacles.add_static(f"static{k}", [3.0 + 0.1 * k, 0.0, 0.5], 0.1)
+    for i in range(tick + 1):
+        impossible = np.full(7, math.nan)
+        verdict = monitor.step(i * 1e-3, q(i), impossible if i in refused else v(i))
+    assert verdict.complete
+    return verdict.evaluated
+
+
+def test_certificates_end_when_the_arm_is_faster_than_they_took_it_to_be():
+    limit, error = panda().velocity_limit[0], panda().velocity_error[0]
+    axis = np.eye(7)[0]
+
+    def q(i):
+        return HOME + (-1.0 + limit * i * 1e-3) * axis
+
+    # Up to its limit, then beyond: the certificates of the ticks before took it to be slower.
+    excess = {20: 0.5, 21: 0.5, 22: 0.4, 23: 0.5, 24: 0.9}
+
+    def v(i):
+        return (limit + excess.get(i, 0.0) * error) * axis
+
+    everything = watch_statics(q, v, 0)
+    evaluated = [watch_statics(q, v, tick) >= everything for tick in range(18, 27)]
+    assert evaluated == [False, False, True, False, False, True, True, False, False]
+
+
+def test_certificates_end_with_the_trust_in_the_arm():
+    def still(i):
+        return 0.0 * HOME
+
+    def home(i):
+        return HOME
+
+    everything = watch_statics(home, still, 0)
+    assert watch_statics(home, still, 30) < everything
+    assert watch_statics(home, still, 30, refused=[29]) >= everything
+    assert watch_statics(home, still, 31, refused=[29]) < everything
