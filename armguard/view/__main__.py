@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import os
 import sys
 
 from armguard.exceptions import ArmguardError
 from armguard.view.watch import watch
+
+NICENESS = 10
+"""Drawing gives way to whatever else the machine has to do: the monitor, above all."""
 
 
 def main() -> int:
@@ -17,6 +21,7 @@ def main() -> int:
     parser.add_argument("--port", type=int, default=0, help="of the page; 0: any that is free")
     parser.add_argument("--parent", type=int, default=None, help="end when this process has ended")
     options = parser.parse_args()
+    os.nice(NICENESS)
     try:
         asyncio.run(watch(options.address, options.port, options.parent))
     except ArmguardError as error:
