@@ -242,6 +242,9 @@ class Monitor:
     ) -> Verdict:
         """The verdict of a tick whose arm state is believed."""
         pair, contact_time, overdue = self._watch.ledger.earliest(time, self._sequence)
+        if self.obstacles.homeless():
+            # They were reported, so they are there, and could be anywhere.
+            pair, contact_time = NOBODY, 0.0
         if overdue:
             reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{overdue} pairs"))
         if not self.obstacles.has_sources:
@@ -251,7 +254,7 @@ class Monitor:
             now, contact_time, stop_time, complete=not overdue, standing=standing
         )
         link, obstacle = (None, None) if pair == NOBODY else self._watch.names(pair)
-        if self._rule.grade(contact_time, stop_time) is not Level.CLEAR:
+        if pair != NOBODY and self._rule.grade(contact_time, stop_time) is not Level.CLEAR:
             reasons.append(
                 Reason(ReasonKind.CONTACT, f"{link} and {obstacle}", f"in {contact_time:.4g} s")
             )

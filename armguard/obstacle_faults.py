@@ -2,6 +2,7 @@
 
 Bad data never raises inside the loop; it is refused, and what was refused is told once. The queue
 is bounded, so that a source that talks nonsense costs no memory, and it counts what it drops.
+One fault lasts longer: an obstacle that found no room in the table is in the cell all the same.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import enum
 from dataclasses import dataclass
 
 CAPACITY = 256
-"""Faults kept between two steps; more say nothing that these do not."""
+"""Faults kept between two steps, and obstacles without room known by name; more say no more."""
 
 
 class FaultKind(enum.StrEnum):
@@ -85,3 +86,52 @@ class FaultQueue:
         """The faults since the last call, oldest first; the queue is empty afterwards."""
         taken, self._faults = self._faults, []
         return taken
+
+
+class Homeless:
+    """Obstacles that were reported and found no room, until they find some or are removed.
+
+    Only so many are known by name. Of a source with more of them, some stay missing until it sends
+    a snapshot, which shows all that it sees.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[int, float]] = {}
+        self._nameless: set[int] = set()
+
+    def add(self, name: str, source: int, stamp: float) -> None:
+        """Notes an obstacle of the source with this number, seen at `stamp` [s]."""
+        if name in self._known or len(self._known) < CAPACITY:
+            _, seen = self._known.get(name, (source, stamp))
+            self._known[name] = (source, max(stamp, seen))
+        else:
+            self._nameless.add(source)
+
+    def discard(self, name: str, source: int | None = None, stamp: float | None = None) -> bool:
+        """Forgets an obstacle, if it is one of these and may be forgotten.
+
+        Args:
+            name: Of the obstacle.
+            source: Number of the source that it must belong to; None: any.
+            stamp: After which it must not have been seen, in [s]; None: whenever.
+
+        Returns:
+            Whether it was forgotten.
+        """
+        if name not in self._known:
+            return False
+        owner, seen = self._known[name]
+        if source not in (None, owner) or not (stamp is None or seen <= stamp):
+            return False
+        del self._known[name]
+        return True
+
+    def forget(self, source: int) -> None:
+        """Forgets all obstacles of a source, which is about to say anew what it sees."""
+        if self._known or self._nameless:
+            self._known = {k: entry for k, entry in self._known.items() if entry[0] != source}
+            self._nameless.discard(source)
+
+    def names(self) -> list[str]:
+        """Those known by name, the oldest first, and "more obstacles" if there are others."""
+        return [*self._known, *(["more obstacles"] if self._nameless else [])]

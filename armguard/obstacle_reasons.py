@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from armguard.obstacle_faults import Fault
+from armguard.obstacle_faults import Fault, FaultKind
 from armguard.obstacles import Obstacles
 from armguard.verdict import Reason, ReasonKind
 
@@ -29,6 +29,9 @@ def take_obstacle_reasons(obstacles: Obstacles, now: float, timeout: float) -> l
     for fault in obstacles.take_faults():
         named.add(fault.id)
         reasons.append(_as_reason(fault))
+    for name in obstacles.homeless():
+        if name not in named:
+            reasons.append(Reason(ReasonKind.OBSTACLE_REFUSED, name, str(FaultKind.TABLE_FULL)))
     for row in obstacles.refused_rows():
         if obstacles.ids[row] not in named:
             reasons.append(Reason(ReasonKind.OBSTACLE_REFUSED, obstacles.ids[row]))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ObstacleError
-from armguard.obstacle_faults import Fault, FaultQueue
+from armguard.obstacle_faults import Fault, FaultQueue, Homeless
 from armguard.obstacle_table import ObstacleTable
 from armguard.sources import NO_SOURCE, Source, SourceBook, SourceState, Tombstones
 
@@ -45,6 +45,7 @@ class ObstacleRegister:
         self._rows: dict[str, int] = {}
         self._tombstones = Tombstones()
         self._faults = FaultQueue()
+        self._homeless = Homeless()
         self._added: set[int] = set()
         self._removed: set[int] = set()
         self._newest = -math.inf
@@ -134,6 +135,10 @@ class ObstacleRegister:
             self._tombstones.limit(now)
         return self._book.ahead(now, tolerance)
 
+    def homeless(self) -> list[str]:
+        """Obstacles that were reported and found no room in the table."""
+        return self._homeless.names()
+
     def take_faults(self) -> list[Fault]:
         """What was refused since the last call, oldest first."""
         return self._faults.take()
@@ -148,14 +153,18 @@ class ObstacleRegister:
         """Faults that nobody will see, because too many came between two steps."""
         return self._faults.dropped
 
-    def _take_row(self, name: str, owner: int) -> int:
+    def _take_row(self, name: str, owner: int, stamp: float) -> int:
+        """A row for an obstacle first seen at `stamp` [s]; -1 if there is no room."""
         row = self.table.take_row(owner)
-        if row >= 0:
-            self.ids.extend([""] * (len(self.table.alive) - len(self.ids)))
-            self.ids[row] = name
-            self._rows[name] = row
-            self._added.add(row)
-            self.membership += 1
+        if row < 0:
+            self._homeless.add(name, owner, stamp)
+            return row
+        self._homeless.discard(name)
+        self.ids.extend([""] * (len(self.table.alive) - len(self.ids)))
+        self.ids[row] = name
+        self._rows[name] = row
+        self._added.add(row)
+        self.membership += 1
         return row
 
     def _release(self, row: int, time: float | None) -> None:

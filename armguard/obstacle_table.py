@@ -16,8 +16,8 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 MAXIMUM_POINTS = 8
-MAXIMUM_ROWS = 65536
-"""Bound on memory: some 60 MB. What finds no row is a fault."""
+MAXIMUM_ROWS = 2**18
+"""Bound on memory: some 250 MB when all are in use. What finds no row is a fault that stays."""
 
 
 class States(NamedTuple):

@@ -144,6 +144,8 @@ class Obstacles(ObstacleRegister):
         known = self._book.find(source)
         late = known is not None and time < known.stamp
         state = self._book.hear(source, time)
+        if snapshot and not late:
+            self._homeless.forget(state.index)
         rows = np.fromiter(map(self._rows.get, names, repeat(-1)), np.int64, len(names))
         for i in np.flatnonzero(rows < 0):
             rows[i] = self._admit(names[i], time, state)
@@ -182,7 +184,7 @@ class Obstacles(ObstacleRegister):
                     f"is at {points.tolist()} with radius {size}",
                     expected="finite numbers and a radius of at least 0",
                 )
-            row = self._take_row(name, NO_SOURCE)
+            row = self._take_row(name, NO_SOURCE, -math.inf)
             if row < 0:
                 raise ObstacleError(f"id {name!r}", "finds no room in the table")
         except ObstacleError as error:
@@ -280,7 +282,7 @@ class Obstacles(ObstacleRegister):
         if self._tombstones.below_floor(state.index, time):
             self._faults.leave(FaultKind.LATE, source, name, "stamp", time, time)
             return -1
-        row = self._take_row(name, state.index)
+        row = self._take_row(name, state.index, time)
         if row < 0:
             self._faults.leave(FaultKind.TABLE_FULL, source, name, "id", name, time)
         else:
@@ -307,7 +309,9 @@ class Obstacles(ObstacleRegister):
             if time is not None and state is not None:
                 # Its last states may still be under way.
                 self._tombstones.add(name, time, state.index)
-            self._faults.leave(FaultKind.UNKNOWN_ID, speaker, name, "id", name, stamp)
+            speaks = NO_SOURCE if state is None else state.index
+            if not self._homeless.discard(name, None if source is None else speaks, time):
+                self._faults.leave(FaultKind.UNKNOWN_ID, speaker, name, "id", name, stamp)
         elif source is not None and (state is None or table.owner[row] != state.index):
             owner = self.source_of(row)
             self._faults.leave(FaultKind.TWO_PUBLISHERS, speaker, name, "id", owner, stamp)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps, subjects
 
-from armguard import pair_watch
+from armguard import obstacle_table, pair_watch
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
 from armguard.verdict import Effect, Level, ReasonKind
@@ -222,6 +222,30 @@ def test_a_refused_sample_counts_in_contact_time(schedule):
     assert verdict.obstacle == "ball"
     (verdict,) = keep(obstacles, monitor, 3, 1)
     assert verdict.contact_time > 1.0
+
+
+def test_an_obstacle_that_finds_no_room_stops_the_arm_for_as_long(schedule, monkeypatch):
+    monkeypatch.setattr(obstacle_table, "MAXIMUM_ROWS", 64)
+    obstacles, monitor = make_monitor(schedule)
+    names = [f"b{k}" for k in range(65)]
+    obstacles.update(names, 0.0, np.full((65, 3), 20.0), radius=0.1)
+    tick = 0
+    for change in (lambda: None, lambda: obstacles.remove(["b7"])):
+        change()
+        for _ in range(400):
+            obstacles.update([], tick * PERIOD)
+            verdict = monitor.step(tick * PERIOD, HOME, STILL)
+            assert (verdict.level, verdict.contact_time) == (Level.STOP, 0.0)
+            assert (verdict.link, verdict.obstacle) == (None, None)
+            assert "b64" in subjects(verdict, ReasonKind.OBSTACLE_REFUSED)
+            tick += 1
+    obstacles.update(["b64"], tick * PERIOD, [FAR], radius=0.1)
+    (verdict,) = steps(monitor, tick, 1)
+    assert verdict.contact_time > 1.0
+    obstacles.update([], (tick + 150) * PERIOD)
+    later = steps(monitor, tick + 1, 302)
+    assert later[-4].level is Level.STOP
+    assert later[-1].level is Level.CLEAR
 
 
 def test_another_track_is_believed_after_five_samples(schedule):

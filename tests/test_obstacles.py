@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from armguard import obstacle_table
 from armguard.exceptions import ObstacleError
 from armguard.frames import Frame
 from armguard.obstacle_faults import CAPACITY
@@ -622,6 +623,72 @@ def test_faults_are_bounded_and_counted():
     assert len(obstacles.take_faults()) == CAPACITY
     assert obstacles.fault_count == 300
     assert obstacles.dropped_faults == 300 - CAPACITY
+    assert obstacles.take_faults() == []
+
+
+@pytest.fixture
+def small_table(monkeypatch):
+    monkeypatch.setattr(obstacle_table, "MAXIMUM_ROWS", 64)
+    obstacles = Obstacles()
+    fill = [f"fill{i}" for i in range(64)]
+    obstacles.update(fill, 0.0, np.zeros((64, 3)), radius=0.1, source="full")
+    assert kinds(obstacles) == []
+    return obstacles
+
+
+def test_what_finds_no_room_is_missing_until_it_does(small_table):
+    see(small_table, 0.0)
+    assert kinds(small_table) == [FaultKind.TABLE_FULL]
+    assert small_table.homeless() == ["a"]
+    small_table.update([], 0.1)
+    assert small_table.homeless() == ["a"]
+    small_table.remove(["fill7"])
+    assert small_table.homeless() == ["a"]
+    assert see(small_table, 0.2) >= 0
+    assert small_table.homeless() == []
+    with pytest.raises(ObstacleError, match="no room"):
+        small_table.add_static("pillar", [0.0, 0.0, 0.0], 0.1)
+    assert small_table.homeless() == ["pillar"]
+    small_table.remove(["pillar"])
+    assert small_table.homeless() == []
+    assert len(small_table) == 64
+
+
+def test_what_found_no_room_is_missing_until_it_is_removed(small_table):
+    see(small_table, 0.5)
+    see(small_table, 0.4)
+    small_table.take_faults()
+    small_table.remove(["a"], source="nobody")
+    small_table.remove(["a"], stamp=0.6, source="full")
+    small_table.remove(["a"], stamp=0.45, source="default")
+    assert kinds(small_table) == [FaultKind.UNKNOWN_ID] * 3
+    assert small_table.homeless() == ["a"]
+    small_table.remove(["a"], stamp=0.5, source="default")
+    assert kinds(small_table) == []
+    assert small_table.homeless() == []
+
+
+def test_a_snapshot_says_anew_who_is_missing(small_table):
+    many = [f"many{i}" for i in range(CAPACITY + 10)]
+    small_table.update(many, 1.0, np.zeros((len(many), 3)), radius=0.1)
+    see(small_table, 1.0, id="other", source="cam1")
+    assert small_table.homeless() == [*many[:CAPACITY], "more obstacles"]
+    small_table.update([], 0.5, snapshot=True)
+    assert len(small_table.homeless()) == CAPACITY + 1
+    see(small_table, 1.1, id="a", snapshot=True)
+    # The other source's obstacle came too late to be known by name.
+    assert small_table.homeless() == ["a", "more obstacles"]
+    small_table.update([], 1.2, source="cam1", snapshot=True)
+    assert small_table.homeless() == ["a"]
+    small_table.update([], 1.2, snapshot=True)
+    assert small_table.homeless() == []
+
+
+def test_a_hundred_thousand_obstacles_find_room():
+    obstacles = Obstacles()
+    names = [f"part{i}" for i in range(100_000)]
+    obstacles.update(names, 0.0, np.zeros((len(names), 3)), radius=0.01)
+    assert len(obstacles) == 100_000
     assert obstacles.take_faults() == []
 
 
