@@ -86,6 +86,10 @@ class ObstacleRegister:
         self._removed.clear()
         return added, removed
 
+    def changed_rows(self) -> IntArray:
+        """Rows that came into use or lost their occupant since news was last drained. Shape (c,)."""
+        return np.array([*self._added, *self._removed], dtype=np.int64)
+
     def refused_rows(self) -> IntArray:
         """Rows beside whose state a refused sample stands. Shape (r,)."""
         return np.flatnonzero(self.table.refused) if self._any_refused else NO_ROWS

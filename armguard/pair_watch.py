@@ -177,8 +177,9 @@ class PairWatch:
             limit: At most so many.
         """
         ledger, state = self.ledger, self.state
-        # Obstacles may have been removed since.
-        there = ledger.pairs[state.marks.alive[ledger.pairs // ledger.link_count]]
+        # Obstacles may have been removed since, and others taken their rows.
+        rows = ledger.pairs // ledger.link_count
+        there = ledger.pairs[~np.isin(rows, self.obstacles.changed_rows())]
         order = np.argsort(ledger.expiry[there], kind="stable")[:limit]
         return [
             report_pair(pair, time, period, self.names(pair), ledger, state, self._exact)

@@ -100,9 +100,9 @@ class Verdict(NamedTuple):
     speed_scale: float
     """Safe to go on while every joint keeps below this fraction of its velocity limit."""
     link: str | None
-    """Link of the deciding pair; None without pairs or where the arm's state is unknown."""
+    """Link of the deciding pair; None without pairs or where not all that is there is known."""
     obstacle: str | None
-    """Obstacle of the deciding pair; None without pairs or where the arm's state is unknown."""
+    """Obstacle of the deciding pair; None alike."""
     complete: bool
     """Whether a certificate in force stands behind every pair."""
     evaluated: int

@@ -280,6 +280,21 @@ def test_reports_of_pairs():
     assert np.isnan(lost.point_on_link).all()
 
 
+def test_reports_leave_out_rows_that_changed_since():
+    obstacles, monitor = make_monitor()
+    see(obstacles, 0.0, [[1.5, 0.0, 0.5], [9.0, 0.0, 0.5]], ["near", "far"])
+    steps(monitor, 0, 1)
+    row = obstacles.row("near")
+    obstacles.remove(["near"])
+    # The table grows, and somebody else takes the row.
+    crowd = [f"crowd{k}" for k in range(100)]
+    see(obstacles, 0.001, np.full((100, 3), 50.0), crowd)
+    assert obstacles.ids[row].startswith("crowd")
+    assert {one.obstacle for one in monitor.pairs()} == {"far"}
+    obstacles.remove(["far", *crowd])
+    assert monitor.pairs() == []
+
+
 def test_buckets():
     assert [bucket_of(time, 0.001) for time in (0.0, 0.001, 0.0019, 0.0021, 0.0041)] == [
         0, 0, 0, 1, 2,
