@@ -29,6 +29,10 @@ class IgnoredPairs:
         self._links = robot.links
         self._patterns = [_read_pair(pair, robot) for pair in ignore]
 
+    def follow(self, robot: Robot) -> None:
+        """Take the links that the robot has now; what names a detached one waits for its return."""
+        self._links = robot.links
+
     def watched_links(self, obstacle: str) -> NDArray[np.bool_]:
         """Which links are watched against the obstacle of this id. Shape (links,)."""
         ignored = {link for link, ids in self._patterns if fnmatchcase(obstacle, ids)}

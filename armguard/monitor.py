@@ -206,6 +206,7 @@ class Monitor:
         self._now = now
         if self._epoch is None:
             self._epoch = now
+        self._watch.follow_robot()
         self._watch.follow_rows()
         disbelief = self._states.receive(stamp, q, v, now)
         if disbelief is not None:

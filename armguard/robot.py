@@ -10,26 +10,45 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from armguard.attached_bodies import AttachedBody
 from armguard.cover import Cover
 from armguard.exceptions import CoverError, RobotError
+from armguard.link_surfaces import collect_surfaces
 from armguard.robot_description import (
     LIMITS,
-    LockedJoint,
     RobotDescription,
     find_example_urdf,
     find_robot,
     read_description,
 )
-from armguard.surfaces import hull_triangles, triangulate
 from armguard.urdf import UrdfModel, read_urdf
+from armguard.watched_joints import check_joints, reduce_model
 
 Array = NDArray[np.float64]
+
+SPHERES = 12
+"""At most so many for an attached body: fitting must be quick more than tight."""
+
+
+class _Link(NamedTuple):
+    joint: int
+    """Index of the joint that moves it."""
+    triangles: Array
+    """In the frame of that joint, in [m]. Shape (n, 3, 3)."""
+    is_attached: bool
+
+
+class _Bodies(NamedTuple):
+    """All links at one time; replaced as a whole, never changed, so that no half is ever seen."""
+
+    links: dict[str, _Link]
+    revision: int
 
 
 class Robot:
@@ -43,7 +62,6 @@ class Robot:
         collision_model: `pinocchio.GeometryModel` of it, geometry as read.
         joints: Names of the watched joints, in model order.
         cover: A tree of spheres for each link, proved to contain it.
-        links: Names of the URDF bodies with collision geometry that a watched joint moves.
         velocity_limit: In [rad]/[s] or [m]/[s].
         acceleration_limit: Holds in every mode, emergency brakes included, in [rad]/[s²] or
             [m]/[s²].
@@ -60,8 +78,8 @@ class Robot:
         self, name: str, urdf: UrdfModel, description: RobotDescription, joints: Sequence[str]
     ) -> None:
         self.name = name
-        locked = _check_joints(urdf, description, joints)
-        self.model, self.collision_model = _reduce(urdf, description, locked)
+        locked = check_joints(urdf, description, joints)
+        self.model, self.collision_model = reduce_model(urdf, description, locked)
         self.joints = tuple(str(joint) for joint in self.model.names)[1:]
         entries = [description.joints[joint] for joint in self.joints]
         positions = [entry.position or (-np.inf, np.inf) for entry in entries]
@@ -79,8 +97,14 @@ class Robot:
             joint: {limit: description.source(joint, limit) for limit in LIMITS}
             for joint in self.joints
         }
-        self._triangles, self._joint_index = _moving_links(urdf, self, description)
-        self.links = tuple(self._triangles)
+        surfaces = collect_surfaces(urdf, self.joints, description)
+        if not surfaces:
+            raise RobotError(name, "no watched joint moves a link with collision geometry")
+        links = {
+            link: _Link(self.model.getJointId(joint), triangles, is_attached=False)
+            for link, (joint, triangles) in surfaces.items()
+        }
+        self._bodies = _Bodies(dict(sorted(links.items(), key=lambda item: item[1].joint)), 0)
 
     @classmethod
     def load(cls, name: str) -> Robot:
@@ -93,7 +117,7 @@ class Robot:
         directory = find_robot(name)
         description = read_description(directory / "robot.toml")
         path, packages = find_example_urdf(description.urdf)
-        urdf = read_urdf(path, [packages])
+        urdf = read_urdf(path, [packages], description.travelling)
         robot = cls(name, urdf, description, list(description.joints))
         robot.cover = Cover.load(directory / "cover.json")
         robot.cover.verify(robot)
@@ -124,7 +148,7 @@ class Robot:
             CoverError: The cover is for other geometry, or does not cover it.
         """
         description = read_description(limits)
-        urdf = read_urdf(path, package_dirs)
+        urdf = read_urdf(path, package_dirs, description.travelling)
         watched = list(description.joints) if joints is None else list(joints)
         robot = cls(Path(path).stem, urdf, description, watched)
         if cover is None:
@@ -136,6 +160,73 @@ class Robot:
             if not report.proved:
                 raise CoverError(f"link {link!r}", f"is not inside its spheres in {cover}")
         return robot
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of the URDF bodies with geometry that a watched joint moves; attached ones last."""
+        return tuple(self._bodies.links)
+
+    @property
+    def revision(self) -> int:
+        """How often bodies were attached and detached so far."""
+        return self._bodies.revision
+
+    def attach(
+        self,
+        name: str,
+        link: str,
+        geometry: Any,
+        placement: pinocchio.SE3 | ArrayLike | None = None,
+    ) -> None:
+        """Make a tool or a held part a link of its own, covered and proved.
+
+        A monitor that runs takes it in at its next step, and looks at all its pairs at once. The
+        cover is fitted before that, in a fraction of a second for a box and seconds for a fine
+        mesh, so where steps must not wait, call this from another thread.
+
+        Args:
+            name: What the new link is to be called.
+            link: The link that it is fixed to, whose joint moves it from now on.
+            geometry: A Coal shape (sphere, box, capsule, cylinder, convex) or mesh, or triangles
+                in [m] of shape (n, 3, 3).
+            placement: Of the geometry in the frame of that joint: `pinocchio.SE3` or a homogeneous
+                matrix of shape (4, 4); None: they coincide.
+
+        Raises:
+            RobotError: The name is taken, there is no such link, or the geometry or its placement
+                is unusable.
+            CoverError: No cover of it could be proved.
+        """
+        self._check_link(link)
+        body = AttachedBody(name, geometry, placement)
+        if name in self.links or any(frame.name == name for frame in self.model.frames):
+            raise RobotError(
+                f"attached body {name!r}", "has the name of another body", expected="a new name"
+            )
+        fitted = Cover.fit(body, spheres=SPHERES)
+        bodies = self._bodies
+        new = _Link(bodies.links[link].joint, body.triangles(name), is_attached=True)
+        # Whoever reads meanwhile finds a cover for every link that there is.
+        self.cover = _extend(self.cover, fitted)
+        self._bodies = _Bodies({**bodies.links, name: new}, bodies.revision + 1)
+
+    def detach(self, name: str) -> None:
+        """Take off what was attached; a monitor that runs notices at its next step.
+
+        Raises:
+            RobotError: No body of that name is attached.
+        """
+        bodies = self._bodies
+        attached = [link for link, entry in bodies.links.items() if entry.is_attached]
+        if name not in attached:
+            raise RobotError(
+                f"body {name!r}",
+                "is not attached",
+                expected=f"one of {', '.join(attached)}" if attached else "",
+            )
+        left = {link: entry for link, entry in bodies.links.items() if link != name}
+        self._bodies = _Bodies(left, bodies.revision + 1)
+        self.cover = _restrict(self.cover, left)
 
     def source(self, joint: str, limit: str) -> str:
         """Where a limit comes from: `position`, `velocity`, `acceleration` or `braking`."""
@@ -154,12 +245,12 @@ class Robot:
             RobotError: No watched joint moves such a link, or it has no collision geometry.
         """
         self._check_link(link)
-        return self._triangles[link]
+        return self._bodies.links[link].triangles
 
     def joint_index(self, link: str) -> int:
         """Index in `model.joints` of the joint that moves a link."""
         self._check_link(link)
-        return self._joint_index[link]
+        return self._bodies.links[link].joint
 
     def hull(self, link: str) -> Array:
         """Points whose convex hull contains a link.
@@ -170,7 +261,7 @@ class Robot:
         return np.unique(self.triangles(link).reshape(-1, 3), axis=0)
 
     def _check_link(self, link: str) -> None:
-        if link in self._triangles:
+        if link in self._bodies.links:
             return
         if any(frame.name == link for frame in self.model.frames):
             problem = "has no collision geometry that a watched joint moves"
@@ -179,128 +270,22 @@ class Robot:
         raise RobotError(f"link {link!r}", problem, expected=f"one of {', '.join(self.links)}")
 
 
+def _extend(cover: Cover, other: Cover) -> Cover:
+    links = {**dict.fromkeys(cover.links, cover), **dict.fromkeys(other.links, other)}
+    return Cover(
+        {link: source.tree(link) for link, source in links.items()},
+        {link: source.digest(link) for link, source in links.items()},
+    )
+
+
+def _restrict(cover: Cover, links: Iterable[str]) -> Cover:
+    kept = list(links)
+    return Cover(
+        {link: cover.tree(link) for link in kept}, {link: cover.digest(link) for link in kept}
+    )
+
+
 def _read_only(values: Iterable[float]) -> Array:
     array = np.array(list(values), dtype=np.float64)
     array.flags.writeable = False
     return array
-
-
-def _check_joints(
-    urdf: UrdfModel, description: RobotDescription, watched: Sequence[str]
-) -> list[str]:
-    """Refuse joints that are unknown, unlimited or coupled; return the others, to be locked."""
-    model, names = urdf.model, list(urdf.model.names)[1:]
-    for joint in [*watched, *description.locked]:
-        if joint not in names:
-            raise RobotError(
-                f"joint {joint!r}", "is not in the URDF", expected=f"one of {', '.join(names)}"
-            )
-    if not watched:
-        raise RobotError(model.name, "no joint is to be watched")
-    for joint in watched:
-        if joint not in description.joints:
-            raise RobotError(f"joint {joint!r}", "has no limits", remedy="give them in [joints]")
-        continuous = joint in urdf.continuous
-        if continuous != (description.joints[joint].position is None):
-            raise RobotError(
-                f"joint {joint!r}",
-                "is continuous and has no range" if continuous else "has no position limit",
-                expected="no position" if continuous else "position = [lower, upper]",
-            )
-    for joint, leader in urdf.mimics.items():
-        if joint in watched or leader in watched:
-            raise RobotError(
-                f"joint {joint!r}",
-                f"mimics joint {leader!r}",
-                expected="joints that move independently",
-                remedy="lock both, or remove the mimic element",
-            )
-    watched_ids = {model.getJointId(joint) for joint in watched}
-    carriers = {ancestor for joint in watched_ids for ancestor in model.supports[joint]}
-    for joint in names:
-        if joint in watched or joint in description.locked:
-            continue
-        number = model.getJointId(joint)
-        if number in carriers or watched_ids & set(model.supports[number]):
-            raise RobotError(
-                f"joint {joint!r}",
-                "is not watched, but carries or is carried by a watched joint",
-                remedy="watch it, or give its position or travel in [locked]",
-            )
-    for joint, entry in description.locked.items():
-        number = model.getJointId(joint)
-        prismatic = np.any(model.joints[number].createData().S[:3])
-        if entry.travel is not None and (number in carriers or not prismatic):
-            raise RobotError(
-                f"joint {joint!r}",
-                "cannot be anywhere in its travel",
-                expected="a prismatic joint that carries no watched one",
-                remedy="lock it at a position",
-            )
-    return [joint for joint in names if joint not in watched]
-
-
-def _rest_position(entry: LockedJoint | None) -> float:
-    if entry is None:
-        return 0.0
-    return entry.travel[0] if entry.travel is not None else float(entry.position or 0.0)
-
-
-def _reduce(
-    urdf: UrdfModel, description: RobotDescription, locked: Sequence[str]
-) -> tuple[Any, Any]:
-    """Lock joints; a travelling one at the start of its travel."""
-    configuration = pinocchio.neutral(urdf.model)
-    numbers = [urdf.model.getJointId(joint) for joint in locked]
-    for joint, number in zip(locked, numbers, strict=True):
-        index = urdf.model.joints[number].idx_q
-        configuration[index] = _rest_position(description.locked.get(joint))
-    model, collision_model = pinocchio.buildReducedModel(
-        urdf.model, urdf.collision_model, numbers, configuration
-    )
-    return model, collision_model
-
-
-def _moving_links(
-    urdf: UrdfModel, robot: Robot, description: RobotDescription
-) -> tuple[dict[str, Array], dict[str, int]]:
-    """Triangles and parent joint of every link that a watched joint moves.
-
-    Of a link that travels, they are those of the hull of both ends: all that it can reach.
-    """
-    travelling: set[str] = set()
-    pieces: dict[str, list[Array]] = {}
-    joint_index: dict[str, int] = {}
-    for geometry in urdf.collision_model.geometryObjects:
-        link = str(urdf.model.frames[geometry.parentFrame].name)
-        triangles = _place(geometry.placement, triangulate(f"link {link!r}", geometry.geometry))
-        number = geometry.parentJoint
-        while number and str(urdf.model.names[number]) not in robot.joints:
-            name = str(urdf.model.names[number])
-            entry = description.locked.get(name)
-            joint = urdf.model.joints[number]
-            data = joint.createData()
-            joint.calc(data, np.full(urdf.model.nq, _rest_position(entry)))
-            if entry is not None and entry.travel is not None:
-                end = data.S[:3].ravel() * (entry.travel[1] - entry.travel[0])
-                triangles = np.concatenate([triangles, triangles + end])
-                travelling.add(link)
-            triangles = _place(urdf.model.jointPlacements[number] * data.M, triangles)
-            number = urdf.model.parents[number]
-        if number:
-            pieces.setdefault(link, []).append(triangles)
-            joint_index[link] = robot.model.getJointId(str(urdf.model.names[number]))
-    if not pieces:
-        raise RobotError(robot.name, "no watched joint moves a link with collision geometry")
-    in_model_order = sorted(pieces, key=lambda link: joint_index[link])
-    surfaces = {link: np.concatenate(pieces[link]) for link in in_model_order}
-    for link in travelling & set(surfaces):
-        surfaces[link] = hull_triangles(f"link {link!r}", surfaces[link].reshape(-1, 3))
-    for surface in surfaces.values():
-        surface.flags.writeable = False
-    return surfaces, joint_index
-
-
-def _place(placement: Any, triangles: Array) -> Array:
-    moved: Array = triangles @ placement.rotation.T + placement.translation
-    return moved

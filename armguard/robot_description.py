@@ -45,8 +45,8 @@ class JointDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 class LockedJoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """An unwatched joint beyond or before a watched one.
 
-    Either it rests at `position`, or it may be anywhere in `travel` (prismatic joints only) and
-    its links are taken as all that they can reach, in [m].
+    Either it rests at `position`, or it may be anywhere in `travel`, in [rad] or [m], and its links
+    are taken as all that they can reach. A joint with travel may be one that the URDF draws fixed.
     """
 
     position: float | None = None
@@ -69,6 +69,11 @@ class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     title: str = ""
     urdf: str = ""
     locked: dict[str, LockedJoint] = {}
+
+    @property
+    def travelling(self) -> list[str]:
+        """The locked joints that may be anywhere in their travel."""
+        return [name for name, entry in self.locked.items() if entry.travel is not None]
 
     def source(self, joint: str, limit: str) -> str:
         """Where one limit of one joint comes from."""

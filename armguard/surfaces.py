@@ -47,6 +47,8 @@ def triangulate(name: str, geometry: Any) -> Array:
         size = np.asarray(getattr(geometry, key, 1.0))
         if not ((size > 0.0) & (size < np.inf)).all():
             raise RobotError(name, f"has {key} = {size}", expected="positive and finite")
+    if isinstance(geometry, coal.ShapeBase) and geometry.getSweptSphereRadius() != 0.0:
+        raise RobotError(name, "has a swept sphere radius", remedy="put it into the shape's sizes")
     if isinstance(geometry, coal.BVHModelBase):
         triangles = _mesh_triangles(geometry)
     elif isinstance(geometry, coal.Box):
@@ -59,11 +61,13 @@ def triangulate(name: str, geometry: Any) -> Array:
         ball = _ball_triangles(geometry.radius)
         end = np.array([0.0, 0.0, geometry.halfLength])
         triangles = hull_triangles(name, np.concatenate([ball - end, ball + end]).reshape(-1, 3))
+    elif isinstance(geometry, coal.ConvexBase):
+        triangles = hull_triangles(name, np.array(geometry.points(), dtype=np.float64))
     else:
         raise RobotError(
             name,
             f"has collision geometry of kind {type(geometry).__name__}",
-            expected="a mesh, box, sphere, cylinder or capsule",
+            expected="a mesh, box, sphere, cylinder, capsule or convex hull",
             remedy="replace it in the URDF",
         )
     if not len(triangles):

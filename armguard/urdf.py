@@ -8,7 +8,7 @@ right first, and afterwards every collision element is accounted for.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,12 +32,15 @@ class UrdfModel(NamedTuple):
     """Names of the continuous joints."""
 
 
-def read_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> UrdfModel:
+def read_urdf(
+    path: str | Path, package_dirs: Sequence[str | Path] = (), freed: Collection[str] = ()
+) -> UrdfModel:
     """Read the model and the collision geometry of a URDF; visual meshes are not opened.
 
     Args:
         path: The URDF file. Mesh names without a scheme are relative to its folder.
         package_dirs: Folders in which `package://` names are looked up.
+        freed: Joints that are drawn fixed but do turn, about the axis that the file gives them.
 
     Raises:
         RobotError: The file is missing or malformed, a mesh cannot be read, a joint has more
@@ -50,7 +53,7 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> Urdf
         raise RobotError(str(path), f"cannot be read: {error.strerror}") from error
     except ElementTree.ParseError as error:
         raise RobotError(str(path), f"is not XML: {error}") from error
-    continuous, mimics = _prepare_joints(root)
+    continuous, mimics = _prepare_joints(root, freed)
     _prepare_meshes(root, path.resolve().parent)
     text = ElementTree.tostring(root, encoding="unicode")
     try:
@@ -91,7 +94,9 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> Urdf
     return UrdfModel(model, collision_model, mimics, frozenset(continuous))
 
 
-def _prepare_joints(root: ElementTree.Element) -> tuple[list[str], dict[str, str]]:
+def _prepare_joints(
+    root: ElementTree.Element, freed: Collection[str]
+) -> tuple[list[str], dict[str, str]]:
     """Make continuous joints revolute; tell which they were, and who follows whom."""
     continuous: list[str] = []
     mimics: dict[str, str] = {}
@@ -100,6 +105,8 @@ def _prepare_joints(root: ElementTree.Element) -> tuple[list[str], dict[str, str
         mimic = joint.find("mimic")
         if mimic is not None:
             mimics[name] = mimic.get("joint", "")
+        if joint.get("type") == "fixed" and name in freed:
+            joint.set("type", "revolute")
         if joint.get("type") != "continuous":
             continue
         continuous.append(name)

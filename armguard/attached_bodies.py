@@ -1,0 +1,109 @@
+"""Tools and held parts: geometry that a user fixes to a link, as triangles in its joint's frame.
+
+They come from programs and cell files instead of a checked URDF, so everything about them is
+checked here: kind, sizes, placement, and that metres were meant.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio
+from numpy.typing import ArrayLike, NDArray
+
+from armguard.exceptions import RobotError
+from armguard.link_surfaces import place
+from armguard.surfaces import triangulate
+
+Array = NDArray[np.float64]
+
+FARTHEST = 10.0  # [m] from the joint: beyond it, millimetres are the likelier reading
+RIGID = 1e-9
+
+
+class AttachedBody:
+    """One attached body, as something with links and surfaces that a cover can be fitted to.
+
+    Args:
+        name: What it is to be called.
+        geometry: A Coal shape or mesh, or triangles in [m] of shape (n, 3, 3).
+        placement: In the frame of the joint that moves it: `pinocchio.SE3` or a homogeneous matrix
+            of shape (4, 4); None: the frame itself.
+
+    Raises:
+        RobotError: Any of them is unusable.
+    """
+
+    def __init__(
+        self, name: str, geometry: Any, placement: pinocchio.SE3 | ArrayLike | None
+    ) -> None:
+        if not (isinstance(name, str) and name.strip()):
+            raise RobotError(f"attached body {name!r}", "has no name", expected="a string")
+        offender = f"attached body {name!r}"
+        self.links = (name,)
+        surface = place(_read_placement(offender, placement), _read_geometry(offender, geometry))
+        farthest = float(np.sqrt((surface**2).sum(axis=2)).max())
+        if not farthest <= FARTHEST:
+            raise RobotError(
+                offender,
+                f"reaches {farthest:.4g} m from its joint",
+                expected=f"at most {FARTHEST:g} m",
+                remedy="give sizes in metres",
+            )
+        surface.flags.writeable = False
+        self._surface = surface
+
+    def triangles(self, link: str) -> Array:
+        """Its surface in the frame of its joint, in [m]. Shape (n, 3, 3)."""
+        assert link in self.links
+        return self._surface
+
+
+def _read_geometry(offender: str, geometry: Any) -> Array:
+    if isinstance(geometry, coal.CollisionGeometry):
+        return triangulate(offender, geometry)
+    try:
+        triangles = np.array(geometry, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise RobotError(
+            offender,
+            f"has geometry of type {type(geometry).__name__}",
+            expected="a Coal shape, or triangles of shape (n, 3, 3) in metres",
+        ) from error
+    if not (triangles.ndim == 3 and triangles.shape[1:] == (3, 3) and len(triangles)):
+        raise RobotError(
+            offender, f"has triangles of shape {triangles.shape}", expected="(n, 3, 3), n > 0"
+        )
+    if not np.isfinite(triangles).all():
+        raise RobotError(offender, "has a vertex that is not finite")
+    return triangles
+
+
+def _read_placement(offender: str, placement: pinocchio.SE3 | ArrayLike | None) -> pinocchio.SE3:
+    if placement is None:
+        return pinocchio.SE3.Identity()
+    try:
+        matrix = np.array(
+            placement.homogeneous if isinstance(placement, pinocchio.SE3) else placement,
+            dtype=np.float64,
+        )
+    except (TypeError, ValueError) as error:
+        raise RobotError(
+            offender, f"has placement {placement!r}", expected="an SE3 or a matrix of shape (4, 4)"
+        ) from error
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise RobotError(
+            offender, f"has placement {matrix.tolist()}", expected="finite, of shape (4, 4)"
+        )
+    rotation = matrix[:3, :3]
+    deviation = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    is_rigid = deviation <= RIGID and np.linalg.det(rotation) > 0.0
+    if not (is_rigid and (matrix[3] == [0.0, 0.0, 0.0, 1.0]).all()):
+        raise RobotError(
+            offender,
+            f"has placement {matrix.tolist()}",
+            expected="a rigid motion: orthonormal, right-handed, last row 0 0 0 1",
+        )
+    return pinocchio.SE3(rotation, matrix[:3, 3])

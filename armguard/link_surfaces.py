@@ -1,0 +1,118 @@
+"""What the watched joints move: each link's surface in the frame of the joint that carries it.
+
+Links behind a locked joint are carried along at its position. Where a locked joint may be anywhere
+in its travel (fingers, a head), its links are taken as all that they can reach: the hull of both
+ends of a slide, and of polygons drawn around the arcs of a turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.robot_description import LockedJoint, RobotDescription
+from armguard.surfaces import ROUND_UP, hull_triangles, triangulate
+from armguard.urdf import UrdfModel
+
+Array = NDArray[np.float64]
+
+STEP = math.radians(10.0)  # a polygon with corners so far apart sticks out of its arc by 0.4 %
+
+
+def collect_surfaces(
+    urdf: UrdfModel, watched: Collection[str], description: RobotDescription
+) -> dict[str, tuple[str, Array]]:
+    """Surfaces of all links that a watched joint moves.
+
+    Args:
+        urdf: The whole robot.
+        watched: Names of the joints that move; all others are locked.
+        description: Says where, or in which travel.
+
+    Returns:
+        By link: the watched joint that carries it, and triangles in that joint's frame, in [m],
+        read-only. Shape (n, 3, 3).
+
+    Raises:
+        RobotError: A link has geometry without triangles, or flat geometry on a travelling joint.
+    """
+    pieces: dict[str, list[Array]] = {}
+    carriers: dict[str, str] = {}
+    travelling: set[str] = set()
+    for geometry in urdf.collision_model.geometryObjects:
+        link = str(urdf.model.frames[geometry.parentFrame].name)
+        triangles = place(geometry.placement, triangulate(f"link {link!r}", geometry.geometry))
+        number = geometry.parentJoint
+        while number and str(urdf.model.names[number]) not in watched:
+            entry = description.locked.get(str(urdf.model.names[number]))
+            if entry is not None and entry.travel is not None:
+                span = entry.travel[1] - entry.travel[0]
+                triangles = _sweep(urdf.model.joints[number], span, f"link {link!r}", triangles)
+                travelling.add(link)
+            triangles = _carry(urdf.model, number, get_rest_position(entry), triangles)
+            number = urdf.model.parents[number]
+        if number:
+            pieces.setdefault(link, []).append(triangles)
+            carriers[link] = str(urdf.model.names[number])
+    surfaces = {link: np.concatenate(parts) for link, parts in pieces.items()}
+    for link in travelling & set(surfaces):
+        surfaces[link] = hull_triangles(f"link {link!r}", surfaces[link].reshape(-1, 3))
+    for surface in surfaces.values():
+        surface.flags.writeable = False
+    return {link: (carriers[link], surface) for link, surface in surfaces.items()}
+
+
+def get_rest_position(entry: LockedJoint | None) -> float:
+    """Where a locked joint is put in the model, in [rad] or [m]."""
+    if entry is None:
+        return 0.0
+    return entry.travel[0] if entry.travel is not None else float(entry.position or 0.0)
+
+
+def place(placement: Any, triangles: Array) -> Array:
+    """Triangles of one frame in another. Shape (n, 3, 3), in [m]."""
+    moved: Array = triangles @ placement.rotation.T + placement.translation
+    return moved
+
+
+def _carry(model: Any, number: int, position: float, triangles: Array) -> Array:
+    """From the frame of a locked joint to that of its parent."""
+    joint = model.joints[number]
+    data = joint.createData()
+    joint.calc(data, np.full(model.nq, position))
+    return place(model.jointPlacements[number] * data.M, triangles)
+
+
+def _sweep(joint: Any, span: float, name: str, triangles: Array) -> Array:
+    """Triangles whose hull contains all that they reach when a joint moves from 0 to `span`."""
+    motion = joint.createData().S
+    slide, axis = motion[:3].ravel(), motion[3:].ravel()
+    if np.any(slide):
+        return np.concatenate([triangles, triangles + span * slide])
+    # What is inside stays inside, so only corners of the hull need turn.
+    corners = np.unique(hull_triangles(name, triangles.reshape(-1, 3)).reshape(-1, 3), axis=0)
+    return hull_triangles(name, _turn(corners, axis / np.linalg.norm(axis), span))
+
+
+def _turn(points: Array, axis: Array, angle: float) -> Array:
+    """Points whose hull contains all that `points` reach by turning from 0 to `angle` [rad]."""
+    count = math.ceil(angle / STEP)
+    step = angle / count
+    along = np.outer(points @ axis, axis)
+    across = points - along
+    aside = np.cross(axis, across)
+    # Tangents at both ends of each piece of arc meet over its middle.
+    out = ROUND_UP / math.cos(0.5 * step)
+    turned = [
+        along + size * (math.cos(turn) * across + math.sin(turn) * aside)
+        for size, turn in [
+            (ROUND_UP, 0.0),
+            *((out, (k + 0.5) * step) for k in range(count)),
+            (ROUND_UP, angle),
+        ]
+    ]
+    return np.concatenate(turned)

@@ -1,0 +1,105 @@
+"""Which joints are watched, and the model that is left when all others are locked.
+
+A joint that is neither watched nor locked by name must have nothing to do with a watched one: not
+carry it, not be carried by it, not mimic it or be mimicked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio
+
+from armguard.exceptions import RobotError
+from armguard.link_surfaces import get_rest_position
+from armguard.robot_description import RobotDescription
+from armguard.urdf import UrdfModel
+
+
+def check_joints(
+    urdf: UrdfModel, description: RobotDescription, watched: Sequence[str]
+) -> list[str]:
+    """Refuse joints that are unknown, unlimited or coupled; return the others, to be locked.
+
+    Args:
+        urdf: The whole robot.
+        description: Limits of the watched joints, and where the others rest or travel.
+        watched: Names of the joints to watch.
+
+    Raises:
+        RobotError: A joint is not what it must be; the message names it.
+    """
+    model, names = urdf.model, list(urdf.model.names)[1:]
+    for joint in [*watched, *description.locked]:
+        if joint not in names:
+            raise RobotError(
+                f"joint {joint!r}", "is not in the URDF", expected=f"one of {', '.join(names)}"
+            )
+    if not watched:
+        raise RobotError(model.name, "no joint is to be watched")
+    for joint in watched:
+        if joint not in description.joints:
+            raise RobotError(f"joint {joint!r}", "has no limits", remedy="give them in [joints]")
+        continuous = joint in urdf.continuous
+        if continuous != (description.joints[joint].position is None):
+            raise RobotError(
+                f"joint {joint!r}",
+                "is continuous and has no range" if continuous else "has no position limit",
+                expected="no position" if continuous else "position = [lower, upper]",
+            )
+    for joint, leader in urdf.mimics.items():
+        if joint in watched or leader in watched:
+            raise RobotError(
+                f"joint {joint!r}",
+                f"mimics joint {leader!r}",
+                expected="joints that move independently",
+                remedy="lock both, or remove the mimic element",
+            )
+    watched_ids = {model.getJointId(joint) for joint in watched}
+    carriers = {ancestor for joint in watched_ids for ancestor in model.supports[joint]}
+    for joint in names:
+        if joint in watched or joint in description.locked:
+            continue
+        number = model.getJointId(joint)
+        if number in carriers or watched_ids & set(model.supports[number]):
+            raise RobotError(
+                f"joint {joint!r}",
+                "is not watched, but carries or is carried by a watched joint",
+                remedy="watch it, or give its position or travel in [locked]",
+            )
+    for joint, entry in description.locked.items():
+        number = model.getJointId(joint)
+        slides = np.any(model.joints[number].createData().S[:3])
+        if entry.travel is None:
+            continue
+        if number in carriers:
+            raise RobotError(
+                f"joint {joint!r}",
+                "cannot be anywhere in its travel",
+                expected="a joint that carries no watched one",
+                remedy="lock it at a position",
+            )
+        if not (slides or entry.travel[1] - entry.travel[0] <= 2.0 * np.pi):
+            raise RobotError(
+                f"joint {joint!r}",
+                f"has travel = {list(entry.travel)}",
+                expected="at most one turn",
+            )
+    return [joint for joint in names if joint not in watched]
+
+
+def reduce_model(
+    urdf: UrdfModel, description: RobotDescription, locked: Sequence[str]
+) -> tuple[Any, Any]:
+    """The model and the collision model with joints locked, a travelling one at its start."""
+    configuration = pinocchio.neutral(urdf.model)
+    numbers = [urdf.model.getJointId(joint) for joint in locked]
+    for joint, number in zip(locked, numbers, strict=True):
+        index = urdf.model.joints[number].idx_q
+        configuration[index] = get_rest_position(description.locked.get(joint))
+    model, collision_model = pinocchio.buildReducedModel(
+        urdf.model, urdf.collision_model, numbers, configuration
+    )
+    return model, collision_model
