@@ -40,7 +40,7 @@ def start(tmp_path):
 
 def finish(demo):
     """What the demo printed, its exit code, and that nothing stayed behind."""
-    out, err = demo.process.communicate(timeout=30)
+    out, err = demo.process.communicate(timeout=120)
     assert demo.wait_until_gone(SOON)
     assert "Traceback" not in err
     return out, err

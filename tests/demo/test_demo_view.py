@@ -52,7 +52,7 @@ def count_red(picture):
 
 def test_the_colours_change_when_the_person_reaches_in(tmp_path):
     with (
-        RunningDemo("--duration", "24", "--json", folder=tmp_path) as demo,
+        RunningDemo("--duration", "30", "--json", folder=tmp_path) as demo,
         sync_playwright() as playwright,
         playwright.chromium.launch(executable_path=str(NICE_CHROMIUM), args=FLAGS) as browser,
     ):
