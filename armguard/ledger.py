@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.compilation import kernel
-from armguard.obstacle_table import States
+from armguard.obstacle_table import States, extend_rows, make_states
 from armguard.pairs import FloatArray, IntArray, TickState
 from armguard.plausibility import ALLOWED, body_allows
 
@@ -63,7 +63,7 @@ class PairLedger:
         self.pairs: IntArray = np.zeros(0, dtype=np.int64)
         """The active pairs, ascending."""
         self._seen_revision: IntArray = np.zeros(0, dtype=np.int64)
-        self._anchors = _make_bodies(0)
+        self._anchors = make_states(0)
         self._outcomes: NDArray[np.int8] = np.zeros(0, dtype=np.int8)
         self._doubted = False
 
@@ -197,32 +197,16 @@ class PairLedger:
         size = capacity * self.link_count
         if size <= len(self.active):
             return
-        extra = size - len(self.active)
-        self.active = np.concatenate([self.active, np.zeros(extra, dtype=np.bool_)])
-        self.expiry = np.concatenate([self.expiry, np.full(extra, -np.inf)])
-        self.evaluated_at = np.concatenate([self.evaluated_at, np.full(extra, -np.inf)])
-        self.tick = np.concatenate([self.tick, np.full(extra, NEVER, dtype=np.int64)])
-        self.sphere = np.concatenate([self.sphere, np.zeros(extra, dtype=np.int64)])
-        rows = capacity - len(self._seen_revision)
-        self._seen_revision = np.concatenate(
-            [self._seen_revision, np.full(rows, NEVER, dtype=np.int64)]
-        )
+        # What pairs start with is written when they come.
+        self.active = extend_rows(self.active, size)
+        self.expiry = extend_rows(self.expiry, size)
+        self.evaluated_at = extend_rows(self.evaluated_at, size)
+        self.tick = extend_rows(self.tick, size)
+        self.sphere = extend_rows(self.sphere, size)
+        self._seen_revision = extend_rows(self._seen_revision, capacity)
         if self.keeps_certificates:
-            more = _make_bodies(extra)
-            self._anchors = States(
-                *(np.concatenate([old, new]) for old, new in zip(self._anchors, more, strict=True))
-            )
+            self._anchors = States(*(extend_rows(array, size) for array in self._anchors))
             self._outcomes = np.zeros(size, dtype=np.int8)
-
-
-def _make_bodies(count: int) -> States:
-    scalars = [np.zeros(count) for _ in range(6)]
-    return States(
-        np.zeros((count, 8, 3)),
-        np.zeros((count, 8, 3)),
-        np.ones(count, dtype=np.int64),
-        *scalars,
-    )
 
 
 @kernel

@@ -87,7 +87,7 @@ class ObstacleRegister:
         return added, removed
 
     def changed_rows(self) -> IntArray:
-        """Rows that came into use or lost their occupant since news was last drained. Shape (c,)."""
+        """Rows whose occupants came or went since `drain_membership` was called. Shape (c,)."""
         return np.array([*self._added, *self._removed], dtype=np.int64)
 
     def refused_rows(self) -> IntArray:

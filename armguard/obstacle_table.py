@@ -120,8 +120,8 @@ class ObstacleTable:
     def __init__(self, capacity: int = 64) -> None:
         self._free: list[int] = []
         self.marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 3))
-        self.accepted = _make_states(0)
-        self.refused_states = _make_states(0)
+        self.accepted = make_states(0)
+        self.refused_states = make_states(0)
         self._grow(capacity)
 
     def take_row(self, owner: int) -> int:
@@ -169,9 +169,11 @@ class ObstacleTable:
     def _grow(self, capacity: int) -> None:
         first = len(self.marks.alive)
         self._free.extend(range(capacity - 1, first - 1, -1))
-        self.accepted = States(*(_extend(array, capacity) for array in self.accepted))
-        self.refused_states = States(*(_extend(array, capacity) for array in self.refused_states))
-        self.marks = Marks(*(_extend(array, capacity) for array in self.marks))
+        self.accepted = States(*(extend_rows(array, capacity) for array in self.accepted))
+        self.refused_states = States(
+            *(extend_rows(array, capacity) for array in self.refused_states)
+        )
+        self.marks = Marks(*(extend_rows(array, capacity) for array in self.marks))
         for group in (self.accepted, self.marks):
             for name, array in group._asdict().items():
                 setattr(self, name, array)
@@ -179,13 +181,15 @@ class ObstacleTable:
             setattr(self, f"refused_{name}", array)
 
 
-def _make_states(rows: int) -> States:
+def make_states(rows: int) -> States:
+    """Room for so many states, each with one point."""
     shape = (rows, MAXIMUM_POINTS, 3)
     scalars = [np.zeros(rows) for _ in range(6)]
     return States(np.zeros(shape), np.zeros(shape), np.ones(rows, dtype=np.int64), *scalars)
 
 
-def _extend(array: NDArray[Any], rows: int) -> NDArray[Any]:
+def extend_rows(array: NDArray[Any], rows: int) -> NDArray[Any]:
+    """The array with more rows, of zeros; what is not written to takes no memory."""
     longer = np.zeros((rows, *array.shape[1:]), dtype=array.dtype)
     longer[: len(array)] = array
     return longer
