@@ -47,7 +47,7 @@ class ReasonKind(enum.Enum):
     """Everything that a verdict can rest on, with its effect."""
 
     CONTACT = ("contact possible", Effect.NOTE)
-    HOLD = ("held by earlier evidence", Effect.NOTE)
+    HOLD = ("waiting for evidence before the level rises", Effect.NOTE)
     NO_SOURCES = ("no sources", Effect.NOTE)
     NOT_YET_COMPLETE = ("no complete look yet", Effect.NOTE)
     SOURCE_SILENT = ("source silent", Effect.STANDING)
