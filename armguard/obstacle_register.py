@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from armguard.exceptions import ObstacleError
 from armguard.obstacle_faults import Fault, FaultQueue, Homeless
 from armguard.obstacle_table import ObstacleTable
-from armguard.sources import NO_SOURCE, Source, SourceBook, SourceState, Tombstones
+from armguard.sources import NO_SOURCE, Source, SourceBook, Tombstones
 
 IntArray = NDArray[np.int64]
 
@@ -28,7 +28,6 @@ class ObstacleRegister:
     Attributes:
         table: The arrays, by row; see `ObstacleTable`.
         ids: Id of each row; empty where the row is free.
-        membership: Goes up whenever a row comes into use or is given back.
         late_count: Late messages, by obstacle, that were ignored.
         watcher: Number of whoever follows the rows; see `start_watching`.
     """
@@ -38,7 +37,6 @@ class ObstacleRegister:
             raise ObstacleError("sources", f"is the string {sources!r}", expected="a list of names")
         self.table = ObstacleTable()
         self.ids: list[str] = [""] * len(self.table.alive)
-        self.membership = 0
         self.late_count = 0
         self.watcher = 0
         self._book = SourceBook(sources)
@@ -113,19 +111,6 @@ class ObstacleRegister:
         """Whether any source was named or has spoken."""
         return bool(self._book.states)
 
-    @property
-    def heard_any(self) -> bool:
-        """Whether any source has spoken."""
-        return any(state.heard for state in self._book.states)
-
-    def required_sources(self) -> list[str]:
-        """Names of the sources whose silence counts."""
-        return [state.source.name for state in self._book.states if state.required]
-
-    def source_state(self, name: str) -> SourceState | None:
-        """What is known about a source; None if it was neither named nor heard."""
-        return self._book.find(name)
-
     def silent_sources(self, now: float, default_timeout: float) -> list[str]:
         """Required sources that are silent for longer than their timeout, in [s]."""
         return self._book.silent(now, default_timeout)
@@ -168,7 +153,6 @@ class ObstacleRegister:
         self.ids[row] = name
         self._rows[name] = row
         self._added.add(row)
-        self.membership += 1
         return row
 
     def _release(self, row: int, time: float | None) -> None:
@@ -184,7 +168,6 @@ class ObstacleRegister:
         table.free_row(row)
         del self._rows[name]
         self.ids[row] = ""
-        self.membership += 1
         # A row that came and went between two looks of the monitor was never there for it.
         if row in self._added:
             self._added.discard(row)

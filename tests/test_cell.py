@@ -43,7 +43,7 @@ def test_the_example_gives_robot_obstacles_and_monitor(example):
     cell, robot, obstacles, monitor = example
     assert robot.name == "panda"
     assert sorted(obstacles.ids[:2]) == ["pillar", "table"]
-    assert obstacles.required_sources() == ["camera"]
+    assert obstacles.silent_sources(0.0, 0.2) == ["camera"]
     assert monitor.period == 0.001
     verdict = monitor.step(0.0, READY, np.zeros(7))
     assert [str(reason) for reason in verdict.reasons][:1] == ["source silent: camera"]
@@ -138,7 +138,7 @@ def test_settings_reach_obstacles_and_monitor():
     )
     _, obstacles, monitor = Cell.from_text(text).build()
     assert monitor.period == 0.002
-    assert obstacles.required_sources() == ["lidar"]
+    assert obstacles.silent_sources(0.0, 0.2) == ["lidar"]
     obstacles.update(["a"], 0.0, [[9.0, 9.0, 9.0]], radius=0.1)
     row = obstacles.row("a")
     assert obstacles.table.accepted.speed[row] == 3.0

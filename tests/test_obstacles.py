@@ -488,7 +488,6 @@ def test_membership_tells_the_monitor_which_rows_came_and_went():
     added, removed = obstacles.drain_membership()
     assert (added.tolist(), removed.tolist()) == ([a], [])
     assert not any(map(len, obstacles.drain_membership()))
-    before = obstacles.membership
     obstacles.remove(["a"])
     b = see(obstacles, 0.0, id="b")
     assert a == b
@@ -497,7 +496,6 @@ def test_membership_tells_the_monitor_which_rows_came_and_went():
     see(obstacles, 0.0, id="c")
     obstacles.remove(["c"])
     assert not any(map(len, obstacles.drain_membership()))
-    assert obstacles.membership == before + 4
 
 
 # Sources
@@ -506,23 +504,16 @@ def test_membership_tells_the_monitor_which_rows_came_and_went():
 def test_named_sources_are_required_and_so_is_whoever_has_spoken():
     obstacles = Obstacles(sources=["cam0", Source("lidar", timeout=1.0), Source("b", None, False)])
     assert obstacles.has_sources
-    assert not obstacles.heard_any
     assert obstacles.silent_sources(0.0, 0.2) == ["cam0", "lidar"]
     obstacles.update([], 1.0, source="cam0")
     obstacles.update([], 1.0, source="lidar")
     obstacles.update([], 1.0, source="new")
-    assert obstacles.heard_any
-    assert obstacles.required_sources() == ["cam0", "lidar", "new"]
     assert obstacles.silent_sources(1.2, 0.2) == []
     assert obstacles.silent_sources(1.3, 0.2) == ["cam0", "new"]
     assert obstacles.silent_sources(2.1, 0.2) == ["cam0", "lidar", "new"]
     assert obstacles.silent_sources(math.nan, 0.2) == ["cam0", "lidar", "new"]
     assert obstacles.ahead_sources(0.85, 0.2) == []
     assert obstacles.ahead_sources(0.5, 0.2) == ["cam0", "lidar", "new"]
-    state = obstacles.source_state("cam0")
-    assert state.heard
-    assert state.stamp == 1.0
-    assert obstacles.source_state("nobody") is None
 
 
 def test_without_sources_there_are_none():
