@@ -21,7 +21,6 @@ from scenes import (
 )
 
 from armguard.exceptions import ArmguardError
-from armguard.pair_reports import BUCKETS, bucket_of
 from armguard.pair_watch import ADVANCES
 from armguard.pairs import TickState, evaluate
 from armguard.verdict import Level, ReasonKind
@@ -293,16 +292,6 @@ def test_reports_leave_out_rows_that_changed_since():
     assert {one.obstacle for one in monitor.pairs()} == {"far"}
     obstacles.remove(["far", *crowd])
     assert monitor.pairs() == []
-
-
-def test_buckets():
-    assert [bucket_of(time, 0.001) for time in (0.0, 0.001, 0.0019, 0.0021, 0.0041)] == [
-        0, 0, 0, 1, 2,
-    ]  # fmt: skip
-    for time in (65.537, 1e9, 1e308, math.inf, math.nextafter(65.536, 0.0)):
-        assert bucket_of(time, 0.001) == BUCKETS - 1
-    assert bucket_of(math.nan, 0.001) == 0
-    assert bucket_of(1e308, 5e-324) == BUCKETS - 1
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,74 @@
+import math
+
+import pytest
+
+from armguard.exceptions import ObstacleError
+from armguard.sources import MAXIMUM_SOURCES, MAXIMUM_TOMBSTONES, Source, SourceBook, Tombstones
+
+
+@pytest.mark.parametrize("timeout", [0.0, -1.0, math.nan, math.inf])
+def test_timeouts_are_checked(timeout):
+    with pytest.raises(ObstacleError, match="timeout"):
+        Source("a", timeout)
+
+
+def test_who_was_named_is_required_and_who_speaks_is_from_then_on():
+    book = SourceBook(["camera", Source("lidar", timeout=1.0), Source("guest", required=False)])
+    assert book.silent(0.0, 0.2) == ["camera", "lidar"]
+    for name in ("camera", "lidar", "guest", "stranger"):
+        book.hear(name, 1.0)
+    assert book.silent(1.2, 0.2) == []
+    assert book.silent(1.3, 0.2) == ["camera", "guest", "stranger"]
+    assert book.silent(2.1, 0.2) == ["camera", "lidar", "guest", "stranger"]
+    assert book.silent(math.nan, 0.2) == book.silent(2.1, 0.2)
+
+
+def test_stamps_ahead_are_of_the_last_message():
+    book = SourceBook([])
+    book.hear("camera", 5.0)
+    assert book.ahead(4.75, 0.25) == []
+    assert book.ahead(4.5, 0.25) == ["camera"]
+    book.hear("camera", 4.5)
+    assert book.ahead(4.5, 0.25) == []
+
+
+def test_a_book_of_sources_is_bounded():
+    book = SourceBook([])
+    for k in range(MAXIMUM_SOURCES):
+        book.check_room(f"{k}")
+        book.hear(f"{k}", 0.0)
+    book.check_room("0")
+    with pytest.raises(ObstacleError, match="one too many"):
+        book.check_room("another")
+
+
+def test_a_tombstone_covers_what_is_not_newer():
+    stones = Tombstones()
+    stones.add("ball", 2.0, 0)
+    stones.add("ball", 1.0, 0)
+    assert stones.covers("ball", 2.0)
+    assert not stones.covers("ball", math.nextafter(2.0, math.inf))
+    assert not stones.covers("box", 0.0)
+    stones.lift("ball")
+    assert not stones.covers("ball", 0.0)
+
+
+def test_tombstones_given_up_leave_a_floor_for_their_source():
+    stones = Tombstones()
+    for k in range(MAXIMUM_TOMBSTONES + 1):
+        stones.add(f"{k}", 5.0, source=k % 2)
+    assert not stones.covers("0", 5.0)
+    assert stones.below_floor(0, 5.0)
+    assert not stones.below_floor(0, 5.1)
+    assert not stones.below_floor(1, 0.0)
+
+
+def test_no_tombstone_stays_ahead_of_the_clock():
+    stones = Tombstones()
+    for k in range(MAXIMUM_TOMBSTONES + 1):
+        stones.add(f"{k}", 1e9, 0)
+    stones.limit(3.0)
+    assert stones.newest == 3.0
+    assert stones.covers("7", 3.0)
+    assert not stones.covers("7", 3.1)
+    assert not stones.below_floor(0, 3.1)
