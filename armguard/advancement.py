@@ -30,6 +30,7 @@ from armguard.witness import (
     are_bounds,
     direction,
     follow,
+    later,
     limits,
     motion,
     usable_accel,
@@ -258,4 +259,4 @@ def pair_distance_time(  # type: ignore[no-untyped-def]
         return 0.0
     if top1 + top2 == 0.0:
         return math.inf
-    return min(gap / (top1 + top2) * (1.0 - SLACK), LONGEST)
+    return later(0.0, min(gap / (top1 + top2), LONGEST))

@@ -33,6 +33,7 @@ class _Body:
     top_speed: Fraction | None
     velocity_error: Fraction
     age: Fraction
+    clock_error: Fraction
 
 
 def verify(
@@ -51,6 +52,8 @@ def verify(
     age2: float = 0.0,
     velocity_error1: float = 0.0,
     velocity_error2: float = 0.0,
+    clock_error1: float = 0.0,
+    clock_error2: float = 0.0,
 ) -> bool:
     """Whether `certificate` proves that there is no contact before its `contact_time`.
 
@@ -66,7 +69,7 @@ def verify(
         return True
     times = np.asarray(certificate.times, dtype=np.float64)
     witnesses = np.asarray(certificate.witnesses, dtype=np.float64)
-    bounds = (a1, s1, velocity_error1, a2, s2, velocity_error2, contact_distance)
+    errors = (velocity_error1, velocity_error2, clock_error1, clock_error2, contact_distance)
     if not (
         contact_time > 0.0
         and times.ndim == 1
@@ -77,23 +80,20 @@ def verify(
         and times[0] == 0.0
         and (np.diff(times) > 0.0).all()
         and times[-1] < contact_time
-        and all(bound >= 0.0 for bound in bounds)
-        and math.isfinite(contact_distance)
-        and math.isfinite(velocity_error1)
-        and math.isfinite(velocity_error2)
+        and all(bound >= 0.0 for bound in (a1, s1, a2, s2, *errors))
     ):
         return False
-    corners = np.asarray(p2, dtype=np.float64).reshape(-1, 3)
-    motions = np.broadcast_to(np.asarray(v2, dtype=np.float64).reshape(-1, 3), corners.shape)
     try:
-        first = _body(p1, v1, a1, s1, velocity_error1, age1)
+        corners = np.asarray(p2, dtype=np.float64).reshape(-1, 3)
+        motions = np.broadcast_to(np.asarray(v2, dtype=np.float64).reshape(-1, 3), corners.shape)
+        first = _body(p1, v1, a1, s1, velocity_error1, age1, clock_error1)
         others = [
-            _body(p, v, a2, s2, velocity_error2, age2)
+            _body(p, v, a2, s2, velocity_error2, age2, clock_error2)
             for p, v in zip(corners, motions, strict=True)
         ]
-    except (OverflowError, ValueError):  # what Fraction makes of inf and NaN
+        distance = Fraction(float(contact_distance))
+    except (OverflowError, ValueError):  # shapes, and what Fraction makes of inf and NaN
         return False
-    distance = Fraction(contact_distance)
     starts = [Fraction(float(t)) for t in times]
     ends = [*starts[1:], Fraction(contact_time) if contact_time < math.inf else None]
     return bool(others) and all(
@@ -115,20 +115,23 @@ def _body(
     speed: float,
     velocity_error: float,
     age: float,
+    clock_error: float,
 ) -> _Body:
     motion = _vector(velocity)
-    error = Fraction(float(velocity_error))
+    is_measured = velocity_error < math.inf  # else it may be anything up to the top speed at once
+    error = Fraction(float(velocity_error)) if is_measured else Fraction(0)
     top_speed = None if speed == math.inf else Fraction(float(speed))
     square = _dot(motion, motion)
-    if top_speed is not None and square > (top_speed + error) ** 2:
+    if is_measured and top_speed is not None and square > (top_speed + error) ** 2:
         top_speed = _root_bounds(square)[1] + error  # the bound is broken: what was seen counts
     return _Body(
         _vector(position),
         motion,
-        None if accel == math.inf else Fraction(float(accel)),
+        Fraction(float(accel)) if is_measured and accel < math.inf else None,
         top_speed,
         error,
         Fraction(float(age)),
+        Fraction(float(clock_error)),
     )
 
 
@@ -191,9 +194,10 @@ def _is_witness(
         left = apart
         for body, along in ((first, along1), (other, along2)):
             advance = _advance(body, upper(along), upper(-along), body.age + t)
-            if advance is None:
+            drift = _drift(body)
+            if advance is None or drift is None:
                 return None
-            left -= advance
+            left -= advance + drift
         return left
 
     at_start = gap(start)
@@ -226,6 +230,13 @@ def _advance(body: _Body, closing: Fraction, receding: Fraction, s: Fraction) ->
     if body.accel * s <= top - speed:
         return speed * s + body.accel * s * s / 2
     return top * s - _floor((top - speed) ** 2 / (2 * body.accel))
+
+
+def _drift(body: _Body) -> Fraction | None:
+    """How far the body gets in the time that its stamp may be off by; None: anywhere."""
+    if body.clock_error == 0:
+        return body.clock_error
+    return None if body.top_speed is None else body.top_speed * body.clock_error
 
 
 def _final_speed(body: _Body, closing: Fraction) -> Fraction | None:

@@ -21,8 +21,9 @@ form. Whatever the witness, the time reached is proved; so it is in floating poi
 - Squares are used where they keep their bits; else the direction is rescaled by a power of two
   and the root taken by `hypot`. Non-zero accelerations below TINY count as TINY, lengths below it
   as contact, so that what underflows (2**-1074) is far below the SLACK of something present.
-  Lengths above LARGE count as contact, speeds above it as anything up to the top speed; what still
-  overflows makes the gap -inf or NaN and ends the search where it stands.
+  Times below SHORTEST, where rounding is no longer relative, count as none. Lengths and ages above
+  LARGE count as contact, speeds above it as anything up to the top speed, and no gap can overflow
+  upwards; what overflows otherwise makes it -inf or NaN and ends the search where it stands.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ SLACK = 2.0**-49
 TINY = 1e-270
 LARGE = 1e153
 NO_BOUND = sys.float_info.max  # the top speed of a body that has none
+SHORTEST = 1e-305  # no time but 0 is shorter, so that times have all their bits
 LONGEST = 1e305  # no step is longer, so that sums of times stay finite
 MAX_PIECES = 12  # seven, and a few for ends that rounding splits
 
@@ -70,7 +72,20 @@ def limits(vx, vy, vz, accel, speed, velocity_error):  # type: ignore[no-untyped
         margin += SLACK * (max(size, TINY) + velocity_error)
     if accel == math.inf or size > LARGE:
         margin = math.inf
-    return NO_BOUND if top > NO_BOUND else top, margin
+    if top > NO_BOUND:  # without a bound; one that is broken by that much is beyond reckoning
+        top = NO_BOUND if speed == math.inf and size <= LARGE else math.nan
+    return top, margin
+
+
+@kernel
+def clock_drift(vx, vy, vz, accel, speed, velocity_error, clock_error):  # type: ignore[no-untyped-def]
+    """How far a body can get in the time that its stamp may be off by, rounded up."""
+    if clock_error == 0.0:
+        return 0.0
+    top = limits(vx, vy, vz, accel, speed, velocity_error)[0]
+    if speed == math.inf:
+        return speed if clock_error > 0.0 else math.nan
+    return top * clock_error * (1.0 + SLACK) + (TINY if top > 0.0 else 0.0)
 
 
 @kernel(forceinline=True)
@@ -78,17 +93,17 @@ def usable_accel(accel):  # type: ignore[no-untyped-def]
     """The acceleration to reckon with: none where `limits` sees to it, never a vanishing one."""
     if accel == math.inf:
         return 0.0
-    return TINY if 0.0 < accel < TINY else accel
+    return TINY if 0.0 < accel < TINY else abs(accel)  # -0.0 has no usable inverse
 
 
 @kernel(forceinline=True)
 def are_bounds(accel, speed, velocity_error, age):  # type: ignore[no-untyped-def]
-    """Whether bounds and age mean something, and hold the body back at all (NaN never does)."""
+    """Whether bounds and age are usable, and hold the body back at all (NaN never does)."""
     return (
         accel >= 0.0
         and speed >= 0.0
         and velocity_error >= 0.0
-        and abs(age) < math.inf
+        and abs(age) < LARGE
         and (speed < math.inf or accel + velocity_error < math.inf)
     )
 
@@ -140,10 +155,10 @@ def _step(gap, slope, accel):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def _later(t, step):  # type: ignore[no-untyped-def]
+def later(t, step):  # type: ignore[no-untyped-def]
     """The time `step` after `t`, rounded down, but never before `t`."""
     after = (t + step) * (1.0 - SLACK)
-    return after if after > t else t
+    return after if after > t + SHORTEST else t
 
 
 @kernel(forceinline=True)
@@ -205,7 +220,7 @@ def follow_forward(  # type: ignore[no-untyped-def]
     gap = last_gap if is_last else gap
     slope = last_slope if is_last else slope
     accel = 0.0 if is_last else accel
-    return _later(t, past + _step(gap, slope, accel)), bite1, bite2
+    return later(t, past + _step(gap, slope, accel)), bite1, bite2
 
 
 @kernel
@@ -273,15 +288,15 @@ def follow_backward(  # type: ignore[no-untyped-def]
         # is too coarse to resolve it, the top speed bounds what follows.
         end1 = -age1 if end1 == 0.0 else (end1 - age1) * (1.0 - SLACK)
         end2 = -age2 if end2 == 0.0 else (end2 - age2) * (1.0 - SLACK)
-        if not end1 > t:
+        if not end1 > t + SHORTEST:
             slope1, curvature1, end1 = top1, 0.0, math.inf
-        if not end2 > t:
+        if not end2 > t + SHORTEST:
             slope2, curvature2, end2 = top2, 0.0, math.inf
         slope = slope1 + slope2 + SLACK * (fast1 + fast2)
         step = _step(gap, slope, curvature1 + curvature2)
         end = min(end1, end2)
         if not end < t + step:
-            return _later(t, step), bite1, bite2
+            return later(t, step), bite1, bite2
         t = end
     return t, bite1, bite2
 

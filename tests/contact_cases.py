@@ -7,7 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from armguard.contact import earliest_contact_pair
+
+CONVERGED = 200  # advances, far more than any pair needs
+
 Case = dict[str, Any]  # keyword arguments of certify and verify
+
+ORDINARY: Case = {
+    "p1": np.zeros(3), "v1": np.array([0.1, 0.0, 0.0]), "a1": 5.0, "s1": 2.0,
+    "p2": np.array([1.0, 0.5, 0.0]), "v2": np.array([0.0, -0.2, 0.0]), "a2": 10.0, "s2": 2.0,
+    "contact_distance": 0.2, "age1": 0.01, "age2": -0.005,
+    "velocity_error1": 0.01, "velocity_error2": 0.02, "clock_error1": 0.001, "clock_error2": 0.002,
+}  # fmt: skip
 
 
 def _magnitude(rng: np.random.Generator, decades: float) -> float:
@@ -56,6 +67,7 @@ def random_case(rng: np.random.Generator, decades: float, corners: int = 1) -> C
             0.0 if rng.integers(2) else min(_bound(rng, decades), 10.0**decades)
         )
         case["age" + i] = 0.0 if rng.integers(2) else float(rng.normal()) * _magnitude(rng, decades)
+        case["clock_error" + i] = 0.0 if rng.integers(4) else _magnitude(rng, decades)
     kind = rng.integers(4)
     case["contact_distance"] = (
         0.0
@@ -84,6 +96,7 @@ def ordinary_case(rng: np.random.Generator, corners: int = 1) -> Case:
         case["s" + i] = float(rng.choice([math.inf, speed, speed * rng.uniform()]))
         case["velocity_error" + i] = float(rng.choice([0.0, 0.05]))
         case["age" + i] = float(rng.choice([0.0, 0.01, -0.002, rng.uniform(-0.3, 0.3)]))
+        case["clock_error" + i] = float(rng.choice([0.0, 0.0, 0.0, 0.002]))
     return case
 
 
@@ -112,6 +125,8 @@ def grazing_case(rng: np.random.Generator) -> Case:
         "age2": 0.0,
         "velocity_error1": 0.0,
         "velocity_error2": 0.0,
+        "clock_error1": 0.0,
+        "clock_error2": 0.0,
     }
 
 
@@ -127,3 +142,34 @@ def mixed_case(rng: np.random.Generator) -> Case:
         return ordinary_case(rng, corners)
     decades = float(rng.choice([0.5, 3.0, 20.0, 150.0]))
     return random_case(rng, decades, corners if kind == 3 else 1)
+
+
+def free_cases(rng, count, decades):
+    """One moving point without speed bound, in any mixture of magnitudes: the quartic's domain."""
+    position = rng.normal(size=(count, 3)) * 10.0 ** rng.uniform(-decades, decades, (count, 1))
+    velocity = rng.normal(size=(count, 3)) * 10.0 ** rng.uniform(-decades, decades, (count, 1))
+    accel = 10.0 ** rng.uniform(-decades, decades, count)
+    distance = np.linalg.norm(position, axis=1) * rng.uniform(0.0, 1.0, count)
+    velocity[::17] = 0.0
+    accel[5::17] = 0.0
+    distance[3::17] = 0.0
+    graze = slice(7, None, 4)  # an acceleration that just about fills the gap at its narrowest
+    closest = -np.sum(position * velocity, 1)[graze] / np.sum(velocity**2, 1).clip(1e-300)[graze]
+    miss = np.linalg.norm(position[graze] + velocity[graze] * closest[:, None], axis=1)
+    distance[graze] = miss * rng.uniform(0.0, 1.0, miss.size)
+    with np.errstate(all="ignore"):
+        filling = 2.0 * (miss - distance[graze]) / closest**2
+        filling *= 1.0 + 10.0 ** rng.uniform(-16, -1, miss.size) * rng.choice([-1, 1], miss.size)
+        usable = (filling > 1e-150) & (filling < 1e150)
+    accel[graze] = np.where(usable, filling, accel[graze])
+    return position, velocity, distance, accel
+
+
+def stack(cases):
+    """Many cases of single points as arrays."""
+    return {name: np.array([case[name] for case in cases]) for name in cases[0]}
+
+
+def converged(cases):
+    """Their contact times when no advance gains any more."""
+    return earliest_contact_pair(**stack(cases), advances=CONVERGED)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 
+import mpmath
 import numpy as np
 import pytest
 from contact_cases import grazing_case, mixed_case, ordinary_case
@@ -92,6 +93,48 @@ HOSTILE = {
         "s2": 1.5,
         "age2": -0.1,
     },
+    "newer by more than products can hold": {
+        "p2": [1.0, 2.0, 2.0],
+        "v1": [0, 1.0, 0],
+        "s1": 1e-280,
+        "age1": -1.7e308,
+        "a2": math.inf,
+        "s2": 1e200,
+    },
+    "contact at a subnormal time": {
+        "p2": [-8.33322001e-164, -1.74343361e-164, 9.96369303e-163],
+        "v2": [-1.94305286e152, 4.60285908e151, -4.03270163e152],
+        "a2": 9e152,
+        "s2": 5e-163,
+        "velocity_error2": 4e-6,
+    },
+    "contact at a subnormal time, without acceleration bounds": {
+        "v1": [3.19207345e257, 2.13995342e258, -8.74114072e257],
+        "a1": math.inf,
+        "s1": 2.14e258,
+        "p2": [3.56921799e-62, 4.67882534e-62, -6.84796565e-63],
+        "contact_distance": 4.65533992229501e-62,
+    },
+    "faster than a float can tell": {"p2": [1.0, 1.0, 1.0], "v2": [-1.7e308] * 3, "a2": 1.0},
+    "speed not known": {
+        "p2": [1.0, 2.0, 0],
+        "v2": [0.1, 0, 0],
+        "a2": 1.0,
+        "s2": 2.0,
+        "velocity_error2": math.inf,
+    },
+    "clocks off": {
+        "p2": [1.0, 2.0, 0],
+        "v1": [0.3, 0, 0],
+        "a1": 3.0,
+        "s1": 1.0,
+        "v2": [-0.1, 0.2, 0],
+        "a2": 1.0,
+        "s2": 0.1,
+        "clock_error1": 0.02,
+        "clock_error2": 0.1,
+    },
+    "clock off, without speed bound": {"p2": [1.0, 2.0, 0], "a2": 1.0, "clock_error2": 1e-300},
     "capsule": {"p2": [[1.0, -5.0, 0], [1.0, 5.0, 0]], "a2": 1.0, "contact_distance": 0.3},
     "flat box": {
         "p2": [[1.0, y, z] for y in (-1, 1) for z in (-1, 1)] * 2,
@@ -130,8 +173,13 @@ def test_what_the_hostile_pairs_give():
     def time(name):
         return certify(**_filled(HOSTILE[name])).contact_time
 
-    for name in ("contact exactly", "largest numbers", "no bound at all", "inside a box"):
+    for name in (
+        "contact exactly", "largest numbers", "no bound at all", "inside a box",
+        "clock off, without speed bound", "contact at a subnormal time",
+    ):  # fmt: skip
         assert time(name) == 0.0, name
+    assert time("clocks off") > 0.1
+    assert time("speed not known") == pytest.approx(math.sqrt(5) / 2)
     for name in ("no speed", "receding for ever"):
         assert time(name) == math.inf, name
     large = {"p2": np.ones(3), "v2": [1.0, 0, 0], "a2": 1.0}
@@ -164,6 +212,7 @@ def test_forgeries_are_refused():
     tried = 0
     while tried < 200:
         case = grazing_case(rng) if tried % 2 else ordinary_case(rng, 1 + tried % 3)
+        case["clock_error2"] = 0.0  # the kernel adds that of the fastest corner to all of them
         certificate = certify(**case, advances=40)
         time, times, witnesses = certificate
         if not 0.0 < time < math.inf:
@@ -181,6 +230,81 @@ def test_forgeries_are_refused():
         assert not verify(certificate, **case | {"contact_distance": math.nan})
         assert not verify(certificate, **case | {"a1": -1.0})
         assert not verify(certificate, **case | {"p1": [math.nan, 0.0, 0.0]})
+
+
+def _last_gap(case, witness, time):
+    """The gap of one witness at `time`, to 60 digits, by the formulas for two free balls."""
+    mpf = mpmath.mpf
+    n = [mpf(c) for c in witness.tolist()]
+    length = mpmath.sqrt(sum(c * c for c in n))
+
+    def advance(v, sign, i):
+        v = [mpf(c) for c in np.asarray(v).tolist()]
+        error, top = mpf(case["velocity_error" + i]), mpf(case["s" + i])
+        size = mpmath.sqrt(sum(c * c for c in v))
+        top = top if size - error <= top else size + error
+        s = mpf(case["age" + i]) + mpf(time)
+        along = sign * sum(a * b for a, b in zip(n, v, strict=True)) / length
+        start = min(top, (along if s >= 0 else -along) + error)
+        s, accel = abs(s), mpf(case["a" + i])
+        drift = mpf(case["clock_error" + i])
+        drift = top * drift if drift else drift
+        if start == top or accel == mpmath.inf:
+            return top * s + drift
+        if accel == 0 or s <= (top - start) / accel:
+            return start * s + accel * s * s / 2 + drift
+        until = (top - start) / accel
+        return (start + top) * until / 2 + top * (s - until) + drift
+
+    apart = [mpf(b) - mpf(a) for a, b in zip(case["p1"].tolist(), case["p2"].tolist(), strict=True)]
+    gap = sum(a * b for a, b in zip(n, apart, strict=True)) / length - mpf(case["contact_distance"])
+    return gap - advance(case["v1"], 1, "1") - advance(case["v2"], -1, "2")
+
+
+def test_the_checker_is_sharp_to_the_last_bit():
+    """It takes the very last float before the last witness's root, and not the next."""
+    rng = np.random.default_rng(15)
+    tried = 0
+    with mpmath.workdps(60):
+        while tried < 150:
+            case = grazing_case(rng) if tried % 2 else ordinary_case(rng)
+            certificate = certify(**case, advances=1 + tried % 5)
+            low = certificate.contact_time
+            if not 0.0 < low < math.inf:
+                continue
+            high = 2.0 * low
+            witness = certificate.witnesses[-1]
+            if _last_gap(case, witness, high) >= 0:
+                continue
+            tried += 1
+            while np.nextafter(low, high) < high:
+                middle = 0.5 * (low + high)
+                if _last_gap(case, witness, middle) >= 0:
+                    low = middle
+                else:
+                    high = middle
+            assert verify(certificate._replace(contact_time=low), **case)
+            assert not verify(certificate._replace(contact_time=high), **case)
+
+
+def test_mutilated_certificates_are_refused():
+    rng = np.random.default_rng(16)
+    refused = tried = 0
+    while tried < 200:
+        case = ordinary_case(rng, 1 + tried % 3) | {"clock_error2": 0.0}
+        certificate = certify(**case, advances=40)
+        time, times, witnesses = certificate
+        if not 0.0 < time < math.inf or len(times) < 2:
+            continue
+        tried += 1
+        assert not verify(Certificate(time, times[1:], witnesses[1:]), **case)
+        assert not verify(Certificate(time, times, witnesses[:-1]), **case)
+        assert not verify(Certificate(time, times[::-1], witnesses), **case)
+        turned = witnesses.copy()
+        turned[-1] += 0.1 * np.linalg.norm(turned[-1]) * rng.normal(size=3)
+        refused += not verify(Certificate(time, times, turned), **case)
+        refused += not verify(Certificate(time, times, np.roll(witnesses, 1, axis=0)), **case)
+    assert refused > 0.9 * 2 * tried  # by chance another witness may do as well
 
 
 def test_length_of_a_witness_does_not_matter():
@@ -209,7 +333,8 @@ BOUND = EXTREME.map(abs) | st.just(math.inf)
             "p1": VECTOR, "v1": VECTOR, "a1": BOUND, "s1": BOUND,
             "p2": VECTOR, "v2": VECTOR, "a2": BOUND, "s2": BOUND,
             "contact_distance": EXTREME.map(abs), "age1": EXTREME, "age2": EXTREME,
-            "velocity_error1": EXTREME.map(abs), "velocity_error2": EXTREME.map(abs),
+            "velocity_error1": BOUND, "velocity_error2": BOUND,
+            "clock_error1": EXTREME.map(abs), "clock_error2": EXTREME.map(abs),
         }
     ),
     advances=st.integers(1, 20),

@@ -1,0 +1,211 @@
+"""The laws that contact times obey: symmetries, looser bounds, ages, clocks, advances, shapes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from contact_cases import CONVERGED, ORDINARY, converged, free_cases, mixed_case, ordinary_case
+
+from armguard.contact import (
+    earliest_contact,
+    earliest_contact_hull,
+    earliest_contact_pair,
+    pair_contact_time,
+    pair_distance_time,
+)
+
+
+def _turned(case, rotation):
+    vectors = {name: np.asarray(case[name]) @ rotation.T for name in ("p1", "v1", "p2", "v2")}
+    return case | vectors
+
+
+def _swapped(case):
+    other = {"1": "2", "2": "1"}
+    return {
+        name[:-1] + other[name[-1]] if name[-1] in other else name: value
+        for name, value in case.items()
+    }
+
+
+def _law_cases(seed, count=400):
+    """Pairs that no speed bound is broken in, whose contact time is neither 0 nor inf."""
+    rng = np.random.default_rng(seed)
+    cases = []
+    while len(cases) < count:
+        case = ordinary_case(rng)
+        for i in "12":
+            speed = float(np.linalg.norm(case["v" + i])) - case["velocity_error" + i]
+            case["s" + i] = max(case["s" + i], 1.01 * speed)
+        if 0.0 < earliest_contact_pair(**case, advances=CONVERGED) < math.inf:
+            cases.append(case)
+    return cases
+
+
+def test_rotation_exchange_and_units_change_nothing():
+    rng = np.random.default_rng(3)
+    cases = _law_cases(3)
+    times = converged(cases)
+    rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    np.testing.assert_allclose(converged([_turned(c, rotation) for c in cases]), times, rtol=1e-9)
+    np.testing.assert_allclose(converged([_swapped(c) for c in cases]), times, rtol=1e-9)
+    length, time = 0.3048, 1e-3  # feet and milliseconds
+    unit = {
+        "p": length, "v": length / time, "a": length / time**2, "s": length / time,
+        "velocity_error": length / time, "age": time, "clock_error": time,
+        "contact_distance": length,
+    }  # fmt: skip
+    changed = [{n: v / unit[n.rstrip("12")] for n, v in case.items()} for case in cases]
+    np.testing.assert_allclose(converged(changed) * time, times, rtol=1e-9)
+
+
+def _is_slow(case, i):
+    fastest = float(np.linalg.norm(case["v" + i])) + case["velocity_error" + i]
+    return bool(case["s" + i] >= 1.5 * fastest)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a1", "a2", "s1", "s2", "contact_distance", "velocity_error1", "velocity_error2",
+        "clock_error1", "clock_error2",
+    ],
+)  # fmt: skip
+def test_looser_bounds_never_raise_the_time(name):
+    """Speed bounds that are nearly met turn witnesses with them, at the cost of tightness only."""
+    cases = [
+        case
+        for case in _law_cases(4, 800)
+        if min(case["age1"], case["age2"]) >= 0.0 and all(_is_slow(case, i) for i in "12")
+    ]
+    assert len(cases) > 100
+    times = converged(cases)
+    for more in (1e-9, 0.01, 1.0):
+        looser = converged([case | {name: case[name] + more} for case in cases])
+        assert (looser <= times * (1.0 + 1e-9)).all()
+
+
+def test_age_of_both_lowers_the_time_by_as_much():
+    cases = _law_cases(5)
+    times = converged(cases)
+    for older in (0.003, 0.1):
+        aged = converged(
+            [c | {"age1": c["age1"] + older, "age2": c["age2"] + older} for c in cases]
+        )
+        assert (aged >= times - older - 1e-9).all()
+        reached = times >= older
+        np.testing.assert_allclose(aged[reached], times[reached] - older, rtol=1e-9, atol=1e-9)
+
+
+def test_a_clock_error_is_the_way_at_the_speed_bound():
+    cases = _law_cases(13)
+    for i in "12":
+        plain = [case | {"clock_error" + i: 0.0} for case in cases]
+        farther = [
+            c | {"contact_distance": c["contact_distance"] + 0.03 * c["s" + i]} for c in plain
+        ]
+        times = converged([case | {"clock_error" + i: 0.03} for case in cases])
+        usual = [case["s" + i] < math.inf for case in cases]
+        np.testing.assert_allclose(times[usual], converged(farther)[usual], rtol=1e-9)
+        assert (times[np.logical_not(usual)] == 0.0).all()
+    # Where the speed bound is broken it is the speed that was measured, with its error.
+    fast = ORDINARY | {"v2": np.array([0.0, -3.0, 4.0]), "clock_error1": 0.0}
+    farther = fast | {"contact_distance": 0.2 + 5.02 * 0.01, "clock_error2": 0.0}
+    assert earliest_contact_pair(**fast | {"clock_error2": 0.01}) == pytest.approx(
+        earliest_contact_pair(**farther), rel=1e-12
+    )
+
+
+def test_a_clock_error_covers_every_stamp_within_it():
+    cases = _law_cases(14)
+    for i in "12":
+        lowest = converged([case | {"clock_error" + i: 0.02} for case in cases])
+        for shift in (-0.02, -0.007, 0.004, 0.02):
+            shifted = [
+                case | {"age" + i: case["age" + i] + shift, "clock_error" + i: 0.0}
+                for case in cases
+            ]
+            assert (lowest <= converged(shifted) * (1.0 + 1e-9)).all()
+
+
+def test_more_advances_never_lower_the_time():
+    rng = np.random.default_rng(6)
+    cases = [mixed_case(rng) for _ in range(1_000)]
+    for case in cases:
+        whole = case | {"p2": np.atleast_2d(case["p2"]), "v2": np.atleast_2d(case["v2"])}
+        times = [earliest_contact_hull(**whole, advances=k) for k in (1, 2, 3, 5, 8, 20)]
+        assert times == sorted(times)
+
+
+def test_cheaper_rung_is_below():
+    rng = np.random.default_rng(7)
+    points, velocities = np.zeros((8, 3)), np.zeros((8, 3))
+    positive = 0
+    for _ in range(2_000):
+        case = ordinary_case(rng, int(rng.integers(1, 9)))
+        corners = np.atleast_2d(case["p2"])
+        count = len(corners)
+        points[:count], velocities[:count] = corners, np.broadcast_to(case["v2"], corners.shape)
+        arguments = (
+            *case["p1"], *case["v1"], case["a1"], case["s1"], case["velocity_error1"], case["age1"],
+            points, velocities, count, case["a2"], case["s2"], case["velocity_error2"],
+            case["age2"], case["contact_distance"],
+        )  # fmt: skip
+        cheap = pair_distance_time(*arguments)
+        assert 0.0 <= cheap <= pair_contact_time(*arguments, CONVERGED) * (1.0 + 1e-9)
+        positive += cheap > 0.0
+    assert positive > 200
+
+
+def test_cheaper_rung_ends_at_0_where_speeds_overflow():
+    points, velocities = np.zeros((8, 3)), np.zeros((8, 3))
+    points[0], velocities[0] = 1.0, -1.7e308  # faster along the diagonal than a float can tell
+    for speed in (1.0, math.inf):
+        body = (points, velocities, 1, 1.0, speed, 0.0, 0.0)
+        assert pair_distance_time(*[0.0] * 10, *body, 0.0) == 0.0
+
+
+def test_relative_form_is_a_pair_with_one_at_rest():
+    rng = np.random.default_rng(8)
+    position, velocity, distance, accel = free_cases(rng, 500, 3.0)
+    speed = np.linalg.norm(velocity, axis=1) * rng.uniform(0.5, 3.0, 500)
+    relative = earliest_contact(position, velocity, distance, accel, speed)
+    still = np.zeros(3)
+    pair = earliest_contact_pair(still, still, 0.0, 0.0, position, velocity, accel, speed, distance)
+    np.testing.assert_array_equal(relative, pair)
+
+
+def test_hull_of_one_place_is_a_ball_and_order_does_not_matter():
+    rng = np.random.default_rng(9)
+    for _ in range(300):
+        case = ordinary_case(rng)
+        ball = earliest_contact_pair(**case, advances=CONVERGED)
+        eight = {name: np.repeat(case[name][None], 8, axis=0) for name in ("p2", "v2")}
+        assert earliest_contact_hull(**case | eight, advances=CONVERGED) == pytest.approx(
+            ball, rel=1e-9
+        )
+        box = ordinary_case(rng, 8)
+        order = rng.permutation(8)
+        shuffled = {name: box[name][order] for name in ("p2", "v2")}
+        assert earliest_contact_hull(**box | shuffled, advances=CONVERGED) == pytest.approx(
+            earliest_contact_hull(**box, advances=CONVERGED), rel=1e-6
+        )
+
+
+def test_capsule_is_the_earliest_of_its_balls():
+    """Without speed bounds and at rest relative to each other its points can be taken singly."""
+    rng = np.random.default_rng(10)
+    for _ in range(100):
+        ends, velocity, accel = rng.normal((3.0, 0, 0), 1.0, (2, 3)), rng.normal(size=3), 2.0
+        share = np.linspace(0.0, 1.0, 2_001)[:, None]
+        balls = earliest_contact(
+            ends[0] * (1 - share) + ends[1] * share, velocity, 0.1, accel, advances=CONVERGED
+        )
+        still = np.zeros(3)
+        capsule = earliest_contact_hull(
+            still, still, 0.0, 0.0, ends, velocity[None], accel, math.inf, 0.1, advances=CONVERGED
+        )
+        assert capsule <= balls.min() * (1.0 + 1e-12)
+        assert capsule == pytest.approx(balls.min(), rel=1e-4)
