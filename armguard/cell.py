@@ -18,6 +18,7 @@ import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.cell_schema import CellTables, Quaternion, given, make_error, parse_cell
+from armguard.cell_tool import SHAPES, attach_tool
 from armguard.exceptions import ArmguardError, CellError
 from armguard.monitor import Monitor
 from armguard.obstacles import Frame, Obstacles, Source
@@ -58,6 +59,7 @@ class Cell:
         self.tables = tables
         self._folder = folder
         self._check_robot()
+        self._check_tool()
         self._check_sources()
         self.frames = self._resolve_frames()
         self._statics = self._place_statics()
@@ -106,7 +108,15 @@ class Cell:
         return str(self._folder / table.urdf), folders
 
     def make_robot(self) -> Robot:
-        """The robot that the file names."""
+        """The robot that the file names, with its tool."""
+        robot = self._make_bare_robot()
+        tool = self.tables.tool
+        if tool is not None:
+            rotation = self._rotation("tool.quaternion", tool.quaternion)
+            self._attempt("tool", attach_tool, robot, tool, rotation, self._folder)
+        return robot
+
+    def _make_bare_robot(self) -> Robot:
         table = self.tables.robot
         if table.name is not None:
             return self._attempt("robot.name", Robot.load, table.name)
@@ -182,6 +192,16 @@ class Cell:
                     )
         if table.joints is not None and (not table.joints or _repeats(table.joints)):
             raise self._error("robot.joints", f"is {table.joints!r}", "joint names, each once")
+
+    def _check_tool(self) -> None:
+        tool = self.tables.tool
+        if tool is None:
+            return
+        found = [shape for shape in SHAPES if getattr(tool, shape) is not None]
+        if len(found) != 1:
+            problem = f"has {' and '.join(found)}" if found else "has no geometry"
+            raise self._error("tool", problem, f"one of {', '.join(SHAPES)}")
+        self._rotation("tool.quaternion", tool.quaternion)
 
     def _check_sources(self) -> None:
         for name, table in self.tables.sources.items():

@@ -83,6 +83,28 @@ class StaticTable(_Table, frozen=True, kw_only=True):
     radius: NotNegative
 
 
+class RoundTable(_Table, frozen=True, kw_only=True):
+    """A capsule or cylinder along z: of a capsule, `length` is that between its balls' centres."""
+
+    radius: Positive
+    length: Positive
+
+
+class ToolTable(_Table, frozen=True, kw_only=True):
+    """`[tool]`: a body fixed to a link, placed in the frame of the link's joint; one geometry."""
+
+    name: Name
+    link: Name
+    xyz: Vector = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    sphere: Positive | None = None
+    box: tuple[Positive, Positive, Positive] | None = None
+    capsule: RoundTable | None = None
+    cylinder: RoundTable | None = None
+    mesh: Name | None = None
+    mesh_scale: Positive = 1.0
+
+
 class BoundsTable(_Table, frozen=True, kw_only=True):
     """`[bounds]`: what obstacles can do unless they say otherwise, and what counts as contact."""
 
@@ -120,6 +142,7 @@ class CellTables(_Table, frozen=True, kw_only=True):
     frames: dict[Name, FrameTable] = {}
     sources: dict[Name, SourceTable] = {}
     statics: dict[Name, StaticTable] = {}
+    tool: ToolTable | None = None
     ignore: list[tuple[Name, Name]] = []
     bounds: BoundsTable = BoundsTable()
     monitor: MonitorTable = MonitorTable()

@@ -234,7 +234,7 @@ MISTAKES = [
     (ROBOT + "[thresholds]\nhold = 1\n[treshold]\na = 1", "treshold", "is no key"),
     ("ignore = 'all'\n" + ROBOT, "ignore", "is 'all'; expected array"),
     ("ignore = [['a']]\n" + ROBOT, "ignore[0]", "length 2"),
-    ("[tool]\nmass = 1\n" + ROBOT, "tool", "is no key"),
+    ("[gripper]\nmass = 1\n" + ROBOT, "gripper", "is no key"),
 ]
 
 
@@ -252,7 +252,7 @@ def test_mistakes_name_file_key_value_and_expectation(text, key, pattern, tmp_pa
 @pytest.mark.parametrize(
     ("text", "key", "pattern"),
     [
-        ('[robot]\nname = "nobody"', "robot.name", "'nobody'.*one of panda"),
+        ('[robot]\nname = "nobody"', "robot.name", "'nobody'.*one of .*panda"),
         ('[robot]\nurdf = "no.urdf"\nlimits = "no.toml"', "robot.urdf", "no.toml"),
         (ROBOT + '[monitor]\nschedule = "never"', "monitor.schedule", "'never'"),
         (ROBOT + '[monitor]\nmotion = "slow"', "monitor.motion", "'slow'"),
@@ -285,3 +285,52 @@ def test_quaternions_are_made_unit_when_nearly_so(length):
     text = f"{ROBOT}[robot.base]\nquaternion = [0.0, 0.0, {0.6 * length}, {0.8 * length}]"
     rotation = Cell.from_text(text).frames["base"].rotation
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)
+
+
+TOOL = """
+[tool]
+name = "welder"
+link = "panda_hand"
+xyz = [0.0, 0.0, 0.2]
+quaternion = [0.7071067811865476, 0.0, 0.0, 0.7071067811865476]
+"""
+
+
+def test_a_tool_becomes_a_link():
+    cell = Cell.from_text(ROBOT + TOOL + "cylinder = { radius = 0.02, length = 0.3 }\n")
+    robot, _, monitor = cell.build()
+    assert robot.links[-1] == "welder"
+    extent = np.ptp(robot.triangles("welder").reshape(-1, 3), axis=0)
+    np.testing.assert_allclose(extent, [0.04, 0.3, 0.04], atol=1e-3)
+    assert monitor.step(0.0, READY, np.zeros(7)).complete
+
+
+@pytest.mark.parametrize(
+    ("geometry", "message"),
+    [
+        ("", "tool: has no geometry; expected one of sphere, box"),
+        ("sphere = 0.1\nbox = [0.1, 0.1, 0.1]", "tool: has sphere and box"),
+        ("sphere = -0.1", "tool.sphere: is -0.1"),
+        ("box = [0.1, 0.1]", "tool.box"),
+        ("capsule = { radius = 0.1 }", "tool.capsule.length: is missing"),
+        ("cone = 0.1", "tool.cone: is no key"),
+        ("mesh = 'none.stl'", "tool: none.stl: cannot be read as a mesh"),
+        ("box = [200.0, 1.0, 1.0]", "reaches 100"),
+    ],
+)
+def test_unusable_tools_are_refused(geometry, message):
+    with pytest.raises(CellError, match=message):
+        Cell.from_text(ROBOT + TOOL + geometry + "\n").make_robot()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"panda_hand"', '"elbow"', "tool: link 'elbow'"),
+        ('"welder"', '"panda_hand"', "tool: attached body 'panda_hand'.*has the name of another"),
+        ("[0.7071067811865476,", "[0.8,", "tool.quaternion"),
+    ],
+)
+def test_misplaced_tools_are_refused(old, new, message):
+    with pytest.raises(CellError, match=message):
+        Cell.from_text(ROBOT + TOOL.replace(old, new, 1) + "sphere = 0.1\n").make_robot()

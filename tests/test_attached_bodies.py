@@ -1,0 +1,195 @@
+import threading
+
+import coal
+import numpy as np
+import pinocchio
+import pytest
+from test_fitting import is_inside, sample
+
+from armguard.bounds import IsotropicMotion
+from armguard.exceptions import RobotError
+from armguard.monitor import Monitor
+from armguard.obstacles import Obstacles
+from armguard.robot import Robot
+from armguard.verdict import Level
+
+READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+REST = np.zeros(7)
+FLANGE = pinocchio.SE3(np.eye(3), np.array([0.0, 0.0, 0.2]))
+
+
+@pytest.fixture
+def panda():
+    return Robot.load("panda")
+
+
+def convex():
+    points = coal.StdVec_Vec3s()
+    points.extend(list(0.05 * np.random.default_rng(2).normal(size=(30, 3))))
+    return coal.Convex.convexHull(points, True, "Qt")
+
+
+def mesh():
+    points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    points.extend([np.zeros(3), *(0.1 * np.eye(3))])
+    for corners in ([0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]):
+        triangles.append(coal.Triangle(*corners))
+    geometry = coal.BVHModelOBBRSS()
+    geometry.beginModel(4, 4)
+    geometry.addSubModel(points, triangles)
+    geometry.endModel()
+    return geometry
+
+
+SHAPES = {
+    "sphere": lambda: coal.Sphere(0.05),
+    "box": lambda: coal.Box(0.1, 0.05, 0.2),
+    "capsule": lambda: coal.Capsule(0.03, 0.1),
+    "cylinder": lambda: coal.Cylinder(0.03, 0.1),
+    "convex": convex,
+    "mesh": mesh,
+    "triangles": lambda: np.array([[[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]]),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_an_attached_body_is_a_proved_link(panda, shape):
+    before = panda.links
+    panda.attach("tool", "panda_hand", SHAPES[shape](), FLANGE)
+    assert panda.links == (*before, "tool")
+    assert panda.revision == 1
+    assert panda.joint_index("tool") == panda.joint_index("panda_hand")
+    report = panda.cover.check(panda)
+    assert report.proved
+    assert report.links["tool"].count <= 12
+    points = sample(panda.triangles("tool"), 2000)
+    for level in range(panda.cover.levels("tool")):
+        assert is_inside(points, panda.cover.spheres("tool", level)).all()
+    motion = IsotropicMotion(panda)
+    assert np.isfinite(motion.lever).all()
+    panda.detach("tool")
+    assert panda.links == panda.cover.links == before
+    assert panda.revision == 2
+
+
+def test_a_placement_is_in_the_joints_frame(panda):
+    turn = pinocchio.SE3(pinocchio.utils.rotate("x", 0.4), np.array([0.1, -0.2, 0.3]))
+    panda.attach("tool", "panda_link3", coal.Box(0.02, 0.04, 0.06), turn.homogeneous)
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    expected = (corners * [0.01, 0.02, 0.03]) @ turn.rotation.T + turn.translation
+    assert np.abs(panda.hull("tool")[:, None] - expected).sum(axis=2).min(axis=0).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("name", "link", "geometry", "placement", "message"),
+    [
+        ("", "panda_hand", coal.Sphere(0.1), None, "has no name"),
+        (None, "panda_hand", coal.Sphere(0.1), None, "has no name"),
+        ("panda_link1", "panda_hand", coal.Sphere(0.1), None, "name of another body"),
+        ("panda_link8", "panda_hand", coal.Sphere(0.1), None, "name of another body"),
+        ("tool", "elbow", coal.Sphere(0.1), None, "'elbow': is not a link"),
+        ("tool", "panda_link0", coal.Sphere(0.1), None, "no collision geometry that a watched"),
+        ("tool", "panda_hand", coal.Sphere(-0.1), None, "has radius"),
+        ("tool", "panda_hand", coal.Sphere(np.nan), None, "has radius"),
+        ("tool", "panda_hand", coal.Box(0.1, 0.0, 0.1), None, "has halfSide"),
+        ("tool", "panda_hand", coal.Cone(0.1, 0.1), None, "kind Cone"),
+        ("tool", "panda_hand", coal.Sphere(100.0), None, "reaches .* metres"),
+        ("tool", "panda_hand", "a box", None, "geometry of type str"),
+        ("tool", "panda_hand", np.zeros((0, 3, 3)), None, "triangles of shape"),
+        ("tool", "panda_hand", np.zeros((3, 3)), None, "triangles of shape"),
+        ("tool", "panda_hand", np.full((1, 3, 3), np.inf), None, "not finite"),
+        ("tool", "panda_hand", coal.Sphere(0.1), np.eye(3), "expected finite, of shape"),
+        ("tool", "panda_hand", coal.Sphere(0.1), 2.0 * np.eye(4), "a rigid motion"),
+        ("tool", "panda_hand", coal.Sphere(0.1), np.diag([1.0, 1, -1, 1]), "a rigid motion"),
+        ("tool", "panda_hand", coal.Sphere(0.1), np.full((4, 4), np.nan), "expected finite"),
+        ("tool", "panda_hand", coal.Sphere(0.1), "up", "has placement 'up'"),
+    ],
+)
+def test_hostile_attachments_are_refused_and_change_nothing(
+    panda, name, link, geometry, placement, message
+):
+    before = panda.links
+    with pytest.raises(RobotError, match=message):
+        panda.attach(name, link, geometry, placement)
+    assert panda.links == panda.cover.links == before
+    assert panda.revision == 0
+
+
+def test_only_what_is_attached_can_be_detached(panda):
+    with pytest.raises(RobotError, match="'tool': is not attached"):
+        panda.detach("tool")
+    panda.attach("tool", "panda_hand", coal.Sphere(0.05))
+    with pytest.raises(RobotError, match="'panda_hand': is not attached; expected one of tool"):
+        panda.detach("panda_hand")
+    with pytest.raises(RobotError, match="name of another body"):
+        panda.attach("tool", "panda_hand", coal.Sphere(0.05))
+
+
+def reach(panda):
+    """A monitor beside a wall that only a long tool can be near to."""
+    obstacles = Obstacles()
+    hand = panda.model.createData()
+    pinocchio.forwardKinematics(panda.model, hand, READY)
+    tip = hand.oMi[7].act(np.array([0.0, 0.0, 1.0]))
+    obstacles.add_static("wall", [tip], 0.05)
+    return obstacles
+
+
+@pytest.mark.parametrize("schedule", ["full", "daa"])
+def test_a_running_monitor_takes_in_what_is_attached(panda, schedule):
+    obstacles = reach(panda)
+    monitor = Monitor(panda, obstacles, schedule=schedule, hold=0.0, joint_timeout=10.0)
+    alone = [monitor.step(0.001 * tick, READY, REST) for tick in range(4)]
+    assert alone[-1].contact_time > 0.0
+    bar = pinocchio.SE3(np.eye(3), np.array([0.0, 0.0, 0.6]))
+    panda.attach("bar", "panda_hand", coal.Box(0.04, 0.04, 0.9), bar)
+    during = monitor.step(0.004, READY, REST)
+    assert during.level is Level.STOP
+    assert during.complete
+    assert (during.link, during.contact_time) == ("bar", 0.0)
+    assert during.evaluated >= len(panda.links)
+    fresh = Monitor(panda, reach(panda), schedule=schedule, hold=0.0)
+    assert fresh.step(0.0, READY, REST).contact_time == 0.0
+    snapshot = monitor.snapshot(pair_limit=5, row_limit=5)
+    leaves = sum(len(panda.cover.spheres(link)) for link in panda.links)
+    assert len(snapshot.sphere_times) == leaves
+    panda.detach("bar")
+    assert {report.link for report in monitor.pairs()} >= {"bar"}
+    after = [monitor.step(0.005 + 0.001 * tick, READY, REST) for tick in range(4)]
+    assert after[0].contact_time == pytest.approx(alone[0].contact_time, rel=1e-12)
+    assert after[-1].level == alone[-1].level
+
+
+def test_ignored_pairs_outlive_a_tool(panda):
+    panda.attach("bar", "panda_hand", coal.Box(0.04, 0.04, 1.8))
+    monitor = Monitor(panda, reach(panda), ignore=[("bar", "wall")], joint_timeout=10.0)
+    assert monitor.step(0.0, READY, REST).contact_time > 0.0
+    panda.detach("bar")
+    assert monitor.step(0.001, READY, REST).contact_time > 0.0
+    panda.attach("bar", "panda_hand", coal.Box(0.04, 0.04, 1.8))
+    assert monitor.step(0.002, READY, REST).contact_time > 0.0
+
+
+def test_tools_come_and_go_in_another_thread(panda):
+    monitor = Monitor(panda, reach(panda), joint_timeout=100.0)
+    failures = []
+
+    def change():
+        try:
+            for _ in range(3):
+                panda.attach("tool", "panda_hand", coal.Sphere(0.05), FLANGE)
+                panda.detach("tool")
+        except RobotError as error:
+            failures.append(error)
+
+    thread = threading.Thread(target=change)
+    thread.start()
+    tick = 0
+    while thread.is_alive() or tick < 3:
+        tick += 1
+        verdict = monitor.step(0.001 * tick, READY, REST)
+        assert verdict.complete, verdict.reasons
+    thread.join()
+    assert not failures
+    assert monitor.step(0.001 * (tick + 1), READY, REST).complete
+    assert panda.revision == 6

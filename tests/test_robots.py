@@ -1,0 +1,136 @@
+"""Every robot in `robots/`: limits, proof, samples, levers, and a monitor that runs.
+
+ARMGUARD_SAMPLES sets how many points a robot are drawn from its surface; 1000000 for a long run.
+"""
+
+import os
+import time
+
+import numpy as np
+import pytest
+from test_fitting import is_inside, sample
+from test_levers import distances_from_axes
+
+from armguard.bounds import IsotropicMotion
+from armguard.containment import is_contained
+from armguard.kinematics import Kinematics
+from armguard.monitor import Monitor
+from armguard.obstacles import Obstacles
+from armguard.robot import Robot
+from armguard.robot_description import LIMITS, list_robots, robots_directory
+from armguard.verdict import Level, ReasonKind
+
+SAMPLES = int(os.environ.get("ARMGUARD_SAMPLES", "20000"))
+DEGREES = {"baxter": 14, "kinova": 6, "panda": 7, "tiago": 8, "ur10": 6, "ur5": 6, "xarm7": 7}
+
+
+@pytest.fixture(scope="module", params=sorted(DEGREES))
+def robot(request):
+    begin = time.perf_counter()
+    robot = Robot.load(request.param)
+    print(f"{robot.name}: {time.perf_counter() - begin:.2f} s to load")  # noqa: T201
+    return robot
+
+
+def draw(robot, random):
+    return random.uniform(
+        np.maximum(robot.lower_position_limit, -np.pi),
+        np.minimum(robot.upper_position_limit, np.pi),
+    )
+
+
+def test_all_are_known():
+    assert list_robots() == sorted(DEGREES)
+
+
+def test_limits_are_finite_and_have_sources(robot):
+    assert robot.model.nq == robot.model.nv == len(robot.joints) == DEGREES[robot.name]
+    for limit in (
+        robot.velocity_limit,
+        robot.acceleration_limit,
+        robot.braking_deceleration,
+        robot.position_error,
+        robot.velocity_error,
+    ):
+        assert (np.isfinite(limit) & (limit > 0.0)).all()
+    assert (robot.braking_deceleration <= robot.acceleration_limit).all()
+    bounded = np.isfinite(robot.lower_position_limit) & np.isfinite(robot.upper_position_limit)
+    free = [
+        joint for joint, is_bounded in zip(robot.joints, bounded, strict=True) if not is_bounded
+    ]
+    expected = [f"j2s6s200_joint_{k}" for k in (1, 4, 6)] if robot.name == "kinova" else []
+    assert free == expected
+    for joint in robot.joints:
+        for limit in LIMITS:
+            assert robot.source(joint, limit).strip()
+    readme = (robots_directory() / robot.name / "README.md").read_text()
+    assert all(f"`{link}`" in readme for link in robot.links)
+
+
+def test_covers_are_proved(robot):
+    assert robot.cover.links == robot.links
+    for link in robot.links:
+        assert is_contained(robot.triangles(link), robot.cover.tree(link)), link
+
+
+def test_no_sample_is_outside_at_any_level(robot):
+    for link in robot.links:
+        points = sample(robot.triangles(link), -(-SAMPLES // len(robot.links)))
+        for level in range(robot.cover.levels(link)):
+            assert is_inside(points, robot.cover.spheres(link, level)).all()
+
+
+def test_descent_loses_no_geometry_wherever_it_stops(robot):
+    random = np.random.default_rng(0)
+    for link in robot.links:
+        points = sample(robot.triangles(link), 200)
+        tree = robot.cover.tree(link)
+        for _ in range(5):
+            front, stopped = [0], []
+            while front:
+                node = front.pop()
+                if tree.child_count[node] and random.random() < 0.7:
+                    front.extend(tree.first_child[node] + np.arange(tree.child_count[node]))
+                else:
+                    stopped.append(node)
+            assert is_inside(points, tree.spheres[stopped]).all()
+
+
+def test_levers_are_finite_and_never_below_sampled_ones(robot):
+    random = np.random.default_rng(1)
+    kinematics, lever = Kinematics(robot), IsotropicMotion(robot).lever
+    assert np.isfinite(lever).all()
+    spheres, zeros = kinematics.spheres, np.zeros(len(robot.joints))
+    for _ in range(150):
+        kinematics.compute(draw(robot, random), zeros)
+        for joint in np.unique(spheres.joint).tolist():
+            here = spheres.joint == joint
+            seen = distances_from_axes(
+                kinematics.model, kinematics.data, joint, kinematics.centers[here]
+            )
+            assert (seen <= lever[here]).all()
+
+
+def test_a_monitor_sees_a_ball_come_and_says_stop(robot):
+    obstacles = Obstacles(accel=10.0, speed=3.0)
+    monitor = Monitor(robot, obstacles)
+    q = 0.5 * (
+        np.maximum(robot.lower_position_limit, -1.0) + np.minimum(robot.upper_position_limit, 1.0)
+    )
+    q = np.clip(q, robot.lower_position_limit + 0.05, robot.upper_position_limit - 0.05)
+    v = np.zeros(len(q))
+    kinematics = Kinematics(robot)
+    kinematics.compute(q, v)
+    target = kinematics.centers[-1]
+    levels = []
+    for tick in range(151):
+        stamp = 0.02 * tick
+        position = target + np.array([9.0 - 3.0 * stamp, 0.0, 0.0])
+        obstacles.update(["ball"], stamp, [position], [[-3.0, 0.0, 0.0]], radius=0.1)
+        verdict = monitor.step(stamp, q, v)
+        kinds = {reason.kind for reason in verdict.reasons}
+        assert not kinds & {ReasonKind.INTERNAL_ERROR, ReasonKind.BOUND_BROKEN}, verdict.reasons
+        levels.append(verdict.level)
+    assert levels == sorted(levels, reverse=True)
+    assert levels[-1] is Level.STOP
+    assert verdict.contact_time == 0.0
