@@ -119,6 +119,23 @@ def _write(states: States, row: int, samples: Samples, i: int, stamp: float) -> 
 
 
 @kernel
+def _widen(states: States, row: int, samples: Samples, i: int) -> bool:
+    """Take the larger of two descriptions that agree and have the same stamp; whether it grew."""
+    grew = False
+    for known, told in (
+        (states.radius, samples.radius),
+        (states.accel, samples.accel),
+        (states.speed, samples.speed),
+        (states.position_error, samples.position_error),
+        (states.velocity_error, samples.velocity_error),
+    ):
+        if told[i] > known[row]:
+            known[row] = told[i]
+            grew = True
+    return grew
+
+
+@kernel
 def _allows(states: States, row: int, samples: Samples, i: int, stamp: float) -> int:
     """`body_allows` between a stored state and a sample.
 
@@ -255,6 +272,8 @@ def take_samples(
             code = _allows(accepted, row, samples, i, stamp)
             if code == ALLOWED and not stamp > accepted.stamp[row]:
                 code = LATE
+                if stamp == accepted.stamp[row] and _widen(accepted, row, samples, i):
+                    marks.revision[row] += 1
         if code != TAKEN:
             code, value = _set_aside(accepted, refused, marks, row, samples, i, stamp, code, value)
         codes[i] = code

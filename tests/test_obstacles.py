@@ -378,6 +378,23 @@ def test_duplicates_between_new_messages_never_turn_a_row_back():
     assert obstacles.late_count == 100
 
 
+def test_of_two_descriptions_with_one_stamp_the_larger_stands():
+    obstacles = Obstacles()
+    row = see(obstacles, 1.0)
+    table, revision = obstacles.table, obstacles.table.revision[row]
+    see(obstacles, 1.0)
+    see(obstacles, 1.0, radius=0.05)
+    assert table.revision[row] == revision
+    see(obstacles, 1.0, x=0.01, radius=0.5, accel=20.0, position_error=0.02)
+    assert table.revision[row] == revision + 1
+    see(obstacles, 0.9, radius=0.7)
+    assert (table.radius[row], table.accel[row], table.speed[row]) == (0.5, 20.0, 2.0)
+    assert (table.points[row, 0, 0], table.position_error[row]) == (0.0, 0.02)
+    see(obstacles, 1.1)
+    assert table.radius[row] == 0.1
+    assert not obstacles.take_faults()
+
+
 def test_late_messages_do_not_hide_a_track_that_is_about_to_be_believed():
     obstacles = Obstacles()
     row = see(obstacles, 1.0)
