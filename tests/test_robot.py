@@ -9,8 +9,9 @@ from arms import joint_xml, limits_for, link_xml, two_links, write_urdf
 from armguard.cover import Cover
 from armguard.exceptions import CoverError, RobotError
 from armguard.robot import Robot
-from armguard.robot_description import find_example_urdf, robots_directory
+from armguard.robot_description import find_example_urdf, read_description, robots_directory
 from armguard.surface_distance import compute_signed_distances
+from armguard.urdf import read_urdf
 
 
 @pytest.fixture(scope="module")
@@ -131,8 +132,11 @@ def test_unwatched_joints_beyond_watched_ones_must_be_locked_by_name(tmp_path):
         other = {"shoulder": "elbow", "elbow": "shoulder"}[watched]
         with pytest.raises(RobotError, match=f"'{other}': is not watched"):
             Robot.from_urdf(path, limits=limits_for(watched))
-    limits = limits_for("shoulder", locked={"elbow": {"travel": [0.0, 1.0]}})
-    with pytest.raises(RobotError, match="'elbow': cannot be anywhere in its travel"):
+    limits = limits_for("elbow", locked={"shoulder": {"travel": [0.0, 1.0]}})
+    with pytest.raises(RobotError, match="'shoulder': cannot be anywhere in its travel"):
+        Robot.from_urdf(path, limits=limits)
+    limits = limits_for("shoulder", locked={"elbow": {"travel": [0.0, 7.0]}})
+    with pytest.raises(RobotError, match=r"'elbow': has travel.*at most one turn"):
         Robot.from_urdf(path, limits=limits)
     limits["locked"]["elbow"] = {}
     with pytest.raises(RobotError, match="expected position or travel"):
@@ -149,6 +153,43 @@ def test_unwatched_joints_beyond_watched_ones_must_be_locked_by_name(tmp_path):
     upper, lower = (data.oMi[full.getJointId(joint)] for joint in ("shoulder", "elbow"))
     expected = upper.actInv(lower).translation
     np.testing.assert_allclose(robot.hull("lower").mean(axis=0), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic", "fixed"])
+def test_a_travelling_link_is_all_that_it_reaches(tmp_path, kind):
+    def chain(kind):
+        return write_urdf(
+            tmp_path,
+            *(link_xml(name) for name in ("base", "upper", "lower", "tip")),
+            joint_xml("shoulder", "base", "upper"),
+            joint_xml("elbow", "upper", "lower", kind),
+            joint_xml("wrist", "lower", "tip", kind),
+        )
+
+    travel = {"elbow": [-0.4, 1.7], "wrist": [0.2, 2.0]}
+    locked = {joint: {"travel": ends} for joint, ends in travel.items()}
+    limits = limits_for("shoulder", locked=locked)
+    description = read_description(limits)
+    urdf = read_urdf(chain(kind), (), description.travelling)
+    robot = Robot("arm", urdf, description, ["shoulder"])
+    assert robot.links == ("upper", "lower", "tip")
+    # A joint that is drawn fixed turns all the same.
+    path = chain("revolute" if kind in ("fixed", "continuous") else kind)
+    full = pinocchio.buildModelFromUrdf(str(path))
+    data, number = full.createData(), full.getJointId("shoulder")
+    corners = np.array(list(itertools.product((-0.05, 0.05), (-0.03, 0.03), (-0.02, 0.02))))
+    reached = {"lower": [], "tip": []}
+    for shares in itertools.product(np.linspace(0.0, 1.0, 13), repeat=2):
+        q = np.zeros(3)
+        for share, (joint, (lower, upper)) in zip(shares, travel.items(), strict=True):
+            q[full.joints[full.getJointId(joint)].idx_q] = lower + share * (upper - lower)
+        pinocchio.forwardKinematics(full, data, q)
+        for link, joint in (("lower", "elbow"), ("tip", "wrist")):
+            placement = data.oMi[number].actInv(data.oMi[full.getJointId(joint)])
+            reached[link].append(corners @ placement.rotation.T + placement.translation)
+    for link, points in reached.items():
+        distances = compute_signed_distances(np.concatenate(points), robot.triangles(link))
+        assert distances.max() < 1e-9
 
 
 def test_links_without_geometry_are_refused(tmp_path):
