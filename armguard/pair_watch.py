@@ -66,9 +66,10 @@ class PairWatch:
     def follow_robot(self) -> None:
         """Take in what was attached to the robot or detached from it: all pairs are new then.
 
-        Nothing is compiled again, but the tick that does it takes 30 ms of computing for an arm of
-        ten links and a hundred spheres, twice that for two such arms. Beyond a monitor's
-        `joint_timeout`, the joint state after it is a gap, which needs a reset.
+        Nothing is compiled again, but the tick that does it takes some 20 ms of computing for a
+        Panda, 60 for Baxter's two arms, and 170 for Kinova's fine meshes, whose hulls are made
+        anew. Beyond a monitor's `joint_timeout`, the joint state after it is a gap and latches a
+        STOP: then change tools while the arm stands, and reset.
         """
         if self.robot.revision == self._revision or self.obstacles.watcher != self._watcher:
             return
