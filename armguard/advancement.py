@@ -25,6 +25,7 @@ from armguard.hull_advancement import (
 from armguard.witness import (
     LARGE,
     LONGEST,
+    NO_BOUND,
     SLACK,
     TINY,
     are_bounds,
@@ -255,7 +256,7 @@ def pair_distance_time(  # type: ignore[no-untyped-def]
         top2 = max(top2, top)
     grown = top1 * abs(age1) + top2 * abs(age2)
     gap = distance - contact_distance - grown - SLACK * (2.0 * length + grown)
-    if not (gap > 0.0 and TINY < length < LARGE):
+    if not (gap > 0.0 and TINY < length < LARGE and top1 + top2 < NO_BOUND):
         return 0.0
     if top1 + top2 == 0.0:
         return math.inf

@@ -108,8 +108,10 @@ class Cell:
         return str(self._folder / table.urdf), folders
 
     def make_robot(self) -> Robot:
-        """The robot that the file names, with its tool."""
+        """The robot that the file names, with its tool and what its clock adds to its errors."""
         robot = self._make_bare_robot()
+        if self.tables.joint_state.clock_error > 0.0:
+            _allow_clock_error(robot, self.tables.joint_state.clock_error)
         tool = self.tables.tool
         if tool is not None:
             rotation = self._rotation("tool.quaternion", tool.quaternion)
@@ -211,11 +213,13 @@ class Cell:
                     f'is {table.latency} with clock = "arrival"',
                     "the longest time in seconds from measurement to arrival",
                 )
+            vague = f"clock_error = {table.clock_error}" if table.clock_error > 0.0 else ""
+            vague = 'clock = "arrival"' if table.clock == "arrival" else vague
             for bound in ("speed", "accel"):
-                if table.clock == "arrival" and bound not in given(self.tables.bounds):
+                if vague and bound not in given(self.tables.bounds):
                     raise self._error(
                         f"bounds.{bound}",
-                        f'is missing with sources.{name}.clock = "arrival"',
+                        f"is missing with sources.{name}.{vague}",
                         "the bound, since it says how far things get between two clocks",
                     )
             if table.rate is None or table.timeout is None:
@@ -326,6 +330,20 @@ class Cell:
 
     def _error(self, key: str, problem: str, expected: str) -> CellError:
         return make_error(self.file, key, problem, expected)
+
+
+def _allow_clock_error(robot: Robot, clock_error: float) -> None:
+    """Widen the robot's joint errors by what joints can do while their stamp is off.
+
+    A state that was measured up to `clock_error` before or after its stamp differs from the one at
+    the stamp by no more than that. To count the state as older instead would not do: an arm that
+    moves away from something would be taken to have gone farther than it has.
+    """
+    fastest = robot.velocity_limit + robot.velocity_error
+    robot.position_error = robot.position_error + fastest * clock_error
+    robot.velocity_error = robot.velocity_error + robot.acceleration_limit * clock_error
+    for errors in (robot.position_error, robot.velocity_error):
+        errors.flags.writeable = False
 
 
 def _repeats(names: list[str]) -> bool:

@@ -53,6 +53,7 @@ class StampTable(_Table, frozen=True, kw_only=True):
 
     clock: Literal["monotonic", "unix"] = "monotonic"
     latency: NotNegative = 0.0
+    clock_error: NotNegative = 0.0
 
 
 class FrameTable(_Table, frozen=True, kw_only=True):
@@ -71,6 +72,7 @@ class SourceTable(_Table, frozen=True, kw_only=True):
     timeout: Positive | None = None
     clock: Literal["monotonic", "unix", "arrival"] = "monotonic"
     latency: NotNegative = 0.0
+    clock_error: NotNegative = 0.0
     required: bool = True
 
 

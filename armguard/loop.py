@@ -206,9 +206,12 @@ def run(
         clock,
         FaultLog(clock.now),
         stamp_clocks={
-            name: StampClock("monotonic" if recorded else source.clock, source.latency)
+            name: StampClock(
+                "monotonic" if recorded else source.clock, source.latency, source.clock_error
+            )
             for name, source in cell.tables.sources.items()
         },
+        # What this clock is off by is in the robot's joint errors already.
         joint_clock=StampClock("monotonic" if recorded else joint_state.clock, joint_state.latency),
         reset_token=reset_token,
         **{name: bound for name, bound in given(cell.tables.bounds).items() if name != "margin"},

@@ -68,7 +68,8 @@ def test_the_example_says_what_the_library_would_do_anyway():
 def test_every_setting_of_the_monitor_has_a_key():
     tables = Cell.load(EXAMPLE).tables
     keys = {*tables.monitor.__struct_fields__, *tables.thresholds.__struct_fields__, "margin"}
-    others = {"robot", "obstacles", "ignore", "base_placement"}
+    # Certificates are for observers within the same program.
+    others = {"robot", "obstacles", "ignore", "base_placement", "certify"}
     assert keys == set(inspect.signature(Monitor).parameters) - others
 
 
@@ -145,6 +146,22 @@ def test_settings_reach_obstacles_and_monitor():
     assert obstacles.table.accepted.accel[row] == 7.0
 
 
+def test_a_clock_error_of_the_joints_widens_their_errors():
+    known = Cell.from_text(ROBOT).make_robot()
+    robot, _, monitor = Cell.from_text(ROBOT + "[joint_state]\nclock_error = 0.004").build()
+    top_speed = known.velocity_limit + known.velocity_error
+    np.testing.assert_allclose(robot.position_error, known.position_error + 0.004 * top_speed)
+    np.testing.assert_allclose(
+        robot.velocity_error, known.velocity_error + 0.004 * known.acceleration_limit
+    )
+    assert not robot.position_error.flags.writeable
+    # States that differ by what joints do in twice that time are no jump.
+    moved = np.array(READY) + 1.9 * 0.004 * known.velocity_limit
+    assert (
+        monitor.step(0.0, READY, np.zeros(7)).level == monitor.step(1e-3, moved, np.zeros(7)).level
+    )
+
+
 def test_a_urdf_and_what_belongs_to_it_are_found_beside_the_file(tmp_path, monkeypatch):
     calls, options = [], inspect.signature(Robot.from_urdf).parameters
     monkeypatch.setattr(Robot, "from_urdf", lambda *path, **options: calls.append((path, options)))
@@ -212,6 +229,12 @@ MISTAKES = [
         ROBOT + "[sources.cam0]\nclock = 'arrival'\nlatency = 0.1",
         "bounds.speed",
         "missing with sources.cam0.clock",
+    ),
+    (ROBOT + "[sources.cam0]\nclock_error = -0.1", "sources.cam0.clock_error", "is -0.1"),
+    (
+        ROBOT + "[sources.cam0]\nclock_error = 0.1\n[bounds]\nspeed = 2.0",
+        "bounds.accel",
+        "missing with sources.cam0.clock_error = 0.1",
     ),
     (
         ROBOT + "[sources.cam0]\nrate = 5\ntimeout = 0.1",

@@ -310,6 +310,39 @@ def test_a_source_without_a_clock_is_as_old_and_uncertain_as_it_may_be():
     assert world.obstacles.take_faults() == []
 
 
+def test_clock_errors_of_sources_widen_what_they_say():
+    world = World(stamp_clocks={"cam0": StampClock("unix", 0.25, 0.02)}, speed=2.0, accel=10.0)
+    world.send(obstacles(stamp=UNIX + 5.0, position_error=0.01, velocity_error=0.1))
+    accepted, row = world.obstacles.table.accepted, world.obstacles.row("a")
+    assert world.stamp() == pytest.approx(4.75, abs=1e-6)  # the stamp itself stays
+    assert accepted.position_error[row] == pytest.approx(0.01 + 2.0 * 0.02)
+    assert accepted.velocity_error[row] == pytest.approx(0.1 + 10.0 * 0.02)
+    # It adds to what an arrival does not tell.
+    world = World(stamp_clocks={"cam0": StampClock("arrival", 0.1, 0.02)}, speed=2.0, accel=10.0)
+    world.edge.drain([world.input])
+    world.send(obstacles())
+    accepted, row = world.obstacles.table.accepted, world.obstacles.row("a")
+    assert accepted.position_error[row] == pytest.approx(2.0 * 0.12, rel=1e-6)
+
+
+def test_a_clock_error_does_not_hide_a_broken_speed_bound():
+    world = World(stamp_clocks={"cam0": StampClock("monotonic", 0.0, 0.1)}, speed=2.0, accel=10.0)
+    world.send(obstacles(velocity=[[0.0, 0.0, 2.5]], velocity_error=0.1))
+    assert [fault.kind for fault in world.obstacles.take_faults()] == [FaultKind.BEYOND_SPEED]
+    table = world.obstacles.table
+    assert (table.refused_position_error >= 2.6 * 0.1).any()  # as fast as it was measured
+    world.send(obstacles(seq=2, velocity=[[math.nan, 0.0, 0.5]]))
+    assert "velocity" in [fault.field for fault in world.obstacles.take_faults()]
+
+
+def test_a_clock_error_needs_no_acceleration_bound():
+    world = World(stamp_clocks={"cam0": StampClock("monotonic", 0.0, 0.1)}, speed=2.0)
+    world.send(obstacles(velocity_error=0.1))
+    accepted, row = world.obstacles.table.accepted, world.obstacles.row("a")
+    assert world.obstacles.take_faults() == []
+    assert accepted.velocity_error[row] == 0.1
+
+
 def test_stamps_by_arrival_grow_over_drains_that_were_cut_short():
     world = World(stamp_clocks={"cam0": StampClock("arrival", 0.1)}, speed=2.0, accel=10.0)
     stamps = []

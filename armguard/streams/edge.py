@@ -61,6 +61,8 @@ class StampClock(NamedTuple):
     clock: Literal["monotonic", "unix", "arrival"] = "monotonic"
     latency: float = 0.0
     """From measurement to stamp in [s]; for `arrival`, at most, from measurement to arrival."""
+    error: float = 0.0
+    """What stamps may be off by, either way, in [s]; of sources of obstacles only."""
 
 
 MONOTONIC = StampClock()
@@ -199,8 +201,9 @@ class Edge:
         try:
             fields = _unpack(fields, len(message.ids))
             self._name_unusable(source, sequence, {"stamp": message.stamp, **fields})
-            if clock.clock == "arrival":
-                self._widen_for_arrival(fields, self._now - stamp)
+            window = clock.error + (self._now - stamp if clock.clock == "arrival" else 0.0)
+            if window > 0.0:
+                self._widen(fields, window)
         except MessageError as error:
             # Handed on as it came: the table refuses it too, and so the verdict knows of it.
             self.faults.add("malformed", source, sequence, str(error))
@@ -287,17 +290,30 @@ class Edge:
         self._arrived_after += _NANOSECOND
         return self._arrived_after - clock.latency
 
-    def _widen_for_arrival(self, fields: dict[str, Any], window: float) -> None:
-        """Add what a body can do in the time within which a message was measured somewhere."""
-        for field, rate, default in (
-            ("position_error", fields["speed"], self._speed),
-            ("velocity_error", fields["accel"], self._accel),
-        ):
-            bound = np.asarray(default if rate is None else rate)
-            error = np.asarray(fields[field])
-            with np.errstate(invalid="ignore"):
-                # What is negative stays so, for the table to refuse.
-                fields[field] = np.where(error < 0.0, error, error + bound * window)
+    def _widen(self, fields: dict[str, Any], window: float) -> None:
+        """Add what a body can do between its stamp and the measurement, `window` [s] at most."""
+        speed = np.asarray(self._speed if fields["speed"] is None else fields["speed"])
+        accel = np.asarray(self._accel if fields["accel"] is None else fields["accel"])
+        position_error = np.asarray(fields["position_error"])
+        velocity_error = np.asarray(fields["velocity_error"])
+        velocity = fields["velocity"]
+        is_broken: Any = False
+        if velocity is not None:
+            fastest = np.linalg.norm(velocity, axis=-1)
+            fastest = fastest.max(axis=-1) if fastest.ndim > 1 else fastest
+            # A speed that breaks its bound must not pass because of the wider error.
+            is_broken = fastest - velocity_error > speed  # NaN is for the table to refuse
+            speed = np.where(is_broken, fastest + velocity_error, speed)
+        with np.errstate(invalid="ignore"):
+            # What is negative stays so, for the table to refuse.
+            fields["position_error"] = np.where(
+                position_error < 0.0, position_error, position_error + speed * window
+            )
+            # Without a bound on acceleration velocities do not matter, however well known.
+            is_wider = ~np.asarray(is_broken) & (velocity_error >= 0.0) & (accel < math.inf)
+            fields["velocity_error"] = np.where(
+                is_wider, velocity_error + accel * window, velocity_error
+            )
 
 
 def _unpack(fields: Mapping[str, Any], count: int) -> dict[str, Any]:
