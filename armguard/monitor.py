@@ -89,8 +89,8 @@ class Monitor:
         base_placement: pinocchio.SE3 | None = None,
         certify: bool = False,
     ) -> None:
-        if not 0.0 < rate < math.inf:
-            raise ArmguardError("rate", f"is {rate}", expected="a finite number of hertz above 0")
+        if not 0.0 < _as_number(rate) < math.inf:
+            raise ArmguardError("rate", f"is {rate!r}", expected="a finite number of hertz above 0")
         self.period = 1.0 / rate
         joint_timeout = max(0.05, 5.0 * self.period) if joint_timeout is None else joint_timeout
         _check_not_negative(
@@ -103,8 +103,12 @@ class Monitor:
             joint_timeout=joint_timeout,
             margin=margin,
         )
-        if not 0.0 <= freshness < 1.0:
-            raise ArmguardError("freshness", f"is {freshness}", expected="0 <= freshness < 1")
+        if not 0.0 <= _as_number(freshness) < 1.0:
+            raise ArmguardError("freshness", f"is {freshness!r}", expected="0 <= freshness < 1")
+        if not isinstance(base_placement, pinocchio.SE3 | None):
+            raise ArmguardError(
+                "base_placement", f"is {base_placement!r}", expected="a pinocchio.SE3"
+            )
         if motion != "isotropic":
             raise ArmguardError("motion", f"is {motion!r}", expected='"isotropic"')
         self.robot = robot
@@ -119,7 +123,7 @@ class Monitor:
         self._watch = PairWatch(
             robot,
             obstacles,
-            make_schedule(schedule, self.period) if isinstance(schedule, str) else schedule,
+            make_schedule(schedule, self.period),
             IgnoredPairs(ignore, robot),
             margin,
             base_placement,
@@ -159,7 +163,7 @@ class Monitor:
         except Exception as error:
             # Whatever went wrong inside, the arm must stop.
             return self._refuse(
-                _as_time(stamp),
+                _as_number(stamp),
                 Reason(ReasonKind.INTERNAL_ERROR, type(error).__name__, str(error)),
             )
 
@@ -175,7 +179,7 @@ class Monitor:
         """The most imminent pairs as of the last tick, soonest first, at most `limit`."""
         if self._epoch is None:
             return []
-        return self._watch.report(self._now - self._epoch, self.period, limit)
+        return self._watch.report(self._now - self._epoch, self.period, max(limit, 0))
 
     def snapshot(self, *, pair_limit: int, row_limit: int) -> Snapshot:
         """What there is to see of the last tick, for observers; cheap, and their own to keep.
@@ -196,7 +200,7 @@ class Monitor:
         )
 
     def _step(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> Verdict:
-        stamp, now = _as_time(stamp), _as_time(now)
+        stamp, now = _as_number(stamp), _as_number(now)
         if not (math.isfinite(now) and math.isfinite(stamp)):
             return self._refuse(stamp, Reason(ReasonKind.TIME_INVALID, f"stamp {stamp}, now {now}"))
         if now < self._now:
@@ -313,8 +317,8 @@ class Monitor:
         )
 
 
-def _as_time(value: object) -> float:
-    """A time in [s]; NaN for whatever is not one number."""
+def _as_number(value: object) -> float:
+    """The number that `value` is; NaN for whatever is not one."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
         return math.nan
     try:
@@ -325,5 +329,5 @@ def _as_time(value: object) -> float:
 
 def _check_not_negative(**values: float) -> None:
     for name, value in values.items():
-        if not 0.0 <= value < math.inf:
-            raise ArmguardError(name, f"is {value}", expected="a finite number, at least 0")
+        if not 0.0 <= _as_number(value) < math.inf:
+            raise ArmguardError(name, f"is {value!r}", expected="a finite number, at least 0")

@@ -39,5 +39,11 @@ def take_obstacle_reasons(obstacles: Obstacles, now: float, timeout: float) -> l
 
 
 def _as_reason(fault: Fault) -> Reason:
-    kind = ReasonKind.OBSTACLE_REFUSED if fault.id else ReasonKind.CALL_REFUSED
+    if fault.kind in (FaultKind.UNKNOWN_ID, FaultKind.STALE_REMOVAL):
+        # Nothing was let go of, so nothing is known any worse than before.
+        kind = ReasonKind.REMOVAL_IGNORED
+    elif fault.id:
+        kind = ReasonKind.OBSTACLE_REFUSED
+    else:
+        kind = ReasonKind.CALL_REFUSED
     return Reason(kind, fault.id or fault.source, f"{fault.field} is {fault.value}: {fault.kind}")

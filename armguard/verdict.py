@@ -50,6 +50,7 @@ class ReasonKind(enum.Enum):
     HOLD = ("waiting for evidence before the level rises", Effect.NOTE)
     NO_SOURCES = ("no sources", Effect.NOTE)
     NOT_YET_COMPLETE = ("no complete look yet", Effect.NOTE)
+    REMOVAL_IGNORED = ("removal ignored", Effect.NOTE)
     SOURCE_SILENT = ("source silent", Effect.STANDING)
     STAMP_AHEAD = ("stamp ahead of the clock", Effect.STANDING)
     OBSTACLE_REFUSED = ("obstacle refused", Effect.STANDING)

@@ -10,7 +10,7 @@ of the paper and the monitor run on the same code. Each follows `Schedule`; a ti
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
 
@@ -33,6 +33,7 @@ __all__ = [
 SCHEDULES = ("full", "distance", "daa")
 
 
+@runtime_checkable
 class Schedule(Protocol):
     """What the monitor asks of every schedule.
 
@@ -85,17 +86,19 @@ class Schedule(Protocol):
         ...
 
 
-def make_schedule(name: str, period: float) -> Schedule:
+def make_schedule(name: str | Schedule, period: float) -> Schedule:
     """Make a schedule by its name.
 
     Args:
-        name: One of `SCHEDULES`.
+        name: One of `SCHEDULES`, or a schedule of your own, which is returned as it is.
         period: Time between two ticks, in [s].
     """
+    if not isinstance(name, str) and isinstance(name, Schedule):
+        return name
     if name == "full":
         return FullSchedule()
     if name == "distance":
         return DistanceSchedule()
     if name == "daa":
         return DaaSchedule(period)
-    raise ArmguardError("schedule", f"unknown name {name!r}", expected=", ".join(SCHEDULES))
+    raise ArmguardError("schedule", f"is {name!r}", expected=", ".join(SCHEDULES))
