@@ -57,7 +57,8 @@ class MonitorFeed:
         self._monitor = monitor
         self._publisher = publisher
         self._next = -math.inf
-        publisher.publish_scene(_make_scene(monitor, urdf, package_dirs))
+        self._urdf, self._package_dirs = urdf, package_dirs
+        self._publish_scene()
 
     def observe(self, verdict: Verdict, now: float, durations: Durations, late: int) -> None:
         """Publish a frame if one is due.
@@ -71,6 +72,8 @@ class MonitorFeed:
         if now < self._next:
             return
         self._next = max(self._next + INTERVAL, now)
+        if self._monitor.robot.revision != self._revision:
+            self._publish_scene()
         load = Load(
             ticks=durations.count,
             late=late,
@@ -79,6 +82,11 @@ class MonitorFeed:
             p99=durations.percentile(99.0),
         )
         self._publisher.publish_frame(self._make_frame(verdict, now, load))
+
+    def _publish_scene(self) -> None:
+        self._revision = self._monitor.robot.revision
+        scene = _make_scene(self._monitor, self._urdf, self._package_dirs)
+        self._publisher.publish_scene(scene)
 
     def _make_frame(self, verdict: Verdict, now: float, load: Load) -> FrameMessage:
         monitor = self._monitor

@@ -1,5 +1,6 @@
 """From a monitor's tick to the message that a view draws."""
 
+import coal
 import numpy as np
 import pytest
 
@@ -104,3 +105,17 @@ def test_what_was_refused_is_marked_and_stays_where_it_was_accepted(robot):
     assert (bool(marks["good"]), bool(marks["bad"])) == (False, True)
     place = after.points[list(after.ids).index("bad")]
     assert place == pytest.approx([2.0, 1.0, 1.0])
+
+
+def test_an_attached_tool_comes_with_a_new_scene():
+    robot, obstacles, messages = Robot.load("panda"), Obstacles(), Messages()
+    monitor = Monitor(robot, obstacles)
+    feed = MonitorFeed(monitor, messages)
+    robot.attach("tool", "panda_hand", coal.Sphere(0.05))
+    for tick in range(2):
+        verdict = monitor.step(1e-3 * tick, READY, np.zeros(7))
+        feed.observe(verdict, float(tick), Durations(), 0)
+    scenes = [message for message in messages.all if isinstance(message, SceneMessage)]
+    assert [len(scene.cover) for scene in scenes] == [10, 11]
+    spheres = sum(len(cover.spheres) for cover in scenes[-1].cover)
+    assert len(messages.frames[-1].sphere_buckets) == spheres
