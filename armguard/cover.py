@@ -9,8 +9,7 @@ set of nodes that cuts all paths from the root (a level, or a descent stopped an
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.containment import compute_parents, is_contained, tighten
+from armguard.cover_report import CoverReport, report_link
 from armguard.exceptions import CoverError
 from armguard.fitting import fit_tree
 from armguard.sphere_tree import GRID, SphereTree
-from armguard.surface_distance import compute_signed_distances
 
 Array = NDArray[np.float64]
 
@@ -30,6 +29,8 @@ CoverTree = SphereTree
 
 FORMAT = 1
 DEFAULT_PROTRUSION = 0.02  # [m]
+SMALLEST, LARGEST = 5e-4, 10.0
+"""How far a link may extend, in [m]: a mesh in millimetres read as metres is larger than that."""
 
 
 class Surfaces(Protocol):
@@ -41,32 +42,6 @@ class Surfaces(Protocol):
 
     def triangles(self, link: str) -> Array:
         """Surface of a link in the frame of its parent joint, in [m]. Shape (n, 3, 3)."""
-
-
-@dataclass(frozen=True)
-class LinkReport:
-    """What is known of one link's cover."""
-
-    proved: bool
-    """Every piece of surface is inside a leaf and all balls above it."""
-    count: int
-    """Number of leaves."""
-    max_protrusion: float
-    """No point of a leaf is farther from the link than this, in [m]."""
-    mean_protrusion: float
-    """Distance to the link, averaged over the surface of the union of leaves, in [m]."""
-
-
-@dataclass(frozen=True)
-class CoverReport:
-    """The outcome of `Cover.check`."""
-
-    links: dict[str, LinkReport]
-
-    @property
-    def proved(self) -> bool:
-        """Whether every link is covered."""
-        return all(link.proved for link in self.links.values())
 
 
 class Cover:
@@ -87,7 +62,12 @@ class Cover:
 
     @classmethod
     def fit(
-        cls, robot: Surfaces, *, spheres: int | None = None, protrusion: float | None = None
+        cls,
+        robot: Surfaces,
+        *,
+        spheres: int | None = None,
+        protrusion: float | None = None,
+        on_link: Callable[[str], None] | None = None,
     ) -> Cover:
         """Fit and prove a cover; the same robot gives the same cover.
 
@@ -96,6 +76,7 @@ class Cover:
             spheres: At most so many leaves a link, which stick out as little as possible.
             protrusion: How far leaves may stick out, in [m]: as few as possible. If neither is
                 given, `DEFAULT_PROTRUSION`.
+            on_link: Called with the name of each link before it is fitted, to show progress.
 
         Raises:
             CoverError: An argument is unusable, or the fit could not be proved.
@@ -109,8 +90,10 @@ class Cover:
         if spheres is None and protrusion is None:
             protrusion = DEFAULT_PROTRUSION
         trees, geometry = {}, {}
-        for link in robot.links:
-            triangles = _get_surface(robot, link)
+        surfaces = {link: get_surface(robot, link) for link in robot.links}
+        for link, triangles in surfaces.items():
+            if on_link is not None:
+                on_link(link)
             tree = fit_tree(triangles, spheres=spheres, protrusion=protrusion)
             if not is_contained(triangles, tree):
                 raise CoverError(f"link {link!r}", "its fitted spheres could not be proved")
@@ -177,7 +160,7 @@ class Cover:
                 expected=", ".join(robot.links),
             )
         return CoverReport(
-            {link: _report(self.tree(link), _get_surface(robot, link)) for link in robot.links}
+            {link: report_link(self.tree(link), get_surface(robot, link)) for link in robot.links}
         )
 
     def verify(self, robot: Surfaces) -> None:
@@ -189,7 +172,7 @@ class Cover:
         for link in (*robot.links, *self._geometry):
             if link not in robot.links or link not in self._geometry:
                 raise CoverError(f"link {link!r}", "is in the robot or in the cover, not in both")
-            if hash_surface(_get_surface(robot, link)) != self._geometry[link]:
+            if hash_surface(get_surface(robot, link)) != self._geometry[link]:
                 raise CoverError(
                     f"link {link!r}",
                     "its cover was made for other geometry",
@@ -252,13 +235,25 @@ class _CoverFile(msgspec.Struct, forbid_unknown_fields=True):
     links: dict[str, _LinkFile]
 
 
-def _get_surface(robot: Surfaces, link: str) -> Array:
-    """A link's triangles, refused where there is nothing to cover."""
+def get_surface(robot: Surfaces, link: str) -> Array:
+    """A link's triangles in [m], refused where they cannot be a link's. Shape (n, 3, 3).
+
+    Raises:
+        CoverError: There are none, one is not finite, or the link is of no plausible size.
+    """
     triangles = robot.triangles(link)
     if triangles.shape != (len(triangles), 3, 3) or not len(triangles):
         raise CoverError(f"link {link!r}", f"has a surface of shape {triangles.shape}")
     if not np.isfinite(triangles).all():
         raise CoverError(f"link {link!r}", "has a surface that is not finite")
+    extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    if not SMALLEST <= extent <= LARGEST:
+        raise CoverError(
+            f"link {link!r}",
+            f"is {extent:.6g} m across",
+            expected=f"{SMALLEST:g} m to {LARGEST:g} m",
+            remedy="give the mesh's unit in the scale of its URDF element (mm: 0.001)",
+        )
     return triangles
 
 
@@ -304,34 +299,3 @@ def _compute_depths(tree: CoverTree) -> NDArray[np.int64]:
     for node in range(1, len(parents)):
         depths[node] = depths[parents[node]] + 1
     return depths
-
-
-def _report(tree: CoverTree, triangles: Array) -> LinkReport:
-    leaves = tree.spheres[tree.child_count == 0]
-    centers, radii = np.ascontiguousarray(leaves[:, :3]), leaves[:, 3]
-    protrusions = radii + compute_signed_distances(centers, triangles)
-    directions = _spread_directions(200)
-    points, weights = [], []
-    for i, (center, radius) in enumerate(zip(centers, radii, strict=True)):
-        surface = center + radius * directions
-        distances = np.sqrt(((surface[:, None] - centers) ** 2).sum(axis=2))
-        distances[:, i] = np.inf
-        exposed = surface[(distances >= radii).all(axis=1)]
-        points.append(exposed)
-        weights.append(np.full(len(exposed), radius**2))
-    outside = np.maximum(compute_signed_distances(np.concatenate(points), triangles), 0.0)
-    weight = np.concatenate(weights)
-    return LinkReport(
-        is_contained(triangles, tree),
-        len(leaves),
-        float(protrusions.max()),
-        float((outside * weight).sum() / weight.sum()),
-    )
-
-
-def _spread_directions(count: int) -> Array:
-    """Unit vectors spread evenly over the sphere, on a Fibonacci spiral. Shape (count, 3)."""
-    height = 1.0 - (2.0 * np.arange(count) + 1.0) / count
-    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
-    across = np.sqrt(1.0 - height**2)
-    return np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)

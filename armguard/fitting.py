@@ -20,13 +20,20 @@ from numpy.typing import NDArray
 from armguard.compilation import kernel
 from armguard.enclosing_ball import enclose_points
 from armguard.sphere_tree import GRID, Node, SphereTree, build_tree, enclose
-from armguard.surface_distance import compute_signed_distances, signed_distance
+from armguard.surface_distance import (
+    Surface,
+    arrange_surface,
+    compute_signed_distances,
+    is_inside,
+    measure_distance,
+)
 
 Array = NDArray[np.float64]
 
-_PIECES = 2500  # about as many pieces a link: finer ones fit tighter, and cost in proportion
+_PIECES = 8000  # about as many pieces a link: finer ones fit tighter, and cost in proportion
 _CANDIDATES = 1500  # about as many candidate centres a link
 _SKIP = 4  # one piece in so many is enough to find where to start from
+_SWAPS = 8  # tries to save a smaller set by moving one centre far away
 _ROUNDS = 30  # of moving pieces and centres in turns
 
 
@@ -40,12 +47,12 @@ def fit_tree(
         spheres: At most so many leaves, which then stick out as little as possible, or
         protrusion: how far a leaf may stick out, in [m], with as few leaves as possible.
     """
-    pieces = cut_triangles(triangles)
+    pieces, surface = cut_triangles(triangles), arrange_surface(triangles)
     if spheres is not None:
-        centers = _fit_count(pieces, triangles, spheres)
+        centers = _fit_count(pieces, surface, spheres)
     else:
-        centers = _fit_protrusion(pieces, triangles, float(protrusion or 0.0))
-    return build_tree(_assign_pieces(pieces, triangles, centers))
+        centers = _fit_protrusion(pieces, surface, float(protrusion or 0.0))
+    return build_tree(_assign_pieces(pieces, surface, centers))
 
 
 def bisect_triangles(triangles: Array) -> Array:
@@ -72,35 +79,45 @@ def cut_triangles(triangles: Array) -> Array:
     return np.concatenate(done)
 
 
-def _fit_count(pieces: Array, triangles: Array, count: int) -> Array:
+def _fit_count(pieces: Array, surface: Surface, count: int) -> Array:
     """At most `count` centres, around which balls stick out as little as possible."""
-    candidates, needed = _needed_by_candidates(pieces, triangles)
+    candidates, needed = _needed_by_candidates(pieces, surface)
     coarse = np.ascontiguousarray(needed[:, ::_SKIP])
     starts = [candidates[_cover_with(coarse, count)], _spread(pieces, count)]
-    return _improve_best(pieces, triangles, starts)[0]
+    improved = [_improve(pieces, surface, start) for start in starts]
+    return min(improved, key=lambda end: end[1])[0]
 
 
-def _fit_protrusion(pieces: Array, triangles: Array, limit: float) -> Array:
+def _fit_protrusion(pieces: Array, surface: Surface, limit: float) -> Array:
     """As few centres as will do for balls that stick out by `limit`."""
-    candidates, needed = _needed_by_candidates(pieces, triangles)
+    candidates, needed = _needed_by_candidates(pieces, surface)
     chosen = _cover(needed, max(limit, float(needed.min(axis=0).max())))
-    centers, _ = _improve(pieces, triangles, candidates[chosen])
+    centers, _ = _improve(pieces, surface, candidates[chosen])
     coarse = np.ascontiguousarray(needed[:, ::_SKIP])
+    too_few = 0
+    while len(centers) - too_few > 1:
+        count = (too_few + len(centers)) // 2
+        for start in (candidates[_cover_with(coarse, count)], _spread(pieces, count)):
+            fewer, reached = _improve(pieces, surface, start)
+            if reached <= limit:
+                centers = fewer
+                break
+        else:
+            too_few = count
     while len(centers) > 1:
-        starts = [
-            _drop_one(pieces, triangles, centers),
-            candidates[_cover_with(coarse, len(centers) - 1)],
-            _spread(pieces, len(centers) - 1),
-        ]
-        fewer, reached = _improve_best(pieces, triangles, starts)
-        if not (reached <= limit):
+        fewer, reached = _improve(pieces, surface, _drop_one(pieces, surface, centers))
+        for _ in range(_SWAPS):
+            if reached <= limit or len(fewer) < 2:
+                break
+            swapped = _move_one(pieces, surface, fewer, candidates, needed)
+            moved, then = _improve(pieces, surface, swapped)
+            if not then < reached:
+                break
+            fewer, reached = moved, then
+        if not reached <= limit:
             break
         centers = fewer
     return centers
-
-
-def _improve_best(pieces: Array, triangles: Array, starts: list[Array]) -> tuple[Array, float]:
-    return min((_improve(pieces, triangles, start) for start in starts), key=lambda end: end[1])
 
 
 def _spread(pieces: Array, count: int) -> Array:
@@ -115,7 +132,7 @@ def _spread(pieces: Array, count: int) -> Array:
     return spread
 
 
-def _needed_by_candidates(pieces: Array, triangles: Array) -> tuple[Array, Array]:
+def _needed_by_candidates(pieces: Array, surface: Surface) -> tuple[Array, Array]:
     """Candidate centres, and how far a ball there must stick out to reach each piece.
 
     Returns:
@@ -127,17 +144,17 @@ def _needed_by_candidates(pieces: Array, triangles: Array) -> tuple[Array, Array
     axes = [lower[i] + step * np.arange(int(extent[i] / step) + 1) for i in range(3)]
     axes = [axis + 0.5 * (lower[i] + extent[i] - axis[-1]) for i, axis in enumerate(axes)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    near = compute_signed_distances(grid, triangles) < 0.5 * step
+    near = compute_signed_distances(grid, surface) < 0.5 * step
     on_surface = pieces[:: max(1, 4 * len(pieces) // _CANDIDATES)].mean(axis=1)
     center, _ = enclose_points(corners)
     candidates = np.concatenate([grid[near], on_surface, center[None]])
-    return candidates, _compute_needed(pieces, triangles, candidates)
+    return candidates, _compute_needed(pieces, surface, candidates)
 
 
-def _compute_needed(pieces: Array, triangles: Array, centers: Array) -> Array:
+def _compute_needed(pieces: Array, surface: Surface, centers: Array) -> Array:
     needed = np.empty((len(centers), len(pieces)))
     _farthest_corners(centers, pieces, needed)
-    return needed + compute_signed_distances(centers, triangles)[:, None]
+    return needed + compute_signed_distances(centers, surface)[:, None]
 
 
 def _cover(needed: Array, limit: float) -> list[int]:
@@ -161,18 +178,27 @@ def _cover_with(needed: Array, count: int) -> list[int]:
     return chosen
 
 
-def _drop_one(pieces: Array, triangles: Array, centers: Array) -> Array:
+def _drop_one(pieces: Array, surface: Surface, centers: Array) -> Array:
     """Leave out the centre whose pieces the others reach most easily."""
-    needed = _compute_needed(pieces, triangles, centers)
+    needed = _compute_needed(pieces, surface, centers)
     without = [np.delete(needed, i, axis=0).min(axis=0).max() for i in range(len(centers))]
     return np.delete(centers, int(np.argmin(without)), axis=0)
 
 
-def _improve(pieces: Array, triangles: Array, centers: Array) -> tuple[Array, float]:
+def _move_one(
+    pieces: Array, surface: Surface, centers: Array, candidates: Array, needed: Array
+) -> Array:
+    """Leave out the centre that is missed least, and put one where it is needed most."""
+    worst = int(np.argmax(_compute_needed(pieces, surface, centers).min(axis=0)))
+    added = candidates[int(np.argmin(needed[:, worst]))]
+    return np.concatenate([_drop_one(pieces, surface, centers), added[None]])
+
+
+def _improve(pieces: Array, surface: Surface, centers: Array) -> tuple[Array, float]:
     """Move pieces and centres in turns; return the centres and how far the balls stick out."""
     best, best_reached = centers, math.inf
     for _ in range(_ROUNDS):
-        needed = _compute_needed(pieces, triangles, centers)
+        needed = _compute_needed(pieces, surface, centers)
         owners = np.argmin(needed, axis=0)
         reached = float(needed.min(axis=0).max())
         if not (reached < best_reached - 1e-5):
@@ -181,13 +207,14 @@ def _improve(pieces: Array, triangles: Array, centers: Array) -> tuple[Array, fl
         used = np.unique(owners)
         centers = centers[used].copy()
         for i, owner in enumerate(used):
-            _move_center(centers[i], pieces[owners == owner].reshape(-1, 3), triangles)
+            corners = np.unique(pieces[owners == owner].reshape(-1, 3), axis=0)
+            _move_center(centers[i], corners, surface)
     return best, best_reached
 
 
-def _assign_pieces(pieces: Array, triangles: Array, centers: Array) -> list[Node]:
+def _assign_pieces(pieces: Array, surface: Surface, centers: Array) -> list[Node]:
     """Give each piece to a ball, so that no ball is larger than its own pieces make it."""
-    needed = _compute_needed(pieces, triangles, centers)
+    needed = _compute_needed(pieces, surface, centers)
     distances = np.empty_like(needed)
     _farthest_corners(centers, pieces, distances)
     owners = np.argmin(needed, axis=0)
@@ -242,30 +269,37 @@ def _choose_greedily(needed, limit, chosen):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _protrusion_at(x, y, z, corners, triangles):  # type: ignore[no-untyped-def]
+def _reach(center, corners):  # type: ignore[no-untyped-def]
     farthest = 0.0
     for i in range(len(corners)):
-        dx, dy, dz = corners[i, 0] - x, corners[i, 1] - y, corners[i, 2] - z
-        farthest = max(farthest, dx * dx + dy * dy + dz * dz)
-    return math.sqrt(farthest) + signed_distance(x, y, z, triangles)
+        x, y, z = corners[i, 0] - center[0], corners[i, 1] - center[1], corners[i, 2] - center[2]
+        farthest = max(farthest, x * x + y * y + z * z)
+    return math.sqrt(farthest)
 
 
 @kernel
-def _move_center(center, corners, triangles):  # type: ignore[no-untyped-def]
+def _move_center(center, corners, surface):  # type: ignore[no-untyped-def]
     """Pattern search for the centre from which a ball around the corners sticks out least."""
     extent = 0.0
     for k in range(3):
         extent = max(extent, corners[:, k].max() - corners[:, k].min())
     step = 0.1 * extent
-    best = _protrusion_at(center[0], center[1], center[2], corners, triangles)
+    distance = measure_distance(center[0], center[1], center[2], surface)
+    inside = is_inside(center[0], center[1], center[2], surface)
+    best = _reach(center, corners) + (-distance if inside else distance)
     while step > 2e-3 * extent:
         moved = False
         for direction in range(6):
             sign = step if direction < 3 else -step
             center[direction % 3] += sign
-            value = _protrusion_at(center[0], center[1], center[2], corners, triangles)
+            there = measure_distance(center[0], center[1], center[2], surface)
+            # Whoever moves less than the distance to the surface stays on its side.
+            inside_there = inside
+            if not step < distance:
+                inside_there = is_inside(center[0], center[1], center[2], surface)
+            value = _reach(center, corners) + (-there if inside_there else there)
             if value < best:
-                best, moved = value, True
+                best, distance, inside, moved = value, there, inside_there, True
             else:
                 center[direction % 3] -= sign
         if not moved:

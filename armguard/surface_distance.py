@@ -1,13 +1,16 @@
 """How far points are from a surface of triangles, and on which side of it: what makes spheres fit.
 
-Inside is decided by the generalised winding number, which tolerates holes, duplicate faces and
-inverted winding. Nothing that must be proved rests on it: a point taken to be outside by mistake
-only makes a fit looser and its reported protrusion larger.
+Many meshes are shells, or have parts inside. What counts is how far a point is from what can be
+touched from outside, so cavities are found by flooding a grid, triangles that stay dry are left
+out, and a point is inside if it lies in a cavity or if the surface winds around it (the generalised
+winding number, which tolerates holes, duplicate faces and inverted winding). Nothing that must be
+proved rests on it: only how tight a fit is, and the protrusion that is reported.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,38 +19,186 @@ from armguard.compilation import kernel
 
 Array = NDArray[np.float64]
 
+_BLOCK = 16  # triangles at most
+_CELLS = 30_000  # about as many fill the box around a surface
+_FINEST = 1e-4  # side of a cell at least, in [m]
 
-def compute_signed_distances(points: Array, triangles: Array) -> Array:
+
+class Surface(NamedTuple):
+    """Triangles in blocks of neighbours, for compiled callers that ask for many distances."""
+
+    triangles: Array
+    """Those that can be touched from outside, in [m]; a block's lie side by side. (m, 3, 3)."""
+    starts: NDArray[np.int64]
+    """Where each block starts, and the end of the last. Shape (blocks + 1,)."""
+    balls: Array
+    """Centre and radius of a ball around each block, in [m]. Shape (blocks, 4)."""
+    corner: Array
+    """Least corner of a grid of cells around the surface, in [m]. Shape (3,)."""
+    step: float
+    """Side of a cell, in [m]."""
+    is_cavity: NDArray[np.bool_]
+    """Cells apart from the surface that it closes off, but for openings smaller than a cell."""
+
+
+def compute_signed_distances(points: Array, surface: Array | Surface) -> Array:
     """Distance from each point to the nearest triangle, negative inside the surface.
 
     Args:
         points: In [m]. Shape (n, 3).
-        triangles: In [m]. Shape (m, 3, 3).
+        surface: Triangles in [m], shape (m, 3, 3), or what `arrange_surface` made of them.
 
     Returns:
         In [m]. Shape (n,).
     """
+    if not isinstance(surface, Surface):
+        surface = arrange_surface(surface)
     distances = np.empty(len(points))
-    _signed_distances(np.ascontiguousarray(points), np.ascontiguousarray(triangles), distances)
+    _signed_distances(np.ascontiguousarray(points), surface, distances)
     return distances
 
 
+def arrange_surface(triangles: Array) -> Surface:
+    """Find cavities and leave out what can be touched from within only."""
+    whole = _sort_into_blocks(triangles)
+    corners = triangles.reshape(-1, 3)
+    extent = np.ptp(corners, axis=0)
+    thinnest = 0.01 * float(extent.max())
+    step = max((float(np.prod(np.maximum(extent, thinnest))) / _CELLS) ** (1 / 3), _FINEST)
+    counts = np.ceil(extent / step).astype(np.int64) + 4
+    corner = corners.min(axis=0) - 2.0 * step
+    axes = [corner[i] + step * (np.arange(counts[i]) + 0.5) for i in range(3)]
+    middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    distances = np.empty(len(middles))
+    _distances(middles, whole, distances)
+    # A step that crosses the surface has an end within half a step of it.
+    is_free = (distances > 0.55 * step).reshape(*counts)
+    is_wet = _flood(is_free)
+    is_outer = _touch(triangles, is_wet, corner, step)
+    outer = _sort_into_blocks(triangles[is_outer]) if is_outer.any() else whole
+    return outer._replace(corner=corner, step=step, is_cavity=is_free & ~is_wet)
+
+
+def _sort_into_blocks(triangles: Array) -> Surface:
+    """Halves of halves, along the longest side each time; no cavities."""
+    middles = triangles.mean(axis=1)
+    waiting, blocks = [np.arange(len(triangles))], []
+    while waiting:
+        members = waiting.pop()
+        if len(members) <= _BLOCK:
+            blocks.append(members)
+            continue
+        axis = int(np.argmax(np.ptp(middles[members], axis=0)))
+        members = members[np.argsort(middles[members, axis], kind="stable")]
+        half = len(members) // 2
+        waiting += [members[half:], members[:half]]
+    balls = np.empty((len(blocks), 4))
+    for ball, members in zip(balls, blocks, strict=True):
+        corners = triangles[members].reshape(-1, 3)
+        ball[:3] = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        ball[3] = np.sqrt(((corners - ball[:3]) ** 2).sum(axis=1)).max()
+    return Surface(
+        np.ascontiguousarray(triangles[np.concatenate(blocks)]),
+        np.cumsum([0, *map(len, blocks)]),
+        balls,
+        np.zeros(3),
+        1.0,
+        np.zeros((0, 0, 0), dtype=np.bool_),
+    )
+
+
+def _flood(is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells that can be reached from the first layer by steps between free neighbours."""
+    is_wet = np.zeros_like(is_free)
+    is_wet[0] = is_free[0]
+    flooded = 0
+    while flooded < (flooded := int(is_wet.sum())):
+        for axis in range(3):
+            wet, free = np.moveaxis(is_wet, axis, 0), np.moveaxis(is_free, axis, 0)
+            for i in range(1, len(wet)):
+                wet[i] |= wet[i - 1] & free[i]
+            for i in range(len(wet) - 1, 0, -1):
+                wet[i - 1] |= wet[i] & free[i - 1]
+    return is_wet
+
+
+def _touch(
+    triangles: Array, is_wet: NDArray[np.bool_], corner: Array, step: float
+) -> NDArray[np.bool_]:
+    """Which triangles have a wet cell next to one of their own. Shape (n,)."""
+    near = is_wet.copy()
+    for axis in range(3):
+        wide, narrow = np.moveaxis(near, axis, 0), np.moveaxis(near.copy(), axis, 0)
+        wide[1:] |= narrow[:-1]
+        wide[:-1] |= narrow[1:]
+    touched = np.zeros(len(triangles), dtype=np.bool_)
+    pieces, owners = triangles, np.arange(len(triangles))
+    while len(pieces):
+        x, y, z = np.floor((pieces.mean(axis=1) - corner) / step).astype(np.int64).T
+        touched[owners[near[x, y, z]]] = True
+        squared = ((pieces - np.roll(pieces, -1, axis=1)) ** 2).sum(axis=2)
+        keep = (squared.max(axis=1) > step**2) & ~touched[owners]
+        pieces, squared, owners = pieces[keep], squared[keep], owners[keep]
+        turn = (np.argmax(squared, axis=1)[:, None] + np.arange(3)) % 3
+        a, b, c = np.take_along_axis(pieces, turn[:, :, None], axis=1).transpose(1, 0, 2)
+        middle = 0.5 * (a + b)
+        pieces = np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
+        owners = np.concatenate([owners, owners])
+    return touched
+
+
 @kernel
-def _signed_distances(points, triangles, distances):  # type: ignore[no-untyped-def]
+def _distances(points, surface, distances):  # type: ignore[no-untyped-def]
     for i in range(len(points)):
-        distances[i] = signed_distance(points[i, 0], points[i, 1], points[i, 2], triangles)
+        distances[i] = measure_distance(points[i, 0], points[i, 1], points[i, 2], surface)
 
 
 @kernel
-def signed_distance(px, py, pz, triangles):  # type: ignore[no-untyped-def]
-    """One value of `compute_signed_distances`, for compiled callers."""
+def _signed_distances(points, surface, distances):  # type: ignore[no-untyped-def]
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        distance = measure_distance(x, y, z, surface)
+        distances[i] = -distance if is_inside(x, y, z, surface) else distance
+
+
+@kernel
+def measure_distance(px, py, pz, surface):  # type: ignore[no-untyped-def]
+    """Distance to the nearest triangle, for compiled callers."""
+    triangles, starts, balls = surface.triangles, surface.starts, surface.balls
+    farthest = math.inf  # some triangle is no farther than this
+    for block in range(len(balls)):
+        x, y, z = balls[block, 0] - px, balls[block, 1] - py, balls[block, 2] - pz
+        farthest = min(farthest, math.sqrt(x * x + y * y + z * z) + balls[block, 3])
+    farthest *= 1.0 + 1e-9  # rounding must not exclude them all
     nearest = math.inf
+    for block in range(len(balls)):
+        x, y, z = balls[block, 0] - px, balls[block, 1] - py, balls[block, 2] - pz
+        if not (math.sqrt(x * x + y * y + z * z) - balls[block, 3] <= farthest):
+            continue
+        for j in range(starts[block], starts[block + 1]):
+            ax, ay, az = triangles[j, 0, 0] - px, triangles[j, 0, 1] - py, triangles[j, 0, 2] - pz
+            bx, by, bz = triangles[j, 1, 0] - px, triangles[j, 1, 1] - py, triangles[j, 1, 2] - pz
+            cx, cy, cz = triangles[j, 2, 0] - px, triangles[j, 2, 1] - py, triangles[j, 2, 2] - pz
+            nearest = min(nearest, _squared_distance(ax, ay, az, bx, by, bz, cx, cy, cz))
+        farthest = min(farthest, math.sqrt(nearest))
+    return math.sqrt(nearest)
+
+
+@kernel
+def is_inside(px, py, pz, surface):  # type: ignore[no-untyped-def]
+    """Whether the surface winds around a point or closes it off, for compiled callers."""
+    triangles, cells = surface.triangles, surface.is_cavity
+    x = math.floor((px - surface.corner[0]) / surface.step)
+    y = math.floor((py - surface.corner[1]) / surface.step)
+    z = math.floor((pz - surface.corner[2]) / surface.step)
+    is_near = 0 <= x < cells.shape[0] and 0 <= y < cells.shape[1] and 0 <= z < cells.shape[2]
+    if is_near and cells[x, y, z]:
+        return True
     solid_angle = 0.0
     for j in range(len(triangles)):
         ax, ay, az = triangles[j, 0, 0] - px, triangles[j, 0, 1] - py, triangles[j, 0, 2] - pz
         bx, by, bz = triangles[j, 1, 0] - px, triangles[j, 1, 1] - py, triangles[j, 1, 2] - pz
         cx, cy, cz = triangles[j, 2, 0] - px, triangles[j, 2, 1] - py, triangles[j, 2, 2] - pz
-        nearest = min(nearest, _squared_distance(ax, ay, az, bx, by, bz, cx, cy, cz))
         a = math.sqrt(ax * ax + ay * ay + az * az)
         b = math.sqrt(bx * bx + by * by + bz * bz)
         c = math.sqrt(cx * cx + cy * cy + cz * cz)
@@ -59,8 +210,7 @@ def signed_distance(px, py, pz, triangles):  # type: ignore[no-untyped-def]
             + (bx * cx + by * cy + bz * cz) * a
             + (cx * ax + cy * ay + cz * az) * b,
         )
-    distance = math.sqrt(nearest)
-    return -distance if abs(solid_angle) > 2.0 * math.pi else distance
+    return abs(solid_angle) > 2.0 * math.pi
 
 
 @kernel(inline="always")

@@ -1,16 +1,18 @@
+import os
+
 import numpy as np
 import pytest
-from test_fitting import is_inside, sample
+from test_fitting import areas, is_inside, sample
 
 from armguard.containment import is_contained
 from armguard.cover import Cover, CoverTree, hash_surface
 from armguard.exceptions import CoverError
 from armguard.robot import Robot
-from armguard.robot_description import robots_directory
+from armguard.robot_description import list_robots, robots_directory
 from armguard.sphere_tree import GRID
 from armguard.surface_distance import compute_signed_distances
 
-SAMPLES = 100_000
+SAMPLES = int(os.environ.get("ARMGUARD_COVER_SAMPLES", "20000"))  # a robot
 
 
 @pytest.fixture(scope="module")
@@ -59,11 +61,19 @@ def test_pandas_cover_is_proved(panda):
         assert 0.0 < link.mean_protrusion < link.max_protrusion < 0.0201
 
 
-def test_no_sample_is_outside_at_any_level(panda):
-    for link in panda.links:
-        points = sample(panda.triangles(link), SAMPLES // len(panda.links))
-        for level in range(panda.cover.levels(link)):
-            assert is_inside(points, panda.cover.spheres(link, level)).all()
+@pytest.mark.parametrize("name", list_robots())
+def test_no_sample_is_outside_at_any_level(name):
+    """ARMGUARD_COVER_SAMPLES=1000000 makes it a long run."""
+    robot = Robot.load(name)
+    area = {link: areas(robot.triangles(link)).sum() for link in robot.links}
+    for link in robot.links:
+        left = int(SAMPLES * area[link] / sum(area.values())) + 100
+        seed = 0
+        while left > 0:
+            points = sample(robot.triangles(link), min(left, 20_000), seed)
+            for level in range(robot.cover.levels(link)):
+                assert is_inside(points, robot.cover.spheres(link, level)).all()
+            left, seed = left - len(points), seed + 1
 
 
 def test_descent_loses_no_geometry_wherever_it_stops(panda):
@@ -110,14 +120,14 @@ def test_a_smaller_sphere_fails_the_check(panda):
 
 def test_protrusion_is_how_far_spheres_stick_out(panda):
     report = panda.cover.check(panda)
-    directions = np.random.default_rng(0).normal(size=(2000, 3))
+    directions = np.random.default_rng(0).normal(size=(500, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     for link in panda.links:
         balls = panda.cover.spheres(link)
         surface = balls[:, None, :3] + balls[:, None, 3:] * directions
         reached = compute_signed_distances(surface.reshape(-1, 3), panda.triangles(link)).max()
         assert reached <= report.links[link].max_protrusion + 1e-9
-        assert reached >= report.links[link].max_protrusion - 2e-3
+        assert reached >= report.links[link].max_protrusion - 4e-3
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,93 @@
+"""Meshes as they come: with holes, doubled, torn, inside out. Covered all the same, or refused."""
+
+import coal
+import numpy as np
+import pytest
+from test_cover import OneLink
+from test_fitting import is_inside, sample
+
+from armguard.cover import LARGEST, SMALLEST, Cover
+from armguard.exceptions import CoverError
+from armguard.surface_distance import compute_signed_distances
+from armguard.surfaces import triangulate
+
+BOX = triangulate("box", coal.Box(0.24, 0.1, 0.08))
+
+
+def make_tube():
+    """A box with a smaller one inside, wound the other way: a shell with a closed cavity."""
+    return np.concatenate([BOX, 0.8 * BOX[:, ::-1]])
+
+
+HOSTILE = {
+    "hole": BOX[1:],
+    "two holes": BOX[2:-1],
+    "duplicate faces": np.concatenate([BOX, BOX[:5], BOX]),
+    "inverted winding": BOX[:, ::-1],
+    "mixed winding": np.concatenate([BOX[:6], BOX[6:, ::-1]]),
+    "degenerate triangles": np.concatenate(
+        [
+            BOX,
+            np.repeat(BOX[:3, :1], 3, axis=1),
+            np.stack([BOX[:, 0], BOX[:, 1], 0.5 * (BOX[:, 0] + BOX[:, 1])], axis=1),
+            np.stack([BOX[:, 0], BOX[:, 1], BOX[:, 1] + 1e-13], axis=1),
+        ]
+    ),
+    "intersecting parts": np.concatenate([BOX, BOX + np.array([0.05, 0.03, 0.02])]),
+    "parts apart": np.concatenate([BOX, 0.2 * BOX + np.array([0.0, 0.3, 0.0])]),
+    "shell": make_tube(),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.parametrize("wanted", [{"spheres": 4}, {"protrusion": 0.03}], ids=["count", "limit"])
+def test_every_surface_is_covered_at_every_level(name, wanted):
+    link = OneLink(HOSTILE[name])
+    cover = Cover.fit(link, **wanted)
+    assert cover.check(link).proved
+    points = sample(HOSTILE[name], 20_000)
+    for level in range(cover.levels("link")):
+        assert is_inside(points, cover.spheres("link", level)).all()
+
+
+@pytest.mark.parametrize(
+    "name", ["duplicate faces", "inverted winding", "degenerate triangles", "shell"]
+)
+def test_a_solid_that_is_badly_made_needs_no_more_spheres(name):
+    reports = [
+        Cover.fit(OneLink(triangles), protrusion=0.03).check(OneLink(triangles))
+        for triangles in (BOX, HOSTILE[name])
+    ]
+    assert reports[1].count <= reports[0].count + 1
+    assert reports[1].max_protrusion <= 0.0301
+    assert reports[1].volume_ratio == pytest.approx(reports[0].volume_ratio, rel=0.25)
+
+
+def test_a_closed_cavity_is_inside_and_only_what_can_be_touched_counts():
+    shell, middle = make_tube(), np.zeros((1, 3))
+    assert compute_signed_distances(middle, shell)[0] == pytest.approx(-0.04)
+    # Without its two ends, it is a tube that is open on both sides.
+    is_side = np.ptp(shell[:, :, 0], axis=1) > 1e-9
+    assert compute_signed_distances(middle, shell[is_side])[0] == pytest.approx(0.032)
+
+
+@pytest.mark.parametrize("scale", [1000.0, 50.0, 0.001])
+def test_implausible_sizes_are_refused_by_name(scale):
+    link = OneLink(scale * BOX)
+    with pytest.raises(CoverError, match=r"link 'link': is .* m across; expected .*scale"):
+        Cover.fit(link)
+
+
+def test_sizes_at_the_bounds_are_taken():
+    for size in (SMALLEST, LARGEST):
+        triangle = np.array([[[0.0, 0.0, 0.0], [size, 0.0, 0.0], [0.0, 0.5 * size, 0.0]]])
+        assert Cover.fit(OneLink(triangle), spheres=1).check(OneLink(triangle)).proved
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("place", [(0, 0, 0), (7, 1, 2), (11, 2, 1)])
+def test_one_vertex_that_is_not_finite_is_refused(value, place):
+    triangles = BOX.copy()
+    triangles[place] = value
+    with pytest.raises(CoverError, match="link 'link': has a surface that is not finite"):
+        Cover.fit(OneLink(triangles))
