@@ -60,7 +60,7 @@ def is_contained(triangles: Array, tree: SphereTree, most_pieces: int = MOST_PIE
     return True
 
 
-def tighten(triangles: Array, tree: SphereTree) -> SphereTree:
+def tighten(triangles: Array, tree: SphereTree, least: Array | None = None) -> SphereTree:
     """Make each radius as small as the proof allows while the others stay, leaves first.
 
     Shrinking one ball never allows another to shrink further, so one pass is enough.
@@ -68,6 +68,7 @@ def tighten(triangles: Array, tree: SphereTree) -> SphereTree:
     Args:
         triangles: In [m], finite. Shape (n, 3, 3).
         tree: Proved to contain them.
+        least: Radii that need not be undercut, in [m]; None: zero. Shape (n,).
     """
     spheres = tree.spheres.copy()
     pieces = cut_triangles(triangles)
@@ -77,9 +78,10 @@ def tighten(triangles: Array, tree: SphereTree) -> SphereTree:
         # The proof of a piece that this ball does not reach stays as it is.
         distances = np.sqrt(((middles - spheres[node, :3]) ** 2).sum(axis=1))
         near = pieces[distances <= spheres[node, 3] + sizes + MARGIN]
-        too_small, radius = 0.0, float(spheres[node, 3])
-        trial = round(radius - STEP, 6)
-        while trial > too_small:
+        enough = 0.0 if least is None else float(least[node])
+        too_small, radius = enough, float(spheres[node, 3])
+        trial = max(round(radius - STEP, 6), enough)
+        while too_small < trial < radius:
             spheres[node, 3] = trial
             if is_contained(near, tree._replace(spheres=spheres), FEW_PIECES):
                 radius = trial

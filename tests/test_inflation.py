@@ -1,0 +1,86 @@
+import coal
+import numpy as np
+import pytest
+from test_cover import OneLink
+from test_fitting import is_inside, sample
+
+from armguard.containment import STEP
+from armguard.exceptions import CoverError
+from armguard.inflation import inflate_spheres, measure_gaps
+from armguard.sphere_tree import MARGIN
+from armguard.surfaces import triangulate
+
+DIAGONAL = float(np.linalg.norm([0.1, 0.05, 0.05]))
+
+
+@pytest.fixture(scope="module")
+def box():
+    return OneLink(triangulate("box", coal.Box(0.2, 0.1, 0.1)))
+
+
+def spheres(*rows):
+    return {"link": np.array(rows, dtype=np.float64)}
+
+
+def test_a_ball_that_covers_leaves_no_gap(box):
+    gap = measure_gaps(box, spheres([0, 0, 0, DIAGONAL + 1e-4]))["link"]
+    assert gap.proved
+    assert (gap.count, gap.share, gap.depth) == (1, 0.0, 0.0)
+
+
+def test_share_and_depth_are_those_of_dense_samples(box):
+    rows = spheres([0.05, 0, 0, 0.08], [-0.05, 0.0, 0.0, 0.065])
+    gap = measure_gaps(box, rows)["link"]
+    points = sample(box.triangles("link"), 100_000)
+    distances = np.linalg.norm(points[:, None] - rows["link"][:, :3], axis=2) - rows["link"][:, 3]
+    nearest = distances.min(axis=1)
+    assert not gap.proved
+    assert gap.share == pytest.approx((nearest > 0.0).mean(), abs=0.01)
+    # The farthest point is a corner, which samples only come near to.
+    corner = np.linalg.norm([0.05, 0.05, 0.05]) - 0.065
+    assert gap.depth == pytest.approx(corner, abs=1e-9)
+    assert nearest.max() <= gap.depth
+
+
+def test_a_link_without_spheres_is_all_gap(box):
+    gap = measure_gaps(box, {})["link"]
+    assert (gap.count, gap.share, gap.depth, gap.proved) == (0, 1.0, np.inf, False)
+    for none in ({}, {"link": np.zeros((0, 4))}):
+        with pytest.raises(CoverError, match="'link': has no spheres"):
+            inflate_spheres(box, none)
+
+
+def test_one_ball_grows_to_the_farthest_corner_and_no_more(box):
+    cover = inflate_spheres(box, spheres([0.01, 0, 0, 0.05]))
+    (ball,) = cover.spheres("link")
+    needed = float(np.linalg.norm([0.11, 0.05, 0.05]))
+    np.testing.assert_allclose(ball[:3], [0.01, 0, 0])
+    assert needed + MARGIN <= ball[3] <= needed + 2 * MARGIN + STEP
+
+
+def test_inflated_spheres_are_a_proved_cover_and_none_has_shrunk(box):
+    rows = spheres([0.06, 0, 0, 0.06], [-0.06, 0.01, 0, 0.05], [0, 0, 0, 0.062], [0, 0, 0, 0.001])
+    cover = inflate_spheres(box, rows)
+    assert cover.check(box).proved
+    cover.verify(box)
+    for level in range(cover.levels("link")):
+        points = sample(box.triangles("link"), 20_000)
+        assert is_inside(points, cover.spheres("link", level)).all()
+    before = {tuple(row[:3]): row[3] for row in rows["link"][:3]}
+    for ball in cover.spheres("link"):
+        assert ball[3] >= before[tuple(ball[:3])]
+
+
+def test_growth_is_shared_so_that_the_largest_is_least(box):
+    """By symmetry two equal balls must grow alike: each has the corners of its own half."""
+    cover = inflate_spheres(box, spheres([0.05, 0, 0, 0.05], [-0.05, 0, 0, 0.05]))
+    radii = cover.spheres("link")[:, 3]
+    needed = float(np.linalg.norm([0.05, 0.05, 0.05]))
+    assert (radii >= needed).all()
+    assert (radii <= needed + 2e-3).all()
+
+
+def test_spheres_that_cover_stay_as_they_are(box):
+    rows = spheres([0.05, 0, 0, 0.1], [-0.05, 0, 0, 0.1])
+    radii = inflate_spheres(box, rows).spheres("link")[:, 3]
+    np.testing.assert_allclose(radii, 0.1, atol=2 * MARGIN)
