@@ -145,6 +145,52 @@ class View:
 
 
 @dataclasses.dataclass(frozen=True)
+class Cover:
+    """Fit spheres to a robot's links, prove that they contain them, and write them.
+
+    Example: armguard cover my_arm.urdf --protrusion 20 --out my_arm
+    """
+
+    robot: Annotated[str, tyro.conf.Positional]
+    """A URDF, or the name of a robot that armguard knows."""
+    limits: Path | None = None
+    """A robot.toml for that URDF, which says what moves; without it, every joint does."""
+    package_dirs: tuple[Path, ...] = ()
+    """Folders in which the URDF's packages lie, besides those around it."""
+    spheres: int | None = None
+    """At most so many spheres a link; or"""
+    protrusion: float | None = None
+    """how far they may stick out, in mm. Neither: 20 mm."""
+    out: Path | None = None
+    """The folder to write cover.json into."""
+    check: Flag = False
+    """Prove the cover of a known robot again; nothing is fitted."""
+    spheres_from: Annotated[Path | None, tyro.conf.arg(name="import")] = None
+    """A file of cuRobo (.yml), VAMP or foam (.urdf): show what its spheres leave uncovered."""
+    inflate: Flag = False
+    """Grow the imported spheres into a proved cover."""
+    export: Path | None = None
+    """Write a known robot's cover as such a file."""
+
+    def run(self) -> int:
+        """Do what the options ask for."""
+        from armguard import cover_command
+
+        return cover_command.run(
+            self.robot,
+            limits=self.limits,
+            package_dirs=self.package_dirs,
+            spheres=self.spheres,
+            protrusion=None if self.protrusion is None else 1e-3 * self.protrusion,
+            out=self.out,
+            check=self.check,
+            spheres_from=self.spheres_from,
+            inflate=self.inflate,
+            export=self.export,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
 class Robots:
     """List the robots that armguard knows by name.
 
@@ -153,11 +199,9 @@ class Robots:
 
     def run(self) -> int:
         """Print the list."""
-        from armguard.robot_description import list_robots
+        from armguard.cover_command import list_known
 
-        for name in list_robots():
-            print(name)  # noqa: T201 - what the command is for
-        return 0
+        return list_known()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -184,6 +228,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                     Annotated[Demo, tyro.conf.subcommand("demo")]
                     | Annotated[Run, tyro.conf.subcommand("run")]
                     | Annotated[View, tyro.conf.subcommand("view")]
+                    | Annotated[Cover, tyro.conf.subcommand("cover")]
                     | Annotated[Robots, tyro.conf.subcommand("robots")]
                 ],
                 prog="armguard",
