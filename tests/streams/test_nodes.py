@@ -1,6 +1,4 @@
 import math
-import os
-import socket
 import subprocess
 import sys
 import time
@@ -8,6 +6,7 @@ import time
 import numpy as np
 import pytest
 import zmq
+from stream_sockets import PATIENCE, attend
 
 from armguard.clock import MonotonicClock
 from armguard.exceptions import StreamError
@@ -20,53 +19,7 @@ from armguard.streams import (
     VerdictPublisher,
     VerdictReader,
 )
-from armguard.streams.addresses import check_address
-from armguard.streams.inputs import BYTE_LIMIT
-from armguard.streams.messages import MessageError
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
-
-PATIENCE = 5.0
-"""Seconds that a busy machine is given; nothing waits that long when all is well."""
-
-
-@pytest.fixture(params=["ipc", "tcp"])
-def address(request, tmp_path):
-    return f"ipc://{tmp_path}/in" if request.param == "ipc" else "tcp://127.0.0.1:*"
-
-
-@pytest.fixture
-def raw():
-    """Makes plain publishing sockets, as a foreign program would."""
-    publishers = []
-
-    def connect(source):
-        publisher = zmq.Context.instance().socket(zmq.XPUB)
-        publishers.append(publisher)
-        publisher.connect(source.address)
-        attend(source, lambda: publisher.poll(1))
-        return publisher
-
-    yield connect
-    for publisher in publishers:
-        publisher.close(linger=0)
-
-
-def attend(source, ready):
-    """Subscriptions are sent by the thread that receives, so it must be seen to receive."""
-    end = time.monotonic() + PATIENCE
-    while not ready():
-        assert source.receive() is None
-        assert time.monotonic() < end
-
-
-def receive(source):
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        data = source.receive()
-        if data is not None:
-            return data
-        time.sleep(0.001)
-    pytest.fail("nothing came")
 
 
 def make_verdict(sequence, level=Level.CLEAR, valid_for=10.0, scale=1.0):
@@ -74,126 +27,6 @@ def make_verdict(sequence, level=Level.CLEAR, valid_for=10.0, scale=1.0):
     reasons = (Reason(ReasonKind.NO_SOURCES),)
     valid = now + valid_for
     return Verdict(now, sequence, level, 1.0, 0.1, scale, None, None, True, 0, reasons, valid)
-
-
-# Addresses
-
-
-@pytest.mark.parametrize(
-    "address", ["ipc:///tmp/a b", "tcp://127.0.0.1:5701", "tcp://[::1]:1", "tcp://127.9.9.9:*"]
-)
-def test_addresses_of_this_machine_are_good(address):
-    check_address(address)
-
-
-@pytest.mark.parametrize(
-    "address",
-    [
-        "",
-        "5701",
-        "tcp://",
-        "tcp://127.0.0.1",
-        "tcp://127.0.0.1:",
-        "tcp://127.0.0.1:x",
-        "tcp://127.0.0.1:0",
-        "tcp://127.0.0.1:65536",
-        "tcp://*:5701",
-        "tcp://0.0.0.0:5701",
-        "tcp://[::]:5701",
-        "tcp://192.168.0.7:5701",
-        "tcp://eth0:5701",
-        "tcp://example.com:5701",
-        "tcp://127.0.0.1:5701;tcp://192.168.0.7:1",
-        "udp://127.0.0.1:5701",
-        "inproc://a",
-        "ipc://",
-    ],
-)
-@pytest.mark.parametrize("user", [SocketInput, Publisher, VerdictReader])
-def test_other_addresses_are_refused_by_name(address, user):
-    with pytest.raises(StreamError) as caught:
-        user(address)
-    assert caught.value.offender == address
-    assert caught.value.expected
-
-
-@pytest.mark.parametrize("second", [SocketInput, lambda address: VerdictPublisher(address, 0.0)])
-def test_an_address_in_use_is_a_clear_error(address, second):
-    first = SocketInput(address)
-    try:
-        with pytest.raises(StreamError, match=r"in use by another process; .*choose another"):
-            second(first.address)
-    finally:
-        first.close()
-
-
-def test_a_port_of_a_foreign_program_is_in_use():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-        with pytest.raises(StreamError, match="in use"):
-            SocketInput(f"tcp://127.0.0.1:{port}")
-
-
-def test_what_a_killed_process_left_behind_is_taken_over(tmp_path):
-    left = socket.socket(socket.AF_UNIX)
-    left.bind(str(tmp_path / "in"))
-    left.close()
-    SocketInput(f"ipc://{tmp_path}/in").close()
-
-
-def test_a_file_is_not_replaced_by_a_socket(tmp_path):
-    (tmp_path / "in").write_text("precious")
-    with pytest.raises(StreamError, match="is a file"):
-        SocketInput(f"ipc://{tmp_path}/in")
-    assert (tmp_path / "in").read_text() == "precious"
-
-
-def test_folders_that_do_not_exist_and_names_too_long_are_clear_errors(tmp_path):
-    for path in (tmp_path / "no" / "in", tmp_path / ("x" * 200)):
-        with pytest.raises(StreamError, match="cannot be used"):
-            SocketInput(f"ipc://{path}")
-
-
-def test_closing_frees_the_address(address):
-    first = SocketInput(address)
-    first.close()
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        try:
-            SocketInput(first.address).close()
-        except StreamError:
-            time.sleep(0.01)
-        else:
-            return
-    pytest.fail("still in use")
-
-
-# Inputs
-
-
-def test_messages_in_parts_or_too_long_are_refused_and_the_next_is_taken(address, raw):
-    source = SocketInput(address)
-    publisher = raw(source)
-    publisher.send_multipart([b"topic", b"message", b"more"])
-    publisher.send(b"x" * (BYTE_LIMIT + 1))
-    publisher.send(b"good")
-    found = []
-    while b"good" not in found:
-        try:
-            found.append(receive(source))
-        except MessageError as error:
-            found.append(error.field + " is " + error.value)
-    source.close()
-    assert found == ["message is in several parts"] * 3 + [
-        f"message is {BYTE_LIMIT + 1} bytes long",
-        b"good",
-    ]
-
-
-def test_an_input_without_messages_does_not_wait(address):
-    source = SocketInput(address)
-    assert source.receive() is None
-    source.close()
 
 
 # Publisher
@@ -342,8 +175,6 @@ def test_a_subscriber_that_never_reads_holds_up_nobody():
     publisher.close()
 
 
-# Two processes
-
 PERCEPTION = """
 import sys, time
 import numpy as np
@@ -360,6 +191,8 @@ with Publisher(address, "cam0") as publisher:
         tick += 0.01
         time.sleep(max(0.0, tick - time.monotonic()))
 """
+
+# Two processes
 
 
 def test_a_thousand_obstacles_at_a_hundred_hertz_from_another_process(address):
@@ -397,13 +230,3 @@ def test_a_thousand_obstacles_at_a_hundred_hertz_from_another_process(address):
     assert np.allclose(steps, np.round(steps), atol=1e-5)
     assert min(ages) > 0.0
     assert np.median(ages) < 0.5
-
-
-def test_no_file_is_left_behind(tmp_path):
-    source = SocketInput(f"ipc://{tmp_path}/in")
-    publisher = VerdictPublisher(f"ipc://{tmp_path}/out", 0.0)
-    assert sorted(os.listdir(tmp_path)) == ["in", "out"]
-    for resource in (source, publisher):
-        resource.close()
-        resource.close()
-    assert os.listdir(tmp_path) == []

@@ -1,0 +1,88 @@
+"""What the tests of streams share: messages, and a table behind an edge with clocks of the test."""
+
+import msgspec
+import numpy as np
+
+from armguard.clock import ManualClock
+from armguard.obstacles import Frame, Obstacles
+from armguard.streams import Edge, FaultLog
+
+JOINTS = ["shoulder", "elbow"]
+MONOTONIC = 1000.0
+UNIX = 1.7e9
+
+
+class Messages:
+    """An input that hands out what a test puts in."""
+
+    def __init__(self, *messages):
+        self.ended = False
+        self.waiting = [pack(message) for message in messages]
+
+    def receive(self):
+        return self.waiting.pop(0) if self.waiting else None
+
+    def close(self):
+        pass
+
+
+class World:
+    """An edge between messages and a table, with clocks that the test sets."""
+
+    def __init__(self, **options):
+        self.clock = ManualClock(5.0)
+        self.lines = []
+        self.faults = FaultLog(self.clock.now, self.lines.append)
+        frames = {"camera": Frame(np.eye(3), [1.0, 0.0, 0.0], 0.01)}
+        self.obstacles = Obstacles(frames=frames)
+        self.input = Messages()
+        self.edge = Edge(
+            self.obstacles,
+            JOINTS,
+            self.clock,
+            self.faults,
+            monotonic=lambda: self.clock.now() + MONOTONIC,
+            unix=lambda: self.clock.now() + UNIX,
+            **options,
+        )
+
+    def send(self, *messages):
+        self.input.waiting += [pack(message) for message in messages]
+        self.edge.drain([self.input])
+
+    def stamp(self, id="a"):
+        return self.obstacles.table.accepted.stamp[self.obstacles.row(id)]
+
+    def kinds(self):
+        return sorted({key.kind for key in self.faults.counts})
+
+
+def pack(message):
+    return message if isinstance(message, bytes) else msgspec.msgpack.encode(message)
+
+
+def obstacles(**changes):
+    message = {
+        "type": "obstacles",
+        "source": "cam0",
+        "seq": 1,
+        "stamp": MONOTONIC + 5.0,
+        "ids": ["a"],
+        "position": [[1.0, 2.0, 3.0]],
+        "velocity": [[0.0, 0.0, 0.5]],
+        "radius": 0.1,
+    }
+    message.update(changes)
+    return {key: value for key, value in message.items() if value is not ...}
+
+
+def joints(**changes):
+    message = {
+        "type": "joints",
+        "stamp": MONOTONIC + 5.0,
+        "names": ["elbow", "gripper", "shoulder"],
+        "q": [2.0, 9.0, 1.0],
+        "v": [0.2, 0.9, 0.1],
+    }
+    message.update(changes)
+    return {key: value for key, value in message.items() if value is not ...}

@@ -1,0 +1,260 @@
+import math
+import re
+
+import numpy as np
+import pytest
+from stream_world import JOINTS, MONOTONIC, UNIX, World, joints, obstacles, pack
+
+from armguard.exceptions import ObstacleError
+from armguard.obstacles import FaultKind, Obstacles
+from armguard.streams import StampClock
+
+# Obstacles through the edge
+
+
+def test_a_good_message_reaches_the_table_in_monitor_time():
+    world = World()
+    world.send(obstacles(stamp=MONOTONIC + 4.75, frame="camera"))
+    table, row = world.obstacles.table, world.obstacles.row("a")
+    assert world.stamp() == pytest.approx(4.75, abs=1e-9)
+    assert table.accepted.points[row, 0].tolist() == [2.0, 2.0, 3.0]
+    assert table.accepted.position_error[row] == pytest.approx(0.01)
+    assert world.faults.total == 0
+    assert world.lines == []
+
+
+@pytest.mark.parametrize(("clock", "stamp"), [("monotonic", MONOTONIC + 5.0), ("unix", UNIX + 5.0)])
+def test_clocks_and_latencies_of_sources_are_applied(clock, stamp):
+    world = World(stamp_clocks={"cam0": StampClock(clock, 0.25)})
+    world.send(obstacles(stamp=stamp))
+    assert world.stamp() == pytest.approx(4.75, abs=1e-6)
+
+
+def test_a_source_without_a_clock_is_as_old_and_uncertain_as_it_may_be():
+    world = World(stamp_clocks={"cam0": StampClock("arrival", 0.1)}, speed=2.0, accel=10.0)
+    world.edge.drain([world.input])
+    world.clock.sleep_until(5.05)
+    world.send(obstacles(stamp=0.0), obstacles(stamp=0.0, seq=2, speed=[3.0]))
+    accepted, row = world.obstacles.table.accepted, world.obstacles.row("a")
+    # It arrived at some time since the last drain, and was measured up to 0.1 s before that.
+    assert world.stamp() == pytest.approx(4.9, abs=1e-6)
+    assert world.stamp() > 4.9 + 1e-9  # the second of two does not look simultaneous
+    assert accepted.position_error[row] == pytest.approx(3.0 * 0.15, rel=1e-6)
+    assert accepted.velocity_error[row] == pytest.approx(10.0 * 0.15, rel=1e-6)
+    assert world.obstacles.take_faults() == []
+
+
+def test_clock_errors_of_sources_widen_what_they_say():
+    world = World(stamp_clocks={"cam0": StampClock("unix", 0.25, 0.02)}, speed=2.0, accel=10.0)
+    world.send(obstacles(stamp=UNIX + 5.0, position_error=0.01, velocity_error=0.1))
+    accepted, row = world.obstacles.table.accepted, world.obstacles.row("a")
+    assert world.stamp() == pytest.approx(4.75, abs=1e-6)  # the stamp itself stays
+    assert accepted.position_error[row] == pytest.approx(0.01 + 2.0 * 0.02)
+    assert accepted.velocity_error[row] == pytest.approx(0.1 + 10.0 * 0.02)
+    # It adds to what an arrival does not tell.
+    world = World(stamp_clocks={"cam0": StampClock("arrival", 0.1, 0.02)}, speed=2.0, accel=10.0)
+    world.edge.drain([world.input])
+    world.send(obstacles())
+    accepted, row = world.obstacles.table.accepted, world.obstacles.row("a")
+    assert accepted.position_error[row] == pytest.approx(2.0 * 0.12, rel=1e-6)
+
+
+def test_a_clock_error_does_not_hide_a_broken_speed_bound():
+    world = World(stamp_clocks={"cam0": StampClock("monotonic", 0.0, 0.1)}, speed=2.0, accel=10.0)
+    world.send(obstacles(velocity=[[0.0, 0.0, 2.5]], velocity_error=0.1))
+    assert [fault.kind for fault in world.obstacles.take_faults()] == [FaultKind.BEYOND_SPEED]
+    table = world.obstacles.table
+    assert (table.refused_position_error >= 2.6 * 0.1).any()  # as fast as it was measured
+    world.send(obstacles(seq=2, velocity=[[math.nan, 0.0, 0.5]]))
+    assert "velocity" in [fault.field for fault in world.obstacles.take_faults()]
+
+
+def test_a_clock_error_needs_no_acceleration_bound():
+    world = World(stamp_clocks={"cam0": StampClock("monotonic", 0.0, 0.1)}, speed=2.0)
+    world.send(obstacles(velocity_error=0.1))
+    accepted, row = world.obstacles.table.accepted, world.obstacles.row("a")
+    assert world.obstacles.take_faults() == []
+    assert accepted.velocity_error[row] == 0.1
+
+
+def test_stamps_by_arrival_grow_over_drains_that_were_cut_short():
+    world = World(stamp_clocks={"cam0": StampClock("arrival", 0.1)}, speed=2.0, accel=10.0)
+    stamps = []
+    world.input.waiting += [pack(obstacles(seq=n)) for n in range(200)]
+    for tick in range(6):
+        world.clock.sleep_until(5.0 + 0.001 * tick)
+        world.edge.drain([world.input])
+        stamps.append(world.stamp())
+    assert world.input.waiting == []
+    assert (np.diff(stamps[:4]) > 0).all()
+    assert world.obstacles.take_faults() == []
+
+
+def test_unbounded_obstacles_without_a_clock_are_refused():
+    world = World(stamp_clocks={"cam0": StampClock("arrival", 0.1)})
+    world.send(obstacles())
+    assert [fault.kind for fault in world.obstacles.take_faults()] == [FaultKind.NOT_FINITE]
+
+
+@pytest.mark.parametrize("error", [-0.1, -math.inf, [math.nan]])
+def test_errors_that_make_no_sense_are_not_hidden_by_those_of_arrival(error):
+    world = World(stamp_clocks={"cam0": StampClock("arrival", 0.1)}, speed=2.0, accel=10.0)
+    world.send(obstacles(position_error=error, speed=math.inf if error == -math.inf else 2.0))
+    assert [fault.field for fault in world.obstacles.take_faults()] == ["position_error"]
+
+
+def test_heartbeat_snapshot_and_removal():
+    world = World()
+    world.send(obstacles(ids=["a", "b"], position=[[1, 2, 3], [4, 5, 6]], velocity=...))
+    assert len(world.obstacles) == 2
+    world.send(obstacles(seq=2, ids=[], position=b"", velocity=..., radius=...))
+    assert len(world.obstacles) == 2
+    later = MONOTONIC + 5.1
+    world.send(obstacles(seq=3, stamp=later, velocity=..., snapshot=True))
+    assert len(world.obstacles) == 1
+    remove = {"type": "remove", "source": "cam0", "seq": 4, "stamp": later + 0.1, "ids": ["a"]}
+    world.send(remove)
+    assert len(world.obstacles) == 0
+    assert world.faults.total == 0
+    assert world.obstacles.take_faults() == []
+
+
+BAD_OBSTACLES = [
+    ({"position": [[1.0, math.nan, 3.0]]}, "not finite", r"position\[0, 1\] is nan"),
+    ({"position": np.array([1, np.inf, 3.0]).tobytes()}, "not finite", r"position\[0, 1\] is inf"),
+    ({"velocity": [[math.nan, 0.0, 0.0]]}, "not finite", r"velocity\[0, 0\] is nan"),
+    ({"radius": math.nan}, "not finite", "radius is nan"),
+    ({"radius": [math.inf]}, "not finite", r"radius\[0\] is inf"),
+    ({"speed": math.nan}, "not finite", "speed is nan"),
+    ({"stamp": math.nan}, "not finite", "stamp is nan"),
+    ({"stamp": math.inf}, "not finite", "stamp is inf"),
+    ({"frame": "moon"}, "refused", "moon"),
+    ({"ids": ["a", "a"], "position": [[1, 2, 3]] * 2, "velocity": ...}, "refused", "'a'"),
+    ({"ids": ["a", "b"]}, "malformed", "position is 1 rows"),
+    ({"radius": ...}, "refused", "radius"),
+    ({"radius": [0.1, 0.2]}, "malformed", "radius is 2 values"),
+    ({"position": b"\0" * 25}, "malformed", "25 bytes"),
+    ({"velocity": [[[0, 0, 0]] * 2]}, "refused", "velocity"),
+    ({"position": [[1, 2]]}, "malformed", r"shape \(1, 2\)"),
+]
+
+
+@pytest.mark.parametrize(("changes", "kind", "text"), BAD_OBSTACLES)
+def test_bad_obstacles_are_named_and_the_verdict_hears_of_them(changes, kind, text):
+    world = World()
+    world.send(obstacles(seq=17, **changes))
+    assert kind in world.kinds()
+    line = next(line for line in world.lines if line.startswith(kind))
+    assert "cam0 message 17" in line
+    assert re.search(text, line)
+    assert world.obstacles.take_faults(), "the table must know, so that the verdict is STOP"
+
+
+def test_good_rows_beside_a_bad_one_are_taken():
+    world = World()
+    bad = obstacles(ids=["a", "b"], position=[[1, 2, 3], [math.nan, 5, 6]], velocity=...)
+    world.send(bad)
+    table = world.obstacles.table
+    assert table.has_state[world.obstacles.row("a")]
+    assert not table.has_state[world.obstacles.row("b")]
+
+
+def test_infinite_bounds_say_that_there_is_none():
+    world = World()
+    world.send(obstacles(accel=math.inf, speed=[math.inf], velocity=...))
+    assert world.faults.total == 0
+
+
+def test_more_sources_than_anybody_has_are_refused():
+    world = World()
+    for number in range(400):
+        world.send(obstacles(source=f"made up {number}", ids=[f"id {number}"], seq=...))
+    assert world.faults.count("too many sources") == 144
+    assert len(world.obstacles) == 256
+
+
+# Joints
+
+
+def test_joint_names_in_any_order_with_extras():
+    world = World()
+    world.send(joints())
+    state = world.edge.joint_state
+    assert state.q.tolist() == [1.0, 2.0]
+    assert state.v.tolist() == [0.1, 0.2]
+    assert state.stamp == pytest.approx(5.0)
+    packed = joints(names=JOINTS, q=np.array([3.0, 4.0]).tobytes(), v=[0.0, 0.0])
+    world.send(packed)
+    assert world.edge.joint_state.q.tolist() == [3.0, 4.0]
+    assert world.faults.total == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"names": ["elbow", "gripper", "wrist"]}, "'shoulder' .missing"),
+        ({"names": ["elbow", "elbow", "shoulder"]}, "'elbow' .named twice"),
+        ({"names": []}, "missing"),
+        ({"q": [1.0, 2.0]}, "q is 2 values"),
+        ({"v": b"\0" * 9}, "v is 9 bytes"),
+    ],
+)
+def test_joints_that_do_not_fit_are_refused_by_name(changes, text):
+    world = World()
+    world.send(joints(seq=3, **changes))
+    assert world.edge.joint_state is None
+    assert world.kinds() == ["malformed"]
+    assert "joints message 3" in world.lines[0]
+    assert re.search(text, world.lines[0])
+
+
+def test_an_impossible_joint_state_is_not_hidden_by_a_good_one_after_it():
+    world = World()
+    world.send(joints(q=[math.nan, 0.0, 1.0]), joints(stamp=MONOTONIC + 5.001))
+    assert math.isnan(world.edge.joint_state.q[1])
+    assert world.kinds() == ["not finite"]
+    world.send(joints(stamp=MONOTONIC + 5.002))
+    assert world.edge.joint_state.q.tolist() == [1.0, 2.0]
+
+
+def test_joint_stamps_that_go_back_are_told():
+    world = World()
+    world.send(joints(), joints(stamp=MONOTONIC + 4.0))
+    assert world.kinds() == ["stamp went back"]
+
+
+# Resets
+
+
+def test_a_reset_needs_the_token_of_the_run():
+    closed, opened = World(), World(reset_token="sesame")
+    for world in (closed, opened):
+        world.send({"type": "reset", "token": "open"}, {"type": "reset", "token": ""})
+        assert not world.edge.reset_requested
+        assert world.faults.count("reset refused") == 2
+    closed.send({"type": "reset", "token": "sesame"})
+    opened.send({"type": "reset", "token": "sesame"})
+    assert not closed.edge.reset_requested
+    assert opened.edge.reset_requested
+
+
+# Inputs
+
+
+def test_work_in_one_drain_is_bounded_and_nothing_is_lost():
+    world = World()
+    world.input.waiting += [pack(obstacles(seq=n)) for n in range(1000)]
+    world.edge.drain([world.input])
+    assert 0 < world.edge.received < 200
+    for _ in range(100):
+        world.edge.drain([world.input])
+    assert world.edge.received == 1000
+    assert world.faults.total == 0
+
+
+# Verdicts
+
+
+def test_the_table_raises_on_malformed_calls_as_the_edge_relies_on():
+    with pytest.raises(ObstacleError):
+        Obstacles().update(["a"], 0.0, b"\0" * 25, radius=0.1)

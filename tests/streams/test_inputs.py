@@ -1,0 +1,128 @@
+import json
+import os
+import time
+
+import pytest
+import zmq
+from stream_sockets import PATIENCE, attend
+from stream_world import World, obstacles
+
+from armguard.streams import LineInput, PacedInput, SocketInput
+from armguard.streams.inputs import BYTE_LIMIT
+from armguard.streams.messages import MessageError, decode
+
+
+@pytest.fixture
+def raw():
+    """Makes plain publishing sockets, as a foreign program would."""
+    publishers = []
+
+    def connect(source):
+        publisher = zmq.Context.instance().socket(zmq.XPUB)
+        publishers.append(publisher)
+        publisher.connect(source.address)
+        attend(source, lambda: publisher.poll(1))
+        return publisher
+
+    yield connect
+    for publisher in publishers:
+        publisher.close(linger=0)
+
+
+def receive(source):
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        data = source.receive()
+        if data is not None:
+            return data
+        time.sleep(0.001)
+    pytest.fail("nothing came")
+
+
+def test_messages_in_parts_or_too_long_are_refused_and_the_next_is_taken(address, raw):
+    source = SocketInput(address)
+    publisher = raw(source)
+    publisher.send_multipart([b"topic", b"message", b"more"])
+    publisher.send(b"x" * (BYTE_LIMIT + 1))
+    publisher.send(b"good")
+    found = []
+    while b"good" not in found:
+        try:
+            found.append(receive(source))
+        except MessageError as error:
+            found.append(error.field + " is " + error.value)
+    source.close()
+    assert found == ["message is in several parts"] * 3 + [
+        f"message is {BYTE_LIMIT + 1} bytes long",
+        b"good",
+    ]
+
+
+def test_an_input_without_messages_does_not_wait(address):
+    source = SocketInput(address)
+    assert source.receive() is None
+    source.close()
+
+
+def test_too_long_lines_are_refused_and_the_next_is_taken():
+    reading, writing = os.pipe()
+    lines = LineInput(reading)
+    good = json.dumps(obstacles()).encode()
+    world = World()
+    try:
+        sent = memoryview(b"x" * (BYTE_LIMIT + 100_000) + b"\n" + good + b"\n")
+        os.set_blocking(writing, False)
+        while sent:
+            try:
+                sent = sent[os.write(writing, sent) :]
+            except BlockingIOError:
+                world.edge.drain([lines])
+        world.edge.drain([lines])
+    finally:
+        os.close(writing)
+    world.edge.drain([lines])
+    os.close(reading)
+    assert world.kinds() == ["malformed"]
+    assert world.faults.total == 1
+    assert len(world.obstacles) == 1
+    assert lines.ended
+
+
+def test_lines_come_as_they_are_written_and_the_end_is_seen():
+    reading, writing = os.pipe()
+    lines = LineInput(reading)
+    assert lines.receive() is None
+    os.write(writing, b'{"a": ')
+    assert lines.receive() is None
+    os.write(writing, b"1}\n\n  \r\nsecond\nthird without an end")
+    assert [lines.receive() for _ in range(3)] == [b'{"a": 1}', b"second", None]
+    assert not lines.ended
+    os.close(writing)
+    assert lines.receive() == b"third without an end"
+    assert lines.receive() is None
+    assert lines.ended
+    os.close(reading)
+
+
+def test_a_descriptor_that_is_not_open_is_an_error():
+    with pytest.raises(Exception, match="cannot be read"):
+        LineInput(987)
+
+
+def test_a_played_line_waits_until_its_stamp_is_due():
+    reading, writing = os.pipe()
+    now = 70.0
+    played = PacedInput(LineInput(reading), lambda: now)
+    messages = [json.dumps(obstacles(stamp=stamp)).encode() for stamp in (5.0, 5.5)]
+    os.write(writing, b"\n".join([*messages, b"nonsense", b""]))
+    os.close(writing)
+    assert decode(played.receive()).stamp == 70.0
+    now = 70.49
+    assert played.receive() is None
+    now = 70.51
+    assert decode(played.receive()).stamp == 70.5
+    assert played.receive() == b"nonsense"
+    assert not played.ended
+    assert played.receive() is None
+    assert played.ended
+    os.close(reading)
