@@ -151,7 +151,7 @@ def _any_contact_time(  # type: ignore[no-untyped-def]
     t = hull_contact_time(
         px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
         points, velocities, count, accel2, speed2, velocity_error2, age2,
-        contact_distance, advances, trace, 0, 0.0, 0.0,
+        contact_distance, advances, trace, 0, 0.0, 0.0, LONGEST,
     )  # fmt: skip
     if FAR < t < LONGEST:
         return far_contact_time(
@@ -213,6 +213,33 @@ def pair_contact_time(  # type: ignore[no-untyped-def]
         points, velocities, count, accel2, speed2, velocity_error2, age2,
         contact_distance, advances, None,
     )  # fmt: skip
+
+
+@kernel(inline="always")
+def row_contact_time(  # type: ignore[no-untyped-def]
+    px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
+    points, velocities, row, count, accel2, speed2, velocity_error2, age2,
+    contact_distance, advances,
+):  # fmt: skip
+    """`pair_contact_time` for one row of arrays of the shape (n, 8, 3).
+
+    Written out in its caller before that is compiled: to hand arrays over, and rows of them, takes
+    as long, for counting references to them, as an advance of a ball.
+    """
+    if count == 1:
+        time = ball_contact_time(
+            points[row, 0, 0] - px, points[row, 0, 1] - py, points[row, 0, 2] - pz,
+            contact_distance, vx, vy, vz, accel1, speed1, velocity_error1, age1,
+            velocities[row, 0, 0], velocities[row, 0, 1], velocities[row, 0, 2],
+            accel2, speed2, velocity_error2, age2, advances, None,
+        )  # fmt: skip
+    else:
+        time = _any_contact_time(
+            px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
+            points[row], velocities[row], count, accel2, speed2, velocity_error2, age2,
+            contact_distance, advances, None,
+        )  # fmt: skip
+    return time
 
 
 @kernel

@@ -27,6 +27,7 @@ from armguard.advancement import (
     ball_contact_time,
     pair_contact_time,
     pair_distance_time,
+    row_contact_time,
     trace_contact_time,
 )
 from armguard.compilation import kernel
@@ -51,6 +52,7 @@ __all__ = [
     "earliest_contact_pair",
     "pair_contact_time",
     "pair_distance_time",
+    "row_contact_time",
 ]
 
 
@@ -99,10 +101,10 @@ def _pair_loop(  # type: ignore[no-untyped-def]
     advances, out,
 ):  # fmt: skip
     for i in range(out.size):
-        out[i] = pair_contact_time(
+        out[i] = row_contact_time(
             p1[i, 0], p1[i, 1], p1[i, 2], v1[i, 0], v1[i, 1], v1[i, 2],
             a1[i], s1[i], e1[i], age1[i],
-            points[i], velocities[i], points.shape[1], a2[i], s2[i], e2[i], age2[i],
+            points, velocities, i, points.shape[1], a2[i], s2[i], e2[i], age2[i],
             _reach(
                 v1[i], a1[i], s1[i], e1[i], clock1[i],
                 velocities[i], a2[i], s2[i], e2[i], clock2[i], distance[i],

@@ -49,11 +49,12 @@ def turn_hull(  # type: ignore[no-untyped-def]
 def hull_contact_time(  # type: ignore[no-untyped-def]
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, count, accel2, speed2, velocity_error2, age2,
-    contact_distance, advances, trace, row, t, shortest,
+    contact_distance, advances, trace, row, t, shortest, longest,
 ):  # fmt: skip
     """`trace_contact_time` from `t` on, with rows of the trace from `row` on.
 
-    `shortest` is the least magnitude that rounding of lengths goes by.
+    `shortest` is the least magnitude that rounding of lengths goes by, `longest` the time beyond
+    which witnesses are not turned any more.
     """
     if not (
         count > 0
@@ -110,7 +111,7 @@ def hull_contact_time(  # type: ignore[no-untyped-def]
             trace[row + k, 1] = nx * inverse
             trace[row + k, 2] = ny * inverse
             trace[row + k, 3] = nz * inverse
-        if not t * SETTLED < reached < LONGEST:
+        if not t * SETTLED < reached < longest:
             return max(t, reached)
         t = reached
         nx, ny, nz, inverse = turn_hull(
@@ -172,6 +173,7 @@ def far_contact_time(  # type: ignore[no-untyped-def]
         math.ldexp(age2, -time_exponent),
         math.ldexp(contact_distance, -length_exponent),
         advances, trace, advances, math.ldexp(t, -time_exponent), 2.0 * TINY,
+        math.ldexp(LONGEST, -time_exponent),
     )  # fmt: skip
     if trace is not None:
         for k in range(advances, 2 * advances):

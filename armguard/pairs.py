@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from armguard.bounds import IsotropicMotion
 from armguard.compilation import kernel
-from armguard.contact import pair_contact_time, pair_distance_time
+from armguard.contact import pair_distance_time, row_contact_time
 from armguard.kinematics import ArmSpheres, Kinematics
 from armguard.obstacle_table import Marks, States
 from armguard.obstacles import Obstacles
@@ -190,7 +190,7 @@ def _link_time(
                 reach,
             )
         else:
-            time = pair_contact_time(
+            time = row_contact_time(
                 arm.centers[node, 0],
                 arm.centers[node, 1],
                 arm.centers[node, 2],
@@ -201,8 +201,9 @@ def _link_time(
                 arm.speed[node],
                 arm.velocity_error[node],
                 arm_age,
-                bodies.points[row],
-                bodies.velocities[row],
+                bodies.points,
+                bodies.velocities,
+                row,
                 bodies.point_count[row],
                 bodies.accel[row],
                 bodies.speed[row],

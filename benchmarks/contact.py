@@ -19,7 +19,7 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from armguard.contact import earliest_contact, pair_contact_time, pair_distance_time
+from armguard.contact import earliest_contact, pair_distance_time, row_contact_time
 from armguard.contact_batch import batch_contact_times, finish_contact_times
 
 ARM_ACCEL, ARM_SPEED = 120.0, 8.0  # the isotropic bounds of a quick arm's hand
@@ -40,14 +40,12 @@ def _distances(points, velocities, centers, motions, count, distance, out):  # t
 @njit(error_model="numpy")
 def _rung(points, velocities, centers, motions, count, distance, out, advances, age, speeds):  # type: ignore[no-untyped-def]
     for first in range(0, out.size, SPHERES):
-        corners = points[first]
-        rates = velocities[first]
         for i in range(first, min(first + SPHERES, out.size)):
-            out[i] = pair_contact_time(
+            out[i] = row_contact_time(
                 centers[i, 0], centers[i, 1], centers[i, 2],
                 motions[i, 0], motions[i, 1], motions[i, 2],
                 ARM_ACCEL, ARM_SPEED * speeds, 0.0, age,
-                corners, rates, count,
+                points, velocities, first, count,
                 PERSON_ACCEL, PERSON_SPEED * speeds, 0.0, age, distance[i], advances,
             )  # fmt: skip
 

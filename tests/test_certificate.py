@@ -123,6 +123,13 @@ HOSTILE = {
         "s2": 2.0,
         "velocity_error2": math.inf,
     },
+    "never, but for a bend later than floats can tell": {
+        "a1": math.inf,
+        "s1": 0.0,
+        "p2": [0.65919492, 0.03465725, -0.75117304],
+        "v2": [1.31276521e-311, 2.17447782e-311, 9.67203669e-311],
+        "s2": 1e-280,
+    },
     "clocks off": {
         "p2": [1.0, 2.0, 0],
         "v1": [0.3, 0, 0],
