@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -209,3 +210,44 @@ def test_capsule_is_the_earliest_of_its_balls():
         )
         assert capsule <= balls.min() * (1.0 + 1e-12)
         assert capsule == pytest.approx(balls.min(), rel=1e-4)
+
+
+def _distance_to_hull(points):
+    """From the origin, by trying every face: the nearest is some face's own nearest point."""
+    nearest = math.inf
+    for size in range(1, min(len(points), 4) + 1):
+        for face in itertools.combinations(range(len(points)), size):
+            corners = points[list(face)]
+            edges = (corners[1:] - corners[0]).T
+            weights = (
+                np.linalg.lstsq(edges, -corners[0], rcond=None)[0] if size > 1 else np.zeros(0)
+            )
+            if (weights >= -1e-12).all() and weights.sum() <= 1.0 + 1e-12:
+                nearest = min(nearest, float(np.linalg.norm(corners[0] + edges @ weights)))
+    return nearest
+
+
+def test_a_hull_that_deforms_is_met_when_its_nearest_point_comes_in_reach():
+    """Without speed bounds: the corners fly on, and what they accelerate widens them to balls."""
+    rng = np.random.default_rng(17)
+    compared = 0
+    while compared < 80:
+        case = ordinary_case(rng, int(rng.integers(2, 7)))
+        case |= {"clock_error1": 0.0, "clock_error2": 0.0, "s1": math.inf, "s2": math.inf}
+        case |= {"a1": float(rng.uniform(0.0, 5.0)), "a2": float(rng.uniform(0.1, 5.0))}
+        case["v2"] = case["v2"] + 2.0 * rng.normal(size=case["p2"].shape)
+        tau = earliest_contact_hull(**case, advances=CONVERGED)
+        if not 0.0 < tau < math.inf:
+            continue
+        compared += 1
+
+        def gap(t, case=case):
+            s1, s2 = case["age1"] + t, case["age2"] + t
+            points = case["p2"] + case["v2"] * s2 - case["p1"] - case["v1"] * s1
+            reach = case["velocity_error1"] * abs(s1) + case["velocity_error2"] * abs(s2)
+            reach += 0.5 * (case["a1"] * s1 * s1 + case["a2"] * s2 * s2) + case["contact_distance"]
+            return _distance_to_hull(points) - reach
+
+        for share in (0.0, 0.3, 0.7, 0.95, 1.0 - 1e-9):
+            assert gap(share * tau) > -1e-9, case
+        assert gap(tau) < 1e-6, case
