@@ -16,7 +16,7 @@ from armguard.simulation.recordings import estimate_velocities
 FOLDER = Path(
     os.environ.get(
         "ARMGUARD_RECORDINGS",
-        Path(__file__).parents[1] / ".." / "shared" / "data" / "human-motion",
+        Path(__file__).parents[2] / ".." / "shared" / "data" / "human-motion",
     )
 )
 
