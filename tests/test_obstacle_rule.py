@@ -1,0 +1,319 @@
+"""What is taken, what is refused and kept beside it, and when another track is believed."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from obstacle_samples import check_invariants, kinds, see
+
+from armguard.obstacles import Fault, FaultKind, Obstacles
+
+INF = math.inf
+RECORDINGS = Path(
+    os.environ.get("ARMGUARD_RECORDINGS", Path(__file__).parents[1] / "../shared/data/human-motion")
+)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "kind"),
+    [
+        ("position", [[0, math.nan, 0]], FaultKind.NOT_FINITE),
+        ("position", [[0, INF, 0]], FaultKind.NOT_FINITE),
+        ("velocity", [[0, 0, math.nan]], FaultKind.NOT_FINITE),
+        ("velocity", [[2.5, 0, 0]], FaultKind.BEYOND_SPEED),
+        ("radius", math.nan, FaultKind.NOT_FINITE),
+        ("radius", INF, FaultKind.NOT_FINITE),
+        ("radius", -0.1, FaultKind.NEGATIVE),
+        ("accel", math.nan, FaultKind.NOT_FINITE),
+        ("accel", -1.0, FaultKind.NEGATIVE),
+        ("accel", -INF, FaultKind.NOT_FINITE),
+        ("speed", math.nan, FaultKind.NOT_FINITE),
+        ("speed", -1.0, FaultKind.NEGATIVE),
+        ("position_error", INF, FaultKind.NOT_FINITE),
+        ("position_error", -1.0, FaultKind.NEGATIVE),
+        ("velocity_error", INF, FaultKind.NOT_FINITE),
+        ("velocity_error", -1.0, FaultKind.NEGATIVE),
+    ],
+)
+def test_a_bad_row_is_refused_and_the_good_one_beside_it_taken(field, value, kind):
+    good = {
+        "position": [[0.0, 0, 0]],
+        "velocity": [[0.0, 0, 0]],
+        "radius": 0.1,
+        "accel": 10.0,
+        "speed": 2.0,
+        "position_error": 0.0,
+        "velocity_error": 0.0,
+    }
+    both = {
+        name: np.concatenate([np.atleast_1d(one), np.atleast_1d(value if name == field else one)])
+        for name, one in good.items()
+    }
+    for fresh in (True, False):
+        obstacles = Obstacles()
+        if not fresh:
+            obstacles.update(
+                ["good", "bad"],
+                0.0,
+                **{k: [v, v] for k, v in good.items()}
+                | {"position": np.zeros((2, 3)), "velocity": np.zeros((2, 3))},
+            )
+        obstacles.update(["good", "bad"], 0.01, **both, source="default")
+        table, row = obstacles.table, obstacles.row("bad")
+        assert table.stamp[obstacles.row("good")] == 0.01
+        assert not table.refused[obstacles.row("good")]
+        assert table.refused[row]
+        assert table.has_state[row] == (not fresh)
+        assert table.refused_finite[row] == (kind is FaultKind.BEYOND_SPEED)
+        (fault,) = obstacles.take_faults()
+        assert (fault.kind, fault.source, fault.id) == (kind, "default", "bad")
+        assert (fault.field, fault.stamp) == (field, 0.01)
+        assert obstacles.refused_rows().tolist() == [row]
+        check_invariants(obstacles)
+        see(obstacles, 0.02, id="bad")
+        assert table.has_state[row]
+        assert not table.refused[row]
+        assert not len(obstacles.refused_rows())
+
+
+def test_a_jump_leaves_the_accepted_state_and_keeps_the_sample_aside():
+    obstacles = Obstacles()
+    row = see(obstacles, 0.0)
+    revision = obstacles.table.revision[row]
+    see(obstacles, 0.01, x=1.0, radius=0.2)
+    table = obstacles.table
+    assert table.points[row, 0, 0] == 0.0
+    assert table.stamp[row] == 0.0
+    assert table.revision[row] == revision
+    assert table.refused[row]
+    assert table.refused_finite[row]
+    assert table.refused_points[row, 0, 0] == 1.0
+    assert table.refused_radius[row] == 0.2
+    assert table.refused_stamp[row] == 0.01
+    assert obstacles.take_faults() == [
+        Fault(FaultKind.BEYOND_ACCEL, "default", "a", "position", 1.0, 0.01)
+    ]
+    see(obstacles, 0.02, x=0.001)
+    assert not table.refused[row]
+    assert table.points[row, 0, 0] == 0.001
+    assert table.revision[row] == revision + 1
+
+
+def test_another_track_is_believed_after_five_samples_that_agree():
+    obstacles = Obstacles()
+    row = see(obstacles, 0.0)
+    revision = obstacles.table.revision[row]
+    for i in range(1, 5):
+        see(obstacles, 0.01 * i, x=1.0)
+        assert obstacles.table.refused[row]
+    assert kinds(obstacles) == [FaultKind.BEYOND_ACCEL] * 4
+    see(obstacles, 0.05, x=1.0)
+    assert kinds(obstacles) == [FaultKind.TRACK_CHANGED]
+    assert not obstacles.table.refused[row]
+    assert obstacles.table.points[row, 0, 0] == 1.0
+    assert obstacles.table.revision[row] == revision + 1
+
+
+def test_samples_that_do_not_agree_never_make_a_track():
+    obstacles = Obstacles()
+    row = see(obstacles, 0.0)
+    for i in range(1, 40):
+        see(obstacles, 0.01 * i, x=2.0 + 2.0 * (i % 4 == 0))
+        assert obstacles.table.refused[row]
+        assert obstacles.table.points[row, 0, 0] == 0.0
+    # A repeated message is no further evidence.
+    for _ in range(10):
+        see(obstacles, 0.5, x=9.0)
+    assert obstacles.table.points[row, 0, 0] == 0.0
+    # Nor is one that cannot be reckoned with.
+    for i in range(10):
+        see(obstacles, 0.6 + 0.01 * i, x=9.0, velocity=[[5.0, 0.0, 0.0]])
+        assert obstacles.table.refused[row]
+
+
+def test_a_larger_body_or_wider_bounds_are_news_not_implausible():
+    obstacles = Obstacles()
+    row = see(obstacles, 0.0)
+    for i, change in enumerate(
+        [{"radius": 0.5}, {"accel": 50.0}, {"speed": 5.0}, {"position_error": 0.1}]
+    ):
+        revision = obstacles.table.revision[row]
+        see(obstacles, 0.01 * (i + 1), **change)
+        assert not obstacles.table.refused[row]
+        assert obstacles.table.revision[row] == revision + 1
+    assert not obstacles.take_faults()
+
+
+def test_another_shape_is_another_track():
+    obstacles = Obstacles()
+    row = see(obstacles, 0.0)
+    for i in range(1, 6):
+        obstacles.update(["a"], 0.01 * i, np.zeros((1, 2, 3)), radius=0.1)
+    assert kinds(obstacles) == [FaultKind.SHAPE_CHANGED] * 4 + [FaultKind.TRACK_CHANGED]
+    assert obstacles.table.point_count[row] == 2
+
+
+def test_an_id_has_one_publisher():
+    obstacles = Obstacles()
+    row = see(obstacles, 0.0, source="cam0")
+    for i in range(1, 10):
+        see(obstacles, 0.01 * i, x=0.0, source="cam1")
+        assert obstacles.table.refused[row]
+    assert set(kinds(obstacles)) == {FaultKind.TWO_PUBLISHERS}
+    assert obstacles.table.stamp[row] == 0.0
+    see(obstacles, 0.2, source="cam0")
+    assert not obstacles.table.refused[row]
+
+
+def test_late_messages_that_agree_are_ignored_and_counted():
+    obstacles = Obstacles()
+    row = see(obstacles, 1.0)
+    for stamp in (0.9, 1.0, 0.95, 1.0):
+        see(obstacles, stamp)
+    assert obstacles.late_count == 4
+    assert obstacles.table.stamp[row] == 1.0
+    assert not obstacles.table.refused[row]
+    assert not obstacles.take_faults()
+    see(obstacles, 0.99, x=1.0)
+    assert kinds(obstacles) == [FaultKind.BEYOND_ACCEL]
+    assert obstacles.table.refused[row]
+
+
+def test_a_stamp_far_ahead_does_not_lock_a_row():
+    obstacles = Obstacles()
+    row = see(obstacles, 1e6)
+    for i in range(1, 6):
+        assert obstacles.table.stamp[row] == 1e6
+        see(obstacles, 0.01 * i)
+    assert obstacles.table.stamp[row] == 0.05
+    assert kinds(obstacles) == [FaultKind.TRACK_CHANGED]
+    see(obstacles, 0.06)
+    assert obstacles.table.stamp[row] == 0.06
+
+
+def test_duplicates_between_new_messages_never_turn_a_row_back():
+    obstacles = Obstacles()
+    for i in range(100):
+        row = see(obstacles, 0.01 * i)
+        see(obstacles, 0.01 * (i - 7))
+        assert obstacles.table.stamp[row] == 0.01 * i
+    assert not obstacles.take_faults()
+    assert obstacles.late_count == 100
+
+
+def test_of_two_descriptions_with_one_stamp_the_larger_stands():
+    obstacles = Obstacles()
+    row = see(obstacles, 1.0)
+    table, revision = obstacles.table, obstacles.table.revision[row]
+    see(obstacles, 1.0)
+    see(obstacles, 1.0, radius=0.05)
+    assert table.revision[row] == revision
+    see(obstacles, 1.0, x=0.01, radius=0.5, accel=20.0, position_error=0.02)
+    assert table.revision[row] == revision + 1
+    see(obstacles, 0.9, radius=0.7)
+    assert (table.radius[row], table.accel[row], table.speed[row]) == (0.5, 20.0, 2.0)
+    assert (table.points[row, 0, 0], table.position_error[row]) == (0.0, 0.02)
+    see(obstacles, 1.1)
+    assert table.radius[row] == 0.1
+    assert not obstacles.take_faults()
+
+
+def test_late_messages_do_not_hide_a_track_that_is_about_to_be_believed():
+    obstacles = Obstacles()
+    row = see(obstacles, 1.0)
+    for i in range(1, 6):
+        see(obstacles, 0.9 + 0.01 * i)
+        see(obstacles, 1.0 + 0.01 * i, x=1.0)
+    assert obstacles.table.points[row, 0, 0] == 1.0
+    assert not obstacles.table.refused[row]
+
+
+def test_feasible_motions_with_errors_are_never_refused():
+    rng = np.random.default_rng(7)
+    count, accel, speed = 30, 10.0, 2.0
+    position_error, velocity_error = 0.01, 0.1
+    obstacles = Obstacles(accel=accel, speed=speed)
+    names = [f"n{i}" for i in range(count)]
+    position, velocity = rng.normal(size=(count, 3)), np.zeros((count, 3))
+    stamp = 50.0
+    for step in range(500):
+        noise = [rng.normal(size=(count, 3)) for _ in range(2)]
+        noise = [e / np.linalg.norm(e, axis=1, keepdims=True) * (1 - 1e-9) for e in noise]
+        obstacles.update(
+            names,
+            stamp,
+            position + noise[0] * position_error,
+            velocity + noise[1] * velocity_error if step % 3 else None,
+            radius=0.1,
+            position_error=position_error,
+            velocity_error=velocity_error,
+        )
+        assert not obstacles.table.refused.any()
+        h = rng.choice([0.001, 0.01, 0.05])
+        push = rng.normal(size=(count, 3))
+        push *= accel / np.linalg.norm(push, axis=1, keepdims=True) * (1 - 1e-9)
+        after = velocity + push * h
+        push[np.linalg.norm(after, axis=1) > speed] = 0.0
+        position = position + velocity * h + push * h * h / 2
+        velocity = velocity + push * h
+        stamp += h
+    assert obstacles.take_faults() == []
+
+
+def test_jumps_beyond_bounds_and_errors_are_always_refused():
+    rng = np.random.default_rng(8)
+    count = 500
+    obstacles = Obstacles()
+    names = [f"n{i}" for i in range(count)]
+    position = rng.normal(size=(count, 3))
+    obstacles.update(names, 0.0, position, np.zeros((count, 3)), radius=0.1, position_error=0.01)
+    h = 0.02
+    away = rng.normal(size=(count, 3))
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    reach = (10.0 * h * h / 2 + 0.02) * rng.uniform(1.0 + 1e-9, 3.0, size=(count, 1))
+    obstacles.update(names, h, position + away * reach, radius=0.1, position_error=0.01)
+    assert obstacles.table.refused.sum() == count
+
+
+def read_recording(path):
+    """Names, times and positions in [m] of a Vicon table. Shape (frames, bodies, 3)."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        lines = list(csv.reader(file))
+    bodies = [cell.split(":")[-1] for cell in lines[2] if cell]
+    frames = [
+        [float(cell) if cell else math.nan for cell in line[2 : 2 + 6 * len(bodies)]]
+        for line in lines[5:]
+        if len(line) >= 2 + 6 * len(bodies)
+    ]
+    positions = np.array(frames).reshape(len(frames), len(bodies), 6)[:, :, 3:] / 1000.0
+    return bodies, np.arange(len(frames)) / float(lines[1][0]), positions
+
+
+@pytest.mark.skipif(not RECORDINGS.is_dir(), reason="no recordings on this machine")
+@pytest.mark.parametrize(
+    ("name", "glitches"),
+    [
+        ("handball-0", False),
+        ("stacking-2", False),
+        ("handover-0", True),
+        ("hammering-0", True),
+        ("pick-place-close-6", True),
+    ],
+)
+def test_glitches_in_recordings_are_refused_and_people_are_not(name, glitches):
+    bodies, times, positions = read_recording(RECORDINGS / f"{name}.csv")
+    obstacles = Obstacles(accel=10.0, speed=2.0)
+    refused = set()
+    for time, position in zip(times, positions, strict=True):
+        seen = np.isfinite(position).all(axis=1)
+        ids = [body for body, there in zip(bodies, seen, strict=True) if there]
+        obstacles.update(ids, time, position[seen], radius=0.1, position_error=0.005)
+        refused.update(obstacles.ids[row] for row in obstacles.refused_rows())
+        check_invariants(obstacles)
+    assert bool(refused) == glitches
+    assert len(obstacles) == len(bodies)

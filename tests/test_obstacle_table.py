@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import numpy as np
+from obstacle_samples import check_invariants, see
+
+from armguard import obstacle_table
+from armguard.obstacle_table import ObstacleTable
+from armguard.obstacles import Obstacles
+
+
+def test_boxes_and_capsules_keep_their_points():
+    obstacles = Obstacles()
+    points = np.arange(24.0).reshape(1, 8, 3)
+    obstacles.update(["box"], 0.0, points, radius=0.0)
+    obstacles.update(["capsule"], 0.0, points[:, :2], np.ones((1, 2, 3)), radius=0.0)
+    table = obstacles.table
+    assert np.array_equal(table.points[obstacles.row("box")], points[0])
+    assert table.point_count[[obstacles.row("box"), obstacles.row("capsule")]].tolist() == [8, 2]
+
+
+def test_the_table_grows_and_keeps_what_it_knows():
+    obstacles = Obstacles()
+    see(obstacles, 0.0, x=3.0, id="first")
+    row = obstacles.row("first")
+    names = [f"n{i}" for i in range(300)]
+    obstacles.update(names, 0.0, np.zeros((300, 3)), radius=0.1)
+    assert obstacles.row("first") == row
+    assert obstacles.table.points[row, 0, 0] == 3.0
+    assert len(obstacles.table.alive) == 512
+    check_invariants(obstacles)
+
+
+def test_distrust_turns_the_state_into_a_refused_sample():
+    obstacles = Obstacles()
+    row = see(obstacles, 1000.0, x=0.5)
+    assert obstacles.rows_ahead(10.0, 0.2).tolist() == [row]
+    assert obstacles.ahead_sources(10.0, 0.2) == ["default"]
+    revision = obstacles.table.revision[row]
+    obstacles.distrust(row)
+    table = obstacles.table
+    assert not table.has_state[row]
+    assert table.refused[row]
+    assert table.refused_points[row, 0, 0] == 0.5
+    assert table.refused_stamp[row] == 1000.0
+    assert table.revision[row] > revision
+    assert obstacles.refused_rows().tolist() == [row]
+    assert not len(obstacles.rows_ahead(10.0, 0.2))
+    see(obstacles, 10.0, x=3.0)
+    assert table.has_state[row]
+    assert not table.refused[row]
+    assert not obstacles.ahead_sources(10.0, 0.2)
+    assert not len(obstacles.rows_ahead(10.0, 0.2))
+
+
+def test_a_hundred_thousand_obstacles_find_room():
+    obstacles = Obstacles()
+    names = [f"part{i}" for i in range(100_000)]
+    obstacles.update(names, 0.0, np.zeros((len(names), 3)), radius=0.01)
+    assert len(obstacles) == 100_000
+    assert obstacles.take_faults() == []
+
+
+def test_a_row_that_is_taken_again_has_nothing_of_the_one_before():
+    table = ObstacleTable(4)
+    row = table.take_row(3)
+    table.place_static(row, np.ones((8, 3)), 0.5)
+    table.refused[row] = table.refused_finite[row] = True
+    revision = table.revision[row]
+    table.free_row(row)
+    assert not table.alive.any()
+    assert table.take_row(5) == row
+    assert (table.owner[row], table.point_count[row]) == (5, 1)
+    assert not (table.static | table.has_state | table.refused | table.refused_finite)[row]
+    assert table.revision[row] > revision
+
+
+def test_rows_are_given_out_once_and_in_order_until_there_are_no_more(monkeypatch):
+    monkeypatch.setattr(obstacle_table, "MAXIMUM_ROWS", 16)
+    table = ObstacleTable(4)
+    assert [table.take_row(0) for _ in range(17)] == [*range(16), -1]
+    table.free_row(7)
+    assert table.take_row(0) == 7
+
+
+def test_arrays_are_those_of_the_groups_after_growth():
+    table = ObstacleTable(2)
+    for _ in range(3):
+        table.take_row(0)
+    assert table.points is table.accepted.points
+    assert table.refused_points is table.refused_states.points
+    assert table.alive is table.marks.alive
+    assert len(table.refused_stamp) == 4
+
+
+def test_what_stands_still_is_not_distrusted():
+    table = ObstacleTable()
+    row = table.take_row(0)
+    table.place_static(row, np.zeros((1, 3)), 0.1)
+    table.distrust(row)
+    assert table.has_state[row]
+    assert not table.refused[row]
