@@ -16,16 +16,10 @@ from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, table_c
 from armguard.contact import pair_contact_time
 from armguard.exceptions import ArmguardError
 from armguard.kinematics import Kinematics
-from armguard.robot import Robot
 
 NOW = 6
 """Step of a recorded motion that is called now; states are measured up to that many away."""
 HORIZON, REACTION = 0.004, 0.02
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("panda")
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,6 @@ import pytest
 from armguard.bounds import IsotropicMotion, MotionModel, free_advance
 from armguard.exceptions import ArmguardError
 from armguard.kinematics import Kinematics
-from armguard.robot import Robot
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return Robot.load("panda")
 
 
 @pytest.fixture(scope="module")
@@ -46,24 +40,6 @@ def test_no_joint_motion_exceeds_speed_or_acceleration(robot, motion):
         accel = a + np.cross(dw, local) + np.cross(w, velocity)
         assert np.linalg.norm(velocity, axis=1).max() <= motion.speed[i]
         assert np.linalg.norm(accel, axis=1).max() <= motion.accel[i]
-
-
-def test_sums_agree_with_their_formulas(robot, motion):
-    v = np.linspace(-1.0, 1.0, 7)
-    motion.update(v)
-    order = np.arange(7)
-    distal = np.maximum(order[:, None], order[None, :])
-    fastest, strongest = robot.velocity_limit, robot.acceleration_limit
-    for i in range(0, len(motion.lever), 7):
-        lever = motion.lever[i]
-        both = np.where(np.outer(lever, lever) > 0.0, lever[distal], 0.0)
-        error = lever @ robot.velocity_error
-        error += (np.abs(v) + robot.velocity_error) @ both @ robot.position_error
-        np.testing.assert_allclose(motion.speed[i], lever @ fastest, rtol=1e-9)
-        accel = lever @ strongest + fastest @ both @ fastest
-        np.testing.assert_allclose(motion.accel[i], accel, rtol=1e-9)
-        np.testing.assert_allclose(motion.velocity_error[i], error, rtol=1e-9)
-        np.testing.assert_allclose(motion.position_error[i], lever @ robot.position_error)
 
 
 def test_joint_errors_stay_within_their_bounds(robot, motion):
@@ -140,9 +116,6 @@ def test_arrays_cannot_be_written(motion):
             getattr(motion, name)[...] = 0.0
 
 
-# Displacement
-
-
 def pushed(arm, q, v, joint, local, direction, steps, step, random, greedy):
     """Displacements of a point along a direction, under joint motions as hard as limits allow."""
     model, data = arm.model, arm.model.createData()
@@ -162,6 +135,9 @@ def pushed(arm, q, v, joint, local, direction, steps, step, random, greedy):
         after = np.clip(v + accel * step, -arm.velocity_limit, arm.velocity_limit)
         q, v = q + 0.5 * step * (v + after), after
     return way - way[0]
+
+
+# Displacement
 
 
 @pytest.mark.parametrize("greedy", [False, True])

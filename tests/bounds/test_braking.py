@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+from arm_questions import HAND_POINT, moderate_state, unit
+from joint_motions import STEP, brake_joints, limits_of, move_joints
+
+from armguard.bounds import BrakingMotion
+from armguard.exceptions import ArmguardError
+from armguard.kinematics import Kinematics
+
+
+def test_a_braking_arm_rests_after_its_stop_time(robot, models):
+    random, braking = np.random.default_rng(5), models["braking"]
+    for _ in range(20):
+        q, v = moderate_state(robot, random)
+        direction = unit(random)
+        rest = braking.stop_time(q, v, 0.0, 0.0)
+        question = q, v, "panda_hand", HAND_POINT, direction
+        at_rest = braking.advance(*question, rest)
+        assert braking.advance(*question, rest + 5.0) == pytest.approx(at_rest, rel=1e-9)
+        assert at_rest <= models["joint"].advance(*question, rest) * (1.0 + 1e-9)
+
+
+def test_stop_time_is_that_of_the_slowest_joint(robot, models):
+    v = np.zeros(7)
+    v[1] = 1.0
+    free = 0.002 + 0.003 + 0.02
+    pace = 1.0 + robot.velocity_error[1] + robot.acceleration_limit[1] * free
+    expected = 0.003 + 0.02 + pace / robot.braking_deceleration[1]
+    q = np.array([0.0, 0.0, 0.0, -1.5, 0.0, 1.8, 0.0])
+    assert models["braking"].stop_time(q, v, 0.002, 0.003) == pytest.approx(expected)
+
+
+def test_stopping_volume_contains_what_brakes(robot, models):
+    random, braking = np.random.default_rng(6), models["braking"]
+    kinematics = Kinematics(robot)
+    limits, care = limits_of(robot), np.zeros(7, np.int64)
+    closest = 0.0
+    for _ in range(60):
+        q, v = moderate_state(robot, random)
+        volumes = braking.stopping_volume(q, v, 0.002, 0.003)
+        q = np.clip(q + random.choice([-1.0, 1.0], 7) * robot.position_error,
+                    limits.lower, limits.upper)  # fmt: skip
+        v = v + random.choice([-1.0, 1.0], 7) * robot.velocity_error
+        push, strength = random.choice([-1.0, 1.0], 7), random.choice([0.0, 1.0], 7)
+        for k in range(600):
+            if k * STEP < 0.025 - 1e-9:
+                move_joints(q, v, push, limits, care, STEP)
+            else:
+                brake_joints(q, v, strength, limits, STEP)
+            if k % 10 == 0 and k > 1:
+                kinematics.compute(q, v)
+                away = np.linalg.norm(kinematics.centers - volumes[:, :3], axis=1)
+                used = away + kinematics.spheres.radius
+                assert (used <= volumes[:, 3]).all()
+                closest = max(closest, (used / volumes[:, 3]).max())
+    assert closest > 0.8
+
+
+@pytest.mark.parametrize("bad", [-0.1, np.nan, np.inf])
+def test_impossible_times_are_refused(robot, models, bad):
+    with pytest.raises(ArmguardError, match="reaction_time"):
+        BrakingMotion(robot, bad)
+    q, v = np.array([0.0, 0.0, 0.0, -1.5, 0.0, 1.8, 0.0]), np.zeros(7)
+    with pytest.raises(ArmguardError, match="horizon"):
+        models["braking"].stop_time(q, v, 0.0, bad)
+    with pytest.raises(ArmguardError, match="horizon"):
+        models["braking"].tabulate(q, v, 0.0, bad)

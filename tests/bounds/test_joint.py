@@ -1,0 +1,82 @@
+import numpy as np
+import pinocchio
+import pytest
+from arm_questions import HAND_POINT, altered, moderate_state, unit
+from other_arms import load_arm
+
+from armguard.bounds import IsotropicMotion, JointMotion
+from armguard.kinematics import Kinematics
+
+
+def test_in_the_long_run_the_ranges_of_joints_decide(robot, models):
+    q, v = moderate_state(robot, np.random.default_rng(7))
+    question = q, v, "panda_hand", HAND_POINT, np.array([0.0, 0.6, 0.8])
+    later = [models["joint"].advance(*question, t) for t in (20.0, 80.0, 1e6, 1e15)]
+    assert max(later) == min(later) < 12.0
+
+
+@pytest.mark.parametrize("name", ["panda", "xarm7", "ur5", "tiago"])
+def test_joint_bounds_are_a_fraction_of_isotropic_ones(name):
+    robot, random = load_arm(name), np.random.default_rng(3)
+    isotropic, joint = IsotropicMotion(robot), JointMotion(robot)
+    ratios = {0.05: [], 0.1: [], 0.2: []}
+    for _ in range(60):
+        q, v = moderate_state(robot, random)
+        direction = unit(random)
+        for t, found in ratios.items():
+            question = q, v, robot.links[-1], HAND_POINT, direction, t
+            free = isotropic.advance(*question)
+            found.append(joint.advance(*question) / free if free > 0.0 else 1.0)
+    medians = [np.median(found) for found in ratios.values()]
+    assert medians[0] <= 0.2
+    assert medians[1] <= 0.25
+    assert medians[2] <= 0.6
+
+
+def test_joint_bound_is_the_taylor_bound_or_less(robot, models):
+    random = np.random.default_rng(4)
+    data = robot.model.createData()
+    joint = robot.joint_index("panda_hand")
+    levers = models["isotropic"].lever
+    hand = Kinematics(robot).spheres.root[robot.links.index("panda_hand")]
+    lever, center = levers[hand], Kinematics(robot).spheres.local[hand]
+    distal = np.maximum(np.arange(7)[:, None], np.arange(7)[None, :])
+    both = np.where(np.outer(lever, lever) > 0.0, lever[distal], 0.0)
+    slower = altered(
+        robot,
+        position_error=np.zeros(7),
+        velocity_error=np.zeros(7),
+        upper_position_limit=np.full(7, np.inf),
+        lower_position_limit=np.full(7, -np.inf),
+    )
+    motion = JointMotion(slower)
+    for _ in range(100):
+        q, v = moderate_state(robot, random)
+        direction, t = unit(random), random.uniform(0.01, 0.1)
+        accel = robot.acceleration_limit
+        # Short enough that no joint reaches its top speed, and that bounds rise to their ends.
+        high, low = (v + 0.5 * accel * t) * t, (v - 0.5 * accel * t) * t
+        jacobian = pinocchio.computeJointJacobians(robot.model, data, q)
+        place = data.oMi[joint].act(center)
+        slope = direction @ (jacobian[:3] + np.cross(jacobian[3:].T, place).T)
+        size = np.maximum(np.maximum(high, 0.0), np.maximum(-low, 0.0))
+        taylor = np.maximum(0.0, np.maximum(slope * high, slope * low)).sum()
+        taylor += 0.5 * size @ both @ size
+        assert motion.advance(q, v, "panda_hand", center, direction, t) <= taylor * (1.0 + 1e-9)
+
+
+def test_a_joint_at_its_limit_goes_no_further(robot, models):
+    q = np.array([robot.upper_position_limit[0], 0.3, 0.0, -1.5, 0.0, 1.8, 0.0])
+    sideways = np.array([0.0, 1.0, 0.0])
+    still = altered(robot, acceleration_limit=np.r_[15.0, np.full(6, 1e-9)],
+                    braking_deceleration=np.r_[3.0, np.full(6, 1e-10)],
+                    position_error=np.zeros(7), velocity_error=np.zeros(7))  # fmt: skip
+    data = robot.model.createData()
+    jacobian = pinocchio.computeJointJacobians(robot.model, data, q)
+    place = data.oMi[robot.joint_index("panda_hand")].translation
+    outwards = sideways * np.sign(
+        sideways @ (jacobian[:3] + np.cross(jacobian[3:].T, place).T)[:, 0]
+    )
+    motion = JointMotion(still)
+    assert motion.advance(q, np.zeros(7), "panda_hand", np.zeros(3), outwards, 0.1) < 1e-3
+    assert motion.advance(q, np.zeros(7), "panda_hand", np.zeros(3), -outwards, 0.1) > 1e-2

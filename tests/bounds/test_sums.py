@@ -1,0 +1,27 @@
+import numpy as np
+import pytest
+
+from armguard.bounds import IsotropicMotion
+
+
+@pytest.fixture(scope="module")
+def motion(robot):
+    return IsotropicMotion(robot)
+
+
+def test_sums_agree_with_their_formulas(robot, motion):
+    v = np.linspace(-1.0, 1.0, 7)
+    motion.update(v)
+    order = np.arange(7)
+    distal = np.maximum(order[:, None], order[None, :])
+    fastest, strongest = robot.velocity_limit, robot.acceleration_limit
+    for i in range(0, len(motion.lever), 7):
+        lever = motion.lever[i]
+        both = np.where(np.outer(lever, lever) > 0.0, lever[distal], 0.0)
+        error = lever @ robot.velocity_error
+        error += (np.abs(v) + robot.velocity_error) @ both @ robot.position_error
+        np.testing.assert_allclose(motion.speed[i], lever @ fastest, rtol=1e-9)
+        accel = lever @ strongest + fastest @ both @ fastest
+        np.testing.assert_allclose(motion.accel[i], accel, rtol=1e-9)
+        np.testing.assert_allclose(motion.velocity_error[i], error, rtol=1e-9)
+        np.testing.assert_allclose(motion.position_error[i], lever @ robot.position_error)
