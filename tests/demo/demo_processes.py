@@ -12,6 +12,8 @@ from armguard.streams import VerdictReader
 
 ARMGUARD = Path(sys.executable).with_name("armguard")
 PATIENCE = 60.0
+SOON = 5.0
+"""How long an end may take on a busy machine, in [s]."""
 SIGNS = {
     "-m armguard run": "monitor",
     "-m armguard.view": "view",
@@ -121,3 +123,11 @@ def listening_sockets(pids):
             if fields[9] in inodes and (table.startswith("udp") or fields[3] == "0A"):
                 found.append(fields[1])
     return found
+
+
+def finish(demo):
+    """What a demo printed, its exit code, and that nothing stayed behind."""
+    out, err = demo.process.communicate(timeout=120)
+    assert demo.wait_until_gone(SOON)
+    assert "Traceback" not in err
+    return out, err

@@ -2,16 +2,12 @@
 
 import io
 import re
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from demo_processes import RunningDemo
 from PIL import Image
 from playwright.sync_api import sync_playwright
-
-sys.path.append(str(Path(__file__).parents[1] / "view"))
 from view_picture import CHROMIUM, FLAGS, NICE_CHROMIUM, TIMEOUT, wait_until_drawn
 
 STAGE = {"x": 310, "y": 30, "width": 490, "height": 470}  # beside the panels

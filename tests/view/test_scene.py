@@ -2,12 +2,10 @@ import math
 
 import numpy as np
 import pytest
-from view_samples import PERIOD, Q, make_frame, make_scene, read_command
+from view_samples import PERIOD, make_frame, make_scene, read_command
 
-from armguard.exceptions import ArmguardError
 from armguard.robot_description import find_example_urdf
 from armguard.view import NO_BUCKET, Obstacles, Pairs, compute_buckets
-from armguard.view.arm import Arm
 from armguard.view.buckets import REFUSED_COLOUR, compute_colours, parse_colour
 from armguard.view.scene import Scene
 
@@ -45,29 +43,6 @@ def test_the_arm_is_drawn_from_its_visual_meshes_with_a_pose_each(picture):
     assert len(meshes) == len(poses) == 11
     assert all(picture[key]["object"]["object"]["format"] == "dae" for key in meshes)
     assert picture["banner "]["notes"] == []
-
-
-def test_cover_balls_stand_where_the_joints_are(picture):
-    arm = Arm(make_scene())
-    arm.place((0.0,) * 7)
-    centres = arm.compute_centres()
-    # Panda stretched upwards: its shoulder is 0.333 m above the base, its elbow 0.649 m.
-    assert np.allclose(centres[0], (0.0, 0.0, 0.333))
-    assert np.allclose(centres[4], (0.0, 0.0, 0.649))
-    base = np.eye(4)
-    base[:3, 3] = (1.0, 2.0, 3.0)
-    moved = Arm(make_scene(base=tuple(base.ravel())))
-    moved.place((0.0,) * 7)
-    assert np.allclose(moved.compute_centres(), centres + base[:3, 3])
-
-
-def test_joints_may_come_in_any_order(picture):
-    scene = make_scene()
-    mixed = Arm(make_scene(joints=scene.joints[::-1]))
-    straight = Arm(scene)
-    mixed.place(Q[::-1])
-    straight.place(Q)
-    assert np.allclose(mixed.compute_centres(), straight.compute_centres())
 
 
 @pytest.mark.parametrize("contact_time", [0.01, 0.3, 3.0, math.inf])
@@ -150,11 +125,6 @@ def test_an_unknown_robot_is_said_and_the_rest_is_drawn():
     picture.scene.draw_frame(make_frame())
     assert "no-such-arm" in picture["banner "]["notes"][0]
     assert "instances /armguard/obstacles/balls" in picture.payloads
-
-
-def test_joints_that_the_robot_lacks_are_refused():
-    with pytest.raises(ArmguardError, match="elbow"):
-        Arm(make_scene(joints=("elbow",)))
 
 
 def test_collision_geometry_stands_in_for_missing_meshes_and_says_so(tmp_path):

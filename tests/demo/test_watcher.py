@@ -1,0 +1,54 @@
+import json
+import os
+import re
+import signal
+import time
+
+from demo_processes import RunningDemo, finish, wait_until
+
+from armguard.streams import VerdictReader
+from armguard.verdict import Level
+
+
+def test_without_its_perception_it_ends_and_says_so(start):
+    demo = start("--duration", "60", "--no-view", "--json")
+    os.kill(demo.pid_of("perception"), signal.SIGKILL)
+    out, err = finish(demo)
+    assert demo.process.returncode == 1
+    assert json.loads(out)["ticks"] > 0
+    assert re.search(r"^armguard: the demo's perception process ended by SIGKILL", err, re.M)
+    assert err.count("armguard:") == 1
+
+
+def test_without_its_monitor_it_ends_and_says_so(start):
+    demo = start("--duration", "60", "--json")
+    os.kill(demo.pid_of("monitor"), signal.SIGKILL)
+    out, err = finish(demo)
+    assert demo.process.returncode == 1
+    assert out == ""
+    assert err.endswith("armguard: the monitor ended by SIGKILL\n")
+
+
+def test_without_its_view_it_goes_on_and_a_robot_that_hangs_is_a_stop(start):
+    demo = start("--duration", "60", "--json")
+    os.kill(demo.pid_of("view"), signal.SIGKILL)
+    with VerdictReader(demo.verdicts) as reader:
+        before = reader.latest(timeout=10.0).sequence
+        assert wait_until(lambda: reader.latest().sequence > before + 1000)
+        os.kill(demo.pid_of("robot"), signal.SIGSTOP)
+        assert wait_until(lambda: reader.latest(timeout=1.0).level is Level.STOP)
+    demo.process.send_signal(signal.SIGINT)
+    _, err = finish(demo)
+    assert demo.process.returncode == 0
+    assert "the page has ended" in err
+
+
+def test_an_interrupt_before_the_first_tick_is_one_line(tmp_path):
+    with RunningDemo("--duration", "60", "--no-view", folder=tmp_path) as demo:
+        assert wait_until(lambda: list(tmp_path.glob("armguard-*/log")))
+        begin = time.monotonic()
+        demo.process.send_signal(signal.SIGINT)
+        _, err = finish(demo)
+    # Either nothing had been seen yet, or, on a quick machine, a few ticks.
+    assert (demo.process.returncode, "interrupted" in err) in [(130, True), (0, False)]
+    assert time.monotonic() - begin < 20.0
