@@ -12,6 +12,7 @@ from armguard.schedules import DaaSchedule
 HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
 STILL = np.zeros(7)
 PERIOD = 1e-3
+FAR = [20.0, 0.0, 0.5]
 DAA_LAWS = [(law, sort) for law in ("powers", "fibonacci") for sort in ("partial", "total")]
 
 
@@ -45,3 +46,12 @@ def subjects(verdict, kind):
 def steps(monitor, start, count, q=HOME, v=STILL, *, period=PERIOD):
     """Verdicts of `count` ticks from tick number `start` on."""
     return [monitor.step((start + i) * period, q, v) for i in range(count)]
+
+
+def keep(obstacles, monitor, start, count, q=HOME, v=STILL):
+    """Ticks with a ball that is heard of in each."""
+    verdicts = []
+    for i in range(start, start + count):
+        see(obstacles, i * PERIOD, FAR)
+        verdicts.append(monitor.step(i * PERIOD, q, v))
+    return verdicts

@@ -128,6 +128,15 @@ def test_no_import_hides(name):
     assert not words & {"TYPE_CHECKING", "import_module", "__import__"}
 
 
+@pytest.mark.parametrize(
+    "name", [name for name, (_, is_package) in MODULES.items() if not is_package]
+)
+def test_each_module_has_tests_of_its_own(name):
+    *folders, module = name.split(".")[1:]
+    twin = ROOT.joinpath("tests", *folders, f"test_{module}.py")
+    assert module == "__main__" or twin.exists(), f"{name} has no {twin.relative_to(ROOT)}"
+
+
 def test_what_the_reader_of_imports_sees(tmp_path):
     package = tmp_path / "armguard"
     (package / "rooms").mkdir(parents=True)

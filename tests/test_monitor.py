@@ -1,9 +1,5 @@
-import gc
 import itertools
 import math
-import subprocess
-import sys
-import tracemalloc
 
 import numpy as np
 import pinocchio
@@ -21,8 +17,6 @@ from scenes import (
 )
 
 from armguard.exceptions import ArmguardError
-from armguard.pair_watch import ADVANCES
-from armguard.pairs import TickState, evaluate
 from armguard.verdict import Level, ReasonKind
 
 SCHEDULES = ["full", "distance", *DAA_LAWS]
@@ -103,67 +97,6 @@ def test_levels_fall_as_a_ball_comes_and_rise_after_it_has_gone():
             recent = times[max(0, verdict.sequence - 301) : verdict.sequence]
             lowest = min(monitor._rule.grade(one.contact_time, one.stop_time) for one in recent[2:])
             assert verdict.level == lowest
-
-
-def all_times(monitor, obstacles, now, arm_age=0.0):
-    """Contact time of every pair, by a look of our own at the monitor's tick."""
-    state = TickState(
-        monitor._watch.kinematics, monitor._watch.motion, obstacles, margin=0.0, advances=ADVANCES,
-        by_distance=False,
-    )  # fmt: skip
-    state.begin(now, arm_age, monitor._watch.state.opening_time)
-    links = len(panda().links)
-    rows = np.flatnonzero(obstacles.table.alive)
-    pairs = (rows[:, None] * links + np.arange(links)).ravel()
-    times = np.zeros(len(pairs))
-    evaluate(state, pairs, times, np.zeros(len(pairs), dtype=np.int64))
-    return dict(zip(pairs.tolist(), times.tolist(), strict=True))
-
-
-def test_full_sees_every_pair_while_ids_come_and_go():
-    rng = np.random.default_rng(0)
-    obstacles, monitor = make_monitor(ignore=[("panda_link1", "b*"), ("*", "c?")])
-    links = panda().links
-    for i in range(60):
-        names = [f"{kind}{n}" for kind in "abc" for n in range(9) if rng.random() < 0.5]
-        far = rng.normal(size=(len(names), 3))
-        far *= rng.uniform(1.5, 6.0, (len(names), 1)) / np.linalg.norm(far, axis=1, keepdims=True)
-        # A jump is refused and watched on both tracks; a removal starts anew.
-        obstacles.update(names, i * PERIOD, far, radius=0.1, snapshot=bool(rng.random() < 0.8))
-        (verdict,) = steps(monitor, i, 1)
-        watched = {
-            pair: time
-            for pair, time in all_times(monitor, obstacles, i * PERIOD).items()
-            if not obstacles.ids[pair // len(links)].startswith("c")
-            and not (
-                links[pair % len(links)] == "panda_link1"
-                and obstacles.ids[pair // len(links)][0] == "b"
-            )
-        }
-        assert verdict.contact_time == pytest.approx(min(watched.values(), default=math.inf))
-        assert verdict.complete
-        if watched:
-            pair = min(watched, key=watched.get)
-            assert verdict.link == links[pair % len(links)]
-            assert verdict.obstacle == obstacles.ids[pair // len(links)]
-        reported = {(one.link, one.obstacle) for one in monitor.pairs(10**6)}
-        assert len(reported) == len(watched)
-
-
-@pytest.mark.parametrize("schedule", SCHEDULES, ids=str)
-def test_a_new_obstacle_counts_in_its_first_tick(schedule):
-    obstacles, monitor = make_monitor(schedule)
-    far = [[30.0 + i, 0.0, 0.5] for i in range(40)]
-    for i in range(20):
-        see(obstacles, i * PERIOD, far, [f"far{k}" for k in range(40)])
-        steps(monitor, i, 1)
-    see(obstacles, 20 * PERIOD, [1.0, 0.0, 0.5], ["near"])
-    (verdict,) = steps(monitor, 20, 1)
-    assert (verdict.level, verdict.obstacle) == (Level.STOP, "near")
-    assert verdict.complete
-    obstacles.remove(["near"])
-    (verdict,) = steps(monitor, 21, 1)
-    assert verdict.contact_time > 1.0
 
 
 @pytest.mark.parametrize("corners", [1, 2, 8])
@@ -256,44 +189,6 @@ def test_states_newer_than_now_count_their_lead(lead):
     assert ahead.stop_time >= now.stop_time
 
 
-def test_reports_of_pairs():
-    obstacles, monitor = make_monitor("daa")
-    assert monitor.pairs() == []
-    see(obstacles, 0.0, [[1.5, 0.0, 0.5], [9.0, 0.0, 0.5]], ["near", "far"])
-    (verdict,) = steps(monitor, 0, 1)
-    reports = monitor.pairs()
-    assert len(reports) == 2 * len(panda().links)
-    assert [one.contact_time for one in reports] == sorted(one.contact_time for one in reports)
-    first = reports[0]
-    assert (first.link, first.obstacle) == (verdict.link, verdict.obstacle)
-    assert first.contact_time == verdict.contact_time
-    assert (first.age, first.bound) == (0.0, "isotropic")
-    assert np.linalg.norm(first.point_on_obstacle - [1.5, 0.0, 0.5]) == pytest.approx(0.1, abs=1e-4)
-    assert len(monitor.pairs(3)) == 3
-    obstacles.remove(["near"])
-    assert {one.obstacle for one in monitor.pairs()} == {"far"}
-    see(obstacles, 0.001, [math.nan, 0.0, 0.0], ["lost"])
-    steps(monitor, 1, 1)
-    lost = monitor.pairs()[0]
-    assert (lost.obstacle, lost.contact_time, lost.bucket) == ("lost", 0.0, 0)
-    assert np.isnan(lost.point_on_link).all()
-
-
-def test_reports_leave_out_rows_that_changed_since():
-    obstacles, monitor = make_monitor()
-    see(obstacles, 0.0, [[1.5, 0.0, 0.5], [9.0, 0.0, 0.5]], ["near", "far"])
-    steps(monitor, 0, 1)
-    row = obstacles.row("near")
-    obstacles.remove(["near"])
-    # The table grows, and somebody else takes the row.
-    crowd = [f"crowd{k}" for k in range(100)]
-    see(obstacles, 0.001, np.full((100, 3), 50.0), crowd)
-    assert obstacles.ids[row].startswith("crowd")
-    assert {one.obstacle for one in monitor.pairs()} == {"far"}
-    obstacles.remove(["far", *crowd])
-    assert monitor.pairs() == []
-
-
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -324,85 +219,3 @@ def test_a_margin_counts_as_contact():
     for table in (obstacles, plain):
         see(table, 0.0, [2.5, 0.0, 0.5])
     assert steps(monitor, 0, 1)[0].contact_time < steps(other, 0, 1)[0].contact_time
-
-
-def test_memory_does_not_grow_while_ids_come_and_go():
-    obstacles, monitor = make_monitor("daa")
-
-    def churn(start, count):
-        for i in range(start, start + count):
-            names = [f"{i}-{k}" for k in range(8)]
-            far = np.full((8, 3), 5.0)
-            obstacles.update(names, i * PERIOD, far, radius=0.1, snapshot=True)
-            steps(monitor, i, 1)
-        monitor.pairs(4)
-        gc.collect()
-
-    churn(0, 550)  # Past the number of removals that are remembered.
-    tracemalloc.start()
-    churn(550, 550)  # By now all that is remembered was allocated under the tracer's eyes.
-    before, _ = tracemalloc.get_traced_memory()
-    churn(1100, 150)
-    after, _ = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert after - before < 20_000
-
-
-COMPILED_IN_A_TICK = """
-import sys
-import numpy as np
-from numba.core import event
-from numba.core.dispatcher import Dispatcher
-from scenes import DAA_LAWS, HOME, STILL, make_monitor, see
-
-def kernels():
-    return {
-        (name, key): len(value.overloads)
-        for name, module in list(sys.modules.items()) if name.startswith("armguard")
-        for key, value in vars(module).items() if isinstance(value, Dispatcher)
-    }
-
-for schedule in ("full", "distance", *DAA_LAWS):
-    obstacles, monitor = make_monitor(schedule)
-    before = kernels()
-    with event.install_recorder("numba:compile") as recorder:
-        for i in range(40):
-            t = i * 1e-3
-            see(obstacles, t, [[1.2, 0, 0.5], [9, 0, 0.5]], ["near", "far"])
-            obstacles.update(["box"], t, np.full((1, 8, 3), 4.0), radius=0.1)
-            obstacles.update([f"brief{i}"], t, [[8.0, i, 0.0]], radius=0.1)
-            if i == 0:
-                obstacles.add_static("table", [2.0, 0.0, 0.0], 0.1)
-            if i > 2:
-                obstacles.remove([f"brief{i - 1}"])
-            if i == 10:
-                see(obstacles, t, [9.0, 3.0, 0.5], ["far"])
-            if i == 12:
-                see(obstacles, t, [float("nan"), 3.0, 0.5], ["far"])
-            if i == 20:
-                see(obstacles, t, [9.0, 0.0, 0.5], ["far"], accel=12.0)
-            if i == 24:
-                see(obstacles, t + 1.0, [9.0, 0.0, 0.5], ["far"])
-            if i == 30:
-                monitor.step(t, HOME * 9.0, STILL)
-                monitor.reset()
-            if i == 32:
-                names = [f"many{k}" for k in range(99)]
-                see(obstacles, t, np.full((99, 3), 7.0), names)
-            verdict = monitor.step(t, HOME, STILL, t + 1e-4)
-            monitor.pairs()
-            assert not any("inside" in str(reason) for reason in verdict.reasons), verdict
-    changed = {name for name, count in kernels().items() if before.get(name) != count}
-    assert not recorder.buffer and not changed, (schedule, changed, recorder.buffer)
-"""
-
-
-def test_nothing_is_compiled_in_a_tick(request):
-    done = subprocess.run(
-        [sys.executable, "-c", COMPILED_IN_A_TICK],
-        cwd=request.path.parent,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr

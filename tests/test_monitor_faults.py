@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps, subjects
+from scenes import FAR, HOME, PERIOD, STILL, keep, kinds, make_monitor, panda, see, steps, subjects
 
 from armguard import obstacle_table, pair_watch
 from armguard.exceptions import ArmguardError
@@ -15,7 +15,6 @@ from armguard.obstacles import Obstacles
 from armguard.verdict import Effect, Level, ReasonKind
 
 HOLD = 0.3
-FAR = [20.0, 0.0, 0.5]
 
 SCHEDULES = ["full", "distance", "daa"]
 
@@ -29,15 +28,6 @@ def changed(vector, joint, value):
     vector = vector.copy()
     vector[joint] = value
     return vector
-
-
-def keep(obstacles, monitor, start, count, q=HOME, v=STILL):
-    """Ticks with a ball that is heard of in each."""
-    verdicts = []
-    for i in range(start, start + count):
-        see(obstacles, i * PERIOD, FAR)
-        verdicts.append(monitor.step(i * PERIOD, q, v))
-    return verdicts
 
 
 LATCHING = {
@@ -304,63 +294,6 @@ def test_steps_that_each_fit_but_not_together():
         see(obstacles, i * PERIOD, [FAR[0] - 0.09 * i, 0.0, 0.5], position_error=0.05)
         broken += [subjects(verdict, ReasonKind.BOUND_BROKEN) for verdict in steps(monitor, i, 1)]
     assert {"ball"} in broken
-
-
-class ForgetfulSchedule:
-    """Never names the pairs that it was given."""
-
-    measure, every_tick = "contact_time", False
-
-    def __init__(self):
-        self.pairs = np.zeros(0, dtype=np.int64)
-
-    def insert(self, pairs):
-        self.pairs = np.union1d(self.pairs, pairs)
-
-    def remove(self, pairs):
-        self.pairs = np.setdiff1d(self.pairs, pairs)
-
-    def touch(self, pairs):
-        pass
-
-    def settle(self, contact_times, stop_time):
-        pass
-
-    def due(self):
-        return np.zeros(0, dtype=np.int64)
-
-    flagged = due
-
-    def ranking(self):
-        return self.pairs
-
-
-def test_pairs_without_a_look_are_overdue():
-    obstacles, monitor = make_monitor(ForgetfulSchedule())
-    for verdict in keep(obstacles, monitor, 0, 3):
-        assert (verdict.level, verdict.complete) == (Level.STOP, False)
-        assert verdict.contact_time == 0.0
-        assert ReasonKind.OVERDUE in kinds(verdict)
-
-
-def test_a_certificate_that_ran_out_is_overdue():
-    obstacles, monitor = make_monitor(ForgetfulSchedule())
-    evaluate_once = np.arange(len(panda().links))
-    monitor._watch.schedule.due = lambda: evaluate_once
-    see(obstacles, 0.0, [8.0, 0.0, 0.5])
-    (first,) = steps(monitor, 0, 1)
-    assert (first.level, first.complete) == (Level.CLEAR, True)
-    del monitor._watch.schedule.due
-    for i in range(1, 2000):
-        obstacles.update([], i * PERIOD)
-        (verdict,) = steps(monitor, i, 1)
-        left = first.contact_time - i * PERIOD
-        assert verdict.contact_time <= max(left, 0.0) + 1e-12
-        assert verdict.complete == (verdict.contact_time > 0.0)
-        if not verdict.complete:
-            break
-    assert ReasonKind.OVERDUE in kinds(verdict)
-    assert i * PERIOD == pytest.approx(first.contact_time, abs=2.0 * PERIOD)
 
 
 garbage = st.one_of(

@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from contact_cases import CONVERGED, mixed_case, ordinary_case
+
+from armguard.contact import (
+    earliest_contact_hull,
+    pair_contact_time,
+    pair_distance_time,
+)
+
+
+def test_more_advances_never_lower_the_time():
+    rng = np.random.default_rng(6)
+    cases = [mixed_case(rng) for _ in range(1_000)]
+    for case in cases:
+        whole = case | {"p2": np.atleast_2d(case["p2"]), "v2": np.atleast_2d(case["v2"])}
+        times = [earliest_contact_hull(**whole, advances=k) for k in (1, 2, 3, 5, 8, 20)]
+        assert times == sorted(times)
+
+
+def test_cheaper_rung_is_below():
+    rng = np.random.default_rng(7)
+    points, velocities = np.zeros((8, 3)), np.zeros((8, 3))
+    positive = 0
+    for _ in range(2_000):
+        case = ordinary_case(rng, int(rng.integers(1, 9)))
+        corners = np.atleast_2d(case["p2"])
+        count = len(corners)
+        points[:count], velocities[:count] = corners, np.broadcast_to(case["v2"], corners.shape)
+        arguments = (
+            *case["p1"], *case["v1"], case["a1"], case["s1"], case["velocity_error1"], case["age1"],
+            points, velocities, count, case["a2"], case["s2"], case["velocity_error2"],
+            case["age2"], case["contact_distance"],
+        )  # fmt: skip
+        cheap = pair_distance_time(*arguments)
+        assert 0.0 <= cheap <= pair_contact_time(*arguments, CONVERGED) * (1.0 + 1e-9)
+        positive += cheap > 0.0
+    assert positive > 200
+
+
+def test_cheaper_rung_ends_at_0_where_speeds_overflow():
+    points, velocities = np.zeros((8, 3)), np.zeros((8, 3))
+    points[0], velocities[0] = 1.0, -1.7e308  # faster along the diagonal than a float can tell
+    for speed in (1.0, math.inf):
+        body = (points, velocities, 1, 1.0, speed, 0.0, 0.0)
+        assert pair_distance_time(*[0.0] * 10, *body, 0.0) == 0.0

@@ -1,0 +1,87 @@
+import itertools
+
+import numpy as np
+import pinocchio
+import pytest
+from arms import joint_xml, limits_for, link_xml, write_urdf
+
+from armguard.robot import Robot
+from armguard.robot_description import find_example_urdf, read_description
+from armguard.surface_distance import compute_signed_distances
+from armguard.urdf import read_urdf
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return Robot.load("panda")
+
+
+def test_fingers_are_covered_wherever_they_are_in_their_travel(panda):
+    path, packages = find_example_urdf("panda_description/urdf/panda.urdf")
+    model = pinocchio.buildModelFromUrdf(str(path))
+    geometry = pinocchio.buildGeomFromUrdf(
+        model, str(path), pinocchio.GeometryType.COLLISION, package_dirs=[str(packages)]
+    )
+    data, geometry_data = model.createData(), geometry.createData()
+    corners = np.array(list(itertools.product((-1, 1), repeat=3)), dtype=float)
+    for opening in np.linspace(0.0, 0.04, 9):
+        q = np.append(np.zeros(7), [opening, opening])
+        pinocchio.updateGeometryPlacements(model, data, geometry, geometry_data, q)
+        for i, shape in enumerate(geometry.geometryObjects):
+            link = model.frames[shape.parentFrame].name
+            if "finger" not in link:
+                continue
+            placement = data.oMi[7].actInv(geometry_data.oMg[i])
+            points = (corners * shape.geometry.halfSide) @ placement.rotation.T
+            points += placement.translation
+            assert (compute_signed_distances(points, panda.triangles(link)) < 1e-9).all()
+            for level in range(panda.cover.levels(link)):
+                balls = panda.cover.spheres(link, level)
+                offsets = np.linalg.norm(points[:, None] - balls[:, :3], axis=2)
+                assert (offsets <= balls[:, 3]).any(axis=1).all()
+
+
+def test_triangles_are_the_meshes_as_pinocchio_places_them(panda):
+    for shape in panda.collision_model.geometryObjects:
+        if shape.name in ("panda_link5_0", "panda_hand_0"):
+            link = panda.model.frames[shape.parentFrame].name
+            expected = shape.geometry.vertices() @ shape.placement.rotation.T
+            expected = np.unique(expected + shape.placement.translation, axis=0)
+            np.testing.assert_allclose(panda.hull(link), expected, atol=1e-15)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic", "fixed"])
+def test_a_travelling_link_is_all_that_it_reaches(tmp_path, kind):
+    def chain(kind):
+        return write_urdf(
+            tmp_path,
+            *(link_xml(name) for name in ("base", "upper", "lower", "tip")),
+            joint_xml("shoulder", "base", "upper"),
+            joint_xml("elbow", "upper", "lower", kind),
+            joint_xml("wrist", "lower", "tip", kind),
+        )
+
+    travel = {"elbow": [-0.4, 1.7], "wrist": [0.2, 2.0]}
+    locked = {joint: {"travel": ends} for joint, ends in travel.items()}
+    limits = limits_for("shoulder", locked=locked)
+    description = read_description(limits)
+    urdf = read_urdf(chain(kind), (), description.travelling)
+    robot = Robot("arm", urdf, description, ["shoulder"])
+    assert robot.links == ("upper", "lower", "tip")
+    # A joint that is drawn fixed turns all the same.
+    path = chain("revolute" if kind in ("fixed", "continuous") else kind)
+    full = pinocchio.buildModelFromUrdf(str(path))
+    data, number = full.createData(), full.getJointId("shoulder")
+    corners = np.array(list(itertools.product((-0.05, 0.05), (-0.03, 0.03), (-0.02, 0.02))))
+    reached = {"lower": [], "tip": []}
+    for shares in itertools.product(np.linspace(0.0, 1.0, 13), repeat=2):
+        q = np.zeros(3)
+        for share, (joint, (lower, upper)) in zip(shares, travel.items(), strict=True):
+            q[full.joints[full.getJointId(joint)].idx_q] = lower + share * (upper - lower)
+        pinocchio.forwardKinematics(full, data, q)
+        for link, joint in (("lower", "elbow"), ("tip", "wrist")):
+            placement = data.oMi[number].actInv(data.oMi[full.getJointId(joint)])
+            reached[link].append(corners @ placement.rotation.T + placement.translation)
+    for link, points in reached.items():
+        distances = compute_signed_distances(np.concatenate(points), robot.triangles(link))
+        assert distances.max() < 1e-9

@@ -1,0 +1,196 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armguard import ArmguardError
+from armguard.plausibility import (
+    ALLOWED,
+    NOT_FINITE,
+    POSITION_BY_ACCEL,
+    POSITION_BY_SPEED,
+    SHAPE,
+    TIME_BACKWARDS,
+    VELOCITY_BY_ACCEL,
+    VELOCITY_BY_SPEED,
+    JointHistory,
+)
+
+INF = math.inf
+LIMITS = {
+    "velocity_limit": np.array([2.0, 0.5, 3.0]),
+    "acceleration_limit": np.array([15.0, 7.5, 20.0]),
+}
+
+
+def history(position_error=1e-3, velocity_error=0.02):
+    return JointHistory(
+        **LIMITS,
+        position_error=np.full(3, position_error),
+        velocity_error=np.full(3, velocity_error),
+    )
+
+
+def move_joints(rng, steps, period):
+    """True joint states that press against their limits: constant acceleration in each step."""
+    top, accel = LIMITS["velocity_limit"], LIMITS["acceleration_limit"]
+    stamp, q, v = 0.0, np.zeros(3), np.zeros(3)
+    push = np.zeros(3)
+    for step in range(steps):
+        yield stamp, q.copy(), v.copy()
+        h = period * rng.uniform(0.2, 1.8)
+        if step % 50 == 0:
+            push = accel * rng.choice([-1.0, 0.0, 1.0, rng.uniform(-1, 1)], size=3)
+        after = np.clip(v + push * h, -top, top)
+        q = q + (v + after) / 2 * h
+        v = after
+        stamp += h
+
+
+@pytest.mark.parametrize("period", [1e-3, 2e-2])
+@pytest.mark.parametrize(
+    ("position_error", "velocity_error"), [(1e-3, 0.02), (1e-3, 1e-9), (1e-9, 0.02), (1e-11, 1e-9)]
+)
+def test_joints_within_limits_and_errors_never_fail(period, position_error, velocity_error):
+    rng = np.random.default_rng(3)
+    for epoch in (0.0, 12345.0, 1.7e9):
+        joints = history(position_error, velocity_error)
+        for stamp, q, v in move_joints(rng, 4000, period):
+            q = q + position_error * rng.choice([-1.0, 1.0], size=3) * (1 - 1e-9)
+            v = v + velocity_error * rng.choice([-1.0, 1.0], size=3) * (1 - 1e-9)
+            assert joints.accept(epoch + stamp, q, v) == ALLOWED, joints.describe("abc")
+            assert joints.joint == -1
+
+
+def test_a_jump_beyond_limits_and_errors_fails_at_once_and_leaves_the_history():
+    rng = np.random.default_rng(4)
+    joints = history()
+    last = 0.0
+    failures = set()
+    for stamp, q, v in move_joints(rng, 4000, 1e-3):
+        if stamp > 0.0:
+            elapsed = stamp - last
+            joint = int(rng.integers(3))
+            sign = rng.choice([-1.0, 1.0])
+            far, fast = q.copy(), v.copy()
+            top = LIMITS["velocity_limit"][joint]
+            # One error is spent on the state before, one on this one, the rest is impossible.
+            far[joint] += sign * ((top + abs(v[joint])) * elapsed + 2.0e-3) * 1.001
+            fast[joint] += sign * (2 * LIMITS["acceleration_limit"][joint] * elapsed + 0.04) * 1.001
+            code = joints.accept(stamp, far, v)
+            assert code in (POSITION_BY_SPEED, POSITION_BY_ACCEL)
+            assert joints.joint == joint
+            failures.add(code)
+            code = joints.accept(stamp, q, fast)
+            assert code in (VELOCITY_BY_ACCEL, VELOCITY_BY_SPEED)
+            assert joints.joint == joint
+            failures.add(code)
+        assert joints.accept(stamp, q, v) == ALLOWED
+        last = stamp
+    assert failures >= {POSITION_BY_SPEED, VELOCITY_BY_ACCEL, VELOCITY_BY_SPEED}
+
+
+def first_failure(states, **errors):
+    joints = history(**errors)
+    for stamp, q, v in states:
+        code = joints.accept(stamp, np.array([0.0, 0.0, q]), np.array([0.0, 0.0, v]))
+        if code != ALLOWED:
+            assert joints.joint == 2
+            return code, stamp
+    return ALLOWED, INF
+
+
+def test_breaking_a_limit_a_little_at_a_time_is_found_as_soon_as_errors_are_used_up():
+    times = np.arange(0.0, 2.0, 1e-3)
+    # 4 rad/s^2 beyond the limit: 2 dv = 0.04 rad/s are used up in 10 ms.
+    code, stamp = first_failure((t, 12.0 * t * t, 24.0 * t) for t in times)
+    assert code == VELOCITY_BY_ACCEL
+    assert stamp == pytest.approx(0.01, abs=2e-3)
+    # Beyond the speed limit by 0.1 rad/s while the velocity reads the limit: 2 dq in 20 ms.
+    code, stamp = first_failure((t, 3.1 * t, 3.0) for t in times)
+    assert code in (POSITION_BY_SPEED, POSITION_BY_ACCEL)
+    assert stamp <= 0.025
+    # Reads at rest but moves.
+    code, stamp = first_failure((t, 0.5 * t, 0.0) for t in times)
+    assert code == POSITION_BY_ACCEL
+    assert stamp < 0.1
+    # Faster than the limit, but not by more than the error: believed.
+    assert first_failure((t, 3.015 * t, 3.015) for t in times)[0] == ALLOWED
+    assert first_failure((t, 3.03 * t, 3.03) for t in times)[0] == VELOCITY_BY_SPEED
+
+
+def test_the_running_form_equals_a_look_at_the_whole_history():
+    rng = np.random.default_rng(5)
+    accel, top = 20.0, 3.0
+    position_error, velocity_error = 1e-3, 0.02
+    decided = {True: 0, False: 0}
+    for _ in range(200):
+        joints = history()
+        accepted = []
+        stamp, q, v = 0.0, 0.0, 0.0
+        for _ in range(30):
+            state = np.array([0.0, 0.0, q]), np.array([0.0, 0.0, v])
+            room = INF
+            for s0, q0, v0 in accepted:
+                h = stamp - s0
+                room = min(
+                    room,
+                    2 * velocity_error + accel * h - abs(v - v0),
+                    2 * position_error + top * h - abs(q - q0),
+                )
+            code = joints.accept(stamp, *state)
+            if code != POSITION_BY_ACCEL and abs(room) > 1e-9:
+                assert (code == ALLOWED) == (room > 0.0)
+                decided[room > 0.0] += 1
+            if code == ALLOWED:
+                accepted.append((stamp, q, v))
+            stamp, before, q0, v0 = stamp + rng.uniform(1e-3, 5e-3), *accepted[-1]
+            change = rng.uniform(-1.0, 1.0) * (accel * (stamp - before) + 0.05)
+            v = float(np.clip(v0 + change, -top, top))
+            q = q0 + (v0 + v) / 2 * (stamp - before) + rng.uniform(-1.5e-3, 1.5e-3)
+    assert min(decided.values()) > 100
+
+
+def test_states_that_are_no_states():
+    joints = history()
+    rest = np.zeros(3)
+    assert joints.accept(math.nan, rest, rest) == NOT_FINITE
+    assert joints.accept(0.0, np.array([0.0, math.nan, 0.0]), rest) == NOT_FINITE
+    assert joints.joint == 1
+    assert joints.describe(["a", "b", "c"]) == ("b", "is not finite")
+    assert joints.accept(0.0, rest, np.array([0.0, 0.0, INF])) == NOT_FINITE
+    assert joints.accept(0.0, np.zeros(2), rest) == SHAPE
+    assert joints.accept(1.0, rest, rest) == ALLOWED
+    assert joints.describe("abc") == ("joint states", "")
+    assert joints.accept(0.5, rest, rest) == TIME_BACKWARDS
+    assert joints.joint == -1
+    assert joints.accept(1.0, rest, rest) == ALLOWED
+
+
+def test_restart_forgets():
+    joints = history()
+    assert joints.accept(10.0, np.zeros(3), np.zeros(3)) == ALLOWED
+    assert joints.accept(10.001, np.ones(3), np.zeros(3)) == POSITION_BY_SPEED
+    assert joints.restart(5.0, np.ones(3), np.zeros(3)) == ALLOWED
+    assert joints.accept(5.001, np.ones(3), np.zeros(3)) == ALLOWED
+
+
+@pytest.mark.parametrize("bad", [-1.0, math.nan, INF])
+def test_limits_must_be_limits(bad):
+    with pytest.raises(ArmguardError, match="joint limits"):
+        JointHistory([bad], [1.0], [0.0], [0.0])
+
+
+@settings(max_examples=100)
+@given(st.lists(st.tuples(st.floats(), st.floats(), st.floats()), max_size=10))
+def test_hostile_joint_states_never_raise(states):
+    joints = JointHistory([2.0], [10.0], [1e-3], [0.02])
+    for stamp, q, v in states:
+        code = joints.accept(stamp, np.array([q]), np.array([v]))
+        assert ALLOWED <= code <= TIME_BACKWARDS
+        if code == ALLOWED:
+            assert abs(v) <= 2.02 * (1 + 1e-14)
