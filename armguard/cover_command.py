@@ -80,7 +80,7 @@ class Target:
         else:
             description = read_description(limits)
             title = name if self.cover else self.urdf.stem
-            urdf = read_urdf(self.urdf, folders)
+            urdf = read_urdf(self.urdf, folders, description.travelling)
             self.robot = Robot(title, urdf, description, list(description.joints))
 
 
