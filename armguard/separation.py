@@ -7,8 +7,6 @@ The rule in use today beside people, with the symbols of ISO/TS 15066 [Separatio
 the person's way until the robot rests, the robot's until it brakes and while it brakes, how far a
 person reaches past the sensor before it sees them, and what both positions may be off by. armguard
 computes it to be compared with; it is no claim that anything conforms to a standard.
-
-.. [Separation] ISO/TS 15066:2016, Robots and robotic devices - Collaborative robots, 5.5.4.
 """
 
 from __future__ import annotations
