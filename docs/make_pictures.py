@@ -1,0 +1,127 @@
+"""Pictures of covers for docs/covers.md: `python docs/make_pictures.py [ROBOT …]`.
+
+Each robot that armguard knows is drawn by the project's own view, its cover over its meshes, in a
+browser without a screen (Debian's Chromium, driven by Playwright, both from the extra `test`).
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from playwright.sync_api import Page, sync_playwright
+
+from armguard.kinematics import Kinematics
+from armguard.robot import Robot
+from armguard.robot_description import list_robots
+from armguard.view import (
+    FrameMessage,
+    FramePublisher,
+    LinkCover,
+    SceneMessage,
+    VerdictSummary,
+    compute_buckets,
+    launch,
+)
+
+FOLDER = Path(__file__).resolve().parent / "covers"
+CHROMIUM = "/usr/bin/chromium"
+FLAGS = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]
+PERIOD = 1e-3
+COLOURS = 200  # in the file: keeps it small
+DIRECTION = np.array([0.8, -0.5, 0.35])  # from the robot to the camera
+VISIBLE = 0.79, 0.69  # width and height of what is seen at a distance of 1
+
+# Postures in which an arm does not hide itself, in [rad] or [m]; others are drawn at rest.
+POSTURES = {
+    "panda": (0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8),
+    "xarm7": (0.0, -0.4, 0.0, 1.2, 0.0, 1.4, 0.0),
+    "ur5": (0.0, -1.2, 1.5, -0.4, 1.57, 0.0),
+    "ur10": (0.0, -1.2, 1.5, -0.4, 1.57, 0.0),
+    "kinova": (0.0, 2.6, 1.6, 0.0, 1.2, 0.0),
+}
+
+
+def choose_posture(robot: Robot) -> np.ndarray:
+    """Joint positions to be drawn in, in [rad] or [m]. Shape (nv,)."""
+    wanted = np.array(POSTURES.get(robot.name, np.zeros(len(robot.joints))))
+    return np.clip(wanted, robot.lower_position_limit, robot.upper_position_limit)
+
+
+def take_picture(page: Page, name: str) -> None:
+    """Draw one robot and save its picture."""
+    robot = Robot.load(name)
+    q = choose_posture(robot)
+    kinematics = Kinematics(robot)
+    kinematics.compute(q, np.zeros_like(q))
+    lower = np.minimum(kinematics.centers.min(axis=0), 0.0) - 0.1
+    upper = np.maximum(kinematics.centers.max(axis=0), 0.0) + 0.1
+    width, height = float(np.hypot(*(upper - lower)[:2])), float((upper - lower)[2])
+    middle = 0.5 * (lower + upper)
+    distance = 1.2 * max(height / VISIBLE[1], width / VISIBLE[0])
+    camera = middle + DIRECTION / np.linalg.norm(DIRECTION) * distance
+    covers = [
+        LinkCover.pack(
+            link, str(robot.model.names[robot.joint_index(link)]), robot.cover.spheres(link)
+        )
+        for link in robot.links
+    ]
+    count = sum(len(robot.cover.spheres(link)) for link in robot.links)
+    scene = SceneMessage(robot=name, joints=robot.joints, cover=tuple(covers), period=PERIOD)
+    buckets = bytes([int(compute_buckets(0.5, PERIOD))] * count)
+    verdict = VerdictSummary(level="CLEAR", contact_time=np.inf, stop_time=0.1)
+    publisher = FramePublisher("tcp://127.0.0.1:*")
+    try:
+        with launch(publisher.address) as view:
+            page.goto(view.url)
+            page.add_style_tag(content="section.card, .dg { display: none !important }")
+            page.evaluate(
+                "([camera, middle]) => {"
+                " viewer.camera.position.set(camera[0], camera[2], -camera[1]);"
+                " viewer.controls.target.set(middle[0], middle[2], -middle[1]);"
+                " viewer.controls.update(); viewer.set_dirty(); }",
+                [camera.tolist(), middle.tolist()],
+            )
+            for sequence in range(50):  # until the view has read the meshes and drawn them
+                publisher.publish_scene(scene)
+                publisher.publish_frame(
+                    FrameMessage(
+                        sequence=sequence,
+                        now=0.2 * sequence,
+                        q=tuple(q.tolist()),
+                        verdict=verdict,
+                        sphere_buckets=buckets,
+                    )
+                )
+                page.wait_for_timeout(200)
+            picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    finally:
+        publisher.close()
+    FOLDER.mkdir(exist_ok=True)
+    small = picture.quantize(COLOURS, dither=Image.Dither.NONE)
+    small.save(FOLDER / f"{name}.png", optimize=True)
+
+
+def main() -> None:
+    """Make the pictures of the robots named, or of all."""
+    with (
+        sync_playwright() as playwright,
+        playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS) as browser,
+    ):
+        for name in sys.argv[1:] or list_robots():
+            page = browser.new_page(viewport={"width": 640, "height": 560})
+            page.set_default_timeout(120_000)
+            take_picture(page, name)
+            page.close()
+
+
+if __name__ == "__main__":
+    main()
