@@ -75,7 +75,7 @@ class Cover:
             robot: Whose links to cover.
             spheres: At most so many leaves a link, which stick out as little as possible.
             protrusion: How far leaves may stick out, in [m]: as few as possible. If neither is
-                given, `DEFAULT_PROTRUSION`.
+                given, `DEFAULT_PROTRUSION`. Large open shells may miss it: see `check`.
             on_link: Called with the name of each link before it is fitted, to show progress.
 
         Raises:

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from armguard.cover import Cover
+from armguard.cover import DEFAULT_PROTRUSION, Cover
 from armguard.cover_report import CoverReport, LinkReport
 from armguard.exceptions import CoverError, RobotError
 from armguard.inflation import Gap, inflate_spheres, measure_gaps
@@ -36,6 +36,7 @@ from armguard.urdf import read_urdf
 from armguard.urdf_links import UrdfLinks
 
 FILE = "cover.json"
+TOLERANCE = 1e-4  # rounding and margins of radii stay below this, in [m]
 UNPROVED = 1
 """Exit code where something was asked to be covered and is not."""
 
@@ -153,7 +154,15 @@ def fit(target: Target, spheres: int | None, protrusion: float | None, folder: P
 
         cover = Cover.fit(robot, spheres=spheres, protrusion=protrusion, on_link=show)
         progress.update(bar, completed=len(begun), description="fitted and proved")
-    return _finish(cover, cover.check(robot), folder)
+    report = cover.check(robot)
+    code = _finish(cover, report, folder)
+    limit = protrusion or DEFAULT_PROTRUSION
+    for link, entry in report.links.items():
+        if spheres is None and not entry.max_protrusion <= limit + TOLERANCE:
+            _print(
+                f"{link}: sticks out by more than {1e3 * limit:g} mm; finer would need very many"
+            )
+    return code
 
 
 def prove(target: Target) -> int:

@@ -30,7 +30,9 @@ from armguard.surface_distance import (
 
 Array = NDArray[np.float64]
 
-_PIECES = 8000  # about as many pieces a link: finer ones fit tighter, and cost in proportion
+_PIECES = 2500  # about as many pieces a link: finer ones fit tighter, and cost in proportion
+_FINE_PIECES = 8000  # where spheres are to be few; no finer than
+_FINENESS = 0.25  # this share of the protrusion
 _CANDIDATES = 1500  # about as many candidate centres a link
 _SKIP = 4  # one piece in so many is enough to find where to start from
 _SWAPS = 8  # tries to save a smaller set by moving one centre far away
@@ -47,11 +49,14 @@ def fit_tree(
         spheres: At most so many leaves, which then stick out as little as possible, or
         protrusion: how far a leaf may stick out, in [m], with as few leaves as possible.
     """
-    pieces, surface = cut_triangles(triangles), arrange_surface(triangles)
+    surface = arrange_surface(triangles)
     if spheres is not None:
+        pieces = cut_triangles(triangles)
         centers = _fit_count(pieces, surface, spheres)
     else:
-        centers = _fit_protrusion(pieces, surface, float(protrusion or 0.0))
+        limit = float(protrusion or 0.0)
+        pieces = cut_triangles(triangles, _FINE_PIECES, _FINENESS * limit)
+        centers = _fit_protrusion(pieces, surface, limit)
     return build_tree(_assign_pieces(pieces, surface, centers))
 
 
@@ -64,12 +69,21 @@ def bisect_triangles(triangles: Array) -> Array:
     return np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
 
 
-def cut_triangles(triangles: Array) -> Array:
-    """Bisect triangles until all edges are short. Shape (m, 3, 3), in [m]."""
+def cut_triangles(triangles: Array, count: int = _PIECES, shortest: float = 0.0) -> Array:
+    """Bisect triangles until all edges are short.
+
+    Args:
+        triangles: In [m]. Shape (n, 3, 3).
+        count: About as many pieces would have edges of a common length, but
+        shortest: edges no longer than this need not be cut, in [m].
+
+    Returns:
+        Pieces in [m]. Shape (m, 3, 3).
+    """
     sides = triangles[:, 1:] - triangles[:, :1]
     area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()
     extent = np.ptp(triangles.reshape(-1, 3), axis=0).max()
-    longest = max(2.0 * math.sqrt(area / _PIECES), extent / 200.0)
+    longest = max(2.0 * math.sqrt(area / count), extent / 200.0, shortest)
     done = []
     while len(triangles):
         squared = ((triangles - np.roll(triangles, -1, axis=1)) ** 2).sum(axis=2).max(axis=1)
@@ -91,6 +105,7 @@ def _fit_count(pieces: Array, surface: Surface, count: int) -> Array:
 def _fit_protrusion(pieces: Array, surface: Surface, limit: float) -> Array:
     """As few centres as will do for balls that stick out by `limit`."""
     candidates, needed = _needed_by_candidates(pieces, surface)
+    # Where the grid is too coarse for the limit (open shells), a looser one will have to do.
     chosen = _cover(needed, max(limit, float(needed.min(axis=0).max())))
     centers, _ = _improve(pieces, surface, candidates[chosen])
     coarse = np.ascontiguousarray(needed[:, ::_SKIP])
@@ -181,7 +196,9 @@ def _cover_with(needed: Array, count: int) -> list[int]:
 def _drop_one(pieces: Array, surface: Surface, centers: Array) -> Array:
     """Leave out the centre whose pieces the others reach most easily."""
     needed = _compute_needed(pieces, surface, centers)
-    without = [np.delete(needed, i, axis=0).min(axis=0).max() for i in range(len(centers))]
+    owners, second = np.argmin(needed, axis=0), np.partition(needed, 1, axis=0)[1]
+    least = needed.min(axis=0).max()
+    without = [second[owners == i].max(initial=least) for i in range(len(centers))]
     return np.delete(centers, int(np.argmin(without)), axis=0)
 
 

