@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.compilation import kernel
-from armguard.obstacle_table import Marks, Samples, States
+from armguard.obstacle_table import Marks, News, Samples, States, note_row
 from armguard.plausibility import (
     ALLOWED,
     SHAPE,
@@ -224,6 +224,7 @@ def take_samples(
     accepted: States,
     refused: States,
     marks: Marks,
+    news: News,
     rows: IntArray,
     samples: Samples,
     stamp: float,
@@ -242,6 +243,7 @@ def take_samples(
         accepted: The table's accepted states; written.
         refused: The table's refused samples; written.
         marks: The table's marks; written.
+        news: Rows that changed; those whose state or refused sample changes here are entered.
         rows: Row of each sample, -1 to leave it alone. Shape (n,).
         samples: The samples; moved to the world frame in place.
         stamp: Of all of them, in [s].
@@ -274,8 +276,12 @@ def take_samples(
                 code = LATE
                 if stamp == accepted.stamp[row] and _widen(accepted, row, samples, i):
                     marks.revision[row] += 1
+                    note_row(news, row)
         if code != TAKEN:
             code, value = _set_aside(accepted, refused, marks, row, samples, i, stamp, code, value)
+        if code != LATE or marks.refused[row]:
+            # A late sample that agrees is no news, unless it became the refused one that counts.
+            note_row(news, row)
         codes[i] = code
         values[i] = value
         if code in (TAKEN, TRACK_CHANGED):

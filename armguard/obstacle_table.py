@@ -2,6 +2,7 @@
 
 A struct of arrays, one stable slot (row) for each obstacle, so that compiled loops read it as it
 is. Beside its last accepted state each row keeps its last refused sample, since both may be true.
+Rows whose states changed are listed, so that whoever watches looks at those and at no others.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from armguard.compilation import kernel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -64,6 +67,17 @@ class Marks(NamedTuple):
     """Consecutive samples beside the accepted track that agree with each other. Shape (rows,)."""
 
 
+class News(NamedTuple):
+    """Rows whose states or marks changed since whoever watches looked last."""
+
+    changed: IntArray
+    """Those rows, each once, in the order of their first change. Shape (rows,)."""
+    is_changed: BoolArray
+    """Whether a row is among them. Shape (rows,)."""
+    changed_count: IntArray
+    """How many entries of `changed` are in use. Shape (1,)."""
+
+
 class Samples(NamedTuple):
     """One call's samples, as measured in one frame, before they are judged."""
 
@@ -86,8 +100,8 @@ class Samples(NamedTuple):
 class ObstacleTable:
     """Rows of obstacles; the arrays are replaced by larger ones when it grows.
 
-    The fields of `States` and `Marks` are attributes (`table.points`, `table.alive`, …); those of
-    the last refused samples are called `refused_points`, and so on.
+    The fields of `States`, `Marks` and `News` are attributes (`table.points`, `table.alive`,
+    `table.changed`, …); those of the last refused samples are called `refused_points`, and so on.
     """
 
     points: FloatArray
@@ -116,13 +130,20 @@ class ObstacleTable:
     revision: IntArray
     owner: IntArray
     streak: IntArray
+    changed: IntArray
+    is_changed: BoolArray
+    changed_count: IntArray
 
     def __init__(self, capacity: int = 64) -> None:
         self._free: list[int] = []
+        nothing = np.zeros(0, dtype=np.int64)
+        self.news = News(nothing, np.zeros(0, dtype=bool), np.zeros(1, dtype=np.int64))
         self.marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 3))
         self.accepted = make_states(0)
         self.refused_states = make_states(0)
         self._grow(capacity)
+        note_row(self.news, 0)  # compiles it
+        clear_news(self.news)
 
     def take_row(self, owner: int) -> int:
         """A row for a new obstacle of this source, without a state; -1 if there is no room."""
@@ -139,12 +160,14 @@ class ObstacleTable:
         self.streak[row] = 0
         self.point_count[row] = self.refused_point_count[row] = 1
         self.revision[row] += 1
+        note_row(self.news, row)
         return row
 
     def free_row(self, row: int) -> None:
         """Gives a row back."""
         self.alive[row] = self.has_state[row] = self.refused[row] = False
         self._free.append(row)
+        note_row(self.news, row)
 
     def place_static(self, row: int, points: FloatArray, radius: float) -> None:
         """Lets a row stand still for ever: points in [m] of shape (k, 3), radius in [m]."""
@@ -154,6 +177,7 @@ class ObstacleTable:
         self.point_count[row] = len(points)
         self.radius[row] = radius
         self.static[row] = self.has_state[row] = True
+        note_row(self.news, row)
 
     def distrust(self, row: int) -> None:
         """Turns a row's accepted state into its refused sample; its whereabouts are unknown."""
@@ -165,6 +189,7 @@ class ObstacleTable:
         self.refused[row] = self.refused_finite[row] = True
         self.streak[row] = 0
         self.revision[row] += 1
+        note_row(self.news, row)
 
     def _grow(self, capacity: int) -> None:
         first = len(self.marks.alive)
@@ -174,11 +199,32 @@ class ObstacleTable:
             *(extend_rows(array, capacity) for array in self.refused_states)
         )
         self.marks = Marks(*(extend_rows(array, capacity) for array in self.marks))
-        for group in (self.accepted, self.marks):
+        changed, is_changed, changed_count = self.news
+        self.news = News(
+            extend_rows(changed, capacity), extend_rows(is_changed, capacity), changed_count
+        )
+        for group in (self.accepted, self.marks, self.news):
             for name, array in group._asdict().items():
                 setattr(self, name, array)
         for name, array in self.refused_states._asdict().items():
             setattr(self, f"refused_{name}", array)
+
+
+@kernel
+def note_row(news: News, row: int) -> None:
+    """Enter a row among those that changed."""
+    if not news.is_changed[row]:
+        news.is_changed[row] = True
+        news.changed[news.changed_count[0]] = row
+        news.changed_count[0] += 1
+
+
+@kernel
+def clear_news(news: News) -> None:
+    """Let no row count as changed; takes as long as there are changed ones."""
+    for i in range(news.changed_count[0]):
+        news.is_changed[news.changed[i]] = False
+    news.changed_count[0] = 0
 
 
 def make_states(rows: int) -> States:

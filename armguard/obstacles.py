@@ -255,6 +255,7 @@ class Obstacles(ObstacleRegister):
             self.table.accepted,
             self.table.refused_states,
             self.table.marks,
+            self.table.news,
             rows,
             samples,
             time,

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from obstacle_samples import check_invariants, kinds, see
 
+from armguard.obstacle_table import clear_news
 from armguard.obstacles import Fault, FaultKind, Obstacles
 
 INF = math.inf
@@ -278,6 +279,66 @@ def test_jumps_beyond_bounds_and_errors_are_always_refused():
     reach = (10.0 * h * h / 2 + 0.02) * rng.uniform(1.0 + 1e-9, 3.0, size=(count, 1))
     obstacles.update(names, h, position + away * reach, radius=0.1, position_error=0.01)
     assert obstacles.table.refused.sum() == count
+
+
+def drain(table):
+    rows = table.changed[: table.changed_count[0]].tolist()
+    clear_news(table.news)
+    return rows
+
+
+def test_news_are_rows_whose_states_or_refused_samples_changed():
+    obstacles = Obstacles()
+    a, b = see(obstacles, 1.0, id="a"), see(obstacles, 1.0, id="b")
+    table = obstacles.table
+    assert drain(table) == [a, b]
+    see(obstacles, 1.01, id="b")
+    see(obstacles, 1.02, id="b")
+    assert drain(table) == [b]
+    obstacles.update(["a", "b"], 1.03, [[0.0, 0, 0], [math.nan, 0, 0]], radius=0.1)
+    assert sorted(drain(table)) == [a, b]
+    see(obstacles, 1.02, id="a")
+    see(obstacles, 1.03, id="a")
+    assert drain(table) == []
+    see(obstacles, 1.03, id="a", radius=0.3)
+    assert drain(table) == [a]
+    see(obstacles, 1.04, id="a", source="other")
+    assert drain(table) == [a]
+    for i in range(5):
+        see(obstacles, 1.05 + 0.01 * i, x=1.0, id="a")
+        assert drain(table) == [a]
+
+
+def test_rows_that_are_no_news_are_as_they_were():
+    """Whatever samples come, in whatever order: what may matter to a watcher is told."""
+    rng = np.random.default_rng(3)
+    obstacles = Obstacles()
+    names = [f"n{i}" for i in range(6)]
+    for name in names:
+        see(obstacles, 1.0, id=name)
+    table = obstacles.table
+
+    def known():
+        marks = [table.has_state, table.refused, table.refused_finite, table.revision]
+        kept = np.stack([array.astype(float) for array in marks], axis=1)
+        told = [table.refused_points[:, 0, 0], table.refused_radius, table.refused_stamp]
+        told = np.where(table.refused[:, None], np.stack(told, axis=1), 0.0)
+        return np.hstack([kept, table.points[:, 0], table.radius[:, None], told])
+
+    quiet = 0
+    for step in range(600):
+        clear_news(table.news)
+        before = known()
+        for name in rng.choice(names, 2, replace=False):
+            stamp = 1.0 + 0.01 * (step // 6) + rng.choice([-0.02, 0.0, 0.01])
+            x = rng.choice([0.0, 0.0, 1.0, 5.0, math.nan], p=[0.4, 0.3, 0.2, 0.05, 0.05])
+            source = rng.choice(["default", "default", "default", "other"])
+            see(obstacles, stamp, x, id=name, radius=rng.choice([0.1, 0.2]), source=str(source))
+        after = known()
+        same = ((before == after) | (np.isnan(before) & np.isnan(after))).all(axis=1)
+        assert same[~table.is_changed].all()
+        quiet += int((~table.is_changed[:6]).sum())
+    assert quiet > 2000
 
 
 def read_recording(path):

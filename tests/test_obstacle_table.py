@@ -99,3 +99,52 @@ def test_what_stands_still_is_not_distrusted():
     table.distrust(row)
     assert table.has_state[row]
     assert not table.refused[row]
+
+
+def drain(table):
+    rows = table.changed[: table.changed_count[0]].tolist()
+    assert table.is_changed.sum() == len(set(rows)) == len(rows)
+    assert table.is_changed[rows].all()
+    obstacle_table.clear_news(table.news)
+    assert not table.is_changed.any()
+    return rows
+
+
+def test_a_changed_row_is_entered_once_until_it_is_drained():
+    table = ObstacleTable(4)
+    assert drain(table) == []
+    for _ in range(3):
+        table.take_row(0)
+    assert drain(table) == [0, 1, 2]
+    table.place_static(2, np.zeros((1, 3)), 0.1)
+    table.has_state[1] = True
+    table.distrust(1)
+    table.distrust(1)
+    table.distrust(2)
+    assert drain(table) == [2, 1]
+    table.free_row(1)
+    assert table.take_row(0) == 1
+    table.free_row(1)
+    assert drain(table) == [1]
+    assert drain(table) == []
+
+
+def test_changed_rows_survive_growth():
+    table = ObstacleTable(2)
+    for _ in range(9):
+        table.take_row(0)
+    assert table.changed is table.news.changed
+    assert len(table.changed) == len(table.is_changed) == len(table.alive)
+    assert drain(table) == list(range(9))
+    table.take_row(0)
+    assert drain(table) == [9]
+
+
+def test_changed_rows_are_never_more_than_rows(monkeypatch):
+    monkeypatch.setattr(obstacle_table, "MAXIMUM_ROWS", 8)
+    table = ObstacleTable(8)
+    for _ in range(100):
+        rows = [table.take_row(0) for _ in range(8)]
+        for row in rows:
+            table.free_row(row)
+    assert sorted(drain(table)) == list(range(8))
