@@ -1,14 +1,15 @@
 """Where the arm's spheres are and how fast they move: Pinocchio's results, read in place.
 
-`pinocchio.Data` keeps the placements and the spatial velocities of all joints in two C++ vectors.
-Strided NumPy views cover both, so one compiled kernel fills the centres and velocities of every
-sphere without a copy, an allocation or a Python loop. The layout behind those views is no promise
-of Pinocchio's, so it is checked against the library's own accessors at construction.
+One call of Pinocchio places all joints and fills the Jacobian; the rest is compiled. `pinocchio.Data`
+keeps the placements of all joints in a C++ vector, which a strided NumPy view covers, so one kernel
+fills the centres and velocities of every sphere without a copy, an allocation or a Python loop. The
+layout behind that view is no promise of Pinocchio's, so it is checked against the library's own
+accessors at construction.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,13 +21,32 @@ from armguard.robot import Robot
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
+Booleans = npt.NDArray[np.bool_]
 
 PLACEMENT_STRIDE = 96
 """Bytes from one joint placement to the next: rotation (column-major), then translation."""
 TRANSLATION_OFFSET = 72
-VELOCITY_STRIDE = 48
-"""Bytes from one spatial velocity to the next: linear, then angular."""
-ANGULAR_OFFSET = 24
+
+
+class ArmPlacement(NamedTuple):
+    """Where an arm's joints and spheres are, for compiled code; all but the last two are read."""
+
+    rotation: Floats
+    """Of joint frames, world from joint. Shape (J, 3, 3)."""
+    translation: Floats
+    """Origins of joint frames in the world, in [m]. Shape (J, 3)."""
+    jacobian: Floats
+    """Pinocchio's `data.J`: each joint's motion at the world's origin, linear first. Shape (6, nv)."""
+    moves: Booleans
+    """Which joints move which joint's frame. Shape (J, nv)."""
+    joint: Integers
+    """Pinocchio's index of the joint that carries each sphere. Shape (n,)."""
+    local: Floats
+    """Sphere centres in that joint's frame, in [m]. Shape (n, 3)."""
+    centers: Floats
+    """Sphere centres in the world, in [m]. Shape (n, 3)."""
+    velocities: Floats
+    """Their velocities in the world, in [m]/[s]. Shape (n, 3)."""
 
 
 class ArmSpheres:
@@ -75,6 +95,7 @@ class Kinematics:
         model: Pinocchio's model of the arm, its base placed in the world; `robot.model` stays
             untouched.
         data: The results of the last `compute`; `data.oMi` are placements in the world.
+        placement: All of it as arrays for compiled code; the views do not keep `data` alive.
         spheres: The arm's spheres, in the order of the arrays below.
         centers: Sphere centres in the world, in [m]; rewritten in place. Shape (n, 3).
         velocities: Their velocities in the world, in [m]/[s]; rewritten in place. Shape (n, 3).
@@ -99,8 +120,22 @@ class Kinematics:
         self._velocities: Floats = np.full((count, 3), np.nan)
         self.centers = _read_only(self._centers)
         self.velocities = _read_only(self._velocities)
-        # The views do not keep `data` alive: they must never leave this object.
-        self._views = _view_data(self.data, self.model.njoints)
+        moves = np.zeros((self.model.njoints, self.model.nv), dtype=np.bool_)
+        for carried in range(1, self.model.njoints):
+            for joint in self.model.supports[carried]:
+                if joint > 0:
+                    moves[carried, self.model.idx_vs[joint]] = True
+        pinocchio.computeJointJacobians(self.model, self.data, pinocchio.neutral(self.model))
+        # Its views do not keep `data` alive: whoever uses it holds on to this object.
+        self.placement = ArmPlacement(
+            *_view_data(self.data, self.model.njoints),
+            self.data.J,
+            moves,
+            self.spheres.joint,
+            self.spheres.local,
+            self._centers,
+            self._velocities,
+        )
 
     def compute(self, q: Floats, v: Floats) -> None:
         """Fill `centers` and `velocities` from one joint state.
@@ -122,9 +157,16 @@ class Kinematics:
                 expected=f"({self.model.nq},) for both",
                 remedy="give one value for each watched joint, in the order of robot.joints",
             )
-        pinocchio.forwardKinematics(self.model, self.data, q, v)
-        spheres = self.spheres
-        _move_spheres(*self._views, spheres.joint, spheres.local, self._centers, self._velocities)
+        self.place(q)
+        move_spheres(self.placement, v)
+
+    def place(self, q: Floats) -> None:
+        """Place the joints only; `move_spheres` on `placement` then does the rest.
+
+        Args:
+            q: Joint positions, in [rad] or [m]. Shape (nv,), not checked.
+        """
+        pinocchio.computeJointJacobians(self.model, self.data, q)
 
 
 def _place_model(model: Any, base_placement: pinocchio.SE3 | None) -> Any:
@@ -146,61 +188,68 @@ def _place_model(model: Any, base_placement: pinocchio.SE3 | None) -> Any:
     return placed
 
 
-def _view_data(data: Any, joint_count: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Views on all rotations (J, 3, 3), translations, linear and angular velocities (J, 3)."""
-    placement, velocity = data.oMi[0], data.v[0]
-    placements, velocities = _address(placement.rotation), _address(velocity.linear)
+def _view_data(data: Any, joint_count: int) -> tuple[Floats, Floats]:
+    """Views on the rotations (J, 3, 3) and translations (J, 3) of all joints' placements."""
+    placement = data.oMi[0]
+    placements = _address(placement.rotation)
     for joint in range(joint_count):
         start = placements + joint * PLACEMENT_STRIDE
-        spatial = velocities + joint * VELOCITY_STRIDE
-        found = data.oMi[joint], data.v[joint]
+        found = data.oMi[joint]
         if not (
-            _address(found[0].rotation) == start
-            and found[0].rotation.strides == (8, 24)
-            and _address(found[0].translation) == start + TRANSLATION_OFFSET
-            and _address(found[1].linear) == spatial
-            and _address(found[1].angular) == spatial + ANGULAR_OFFSET
+            _address(found.rotation) == start
+            and found.rotation.strides == (8, 24)
+            and _address(found.translation) == start + TRANSLATION_OFFSET
         ):
             raise ArmguardError(
                 f"pinocchio {pinocchio.__version__}",
-                f"keeps joint {joint}'s placement or velocity elsewhere in memory",
-                expected=f"placements {PLACEMENT_STRIDE} and velocities {VELOCITY_STRIDE} bytes "
-                "apart, as in pinocchio 4.1",
+                f"keeps joint {joint}'s placement elsewhere in memory",
+                expected=f"placements {PLACEMENT_STRIDE} bytes apart, as in pinocchio 4.1",
                 remedy="install a version of pin that armguard's requirements allow",
             )
-    rows = (joint_count, 3)
     strided = np.lib.stride_tricks.as_strided
     return (
-        strided(placement.rotation, (*rows, 3), (PLACEMENT_STRIDE, 8, 24), writeable=False),
-        strided(placement.translation, rows, (PLACEMENT_STRIDE, 8), writeable=False),
-        strided(velocity.linear, rows, (VELOCITY_STRIDE, 8), writeable=False),
-        strided(velocity.angular, rows, (VELOCITY_STRIDE, 8), writeable=False),
+        strided(
+            placement.rotation, (joint_count, 3, 3), (PLACEMENT_STRIDE, 8, 24), writeable=False
+        ),
+        strided(placement.translation, (joint_count, 3), (PLACEMENT_STRIDE, 8), writeable=False),
     )
 
 
 @kernel
-def _move_spheres(
-    rotation: Floats,
-    translation: Floats,
-    linear: Floats,
-    angular: Floats,
-    joint: Integers,
-    local: Floats,
-    centers: Floats,
-    velocities: Floats,
-) -> None:
-    """Carry each local centre p into the world: R p + t, and R (v + w x p), v and w being local."""
-    for i in range(joint.shape[0]):
-        j = joint[i]
-        x, y, z = local[i, 0], local[i, 1], local[i, 2]
-        wx, wy, wz = angular[j, 0], angular[j, 1], angular[j, 2]
-        vx = linear[j, 0] + wy * z - wz * y
-        vy = linear[j, 1] + wz * x - wx * z
-        vz = linear[j, 2] + wx * y - wy * x
-        for row in range(3):
-            a, b, c = rotation[j, row, 0], rotation[j, row, 1], rotation[j, row, 2]
-            centers[i, row] = a * x + b * y + c * z + translation[j, row]
-            velocities[i, row] = a * vx + b * vy + c * vz
+def move_spheres(placement: ArmPlacement, v: Floats) -> None:
+    """Fill centres and velocities of all spheres, after Pinocchio has placed the joints.
+
+    A centre p is carried into the world as R p + t; the joints that move it add up to a linear
+    velocity l at the world's origin and an angular one w, and it moves at l + w x p.
+
+    Args:
+        placement: Its last two arrays are filled.
+        v: Joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
+    """
+    jacobian, centers, velocities = placement.jacobian, placement.centers, placement.velocities
+    carried = -1
+    lx = ly = lz = wx = wy = wz = 0.0
+    for i in range(placement.joint.shape[0]):
+        if placement.joint[i] != carried:
+            carried = placement.joint[i]
+            lx = ly = lz = wx = wy = wz = 0.0
+            for j in range(v.shape[0]):
+                if placement.moves[carried, j]:
+                    lx += jacobian[0, j] * v[j]
+                    ly += jacobian[1, j] * v[j]
+                    lz += jacobian[2, j] * v[j]
+                    wx += jacobian[3, j] * v[j]
+                    wy += jacobian[4, j] * v[j]
+                    wz += jacobian[5, j] * v[j]
+        px, py, pz = placement.local[i, 0], placement.local[i, 1], placement.local[i, 2]
+        rotation, translation = placement.rotation[carried], placement.translation[carried]
+        x = rotation[0, 0] * px + rotation[0, 1] * py + rotation[0, 2] * pz + translation[0]
+        y = rotation[1, 0] * px + rotation[1, 1] * py + rotation[1, 2] * pz + translation[1]
+        z = rotation[2, 0] * px + rotation[2, 1] * py + rotation[2, 2] * pz + translation[2]
+        centers[i, 0], centers[i, 1], centers[i, 2] = x, y, z
+        velocities[i, 0] = lx + wy * z - wz * y
+        velocities[i, 1] = ly + wz * x - wx * z
+        velocities[i, 2] = lz + wx * y - wy * x
 
 
 def _address(array: npt.NDArray[Any]) -> int:
