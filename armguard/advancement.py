@@ -199,7 +199,7 @@ def pair_contact_time(  # type: ignore[no-untyped-def]
     (px, py, pz) is the centre of the sphere at its stamp in [m], (vx, vy, vz) its velocity in
     [m/s]; accel1 [m/s^2] and speed1 [m/s] are its bounds, inf where there is none; velocity_error1
     [m/s] is what the velocity may be off by; age1 [s] is now minus its stamp, negative where that
-    is newer than now. `points` and `velocities`, shape (8, 3), float64, [m] and [m/s], are the
+    is newer than now. `points` and `velocities`, shape (k, 3), float64, [m] and [m/s], are the
     corners of the hull: count 1 is a ball, 2 a capsule, 8 a box; their bounds, error and age hold
     for each corner. contact_distance [m] is both radii, margin and position errors. `advances` is
     the most tangent advances: more come closer, and every number is safe.
@@ -221,7 +221,7 @@ def row_contact_time(  # type: ignore[no-untyped-def]
     points, velocities, row, count, accel2, speed2, velocity_error2, age2,
     contact_distance, advances,
 ):  # fmt: skip
-    """`pair_contact_time` for one row of arrays of the shape (n, 8, 3).
+    """`pair_contact_time` for one row of arrays of the shape (n, k, 3).
 
     Written out in its caller before that is compiled: to hand arrays over, and rows of them, takes
     as long, for counting references to them, as an advance of a ball.

@@ -73,7 +73,7 @@ def _carried(j, ox, oy, oz, points, velocities, carry):  # type: ignore[no-untyp
 def nearest_on_hull(ox, oy, oz, points, velocities, count, carry):  # type: ignore[no-untyped-def]
     """Vector from (ox, oy, oz) to the hull of points[:count], each carried for `carry` seconds.
 
-    Arrays have the shape (8, 3), in [m] and [m/s]. The zero vector or a poor one where the origin
+    Arrays have the shape (k, 3), in [m] and [m/s]. The zero vector or a poor one where the origin
     is inside the hull or the hull is beyond what squares can hold.
     """
     i0 = 0

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.compilation import kernel
-from armguard.obstacle_table import States, extend_rows, make_states
+from armguard.obstacle_table import States, extend_rows, make_states, resize_states
 from armguard.pairs import FloatArray, IntArray, TickState
 from armguard.plausibility import ALLOWED, body_allows
 
@@ -174,6 +174,9 @@ class PairLedger:
 
     def _anchor(self, pairs: IntArray, state: TickState) -> None:
         """Keep the states that certificates made in this tick rest on."""
+        width = state.bodies.points.shape[1]
+        if width > self._anchors.points.shape[1]:
+            self._anchors = resize_states(self._anchors, len(self._anchors.stamp), width)
         _anchor(pairs, self.link_count, state.marks.has_state, *state.bodies, *self._anchors)
 
     def _test(self, pairs: IntArray, state: TickState, revision: IntArray) -> NDArray[np.int8]:
@@ -205,7 +208,8 @@ class PairLedger:
         self.sphere = extend_rows(self.sphere, size)
         self._seen_revision = extend_rows(self._seen_revision, capacity)
         if self.keeps_certificates:
-            self._anchors = States(*(extend_rows(array, size) for array in self._anchors))
+            width = self._anchors.points.shape[1]
+            self._anchors = resize_states(self._anchors, size, width)
             self._outcomes = np.zeros(size, dtype=np.int8)
 
 

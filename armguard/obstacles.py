@@ -251,6 +251,7 @@ class Obstacles(ObstacleRegister):
         codes = np.zeros(len(rows), dtype=np.int64)
         values = np.zeros(len(rows))
         place = self._frames[frame]
+        self.table.widen(samples.points.shape[1])
         taken = rule.take_samples(
             self.table.accepted,
             self.table.refused_states,

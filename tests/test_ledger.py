@@ -301,3 +301,31 @@ def test_pairs_never_looked_at_cannot_be_disturbed():
     scene.see(0.1, 3.0, radius=0.5)
     assert scene.disturbed() == ([], [])
     assert scene.ledger.earliest(0.0, 1)[1:] == (0.0, LINKS)
+
+
+def test_anchors_of_balls_and_boxes_side_by_side():
+    """A box that comes later gives every anchor more room; those of balls still hold."""
+    scene = Scene()
+    ball = scene.see(0.0, 3.0)
+    scene.look(scene.follow()[0])
+    points = np.random.default_rng(0).normal(size=(1, 8, 3)) + 5.0
+    still = np.zeros((1, 8, 3))
+    scene.obstacles.update(["box"], 0.0, points, still, radius=0.1)
+    fresh, _ = scene.follow()
+    scene.see(0.01, 3.0)
+    assert scene.disturbed() == ([], [])
+    scene.look(fresh)
+    box = scene.obstacles.row("box")
+    assert fresh.tolist() == pairs_of(box)
+    scene.obstacles.update(["box"], 0.02, points, still, radius=0.1)
+    assert scene.disturbed() == ([], [])
+    scene.obstacles.update(["box"], 0.04, points, still, radius=0.2)
+    assert scene.disturbed() == (pairs_of(box), [])
+    scene.look(fresh)
+    for i in range(5):
+        moved = points.copy()
+        moved[0, 7] += 1.0
+        scene.obstacles.update(["box"], 0.05 + 0.01 * i, moved, still, radius=0.2)
+    assert scene.disturbed() == ([], pairs_of(box))
+    scene.see(0.1, 3.0, radius=0.3)
+    assert scene.disturbed() == (pairs_of(ball), [])

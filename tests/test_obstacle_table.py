@@ -148,3 +148,66 @@ def test_changed_rows_are_never_more_than_rows(monkeypatch):
         for row in rows:
             table.free_row(row)
     assert sorted(drain(table)) == list(range(8))
+
+
+def test_points_have_as_much_room_as_the_scene_requires():
+    obstacles = Obstacles()
+    ball = see(obstacles, 0.0, x=3.0)
+    aside = see(obstacles, 0.0, x=1.0, id="aside")
+    see(obstacles, 0.01, x=2.0, id="aside")
+    table = obstacles.table
+    widths = []
+    for count in (1, 2, 3, 4, 5, 8, 2):
+        points = np.arange(3.0 * count).reshape(1, count, 3)
+        obstacles.update([f"hull{count}"], 0.01, points, radius=0.0)
+        row = obstacles.row(f"hull{count}")
+        assert table.point_count[row] == count
+        assert np.array_equal(table.points[row, :count], points[0])
+        assert not table.points[row, count:].any()
+        shapes = {
+            group._asdict()[field].shape
+            for group in (table.accepted, table.refused_states)
+            for field in ("points", "velocities")
+        }
+        assert len(shapes) == 1
+        widths.append(shapes.pop()[1])
+        assert table.points is table.accepted.points
+        assert table.refused_points is table.refused_states.points
+        assert (table.points[ball, 0, 0], table.radius[ball]) == (3.0, 0.1)
+        assert (table.refused_points[aside, 0, 0], table.refused_radius[aside]) == (2.0, 0.1)
+        assert table.refused_point_count[aside] == 1
+        check_invariants(obstacles)
+    assert widths == [1, 2, 4, 4, 8, 8, 8]
+
+
+def test_room_for_points_is_made_for_refused_samples_and_statics_too():
+    obstacles = Obstacles()
+    row = see(obstacles, 0.0)
+    obstacles.update(["a"], 0.01, np.ones((1, 2, 3)), radius=0.1)
+    table = obstacles.table
+    assert (table.point_count[row], table.refused_point_count[row]) == (1, 2)
+    assert table.refused_points[row].tolist() == np.ones((2, 3)).tolist()
+    obstacles.distrust(row)
+    assert table.refused_point_count[row] == 1
+    obstacles.add_static("box", np.ones((8, 3)), 0.0)
+    assert (table.points[obstacles.row("box")] == 1.0).all()
+
+
+def test_a_track_about_to_be_believed_survives_a_larger_table():
+    """Also where a late sample began it, so that none stands refused beside the state."""
+    obstacles = Obstacles()
+    row = see(obstacles, 1.0)
+    see(obstacles, 0.99)
+    assert not obstacles.table.refused[row]
+    kept = [array[row].copy() for array in obstacles.table.refused_states]
+    assert obstacles.table.streak[row] == 1
+    names = [f"n{i}" for i in range(300)]
+    obstacles.update(names, 1.0, np.zeros((300, 8, 3)), radius=0.1)
+    for before, after in zip(kept, obstacles.table.refused_states, strict=True):
+        assert np.array_equal(np.ravel(before), np.ravel(after[row])[: np.size(before)])
+
+
+def test_ten_thousand_balls_take_little_memory():
+    table = ObstacleTable(10_000)
+    groups = (table.accepted, table.refused_states, table.marks, table.news)
+    assert sum(array.nbytes for group in groups for array in group) < 260 * 10_000

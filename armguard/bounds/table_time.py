@@ -145,8 +145,8 @@ def table_contact_time(
         lever: The sphere's row of the motion's `lever`. Shape (nv,).
         slope_error: The sphere's row of the motion's `slope_error`. Shape (nv,).
         table: What the motion's `tabulate` filled for this tick.
-        points: Corners of the obstacle's hull at its stamp, in [m]. Shape (8, 3).
-        velocities: Their velocities, in [m]/[s]. Shape (8, 3).
+        points: Corners of the obstacle's hull at its stamp, in [m]. Shape (k, 3).
+        velocities: Their velocities, in [m]/[s]. Shape (k, 3).
         count: How many of the corners count.
         accel: Bound on each corner's acceleration, in [m]/[s²]; may be inf.
         speed: Bound on each corner's speed, in [m]/[s]; may be inf.
