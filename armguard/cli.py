@@ -97,6 +97,8 @@ class Run:
     """What a reset message must carry; without one, none is obeyed."""
     recorded: Flag = False
     """Standard input is a recording: its first stamp is now, and later lines wait their turn."""
+    no_realtime: Flag = False
+    """Do not ask the system for real-time scheduling and memory kept in RAM."""
     duration: float = float("inf")
     """How long to run, in seconds."""
     json: Flag = False
@@ -118,6 +120,7 @@ class Run:
             view_address=self.view,
             reset_token=self.reset_token,
             recorded=self.recorded,
+            realtime=not self.no_realtime,
             duration=self.duration,
             as_json=self.json,
         )

@@ -1,13 +1,13 @@
 """The rate loop: drain inputs, step the monitor, publish the verdict, sleep to the deadline.
 
 One thread, no locks. Deadlines are absolute, on a grid that never drifts; a tick that overruns
-skips the deadlines it has missed, and they are counted. Whatever draws or records is another
-process: five milliseconds of Python in a thread make one tick in thirty late.
+skips the deadlines it has missed, and they are counted. Garbage is collected in the idle time.
+Whatever draws or records is another process: five milliseconds of Python in a thread make one tick
+in thirty late.
 """
 
 from __future__ import annotations
 
-import gc
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -15,8 +15,11 @@ from typing import NamedTuple
 from armguard.cell import Cell
 from armguard.cell_schema import given
 from armguard.clock import Clock, MonotonicClock
+from armguard.ending import complain
+from armguard.garbage import IdleCollector
 from armguard.latency import Durations
 from armguard.monitor import Monitor
+from armguard.realtime import Realtime, request_realtime
 from armguard.streams import (
     JOINTS_ADDRESS,
     OBSTACLES_ADDRESS,
@@ -31,6 +34,11 @@ from armguard.streams import (
     VerdictPublisher,
 )
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
+
+LONGEST_SPELL = 0.19
+REST = 0.01
+"""[s]. A loop that had no time to sleep for so long sleeps for so long: with real-time scheduling,
+nobody else may have run meanwhile. It is the part of the time that Linux keeps for others too."""
 
 
 class LoopReport(NamedTuple):
@@ -52,6 +60,8 @@ class LoopReport(NamedTuple):
     """Faults of messages, by kind and source."""
     monitor_faults: int
     """Refused rows and calls, and joint states not believed."""
+    realtime: Realtime | None = None
+    """What the system granted; None: it was not asked."""
 
 
 class RateLoop:
@@ -95,15 +105,25 @@ class RateLoop:
 
     def run(self, duration: float = math.inf) -> LoopReport:
         """Loop for `duration` [s], until Ctrl-C (KeyboardInterrupt), or the end of an input."""
+        with IdleCollector(self.clock) as collector:
+            self._loop(duration, collector)
+        return self.report()
+
+    def _loop(self, duration: float, collector: IdleCollector) -> None:
         clock, period = self.clock, self.monitor.period
-        # Collections of the long-lived heap would take tens of milliseconds in mid-tick.
-        gc.collect()
-        gc.freeze()
-        start = clock.now()
+        start = end = slept = clock.now()
         tick = 0
         try:
             while tick * period < duration:
-                clock.sleep_until(start + tick * period)
+                deadline = start + tick * period
+                if end < deadline:
+                    collector.collect(deadline - end)
+                    clock.sleep_until(deadline)
+                    slept = deadline
+                elif end - slept > LONGEST_SPELL:
+                    collector.collect(0.0)
+                    slept = end + REST
+                    clock.sleep_until(slept)
                 begin = clock.now()
                 ended = any(source.ended for source in self._inputs)
                 self.tick()
@@ -121,9 +141,6 @@ class RateLoop:
                     break
         except KeyboardInterrupt:
             pass
-        finally:
-            gc.unfreeze()
-        return self.report()
 
     def tick(self) -> Verdict:
         """Drain, step, publish."""
@@ -172,6 +189,7 @@ def run(
     recorded: bool = False,
     duration: float = math.inf,
     reset_token: str | None = None,
+    realtime: bool = False,
     observe: Callable[[RateLoop, Verdict], None] | None = None,
     prepared: Callable[[Monitor], None] | None = None,
 ) -> LoopReport:
@@ -188,6 +206,8 @@ def run(
             and each line waits until it is due.
         duration: How long to run, in [s].
         reset_token: What a reset message must carry; without one, none is obeyed.
+        realtime: Whether to ask the system for real-time scheduling and locked memory; what it
+            refuses is told on standard error.
         observe: Sees each verdict, with the loop, after it was published; must not block.
         prepared: Called with the monitor when everything is compiled, before the first tick.
 
@@ -225,7 +245,12 @@ def run(
         publisher = VerdictPublisher(verdicts_address, edge.offset)
         opened.append(publisher)
         loop = RateLoop(monitor, edge, inputs, clock, publisher.publish, observe)
-        return loop.run(duration)
+        if not realtime:
+            return loop.run(duration)
+        with request_realtime() as granted:
+            for line in granted.refusals:
+                complain(line)
+            return loop.run(duration)._replace(realtime=granted)
     finally:
         for resource in opened:
             resource.close()

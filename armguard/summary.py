@@ -8,6 +8,7 @@ from typing import Any
 from rich.table import Table
 
 from armguard.loop import LoopReport
+from armguard.realtime import Realtime
 from armguard.tally import Tally
 
 COLORS = {"STOP": "red", "SLOW": "yellow", "AWARE": "cyan", "CLEAR": "green"}
@@ -28,6 +29,7 @@ def summarise(report: LoopReport, tally: Tally) -> dict[str, Any]:
             for name, time in times.items()
         },
         "late": report.late,
+        "realtime": _describe_realtime(report.realtime),
         "incomplete": tally.incomplete,
         "faults": report.monitor_faults + sum(report.faults.values()),
         "received": report.received,
@@ -50,6 +52,21 @@ def draw_summary(summary: dict[str, Any]) -> Table:
     names = ("p50", "p99", "p99.9", "max")
     times = ["–" if spent[name] is None else f"{spent[name]:.0f}" for name in names]
     table.add_row("tick " + " / ".join(names), " / ".join(times) + " µs")
+    table.add_row("real time", _tell_realtime(summary["realtime"]))
     table.add_row("incomplete ticks", str(summary["incomplete"]))
     table.add_row("faults", str(summary["faults"]))
     return table
+
+
+def _describe_realtime(realtime: Realtime | None) -> dict[str, Any] | None:
+    if realtime is None:
+        return None
+    return {"priority": realtime.priority, "memory_locked": realtime.memory_locked}
+
+
+def _tell_realtime(granted: dict[str, Any] | None) -> str:
+    if granted is None:
+        return "not asked for"
+    priority = granted["priority"]
+    scheduling = f"scheduled with priority {priority}" if priority else "scheduling refused"
+    return scheduling + (", memory locked" if granted["memory_locked"] else ", memory not locked")

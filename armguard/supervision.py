@@ -37,6 +37,7 @@ def supervise(
     view_address: str | None,
     reset_token: str | None,
     recorded: bool,
+    realtime: bool,
     duration: float,
     as_json: bool,
 ) -> int:
@@ -50,6 +51,7 @@ def supervise(
         view_address: Bound for views; None: no feed.
         reset_token: What a reset message must carry.
         recorded: Whether standard input is a recording.
+        realtime: Whether to ask the system for real-time scheduling and locked memory.
         duration: How long, in [s].
         as_json: Print one JSON object instead of a table.
 
@@ -85,6 +87,7 @@ def supervise(
                 duration=duration,
                 recorded=recorded,
                 reset_token=reset_token,
+                realtime=realtime,
                 observe=observer.observe,
                 prepared=lambda _: waiting.stop(),
             )

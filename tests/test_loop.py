@@ -1,5 +1,7 @@
+import gc
 import importlib.util
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -13,7 +15,7 @@ import pytest
 from armguard.cell import Cell
 from armguard.clock import ManualClock
 from armguard.exceptions import StreamError
-from armguard.loop import RateLoop, run
+from armguard.loop import LONGEST_SPELL, REST, RateLoop, run
 from armguard.streams import Edge, FaultLog, Publisher, SocketInput, VerdictReader
 from armguard.verdict import Level, ReasonKind
 
@@ -122,6 +124,48 @@ def test_late_ticks_are_counted_and_the_grid_stays():
     assert report.p50 == 0.0 or report.p50 < 1e-6
 
 
+def test_a_loop_that_is_always_late_leaves_time_to_others():
+    """Its deadlines are gone, and yet it sleeps: with real-time scheduling nobody else runs."""
+    clock = ManualClock(10.0)
+    begins = []
+
+    def publish(verdict):
+        begins.append(clock.now())
+        clock.sleep_until(clock.now() + 0.0013)
+
+    report = make_loop(Script(*[[]] * 10_000), clock, publish).run(duration=2.0)
+    assert report.late == report.ticks
+    gaps = np.diff(begins) - 0.0013
+    rests = np.flatnonzero(gaps > 1e-6)
+    assert gaps[rests] == pytest.approx(REST)
+    assert np.diff(begins)[: rests[0]].sum() <= LONGEST_SPELL + 0.0014
+    assert np.diff(rests).max() * 0.0013 <= LONGEST_SPELL + 0.0014
+    assert gaps.sum() >= 0.04 * (begins[-1] - begins[0])
+
+
+def test_garbage_is_collected_between_ticks_and_never_in_one():
+    clock, within, collected = ManualClock(), [False], []
+
+    def publish(verdict):
+        for _ in range(1000):
+            knot = []
+            knot.append(knot)
+        within[0] = False
+
+    script = Script(*[[]] * 100)
+    receive = script.receive
+    script.receive = lambda: (within.__setitem__(0, True), receive())[1]
+    watch = lambda phase, info: collected.append(within[0])  # noqa: E731  # removed by identity
+    loop = make_loop(script, clock, publish)
+    gc.callbacks.append(watch)
+    try:
+        loop.run()
+    finally:
+        gc.callbacks.remove(watch)
+    assert len(collected) > 100
+    assert not any(collected)
+
+
 def test_a_latched_stop_is_reset_by_the_token():
     verdicts = []
     bad = joints(0.001, q=[9.0] * 7)
@@ -171,6 +215,28 @@ def test_obstacles_and_joints_in_verdicts_out(tmp_path):
         assert report.faults == {}
         assert reader.silent(verdict.valid_until + 0.001)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("realtime", [True, False])
+def test_what_the_system_refuses_is_told_once(tmp_path, capsys, realtime):
+    addresses = [f"ipc://{tmp_path}/{name}" for name in ("obstacles", "joints", "verdicts")]
+    policies = set()
+    report = run(
+        Cell.from_text(CELL),
+        *addresses,
+        duration=0.05,
+        realtime=realtime,
+        observe=lambda loop, verdict: policies.add(os.sched_getscheduler(0)),
+    )
+    lines = capsys.readouterr().err.splitlines()
+    if realtime:
+        assert lines == [f"armguard: {line}" for line in report.realtime.refusals]
+        assert (policies == {os.SCHED_OTHER}) == (report.realtime.priority == 0)
+    else:
+        assert report.realtime is None
+        assert not lines
+        assert policies == {os.SCHED_OTHER}
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
 
 def test_an_address_in_use_gives_back_what_was_opened(tmp_path):

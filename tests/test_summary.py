@@ -5,6 +5,7 @@ import pytest
 from rich.console import Console
 
 from armguard.loop import LoopReport
+from armguard.realtime import Realtime
 from armguard.summary import COLORS, draw_summary, summarise
 from armguard.tally import Tally
 from armguard.verdict import Level
@@ -51,6 +52,22 @@ def test_a_run_without_a_single_tick_has_a_summary():
     assert summary["tick_us"] == {"p50": None, "p99": None, "p99.9": None, "max": 0.0}
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
     assert "ticks" in show(summary, 80)
+
+
+@pytest.mark.parametrize(
+    ("granted", "words"),
+    [
+        (None, "not asked for"),
+        (Realtime(10, True, ()), "scheduled with priority 10, memory locked"),
+        (Realtime(0, True, ("no",)), "scheduling refused, memory locked"),
+        (Realtime(10, False, ("no",)), "scheduled with priority 10, memory not locked"),
+    ],
+)
+def test_what_the_system_granted_is_told(granted, words):
+    summary = summarise(make_report(realtime=granted), Tally())
+    known = granted and {"priority": granted.priority, "memory_locked": granted.memory_locked}
+    assert summary["realtime"] == known
+    assert words in show(summary, 80)
 
 
 @pytest.mark.parametrize("width", [40, 80, 200])

@@ -121,7 +121,16 @@ def test_lines_on_standard_input_are_judged(cell, tmp_path):
     summary = json.loads(out)
     assert summary["ticks"] > 0
     assert summary["faults"] > 0
+    assert set(summary["realtime"]) == {"priority", "memory_locked"}
     assert "malformed" in err
+
+
+def test_nothing_is_asked_of_the_system_where_it_is_not_wanted(cell, addresses, capsys):
+    options = ["--duration", "0.05", "--json", "--no-realtime"]
+    assert main(["run", str(cell), *addresses, *options]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["realtime"] is None
+    assert err == ""
 
 
 def test_it_ends_with_the_parent_it_was_told_of(cell, addresses, tmp_path):

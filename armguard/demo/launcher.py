@@ -101,7 +101,7 @@ def run_demo(
         tables = "".join(f"[sources.{source.name}]\nrate = {source.rate}\n" for source in sources)
         cell.write_text(CELL.format(robot=nodes.ROBOT, sources=tables, schedule=schedule))
         errors = resources.enter_context(log.open("ab"))
-        command = [sys.executable, "-m", "armguard", "run", str(cell), "--json"]
+        command = [sys.executable, "-m", "armguard", "run", str(cell), "--json", "--no-realtime"]
         command += ["--obstacles", obstacles, "--joints", joints, "--verdicts", verdicts]
         command += ["--view", frames, "--duration", str(duration), "--parent", str(os.getpid())]
         # The monitor first: it has the longest way to go.
