@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError
 
 HUMAN_SPEED = 1.6
-"""How fast a person walks towards a robot where nothing else is known, in [m/s]."""
+"""How fast a person walks towards a robot where nothing else is known, in [m/s] [Approach]_."""
 
 
 def compute_separation(
@@ -77,6 +78,33 @@ def compute_separation(
         offsets.append(0.5 * _times(speed, stopping))
     distance = _times(human, reaction + stopping) + _times(speed, reaction) + sum(offsets)
     return distance if np.ndim(distance) else float(distance)
+
+
+@kernel
+def separation_of(
+    robot_speed: float,
+    reaction_time: float,
+    stopping_time: float,
+    human_speed: float,
+    offsets: float,
+) -> float:
+    """Sp of one pair for compiled code; NaN where an argument is, and none of them is checked.
+
+    The robot brakes at a constant rate; `offsets` is C + Zd + Zr. Arguments as for
+    `compute_separation`.
+    """
+    approach = way(human_speed, reaction_time + stopping_time)
+    return (
+        approach + way(robot_speed, reaction_time) + 0.5 * way(robot_speed, stopping_time) + offsets
+    )
+
+
+@kernel
+def way(speed: float, duration: float) -> float:
+    """How far a speed leads in a time; nowhere if either is 0, even if the other is infinite."""
+    if (speed == 0.0 and duration >= 0.0) or (duration == 0.0 and speed >= 0.0):
+        return 0.0
+    return speed * duration
 
 
 def _times(speed: Any, duration: Any) -> Any:
