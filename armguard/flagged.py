@@ -50,7 +50,7 @@ class FlaggedCheck:
         if age > 0.0:
             grown += speed * age
         errors = float(bodies.position_error[row]) + float(motion.surface_position_error[link])
-        gap = float(distance) - state.margin - errors - grown
+        gap = float(distance) - state.scene.settings.margin - errors - grown
         if not gap > 0.0:
             return 0.0
         return gap / (speed + arm_speed) if speed + arm_speed > 0.0 else math.inf

@@ -1,10 +1,10 @@
 """Where the arm's spheres are and how fast they move: Pinocchio's results, read in place.
 
-One call of Pinocchio places all joints and fills the Jacobian; the rest is compiled. `pinocchio.Data`
-keeps the placements of all joints in a C++ vector, which a strided NumPy view covers, so one kernel
-fills the centres and velocities of every sphere without a copy, an allocation or a Python loop. The
-layout behind that view is no promise of Pinocchio's, so it is checked against the library's own
-accessors at construction.
+One call of Pinocchio places all joints and fills the Jacobian; the rest is compiled.
+`pinocchio.Data` keeps the placements of all joints in a C++ vector, which a strided NumPy view
+covers, so one kernel fills the centres and velocities of every sphere without a copy, an allocation
+or a Python loop. The layout behind that view is no promise of Pinocchio's, so it is checked against
+the library's own accessors at construction.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ class ArmPlacement(NamedTuple):
     translation: Floats
     """Origins of joint frames in the world, in [m]. Shape (J, 3)."""
     jacobian: Floats
-    """Pinocchio's `data.J`: each joint's motion at the world's origin, linear first. Shape (6, nv)."""
+    """Pinocchio's `data.J`: each joint's motion at the world's origin, linear part first. Shape
+    (6, nv)."""
     moves: Booleans
     """Which joints move which joint's frame. Shape (J, nv)."""
     joint: Integers

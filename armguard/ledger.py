@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.anchors import allows_anchor, expire, keep_anchor
 from armguard.compilation import kernel
 from armguard.obstacle_table import States, extend_rows, make_states, resize_states
-from armguard.pairs import FloatArray, IntArray, TickState
-from armguard.plausibility import ALLOWED, body_allows
+from armguard.pairs import TickState
+from armguard.scene import DISTANCE, FloatArray, IntArray
 
 NEVER = -1
 """In place of a tick, for a pair that was never looked at."""
@@ -27,9 +28,6 @@ NOBODY = -1
 
 UNDISTURBED, GROWN, BROKEN = 0, 1, 2
 """What newer states did to the ground that a certificate stands on."""
-
-ROUNDING = 2.0**-50
-"""Relative: what a deadline is early by, above all that sums and differences of times lose."""
 
 
 class PairLedger:
@@ -60,6 +58,8 @@ class PairLedger:
         """Tick of each pair's last evaluation or exact check; NEVER before the first."""
         self.sphere: IntArray = np.zeros(0, dtype=np.int64)
         """Sphere that decided each pair."""
+        self.bound: NDArray[np.int8] = np.zeros(0, dtype=np.int8)
+        """What each certificate rests on, an index of `BOUND_NAMES`."""
         self.pairs: IntArray = np.zeros(0, dtype=np.int64)
         """The active pairs, ascending."""
         self._seen_revision: IntArray = np.zeros(0, dtype=np.int64)
@@ -106,13 +106,14 @@ class PairLedger:
         pairs: IntArray,
         contact_times: FloatArray,
         spheres: IntArray,
+        bounds: NDArray[np.int8],
         now: float,
         tick: int,
         state: TickState,
     ) -> None:
         """Enter evaluations made at `now`, in [s] since the epoch."""
-        kept = self.expiry, self.evaluated_at, self.tick, self.sphere
-        _record(pairs, contact_times, spheres, now, tick, *kept)
+        kept = self.expiry, self.evaluated_at, self.tick, self.sphere, self.bound
+        _record(pairs, contact_times, spheres, bounds, now, tick, *kept)
         if self.keeps_certificates:
             self._anchor(pairs, state)
 
@@ -120,10 +121,11 @@ class PairLedger:
         self, pair: int, contact_time: float, now: float, tick: int, state: TickState
     ) -> None:
         """Enter another proof for a pair, made at `now`; the later of the two stands."""
-        deadline = _deadline(now, contact_time)
+        deadline = expire(now, contact_time)
         self.tick[pair] = tick
         if deadline > self.expiry[pair]:
             self.expiry[pair] = deadline
+            self.bound[pair] = DISTANCE
             # What stands now rests on the present state, no longer on the one behind the last look.
             self._anchor(np.array([pair]), state)
 
@@ -166,9 +168,9 @@ class PairLedger:
     def compile(self, state: TickState, revision: IntArray) -> None:
         """Run every kernel on no pairs, so that none is compiled in a tick."""
         none, no_times = np.zeros(0, dtype=np.int64), np.zeros(0)
-        self.record(none, no_times, none, 0.0, 0, state)
+        self.record(none, no_times, none, np.zeros(0, dtype=np.int8), 0.0, 0, state)
         self.earliest(0.0, 0)
-        _deadline(0.0, 0.0)
+        expire(0.0, 0.0)
         if self.keeps_certificates:
             self._test(none, state, revision)
 
@@ -177,7 +179,7 @@ class PairLedger:
         width = state.bodies.points.shape[1]
         if width > self._anchors.points.shape[1]:
             self._anchors = resize_states(self._anchors, len(self._anchors.stamp), width)
-        _anchor(pairs, self.link_count, state.marks.has_state, *state.bodies, *self._anchors)
+        _anchor(pairs, self.link_count, state.handle, *self._anchors)
 
     def _test(self, pairs: IntArray, state: TickState, revision: IntArray) -> NDArray[np.int8]:
         """What newer states did to each pair's certificate. Shape (m,)."""
@@ -188,10 +190,8 @@ class PairLedger:
             self.tick,
             revision,
             self._seen_revision,
-            state.marks.refused,
-            state.marks.static,
             outcomes,
-            *state.bodies,
+            state.handle,
             *self._anchors,
         )
         return outcomes
@@ -206,6 +206,7 @@ class PairLedger:
         self.evaluated_at = extend_rows(self.evaluated_at, size)
         self.tick = extend_rows(self.tick, size)
         self.sphere = extend_rows(self.sphere, size)
+        self.bound = extend_rows(self.bound, size)
         self._seen_revision = extend_rows(self._seen_revision, capacity)
         if self.keeps_certificates:
             width = self._anchors.points.shape[1]
@@ -214,56 +215,34 @@ class PairLedger:
 
 
 @kernel
-def _deadline(now: float, contact_time: float) -> float:
-    """When a certificate ends; early by more than rounding costs, from now on to its last use."""
-    if contact_time == np.inf:
-        return np.inf
-    return now + contact_time - ROUNDING * (abs(now) + contact_time)
-
-
-@kernel
 def _record(
     pairs: IntArray,
     contact_times: FloatArray,
     spheres: IntArray,
+    bounds: NDArray[np.int8],
     now: float,
     tick: int,
     expiry: FloatArray,
     evaluated_at: FloatArray,
     ticks: IntArray,
     deciding: IntArray,
+    resting_on: NDArray[np.int8],
 ) -> None:
     for index in range(pairs.shape[0]):
         pair = pairs[index]
-        expiry[pair] = _deadline(now, contact_times[index])
+        expiry[pair] = expire(now, contact_times[index])
         evaluated_at[pair] = now
         ticks[pair] = tick
         deciding[pair] = spheres[index]
+        resting_on[pair] = bounds[index]
 
 
 @kernel
-def _anchor(pairs: IntArray, links: int, has_state: NDArray[np.bool_], *records: Any) -> None:
-    """Keep the records that fresh certificates rest on; no points where there is no record.
-
-    `records` are the fields of the table's states and of the anchors: one by one they cross into
-    compiled code faster than in tuples.
-    """
-    bodies, anchors = States(*records[0:9]), States(*records[9:18])
+def _anchor(pairs: IntArray, links: int, handle: Any, *anchors: Any) -> None:
+    """`keep_anchor` for many pairs; `anchors` are their fields, which cross faster one by one."""
+    scene = handle.content
     for pair in pairs:
-        row = pair // links
-        if not has_state[row]:
-            anchors.point_count[pair] = 0
-            continue
-        count = bodies.point_count[row]
-        anchors.points[pair, :count] = bodies.points[row, :count]
-        anchors.velocities[pair, :count] = bodies.velocities[row, :count]
-        anchors.point_count[pair] = count
-        anchors.radius[pair] = bodies.radius[row]
-        anchors.accel[pair] = bodies.accel[row]
-        anchors.speed[pair] = bodies.speed[row]
-        anchors.position_error[pair] = bodies.position_error[row]
-        anchors.velocity_error[pair] = bodies.velocity_error[row]
-        anchors.stamp[pair] = bodies.stamp[row]
+        keep_anchor(scene.bodies, States(*anchors), scene.marks, pair // links, pair)
 
 
 @kernel
@@ -273,54 +252,24 @@ def _test_anchors(
     ticks: IntArray,
     revision: IntArray,
     seen_revision: IntArray,
-    refused: NDArray[np.bool_],
-    static: NDArray[np.bool_],
     outcomes: NDArray[np.int8],
-    *records: Any,
+    handle: Any,
+    *anchors: Any,
 ) -> None:
-    """Fill `outcomes`: UNDISTURBED, GROWN or BROKEN for each pair; `records` as for `_anchor`."""
-    bodies, anchors = States(*records[0:9]), States(*records[9:18])
+    """Fill `outcomes`: UNDISTURBED, GROWN or BROKEN for each pair; `anchors` as for `_anchor`."""
+    scene = handle.content
+    marks = scene.marks
     for index in range(pairs.shape[0]):
         pair = pairs[index]
         row = pair // links
-        outcomes[index] = UNDISTURBED
-        if refused[row]:
-            outcomes[index] = GROWN
-        if static[row] or ticks[pair] == NEVER or revision[row] == seen_revision[row]:
+        outcomes[index] = GROWN if marks.refused[row] else UNDISTURBED
+        if marks.static[row] or ticks[pair] == NEVER or revision[row] == seen_revision[row]:
             continue
-        if anchors.point_count[pair] == 0:
-            # The obstacle had no accepted state when the pair was looked at, and has one now.
-            outcomes[index] = GROWN
-            continue
-        if (
-            bodies.radius[row] > anchors.radius[pair]
-            or bodies.accel[row] > anchors.accel[pair]
-            or bodies.speed[row] > anchors.speed[pair]
-            or bodies.position_error[row] > anchors.position_error[pair]
-            or bodies.velocity_error[row] > anchors.velocity_error[pair]
-        ):
-            outcomes[index] = GROWN
-        code = body_allows(
-            anchors.points[pair],
-            anchors.velocities[pair],
-            anchors.point_count[pair],
-            anchors.radius[pair],
-            anchors.accel[pair],
-            anchors.speed[pair],
-            anchors.position_error[pair],
-            anchors.velocity_error[pair],
-            anchors.stamp[pair],
-            bodies.points[row],
-            bodies.velocities[row],
-            bodies.point_count[row],
-            # A larger radius is another description, no motion: it has been seen to above.
-            min(bodies.radius[row], anchors.radius[pair]),
-            bodies.position_error[row],
-            bodies.velocity_error[row],
-            bodies.stamp[row],
-        )
-        if code != ALLOWED:
+        allowed, grown = allows_anchor(scene.bodies, States(*anchors), row, pair)
+        if not allowed:
             outcomes[index] = BROKEN
+        elif grown:
+            outcomes[index] = GROWN
 
 
 @kernel

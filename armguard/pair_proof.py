@@ -1,9 +1,10 @@
 """The proof behind a verdict: a certificate of the pair that decides it, and what it is about.
 
 A pair's contact time is the soonest of its spheres', each of which may borrow a later time from a
-sphere above it in the tree, which owns its piece as well. So the certificate is that of the sphere
-on the way from the deciding one to the root whose time is latest. It is made from the state of the
-present tick, whatever tick the pair was last evaluated in.
+sphere above it in the tree, which owns its piece as well, or from a ball that the link or the arm
+cannot leave. The certificate is the one of these whose time is latest. It is made from the state of
+the present tick, whatever tick the pair was last evaluated in, and it is about free bodies: what
+joint bounds add to a contact time is proved by them alone, and not part of it.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ from typing import Any
 import numpy as np
 
 from armguard.contact import Certificate, certify
+from armguard.link_times import ROUNDING
 from armguard.obstacle_table import States
-from armguard.pairs import ROUNDING, TickState
+from armguard.pairs import TickState
+from armguard.scene import FloatArray
 
 
 def prove_pair(
@@ -36,10 +39,14 @@ def prove_pair(
         return None
     age = 0.0 if marks.static[row] else state.now - float(state.bodies.stamp[row])
     proofs = []
+    decider = sphere
     while sphere >= 0:
         inputs = _describe(state, sphere, state.bodies, row, age)
-        proofs.append((certify(**inputs, advances=state.advances), inputs))
+        proofs.append((certify(**inputs, advances=state.scene.settings.advances), inputs))
         sphere = int(state.tree.parent[sphere])
+    for ball in (state.arm.link_balls[state.link_of[decider]], state.arm.arm_ball):
+        inputs = _describe_ball(state, ball, row, age)
+        proofs.append((certify(**inputs, advances=state.scene.settings.advances), inputs))
     return max(proofs, key=lambda proof: proof[0].contact_time)
 
 
@@ -48,7 +55,7 @@ def _describe(
 ) -> dict[str, Any]:
     """Arguments of `certify` for one sphere and one obstacle, the observer's own to keep."""
     arm, count = state.arm, int(bodies.point_count[row])
-    reach = state.tree.radius[sphere] + bodies.radius[row] + state.margin
+    reach = state.tree.radius[sphere] + bodies.radius[row] + state.scene.settings.margin
     reach += arm.position_error[sphere] + bodies.position_error[row]
     return {
         "p1": np.array(arm.centers[sphere]),
@@ -63,5 +70,26 @@ def _describe(
         "age1": state.arm_age,
         "age2": age,
         "velocity_error1": float(arm.velocity_error[sphere]),
+        "velocity_error2": float(bodies.velocity_error[row]),
+    }
+
+
+def _describe_ball(state: TickState, ball: FloatArray, row: int, age: float) -> dict[str, Any]:
+    """The same for a ball that the arm or a link cannot leave: it stands still for ever."""
+    bodies, count = state.bodies, int(state.bodies.point_count[row])
+    reach = ball[3] + bodies.radius[row] + state.scene.settings.margin + bodies.position_error[row]
+    return {
+        "p1": np.array(ball[:3]),
+        "v1": np.zeros(3),
+        "a1": 0.0,
+        "s1": 0.0,
+        "p2": np.array(bodies.points[row, :count]),
+        "v2": np.array(bodies.velocities[row, :count]),
+        "a2": float(bodies.accel[row]),
+        "s2": float(bodies.speed[row]),
+        "contact_distance": float(reach) * (1.0 + ROUNDING),
+        "age1": 0.0,
+        "age2": age,
+        "velocity_error1": 0.0,
         "velocity_error2": float(bodies.velocity_error[row]),
     }

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exact import ExactGeometry
-from armguard.ledger import PairLedger
 from armguard.pairs import TickState
+from armguard.scene import BOUND_NAMES
+from armguard.watch import Listing
 
 BUCKETS = 16
 """Grades of imminence: bucket k holds contact times of 2^k to 2^(k+1) periods."""
@@ -31,7 +32,7 @@ class PairReport(NamedTuple):
     age: float
     """Since the pair was last evaluated, in [s]; inf before the first time."""
     bound: str
-    """Motion model that decided."""
+    """What decided: "reach", "isotropic", "joint" or "distance"; "unknown" where the obstacle is."""
     point_on_link: NDArray[np.float64]
     """Closest point of the link, [m], world; NaN where the obstacle is nowhere. Shape (3,)."""
     point_on_obstacle: NDArray[np.float64]
@@ -48,40 +49,40 @@ def bucket_of(contact_time: float, period: float) -> int:
 
 
 def report_pair(
-    pair: int,
-    now: float,
+    listing: Listing,
+    index: int,
+    time: float,
     period: float,
     names: tuple[str, str],
-    ledger: PairLedger,
     state: TickState,
     exact: ExactGeometry,
 ) -> PairReport:
     """Tell what is known about a pair.
 
     Args:
-        pair: Its number.
-        now: Time of the last tick, in [s] since the ledger's epoch.
+        listing: Of imminent pairs.
+        index: Which of them.
+        time: Of the last tick, in [s] since the monitor's epoch.
         period: Of ticks, in [s].
         names: Of link and obstacle.
-        ledger: Its certificate.
         state: The last tick's numbers.
         exact: Measures the links where they are.
     """
-    row, link = divmod(pair, ledger.link_count)
+    row, link = divmod(int(listing.pairs[index]), len(state.tree.root))
     bodies = state.bodies if state.marks.has_state[row] else state.refused_bodies
     points = bodies.points[row, : int(bodies.point_count[row])]
     radius = float(bodies.radius[row])
     on_link = on_obstacle = np.full(3, np.nan)
     if np.isfinite(points).all() and 0.0 <= radius < math.inf:
         _, on_link, on_obstacle = exact.distance(link, points, radius)
-    contact_time = max(0.0, float(ledger.expiry[pair]) - now)
+    contact_time = max(0.0, float(listing.expiry[index]) - time)
     return PairReport(
         link=names[0],
         obstacle=names[1],
         contact_time=contact_time,
         bucket=bucket_of(contact_time, period),
-        age=now - float(ledger.evaluated_at[pair]),
-        bound="distance" if state.by_distance else "isotropic",
+        age=time - float(listing.evaluated_at[index]),
+        bound=BOUND_NAMES[listing.bound[index]],
         point_on_link=on_link,
         point_on_obstacle=on_obstacle,
     )

@@ -184,9 +184,16 @@ class VerdictRule:
         """Hold STOP for `reason` until `reset()`; the first of a kind is the one kept."""
         self.latched.setdefault(reason.kind, reason)
 
-    def grade(self, contact_time: float, stop_time: float) -> Level:
-        """The level that one contact time earns by itself."""
-        if not contact_time > stop_time:
+    def grade(self, contact_time: float, stop_time: float, *, rests: bool = False) -> Level:
+        """The level that one contact time earns by itself.
+
+        Args:
+            contact_time: In [s] from now.
+            stop_time: Time to come to rest, in [s] from now.
+            rests: Whether the arm is known to rest before any contact, if it brakes after the next
+                tick: then there is no need to stop now, however short the contact time.
+        """
+        if not contact_time > stop_time and not rests:
             return Level.STOP
         if not contact_time > stop_time + self.slow_margin:
             return Level.SLOW
@@ -195,7 +202,14 @@ class VerdictRule:
         return Level.CLEAR
 
     def decide(
-        self, now: float, contact_time: float, stop_time: float, *, complete: bool, standing: bool
+        self,
+        now: float,
+        contact_time: float,
+        stop_time: float,
+        *,
+        complete: bool,
+        standing: bool,
+        rests: bool = False,
     ) -> tuple[Level, bool]:
         """The level to give out at `now`, and whether earlier evidence holds it down.
 
@@ -205,8 +219,9 @@ class VerdictRule:
             stop_time: Time to come to rest, in [s] from now.
             complete: Whether a certificate in force stands behind every pair.
             standing: Whether a standing fault is present in this tick.
+            rests: As for `grade`.
         """
-        raw = self.grade(contact_time, stop_time)
+        raw = self.grade(contact_time, stop_time, rests=rests)
         if standing or self.latched or not complete:
             raw = Level.STOP
         if not self._settled:

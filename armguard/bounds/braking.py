@@ -12,10 +12,12 @@ import numpy.typing as npt
 import pinocchio
 
 from armguard.bounds.joint_box import JointTable, set_columns, set_span
-from armguard.bounds.joint_limits import check_state
+from armguard.bounds.joint_limits import JointLimits, check_state
 from armguard.bounds.joint_space import JointSpaceMotion
 from armguard.bounds.motion_model import check_duration
 from armguard.bounds.sums import ROUNDING, sum_levers, sum_second_order
+from armguard.bounds.travel import fill_eased_displacements
+from armguard.compilation import kernel
 from armguard.robot import Robot
 from armguard.verdict import compute_stop_time
 
@@ -25,8 +27,8 @@ FREE_NODES = 4
 """Steps of the table before the brakes bite."""
 BRAKING_NODES = 28
 """Steps of the table from then until the arm rests."""
-FREE_PARTS = np.linspace(0.0, 1.0, FREE_NODES + 1)
-BRAKING_PARTS = np.linspace(0.0, 1.0, BRAKING_NODES + 1)
+GOING_NODES = 8
+"""Of those, steps while the arm goes on before it brakes."""
 
 
 class BrakingMotion(JointSpaceMotion):
@@ -53,7 +55,7 @@ class BrakingMotion(JointSpaceMotion):
         """
         super().__init__(robot, base_placement)
         self.reaction_time = check_duration("reaction_time", reaction_time)
-        self._table = self._make_table(np.zeros(FREE_NODES + BRAKING_NODES + 1))
+        self.table = self._make_table(np.zeros(FREE_NODES + BRAKING_NODES + 1))
 
     def stop_time(self, q: npt.ArrayLike, v: npt.ArrayLike, age: float, horizon: float) -> float:
         """Time within which every joint surely rests, in [s] from now.
@@ -70,7 +72,16 @@ class BrakingMotion(JointSpaceMotion):
         _, velocity = check_state(self._robot, self.limits, q, v)
         return self._stop_time(velocity, age, check_duration("horizon", horizon))
 
-    def tabulate(self, q: Floats, v: Floats, age: float, horizon: float) -> JointTable:
+    def tabulate(
+        self,
+        q: Floats,
+        v: Floats,
+        age: float,
+        horizon: float,
+        *,
+        going_on: float = 0.0,
+        scale: float = 1.0,
+    ) -> JointTable:
         """Fill the table of one tick; its last node is the stop time.
 
         Args:
@@ -78,6 +89,9 @@ class BrakingMotion(JointSpaceMotion):
             v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,), float64.
             age: Now minus the stamp of the state, in [s]; negative where that is newer.
             horizon: Until braking is commanded, in [s] from now.
+            going_on: How long the arm goes on after that at the pace of `scale`, in [s].
+            scale: Fraction of their velocity limits that joints keep to meanwhile; faster ones slow
+                down as if they braked.
 
         Returns:
             The table; always the same one, filled anew.
@@ -88,11 +102,13 @@ class BrakingMotion(JointSpaceMotion):
         """
         self._check_tick(q, v, age)
         free = check_duration("horizon", horizon) + self.reaction_time
-        time, rest = self._table.time, self._stop_time(v, age, horizon)
-        time[: FREE_NODES + 1] = free * FREE_PARTS
-        time[FREE_NODES:] = free + (rest - free) * BRAKING_PARTS
-        self._fill(q, v, age, max(age, 0.0) + free, self._table)
-        return self._table
+        table, limits = self.table, self.limits
+        _spread_nodes(v, age, free, check_duration("going_on", going_on), scale, limits, table.time)
+        fill_eased_displacements(
+            q, v, age, max(age, 0.0) + free, going_on, scale, limits,
+            table.time, table.high, table.low, table.highest, table.lowest,
+        )  # fmt: skip
+        return table
 
     def stopping_volume(
         self, q: npt.ArrayLike, v: npt.ArrayLike, age: float, horizon: float
@@ -152,3 +168,36 @@ class BrakingMotion(JointSpaceMotion):
 
     def _free_time(self) -> float:
         return self.reaction_time
+
+
+@kernel
+def _spread_nodes(
+    v: Floats,
+    age: float,
+    free: float,
+    going_on: float,
+    scale: float,
+    limits: JointLimits,
+    time: Floats,
+) -> None:
+    """Fill the times of a table: up to `free`, while going on, and until all joints rest."""
+    rest = 0.0
+    # Either way between the stamp and the moment when the command is obeyed.
+    before = max(max(age, 0.0) + free, -age)
+    for j in range(v.shape[0]):
+        top = max(limits.velocity[j], abs(v[j]))
+        speed = min(top, abs(v[j]) + limits.velocity_error[j] + limits.acceleration[j] * before)
+        pace = scale * limits.velocity[j]
+        if speed > pace:
+            speed = max(pace, speed - limits.braking[j] * going_on)
+        else:
+            speed = min(pace, speed + limits.acceleration[j] * going_on)
+        rest = max(rest, speed / limits.braking[j])
+    going = GOING_NODES if going_on > 0.0 else 0
+    braking = time.shape[0] - 1 - FREE_NODES - going
+    for k in range(FREE_NODES):
+        time[k] = free * k / FREE_NODES
+    for k in range(going):
+        time[FREE_NODES + k] = free + going_on * k / going
+    for k in range(braking + 1):
+        time[FREE_NODES + going + k] = free + going_on + rest * k / braking

@@ -6,6 +6,8 @@ sum_j R_j qd_j, and its acceleration at most sum_j R_j qdd_j + sum_ij R_max(i, j
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 import pinocchio
@@ -25,6 +27,17 @@ from armguard.robot import Robot
 Floats = npt.NDArray[np.float64]
 
 
+class VelocityErrors(NamedTuple):
+    """What velocities of spheres may be off by, for compiled code that fills it."""
+
+    rate: Floats
+    """What the errors grow by with joint speeds, [m] or 1. Shape (n, nv)."""
+    floor: Floats
+    """Errors at rest, [m/s]. Shape (n,)."""
+    error: Floats
+    """Errors at the joint velocity of the last filling, [m/s]. Shape (n,)."""
+
+
 class IsotropicMotion:
     """The plainest motion model: one acceleration and one speed bound for each sphere.
 
@@ -40,7 +53,9 @@ class IsotropicMotion:
         position_error: What a centre's position may be off by, in [m]. Shape (n,).
         velocity_error: What its velocity may be off by, in [m]/[s], at the joint velocity of the
             last `update`; infinite before the first. Shape (n,).
+        velocity_errors: The same array and what it is made from, to be filled by compiled code.
         surface_speed: Bound on the speed of any point of each link, in [m]/[s]. Shape (L,).
+        is_widened: Whether a joint is measured beyond its limit, so that the bounds are wider.
         surface_position_error: What any point of each link may be off by, in [m]. Shape (L,).
     """
 
@@ -87,15 +102,19 @@ class IsotropicMotion:
         leaf_error = sum_levers(self._leaf_lever, robot.position_error)
         np.maximum.at(surface_error, self._leaf_link, leaf_error)
         self.surface_position_error = read_only(surface_error)
-        self._error_rate, self._error_floor = velocity_error_terms(
-            self.lever, robot.position_error, robot.velocity_error
+        self.velocity_errors = VelocityErrors(
+            *velocity_error_terms(self.lever, robot.position_error, robot.velocity_error),
+            self._velocity_error,
         )
         self._fastest = np.array(robot.velocity_limit, dtype=np.float64)
-        self._widened = False
+        self.is_widened = False
         self._fill_bounds()
 
     def update(self, v: npt.ArrayLike) -> bool:
         """Fill `velocity_error` for the measured joint velocity, and widen the bounds if need be.
+
+        Compiled code may do the first by `fill_velocity_errors`, and need only call this where a
+        joint is measured beyond its limit, or was in the last call.
 
         A joint that is measured faster than its limit counts with what was measured: it may be
         so within its error, and beyond that a monitor stops anyway.
@@ -112,15 +131,13 @@ class IsotropicMotion:
         """
         velocity = check_vector("joint velocities", v, len(self._fastest))
         limit = self._robot.velocity_limit
-        widens = _fill_velocity_error(
-            velocity, limit, self._error_rate, self._error_floor, self._velocity_error
-        )
-        if not (widens or self._widened):
+        fill_velocity_errors(velocity, self.velocity_errors)
+        self.is_widened, was_widened = exceeds(velocity, limit), self.is_widened
+        if not (self.is_widened or was_widened):
             return False
         fastest = np.maximum(np.abs(velocity), limit)
         grew = bool((fastest > self._fastest).any())
         self._fastest = fastest
-        self._widened = widens
         self._fill_bounds()
         return grew
 
@@ -203,16 +220,19 @@ def free_advance(closing: float, accel: float, speed: float, t: float) -> float:
 
 
 @kernel
-def _fill_velocity_error(
-    velocity: Floats, limit: Floats, rate: Floats, floor: Floats, errors: Floats
-) -> bool:
-    """Fill the velocity errors of all spheres; whether a joint is faster than its limit."""
-    exceeds = False
-    for j in range(velocity.shape[0]):
-        exceeds = exceeds or abs(velocity[j]) > limit[j]
-    for i in range(rate.shape[0]):
-        error = floor[i]
+def fill_velocity_errors(velocity: Floats, errors: VelocityErrors) -> None:
+    """Fill the velocity errors of all spheres for the measured joint velocities, (nv,)."""
+    for i in range(errors.rate.shape[0]):
+        error = errors.floor[i]
         for j in range(velocity.shape[0]):
-            error += rate[i, j] * abs(velocity[j])
-        errors[i] = error * (1.0 + ROUNDING)
-    return exceeds
+            error += errors.rate[i, j] * abs(velocity[j])
+        errors.error[i] = error * (1.0 + ROUNDING)
+
+
+@kernel
+def exceeds(velocity: Floats, limit: Floats) -> bool:
+    """Whether a joint is faster than its limit."""
+    found = False
+    for j in range(velocity.shape[0]):
+        found = found or not abs(velocity[j]) <= limit[j]
+    return found

@@ -36,7 +36,7 @@ class JointMotion(JointSpaceMotion):
             RobotError: A limit of the robot is missing or unusable.
         """
         super().__init__(robot, base_placement)
-        self._table = self._make_table(grid(NODES))
+        self.table = self._make_table(grid(NODES))
 
     def tabulate(self, q: Floats, v: Floats, age: float) -> JointTable:
         """Fill the table of one tick.
@@ -54,8 +54,8 @@ class JointMotion(JointSpaceMotion):
                 limits by more than its errors, or the age is not finite.
         """
         self._check_tick(q, v, age)
-        self._fill(q, v, age, np.inf, self._table)
-        return self._table
+        self._fill(q, v, age, np.inf, self.table)
+        return self.table
 
     def _free_time(self) -> float:
         return np.inf

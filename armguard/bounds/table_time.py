@@ -134,6 +134,7 @@ def table_contact_time(
     age: float,
     contact_distance: float,
     free_until: float,
+    enough: float = math.inf,
 ) -> float:
     """Earliest time at which a sphere of the arm and a rounded hull could touch.
 
@@ -154,6 +155,7 @@ def table_contact_time(
         age: Now minus the obstacle's stamp, in [s].
         contact_distance: Both radii, margin and position errors, the arm's included, in [m].
         free_until: Time in [s] that another proof has shown free of contact; 0: none.
+        enough: Time in [s] beyond which the search may stop.
 
     Returns:
         Time from now in [s], no earlier than `free_until`, before which there is no contact. The
@@ -183,7 +185,7 @@ def table_contact_time(
     part, proved, failed = 1.0, 0.0, 1.0
     halvings = 0
     nx = ny = nz = math.nan
-    while first < nodes:
+    while first < nodes and reached < enough:
         last = min(first + stride, nodes)
         end = time[first] + part * (time[last] - time[first])
         set_span(table, first, last, part)

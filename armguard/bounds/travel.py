@@ -87,6 +87,21 @@ def brake(velocity: float, accel: float, deceleration: float, s: float) -> float
 
 
 @kernel
+def _ease(
+    velocity: float, accel: float, deceleration: float, pace: float, s: float
+) -> tuple[float, float]:
+    """Greatest way within `s` seconds of keeping to a pace, and the greatest velocity then.
+
+    A joint that is faster decelerates by at least `deceleration`, any other gets no faster.
+    """
+    if velocity <= pace:
+        return travel(velocity, accel, pace, s), min(pace, velocity + accel * s)
+    until = min(s, (velocity - pace) / deceleration)
+    way = until * (velocity - 0.5 * deceleration * until) + pace * (s - until)
+    return way * (1.0 + ROUNDING), max(pace, velocity - deceleration * s)
+
+
+@kernel
 def _settle(
     velocity: float,
     accel: float,
@@ -96,15 +111,27 @@ def _settle(
     room_below: float,
     below: float,
     free: float,
+    going_on: float,
+    pace: float,
     s: float,
 ) -> float:
-    """`rise` of a joint that brakes from `free` seconds after the stamp on."""
+    """`rise` of a joint that eases from `free` seconds after the stamp on, and then brakes."""
     displacement = rise(velocity, accel, top, room_below, below, min(s, free))
     if s > free:
-        pace = min(top, velocity + accel * free)
+        reached = min(top, velocity + accel * free)
         if free > below:
-            pace = max(pace, min(top, accel * (free - below)))
-        displacement = min(displacement, highest) + brake(pace, accel, deceleration, s - free)
+            reached = max(reached, min(top, accel * (free - below)))
+        way, left = _ease(reached, accel, deceleration, pace, min(s - free, going_on))
+        displacement = min(displacement, highest) + way
+        if free < below < s:
+            # It may have come to rest at its stop meanwhile, and come back from there.
+            back = min(s, free + going_on) - below
+            if back > 0.0:
+                displacement = max(displacement, travel(0.0, accel, pace, back) - room_below)
+                left = max(left, min(pace, accel * back))
+        if s > free + going_on:
+            way = brake(left, accel, deceleration, s - free - going_on)
+            displacement = min(displacement, highest) + way
     # One that stops at its limit below gets no further down, however fast it was.
     return max(displacement, -max(room_below, 0.0))
 
@@ -127,8 +154,32 @@ def fill_displacements(
     Joints are free to move for `free` seconds from their stamp, then brake; inf: they never do.
     `high` and `low`, shape (nodes, nv), are not yet clipped to `highest` and `lowest`, (nv,).
     """
+    fill_eased_displacements(q, v, age, free, 0.0, 1.0, limits, time, high, low, highest, lowest)
+
+
+@kernel
+def fill_eased_displacements(
+    q: Floats,
+    v: Floats,
+    age: float,
+    free: float,
+    going_on: float,
+    scale: float,
+    limits: JointLimits,
+    time: Floats,
+    high: Floats,
+    low: Floats,
+    highest: Floats,
+    lowest: Floats,
+) -> None:
+    """`fill_displacements` of joints that keep to a fraction of their speed before they brake.
+
+    For `going_on` seconds after they were free, those that are faster than `scale` times their
+    velocity limits slow down as if they braked, and the others get no faster than that.
+    """
     for j in range(q.shape[0]):
         accel, top = limits.acceleration[j], max(limits.velocity[j], abs(v[j]))
+        pace = scale * limits.velocity[j]
         up, down = v[j] + limits.velocity_error[j], -v[j] + limits.velocity_error[j]
         error, braking = limits.position_error[j], limits.braking[j]
         room_above, room_below = limits.upper[j] - q[j] - error, q[j] - limits.lower[j] - error
@@ -143,8 +194,18 @@ def fill_displacements(
                 low[k, j] = -rise(down, accel, top, room_above, above, s)
             else:
                 high[k, j] = _settle(
-                    up, accel, top, braking, highest[j], room_below, below, free, s
+                    up, accel, top, braking, highest[j], room_below, below, free, going_on, pace, s
                 )
                 low[k, j] = -_settle(
-                    down, accel, top, braking, -lowest[j], room_above, above, free, s
+                    down,
+                    accel,
+                    top,
+                    braking,
+                    -lowest[j],
+                    room_above,
+                    above,
+                    free,
+                    going_on,
+                    pace,
+                    s,
                 )

@@ -21,6 +21,7 @@ from armguard.schedules.distance import DistanceSchedule
 from armguard.schedules.full import FullSchedule
 
 __all__ = [
+    "DEADLINE",
     "SCHEDULES",
     "DaaSchedule",
     "DistanceSchedule",
@@ -30,7 +31,11 @@ __all__ = [
     "make_schedule",
 ]
 
+DEADLINE = "deadline"
+"""The monitor's own schedule: it sees obstacles rather than pairs, in one compiled call a tick."""
+
 SCHEDULES = ("full", "distance", "daa")
+"""Names of schedules of pairs."""
 
 
 @runtime_checkable
@@ -101,4 +106,4 @@ def make_schedule(name: str | Schedule, period: float) -> Schedule:
         return DistanceSchedule()
     if name == "daa":
         return DaaSchedule(period)
-    raise ArmguardError("schedule", f"is {name!r}", expected=", ".join(SCHEDULES))
+    raise ArmguardError("schedule", f"is {name!r}", expected=", ".join((DEADLINE, *SCHEDULES)))

@@ -1,0 +1,81 @@
+"""What certificates rest on: until when they hold, and the records of obstacles behind them.
+
+A certificate says "no contact before `expire`, whatever happens within the bounds". It stays good
+while every newer state of its obstacle lies within what the record behind it, its anchor, allowed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armguard.compilation import kernel
+from armguard.obstacle_table import Marks, States
+from armguard.plausibility import ALLOWED, body_allows
+
+ROUNDING = 2.0**-50
+"""Relative: what a deadline is early by, above all that sums and differences of times lose."""
+
+
+@kernel
+def expire(now: float, contact_time: float) -> float:
+    """When a certificate ends; early by more than rounding costs, from now on to its last use."""
+    if contact_time == np.inf:
+        return np.inf
+    return now + contact_time - ROUNDING * (abs(now) + contact_time)
+
+
+@kernel
+def keep_anchor(bodies: States, anchors: States, marks: Marks, row: int, place: int) -> None:
+    """Keep the record that a fresh certificate rests on; no points where there is no record."""
+    if not marks.has_state[row]:
+        anchors.point_count[place] = 0
+        return
+    count = bodies.point_count[row]
+    for k in range(count):
+        for axis in range(3):
+            anchors.points[place, k, axis] = bodies.points[row, k, axis]
+            anchors.velocities[place, k, axis] = bodies.velocities[row, k, axis]
+    anchors.point_count[place] = count
+    anchors.radius[place] = bodies.radius[row]
+    anchors.accel[place] = bodies.accel[row]
+    anchors.speed[place] = bodies.speed[row]
+    anchors.position_error[place] = bodies.position_error[row]
+    anchors.velocity_error[place] = bodies.velocity_error[row]
+    anchors.stamp[place] = bodies.stamp[row]
+
+
+@kernel
+def allows_anchor(bodies: States, anchors: States, row: int, place: int) -> tuple[bool, bool]:
+    """Whether an obstacle's state can be true if its anchor is, and whether its bounds grew.
+
+    Where there is no anchor it grew: it had no accepted state when it was looked at, and has one.
+    """
+    if anchors.point_count[place] == 0:
+        return True, True
+    grown = (
+        bodies.radius[row] > anchors.radius[place]
+        or bodies.accel[row] > anchors.accel[place]
+        or bodies.speed[row] > anchors.speed[place]
+        or bodies.position_error[row] > anchors.position_error[place]
+        or bodies.velocity_error[row] > anchors.velocity_error[place]
+    )
+    code = body_allows(
+        anchors.points[place],
+        anchors.velocities[place],
+        anchors.point_count[place],
+        anchors.radius[place],
+        anchors.accel[place],
+        anchors.speed[place],
+        anchors.position_error[place],
+        anchors.velocity_error[place],
+        anchors.stamp[place],
+        bodies.points[row],
+        bodies.velocities[row],
+        bodies.point_count[row],
+        # A larger radius is another description, no motion: it has been seen to above.
+        min(bodies.radius[row], anchors.radius[place]),
+        bodies.position_error[row],
+        bodies.velocity_error[row],
+        bodies.stamp[row],
+    )
+    return code == ALLOWED, grown

@@ -1,0 +1,51 @@
+"""All that bounds the arm's motion, side by side: each model a proof by itself.
+
+Constants are laid out once; what depends on the joint state is filled by compiled code, in the
+ticks that need it.
+"""
+
+from __future__ import annotations
+
+import pinocchio
+
+from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, ReachMotion
+from armguard.robot import Robot
+
+MOTIONS = ("joint", "isotropic")
+"""Names of what a monitor may bound the arm's motion by; each includes what the arm can reach."""
+
+
+class ArmMotion:
+    """Reach, isotropic, joint and braking bounds of one arm.
+
+    Args:
+        robot: The arm.
+        reaction_time: From command to braking torque, in [s].
+        base_placement: Placement of the robot's base in the world; None: they coincide.
+        with_joints: Whether joint and braking bounds are to be used.
+
+    Attributes:
+        isotropic: Spheres as free bodies.
+        reach: What links cannot leave.
+        joint: Joints within their limits.
+        braking: Joints that brake.
+        with_joints: Whether the last two are to be used.
+        table: Joint displacements of the present tick, filled by compiled code.
+        braking_table: The same for an arm that brakes; as `braking.tabulate` filled it last.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        reaction_time: float,
+        base_placement: pinocchio.SE3 | None = None,
+        *,
+        with_joints: bool = True,
+    ) -> None:
+        self.isotropic = IsotropicMotion(robot, base_placement)
+        self.reach = ReachMotion(robot, base_placement)
+        self.joint = JointMotion(robot, base_placement)
+        self.braking = BrakingMotion(robot, reaction_time, base_placement)
+        self.with_joints = with_joints
+        self.table = self.joint.table
+        self.braking_table = self.braking.table

@@ -1,0 +1,303 @@
+"""Earliest contact of one link and one obstacle: down the link's tree of spheres, bound by bound.
+
+Each bound on the arm's motion is a proof by itself, so the latest of their times stands, and they
+are tried from the cheapest to the dearest: what the link cannot leave, its spheres as free bodies,
+its joints within their limits. A node's bound holds for everything that it owns. Its children are
+opened only while a closer look could matter to the verdict, and what is later than the soonest
+sphere found so far is not looked at closer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armguard.bounds import table_contact_time
+from armguard.compilation import kernel
+from armguard.contact import pair_distance_time, row_contact_time
+from armguard.obstacle_table import States
+from armguard.scene import DISTANCE, ISOTROPIC, JOINT, REACH, Scene
+
+ROUNDING = 1e-14
+"""Relative widening of a sum of a few contact distances, far above its rounding error."""
+
+REACH_ADVANCES = 2
+"""Tangent advances against what stands still: the second one nearly always is the last."""
+
+
+@kernel
+def reach_time(
+    x: float, y: float, z: float, radius: float, bodies: States, row: int, age: float, margin: float
+) -> float:
+    """Contact time of a body and a ball that stands still for ever."""
+    distance = (radius + bodies.radius[row] + margin + bodies.position_error[row]) * (
+        1.0 + ROUNDING
+    )
+    time: float = row_contact_time(
+        x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        bodies.points, bodies.velocities, row, bodies.point_count[row],
+        bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], age,
+        distance, REACH_ADVANCES,
+    )  # fmt: skip
+    return time if time >= 0.0 else 0.0
+
+
+@kernel
+def contact_distance(scene: Scene, node: int, bodies: States, row: int) -> float:
+    """Distance of a sphere's centre and a body's hull that counts as contact, errors included."""
+    reach: float = scene.tree.radius[node] + bodies.radius[row] + scene.settings.margin
+    reach += scene.arm.position_error[node] + bodies.position_error[row]
+    return reach * (1.0 + ROUNDING)
+
+
+@kernel
+def _free_time(
+    scene: Scene, node: int, bodies: States, row: int, arm_age: float, age: float, distance: float
+) -> float:
+    """Contact time of a sphere as a free body, or by distance alone."""
+    arm = scene.arm
+    if scene.settings.by_distance:
+        time = pair_distance_time(
+            arm.centers[node, 0], arm.centers[node, 1], arm.centers[node, 2],
+            arm.velocities[node, 0], arm.velocities[node, 1], arm.velocities[node, 2],
+            arm.accel[node], arm.speed[node], arm.velocity_error[node], arm_age,
+            bodies.points[row], bodies.velocities[row], bodies.point_count[row],
+            bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], age, distance,
+        )  # fmt: skip
+    else:
+        time = row_contact_time(
+            arm.centers[node, 0], arm.centers[node, 1], arm.centers[node, 2],
+            arm.velocities[node, 0], arm.velocities[node, 1], arm.velocities[node, 2],
+            arm.accel[node], arm.speed[node], arm.velocity_error[node], arm_age,
+            bodies.points, bodies.velocities, row, bodies.point_count[row],
+            bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], age,
+            distance, scene.settings.advances,
+        )  # fmt: skip
+    return time if time >= 0.0 else 0.0
+
+
+@kernel
+def link_time(
+    scene: Scene,
+    link: int,
+    row: int,
+    bodies: States,
+    arm_age: float,
+    age: float,
+    floor: float,
+    floor_bound: int,
+    opening_time: float,
+    ceiling: float,
+) -> tuple[float, int, int, int]:
+    """Earliest contact of one link and one body.
+
+    Args:
+        scene: The tick.
+        link: Of the arm.
+        row: Of the body.
+        bodies: Its states: accepted or refused ones.
+        arm_age: Age of the joint state, in [s].
+        age: Of the body's state, in [s].
+        floor: What is known of the whole link already, in [s].
+        floor_bound: What that rests on.
+        opening_time: Nodes that could be touched before this, in [s], are looked at closer.
+        ceiling: What is later than this, in [s], need not be known any better.
+
+    Returns:
+        Contact time in [s], the sphere that decided, what its time rests on, and evaluations.
+    """
+    tree, settings = scene.tree, scene.settings
+    node_time, node_bound = scene.node_time, scene.node_bound
+    best = np.inf
+    best_node = node = tree.root[link]
+    best_bound = floor_bound
+    evaluations = 0
+    while node >= 0:
+        # The parent's bound holds for all that this node owns, so the later of the two stands.
+        parent = tree.parent[node]
+        time = floor if parent < 0 else node_time[parent]
+        bound = floor_bound if parent < 0 else node_bound[parent]
+        limit = min(best, ceiling)
+        distance = contact_distance(scene, node, bodies, row)
+        free = _free_time(scene, node, bodies, row, arm_age, age, distance)
+        evaluations += 1
+        if not time >= free:
+            time, bound = free, DISTANCE if settings.by_distance else ISOTROPIC
+        if settings.with_joints and time < limit:
+            slower = table_contact_time(
+                scene.arm.centers[node, 0], scene.arm.centers[node, 1], scene.arm.centers[node, 2],
+                scene.placement.jacobian, scene.arm.lever[node], scene.arm.slope_error[node],
+                scene.table, bodies.points[row], bodies.velocities[row], bodies.point_count[row],
+                bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], age,
+                distance, time, limit,
+            )  # fmt: skip
+            evaluations += 1
+            if slower > time:
+                time, bound = slower, JOINT
+        node_time[node] = time
+        node_bound[node] = bound
+        scene.sphere_time[node] = min(scene.sphere_time[node], time)
+        if tree.first_child[node] >= 0 and time < opening_time and time < limit:
+            node = tree.first_child[node]
+            continue
+        if time < best:
+            best, best_node, best_bound = time, node, bound
+        node = tree.skip[node]
+    return best, best_node, best_bound, evaluations
+
+
+@kernel
+def root_time(
+    scene: Scene, link: int, row: int, arm_age: float, age: float, floor: float
+) -> tuple[float, int, int]:
+    """What is cheap to know of one link and one obstacle's accepted state.
+
+    Args:
+        scene: The tick.
+        link: Of the arm.
+        row: Of the obstacle.
+        arm_age: Age of the joint state, in [s].
+        age: Of the obstacle's state, in [s].
+        floor: What the arm's reach says of all links, in [s].
+
+    Returns:
+        Contact time in [s], what it rests on, and evaluations.
+    """
+    time, bound, evaluations = floor, REACH, 1
+    if scene.settings.with_reach:
+        ball = scene.arm.link_balls[link]
+        by_reach = reach_time(
+            ball[0], ball[1], ball[2], ball[3], scene.bodies, row, age, scene.settings.margin
+        )
+        time = max(time, by_reach)
+        evaluations += 1
+    node = scene.tree.root[link]
+    distance = contact_distance(scene, node, scene.bodies, row)
+    free = _free_time(scene, node, scene.bodies, row, arm_age, age, distance)
+    if not time >= free:
+        time, bound = free, ISOTROPIC
+    return time, bound, evaluations
+
+
+@kernel
+def pair_time(
+    scene: Scene,
+    link: int,
+    row: int,
+    now: float,
+    arm_age: float,
+    floor: float,
+    opening_time: float,
+    ceiling: float,
+) -> tuple[float, int, int, int]:
+    """Earliest contact of one link and one obstacle, whichever of its states is true.
+
+    Args:
+        scene: The tick.
+        link: Of the arm.
+        row: Of the obstacle, which has an accepted state, or a refused one that can be reckoned
+            with, or both.
+        now: Time of the tick on the obstacles' clock, in [s].
+        arm_age: Age of the joint state, in [s].
+        floor: What the arm's reach says of all links, in [s].
+        opening_time: As for `link_time`.
+        ceiling: As for `link_time`.
+
+    Returns:
+        As `link_time`.
+    """
+    marks, settings = scene.marks, scene.settings
+    best = np.inf
+    best_node, best_bound, evaluations = scene.tree.root[link], REACH, 0
+    for refused in (False, True):
+        if not (marks.refused[row] if refused else marks.has_state[row]):
+            continue
+        # Both tracks are possible until one of them is confirmed.
+        bodies = scene.refused if refused else scene.bodies
+        age = 0.0 if marks.static[row] and not refused else now - bodies.stamp[row]
+        known = floor
+        if settings.with_reach:
+            ball = scene.arm.link_balls[link]
+            by_reach = reach_time(
+                ball[0], ball[1], ball[2], ball[3], bodies, row, age, settings.margin
+            )
+            evaluations += 1
+            known = max(known, by_reach)
+        time, node, bound = known, scene.tree.root[link], REACH
+        if known < opening_time and known < ceiling:
+            time, node, bound, spent = link_time(
+                scene, link, row, bodies, arm_age, age, known, REACH, opening_time, ceiling
+            )
+            evaluations += spent
+        if time < best:
+            best, best_node, best_bound = time, node, bound
+    return best, best_node, best_bound, evaluations
+
+
+@kernel
+def arm_reach_time(scene: Scene, row: int, now: float) -> tuple[float, int]:
+    """Time before which an obstacle cannot be where any part of the arm can be; evaluations."""
+    marks, settings = scene.marks, scene.settings
+    if not marks.has_state[row] and not marks.refused[row]:
+        return 0.0, 0
+    if marks.refused[row] and not marks.refused_finite[row]:
+        return 0.0, 0
+    if not settings.with_reach:
+        return 0.0, 0
+    ball = scene.arm.arm_ball
+    soonest = np.inf
+    evaluations = 0
+    if marks.has_state[row]:
+        age = 0.0 if marks.static[row] else now - scene.bodies.stamp[row]
+        soonest = reach_time(
+            ball[0], ball[1], ball[2], ball[3], scene.bodies, row, age, settings.margin
+        )
+        evaluations += 1
+    if marks.refused[row]:
+        age = now - scene.refused.stamp[row]
+        other = reach_time(
+            ball[0], ball[1], ball[2], ball[3], scene.refused, row, age, settings.margin
+        )
+        soonest = min(soonest, other)
+        evaluations += 1
+    return soonest, evaluations
+
+
+@kernel
+def is_known(scene: Scene, row: int) -> bool:
+    """Whether an obstacle's whereabouts can be reckoned with at all."""
+    if scene.marks.refused[row]:
+        return bool(scene.marks.refused_finite[row])
+    return bool(scene.marks.has_state[row])
+
+
+@kernel
+def rests_in_time(scene: Scene, link: int, row: int, now: float) -> bool:
+    """Whether a link surely rests before contact, though the arm brakes only after the next tick.
+
+    Descends to the spheres that fail; `scene.braking` ends when the arm rests.
+    """
+    if not is_known(scene, row):
+        return False
+    marks, tree, table = scene.marks, scene.tree, scene.braking
+    rest = table.time[table.time.shape[0] - 1] * (1.0 - 1e-11)
+    for refused in (False, True):
+        if not (marks.refused[row] if refused else marks.has_state[row]):
+            continue
+        bodies = scene.refused if refused else scene.bodies
+        age = 0.0 if marks.static[row] and not refused else now - bodies.stamp[row]
+        node = tree.root[link]
+        while node >= 0:
+            reached = table_contact_time(
+                scene.arm.centers[node, 0], scene.arm.centers[node, 1], scene.arm.centers[node, 2],
+                scene.placement.jacobian, scene.arm.lever[node], scene.arm.slope_error[node],
+                table, bodies.points[row], bodies.velocities[row], bodies.point_count[row],
+                bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], age,
+                contact_distance(scene, node, bodies, row), 0.0, np.inf,
+            )  # fmt: skip
+            if reached >= rest:
+                node = tree.skip[node]
+            elif tree.first_child[node] >= 0:
+                node = tree.first_child[node]
+            else:
+                return False
+    return True

@@ -1,0 +1,156 @@
+"""What is known of every obstacle: until when, by what, and when it must be looked at again."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.compilation import kernel
+from armguard.obstacle_table import News, States, extend_rows, make_states, resize_states
+from armguard.scene import UNKNOWN, FloatArray, IntArray
+from armguard.schedules.wheel import Wheel, grow_wheel, make_due, make_wheel, take_out
+from armguard.soonest import find_least, grow_tournament, make_tournament, set_value
+
+ACTIVE, PREPARED, STALE = range(3)
+"""Places in `Book.numbers`."""
+
+
+class Book(NamedTuple):
+    """What is known of each row of the obstacle table, and what it rests on."""
+
+    wheel: Wheel
+    soonest: FloatArray
+    """Tournament of the ends of their certificates, in [s] since the monitor's epoch."""
+    anchors: States
+    """The states that certificates rest on; no points where there was none."""
+    news: News
+    watched: NDArray[np.bool_]
+    """Which links are watched against it. Shape (rows, links)."""
+    evaluated_at: FloatArray
+    """Time of the last look, in [s] since the epoch. Shape (rows,)."""
+    pair_expiry: FloatArray
+    """End of each pair's certificate, alike: at least this. Shape (rows, links)."""
+    pair_sphere: NDArray[np.int32]
+    """Sphere that decided each pair. Shape (rows, links)."""
+    pair_bound: NDArray[np.int8]
+    """What that rests on, an index of `BOUND_NAMES`. Shape (rows, links)."""
+    broken: IntArray
+    """Rows whose news broke the bounds behind their certificates. Shape (rows,)."""
+    numbers: IntArray
+    """Rows that are watched, the tick that the arm was last prepared for, and how many looks came
+    later than freshness asked for. Shape (3,)."""
+
+
+def make_book(links: int) -> Book:
+    """A book without rows, for an arm of so many links."""
+    return Book(
+        make_wheel(0),
+        make_tournament(1),
+        make_states(0),
+        News(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_), np.zeros(1, dtype=np.int64)),
+        np.zeros((0, links), dtype=np.bool_),
+        np.zeros(0),
+        np.zeros((0, links)),
+        np.zeros((0, links), dtype=np.int32),
+        np.zeros((0, links), dtype=np.int8),
+        np.zeros(0, dtype=np.int64),
+        np.array([0, -1, 0]),
+    )
+
+
+def grow_book(book: Book, news: News, rows: int, width: int) -> Book:
+    """The same book for an obstacle table with so many rows, and points of each, and its news."""
+    leaves = len(book.soonest) // 2
+    return book._replace(
+        wheel=grow_wheel(book.wheel, rows),
+        soonest=grow_tournament(book.soonest, max(leaves, 1 << (rows - 1).bit_length())),
+        anchors=resize_states(book.anchors, rows, width),
+        news=news,
+        watched=extend_rows(book.watched, rows),
+        evaluated_at=extend_rows(book.evaluated_at, rows),
+        pair_expiry=extend_rows(book.pair_expiry, rows),
+        pair_sphere=extend_rows(book.pair_sphere, rows),
+        pair_bound=extend_rows(book.pair_bound, rows),
+        broken=extend_rows(book.broken, rows),
+    )
+
+
+@kernel
+def admit(handle: Any, rows: IntArray, masks: NDArray[np.bool_]) -> None:
+    """Take in rows, to be looked at in the next tick; masks, (n, links), say which links watch."""
+    book = handle.content
+    for i in range(rows.shape[0]):
+        row = rows[i]
+        some = False
+        for link in range(masks.shape[1]):
+            book.watched[row, link] = masks[i, link]
+            book.pair_expiry[row, link] = -np.inf
+            book.pair_bound[row, link] = UNKNOWN
+            some = some or masks[i, link]
+        book.anchors.point_count[row] = 0
+        book.evaluated_at[row] = -np.inf
+        if some:
+            book.numbers[ACTIVE] += 1
+            make_due(book.wheel, row, -np.inf)
+            set_value(book.soonest, row, -np.inf)
+
+
+@kernel
+def dismiss(handle: Any, rows: IntArray) -> None:
+    """Let go of rows."""
+    book = handle.content
+    for row in rows:
+        if book.watched[row].any():
+            book.numbers[ACTIVE] -= 1
+        book.watched[row] = False
+        take_out(book.wheel, row)
+        set_value(book.soonest, row, np.inf)
+
+
+@kernel
+def doubt_all(handle: Any) -> None:
+    """Let no certificate hold: everything is to be looked at."""
+    book = handle.content
+    for row in range(book.watched.shape[0]):
+        if book.watched[row].any():
+            make_due(book.wheel, row, -np.inf)
+            set_value(book.soonest, row, -np.inf)
+
+
+@kernel
+def first_link(book_handle: Any, row: int) -> int:
+    """The watched link whose certificate against an obstacle ends first."""
+    book = book_handle.content
+    first = 0
+    soonest = np.inf
+    for link in range(book.watched.shape[1]):
+        if book.watched[row, link] and book.pair_expiry[row, link] < soonest:
+            first, soonest = link, book.pair_expiry[row, link]
+    return first
+
+
+@kernel
+def find_soonest(book_handle: Any, rows: IntArray) -> int:
+    """Fill `rows` with those whose certificates end first, soonest first; how many there are."""
+    book = book_handle.content
+    wanted = min(rows.shape[0], book.numbers[ACTIVE])
+    values = np.empty(wanted)
+    count = 0
+    while count < wanted and book.soonest[1] < np.inf:
+        # Each is taken out of the tournament until all are found.
+        values[count] = book.soonest[1]
+        rows[count] = find_least(book.soonest)
+        set_value(book.soonest, rows[count], np.inf)
+        count += 1
+    for i in range(count):
+        set_value(book.soonest, rows[i], values[i])
+    half = book.soonest.shape[0] // 2
+    for row in range(book.watched.shape[0]):
+        if count == wanted:
+            break
+        if book.soonest[half + row] == np.inf and book.watched[row].any():
+            rows[count] = row
+            count += 1
+    return count

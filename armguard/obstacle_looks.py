@@ -1,0 +1,297 @@
+"""A look at what is due: the compiled tick of the watch over obstacles.
+
+An obstacle is the unit that falls due: all watched links are looked at together, since the soonest
+of them decides when it must be looked at again, and one record of the obstacle is what all of its
+certificates rest on. A tick takes out of the wheel what is due, the most urgent first, and puts
+each back for the time by which it could matter to a stop, or look stale.
+
+A look starts with what the whole arm cannot leave; most obstacles are done with then. Otherwise
+links follow in the order of their imminence, so that most of them need no closer look.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from armguard.anchors import allows_anchor, expire, keep_anchor
+from armguard.compilation import kernel
+from armguard.link_times import (
+    arm_reach_time,
+    is_known,
+    link_time,
+    pair_time,
+    rests_in_time,
+    root_time,
+)
+from armguard.obstacle_book import ACTIVE, PREPARED, STALE, Book
+from armguard.obstacle_table import clear_news
+from armguard.scene import REACH, UNKNOWN, FloatArray, IntArray, Scene, prepare_arm
+from armguard.schedules.wheel import (
+    NOBODY,
+    TURNING,
+    WAITING,
+    make_due,
+    most_urgent,
+    put_off,
+    turn,
+)
+from armguard.soonest import find_below, find_least, set_value
+
+CROWD = 64
+"""Evaluations in a tick beyond which, once contact is certain, other obstacles wait."""
+
+
+@kernel
+def _read_news(scene: Scene, book: Book) -> int:
+    """Let rows be due whose certificates their news have overtaken; how many broke their bounds."""
+    broken = 0
+    for i in range(book.news.changed_count[0]):
+        row = book.news.changed[i]
+        if not book.watched[row].any() or scene.marks.static[row]:
+            continue
+        allowed, grown = allows_anchor(scene.bodies, book.anchors, row, row)
+        if allowed and not grown and not scene.marks.refused[row]:
+            continue
+        if not allowed and book.anchors.point_count[row] > 0 and scene.marks.has_state[row]:
+            book.broken[broken] = row
+            broken += 1
+        make_due(book.wheel, row, -np.inf)
+        set_value(book.soonest, row, -np.inf)
+    clear_news(book.news)
+    return broken
+
+
+@kernel
+def _look_at_links(
+    scene: Scene,
+    book: Book,
+    row: int,
+    now: float,
+    time: float,
+    arm_age: float,
+    opening_time: float,
+    floor: float,
+) -> tuple[float, int]:
+    """Look at all watched links of one obstacle: soonest contact time in [s], and evaluations."""
+    links = book.watched.shape[1]
+    evaluations = 0
+    best = np.inf
+    if scene.marks.refused[row]:
+        for link in range(links):
+            if not book.watched[row, link]:
+                continue
+            found, node, bound, spent = pair_time(
+                scene, link, row, now, arm_age, floor, opening_time, best
+            )
+            evaluations += spent
+            best = min(best, found)
+            book.pair_expiry[row, link] = expire(time, found)
+            book.pair_sphere[row, link] = node
+            book.pair_bound[row, link] = bound
+        return best, evaluations
+    age = 0.0 if scene.marks.static[row] else now - scene.bodies.stamp[row]
+    # What is known at a glance, links in the order of it: later ones seldom need a closer look.
+    for link in range(links):
+        if book.watched[row, link]:
+            glance, bound, spent = root_time(scene, link, row, arm_age, age, floor)
+            evaluations += spent
+            scene.link_time[link] = glance
+            scene.link_bound[link] = bound
+    for _ in range(links):
+        link = -1
+        for other in range(links):
+            left = scene.link_time[other] >= 0.0 and book.watched[row, other]
+            if left and (link < 0 or scene.link_time[other] < scene.link_time[link]):
+                link = other
+        if link < 0:
+            break
+        found, bound = scene.link_time[link], scene.link_bound[link]
+        node = scene.tree.root[link]
+        scene.link_time[link] = -1.0
+        if found < best and found < opening_time:
+            found, node, bound, spent = link_time(
+                scene, link, row, scene.bodies, arm_age, age, found, bound, opening_time, best
+            )
+            evaluations += spent
+        best = min(best, found)
+        book.pair_expiry[row, link] = expire(time, found)
+        book.pair_sphere[row, link] = node
+        book.pair_bound[row, link] = bound
+    return best, evaluations
+
+
+@kernel
+def _look_at(
+    scene: Scene,
+    book: Book,
+    row: int,
+    q: FloatArray,
+    v: FloatArray,
+    now: float,
+    time: float,
+    tick: int,
+    arm_age: float,
+    opening_time: float,
+) -> tuple[float, int]:
+    """Look at one obstacle: its soonest contact time in [s], and evaluations."""
+    best, evaluations = 0.0, 0
+    bound = UNKNOWN
+    if is_known(scene, row):
+        best, evaluations = arm_reach_time(scene, row, now)
+        bound = REACH
+        if best < opening_time:
+            if book.numbers[PREPARED] != tick:
+                prepare_arm(scene, q, v, arm_age)
+                book.numbers[PREPARED] = tick
+            best, spent = _look_at_links(scene, book, row, now, time, arm_age, opening_time, best)
+            set_value(book.soonest, row, expire(time, best))
+            return best, evaluations + spent
+    expiry = expire(time, best)
+    for link in range(book.watched.shape[1]):
+        book.pair_expiry[row, link] = expiry
+        book.pair_sphere[row, link] = scene.tree.root[link]
+        book.pair_bound[row, link] = bound
+    set_value(book.soonest, row, expiry)
+    return best, evaluations
+
+
+@kernel
+def time_to_spare(
+    scene: Scene, v: FloatArray, contact_time: float, arm_age: float, horizon: float
+) -> float:
+    """Time in [s] in which a contact time cannot matter to a stop, the arm's speeding up included.
+
+    Too long a time would cost false stops, never safety: what counts is the end of certificates.
+    """
+    limits = scene.limits
+    spare = np.inf
+    for j in range(v.shape[0]):
+        top, accel, braking = limits.velocity[j], limits.acceleration[j], limits.braking[j]
+        speed = abs(v[j]) + 3.0 * limits.velocity_error[j]
+        speed += accel * (max(arm_age, 0.0) + horizon)
+        stop = horizon + min(top, speed) / braking
+        at_most = contact_time - horizon - top / braking
+        spare = min(spare, max(at_most, (contact_time - stop) / (1.0 + accel / braking)))
+    return spare
+
+
+@kernel
+def look(
+    scene_handle: Any,
+    book_handle: Any,
+    q: FloatArray,
+    v: FloatArray,
+    now: float,
+    time: float,
+    tick: int,
+    arm_age: float,
+    opening_time: float,
+    horizon: float,
+    freshness: float,
+    period: float,
+    budget: int,
+) -> tuple[int, float, int, int, int]:
+    """One tick: look at what is due, as far as the budget goes.
+
+    Where contact is certain already, what still waits is not overdue: the arm stops in any case,
+    and goes on only when all of it has been looked at.
+
+    Args:
+        scene_handle: On the `Scene`.
+        book_handle: On the `Book`.
+        q: Joint positions, [rad] or [m]. Shape (nv,).
+        v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
+        now: Time of the tick on the obstacles' clock, in [s].
+        time: The same since the monitor's epoch.
+        tick: Number of the tick.
+        arm_age: Age of the joint state, in [s].
+        opening_time: What could be touched before this, in [s], is looked at closer.
+        horizon: Period plus latency plus reaction time, in [s].
+        freshness: How stale an answer may look, as a fraction of itself.
+        period: Of ticks, in [s].
+        budget: Evaluations after which nothing further is begun.
+
+    Returns:
+        Row whose certificate ends first (NOBODY without any), that end in [s] since the epoch,
+        obstacles overdue, evaluations, and rows in `book.broken`.
+    """
+    scene, book = scene_handle.content, book_handle.content
+    wheel = book.wheel
+    broken = _read_news(scene, book)
+    # To the nearest tick: those of a loop are never quite on time.
+    clock = int(time / period + 0.5)
+    turn(wheel, clock)
+    evaluated = 0
+    certain = False
+    while evaluated < budget and not (certain and evaluated > CROWD):
+        row = most_urgent(wheel)
+        if row == NOBODY:
+            break
+        contact_time, spent = _look_at(
+            scene, book, row, q, v, now, time, tick, arm_age, opening_time
+        )
+        evaluated += spent
+        book.evaluated_at[row] = time
+        keep_anchor(scene.bodies, book.anchors, scene.marks, row, row)
+        spare = time_to_spare(scene, v, contact_time, arm_age, horizon)
+        if scene.marks.refused[row] or not is_known(scene, row):
+            spare = 0.0
+        wait = min(spare, freshness * contact_time)
+        certain = certain or contact_time <= period
+        due = clock + (int(min(wait / period, 1e9)) if wait > 0.0 else 0)
+        put_off(wheel, row, due, time + spare)
+    overdue = 0
+    for place in range(wheel.numbers[WAITING]):
+        if not wheel.deadline[wheel.heap[place]] < time:
+            book.numbers[STALE] += 1
+        elif not certain:
+            overdue += 1
+    # Each watched row is in the wheel or waits: were one lost, nobody would look at it again.
+    lost = book.numbers[ACTIVE] - wheel.numbers[WAITING] - wheel.numbers[TURNING]
+    overdue += abs(lost)
+    if book.numbers[ACTIVE] == 0:
+        return NOBODY, np.inf, overdue, evaluated, broken
+    soonest = find_least(book.soonest)
+    expiry = book.soonest[1]
+    return soonest, expiry, overdue, evaluated, broken
+
+
+@kernel
+def find_unsafe(
+    scene_handle: Any,
+    book_handle: Any,
+    q: FloatArray,
+    v: FloatArray,
+    now: float,
+    time: float,
+    tick: int,
+    arm_age: float,
+    stop_time: float,
+    rows: IntArray,
+) -> tuple[int, int]:
+    """The first pair that might touch before the arm rests, by the scene's table of braking.
+
+    Only what could be touched within `stop_time` is looked at. Where more obstacles than fit into
+    `rows` are as near as that, the first of them counts as unsafe without a look.
+
+    Returns:
+        Row and link; NOBODY if the arm surely rests before it touches anything.
+    """
+    scene, book = scene_handle.content, book_handle.content
+    if book.numbers[PREPARED] != tick:
+        prepare_arm(scene, q, v, arm_age)
+        book.numbers[PREPARED] = tick
+    latest = time + stop_time
+    count = find_below(book.soonest, latest, rows)
+    if count == rows.shape[0]:
+        return rows[0], 0
+    for i in range(count):
+        row = rows[i]
+        for link in range(book.watched.shape[1]):
+            if not book.watched[row, link] or book.pair_expiry[row, link] > latest:
+                continue
+            if not rests_in_time(scene, link, row, now):
+                return row, link
+    return NOBODY, NOBODY

@@ -1,0 +1,214 @@
+"""The watch that looks at each obstacle in time, in one compiled call a tick.
+
+The schedule is `deadline`: each obstacle is due when it could matter to a stop, or when the answer
+about it would look stale. What it knows is in `obstacle_book`; here arrays are made, grown and
+handed over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from armguard.exceptions import ArmguardError
+from armguard.handle import pack
+from armguard.obstacle_book import (
+    STALE,
+    admit,
+    dismiss,
+    doubt_all,
+    find_soonest,
+    first_link,
+    grow_book,
+    make_book,
+)
+from armguard.obstacle_looks import find_unsafe, look
+from armguard.obstacles import Obstacles
+from armguard.robot import Robot
+from armguard.scene import FloatArray, IntArray
+from armguard.schedules.wheel import NOBODY
+from armguard.watch import Listing, Look, Tick
+from armguard.watched_arm import WatchedArm
+
+UNLIMITED = 2**62
+"""A budget that nothing exceeds."""
+
+SUSPECTS = 256
+"""Obstacles that are looked at more closely before a STOP; more of them are a STOP."""
+
+
+class ObstacleWatch:
+    """Looks at obstacles by their deadlines; see `Watch`.
+
+    Args:
+        robot: The arm.
+        obstacles: The table; this watch is the one that follows its rows from now on.
+        make_arm: Lays out the arm as it is now.
+        horizon: Period plus latency plus reaction time, in [s].
+        freshness: How stale an answer may look, as a fraction of itself.
+        period: Of ticks, in [s].
+        budget: Evaluations in a tick after which nothing further is begun; None: no limit.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        obstacles: Obstacles,
+        make_arm: Callable[[], WatchedArm],
+        horizon: float,
+        freshness: float,
+        period: float,
+        budget: int | None,
+    ) -> None:
+        self._robot = robot
+        self._obstacles = obstacles
+        self._make_arm = make_arm
+        self._pace = horizon, freshness, period, UNLIMITED if budget is None else budget
+        self._suspects = np.zeros(SUSPECTS, dtype=np.int64)
+        self._prepare()
+
+    @property
+    def stale_looks(self) -> int:
+        """How many looks so far came later than freshness asked for."""
+        return int(self.book.numbers[STALE])
+
+    def follow(self) -> None:
+        """Take in what was attached to the robot, and obstacles that came or went."""
+        if self._obstacles.watcher != self._watcher:
+            raise ArmguardError(
+                "obstacles",
+                "are watched by another monitor, which came later",
+                remedy="give each monitor obstacles of its own",
+            )
+        if self._robot.revision != self.arm.revision:
+            self._prepare()
+        if self.arm.state.view_table():
+            self._fit()
+        added, removed = self._obstacles.drain_membership()
+        if len(removed):
+            dismiss(self._handle, removed)
+        if len(added):
+            masks = np.array([self.arm.watched_links(int(row)) for row in added])
+            admit(self._handle, added, masks)
+
+    def restart(self) -> None:
+        """Start again with all obstacles that are there, whatever happened before."""
+        self._watcher = self._obstacles.start_watching()
+        self._make_book()
+
+    def doubt(self) -> None:
+        """Let no certificate hold."""
+        doubt_all(self._handle)
+
+    def look(self, tick: Tick) -> Look:
+        """Look at the obstacles that are due."""
+        row, expiry, overdue, evaluated, broken = look(
+            self.arm.state.handle,
+            self._handle,
+            tick.q,
+            tick.v,
+            tick.now,
+            tick.time,
+            tick.number,
+            tick.arm_age,
+            tick.opening_time,
+            *self._pace,
+        )
+        pair = NOBODY if row == NOBODY else self._first_pair(row)
+        rows = tuple(self.book.broken[:broken].tolist()) if broken else ()
+        return Look(pair, expiry, overdue, evaluated, rows)
+
+    def find_unsafe(self, tick: Tick, stop_time: float) -> int:
+        """A pair that might touch before the arm rests; NOBODY if there is none."""
+        row, link = find_unsafe(
+            self.arm.state.handle,
+            self._handle,
+            tick.q,
+            tick.v,
+            tick.now,
+            tick.time,
+            tick.number,
+            tick.arm_age,
+            stop_time,
+            self._suspects,
+        )
+        return NOBODY if row == NOBODY else row * len(self.arm.links) + link
+
+    def deciding_sphere(self, pair: int) -> int:
+        """The sphere that decided a pair."""
+        return int(self.book.pair_sphere[divmod(pair, len(self.arm.links))])
+
+    def list_imminent(self, time: float, *, row_limit: int, pair_limit: int) -> Listing:
+        """What is most imminent at `time`."""
+        book, links = self.book, len(self.arm.links)
+        rows = np.zeros(max(row_limit, pair_limit), dtype=np.int64)
+        rows = rows[: find_soonest(self._handle, rows)]
+        # Obstacles may have been removed since, and others taken their rows.
+        rows = rows[~np.isin(rows, self._obstacles.changed_rows())]
+        row_expiry = book.soonest[len(book.soonest) // 2 + rows]
+        pairs = (rows[:, None] * links + np.arange(links))[book.watched[rows]]
+        expiry = book.pair_expiry.reshape(-1)[pairs]
+        order = np.argsort(expiry, kind="stable")[:pair_limit]
+        pairs = pairs[order]
+        return Listing(
+            rows=rows[:row_limit],
+            row_expiry=row_expiry[:row_limit],
+            pairs=pairs,
+            expiry=expiry[order],
+            evaluated_at=book.evaluated_at[pairs // links],
+            sphere=book.pair_sphere.reshape(-1)[pairs].astype(np.int64),
+            bound=book.pair_bound.reshape(-1)[pairs].astype(np.int64),
+            sphere_expiry=self._sphere_expiry(time, rows),
+        )
+
+    def _first_pair(self, row: int) -> int:
+        """The pair of an obstacle whose certificate ends first."""
+        return row * len(self.arm.links) + first_link(self._handle, row)
+
+    def _sphere_expiry(self, time: float, rows: IntArray) -> FloatArray:
+        """Soonest contact of each finest sphere; what was not looked at has its link's time."""
+        state, book = self.arm.state, self.book
+        tree = state.tree
+        seen = np.isfinite(state.sphere_time)
+        self._seen_expiry[seen] = time + state.sphere_time[seen]
+        state.sphere_time.fill(np.inf)
+        expiry = np.where(book.watched[rows], book.pair_expiry[rows], np.inf)
+        # Obstacles that are not listed are later than the last one that is.
+        beyond = expiry.min(axis=1)[-1] if len(rows) else np.inf
+        of_link = np.minimum(expiry.min(axis=0, initial=np.inf), beyond)[state.link_of]
+        # A sphere that was seen lately is known better than its link, until that has come true.
+        known = np.where(self._seen_expiry > time, self._seen_expiry, of_link)
+        return np.maximum(known, of_link)[tree.first_child < 0]
+
+    def _prepare(self) -> None:
+        """Lay out everything for the links that the robot has now."""
+        self.arm = self._make_arm()
+        self._watcher = self._obstacles.start_watching()
+        self._seen_expiry = np.full(len(self.arm.state.tree.radius), -np.inf)
+        self._make_book()
+        self._compile()
+
+    def _make_book(self) -> None:
+        self.book = make_book(len(self.arm.links))
+        self._fit()
+
+    def _fit(self) -> None:
+        """Follow the obstacle table's size."""
+        table = self._obstacles.table
+        rows, width = len(table.alive), table.points.shape[1]
+        self.book = grow_book(self.book, table.news, rows, width)
+        self._handle = pack(self.book)
+
+    def _compile(self) -> None:
+        """Run every kernel once on nothing, so that none is compiled in a tick."""
+        zeros, none = np.zeros(len(self._robot.joints)), np.zeros(0, dtype=np.int64)
+        admit(self._handle, none, np.zeros((0, len(self.arm.links)), dtype=np.bool_))
+        dismiss(self._handle, none)
+        doubt_all(self._handle)
+        self.arm.kinematics.place(zeros)
+        tick = Tick(0, 0.0, 0.0, zeros, zeros, 0.0, 0.0, 0.0)
+        self.look(tick)
+        self.find_unsafe(tick, 0.0)
+        self._first_pair(0)
+        find_soonest(self._handle, none)

@@ -1,0 +1,151 @@
+"""One tick as compiled code sees it: the arm, how it can move, and the obstacles, as flat arrays.
+
+Everything here is a view on what others own and fill. A `Scene` holds for as long as none of these
+arrays is replaced, which only a growing obstacle table does.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.bounds import JointTable
+from armguard.bounds.isotropic import VelocityErrors, fill_velocity_errors
+from armguard.bounds.joint_limits import JointLimits
+from armguard.bounds.travel import fill_displacements
+from armguard.compilation import kernel
+from armguard.kinematics import ArmPlacement, ArmSpheres, move_spheres
+from armguard.obstacle_table import Marks, States
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+UNKNOWN, REACH, ISOTROPIC, JOINT, DISTANCE = range(5)
+"""What a contact time rests on: nothing (the obstacle's whereabouts are unknown), or a bound on the
+arm's motion; `DISTANCE` is distance over closing speed."""
+
+BOUND_NAMES = ("unknown", "reach", "isotropic", "joint", "distance")
+"""How these are called where users see them."""
+
+
+class SphereTree(NamedTuple):
+    """All links' sphere trees in one, threaded so that it can be walked without a stack."""
+
+    root: IntArray
+    """First node of each link. Shape (links,)."""
+    first_child: IntArray
+    """First child of each node, -1 for a leaf. Shape (n,)."""
+    parent: IntArray
+    """Parent of each node, -1 for a root. Shape (n,)."""
+    skip: IntArray
+    """Where to go on when a node is not opened; -1 at the end of its link. Shape (n,)."""
+    radius: FloatArray
+    """[m]. Shape (n,)."""
+
+
+class ArmArrays(NamedTuple):
+    """The arm's spheres in this tick, and how each can move."""
+
+    centers: FloatArray
+    """[m], world. Shape (n, 3)."""
+    velocities: FloatArray
+    """[m/s], world. Shape (n, 3)."""
+    accel: FloatArray
+    """Bound on acceleration, [m/s²]. Shape (n,)."""
+    speed: FloatArray
+    """Bound on speed, [m/s]. Shape (n,)."""
+    position_error: FloatArray
+    """[m]. Shape (n,)."""
+    velocity_error: FloatArray
+    """[m/s]. Shape (n,)."""
+    lever: FloatArray
+    """R_j, [m]. Shape (n, nv)."""
+    slope_error: FloatArray
+    """What columns of the Jacobian may be off by, [m]. Shape (n, nv)."""
+    link_balls: FloatArray
+    """What each link cannot leave: centre and radius, [m]. Shape (links, 4)."""
+    arm_ball: FloatArray
+    """What the arm cannot leave, alike. Shape (4,)."""
+
+
+class Settings(NamedTuple):
+    """What does not change while a monitor lives."""
+
+    margin: float
+    """Distance that counts as contact already, [m]."""
+    advances: int
+    """Tangent advances per evaluation; any number is safe."""
+    by_distance: bool
+    """Evaluate distance over closing speed instead of contact time."""
+    with_reach: bool
+    """Whether what the arm cannot leave is used."""
+    with_joints: bool
+    """Whether joint bounds are used."""
+
+
+class Scene(NamedTuple):
+    """All that the evaluation of pairs reads, and the room that it works in."""
+
+    tree: SphereTree
+    arm: ArmArrays
+    placement: ArmPlacement
+    velocity_errors: VelocityErrors
+    limits: JointLimits
+    table: JointTable
+    """Joint displacements from this tick's state."""
+    braking: JointTable
+    """The same for an arm that brakes after the next tick, until it rests."""
+    bodies: States
+    """Accepted states of obstacles."""
+    refused: States
+    """Refused samples beside them."""
+    marks: Marks
+    settings: Settings
+    node_time: FloatArray
+    """Room to work in: contact time of each sphere in the present evaluation. Shape (n,)."""
+    node_bound: NDArray[np.int8]
+    """Room to work in: what that rests on. Shape (n,)."""
+    link_time: FloatArray
+    """Room to work in, likewise for links. Shape (links,)."""
+    link_bound: NDArray[np.int8]
+    """Room to work in, likewise. Shape (links,)."""
+    sphere_time: FloatArray
+    """Soonest contact time that each sphere was given in this tick, [s]. Shape (n,)."""
+
+
+def thread_tree(spheres: ArmSpheres) -> SphereTree:
+    """Add parents and skips to the sphere trees, so that kernels walk them without a stack."""
+    count = len(spheres.radius)
+    parent = np.full(count, -1, dtype=np.int64)
+    skip = np.full(count, -1, dtype=np.int64)
+    first_child = np.where(spheres.child_count > 0, spheres.first_child, -1).astype(np.int64)
+    # Parents stand before their children, so every skip is known before it is handed down.
+    for node in range(count):
+        first = first_child[node]
+        for child in range(first, first + int(spheres.child_count[node]) if first >= 0 else first):
+            last = child == first + spheres.child_count[node] - 1
+            parent[child] = node
+            skip[child] = skip[node] if last else child + 1
+    return SphereTree(spheres.root, first_child, parent, skip, spheres.radius)
+
+
+@kernel
+def prepare_arm(scene: Scene, q: FloatArray, v: FloatArray, age: float) -> None:
+    """Fill all that evaluations need to know of the arm, whose joints are placed already.
+
+    Args:
+        scene: The tick.
+        q: Joint positions, [rad] or [m]. Shape (nv,).
+        v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
+        age: Of the joint state, in [s]; negative where it is newer than the tick.
+    """
+    move_spheres(scene.placement, v)
+    fill_velocity_errors(v, scene.velocity_errors)
+    if scene.settings.with_joints:
+        table = scene.table
+        fill_displacements(
+            q, v, age, np.inf, scene.limits,
+            table.time, table.high, table.low, table.highest, table.lowest,
+        )  # fmt: skip

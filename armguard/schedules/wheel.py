@@ -1,0 +1,210 @@
+"""A timing wheel: entries that fall due later, and those that are due now, the most urgent first.
+
+One slot for each tick to come, so that an entry goes in and comes out in a few nanoseconds however
+many there are, and none is moved on the way. Several levels of coarser slots would save memory that
+nobody needs, and pay for it by moving a whole slot of entries in one tick. What falls due later
+than the wheel reaches comes out when it has turned once.
+
+Entries that are due wait in a heap by their deadlines until somebody takes them out: where not all
+can be looked at, the most urgent are.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.compilation import kernel
+
+IntArray = NDArray[np.int64]
+Int32Array = NDArray[np.int32]
+FloatArray = NDArray[np.float64]
+
+SLOTS = 2**15
+"""Ticks that a wheel reaches: half a minute at 1 kHz."""
+
+EARLY = 4
+"""An entry may come out early by this fraction of its way, so that ticks are loaded alike."""
+
+ABSENT, DUE = -1, -2
+"""In place of a slot: an entry is not there at all, or waits in the heap."""
+
+NOBODY = -1
+"""In place of an entry."""
+
+
+class Wheel(NamedTuple):
+    """Entries are numbers up to a capacity; each is in one slot, in the heap, or absent."""
+
+    first: Int32Array
+    """First entry of each slot. Shape (SLOTS,)."""
+    load: Int32Array
+    """Entries in each slot. Shape (SLOTS,)."""
+    slot: Int32Array
+    """Slot of each entry, ABSENT or DUE. Shape (capacity,)."""
+    after: Int32Array
+    """Next entry in the same slot; in the heap, its place there. Shape (capacity,)."""
+    before: Int32Array
+    """Previous entry in the same slot. Shape (capacity,)."""
+    deadline: FloatArray
+    """Of each entry, in any unit: orders the heap. Shape (capacity,)."""
+    heap: Int32Array
+    """Entries that are due. Shape (capacity,)."""
+    numbers: IntArray
+    """Entries in the heap, entries in slots, and the tick up to which slots are empty. Shape
+    (3,)."""
+
+
+WAITING, TURNING, TICK = range(3)
+"""Places in `Wheel.numbers`."""
+
+
+def make_wheel(capacity: int) -> Wheel:
+    """An empty wheel."""
+    entries = [np.full(capacity, ABSENT, dtype=np.int32) for _ in range(3)]
+    return Wheel(
+        np.full(SLOTS, NOBODY, dtype=np.int32),
+        np.zeros(SLOTS, dtype=np.int32),
+        *entries,
+        np.full(capacity, np.inf),
+        np.zeros(capacity, dtype=np.int32),
+        np.zeros(3, dtype=np.int64),
+    )
+
+
+def grow_wheel(wheel: Wheel, capacity: int) -> Wheel:
+    """The same wheel with room for more entries."""
+    grown = make_wheel(capacity)
+    for before, after in zip(wheel, grown, strict=True):
+        after[: len(before)] = before
+    return grown
+
+
+@kernel
+def _rise(wheel: Wheel, place: int) -> None:
+    """Move an entry of the heap up to where it belongs."""
+    heap, key, entry = wheel.heap, wheel.deadline, wheel.heap[place]
+    while place > 0:
+        parent = (place - 1) // 2
+        if key[heap[parent]] <= key[entry]:
+            break
+        heap[place] = heap[parent]
+        wheel.after[heap[place]] = place
+        place = parent
+    heap[place] = entry
+    wheel.after[entry] = place
+
+
+@kernel
+def _sink(wheel: Wheel, place: int) -> None:
+    """Move an entry of the heap down to where it belongs."""
+    heap, key, entry = wheel.heap, wheel.deadline, wheel.heap[place]
+    size = wheel.numbers[WAITING]
+    while 2 * place + 1 < size:
+        child = 2 * place + 1
+        if child + 1 < size and key[heap[child + 1]] < key[heap[child]]:
+            child += 1
+        if key[entry] <= key[heap[child]]:
+            break
+        heap[place] = heap[child]
+        wheel.after[heap[place]] = place
+        place = child
+    heap[place] = entry
+    wheel.after[entry] = place
+
+
+@kernel
+def make_due(wheel: Wheel, entry: int, deadline: float) -> None:
+    """Let an entry, wherever it is, wait in the heap from now on."""
+    take_out(wheel, entry)
+    place = wheel.numbers[WAITING]
+    wheel.numbers[WAITING] += 1
+    wheel.heap[place] = entry
+    wheel.slot[entry] = DUE
+    wheel.deadline[entry] = deadline
+    _rise(wheel, place)
+
+
+@kernel
+def take_out(wheel: Wheel, entry: int) -> None:
+    """Let go of an entry, wherever it is."""
+    slot = wheel.slot[entry]
+    if slot == ABSENT:
+        return
+    wheel.slot[entry] = ABSENT
+    if slot == DUE:
+        wheel.numbers[WAITING] -= 1
+        place, last = wheel.after[entry], wheel.heap[wheel.numbers[WAITING]]
+        if last != entry:
+            wheel.heap[place] = last
+            wheel.after[last] = place
+            _rise(wheel, place)
+            _sink(wheel, wheel.after[last])
+        return
+    after, before = wheel.after[entry], wheel.before[entry]
+    if before == NOBODY:
+        wheel.first[slot] = after
+    else:
+        wheel.after[before] = after
+    if after != NOBODY:
+        wheel.before[after] = before
+    wheel.load[slot] -= 1
+    wheel.numbers[TURNING] -= 1
+
+
+@kernel
+def most_urgent(wheel: Wheel) -> int:
+    """The entry of the heap whose deadline is first; NOBODY if none is due."""
+    return wheel.heap[0] if wheel.numbers[WAITING] > 0 else NOBODY
+
+
+@kernel
+def put_off(wheel: Wheel, entry: int, tick: int, deadline: float) -> None:
+    """Let an entry, wherever it is, come out at `tick` or a little earlier, but not at once.
+
+    Args:
+        wheel: Where it goes.
+        entry: Its number.
+        tick: By when it is to come out.
+        deadline: What orders it in the heap, once it has.
+    """
+    take_out(wheel, entry)
+    now = wheel.numbers[TICK]
+    wait = max(min(tick - now, SLOTS - 1), 1)
+    # Of three ticks within the last quarter of its wait the one with the least to do.
+    early = wait // EARLY
+    spread = (entry * 2654435761 + now * 40503) % (early + 1)
+    best = (now + wait) % SLOTS
+    for candidate in (now + wait - spread, now + wait - early + spread // 2):
+        slot = candidate % SLOTS
+        if candidate > now and wheel.load[slot] < wheel.load[best]:
+            best = slot
+    first = wheel.first[best]
+    wheel.slot[entry] = best
+    wheel.before[entry] = NOBODY
+    wheel.after[entry] = first
+    if first != NOBODY:
+        wheel.before[first] = entry
+    wheel.first[best] = entry
+    wheel.load[best] += 1
+    wheel.numbers[TURNING] += 1
+    wheel.deadline[entry] = deadline
+
+
+@kernel
+def turn(wheel: Wheel, tick: int) -> None:
+    """Let all entries up to and including `tick` wait in the heap; an earlier tick does nothing."""
+    last = wheel.numbers[TICK]
+    if tick <= last:
+        return
+    # After a whole turn every slot has come round, however far the clock jumped.
+    for step in range(max(last + 1, tick - SLOTS + 1), tick + 1):
+        slot = step % SLOTS
+        entry = wheel.first[slot]
+        while entry != NOBODY:
+            following = wheel.after[entry]
+            make_due(wheel, entry, wheel.deadline[entry])
+            entry = following
+    wheel.numbers[TICK] = tick

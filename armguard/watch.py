@@ -1,0 +1,109 @@
+"""What the monitor asks of a watch over pairs of link and obstacle.
+
+Two watches keep this promise: one that looks at obstacles by their deadlines in one compiled call,
+and one that lets any schedule of pair numbers decide.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+from armguard.scene import FloatArray, IntArray
+from armguard.watched_arm import WatchedArm
+
+
+class Tick(NamedTuple):
+    """One tick, as a watch is told of it; times in [s]."""
+
+    number: int
+    now: float
+    """On the obstacles' clock."""
+    time: float
+    """The same since the monitor's epoch."""
+    q: FloatArray
+    """Joint positions, [rad] or [m]. Shape (nv,)."""
+    v: FloatArray
+    """Joint velocities, [rad/s] or [m/s]. Shape (nv,)."""
+    arm_age: float
+    """Age of the joint state; negative where it is newer than now."""
+    stop_time: float
+    """In which the arm surely rests."""
+    opening_time: float
+    """What could be touched before this is looked at closer."""
+
+
+class Look(NamedTuple):
+    """What a tick's look at the pairs found."""
+
+    pair: int
+    """Whose certificate ends first, row × links + link; NOBODY without pairs."""
+    expiry: float
+    """When that is, in [s] since the monitor's epoch; inf without pairs."""
+    overdue: int
+    """How many pairs or obstacles have neither a certificate in force nor a look in this tick."""
+    evaluated: int
+    """Evaluations spent."""
+    broken: tuple[int, ...] = ()
+    """Rows of obstacles that broke the bounds behind their certificates."""
+
+
+class Listing(NamedTuple):
+    """What is most imminent, soonest first; times in [s] since the monitor's epoch."""
+
+    rows: IntArray
+    """Of obstacles. Shape (o,)."""
+    row_expiry: FloatArray
+    """When the first certificate of each ends. Shape (o,)."""
+    pairs: IntArray
+    """Row × links + link. Shape (m,)."""
+    expiry: FloatArray
+    """When each pair's certificate ends. Shape (m,)."""
+    evaluated_at: FloatArray
+    """When each was looked at last. Shape (m,)."""
+    sphere: IntArray
+    """Sphere that decided each. Shape (m,)."""
+    bound: IntArray
+    """What each certificate rests on, an index of `BOUND_NAMES`. Shape (m,)."""
+    sphere_expiry: FloatArray
+    """Soonest contact of each finest sphere of the arm. Shape (s,)."""
+
+
+class Watch(Protocol):
+    """Looks at pairs, and knows for each until when it is safe."""
+
+    arm: WatchedArm
+
+    def follow(self) -> None:
+        """Take in what was attached to the robot, and obstacles that came or went.
+
+        Raises:
+            ArmguardError: Another watch follows the table, so that news of it is lost.
+        """
+        ...
+
+    def restart(self) -> None:
+        """Start again with all obstacles that are there, whatever happened before."""
+        ...
+
+    def doubt(self) -> None:
+        """Let no certificate hold: what they rest on beside their obstacles is gone."""
+        ...
+
+    def look(self, tick: Tick) -> Look:
+        """Look at the pairs that are due, on an arm that is placed already."""
+        ...
+
+    def find_unsafe(self, tick: Tick, stop_time: float) -> int:
+        """A pair that might touch before the arm rests; NOBODY if there is none.
+
+        Judged by the arm's table of braking, for whatever could be touched within `stop_time`.
+        """
+        ...
+
+    def list_imminent(self, time: float, *, row_limit: int, pair_limit: int) -> Listing:
+        """What is most imminent at `time`, in [s] since the epoch; cheap, and the caller's own."""
+        ...
+
+    def deciding_sphere(self, pair: int) -> int:
+        """The sphere that decided a pair."""
+        ...
