@@ -1,0 +1,243 @@
+"""What a tick costs: armguard's schedules, a sweep over all pairs, and what users pick today.
+
+    python benchmarks/schedules.py [--obstacles 10 1000] [--only deadline sweep] [--ticks 300] …
+
+A Panda works slowly amid balls that wander about a hall (`crowds.py`); every contestant
+(`rivals.py`) sees the same joint states at 1 kHz and the same balls, each measured at 100 Hz, or at
+1 Hz where there are 100,000. Nobody comes so near that even the crudest bound would stop the arm:
+whoever says STOP nevertheless is marked, since a monitor that stops the arm has an easy time.
+
+Contestants take turns of so many ticks, again and again, so that whatever else the machine does
+falls on all of them alike. Times are of one core, in microseconds: the median over turns of each
+turn's median and 99 % of its ticks, and the slowest of all ticks. `update` is the median of taking
+in what was measured in that tick, which is timed apart. Garbage is collected before a turn and not
+during it, the first ticks of a turn are not counted, nor are those before the first turn, in which
+the schedules spread their load. Whoever is slow takes fewer ticks, from the beginning. Memory is
+what the process grew by, from making a contestant to its first tick, for each obstacle.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import gc
+import importlib.metadata
+import math
+import os
+import platform
+import time
+from pathlib import Path
+
+import numpy as np
+from crowds import RATE, Crowd, UnavailableError, Work
+from rivals import CONTESTANTS
+
+from armguard.robot import Robot
+
+MANY = 100_000
+UPDATE_RATE, UPDATE_RATE_OF_MANY = 100.0, 1.0  # [Hz]
+LEAD_IN = 20  # ticks at the beginning of a turn that do not count
+TARGETS = {  # of "deadline, joint": median and 99 % of its ticks, [µs]
+    10: (4.0, None),
+    1_000: (8.0, 25.0),
+    10_000: (40.0, 120.0),
+    100_000: (400.0, None),
+}
+CHEAPER = {1_000: 20.0, 10_000: 40.0}  # than "sweep, bounds", at least
+MEASURABLE = 1_000  # obstacles from which on the growth of the process says anything
+COLUMNS = ("update", "median", "p99", "max", "÷bounds", "÷reach", "evaluated", "B/obst", "ticks")
+
+
+class Run:
+    """One contestant and what it took."""
+
+    def __init__(self, name: str, make, arguments, work: Work, crowd: Crowd) -> None:
+        self.name, self._work, self._crowd = name, work, crowd
+        self._tick = 0
+        self.turns: list[tuple[float, float, float]] = []
+        self.slowest, self.ticks, self.stops = 0.0, 0, 0
+        self.evaluations, self.earliest = [], math.inf
+        _trim()
+        before = read_memory()
+        self._contestant = make(work, crowd.count, *arguments)
+        self._take(1, math.inf)
+        _trim()
+        self.memory = (read_memory() - before) / crowd.count
+
+    def warm(self, ticks: int, patience: float) -> None:
+        """Take ticks that do not count, for so many seconds at most."""
+        self._take(ticks, patience)
+
+    def take_turn(self, ticks: int, patience: float) -> None:
+        """Take ticks that count, for so many seconds at most."""
+        gc.collect()
+        gc.disable()
+        try:
+            updates, steps, answers = self._take(LEAD_IN + ticks, patience)
+        finally:
+            gc.enable()
+        first = min(LEAD_IN, len(steps) // 2)
+        steps, answers = np.array(steps[first:]) / 1e3, answers[first:]
+        self.turns.append(
+            (np.median(updates[first:]) / 1e3, np.median(steps), np.quantile(steps, 0.99))
+        )
+        self.slowest = max(self.slowest, steps.max())
+        self.ticks += len(steps)
+        self.stops += sum(not answer.go for answer in answers)
+        self.evaluations += [answer.evaluations for answer in answers]
+        self.earliest = min(self.earliest, *(answer.time for answer in answers))
+
+    def figures(self) -> tuple[float, float, float]:
+        """Medians over turns: of updates, of ticks, and of the 99 % of ticks, in [µs]."""
+        return tuple(np.median(self.turns, axis=0))
+
+    def _take(self, ticks: int, patience: float):
+        """Durations in [ns] of updates and steps, and answers."""
+        work, crowd, contestant = self._work, self._crowd, self._contestant
+        updates, steps, answers = [], [], []
+        clock = time.perf_counter_ns
+        end = clock() + 1e9 * patience
+        for _ in range(ticks):
+            tick, self._tick = self._tick, self._tick + 1
+            rows, names, position, velocity = crowd.measure(tick)
+            stamp, q, v = tick / RATE, work.q[tick], work.v[tick]
+            stop_time = float(work.stop_time[tick])
+            begin = clock()
+            contestant.update(rows, names, stamp, position, velocity)
+            middle = clock()
+            contestant.step(stamp, q, v, stop_time)
+            after = clock()
+            updates.append(middle - begin)
+            steps.append(after - middle)
+            answers.append(contestant.read())
+            if after > end:
+                break
+        return updates, steps, answers
+
+
+def read_memory() -> int:
+    """Resident memory of this process, in [bytes]; 0 where the system does not tell."""
+    path = Path("/proc/self/statm")
+    if not path.exists():
+        return 0
+    return int(path.read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def _trim() -> None:
+    """Give back what is not in use, so that the next contestant does not grow into it unseen."""
+    gc.collect()
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
+
+
+def describe_machine() -> str:
+    """Processor, load, and the versions that matter."""
+    model = platform.processor() or platform.machine()
+    path = Path("/proc/cpuinfo")
+    if path.exists():
+        lines = path.read_text(encoding="utf-8").splitlines()
+        model = next((x.partition(":")[2].strip() for x in lines if "model name" in x), model)
+    versions = [f"Python {platform.python_version()}"]
+    for package in ("numpy", "numba", "pin", "coal", "mujoco"):
+        try:
+            versions.append(f"{package} {importlib.metadata.version(package)}")
+        except importlib.metadata.PackageNotFoundError:
+            versions.append(f"no {package}")
+    return f"{model}, {os.cpu_count()} cores, load {_load()}; " + ", ".join(versions)
+
+
+def _load() -> str:
+    return " ".join(f"{load:.2f}" for load in os.getloadavg())
+
+
+def make_runs(count: int, work: Work, crowd: Crowd, options) -> list[Run]:
+    """All who take part, in an order that is printed with who does not and why."""
+    runs = []
+    for name, _, most, make, arguments in CONTESTANTS:
+        if options.only and not any(word in name for word in options.only):
+            continue
+        if count > most and not options.unlimited:
+            print(f"{name}: left out above {most:,} obstacles")
+            continue
+        try:
+            runs.append(Run(name, make, arguments, work, crowd))
+        except UnavailableError as reason:
+            print(f"{name}: not available: {reason}")
+    return runs
+
+
+def print_table(count: int, runs: list[Run]) -> None:
+    """One line for each contestant."""
+    median = {run.name: run.figures()[1] for run in runs}
+    print(f"{f'{count:,} obstacles':<22}" + "".join(f"{title:>11}" for title in COLUMNS), end="")
+    print("   earliest    answer")
+    for run in runs:
+        update, middle, high = run.figures()
+        cells = [_format(value) for value in (update, middle, high, run.slowest)]
+        for sweep in ("sweep, bounds", "sweep, reach"):
+            cells.append(_format(median[sweep] / middle) if sweep in median else "–")
+        cells.append(_format(float(np.mean(run.evaluations))))
+        cells.append(f"{run.memory:,.0f}" if count >= MEASURABLE else "–")
+        cells.append(f"{run.ticks:,}")
+        answer = "GO" if run.stops == 0 else f"STOP in {run.stops} ticks"
+        print(f"{run.name:<22}" + "".join(f"{cell:>11}" for cell in cells), end="")
+        print(f"{_format(run.earliest):>11}    {answer}")
+    if count in TARGETS and "deadline, joint" in median:
+        wanted, high = TARGETS[count]
+        text = f"targets of deadline, joint: median {wanted:g}"
+        text += f", p99 {high:g}" if high else ""
+        text += f", ÷bounds {CHEAPER[count]:g}" if count in CHEAPER else ""
+        print(text)
+
+
+def _format(value: float) -> str:
+    if math.isnan(value):
+        return "–"
+    return f"{value:,.0f}" if value >= 1000.0 else f"{value:.3g}"
+
+
+def compare(count: int, options) -> None:
+    """Run and print one number of obstacles."""
+    interval = 1.0 / (UPDATE_RATE if count < MANY else UPDATE_RATE_OF_MANY)
+    ticks = 1 + options.warm + options.turns * (LEAD_IN + options.ticks)
+    work = Work(Robot.load("panda"), ticks, options.speed)
+    nearest = options.nearest or work.find_clearance(interval)
+    crowd = Crowd(count, nearest, 1.0 / interval)
+    print(
+        f"\narm at up to {100.0 * options.speed:g} % of its speed limits, stops within "
+        f"{work.stop_time.max():.3f} s; nobody nearer than {nearest:.2f} m, each measured once in "
+        f"{crowd.group_count} ticks; load {_load()}"
+    )
+    runs = make_runs(count, work, crowd, options)
+    for run in runs:
+        run.warm(options.warm, options.patience)
+    for turn in range(options.turns):
+        shift = turn % max(len(runs), 1)
+        for run in runs[shift:] + runs[:shift]:
+            run.take_turn(options.ticks, options.patience)
+    print_table(count, runs)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--obstacles", type=int, nargs="+", default=[10, 100, 1000, 10_000, MANY])
+    parser.add_argument("--only", nargs="+", help="contestants whose names contain one of these")
+    parser.add_argument("--turns", type=int, default=5)
+    parser.add_argument("--ticks", type=int, default=400, help="that count, in a turn")
+    parser.add_argument("--warm", type=int, default=2000, help="ticks before the first turn")
+    parser.add_argument("--patience", type=float, default=4.0, help="seconds for a turn")
+    parser.add_argument("--speed", type=float, default=0.1, help="share of the joints' limits")
+    parser.add_argument("--nearest", type=float, help="[m]; else so far that all say GO")
+    parser.add_argument("--unlimited", action="store_true", help="whatever the time it takes")
+    options = parser.parse_args(arguments)
+    print(describe_machine())
+    print("asked for: " + "; ".join(f"{name}: {asked}" for name, asked, *_ in CONTESTANTS))
+    for count in options.obstacles:
+        compare(count, options)
+    print(f"\nload in the end {_load()}")
+
+
+if __name__ == "__main__":
+    main()
