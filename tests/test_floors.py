@@ -17,8 +17,8 @@ PACKAGE = ROOT / "armguard"
 # Floor, step on that floor, and the modules and packages that stand there. Steps part what one
 # module of a floor is made of; a package stands on one step as a whole.
 FLOORS = [
-    (0, 1, "exceptions clock compilation ending latency"),
-    (0, 2, "garbage realtime separation enclosing_ball hull surface_distance witness"),
+    (0, 1, "exceptions clock compilation ending latency plan_reading"),
+    (0, 2, "garbage realtime separation enclosing_ball hull plan_curve surface_distance witness"),
     (0, 3, "hull_advancement plausibility sphere_tree"),
     (0, 4, "advancement contact_arguments fitting"),
     (0, 5, "contact contact_batch containment"),
@@ -30,7 +30,8 @@ FLOORS = [
     (2, 2, "link_surfaces"),
     (2, 3, "attached_bodies urdf_links watched_joints"),
     (2, 4, "robot"),
-    (3, 1, "bounds ignored_pairs joint_states kinematics"),
+    (3, 1, "ignored_pairs joint_states kinematics plans"),
+    (3, 2, "bounds"),
     (4, 1, "exact pairs"),
     (5, 1, "flagged ledger obstacle_reasons schedules"),
     (5, 2, "pair_proof pair_reports snapshot"),

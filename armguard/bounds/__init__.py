@@ -2,7 +2,7 @@
 
 From the loosest to the tightest near by: `ReachMotion` (where links can be at all, the tightest
 far away), `IsotropicMotion` (points as free bodies), `JointMotion` (every joint within its
-limits), `BrakingMotion` (while the arm brakes).
+limits), `BrakingMotion` (while the arm brakes), `PlannedMotion` (while it follows a plan).
 """
 
 from armguard.bounds.braking import BrakingMotion
@@ -10,6 +10,9 @@ from armguard.bounds.isotropic import IsotropicMotion, free_advance
 from armguard.bounds.joint import JointMotion
 from armguard.bounds.joint_box import JointTable
 from armguard.bounds.motion_model import MotionModel
+from armguard.bounds.planned import PlannedMotion
+from armguard.bounds.planned_course import PlannedCourse
+from armguard.bounds.planned_time import PlannedContact
 from armguard.bounds.reach import ReachMotion
 from armguard.bounds.sums import compute_levers
 from armguard.bounds.table_time import table_contact_time
@@ -20,6 +23,9 @@ __all__ = [
     "JointMotion",
     "JointTable",
     "MotionModel",
+    "PlannedContact",
+    "PlannedCourse",
+    "PlannedMotion",
     "ReachMotion",
     "compute_levers",
     "free_advance",

@@ -1,0 +1,253 @@
+"""Contact time of a whole arm that follows a plan, against free obstacles.
+
+Time is cut into the slabs of a `PlannedCourse`. Some unit vector n from sphere to obstacle proves
+that they do not touch within one of them:
+
+    n.x - contact_distance - (deviation of the sphere along n) - max(D2(start), D2(end)) > 0
+
+for every point of the obstacle's hull, D2 being its free bound, convex in time. What one sphere
+does not prove, its children in the cover's tree may. Balls around all that a link sweeps in some
+slabs, and the arm in all of them, spare most obstacles a closer look.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from armguard.bounds.planned_course import BLOCK, ArmShape, PlannedCourse, deviation_along
+from armguard.bounds.sums import ROUNDING
+from armguard.bounds.table_time import _obstacle_room
+from armguard.compilation import kernel
+from armguard.hull import nearest_on_hull
+from armguard.obstacle_table import Marks, States
+
+Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+NOBODY = -1
+"""In place of a pair's or a sphere's number, where none decides."""
+
+
+class PlannedContact(NamedTuple):
+    """The earliest contact that a plan allows for."""
+
+    time: float
+    """No contact before this, in [s] from now; inf: none before the arm rests after the plan."""
+    pair: int
+    """The pair that decides, obstacle row × links + link; NOBODY where time is inf, and where the
+    course does not say where the arm is now."""
+    sphere: int
+    """The sphere that decides; NOBODY alike, and where nothing is known of the obstacle."""
+    evaluated: int
+    """Spheres looked at, for one slab and one obstacle each."""
+
+
+@kernel
+def _look(
+    px: float, py: float, pz: float, bodies: States, row: int, start: float, end: float
+) -> tuple[float, float, float, float]:
+    """A witness from p to a body, and least n.x of it from `start` to `end` after its stamp."""
+    points, velocities, count = bodies.points[row], bodies.velocities[row], bodies.point_count[row]
+    accel, speed = bodies.accel[row], bodies.speed[row]
+    carried = end
+    if accel > 0.0:
+        ux, uy, uz = velocities[0, 0], velocities[0, 1], velocities[0, 2]
+        pace = math.sqrt(ux * ux + uy * uy + uz * uz)
+        # Beyond the time at which its speed bound bites it may go anywhere.
+        carried = min(carried, max(speed - pace, 0.0) / accel)
+    x, y, z = nearest_on_hull(px, py, pz, points, velocities, count, carried)
+    length = math.sqrt(x * x + y * y + z * z)
+    nx, ny, nz = x / length, y / length, z / length
+    room = _obstacle_room(
+        nx, ny, nz, px, py, pz, points, velocities, count,
+        accel, speed, bodies.velocity_error[row], start, end,
+    )  # fmt: skip
+    return room, nx, ny, nz
+
+
+@kernel
+def _is_usable(bodies: States, row: int, age: float, margin: float) -> bool:
+    return (
+        bodies.point_count[row] >= 1
+        and bodies.accel[row] >= 0.0
+        and bodies.speed[row] >= 0.0
+        and bodies.velocity_error[row] >= 0.0
+        and bodies.radius[row] >= 0.0
+        and bodies.position_error[row] >= 0.0
+        and margin >= 0.0
+        and abs(age) < math.inf
+    )
+
+
+@kernel
+def _is_ball_free(
+    ball: Floats, bodies: States, row: int, start: float, end: float, margin: float
+) -> bool:
+    """Whether a body stays out of a ball from `start` to `end`, counted from its stamp."""
+    room, _, _, _ = _look(ball[0], ball[1], ball[2], bodies, row, start, end)
+    reach = ball[3] + bodies.radius[row] + margin + bodies.position_error[row]
+    return room > reach * (1.0 + ROUNDING)
+
+
+@kernel
+def _is_sphere_free(
+    node: int,
+    slab: int,
+    course: PlannedCourse,
+    arm: ArmShape,
+    bodies: States,
+    row: int,
+    start: float,
+    end: float,
+    margin: float,
+) -> bool:
+    """Whether a body stays out of a sphere of the arm in one slab."""
+    center = course.centers[slab, node]
+    px, py, pz = center[0], center[1], center[2]
+    room, nx, ny, nz = _look(px, py, pz, bodies, row, start, end)
+    reach = arm.radius[node] + bodies.radius[row] + margin + bodies.position_error[row]
+    room -= reach * (1.0 + ROUNDING)
+    if not room > 0.0:
+        return False
+    way = deviation_along(
+        nx, ny, nz, px, py, pz,
+        course.jacobian[slab], course.half[slab], arm.lever[node], arm.turning,
+    )  # fmt: skip
+    return room > way
+
+
+@kernel
+def _find_contact(
+    link: int,
+    first: int,
+    limit: int,
+    offset: float,
+    course: PlannedCourse,
+    arm: ArmShape,
+    bodies: States,
+    row: int,
+    age: float,
+    margin: float,
+) -> tuple[int, int, int]:
+    """First slab before `limit` that is not proved free, the sphere that is not, and looks spent.
+
+    `limit` where all are.
+    """
+    evaluated = 0
+    slab = first
+    while slab < limit:
+        start = age + max(course.start[slab] - offset, 0.0)
+        if slab == first or slab % BLOCK == 0:
+            block = slab // BLOCK
+            last = min((block + 1) * BLOCK, course.end.shape[0]) - 1
+            evaluated += 1
+            end = age + (course.end[last] - offset)
+            if _is_ball_free(course.block_balls[block, link], bodies, row, start, end, margin):
+                slab = last + 1
+                continue
+        end = age + (course.end[slab] - offset)
+        arm.stack[0] = arm.root[link]
+        waiting = 1
+        while waiting > 0:
+            waiting -= 1
+            node = arm.stack[waiting]
+            evaluated += 1
+            if _is_sphere_free(node, slab, course, arm, bodies, row, start, end, margin):
+                continue
+            if arm.child_count[node] == 0:
+                return slab, node, evaluated
+            for child in range(arm.child_count[node]):
+                arm.stack[waiting] = arm.first_child[node] + child
+                waiting += 1
+        slab += 1
+    return limit, NOBODY, evaluated
+
+
+@kernel
+def find_planned_contact(
+    pairs: Integers,
+    now: float,
+    margin: float,
+    course: PlannedCourse,
+    arm: ArmShape,
+    bodies: States,
+    refused_bodies: States,
+    marks: Marks,
+) -> tuple[float, int, int, int]:
+    """Earliest possible contact of all pairs while the arm follows a course.
+
+    Args:
+        pairs: Pair numbers, obstacle row × links + link; quickest in ascending order. Shape (m,).
+        now: In [s] on the clock of the obstacles' stamps.
+        margin: Distance that counts as contact already, in [m].
+        course: Where the arm can be.
+        arm: Its spheres.
+        bodies: Accepted states of obstacles, by row.
+        refused_bodies: Refused ones.
+        marks: Which of those there are.
+
+    Returns:
+        The fields of `PlannedContact`.
+    """
+    links = arm.root.shape[0]
+    slabs = course.start.shape[0]
+    offset = now - course.epoch
+    first = 0
+    while first < slabs and not course.end[first] > offset:
+        first += 1
+    if not (first < slabs and offset >= 0.0):
+        return 0.0, NOBODY, NOBODY, 0
+    left = course.end[slabs - 1] - offset
+    limit = slabs
+    evaluated = 0
+    seen = NOBODY
+    away = False
+    deciding_pair = NOBODY
+    deciding_sphere = NOBODY
+    for index in range(pairs.shape[0]):
+        row, link = pairs[index] // links, pairs[index] % links
+        age = 0.0 if marks.static[row] else now - bodies.stamp[row]
+        refused_age = now - refused_bodies.stamp[row]
+        tracked, doubtful = marks.has_state[row], marks.refused[row]
+        if row != seen:
+            unknown = not (tracked or doubtful) or (doubtful and not marks.refused_finite[row])
+            if tracked:
+                unknown |= not _is_usable(bodies, row, age, margin)
+            if doubtful:
+                unknown |= not _is_usable(refused_bodies, row, refused_age, margin)
+            if unknown:
+                return 0.0, pairs[index], NOBODY, evaluated
+            seen = row
+            away = True
+            if tracked:
+                away &= _is_ball_free(course.arm_ball, bodies, row, age, age + left, margin)
+            if doubtful:
+                # Both tracks are possible until one of them is confirmed.
+                away &= _is_ball_free(
+                    course.arm_ball, refused_bodies, row, refused_age, refused_age + left, margin
+                )
+            evaluated += 1
+        if away:
+            continue
+        if tracked:
+            slab, sphere, spent = _find_contact(
+                link, first, limit, offset, course, arm, bodies, row, age, margin
+            )
+            evaluated += spent
+            if slab < limit:
+                limit, deciding_pair, deciding_sphere = slab, pairs[index], sphere
+        if doubtful:
+            slab, sphere, spent = _find_contact(
+                link, first, limit, offset, course, arm, refused_bodies, row, refused_age, margin
+            )
+            evaluated += spent
+            if slab < limit:
+                limit, deciding_pair, deciding_sphere = slab, pairs[index], sphere
+    if limit == slabs:
+        return math.inf, NOBODY, NOBODY, evaluated
+    begin = float(course.start[limit] - offset)
+    return max(begin, 0.0) * (1.0 - ROUNDING), deciding_pair, deciding_sphere, evaluated

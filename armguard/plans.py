@@ -1,0 +1,276 @@
+"""What a controller is about to do: plans, checked against the robot and against where it is.
+
+A `Plan` is the next piece of a trajectory, with how far off it the arm may be. `check_plan` either
+refuses it, and says why, or hands back a `CheckedPlan`, which exists only if all of this holds: the
+curve through its samples keeps to the robot's limits everywhere, not just at samples; it is due
+now; and the arm is where the plan begins, or well on its way along it.
+
+Nothing is clamped or guessed. What is not within limits is refused.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armguard import plan_curve
+from armguard.plan_curve import evaluate_curve, find_excess
+from armguard.plan_reading import Plan, Refusal, read_plan
+from armguard.robot import Robot
+
+__all__ = ["CheckedPlan", "Plan", "Refusal", "check_following", "check_plan", "deviation_speed"]
+
+Floats = NDArray[np.float64]
+
+SLACK = 1e-9
+"""What a sum of a limit and an error may be off by, in [rad], [m] or per second."""
+
+
+class CheckedPlan(NamedTuple):
+    """A plan that `check_plan` has found within limits and under way. Arrays are its own."""
+
+    stamp: float
+    """When the arm is at the first sample, in [s]."""
+    times: Floats
+    """Of the samples, counted from `stamp`, in [s]. Shape (k,)."""
+    q: Floats
+    """[rad] or [m]. Shape (k, nv)."""
+    v: Floats
+    """[rad]/[s] or [m]/[s]. Shape (k, nv)."""
+    deviation: Floats
+    """How far joints may truly be off the curve, all errors included, in [rad] or [m]. (nv,)."""
+    acceleration: Floats
+    """Greatest acceleration of the way that joints are off the curve: the robot's limit and the
+    curve's greatest together, in [rad]/[s²] or [m]/[s²]. Shape (nv,)."""
+    velocity_deviation: Floats
+    """How far velocities may truly be off the curve's as the controller states it, all errors
+    included, in [rad]/[s] or [m]/[s]; inf where it does not. Shape (nv,)."""
+    end_deviation: Floats
+    """How far velocities may truly be off the curve's at its end, alike. Shape (nv,)."""
+    now: float
+    """When it was checked, in [s]."""
+    measured_stamp: float
+    """Stamp of the joint state that it was checked against, in [s]."""
+    measured_q: Floats
+    """Of that joint state, in [rad] or [m]. Shape (nv,)."""
+    measured_v: Floats
+    """Of that joint state, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
+
+    @property
+    def end(self) -> float:
+        """When the arm is at the last sample, in [s]."""
+        return self.stamp + float(self.times[-1])
+
+
+def check_plan(
+    plan: Plan,
+    robot: Robot,
+    now: float,
+    q: ArrayLike,
+    v: ArrayLike,
+    stamp: float,
+    *,
+    longest_lead: float = 0.1,
+    longest_lag: float = 0.1,
+) -> CheckedPlan | Refusal:
+    """Check a plan; nothing that is given in it makes this raise.
+
+    Args:
+        plan: What the controller is about to do.
+        robot: Whose limits and errors apply.
+        now: In [s] on the clock of all stamps.
+        q: Measured joint positions, believed already, in [rad] or [m]. Shape (nv,).
+        v: Measured joint velocities, alike, in [rad]/[s] or [m]/[s]. Shape (nv,).
+        stamp: When they were measured, in [s].
+        longest_lead: How far ahead of `now` the plan may begin, in [s].
+        longest_lag: How long ago it may have begun, in [s].
+    """
+    read = read_plan(plan, len(robot.joints))
+    if isinstance(read, Refusal):
+        return read
+    with np.errstate(all="ignore"):
+        return _check_read(read, robot, now, q, v, stamp, longest_lead, longest_lag)
+
+
+def _check_read(
+    read: Plan,
+    robot: Robot,
+    now: float,
+    q: ArrayLike,
+    v: ArrayLike,
+    stamp: float,
+    longest_lead: float,
+    longest_lag: float,
+) -> CheckedPlan | Refusal:
+    position, velocity = np.array(q, dtype=np.float64), np.array(v, dtype=np.float64)
+    refusal = _check_time(read, now, longest_lead, longest_lag)
+    if refusal is not None:
+        return refusal
+    peak = np.empty(len(robot.joints))
+    refusal = _check_curve(read, robot, peak) or _check_end(read, robot)
+    if refusal is not None:
+        return refusal
+    times, errors = np.asarray(read.times), np.asarray(read.tracking_error)
+    end = read.stamp + float(times[-1])
+    # The sums of stamps below are off by as much as this, and by that time joints have moved.
+    clock = 4.0 * float(np.spacing(max(abs(now), abs(stamp), abs(read.stamp), abs(end))))
+    deviation = errors + robot.position_error + clock * robot.velocity_limit
+    stated = np.full(len(errors), np.inf)
+    if read.velocity_tracking_error is not None:
+        stated = np.asarray(read.velocity_tracking_error) + robot.velocity_error
+    acceleration = robot.acceleration_limit + peak
+    followed = min(float(times[-1]), end - now)
+    # From what is measured to the end, joints accelerate within their limits.
+    ahead = robot.acceleration_limit * abs(end - stamp) + robot.velocity_error
+    end_deviation = np.minimum(
+        np.minimum(stated, deviation_speed(deviation, acceleration, followed)),
+        np.abs(np.asarray(read.v)[-1] - velocity) + ahead,
+    )
+    checked = CheckedPlan(
+        stamp=read.stamp,
+        times=times,
+        q=np.asarray(read.q),
+        v=np.asarray(read.v),
+        deviation=deviation,
+        acceleration=acceleration,
+        velocity_deviation=stated,
+        end_deviation=end_deviation,
+        now=now,
+        measured_stamp=stamp,
+        measured_q=position,
+        measured_v=velocity,
+    )
+    return check_following(checked, robot, position, velocity, stamp) or checked
+
+
+def check_following(
+    plan: CheckedPlan, robot: Robot, q: Floats, v: Floats, stamp: float
+) -> Refusal | None:
+    """Why a measured state shows that the arm is not on its way along a plan; None if it may be.
+
+    Before the plan begins, the state must allow for being where it begins by then.
+
+    Args:
+        plan: As checked.
+        robot: Whose limits and errors apply.
+        q: Measured joint positions, in [rad] or [m]. Shape (nv,).
+        v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
+        stamp: When they were measured, in [s].
+    """
+    along = stamp - plan.stamp
+    if not along <= plan.times[-1] + SLACK:
+        return Refusal(
+            "plan", f"is over: it ended {along - plan.times[-1]:.3g} s before the joint state"
+        )
+    position, velocity = np.empty(len(q)), np.empty(len(q))
+    evaluate_curve(plan.times, plan.q, plan.v, along, position, velocity)
+    # Until the plan begins, a joint goes on as it was measured, more or less.
+    wait = max(-along, 0.0)
+    reach = wait * (robot.velocity_error + 0.5 * robot.acceleration_limit * wait)
+    found = q + wait * v
+    allowed = plan.deviation + reach + SLACK + (wait > 0.0) * robot.position_error
+    off = np.flatnonzero(~(np.abs(found - position) <= allowed))
+    when = f"when it begins, {wait:.3g} s on," if wait > 0.0 else f"{along:.3g} s into the plan"
+    if len(off):
+        j = int(off[0])
+        return Refusal(
+            robot.joints[j],
+            f"at {found[j]:.6g} {when} where the plan has it at {position[j]:.6g}, "
+            f"expected within {allowed[j]:.3g}",
+        )
+    speed = deviation_speed(plan.deviation, plan.acceleration, plan.times[-1] - max(along, 0.0))
+    allowed = np.minimum(plan.velocity_deviation, speed) + robot.velocity_error + SLACK
+    allowed = allowed + robot.acceleration_limit * wait
+    off = np.flatnonzero(~(np.abs(v - velocity) <= allowed))
+    if len(off):
+        j = int(off[0])
+        return Refusal(
+            robot.joints[j],
+            f"at velocity {v[j]:.4g} {when} where the plan has {velocity[j]:.4g}, "
+            f"expected within {allowed[j]:.3g}",
+        )
+    return None
+
+
+def deviation_speed(deviation: Floats, acceleration: Floats, time: float) -> Floats:
+    """How fast what stays within +-deviation for `time` can be at either end of that time.
+
+    With d the way, |d| <= e, and M its greatest acceleration, d(0) = d(s) - d'(0) s + r with
+    |r| <= M s²/2, so |d'(0)| <= 2 e/s + M s/2 for every s up to `time`; s = 2 sqrt(e/M) is best.
+
+    Args:
+        deviation: e, in [rad] or [m]. Shape (nv,).
+        acceleration: M, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
+        time: In [s]; inf comes out where it is 0 or less.
+    """
+    if not time > 0.0:
+        return np.full(len(deviation), np.inf)
+    span = np.minimum(2.0 * np.sqrt(deviation / acceleration), time)
+    speed: Floats = (2.0 * deviation / span + 0.5 * acceleration * span) * (1.0 + SLACK)
+    return speed
+
+
+def _check_time(plan: Plan, now: float, longest_lead: float, longest_lag: float) -> Refusal | None:
+    lead = plan.stamp - now
+    end = lead + float(np.asarray(plan.times)[-1])
+    if not math.isfinite(lead):
+        return Refusal("plan", f"begins at {plan.stamp}, now being {now}")
+    if not end > 0.0:
+        return Refusal("plan", f"lies in the past: it ended {-end:.4g} s ago")
+    if not lead >= -longest_lag:
+        return Refusal(
+            "plan", f"is stale: it began {-lead:.4g} s ago, expected at most {longest_lag:.4g} s"
+        )
+    if not lead <= longest_lead:
+        return Refusal("plan", f"begins in {lead:.4g} s, expected at most {longest_lead:.4g} s")
+    return None
+
+
+def _check_curve(plan: Plan, robot: Robot, peak: Floats) -> Refusal | None:
+    """Limits on the whole curve; fills the greatest acceleration of each joint."""
+    times = np.asarray(plan.times)
+    lower = robot.lower_position_limit - robot.position_error - SLACK
+    upper = robot.upper_position_limit + robot.position_error + SLACK
+    fastest = robot.velocity_limit + robot.velocity_error + SLACK
+    allowed = robot.acceleration_limit * (1.0 + SLACK)
+    kind, joint, sample, value = find_excess(
+        times, np.asarray(plan.q), np.asarray(plan.v), lower, upper, fastest, allowed, peak
+    )
+    if kind == plan_curve.FINE:
+        return None
+    where = f"between {times[sample]:.6g} s and {times[sample + 1]:.6g} s"
+    if kind == plan_curve.POSITION:
+        problem = f"goes to {value:.6g} {where}"
+        expected = f"limits with errors are {lower[joint]:.6g} to {upper[joint]:.6g}"
+    elif kind == plan_curve.VELOCITY:
+        problem = f"goes at {value:.4g} {where}"
+        expected = f"limit with error is {fastest[joint]:.4g}"
+    elif kind == plan_curve.RATE:
+        problem = f"accelerates at {value:.4g} {where}"
+        expected = f"limit is {robot.acceleration_limit[joint]:.4g}"
+    else:
+        problem = f"positions and velocities do not agree {where}"
+        expected = (
+            f"joining them takes an acceleration of {value:.4g}, "
+            f"limit is {robot.acceleration_limit[joint]:.4g}"
+        )
+    return Refusal(robot.joints[joint], f"{problem}; {expected}")
+
+
+def _check_end(plan: Plan, robot: Robot) -> Refusal | None:
+    """Whether braking at the end can keep every joint from its stop."""
+    q, v = np.asarray(plan.q)[-1], np.asarray(plan.v)[-1]
+    upwards = robot.upper_position_limit + robot.position_error - q
+    downwards = q - robot.lower_position_limit + robot.position_error
+    room = np.where(v > 0.0, upwards, downwards) + SLACK
+    off = np.flatnonzero(~(v * v <= 2.0 * robot.acceleration_limit * room))
+    if not len(off):
+        return None
+    j = int(off[0])
+    return Refusal(
+        robot.joints[j],
+        f"ends at {q[j]:.6g} with velocity {v[j]:.4g}, which no braking stops short of its limit",
+    )

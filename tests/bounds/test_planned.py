@@ -1,0 +1,167 @@
+import numpy as np
+import pinocchio
+import pytest
+from arm_questions import HAND_POINT, unit
+from joint_motions import STEP
+from plan_cases import Attack, Skin, Waves, all_pairs, follow, make_plan
+
+from armguard.bounds import JointMotion, table_contact_time
+from armguard.bounds.planned import PlannedMotion
+from armguard.exceptions import ArmguardError
+from armguard.obstacles import Obstacles
+from armguard.plans import CheckedPlan, check_plan
+from armguard.robot import Robot
+
+REACTION = 0.02
+
+
+def ask(motion, course, obstacles, links, now, margin=0.0):
+    table = obstacles.table
+    return motion.contact_time(
+        course,
+        all_pairs(obstacles, links),
+        now,
+        margin,
+        table.accepted,
+        table.refused_states,
+        table.marks,
+    )
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova", "tiago"])
+def test_no_contact_comes_before_the_proved_time(name):
+    robot, random = Robot.load(name), np.random.default_rng(0)
+    motion, skin = PlannedMotion(robot, REACTION), Skin(robot, random)
+    contacts, closest, free = 0, 0.0, 0
+    for k in range(60):
+        scene = Attack(robot, skin, random, REACTION, stated=k % 2 == 0)
+        plan = check_plan(scene.plan, robot, scene.now, scene.q, scene.v, scene.stamp)
+        assert isinstance(plan, CheckedPlan), plan
+        course = motion.lay_out(plan)
+        assert scene.rest <= course.end[-1] + STEP
+        found = ask(motion, course, scene.obstacles, len(robot.links), scene.now)
+        assert 0.0 <= found.time <= scene.contact
+        free += found.time == np.inf
+        if scene.contact < np.inf:
+            contacts += 1
+            if scene.contact > 0.05:
+                closest = max(closest, found.time / scene.contact)
+    assert contacts > 40
+    assert closest > 0.7
+
+
+@pytest.fixture(scope="module")
+def motion(robot):
+    return PlannedMotion(robot, REACTION)
+
+
+def lay_out(robot, motion, random, speed=0.3, duration=0.2):
+    """A random motion, its plan as checked where it begins, and the plan's course."""
+    waves = Waves(robot, random, speed)
+    times = np.linspace(0.0, duration, 21)
+    plan = make_plan(waves, 0.0, times, np.full(7, 1e-3), np.full(7, 0.02))
+    checked = check_plan(plan, robot, 0.0, waves.position(0.0), waves.velocity(0.0), 0.0)
+    return plan, waves, checked, motion.lay_out(checked)
+
+
+def test_advance_is_never_exceeded_and_never_falls(robot, motion):
+    random, data, closest = np.random.default_rng(1), robot.model.createData(), 0.0
+    joint = robot.joint_index("panda_hand")
+    for _ in range(20):
+        plan, waves, checked, course = lay_out(robot, motion, random)
+        along = unit(random)
+        qs, _ = follow(robot, waves, plan, random, 0.0, REACTION)
+        pinocchio.forwardKinematics(robot.model, data, waves.position(0.0))
+        start = along @ data.oMi[joint].act(HAND_POINT)
+        before = furthest = 0.0
+        for k in range(0, len(qs), 20):
+            t = k * STEP
+            bound = motion.advance(course, checked, "panda_hand", HAND_POINT, along, t)
+            pinocchio.forwardKinematics(robot.model, data, qs[k])
+            furthest = max(furthest, along @ data.oMi[joint].act(HAND_POINT) - start)
+            assert bound >= before
+            assert bound >= furthest
+            before = bound
+            if bound > 0.02:
+                closest = max(closest, furthest / bound)
+    assert closest > 0.8
+
+
+def test_under_a_plan_contact_is_later_than_under_joint_bounds(robot, motion):
+    random = np.random.default_rng(2)
+    joint, later, never = JointMotion(robot), 0, 0
+    data = robot.model.createData()
+    for _ in range(40):
+        _, waves, _, course = lay_out(robot, motion, random)
+        q, v = waves.position(0.0), waves.velocity(0.0)
+        jacobian = pinocchio.computeJointJacobians(robot.model, data, q)
+        table = joint.tabulate(q, v, 0.0)
+        # Beside the hand, closer than joint bounds can spare for as long as the plan takes.
+        place = course.centers[0, motion._arm.root[-3]] + unit(random) * random.uniform(0.5, 1.2)
+        obstacles = Obstacles()
+        obstacles.update(["ball"], 0.0, [place], np.zeros((1, 3)), radius=0.1)
+        body, row = obstacles.table.accepted, int(np.flatnonzero(obstacles.table.alive)[0])
+        free = np.inf
+        for sphere in np.flatnonzero(motion._arm.child_count == 0):
+            center = data.oMi[int(motion._kinematics.spheres.joint[sphere])].act(
+                motion._kinematics.spheres.local[sphere]
+            )
+            reach = motion._arm.radius[sphere] + 0.1 + joint.position_error[sphere]
+            free = min(
+                free,
+                table_contact_time(
+                    *center, jacobian, joint.lever[sphere], joint.slope_error[sphere], table,
+                    body.points[row], body.velocities[row], 1, 10.0, 2.0, 0.0, 0.0, reach, 0.0,
+                ),
+            )  # fmt: skip
+        planned = ask(motion, course, obstacles, len(robot.links), 0.0).time
+        later += planned > free
+        never += planned == np.inf
+    assert later > 30
+    assert never > 3
+
+
+def test_a_moved_base_moves_everything(robot, motion):
+    random = np.random.default_rng(3)
+    place = pinocchio.SE3(pinocchio.rpy.rpyToMatrix(0.4, -1.0, 2.0), np.array([3.0, -1.0, 0.5]))
+    moved = PlannedMotion(robot, REACTION, place)
+    for _ in range(10):
+        _, _, checked, course = lay_out(robot, motion, random)
+        there = moved.lay_out(checked)
+        assert there.centers[5] == pytest.approx(
+            np.array([place.act(p) for p in course.centers[5]]), abs=1e-9
+        )
+        point = course.centers[0, 30] + unit(random) * random.uniform(0.3, 0.8)
+        times = []
+        for where, model, path in ((point, motion, course), (place.act(point), moved, there)):
+            obstacles = Obstacles()
+            obstacles.update(["ball"], 0.0, [where], np.zeros((1, 3)), radius=0.1)
+            times.append(ask(model, path, obstacles, len(robot.links), 0.0).time)
+        assert times[0] == pytest.approx(times[1], abs=1e-6)
+
+
+@pytest.mark.parametrize("bad", [-0.1, np.nan, np.inf])
+def test_impossible_reaction_times_are_refused(robot, bad):
+    with pytest.raises(ArmguardError, match="reaction_time"):
+        PlannedMotion(robot, bad)
+
+
+def test_what_was_not_checked_for_this_robot_is_refused(robot, motion):
+    plan, _, checked, course = lay_out(robot, motion, np.random.default_rng(4))
+    for wrong in (plan, None, checked._replace(q=checked.q[:, :6])):
+        with pytest.raises(ArmguardError, match="check_plan"):
+            motion.lay_out(wrong)
+    with pytest.raises(ArmguardError, match="direction"):
+        motion.advance(course, checked, "panda_hand", HAND_POINT, [0.0, 0.0, 2.0], 0.1)
+    with pytest.raises(ArmguardError, match="t: "):
+        motion.advance(course, checked, "panda_hand", HAND_POINT, [0.0, 0.0, 1.0], -0.1)
+
+
+def test_a_deviation_without_end_frees_nothing(robot, motion):
+    waves = Waves(robot, np.random.default_rng(5), 0.3)
+    plan = make_plan(waves, 0.0, np.linspace(0.0, 0.2, 21), np.full(7, 1e308))
+    checked = check_plan(plan, robot, 0.0, waves.position(0.0), waves.velocity(0.0), 0.0)
+    obstacles = Obstacles()
+    obstacles.update(["ball"], 0.0, [[1.0, 0.0, 0.5]], np.zeros((1, 3)), radius=0.1)
+    found = ask(motion, motion.lay_out(checked), obstacles, len(robot.links), 0.0)
+    assert found.time == 0.0

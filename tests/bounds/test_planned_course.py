@@ -1,0 +1,62 @@
+import numpy as np
+import pinocchio
+import pytest
+from arm_questions import unit
+
+from armguard.bounds.planned_course import deviation_along
+from armguard.bounds.sums import compute_levers
+from armguard.levers import is_prismatic
+from armguard.robot import Robot
+
+
+@pytest.fixture(scope="module", params=["panda", "kinova", "tiago"])
+def question(request):
+    """A robot, its last link's sphere centres, their levers, and which joints turn."""
+    robot = Robot.load(request.param)
+    points = robot.cover.tree(robot.links[-1]).spheres[:, :3]
+    numbers = [robot.model.getJointId(joint) for joint in robot.joints]
+    turning = np.array([not is_prismatic(robot.model, number) for number in numbers])
+    return robot, points, compute_levers(robot, robot.links[-1], points), turning
+
+
+def configuration(robot, random):
+    return random.uniform(
+        np.maximum(robot.lower_position_limit, -4.0), np.minimum(robot.upper_position_limit, 4.0)
+    )
+
+
+def test_no_configuration_in_the_box_is_further_off(question):
+    robot, points, levers, turning = question
+    model, data, random = robot.model, robot.model.createData(), np.random.default_rng(0)
+    joint, closest = robot.joint_index(robot.links[-1]), 0.0
+    for _ in range(150):
+        low, high = robot.lower_position_limit, robot.upper_position_limit
+        middle, row = configuration(robot, random), random.integers(len(points))
+        half = random.uniform(0.0, 1.0, len(middle)) * random.choice([1e-4, 0.02, 0.3])
+        half = np.minimum(half, np.minimum(high - middle, middle - low))
+        jacobian = np.ascontiguousarray(pinocchio.computeJointJacobians(model, data, middle))
+        place, along = data.oMi[joint].act(points[row]), unit(random)
+        bound = deviation_along(*along, *place, jacobian, half, levers[row], turning)
+        assert bound <= levers[row] @ half * (1.0 + 1e-9) + 1e-9
+        slope = along @ (jacobian[:3] + np.cross(jacobian[3:].T, place).T)
+        signs = [np.sign(slope), -np.sign(slope), *random.choice([-1.0, 1.0], (20, len(half)))]
+        for sign in signs:
+            pinocchio.forwardKinematics(model, data, middle + sign * half)
+            way = along @ (data.oMi[joint].act(points[row]) - place)
+            assert way <= bound
+            closest = max(closest, way / bound)
+    assert closest > 0.99
+
+
+def test_no_box_no_way_and_nonsense_has_no_bound(question):
+    robot, points, levers, turning = question
+    model, data = robot.model, robot.model.createData()
+    nothing = np.zeros(model.nv)
+    middle = configuration(robot, np.random.default_rng(1))
+    jacobian = np.ascontiguousarray(pinocchio.computeJointJacobians(model, data, middle))
+    place = data.oMi[robot.joint_index(robot.links[-1])].act(points[0])
+    still = deviation_along(0.0, 0.0, 1.0, *place, jacobian, nothing, levers[0], turning)
+    assert 0.0 <= still < 1e-10
+    lost = nothing + np.nan
+    off = deviation_along(0.0, 0.0, 1.0, *place, jacobian, lost, levers[0], turning)
+    assert not off < np.inf

@@ -1,0 +1,183 @@
+import numpy as np
+import pytest
+from plan_cases import all_pairs
+
+from armguard.bounds.planned import PlannedMotion
+from armguard.bounds.planned_time import NOBODY
+from armguard.obstacles import Obstacles
+from armguard.plans import Plan, check_plan
+from armguard.robot import Robot
+
+HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
+STILL = np.zeros(7)
+NOW = 3.0
+TIMES = np.linspace(0.0, 0.2, 21)
+LUCK = 0.02
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """A robot, its motion, and a course: joint 1 turns for 0.2 s and brakes."""
+    robot = Robot.load("panda")
+    motion = PlannedMotion(robot, 0.02)
+    q, v = np.tile(HOME, (21, 1)), np.zeros((21, 7))
+    q[:, 0], v[:, 0] = TIMES, 1.0
+    plan = Plan(NOW, TIMES, q, v, np.full(7, 1e-3), np.full(7, 0.02))
+    return robot, motion, motion.lay_out(check_plan(plan, robot, NOW, q[0], v[0], NOW))
+
+
+def crowd(positions, *, stamp=NOW, velocity=None, **fields):
+    obstacles = Obstacles()
+    positions = np.reshape(np.asarray(positions, dtype=float), (-1, 3))
+    ids = [f"ball{k}" for k in range(len(positions))]
+    velocity = np.zeros_like(positions) if velocity is None else velocity
+    obstacles.update(ids, stamp, positions, velocity, **({"radius": 0.1} | fields))
+    return obstacles
+
+
+def ask(arm, obstacles, *, now=NOW, margin=0.0, pairs=None):
+    robot, motion, course = arm
+    table = obstacles.table
+    pairs = all_pairs(obstacles, len(robot.links)) if pairs is None else pairs
+    return motion.contact_time(
+        course, pairs, now, margin, table.accepted, table.refused_states, table.marks
+    )
+
+
+def random_place(random, least=0.3, most=1.5):
+    way = random.normal(size=3)
+    return np.array([0.2, 0.0, 0.5]) + way * random.uniform(least, most) / np.linalg.norm(way)
+
+
+def test_nobody_and_the_far_are_free(arm):
+    assert ask(arm, crowd([])) == (np.inf, NOBODY, NOBODY, 0)
+    found = ask(arm, crowd([[5.0, 0.0, 0.0], [0.0, 0.0, 9.0]]))
+    assert found[:3] == (np.inf, NOBODY, NOBODY)
+    assert found.evaluated > 0
+
+
+def test_contact_now_names_who_touches(arm):
+    robot, motion, course = arm
+    obstacles = crowd([[5.0, 0.0, 0.0], course.centers[0, -1]])
+    found = ask(arm, obstacles)
+    assert found.time == 0.0
+    row, link = divmod(found.pair, len(robot.links))
+    assert obstacles.ids[row] == "ball1"
+    sphere = motion._kinematics.spheres
+    assert sphere.link[found.sphere] == link
+    assert sphere.child_count[found.sphere] == 0
+
+
+def test_the_earliest_of_all_pairs_decides_whatever_their_order(arm):
+    random = np.random.default_rng(0)
+    for _ in range(30):
+        obstacles = crowd([random_place(random) for _ in range(5)])
+        pairs = all_pairs(obstacles, len(arm[0].links))
+        alone = [ask(arm, obstacles, pairs=pairs[k : k + 1]).time for k in range(len(pairs))]
+        found = ask(arm, obstacles)
+        assert found.time == min(alone)
+        assert ask(arm, obstacles, pairs=random.permutation(pairs)).time == found.time
+        if found.pair != NOBODY:
+            assert alone[list(pairs).index(found.pair)] == found.time
+            others = pairs[pairs // len(arm[0].links) != found.pair // len(arm[0].links)]
+            assert ask(arm, obstacles, pairs=others).time >= found.time
+
+
+def test_whatever_lets_them_closer_is_never_later(arm):
+    random = np.random.default_rng(1)
+    later = 0
+    for _ in range(60):
+        place = random_place(random, 0.3, 1.2)
+        pace = random.normal(size=(1, 3)) * 0.3
+        base = {"accel": 2.0, "speed": 1.5, "radius": 0.05, "velocity": pace}
+        time = ask(arm, crowd(place, **base)).time
+        for change in (
+            {"accel": 5.0},
+            {"speed": 3.0},
+            {"radius": 0.15},
+            {"position_error": 0.05},
+            {"velocity_error": 0.2},
+        ):
+            closer = ask(arm, crowd(place, **(base | change))).time
+            # One witness a slab: by luck it may be the better one where there is less to prove.
+            assert closer <= time + LUCK
+            later += closer < time
+        assert ask(arm, crowd(place, **base), margin=0.1).time <= time + LUCK
+        still = base | {"velocity": np.zeros((1, 3))}
+        fresh = ask(arm, crowd(place, **still)).time
+        assert ask(arm, crowd(place, **still, stamp=NOW - 0.1)).time <= fresh + LUCK
+    assert later > 50
+
+
+def test_a_refused_sample_may_be_as_true_as_the_track_it_left(arm):
+    near, far = arm[2].centers[0, -1] + [0.0, 0.0, 0.5], [9.0, 0.0, 0.0]
+    for first, second in ((near, far), (far, near)):
+        obstacles = crowd(first)
+        obstacles.update(["ball0"], NOW, [second], np.zeros((1, 3)), radius=0.1)
+        assert obstacles.table.refused.any()
+        assert ask(arm, obstacles).time <= ask(arm, crowd(near)).time < np.inf
+
+
+def test_where_nothing_is_known_contact_is_now(arm):
+    for position in ([np.nan, 0.0, 0.0], [np.inf, 0.0, 0.0]):
+        unseen = crowd([9.0, 0.0, 0.0])
+        unseen.update(["ball0"], NOW, [position], np.zeros((1, 3)), radius=0.1)
+        found = ask(arm, unseen)
+        assert (found.time, found.sphere) == (0.0, NOBODY)
+        assert found.pair // len(arm[0].links) in np.flatnonzero(unseen.table.alive)
+    never = crowd([9.0, 0.0, 0.0])
+    never.table.has_state[:] = False
+    assert ask(arm, never).time == 0.0
+
+
+@pytest.mark.parametrize(
+    "field", ["points", "velocities", "radius", "accel", "speed", "velocity_error", "stamp"]
+)
+def test_nonsense_is_contact_now(arm, field):
+    obstacles = crowd([1.6, 0.0, 0.5])
+    assert ask(arm, obstacles).time > 0.1
+    getattr(obstacles.table, field)[:] = np.nan
+    assert ask(arm, obstacles).time == 0.0
+
+
+@pytest.mark.parametrize("margin", [np.nan, -0.1, np.inf])
+def test_no_sense_in_a_margin_is_contact_now(arm, margin):
+    assert ask(arm, crowd([1.6, 0.0, 0.5]), margin=margin).time == 0.0
+
+
+def test_what_stands_still_for_ever_does_not_age(arm):
+    obstacles = Obstacles()
+    obstacles.add_static("post", np.array([1.1, 0.0, 0.5]), 0.1)
+    assert ask(arm, obstacles).time == np.inf
+    assert ask(arm, obstacles, now=NOW + 0.1).time == np.inf
+    in_the_way = Obstacles()
+    path = arm[2].centers[:, -1]
+    ahead = (path[39] - path[0]) / np.linalg.norm(path[39] - path[0])
+    in_the_way.add_static("post", path[39] + 0.06 * ahead, 0.01)
+    assert 0.0 < ask(arm, in_the_way).time < 0.3
+    assert ask(arm, in_the_way, now=NOW + 0.1).time < ask(arm, in_the_way).time
+
+
+def test_contact_of_a_resting_arm_does_not_count(arm):
+    rest = arm[2].end[-1]
+    reach = arm[2].arm_ball[3]
+    center = arm[2].arm_ball[:3]
+    place = center + np.array([reach + 0.1 + rest + 0.01, 0.0, 0.0])
+    assert ask(arm, crowd(place, accel=100.0, speed=1.0)).time == np.inf
+    closer = ask(arm, crowd(place - np.array([rest, 0.0, 0.0]), accel=100.0, speed=1.0))
+    assert closer.time < np.inf
+
+
+def test_time_goes_on_along_the_course(arm):
+    random = np.random.default_rng(2)
+    for _ in range(40):
+        obstacles = crowd(random_place(random, 0.5, 1.0), accel=2.0)
+        before = ask(arm, obstacles).time
+        after = ask(arm, obstacles, now=NOW + 0.03).time
+        if before < np.inf and before > 0.04:
+            assert after == pytest.approx(before - 0.03, abs=6e-3)
+
+
+@pytest.mark.parametrize("now", [NOW - 1e-6, NOW + 10.0, np.nan, np.inf, -np.inf])
+def test_outside_the_course_nothing_is_known(arm, now):
+    assert ask(arm, crowd([9.0, 0.0, 0.0]), now=now)[:3] == (0.0, NOBODY, NOBODY)

@@ -1,0 +1,83 @@
+import numpy as np
+import pytest
+
+from armguard.plan_reading import MOST_SAMPLES, Plan, Refusal, read_plan
+
+GOOD = Plan(1.0, [0.0, 0.1, 0.2], np.zeros((3, 2)), np.zeros((3, 2)), [1e-3, 1e-3])
+
+
+class Broken:
+    def __array__(self, dtype=None, copy=None):
+        raise MemoryError("no room")
+
+
+def test_what_is_well_formed_is_copied():
+    q = np.zeros((3, 2), dtype=np.float32)
+    read = read_plan(GOOD._replace(q=q, times=(0, 1, 2)), 2)
+    assert isinstance(read, Plan)
+    q[:] = 5.0
+    assert np.array_equal(read.q, np.zeros((3, 2)))
+    assert read.q.dtype == read.times.dtype == np.float64
+    assert read.velocity_tracking_error is None
+    with pytest.raises(ValueError, match="read-only"):
+        read.q[0] = 1.0
+
+
+@pytest.mark.parametrize("plan", [None, 3.0, "plan", tuple(GOOD), {"stamp": 0.0}, Plan])
+def test_what_is_no_plan_is_refused(plan):
+    refusal = read_plan(plan, 2)
+    assert isinstance(refusal, Refusal)
+    assert refusal.subject == "plan"
+
+
+MASKED = np.ma.masked_array(np.zeros((3, 2)), mask=[[0, 0], [0, 1], [0, 0]])
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("stamp", None, "numbers"),
+        ("stamp", "1.0", "numbers"),
+        ("stamp", True, "numbers"),
+        ("stamp", np.nan, "finite"),
+        ("stamp", np.inf, "finite"),
+        ("stamp", [1.0], "shape"),
+        ("times", [], "numbers|samples"),
+        ("times", [0.0], "samples"),
+        ("times", np.arange(MOST_SAMPLES + 1.0), "samples"),
+        ("times", [0.1, 0.2, 0.3], "begins at"),
+        ("times", [0.0, 0.2, 0.2], "rising"),
+        ("times", [0.0, 0.2, 0.1], "rising"),
+        ("times", [0.0, np.nan, 0.2], "finite"),
+        ("times", [[0.0, 0.1, 0.2]], "shape"),
+        ("times", ["0", "0.1", "0.2"], "numbers"),
+        ("times", Broken(), "numbers"),
+        ("times", [0.0, 10**400, 1.0], "numbers"),
+        ("q", np.zeros((2, 2)), "shape"),
+        ("q", np.zeros((3, 3)), "shape"),
+        ("q", np.zeros(3), "shape"),
+        ("q", [[0.0, 0.0], [0.0], [0.0, 0.0]], "numbers"),
+        ("q", np.full((3, 2), np.nan), "finite"),
+        ("q", np.zeros((3, 2), complex), "numbers"),
+        ("q", MASKED, "finite"),
+        ("q", None, "numbers"),
+        ("v", np.full((3, 2), -np.inf), "finite"),
+        ("v", np.zeros((2, 3)), "shape"),
+        ("v", np.full((3, 2), np.longdouble("1e4000")), "finite"),
+        ("tracking_error", None, "numbers"),
+        ("tracking_error", 1e-3, "shape"),
+        ("tracking_error", [1e-3, 0.0], "above 0"),
+        ("tracking_error", [1e-3, -1e-3], "above 0"),
+        ("tracking_error", [1e-3, np.nan], "finite"),
+        ("tracking_error", [1e-3, np.inf], "finite"),
+        ("velocity_tracking_error", [1e-3, 0.0], "above 0"),
+        ("velocity_tracking_error", [1e-3], "shape"),
+        ("velocity_tracking_error", [1e-3, np.nan], "finite"),
+    ],
+)
+def test_what_is_malformed_is_refused_by_name(field, value, words):
+    refusal = read_plan(GOOD._replace(**{field: value}), 2)
+    assert isinstance(refusal, Refusal)
+    assert refusal.subject == field
+    assert any(word in refusal.detail for word in words.split("|"))
+    assert str(refusal) == f"{field}: {refusal.detail}"

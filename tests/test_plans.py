@@ -1,0 +1,197 @@
+import numpy as np
+import pytest
+from plan_cases import Waves, make_plan
+
+from armguard.plans import (
+    CheckedPlan,
+    Plan,
+    Refusal,
+    check_following,
+    check_plan,
+    deviation_speed,
+)
+from armguard.robot import Robot
+
+NOW = 5.0
+HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
+STILL = np.zeros(7)
+TIMES = np.linspace(0.0, 0.2, 21)
+ERRORS = np.full(7, 2e-3)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("panda")
+
+
+def resting(**changes):
+    plan = Plan(NOW, TIMES, np.tile(HOME, (21, 1)), np.zeros((21, 7)), ERRORS)
+    return plan._replace(**changes)
+
+
+def moved(joint, place, pace):
+    """A plan whose one joint goes along given positions with given velocities."""
+    q, v = np.tile(HOME, (21, 1)), np.zeros((21, 7))
+    q[:, joint], v[:, joint] = place, pace
+    return resting(q=q, v=v)
+
+
+def check(robot, plan, *, now=NOW, q=None, v=None, stamp=NOW, **settings):
+    q = np.asarray(plan.q)[0] if q is None else q
+    v = np.asarray(plan.v)[0] if v is None else v
+    return check_plan(plan, robot, now, q, v, stamp, **settings)
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova", "tiago", "ur5"])
+def test_plans_within_limits_are_accepted_wherever_they_are_joined(name):
+    robot, random = Robot.load(name), np.random.default_rng(0)
+    for _ in range(50):
+        waves = Waves(robot, random, random.choice([0.1, 0.5, 0.99]))
+        errors = random.choice([1e-4, 1e-2]) * np.ones(len(robot.joints))
+        plan = make_plan(waves, NOW + random.uniform(-0.1, 0.1), np.linspace(0.0, 0.3, 61), errors)
+        stamp = NOW - random.uniform(0.0, 0.01)
+        q, v = waves.position(stamp), waves.velocity(stamp)
+        checked = check(robot, plan, q=q, v=v, stamp=stamp)
+        assert isinstance(checked, CheckedPlan), checked
+        assert (checked.deviation >= errors + robot.position_error).all()
+        assert check_following(checked, robot, q, v, stamp) is None
+        later = plan.stamp + random.uniform(0.0, 0.3)
+        q, v = waves.position(later), waves.velocity(later)
+        assert check_following(checked, robot, q, v, later) is None
+
+
+def test_a_plan_keeps_its_own_copy(robot):
+    plan = resting()
+    checked = check(robot, plan)
+    plan.q[:] = 99.0
+    assert np.array_equal(checked.q[3], HOME)
+    assert checked.end == NOW + 0.2
+
+
+SWING = 0.1 * np.sin(8.0 * TIMES)
+PACE = 0.8 * np.cos(8.0 * TIMES)
+
+
+def cases(robot):
+    upper, error = robot.upper_position_limit[3], robot.position_error[3]
+    # Between samples only: from rest to rest at the limit's edge, with velocities that bulge out.
+    bulge = np.tile(HOME, (2, 1))
+    bulge[:, 5] = robot.upper_position_limit[5]
+    bulge_v = np.zeros((2, 7))
+    bulge_v[:, 5] = [0.1, -0.1]
+    return {
+        "beyond a position limit": (moved(3, upper + error + 1e-6, 0.0), {}, "limits with errors"),
+        "beyond one between samples": (
+            resting(times=[0.0, 0.2], q=bulge, v=bulge_v),
+            {},
+            "limits with errors",
+        ),
+        "beyond a velocity limit": (moved(0, 2.3 * TIMES, 2.3), {"v": 0.0}, "limit with error"),
+        "velocities apart": (moved(0, 0.0, np.where(TIMES > 0.1, 0.7, 0.0)), {}, "accelerates at"),
+        "velocities beside positions": (moved(0, SWING, 0.0), {}, "do not agree"),
+        "positions beside velocities": (moved(0, 0.0, PACE), {}, "do not agree"),
+        "a jump": (moved(0, np.where(TIMES > 0.1, 0.1, 0.0), 0.0), {}, "limit with error"),
+        "over": (resting(stamp=NOW - 0.3), {}, "in the past"),
+        "just over": (resting(stamp=NOW - 0.2), {}, "in the past"),
+        "stale": (resting(stamp=NOW - 0.15), {}, "stale"),
+        "far ahead": (resting(stamp=NOW + 0.2), {}, "begins in"),
+        "never": (resting(stamp=1e300), {}, "begins in"),
+        "elsewhere": (resting(), {"q": HOME + np.eye(7)[4] * 3.1e-3}, "where the plan has it"),
+        "elsewhere, nowhere": (resting(), {"q": np.full(7, np.nan)}, "where the plan has it"),
+        "at other speed": (moved(0, SWING, PACE), {"v": STILL + np.eye(7)[0] * 2.0}, "at velocity"),
+        "elsewhere when it begins": (
+            resting(stamp=NOW + 0.01),
+            {"q": HOME + np.eye(7)[2] * 6e-3},
+            "when it begins",
+        ),
+        "into a stop": (
+            moved(0, robot.upper_position_limit[0] - 2.1 * (0.2 - TIMES) - 0.01, 2.1),
+            {},
+            "no braking",
+        ),
+        "clock unknown": (resting(), {"now": np.nan}, "begins at"),
+        "malformed": (resting(q=HOME), {}, "shape"),
+        "without error": (resting(tracking_error=STILL), {}, "above 0"),
+    }
+
+
+@pytest.mark.parametrize("case", list(cases(Robot.load("panda"))))
+def test_refusals_name_their_reason(robot, case):
+    plan, measured, words = cases(robot)[case]
+    if np.ndim(plan.q) < 2:
+        measured = {"q": HOME, "v": STILL}
+    if isinstance(measured.get("v"), float):
+        measured = measured | {"v": np.full(7, measured["v"])}
+    refusal = check(robot, plan, **measured)
+    assert isinstance(refusal, Refusal)
+    assert words in refusal.detail
+    assert refusal.subject in {*robot.joints, *Plan._fields, "plan"}
+
+
+def test_what_is_within_errors_is_no_reason_to_refuse(robot):
+    both = ERRORS + robot.position_error
+    for sign in (-1.0, 1.0):
+        assert isinstance(check(robot, resting(), q=HOME + 0.999 * sign * both), CheckedPlan)
+        assert isinstance(check(robot, resting(), q=HOME + 1.001 * sign * both), Refusal)
+    edge = robot.upper_position_limit[3] + 0.5 * robot.position_error[3]
+    assert isinstance(check(robot, moved(3, edge, 0.0)), CheckedPlan)
+
+
+def test_a_state_from_before_the_plan_may_be_as_far_off_as_the_arm_can_come(robot):
+    wait, v = 0.02, STILL.copy()
+    v[0] = 0.5
+    plan = resting(stamp=NOW + wait)
+    reach = 0.5 * robot.acceleration_limit[0] * wait**2 + robot.velocity_error[0] * wait
+    room = ERRORS[0] + 2.0 * robot.position_error[0] + reach
+    for part, kind in ((0.99, CheckedPlan), (1.01, Refusal)):
+        q = HOME - np.eye(7)[0] * (0.5 * wait + part * room)
+        assert isinstance(check(robot, plan, q=q, v=v), kind)
+
+
+def test_a_plan_may_be_late_or_early_by_what_is_asked(robot):
+    late, early = resting(stamp=NOW - 0.15), resting(stamp=NOW + 0.15)
+    assert isinstance(check(robot, late, longest_lag=0.16), CheckedPlan)
+    assert isinstance(check(robot, early, longest_lead=0.16), CheckedPlan)
+
+
+def test_following_ends_with_the_plan(robot):
+    checked = check(robot, resting())
+    assert check_following(checked, robot, HOME, STILL, NOW + 0.2) is None
+    assert "is over" in check_following(checked, robot, HOME, STILL, NOW + 0.201).detail
+    off = HOME + np.eye(7)[6] * 0.01
+    assert check_following(checked, robot, off, STILL, NOW + 0.1).subject == robot.joints[6]
+    assert check_following(checked, robot, HOME, STILL, np.nan) is not None
+
+
+def test_stated_velocity_errors_bound_what_follows_from_positions(robot):
+    loose = check(robot, resting())
+    tight = check(robot, resting(velocity_tracking_error=np.full(7, 0.01)))
+    assert tight.end_deviation == pytest.approx(0.01 + robot.velocity_error)
+    assert (tight.end_deviation < loose.end_deviation).all()
+    wild = check(robot, resting(velocity_tracking_error=np.full(7, 1e300)))
+    assert np.array_equal(wild.end_deviation, loose.end_deviation)
+    slow = STILL + np.eye(7)[1] * 0.1
+    assert isinstance(check(robot, resting(), v=slow), CheckedPlan)
+    refusal = check(robot, resting(velocity_tracking_error=np.full(7, 0.01)), v=slow)
+    assert "at velocity" in refusal.detail
+
+
+def test_huge_errors_are_no_way_around_the_checks(robot):
+    checked = check(robot, resting(tracking_error=np.full(7, 1e308)))
+    assert isinstance(checked, CheckedPlan)
+    assert (checked.deviation >= 1e308).all()
+
+
+def test_deviation_speed_is_what_the_fastest_motion_within_it_has():
+    random = np.random.default_rng(1)
+    for _ in range(200):
+        e, accel, time = random.uniform([1e-4, 1.0, 1e-3], [1e-2, 50.0, 1.0])
+        bound = deviation_speed(np.array([e]), np.array([accel]), time)[0]
+        # From one side to the other, slowing down as fast as it can: just so it stays within.
+        times = np.linspace(0.0, time, 10_001)
+        way = bound * times - 0.5 * accel * times**2
+        until = times <= bound / accel
+        assert way[until].max() == pytest.approx(2.0 * e, rel=1e-3)
+        assert bound <= 2.0 * e / time + 0.5 * accel * time + 1e-6
+    for time in (0.0, -1.0, np.nan):
+        assert np.array_equal(deviation_speed(np.ones(2), np.ones(2), time), [np.inf, np.inf])
