@@ -8,14 +8,18 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import types
-from numba.experimental import structref
+import numba
+from numba.experimental import structref as numba_structref
 
 from armguard.compilation import kernel
 
+# Numba's functions are untyped: they are called as anything is.
+structref: Any = numba_structref
+types: Any = numba.types
+
 
 @structref.register
-class HandleType(types.StructRef):
+class HandleType(types.StructRef):  # type: ignore[misc]  # a class of unknown type
     """Numba's type of handles; it depends on what they hold."""
 
     def preprocess_fields(self, fields: Any) -> Any:
@@ -23,7 +27,7 @@ class HandleType(types.StructRef):
         return tuple((name, types.unliteral(kind)) for name, kind in fields)
 
 
-class Handle(structref.StructRefProxy):  # type: ignore[misc]  # numba has no types
+class Handle(structref.StructRefProxy):  # type: ignore[misc]  # likewise
     """What compiled code reads as `handle.content`; made by `pack`."""
 
 

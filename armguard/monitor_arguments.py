@@ -20,6 +20,11 @@ def read_number(value: object) -> float:
 
 
 def check_not_negative(**values: float) -> None:
+    """Check durations and lengths, by name.
+
+    Raises:
+        ArmguardError: One of them is negative, infinite or no number.
+    """
     for name, value in values.items():
         if not 0.0 <= read_number(value) < math.inf:
             raise ArmguardError(name, f"is {value!r}", expected="a finite number, at least 0")

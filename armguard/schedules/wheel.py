@@ -11,7 +11,7 @@ can be looked at, the most urgent are.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,21 +63,23 @@ WAITING, TURNING, TICK = range(3)
 
 def make_wheel(capacity: int) -> Wheel:
     """An empty wheel."""
-    entries = [np.full(capacity, ABSENT, dtype=np.int32) for _ in range(3)]
     return Wheel(
-        np.full(SLOTS, NOBODY, dtype=np.int32),
-        np.zeros(SLOTS, dtype=np.int32),
-        *entries,
-        np.full(capacity, np.inf),
-        np.zeros(capacity, dtype=np.int32),
-        np.zeros(3, dtype=np.int64),
+        first=np.full(SLOTS, NOBODY, dtype=np.int32),
+        load=np.zeros(SLOTS, dtype=np.int32),
+        slot=np.full(capacity, ABSENT, dtype=np.int32),
+        after=np.zeros(capacity, dtype=np.int32),
+        before=np.zeros(capacity, dtype=np.int32),
+        deadline=np.full(capacity, np.inf),
+        heap=np.zeros(capacity, dtype=np.int32),
+        numbers=np.zeros(3, dtype=np.int64),
     )
 
 
 def grow_wheel(wheel: Wheel, capacity: int) -> Wheel:
     """The same wheel with room for more entries."""
     grown = make_wheel(capacity)
-    for before, after in zip(wheel, grown, strict=True):
+    arrays: list[tuple[NDArray[Any], NDArray[Any]]] = list(zip(wheel, grown, strict=True))
+    for before, after in arrays:
         after[: len(before)] = before
     return grown
 
