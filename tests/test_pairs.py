@@ -9,10 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import panda
 
+from armguard.arm_motion import ArmMotion
 from armguard.bounds import IsotropicMotion
 from armguard.kinematics import Kinematics
 from armguard.obstacles import Obstacles
-from armguard.pairs import TickState, evaluate, thread_tree
+from armguard.pairs import TickState, evaluate
+from armguard.scene import ISOTROPIC, REACH, UNKNOWN
 
 KINEMATICS = Kinematics(panda())
 SPHERES = KINEMATICS.spheres
@@ -20,6 +22,21 @@ COUNT = len(SPHERES)
 LEAVES = np.flatnonzero(SPHERES.child_count == 0)
 LINKS = len(panda().links)
 MARGIN = 0.02
+MOTION = ArmMotion(panda(), 0.02, with_joints=False)
+
+
+def read_only(array):
+    array.flags.writeable = False  # as those of a motion model: else kernels compile anew
+    return array
+
+
+def free_bodies(isotropic):
+    """A motion whose spheres are free bodies, and may get anywhere."""
+    anywhere = SimpleNamespace(
+        link_balls=read_only(np.tile([0.0, 0.0, 0.0, np.inf], (LINKS, 1))),
+        arm_ball=read_only(np.array([0.0, 0.0, 0.0, np.inf])),
+    )
+    return SimpleNamespace(**vars(MOTION) | {"isotropic": isotropic, "reach": anywhere})
 
 
 def free_motion(rng):
@@ -30,9 +47,9 @@ def free_motion(rng):
         "position_error": np.full(COUNT, rng.uniform(0.0, 0.01)),
         "velocity_error": np.full(COUNT, rng.uniform(0.0, 0.05)),
     }
-    for array in bounds.values():
-        array.flags.writeable = False  # as those of a motion model: else kernels compile anew
-    return SimpleNamespace(**bounds)
+    errors = MOTION.isotropic.velocity_errors
+    bounds = {name: read_only(array) for name, array in bounds.items()}
+    return free_bodies(SimpleNamespace(**bounds, velocity_errors=errors))
 
 
 def make_state(motion, obstacles, *, advances=60, by_distance=False, margin=MARGIN):
@@ -42,12 +59,13 @@ def make_state(motion, obstacles, *, advances=60, by_distance=False, margin=MARG
 
 
 def look(state, rows, now, arm_age=0.0, opening_time=math.inf):
-    """Contact times, shape (rows, links), the deciding spheres, and evaluations."""
+    """Contact times, shape (rows, links), the deciding spheres, their bounds, and evaluations."""
     pairs = np.concatenate([np.arange(LINKS) + row * LINKS for row in rows])
     times, nodes = np.full(len(pairs), -1.0), np.full(len(pairs), -1)
+    bounds = np.full(len(pairs), -1, dtype=np.int8)
     state.begin(now, arm_age, opening_time)
-    spent = evaluate(state, pairs, times, nodes)
-    return times.reshape(len(rows), LINKS), nodes.reshape(len(rows), LINKS), spent
+    spent = evaluate(state, pairs, times, nodes, bounds)
+    return *(answer.reshape(len(rows), LINKS) for answer in (times, nodes, bounds)), spent
 
 
 def random_pose(rng):
@@ -76,6 +94,7 @@ def brute_force(motion, body, now, arm_age, horizon=3.0, step=1e-3):
     Steps finely in time, and halves the first step in which reachable balls meet.
     """
     centers, velocities = KINEMATICS.centers, KINEMATICS.velocities
+    motion = motion.isotropic
     reach = SPHERES.radius + motion.position_error + body["radius"] + MARGIN
     reach += body["position_error"]
     age = now - body["stamp"]
@@ -164,12 +183,15 @@ def test_contact_times_are_those_of_brute_force(count, seed):
     bodies = [random_body(rng, count, now - rng.choice([0.0, 0.05, -0.02])) for _ in range(3)]
     rows = [report(obstacles, str(i), body) for i, body in enumerate(bodies)]
     state = make_state(motion, obstacles)
-    times, nodes, spent = look(state, rows, now, arm_age)
-    assert spent > 0
-    closed, _, few = look(state, rows, now, arm_age, opening_time=0.0)
-    assert few == len(rows) * LINKS
-    crude, _, _ = look(make_state(motion, obstacles, advances=1), rows, now, arm_age)
-    by_distance, _, _ = look(make_state(motion, obstacles, by_distance=True), rows, now, arm_age)
+    times, nodes, bounds, spent = look(state, rows, now, arm_age)
+    assert spent > len(rows) * LINKS
+    assert ((bounds == ISOTROPIC) | (times == 0.0)).all()
+    closed, _, bounds, few = look(state, rows, now, arm_age, opening_time=0.0)
+    # Nothing matters: what the arm cannot leave is all that is asked for, once and for each link.
+    assert few == len(rows) * (1 + LINKS)
+    assert (bounds == REACH).all()
+    crude, *_ = look(make_state(motion, obstacles, advances=1), rows, now, arm_age)
+    by_distance, *_ = look(make_state(motion, obstacles, by_distance=True), rows, now, arm_age)
     for i, body in enumerate(bodies):
         expected = brute_force(motion, body, now, arm_age)
         known = np.isfinite(expected)
@@ -205,7 +227,7 @@ def test_panda_against_many_witnesses(seed):
     body = random_body(rng, 1, 0.0) | {"accel": 10.0}
     center, velocity = body["points"][0], body["velocities"][0]
     row = report(obstacles, "ball", body, speed=2.0)
-    times, _, _ = look(make_state(motion, obstacles), [row], 0.0)
+    times, *_ = look(make_state(free_bodies(motion), obstacles), [row], 0.0)
 
     apart = center - KINEMATICS.centers
     normals = np.tile(directions(300), (COUNT, 1, 1))
@@ -228,19 +250,6 @@ def test_panda_against_many_witnesses(seed):
     assert (times[0] >= 0.9 * (expected - 4e-3)).all()
 
 
-def test_the_threaded_tree_visits_every_sphere_once():
-    tree = thread_tree(SPHERES)
-    for link, root in enumerate(SPHERES.root):
-        seen, node = [], root
-        while node >= 0:
-            seen.append(node)
-            node = tree.first_child[node] if tree.first_child[node] >= 0 else tree.skip[node]
-        assert sorted(seen) == np.flatnonzero(SPHERES.link == link).tolist()
-    for node in np.flatnonzero(tree.parent >= 0):
-        first = SPHERES.first_child[tree.parent[node]]
-        assert first <= node < first + SPHERES.child_count[tree.parent[node]]
-
-
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 2.0))
 def test_opening_later_never_lowers_a_time(seed, opening_time):
@@ -249,9 +258,9 @@ def test_opening_later_never_lowers_a_time(seed, opening_time):
     obstacles = Obstacles()
     row = report(obstacles, "ball", random_body(rng, 1, 0.0))
     state = make_state(free_motion(rng), obstacles)
-    closed, _, few = look(state, [row], 0.0, opening_time=0.0)
-    ajar, _, some = look(state, [row], 0.0, opening_time=opening_time)
-    wide, _, many = look(state, [row], 0.0)
+    closed, *_, few = look(state, [row], 0.0, opening_time=0.0)
+    ajar, *_, some = look(state, [row], 0.0, opening_time=opening_time)
+    wide, *_, many = look(state, [row], 0.0)
     assert (closed <= ajar).all()
     assert (ajar <= wide).all()
     assert few <= some <= many
@@ -265,9 +274,9 @@ def test_unknown_whereabouts_are_contact_now():
     obstacles.update(["known"], 0.0, [[3.0, 0.0, 0.0]], radius=0.1)
     obstacles.update(["known"], 0.1, [[3.0, math.inf, 0.0]], radius=0.1)
     state = make_state(free_motion(np.random.default_rng(0)), obstacles)
-    times, _, spent = look(state, [obstacles.row("lost"), obstacles.row("known")], 0.1)
+    times, _, bounds, _ = look(state, [obstacles.row("lost"), obstacles.row("known")], 0.1)
     assert (times == 0.0).all()
-    assert spent > 0
+    assert (bounds == UNKNOWN).all()
 
 
 def test_a_refused_sample_counts_beside_the_accepted_one():
@@ -311,7 +320,31 @@ def test_extreme_values_end_in_contact_times():
         state = make_state(
             free_motion(np.random.default_rng(0)), obstacles, by_distance=by_distance
         )
-        times, _, _ = look(state, rows, 0.0)
+        times, *_ = look(state, rows, 0.0)
         assert (times >= 0.0).all()
         assert (times[4] == 0.0).all()
         assert (times[5] < 1e-100).all()
+
+
+@pytest.mark.parametrize("with_joints", [False, True])
+def test_evaluations_of_many_pairs_are_those_of_each(with_joints):
+    """Whatever is looked at together: rows in any order, each link by itself."""
+    rng = np.random.default_rng(4)
+    random_pose(rng)
+    obstacles = Obstacles()
+    rows = [report(obstacles, str(i), random_body(rng, 1, 0.0), speed=2.0) for i in range(5)]
+    rows.append(
+        report(obstacles, "lost", random_body(rng, 1, 0.0) | {"points": np.full((1, 3), np.nan)})
+    )
+    state = make_state(ArmMotion(panda(), 0.02, with_joints=with_joints), obstacles)
+    state.begin(0.01, 0.0, 0.5)
+    KINEMATICS.place(np.zeros(7))
+    state.prepare_arm(np.zeros(7), np.zeros(7))
+    pairs = rng.permutation(np.concatenate([np.arange(LINKS) + row * LINKS for row in rows]))
+    answers = [np.zeros(len(pairs)), np.zeros(len(pairs), dtype=np.int64)]
+    answers.append(np.zeros(len(pairs), dtype=np.int8))
+    evaluate(state, pairs, *answers)
+    for index, pair in enumerate(pairs):
+        alone = [answer[:1].copy() for answer in answers]
+        evaluate(state, np.array([pair]), *alone)
+        assert [answer[index] for answer in answers] == [answer[0] for answer in alone]
