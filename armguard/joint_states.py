@@ -8,19 +8,51 @@ reports the impossible is a robot about which nothing is known.
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.compilation import kernel
-from armguard.plausibility import ALLOWED, JointHistory
+from armguard.handle import pack
+from armguard.plausibility import ALLOWED, JointHistory, accept_joints
 from armguard.robot import Robot
-from armguard.verdict import Reason, ReasonKind
+from armguard.verdict import Reason, ReasonKind, compute_stop_time
 
 FloatArray = NDArray[np.float64]
+FLOAT = np.dtype(np.float64)
 
 NOBODY = -1
 """In place of a joint's index, where every joint is as it should be."""
+
+BELIEVED, RUNAWAY, FAST, DOUBTFUL = 0, 1, 2, 4
+"""What a glance at a state found, added up: a joint that runs into its stop, one that is faster
+than its limit, but within its error, or anything that calls for a closer look."""
+
+
+class Guard(NamedTuple):
+    """What a first look at a state needs, for compiled code."""
+
+    q: FloatArray
+    """Last believed joint positions, [rad] or [m]; written. Shape (nv,)."""
+    v: FloatArray
+    """Last believed joint velocities, alike; written. Shape (nv,)."""
+    lower: FloatArray
+    """Least positions, errors included. Shape (nv,)."""
+    upper: FloatArray
+    """Greatest positions, errors included. Shape (nv,)."""
+    fastest: FloatArray
+    """Greatest speeds, errors included. Shape (nv,)."""
+    velocity_limit: FloatArray
+    velocity_error: FloatArray
+    acceleration_limit: FloatArray
+    braking_deceleration: FloatArray
+    last_stamp: FloatArray
+    """Stamp of the last state; written. Shape (1,)."""
+    timeout: float
+    """Longest age of a state and longest step between two, in [s]."""
+    history: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+    """What `accept_joints` works on."""
 
 
 class JointStates:
@@ -36,10 +68,11 @@ class JointStates:
         """Last well-formed joint positions, [rad] or [m]. Shape (nv,)."""
         self.v: FloatArray = np.zeros(len(robot.joints))
         """Last well-formed joint velocities, [rad/s] or [m/s]. Shape (nv,)."""
-        self.stamp = -math.inf
+        self._last_stamp = np.array([-math.inf])
         self._robot = robot
         self._timeout = joint_timeout
         self._read: FloatArray = np.zeros(len(robot.joints))
+        self._read_v: FloatArray = np.zeros(len(robot.joints))
         self._lower = robot.lower_position_limit - robot.position_error
         self._upper = robot.upper_position_limit + robot.position_error
         self._fastest = robot.velocity_limit + robot.velocity_error
@@ -51,12 +84,69 @@ class JointStates:
             robot.velocity_error,
         )
         self._fresh = True
+        self._shape = self.q.shape
+        self._guard = pack(
+            Guard(
+                self.q,
+                self.v,
+                self._lower,
+                self._upper,
+                self._fastest,
+                np.array(robot.velocity_limit),
+                np.array(robot.velocity_error),
+                np.array(robot.acceleration_limit),
+                np.array(robot.braking_deceleration),
+                self._last_stamp,
+                float(joint_timeout),
+                self._history.arrays,
+            )
+        )
         self._compile()
 
     def reset(self) -> None:
         """Forget all states; the next one starts a new history."""
-        self.stamp = -math.inf
+        self._last_stamp[0] = -math.inf
         self._fresh = True
+
+    def glance(
+        self,
+        stamp: float,
+        q: ArrayLike,
+        v: ArrayLike,
+        now: float,
+        horizon: float,
+        reaction_time: float,
+    ) -> tuple[int, float]:
+        """Take the state of a tick if there is nothing to be said against it, in one compiled call.
+
+        Args:
+            stamp: When the state was measured, in [s].
+            q: Joint positions, [rad] or [m]. Shape (nv,).
+            v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
+            now: Time of the tick, in [s].
+            horizon: Until the verdict after this one is obeyed, in [s].
+            reaction_time: From command to braking torque, in [s].
+
+        Returns:
+            What was found, and the time in which all joints surely rest, in [s]. Where that is
+            DOUBTFUL, nothing was taken: `receive` says what there is against it.
+        """
+        usual = (
+            type(q) is np.ndarray
+            and type(v) is np.ndarray
+            and q.dtype is FLOAT
+            and v.dtype is FLOAT
+            and q.shape == v.shape == self._shape
+        )
+        if self._fresh or not usual:
+            return DOUBTFUL, math.inf
+        # Whatever their strides are: compiled code is made for one kind of array.
+        self._read[:] = q
+        self._read_v[:] = v
+        found: tuple[int, float] = _glance(
+            self._guard, stamp, self._read, self._read_v, now, horizon, reaction_time
+        )
+        return found
 
     def receive(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> Reason | None:
         """Take the state of a tick; None if it is believed, otherwise why not.
@@ -128,7 +218,7 @@ class JointStates:
         return None
 
     def _check_time(self, stamp: float, now: float) -> Reason | None:
-        last, self.stamp = self.stamp, stamp
+        last, self._last_stamp[0] = float(self._last_stamp[0]), stamp
         if stamp < last:
             return Reason(ReasonKind.TIME_BACKWARDS, "joint states", f"{stamp!r} after {last!r}")
         if not stamp - last <= self._timeout and not self._fresh:
@@ -152,6 +242,54 @@ class JointStates:
         _take_finite(self._read, self.q)
         self._check_limits()
         self.stopping()
+        _glance(self._guard, math.nan, self._read, self._read_v, 0.0, 0.0, 0.0)
+
+
+@kernel
+def _glance(
+    handle: Any,
+    stamp: float,
+    q: FloatArray,
+    v: FloatArray,
+    now: float,
+    horizon: float,
+    reaction_time: float,
+) -> tuple[int, float]:
+    """`JointStates.glance`."""
+    guard = handle.content
+    last = guard.last_stamp[0]
+    if not (0.0 <= stamp - last <= guard.timeout and abs(now - stamp) <= guard.timeout):
+        return DOUBTFUL, np.inf
+    found = BELIEVED
+    for j in range(q.shape[0]):
+        if not (guard.lower[j] <= q[j] <= guard.upper[j] and abs(v[j]) <= guard.fastest[j]):
+            return DOUBTFUL, np.inf
+        if not abs(q[j]) < np.inf:
+            return DOUBTFUL, np.inf
+        if not abs(v[j]) <= guard.velocity_limit[j]:
+            found |= FAST
+    limits, reachable, stamps, positions, velocities = guard.history
+    if accept_joints(limits, reachable, stamps, positions, velocities, stamp, q, v) != ALLOWED:
+        return DOUBTFUL, np.inf
+    guard.last_stamp[0] = stamp
+    guard.q[:] = q
+    guard.v[:] = v
+    runaway = _find_runaway(
+        guard.q, guard.v, guard.lower, guard.upper, guard.velocity_error, guard.acceleration_limit
+    )
+    if runaway != NOBODY:
+        found |= RUNAWAY
+    stop_time = compute_stop_time(
+        guard.v,
+        guard.velocity_error,
+        guard.velocity_limit,
+        guard.acceleration_limit,
+        guard.braking_deceleration,
+        now - stamp,
+        horizon,
+        reaction_time,
+    )
+    return found, stop_time
 
 
 @kernel

@@ -20,7 +20,7 @@ from armguard.arm_motion import MOTIONS
 from armguard.contact import Certificate
 from armguard.exceptions import ArmguardError
 from armguard.ignored_pairs import IgnoredPairs
-from armguard.joint_states import JointStates
+from armguard.joint_states import DOUBTFUL, FAST, JointStates
 from armguard.monitor_arguments import check_not_negative, read_budget, read_number
 from armguard.obstacle_reasons import take_obstacle_reasons
 from armguard.obstacle_watch import ObstacleWatch
@@ -171,6 +171,9 @@ class Monitor:
         """What the last verdict's certificate is about: arguments of `certificate.verify`."""
         self._epoch: float | None = None
         self._now = -math.inf
+        self._activity = -1
+        self._quiet_until = -math.inf
+        self._homeless = self._no_sources = False
         self._sequence = 0
         self._evaluated = 0
         self._braking_scale = float(np.min(robot.braking_deceleration / robot.velocity_limit))
@@ -220,6 +223,8 @@ class Monitor:
         if self._epoch is None:
             return []
         time, arm = self._now - self._epoch, self._watch.arm
+        # A tick with nothing near leaves the arm where it was.
+        arm.kinematics.place(self._states.q)
         listing = self._watch.list_imminent(time, row_limit=0, pair_limit=max(limit, 0))
         return [
             report_pair(
@@ -243,7 +248,8 @@ class Monitor:
         return take_snapshot(listing, arm.state, states.q, time)
 
     def _step(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> Verdict:
-        stamp, now = read_number(stamp), read_number(now)
+        if not (type(stamp) is float and type(now) is float):
+            stamp, now = read_number(stamp), read_number(now)
         if not (math.isfinite(now) and math.isfinite(stamp)):
             return self._refuse(stamp, Reason(ReasonKind.TIME_INVALID, f"stamp {stamp}, now {now}"))
         if now < self._now:
@@ -253,15 +259,26 @@ class Monitor:
         self._now = now
         if self._epoch is None:
             self._epoch = now
-        watch, states = self._watch, self._states
-        watch.follow()
-        disbelief = states.receive(stamp, q, v, now)
-        if disbelief is not None:
-            return self._refuse(stamp, disbelief)
-        stopping = states.stopping()
-        reasons = [] if stopping is None else [stopping]
-        reasons += take_obstacle_reasons(self.obstacles, now, self._source_timeout)
-        stop_time = self._stop_time(now - stamp)
+        watch, states, obstacles = self._watch, self._states, self.obstacles
+        is_quiet = obstacles.activity == self._activity and now < self._quiet_until
+        if not is_quiet or self.robot.revision != watch.arm.revision:
+            watch.follow()
+        found, stop_time = states.glance(stamp, q, v, now, self._horizon, self._reaction_time)
+        if found & DOUBTFUL:
+            disbelief = states.receive(stamp, q, v, now)
+            if disbelief is not None:
+                return self._refuse(stamp, disbelief)
+            stop_time = self._stop_time(now - stamp)
+            found = FAST
+        reasons = []
+        if found:
+            stopping = states.stopping()
+            if stopping is not None:
+                reasons.append(stopping)
+        if (found or watch.arm.motion.isotropic.is_widened) and watch.arm.follow_limits(states.v):
+            watch.doubt()
+        if not is_quiet:
+            reasons += self._read_obstacles(now)
         tick = Tick(
             self._sequence,
             now,
@@ -273,14 +290,24 @@ class Monitor:
             # Children are opened only where a closer look could still matter to the level.
             (stop_time + self._rule.aware_margin) / (1.0 - self._freshness),
         )
-        watch.arm.kinematics.place(states.q)
-        if watch.arm.follow_limits(states.v):
-            watch.doubt()
         look = watch.look(tick)
         self._evaluated = look.evaluated
         for row in look.broken:
-            reasons.append(Reason(ReasonKind.BOUND_BROKEN, self.obstacles.ids[row]))
+            reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
         return self._judge(stamp, tick, look, reasons)
+
+    def _read_obstacles(self, now: float) -> list[Reason]:
+        """What is wrong with the obstacle table; if nothing is, until when that surely stays so."""
+        obstacles = self.obstacles
+        reasons = take_obstacle_reasons(obstacles, now, self._source_timeout)
+        self._homeless = bool(obstacles.homeless())
+        self._no_sources = not obstacles.has_sources
+        self._activity = obstacles.activity
+        # As long as nobody calls, only silence can become too long; rounding is allowed for.
+        self._quiet_until = -math.inf
+        if not reasons:
+            self._quiet_until = obstacles.quiet_until(self._source_timeout) - self.period
+        return reasons
 
     def _stop_time(self, age: float) -> float:
         robot = self.robot
@@ -299,20 +326,21 @@ class Monitor:
     def _judge(self, stamp: float, tick: Tick, look: Look, reasons: list[Reason]) -> Verdict:
         """The verdict of a tick whose arm state is believed."""
         pair, contact_time = look.pair, max(0.0, look.expiry - tick.time)
-        homeless = bool(self.obstacles.homeless())
-        if homeless:
+        if self._homeless:
             # They were reported, so they are there, and could be anywhere.
             pair, contact_time = NOBODY, 0.0
         if look.overdue:
             reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{look.overdue} pairs"))
-        if not self.obstacles.has_sources:
+        if self._no_sources:
             reasons.append(Reason(ReasonKind.NO_SOURCES))
-        standing = any(reason.kind.effect is Effect.STANDING for reason in reasons)
+        standing = bool(reasons) and any(
+            reason.kind.effect is Effect.STANDING for reason in reasons
+        )
         complete = not look.overdue
         rests = (
             self._stopping is not None
             and complete
-            and not (standing or homeless or contact_time > tick.stop_time)
+            and not (standing or self._homeless or contact_time > tick.stop_time)
             and self._stopping.rests(tick)
         )
         level, held = self._rule.decide(

@@ -120,9 +120,8 @@ def doubt_all(handle: Any) -> None:
 
 
 @kernel
-def first_link(book_handle: Any, row: int) -> int:
+def first_link(book: Book, row: int) -> int:
     """The watched link whose certificate against an obstacle ends first."""
-    book = book_handle.content
     first = 0
     soonest = np.inf
     for link in range(book.watched.shape[1]):

@@ -11,6 +11,7 @@ links follow in the order of their imminence, so that most of them need no close
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from armguard.link_times import (
     rests_in_time,
     root_time,
 )
-from armguard.obstacle_book import ACTIVE, PREPARED, STALE, Book
+from armguard.obstacle_book import ACTIVE, PREPARED, STALE, Book, first_link
 from armguard.obstacle_table import clear_news
 from armguard.scene import REACH, UNKNOWN, FloatArray, IntArray, Scene, prepare_arm
 from armguard.schedules.wheel import (
@@ -38,6 +39,9 @@ from armguard.schedules.wheel import (
     turn,
 )
 from armguard.soonest import find_below, find_least, set_value
+
+UNPLACED = -2
+"""In place of a row, where the arm must be placed first."""
 
 CROWD = 64
 """Evaluations in a tick beyond which, once contact is certain, other obstacles wait."""
@@ -129,19 +133,25 @@ def _look_at(
     row: int,
     q: FloatArray,
     v: FloatArray,
+    placed: bool,
     now: float,
     time: float,
     tick: int,
     arm_age: float,
     opening_time: float,
 ) -> tuple[float, int]:
-    """Look at one obstacle: its soonest contact time in [s], and evaluations."""
+    """Look at one obstacle: its soonest contact time in [s], and evaluations.
+
+    The time is NaN, and nothing is entered, where the arm must be placed first.
+    """
     best, evaluations = 0.0, 0
     bound = UNKNOWN
     if is_known(scene, row):
         best, evaluations = arm_reach_time(scene, row, now)
         bound = REACH
         if best < opening_time:
+            if not placed:
+                return np.nan, evaluations
             if book.numbers[PREPARED] != tick:
                 prepare_arm(scene, q, v, arm_age)
                 book.numbers[PREPARED] = tick
@@ -183,6 +193,7 @@ def look(
     book_handle: Any,
     q: FloatArray,
     v: FloatArray,
+    placed: bool,
     now: float,
     time: float,
     tick: int,
@@ -192,7 +203,7 @@ def look(
     freshness: float,
     period: float,
     budget: int,
-) -> tuple[int, float, int, int, int]:
+) -> tuple[int, int, float, int, int, int]:
     """One tick: look at what is due, as far as the budget goes.
 
     Where contact is certain already, what still waits is not overdue: the arm stops in any case,
@@ -203,6 +214,7 @@ def look(
         book_handle: On the `Book`.
         q: Joint positions, [rad] or [m]. Shape (nv,).
         v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
+        placed: Whether Pinocchio has placed the arm for this tick.
         now: Time of the tick on the obstacles' clock, in [s].
         time: The same since the monitor's epoch.
         tick: Number of the tick.
@@ -214,8 +226,9 @@ def look(
         budget: Evaluations after which nothing further is begun.
 
     Returns:
-        Row whose certificate ends first (NOBODY without any), that end in [s] since the epoch,
-        obstacles overdue, evaluations, and rows in `book.broken`.
+        Row whose certificate ends first (NOBODY without any, UNPLACED where the arm must be placed
+        before the look can go on), its link, the end in [s] since the epoch, obstacles overdue,
+        evaluations, and rows in `book.broken`.
     """
     scene, book = scene_handle.content, book_handle.content
     wheel = book.wheel
@@ -230,9 +243,11 @@ def look(
         if row == NOBODY:
             break
         contact_time, spent = _look_at(
-            scene, book, row, q, v, now, time, tick, arm_age, opening_time
+            scene, book, row, q, v, placed, now, time, tick, arm_age, opening_time
         )
         evaluated += spent
+        if math.isnan(contact_time):
+            return UNPLACED, 0, 0.0, 0, evaluated, broken
         book.evaluated_at[row] = time
         keep_anchor(scene.bodies, book.anchors, scene.marks, row, row)
         spare = time_to_spare(scene, v, contact_time, arm_age, horizon)
@@ -252,10 +267,11 @@ def look(
     lost = book.numbers[ACTIVE] - wheel.numbers[WAITING] - wheel.numbers[TURNING]
     overdue += abs(lost)
     if book.numbers[ACTIVE] == 0:
-        return NOBODY, np.inf, overdue, evaluated, broken
+        return NOBODY, 0, np.inf, overdue, evaluated, broken
     soonest = find_least(book.soonest)
-    expiry = book.soonest[1]
-    return soonest, expiry, overdue, evaluated, broken
+    return (
+        soonest, first_link(book, soonest), book.soonest[1], overdue, evaluated, broken
+    )  # fmt: skip
 
 
 @kernel

@@ -30,6 +30,7 @@ class ObstacleRegister:
         ids: Id of each row; empty where the row is free.
         late_count: Late messages, by obstacle, that were ignored.
         watcher: Number of whoever follows the rows; see `start_watching`.
+        activity: Goes up with each call that may change anything.
     """
 
     def __init__(self, sources: Iterable[str | Source]) -> None:
@@ -39,6 +40,7 @@ class ObstacleRegister:
         self.ids: list[str] = [""] * len(self.table.alive)
         self.late_count = 0
         self.watcher = 0
+        self.activity = 0
         self._book = SourceBook(sources)
         self._rows: dict[str, int] = {}
         self._tombstones = Tombstones()
@@ -67,6 +69,7 @@ class ObstacleRegister:
         What is drained is gone: only the watcher that came last learns of all rows.
         """
         self.watcher += 1
+        self.activity += 1
         self._removed.clear()
         self._added = set(self._rows.values())
         return self.watcher
@@ -103,6 +106,7 @@ class ObstacleRegister:
 
     def distrust(self, row: int) -> None:
         """Gives up a row's accepted state: it counts as refused, until a good one comes."""
+        self.activity += 1
         self.table.distrust(int(row))
         self._any_refused = bool(self.table.refused.any())
 
@@ -123,6 +127,10 @@ class ObstacleRegister:
         if not self._tombstones.newest - now <= tolerance:
             self._tombstones.limit(now)
         return self._book.ahead(now, tolerance)
+
+    def quiet_until(self, default_timeout: float) -> float:
+        """When a required source will have been silent for too long, in [s], at the earliest."""
+        return self._book.quiet_until(default_timeout)
 
     def homeless(self) -> list[str]:
         """Obstacles that were reported and found no room in the table."""

@@ -19,11 +19,10 @@ from armguard.obstacle_book import (
     dismiss,
     doubt_all,
     find_soonest,
-    first_link,
     grow_book,
     make_book,
 )
-from armguard.obstacle_looks import find_unsafe, look
+from armguard.obstacle_looks import UNPLACED, find_unsafe, look
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
 from armguard.scene import FloatArray, IntArray
@@ -102,12 +101,26 @@ class ObstacleWatch:
         doubt_all(self._handle)
 
     def look(self, tick: Tick) -> Look:
-        """Look at the obstacles that are due."""
-        row, expiry, overdue, evaluated, broken = look(
+        """Look at the obstacles that are due; the arm is placed only if one of them needs it."""
+        first = self._look(tick)
+        if first[0] != UNPLACED:
+            row, link, expiry, overdue, evaluated, broken = first
+        else:
+            self._place(tick)
+            row, link, expiry, overdue, evaluated, _ = self._look(tick)
+            evaluated += first[4]
+            broken = first[5]
+        pair = NOBODY if row == NOBODY else row * self._links + link
+        rows = tuple(self.book.broken[:broken].tolist()) if broken else ()
+        return Look(pair, expiry, overdue, evaluated, rows)
+
+    def _look(self, tick: Tick) -> tuple[int, int, float, int, int, int]:
+        found: tuple[int, int, float, int, int, int] = look(
             self.arm.state.handle,
             self._handle,
             tick.q,
             tick.v,
+            self._placed == tick.number,
             tick.now,
             tick.time,
             tick.number,
@@ -115,12 +128,16 @@ class ObstacleWatch:
             tick.opening_time,
             *self._pace,
         )
-        pair = NOBODY if row == NOBODY else self._first_pair(row)
-        rows = tuple(self.book.broken[:broken].tolist()) if broken else ()
-        return Look(pair, expiry, overdue, evaluated, rows)
+        return found
+
+    def _place(self, tick: Tick) -> None:
+        if self._placed != tick.number:
+            self.arm.kinematics.place(tick.q)
+            self._placed = tick.number
 
     def find_unsafe(self, tick: Tick, stop_time: float) -> int:
         """A pair that might touch before the arm rests; NOBODY if there is none."""
+        self._place(tick)
         row, link = find_unsafe(
             self.arm.state.handle,
             self._handle,
@@ -162,10 +179,6 @@ class ObstacleWatch:
             sphere_expiry=self._sphere_expiry(time, rows),
         )
 
-    def _first_pair(self, row: int) -> int:
-        """The pair of an obstacle whose certificate ends first."""
-        return row * len(self.arm.links) + first_link(self._handle, row)
-
     def _sphere_expiry(self, time: float, rows: IntArray) -> FloatArray:
         """Soonest contact of each finest sphere; what was not looked at has its link's time."""
         state, book = self.arm.state, self.book
@@ -184,6 +197,8 @@ class ObstacleWatch:
     def _prepare(self) -> None:
         """Lay out everything for the links that the robot has now."""
         self.arm = self._make_arm()
+        self._links = len(self.arm.links)
+        self._placed = -2
         self._watcher = self._obstacles.start_watching()
         self._seen_expiry = np.full(len(self.arm.state.tree.radius), -np.inf)
         self._make_book()
@@ -206,9 +221,8 @@ class ObstacleWatch:
         admit(self._handle, none, np.zeros((0, len(self.arm.links)), dtype=np.bool_))
         dismiss(self._handle, none)
         doubt_all(self._handle)
-        self.arm.kinematics.place(zeros)
-        tick = Tick(0, 0.0, 0.0, zeros, zeros, 0.0, 0.0, 0.0)
+        # Numbers of ticks begin at 1.
+        tick = Tick(-1, 0.0, 0.0, zeros, zeros, 0.0, 0.0, 0.0)
         self.look(tick)
         self.find_unsafe(tick, 0.0)
-        self._first_pair(0)
         find_soonest(self._handle, none)

@@ -85,6 +85,7 @@ class PairWatch:
     def look(self, tick: Tick) -> Look:
         """Evaluate the pairs that are due and check the flagged ones exactly."""
         ledger, state, schedule = self.ledger, self.arm.state, self.schedule
+        self.arm.kinematics.place(tick.q)
         state.begin(tick.now, tick.arm_age, tick.opening_time)
         state.prepare_arm(tick.q, tick.v)
         grown, broken = ledger.disturbed(state, self._obstacles.table.revision)

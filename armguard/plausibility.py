@@ -187,7 +187,7 @@ def _test_joint(
 
 
 @kernel
-def _accept_joints(
+def accept_joints(
     limits: Array,
     reachable: Array,
     anchor_stamps: Array,
@@ -284,6 +284,17 @@ class JointHistory:
         self._run(0.0, np.zeros(self._joints), np.zeros(self._joints))  # compiles
         self.clear()
 
+    @property
+    def arrays(self) -> tuple[Array, Array, Array, Array, Array]:
+        """What compiled code hands to `accept_joints`, once a state was accepted."""
+        return (
+            self._limits,
+            self._reachable,
+            self._anchor_stamps,
+            self._anchor_positions,
+            self._anchor_velocities,
+        )
+
     def clear(self) -> None:
         """Forgets all states; the next one to be accepted starts the history."""
         self._reachable[0::2] = np.inf
@@ -332,16 +343,7 @@ class JointHistory:
             self._anchor_stamps[:] = stamp
             self._anchor_positions[:] = q
             self._anchor_velocities[:] = v
-        code = _accept_joints(
-            self._limits,
-            self._reachable,
-            self._anchor_stamps,
-            self._anchor_positions,
-            self._anchor_velocities,
-            stamp,
-            q,
-            v,
-        )
+        code = accept_joints(*self.arrays, stamp, q, v)
         self._empty = self._empty and code != ALLOWED
         self.code = code % 16
         if self.code not in (ALLOWED, TIME_BACKWARDS):

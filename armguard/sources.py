@@ -106,6 +106,16 @@ class SourceBook:
                     names.append(state.source.name)
         return names
 
+    def quiet_until(self, default_timeout: float) -> float:
+        """When the first required source will have kept silent for its timeout, in [s]."""
+        ends = [
+            state.stamp
+            + (default_timeout if state.source.timeout is None else state.source.timeout)
+            for state in self.states
+            if state.required
+        ]
+        return min(ends, default=math.inf)
+
     def ahead(self, now: float, tolerance: float) -> list[str]:
         """Sources whose last stamp is more than `tolerance` [s] ahead of `now`."""
         return [

@@ -90,7 +90,7 @@ class Watch(Protocol):
         ...
 
     def look(self, tick: Tick) -> Look:
-        """Look at the pairs that are due, on an arm that is placed already."""
+        """Look at the pairs that are due."""
         ...
 
     def find_unsafe(self, tick: Tick, stop_time: float) -> int:
