@@ -75,7 +75,9 @@ class Sweep:
         self._links[sweeps.JOINT], self._links[sweeps.FLOOR] = spheres.joint, floor
         self._links[sweeps.RATE : sweeps.RATE + joint_count] = rate.T
         self._links[sweeps.RATE + joint_count :] = placement.moves[spheres.joint].T
-        self._reach = np.vstack([reach.link_balls, reach.arm_ball])
+        self._reach = np.zeros((10, len(spheres) + 1))
+        still = np.vstack([reach.link_balls, reach.arm_ball])
+        self._reach[[sweeps.LX, sweeps.LY, sweeps.LZ, sweeps.LSIZE]] = still.T
         self._bodies = np.zeros((11, count))
         single = rung == "reach32"
         kept = 0 if rung == "bounds" else count

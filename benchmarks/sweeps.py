@@ -42,7 +42,7 @@ X, Y, Z, VX, VY, VZ, SIZE, ACCEL, SPEED, STAMP, LEAST = range(11)
 NX, NY, NZ, PACE, FOLD, QUICK = range(6)
 # Rows of the links' array: their balls now; then what that is made of: centre in the joint's frame,
 # the joint, and from RATE on, for each joint, what its speed adds to the error, and whether it
-# moves the link.
+# moves the link. The balls that links and arm cannot leave are rows of the same kind that rest.
 LX, LY, LZ, LVX, LVY, LVZ, LSIZE, LACCEL, LSPEED, LERROR = range(10)
 LOCAL, JOINT, FLOOR, RATE = 10, 13, 14, 15
 # Entries of the answer: the earliest contact [s], whose it is, exact evaluations; then what `reach`
@@ -80,25 +80,12 @@ def _place_links(rotation, translation, jacobian, v, links):  # type: ignore[no-
 
 @kernel
 def _pair_time(links, i, bodies, j, now):  # type: ignore[no-untyped-def]
-    """Exact contact time of a link's ball and an obstacle, isotropic."""
+    """Exact contact time of a link's ball and an obstacle, isotropic; of a workspace ball alike."""
     return ball_contact_time(
         bodies[X, j] - links[LX, i], bodies[Y, j] - links[LY, i], bodies[Z, j] - links[LZ, i],
         (links[LSIZE, i] + bodies[SIZE, j]) * (1.0 + SLACK),
         links[LVX, i], links[LVY, i], links[LVZ, i],
         links[LACCEL, i], links[LSPEED, i], links[LERROR, i], 0.0,
-        bodies[VX, j], bodies[VY, j], bodies[VZ, j],
-        bodies[ACCEL, j], bodies[SPEED, j], 0.0, now - bodies[STAMP, j],
-        ADVANCES, None,
-    )  # fmt: skip
-
-
-@kernel
-def _reach_time(ball, bodies, j, now):  # type: ignore[no-untyped-def]
-    """Time before which an obstacle cannot get to a ball that stands still."""
-    return ball_contact_time(
-        bodies[X, j] - ball[0], bodies[Y, j] - ball[1], bodies[Z, j] - ball[2],
-        (ball[3] + bodies[SIZE, j]) * (1.0 + SLACK),
-        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         bodies[VX, j], bodies[VY, j], bodies[VZ, j],
         bodies[ACCEL, j], bodies[SPEED, j], 0.0, now - bodies[STAMP, j],
         ADVANCES, None,
@@ -119,7 +106,7 @@ def _try_links(links, bodies, j, now, answer):  # type: ignore[no-untyped-def]
 def _try_reach(links, balls, bodies, j, now, answer):  # type: ignore[no-untyped-def]
     """The same, each link after the reach of the arm and its own; the last ball is the arm's."""
     answer[SPENT] += 1.0
-    arm_time = _reach_time(balls[-1], bodies, j, now)
+    arm_time = _pair_time(balls, links.shape[1], bodies, j, now)
     for back in range(links.shape[1]):
         if arm_time >= answer[TIME] * (1.0 - NEARLY):
             if arm_time < answer[TIME]:
@@ -127,7 +114,7 @@ def _try_reach(links, balls, bodies, j, now, answer):  # type: ignore[no-untyped
             return
         i = links.shape[1] - 1 - back  # the quickest first
         answer[SPENT] += 1.0
-        time = max(arm_time, _reach_time(balls[i], bodies, j, now))
+        time = max(arm_time, _pair_time(balls, i, bodies, j, now))
         if time < answer[TIME]:
             answer[SPENT] += 1.0
             time = max(time, _pair_time(links, i, bodies, j, now))
@@ -233,12 +220,12 @@ def _find_arm_radius(links, balls, time):  # type: ignore[no-untyped-def]
     """Radius about the arm's ball's centre within which all links stay until `time`."""
     radius = 0.0
     for i in range(links.shape[1]):
-        dx = links[LX, i] - balls[-1, 0]
-        dy = links[LY, i] - balls[-1, 1]
-        dz = links[LZ, i] - balls[-1, 2]
+        dx = links[LX, i] - balls[LX, -1]
+        dy = links[LY, i] - balls[LY, -1]
+        dz = links[LZ, i] - balls[LZ, -1]
         away = math.sqrt(dx * dx + dy * dy + dz * dz)
         radius = max(radius, away + links[LSIZE, i] + links[LSPEED, i] * time)
-    return min(radius, balls[-1, 3]) * (1.0 + SLACK) + ROOM
+    return min(radius, balls[LSIZE, -1]) * (1.0 + SLACK) + ROOM
 
 
 @kernel(forceinline=True)
@@ -268,7 +255,7 @@ def sweep_reach(rotation, translation, jacobian, v, links, balls, bodies, near, 
         return
     _try_reach(links, balls, bodies, seed, now, answer)
     number = near.dtype.type
-    cx, cy, cz = number(balls[-1, 0]), number(balls[-1, 1]), number(balls[-1, 2])
+    cx, cy, cz = number(balls[LX, -1]), number(balls[LY, -1]), number(balls[LZ, -1])
     radius = number(_find_arm_radius(links, balls, answer[TIME]) + answer[WIDEN])
     x, y, z, pace = near[NX], near[NY], near[NZ], near[PACE]
     for first in range(0, count, BLOCK):

@@ -1,0 +1,200 @@
+"""The benchmark of the schedules runs, and its rivals answer what they are asked."""
+
+import importlib
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armguard.bounds import IsotropicMotion, ReachMotion
+from armguard.contact import earliest_contact_pair
+from armguard.exact import ExactGeometry
+from armguard.kinematics import Kinematics
+from armguard.robot import Robot
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+ACCEL, SPEED, RADIUS = 10.0, 2.0, 0.1
+
+
+@pytest.fixture
+def load(monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    return importlib.import_module
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return Robot.load("panda")
+
+
+@pytest.fixture
+def work(load, panda):
+    return load("crowds").Work(panda, 200, 0.3)
+
+
+@pytest.fixture(params=range(4))
+def balls(request):
+    """Where balls were when they were measured, how fast, and when. All above and near the arm."""
+    random = np.random.default_rng(request.param)
+    nearest, count = (0.6, 1.5, 3.0, 6.0)[request.param], 300
+    direction = random.normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    position = direction * random.uniform(nearest, nearest + 4.0, (count, 1)) + (0.0, 0.0, 0.4)
+    velocity = random.uniform(-1.0, 1.0, (count, 3))
+    return position, velocity, np.repeat([0.05, 0.09], count // 2)
+
+
+def watch(contestant, balls, work, tick=100):
+    """What a contestant says at a tick, a tenth of a second after the clock's beginning."""
+    position, velocity, stamps = balls
+    for stamp in np.unique(stamps):
+        found = np.flatnonzero(stamps == stamp)
+        rows = slice(int(found[0]), int(found[-1]) + 1)
+        names = [f"ball-{k}" for k in found]
+        contestant.update(rows, names, float(stamp), position[rows], velocity[rows])
+    for _ in range(2):  # the second time it knows who decided
+        contestant.step(0.1, work.q[tick], work.v[tick], float(work.stop_time[tick]))
+    return contestant.read()
+
+
+def compute_pair_times(panda, balls, work, tick=100):
+    """Isotropic contact times, and those to links' workspace balls. Shapes (links, balls)."""
+    position, velocity, stamps = balls
+    kinematics, motion, reach = Kinematics(panda), IsotropicMotion(panda), ReachMotion(panda)
+    kinematics.compute(work.q[tick], work.v[tick])
+    motion.update(work.v[tick])
+    spheres, free, workspace = kinematics.spheres, [], []
+    for link, root in enumerate(spheres.root):
+        bounds = (velocity, ACCEL, SPEED)
+        free.append(
+            earliest_contact_pair(
+                kinematics.centers[root], kinematics.velocities[root],
+                motion.accel[root], motion.speed[root], position, *bounds,
+                spheres.radius[root] + motion.position_error[root] + RADIUS,
+                age2=0.1 - stamps, velocity_error1=motion.velocity_error[root],
+            )
+        )  # fmt: skip
+        ball = reach.link_balls[link]
+        workspace.append(
+            earliest_contact_pair(
+                ball[:3], np.zeros(3), 0.0, 0.0, position, *bounds, ball[3] + RADIUS,
+                age2=0.1 - stamps,
+            )
+        )  # fmt: skip
+    return np.array(free), np.array(workspace)
+
+
+def test_a_sweep_over_bounds_finds_the_earliest_pair(load, panda, work, balls):
+    rivals = load("rivals")
+    free, _ = compute_pair_times(panda, balls, work)
+    answer = watch(rivals.Sweep(work, len(balls[0]), "bounds"), balls, work)
+    assert answer.time == pytest.approx(free.min(), rel=1e-9, abs=1e-12)
+    assert answer.go == (answer.time > work.stop_time[100])
+    assert answer.evaluations < free.size
+
+
+@pytest.mark.parametrize("rung", ["reach", "reach32"])
+def test_a_sweep_by_reach_finds_the_earliest_pair(load, panda, work, balls, rung):
+    rivals, sweeps = load("rivals"), load("sweeps")
+    free, workspace = compute_pair_times(panda, balls, work)
+    earliest = np.maximum(free, workspace).min()
+    answer = watch(rivals.Sweep(work, len(balls[0]), rung), balls, work)
+    assert earliest * (1.0 - 2.0 * sweeps.NEARLY) <= answer.time <= earliest * (1.0 + 1e-9)
+    assert answer.evaluations < free.size
+
+
+def test_a_ball_of_unknown_place_is_a_contact(load, work, balls):
+    rivals = load("rivals")
+    for rung in ("bounds", "reach", "reach32"):
+        position, velocity, stamps = (array.copy() for array in balls)
+        position[17] = np.nan
+        answer = watch(rivals.Sweep(work, len(stamps), rung), (position, velocity, stamps), work)
+        assert answer.time == 0.0
+
+
+def test_single_precision_survives_a_new_epoch(load, panda, work):
+    crowds, rivals, sweeps = load("crowds"), load("rivals"), load("sweeps")
+    crowd = crowds.Crowd(50, 2.0, 100.0)
+    double, single = (rivals.Sweep(work, 50, rung) for rung in ("reach", "reach32"))
+    ticks = int(2.5 * sweeps.EPOCH * crowds.RATE)
+    for tick in range(0, ticks, 41):
+        rows = slice(0, 50) if tick == 0 else slice(tick % 50, tick % 50 + 1)
+        measured = crowd.sample(rows, tick / crowds.RATE)
+        times = []
+        for sweep in (double, single):
+            sweep.update(rows, None, tick / crowds.RATE, *measured)
+            sweep.step(tick / crowds.RATE, work.q[0], work.v[0], 0.1)
+            times.append(sweep.read().time)
+        assert times[1] == pytest.approx(times[0], rel=3.0 * sweeps.NEARLY, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["Pinocchio, hulls", "MuJoCo, distances"])
+def test_distances_are_those_of_the_true_geometry(load, panda, work, name):
+    crowds = load("crowds")
+    contestant = make(load, work, name, 5)
+    random = np.random.default_rng(1)
+    position = random.uniform((-1.0, -1.0, 1.0), (1.0, 1.0, 3.0), (5, 3))
+    balls = position, np.zeros((5, 3)), np.full(5, 0.1)
+    answer = watch(contestant, balls, work)
+    kinematics = Kinematics(panda)
+    kinematics.compute(work.q[100], work.v[100])
+    exact = ExactGeometry(panda, kinematics)
+    nearest = min(
+        exact.distance(link, position[k : k + 1], RADIUS)[0]
+        for link in range(len(panda.links))
+        for k in range(5)
+    )
+    distance = answer.time * (work.top_speed + crowds.SPEED)
+    assert distance == pytest.approx(nearest, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["Coal, broad phase", "MuJoCo, contacts"])
+def test_a_broad_phase_sees_what_is_too_near(load, work, name):
+    far, near = np.array([[0.0, 9.0, 1.0]] * 4), np.array([[0.0, 9.0, 1.0]] * 4)
+    near[2] = (0.0, 1.0, 0.6)
+    for position, go in ((far, True), (near, False)):
+        balls = position, np.zeros((4, 3)), np.full(4, 0.1)
+        assert watch(make(load, work, name, 4), balls, work).go is go
+
+
+def make(load, work, name, count):
+    """A contestant by its name; skips where it cannot take part."""
+    crowds, rivals = load("crowds"), load("rivals")
+    kind, arguments = next(entry[3:] for entry in rivals.CONTESTANTS if entry[0] == name)
+    try:
+        return kind(work, count, *arguments)
+    except crowds.UnavailableError as reason:
+        pytest.skip(str(reason))
+
+
+def test_the_crowd_keeps_its_distance_and_its_bounds(load, work):
+    crowds = load("crowds")
+    crowd = crowds.Crowd(200, work.find_clearance(0.01), 100.0)
+    assert crowd.group_count == 10
+    seen = set()
+    for tick in range(1, 11):
+        rows, names, position, velocity = crowd.measure(tick)
+        assert len(names) == len(position) == len(velocity)
+        seen.update(range(rows.start, rows.stop))
+    assert seen == set(range(200))
+    for time in np.linspace(0.0, 20.0, 50):
+        position, velocity = crowd.sample(slice(0, 200), time)
+        after, _ = crowd.sample(slice(0, 200), time + 1e-6)
+        assert np.allclose((after - position) / 1e-6, velocity, atol=1e-4)
+        assert (np.hypot(*position.T[:2]) >= crowd.nearest).all()
+        assert (np.linalg.norm(velocity, axis=1) <= crowds.SPEED).all()
+
+
+def test_a_short_run(load, capsys):
+    benchmark, rivals = load("schedules"), load("rivals")
+    short = {"obstacles": 3, "turns": 2, "ticks": 3, "warm": 3, "patience": 0.2}
+    benchmark.main([f"--{option}={value}" for option, value in short.items()])
+    lines = capsys.readouterr().out.splitlines()
+    for name, *_ in rivals.CONTESTANTS:
+        (told,) = (line for line in lines if line.startswith((f"{name}:", f"{name} ")))
+        if not told.startswith(f"{name}: not available"):
+            assert told.endswith("GO"), told
+            median = float(told[len(name) :].split()[1].replace(",", ""))
+            assert 0.0 < median < math.inf
+    assert "deadline, joint" in "".join(lines)
