@@ -117,6 +117,29 @@ def curve_range(
 
 
 @kernel
+def speed_range(
+    times: Floats, q: Floats, v: Floats, first: float, last: float, low: Floats, high: Floats
+) -> None:
+    """Fill the least and greatest velocity of each joint between two times on the curve.
+
+    Arguments as for `curve_range`, results in [rad]/[s] or [m]/[s].
+    """
+    low[:] = math.inf
+    high[:] = -math.inf
+    for k in range(_interval_at(times, first), _interval_at(times, last) + 1):
+        for j in range(q.shape[1]):
+            h, c, d = _coefficients(times, q, v, k, j)
+            begin = min(max(first - times[k], 0.0), h)
+            end = min(max(last - times[k], 0.0), h)
+            turn = -c / (3.0 * d) if d != 0.0 else begin
+            size = abs(v[k, j]) + h * (2.0 * abs(c) + 3.0 * abs(d) * h)
+            for u in (begin, end, min(max(turn, begin), end)):
+                speed = v[k, j] + u * (2.0 * c + 3.0 * d * u)
+                low[j] = min(low[j], speed - ROUNDING * size)
+                high[j] = max(high[j], speed + ROUNDING * size)
+
+
+@kernel
 def find_excess(
     times: Floats,
     q: Floats,

@@ -21,7 +21,15 @@ from armguard.plan_curve import evaluate_curve, find_excess
 from armguard.plan_reading import Plan, Refusal, read_plan
 from armguard.robot import Robot
 
-__all__ = ["CheckedPlan", "Plan", "Refusal", "check_following", "check_plan", "deviation_speed"]
+__all__ = [
+    "CheckedPlan",
+    "Plan",
+    "Refusal",
+    "bound_velocity_deviation",
+    "check_following",
+    "check_plan",
+    "deviation_speed",
+]
 
 Floats = NDArray[np.float64]
 
@@ -48,8 +56,6 @@ class CheckedPlan(NamedTuple):
     velocity_deviation: Floats
     """How far velocities may truly be off the curve's as the controller states it, all errors
     included, in [rad]/[s] or [m]/[s]; inf where it does not. Shape (nv,)."""
-    end_deviation: Floats
-    """How far velocities may truly be off the curve's at its end, alike. Shape (nv,)."""
     now: float
     """When it was checked, in [s]."""
     measured_stamp: float
@@ -122,13 +128,6 @@ def _check_read(
     if read.velocity_tracking_error is not None:
         stated = np.asarray(read.velocity_tracking_error) + robot.velocity_error
     acceleration = robot.acceleration_limit + peak
-    followed = min(float(times[-1]), end - now)
-    # From what is measured to the end, joints accelerate within their limits.
-    ahead = robot.acceleration_limit * abs(end - stamp) + robot.velocity_error
-    end_deviation = np.minimum(
-        np.minimum(stated, deviation_speed(deviation, acceleration, followed)),
-        np.abs(np.asarray(read.v)[-1] - velocity) + ahead,
-    )
     checked = CheckedPlan(
         stamp=read.stamp,
         times=times,
@@ -137,7 +136,6 @@ def _check_read(
         deviation=deviation,
         acceleration=acceleration,
         velocity_deviation=stated,
-        end_deviation=end_deviation,
         now=now,
         measured_stamp=stamp,
         measured_q=position,
@@ -195,6 +193,37 @@ def check_following(
     return None
 
 
+def bound_velocity_deviation(
+    plan: CheckedPlan, velocity_error: Floats, first: float, last: float
+) -> Floats:
+    """How far velocities may be off the curve's between two times on it, if it is followed so far.
+
+    The least of what is stated, what follows from having been within the deviation since the plan
+    was checked, and what follows from the measured velocity.
+
+    Args:
+        plan: As checked.
+        velocity_error: What the measured velocities may be off by, in [rad]/[s] or [m]/[s]. (nv,).
+        first: From the plan's stamp, in [s].
+        last: Likewise, >= first.
+
+    Returns:
+        In [rad]/[s] or [m]/[s]. Shape (nv,).
+    """
+    followed = first - max(plan.now - plan.stamp, 0.0)
+    bound = np.minimum(
+        plan.velocity_deviation, deviation_speed(plan.deviation, plan.acceleration, followed)
+    )
+    along = plan.measured_stamp - plan.stamp
+    if along >= 0.0:
+        position, velocity = np.empty_like(plan.measured_q), np.empty_like(plan.measured_q)
+        evaluate_curve(plan.times, plan.q, plan.v, along, position, velocity)
+        away = max(last - along, along - first)
+        off = np.abs(plan.measured_v - velocity) + velocity_error
+        bound = np.minimum(bound, off + away * plan.acceleration * (1.0 + SLACK))
+    return bound
+
+
 def deviation_speed(deviation: Floats, acceleration: Floats, time: float) -> Floats:
     """How fast what stays within +-deviation for `time` can be at either end of that time.
 
@@ -208,8 +237,9 @@ def deviation_speed(deviation: Floats, acceleration: Floats, time: float) -> Flo
     """
     if not time > 0.0:
         return np.full(len(deviation), np.inf)
-    span = np.minimum(2.0 * np.sqrt(deviation / acceleration), time)
-    speed: Floats = (2.0 * deviation / span + 0.5 * acceleration * span) * (1.0 + SLACK)
+    with np.errstate(over="ignore"):
+        span = np.minimum(2.0 * np.sqrt(deviation / acceleration), time)
+        speed: Floats = (2.0 * deviation / span + 0.5 * acceleration * span) * (1.0 + SLACK)
     return speed
 
 

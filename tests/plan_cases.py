@@ -70,11 +70,12 @@ def make_plan(waves, stamp, times, tracking_error, velocity_tracking_error=None)
     )
 
 
-def follow(robot, waves, plan, random, begin, reaction):
+def follow(robot, waves, plan, random, begin, reaction, command=None):
     """Joint positions and velocities at every step from `begin` to rest and a while beyond.
 
     The arm is off the plan by as much as it may, swings from side to side as fast as its limits
     allow, overshoots the plan's end for as long as it takes to react and brakes any way it likes.
+    With a command to brake at some time on the plan, each joint does so when it likes.
     """
     nv, limits = len(robot.joints), limits_of(robot)
     curve = Hermite(plan.times, plan.q, plan.v)
@@ -89,7 +90,8 @@ def follow(robot, waves, plan, random, begin, reaction):
     rate = random.choice([1.0, 1.0, 0.0, 0.3], nv) * fastest
     # Many swing through the curve, at their fastest, just as the plan ends.
     end = float(plan.times[-1])
-    phase = -rate * end + random.choice([0.0, np.pi, 0.5 * np.pi, -0.5 * np.pi, 1.0], nv)
+    meant = random.choice([0.0, np.pi, 0.5 * np.pi, -0.5 * np.pi, 1.0], nv)
+    phase = meant - rate * (end if command is None else command)
     steps = round((end + plan.stamp - begin) / STEP)
     at = begin + STEP * np.arange(steps + 1)
     along = (at - plan.stamp)[:, None]
@@ -99,6 +101,8 @@ def follow(robot, waves, plan, random, begin, reaction):
     q += off * np.sin(rate * along + phase)
     v += off * rate * np.cos(rate * along + phase)
     q = np.clip(q, limits.lower, limits.upper)
+    if command is not None:
+        return _leave(q, v, round((plan.stamp - begin + command) / STEP), reaction, limits, random)
     qs, vs = list(q), list(v)
     position, velocity = qs[-1].copy(), vs[-1].copy()
     care = random.choice([CAREFUL, RECKLESS], nv)
@@ -113,6 +117,25 @@ def follow(robot, waves, plan, random, begin, reaction):
         brake_joints(position, velocity, strength, limits, STEP)
         qs.append(position.copy())
         vs.append(velocity.copy())
+    return np.array(qs), np.array(vs)
+
+
+def _leave(q, v, step, reaction, limits, random):
+    """Joints leave their paths from a step on, each at a time of its own, and brake."""
+    nv, window = q.shape[1], round(reaction / STEP)
+    leaves = step + random.choice([0, window, window // 2], nv)
+    strength = random.choice([0.0, 1.0], nv) * random.choice([1.0, random.random()])
+    qs, vs = list(q[: step + 1]), list(v[: step + 1])
+    position, velocity = q[step].copy(), v[step].copy()
+    for k in range(step, 100_000):
+        on = k < leaves
+        brake_joints(position, velocity, strength, limits, STEP)
+        if on.any():
+            position[on], velocity[on] = q[k + 1, on], v[k + 1, on]
+        qs.append(position.copy())
+        vs.append(velocity.copy())
+        if not on.any() and not velocity.any():
+            break
     return np.array(qs), np.array(vs)
 
 
@@ -144,6 +167,7 @@ class Attack:
 
     Attributes:
         plan: The plan; `now` is when it is checked, the arm measured at `stamp` as `q` and `v`.
+        brake_after: When it is told to brake, in [s] from now; inf if not before the plan ends.
         contact: When body and arm first touch, in [s] from now; inf if not before the arm rests.
         rest: When the arm rests, likewise.
         obstacles: What a sensor saw of the body.
@@ -154,14 +178,22 @@ class Attack:
         lead = round(random.choice([0.0, 0.0, -0.02, 0.03]) / STEP) * STEP
         duration = 0.01 * random.integers(5, 30)
         times = np.linspace(0.0, duration, random.integers(12, 60))
+        command = None
+        if duration + min(lead, 0.0) > reaction and random.random() < 0.5:
+            latest = round((duration - reaction) / STEP)
+            command = STEP * random.integers(round(max(-lead, 0.0) / STEP), latest + 1)
+        self.brake_after = np.inf if command is None else command + lead
         waves = Waves(robot, random, random.choice([0.1, 0.3, 0.5]))
         errors = random.choice([1e-4, 2e-3, 1e-2]) * np.ones(len(robot.joints))
         speeds = random.choice([0.02, 0.1]) * np.ones(len(robot.joints)) if stated else None
         self.plan = make_plan(waves, now + lead, times, errors, speeds)
         begin = now - 0.03
-        qs, vs = follow(robot, waves, self.plan, random, begin, reaction)
+        qs, vs = follow(robot, waves, self.plan, random, begin, reaction, command)
         step = round((now - begin) / STEP)
         seen = step + int(random.integers(-8, 3))
+        if command is not None:
+            # What has left the plan is no state to check it against.
+            seen = min(seen, round((self.plan.stamp + command - begin) / STEP))
         self.stamp = begin + seen * STEP
         self.q = qs[seen] + random.choice([-1.0, 0.0, 1.0], len(errors)) * robot.position_error
         self.v = vs[seen] + random.choice([-1.0, 0.0, 1.0], len(errors)) * robot.velocity_error

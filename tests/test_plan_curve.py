@@ -11,6 +11,7 @@ from armguard.plan_curve import (
     curve_range,
     evaluate_curve,
     find_excess,
+    speed_range,
 )
 
 FREE = np.full(3, 1e6)
@@ -54,6 +55,12 @@ def test_ranges_are_those_of_dense_samples():
         assert (high >= dense.max(axis=0)).all()
         assert low == pytest.approx(dense.min(axis=0), abs=1e-4)
         assert high == pytest.approx(dense.max(axis=0), abs=1e-4)
+        speed_range(*samples, first, last, low, high)
+        dense = Hermite(*samples)(np.linspace(first, last, 4001), 1)
+        assert (low <= dense.min(axis=0)).all()
+        assert (high >= dense.max(axis=0)).all()
+        assert low == pytest.approx(dense.min(axis=0), abs=1e-2, rel=1e-3)
+        assert high == pytest.approx(dense.max(axis=0), abs=1e-2, rel=1e-3)
 
 
 @pytest.mark.parametrize("slope", [0.0, 1.0, -2.0])

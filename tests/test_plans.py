@@ -6,6 +6,7 @@ from armguard.plans import (
     CheckedPlan,
     Plan,
     Refusal,
+    bound_velocity_deviation,
     check_following,
     check_plan,
     deviation_speed,
@@ -164,12 +165,14 @@ def test_following_ends_with_the_plan(robot):
 
 
 def test_stated_velocity_errors_bound_what_follows_from_positions(robot):
-    loose = check(robot, resting())
-    tight = check(robot, resting(velocity_tracking_error=np.full(7, 0.01)))
-    assert tight.end_deviation == pytest.approx(0.01 + robot.velocity_error)
-    assert (tight.end_deviation < loose.end_deviation).all()
-    wild = check(robot, resting(velocity_tracking_error=np.full(7, 1e300)))
-    assert np.array_equal(wild.end_deviation, loose.end_deviation)
+    def end_deviation(stated):
+        plan = check(robot, resting(velocity_tracking_error=stated))
+        return bound_velocity_deviation(plan, robot.velocity_error, 0.2, 0.2)
+
+    tight, loose = end_deviation(np.full(7, 0.01)), end_deviation(None)
+    assert tight == pytest.approx(0.01 + robot.velocity_error)
+    assert (tight < loose).all()
+    assert np.array_equal(end_deviation(np.full(7, 1e300)), loose)
     slow = STILL + np.eye(7)[1] * 0.1
     assert isinstance(check(robot, resting(), v=slow), CheckedPlan)
     refusal = check(robot, resting(velocity_tracking_error=np.full(7, 0.01)), v=slow)
@@ -195,3 +198,15 @@ def test_deviation_speed_is_what_the_fastest_motion_within_it_has():
         assert bound <= 2.0 * e / time + 0.5 * accel * time + 1e-6
     for time in (0.0, -1.0, np.nan):
         assert np.array_equal(deviation_speed(np.ones(2), np.ones(2), time), [np.inf, np.inf])
+
+
+def test_velocities_are_no_further_off_than_measured_ones_can_have_come(robot):
+    plan = check(robot, resting(), v=STILL + 0.1)
+    for first, last in ((0.0, 0.0), (0.0, 0.01), (0.01, 0.02)):
+        bound = bound_velocity_deviation(plan, robot.velocity_error, first, last)
+        expected = 0.1 + robot.velocity_error + last * robot.acceleration_limit
+        assert (bound <= expected + 1e-6).all()
+        assert (bound <= deviation_speed(plan.deviation, plan.acceleration, first)).all()
+    assert bound_velocity_deviation(plan, robot.velocity_error, 0.0, 0.0) == pytest.approx(
+        0.1 + robot.velocity_error
+    )

@@ -1,13 +1,15 @@
 """Where the joints of an arm that follows a plan can be: a box for each of many short times.
 
 From now until the plan begins, joints are free within their limits, from what was measured; then
-they are on the plan's curve, give or take its deviation; from its end on they are free for the
-reaction time and then brake, from wherever on the curve's end and however fast they truly are. The
-last slab ends when every joint surely rests.
+they are on the plan's curve, give or take its deviation, until braking is commanded. Within the
+reaction time, each joint then leaves the curve, at any moment, and brakes. At the plan's end, and
+where it ends before the reaction time is over, there is no curve to be on: joints are free for that
+time, and then brake. The last slab ends when every joint surely rests.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +17,10 @@ import numpy.typing as npt
 
 from armguard.bounds.joint_limits import JointLimits
 from armguard.bounds.sums import ROUNDING
-from armguard.bounds.travel import fill_displacements
+from armguard.bounds.travel import brake, fill_displacements
 from armguard.compilation import kernel
-from armguard.plan_curve import curve_range
-from armguard.plans import CheckedPlan
+from armguard.plan_curve import curve_range, evaluate_curve, speed_range
+from armguard.plans import CheckedPlan, bound_velocity_deviation
 from armguard.verdict import compute_stop_time
 
 Floats = npt.NDArray[np.float64]
@@ -28,6 +30,7 @@ SLAB = 5e-3
 MOST_CURVE_SLABS = 200
 WAITING_SLABS = 8
 FREE_SLABS = 4
+LEAVING_SLABS = 8
 BRAKING_SLABS = 28
 
 
@@ -44,39 +47,76 @@ class JointSlabs(NamedTuple):
     """Half their widths, alike. Shape (slabs, nv)."""
 
 
-def make_slabs(plan: CheckedPlan, limits: JointLimits, reaction_time: float) -> JointSlabs:
-    """All slabs from when the plan was checked until the arm rests after it.
+def make_slabs(
+    plan: CheckedPlan, limits: JointLimits, reaction_time: float, brake_after: float = math.inf
+) -> JointSlabs:
+    """All slabs from when the plan was checked until the arm rests.
 
     Args:
         plan: What the arm follows.
         limits: Of the robot that it was checked for.
-        reaction_time: From the plan's end to braking torque, in [s].
+        reaction_time: From command to braking torque at most, in [s].
+        brake_after: When braking is commanded, in [s] from when the plan was checked, and not
+            before the plan begins; at its end at the latest.
     """
     waiting = max(plan.stamp - plan.now, 0.0)
     begin = max(plan.now - plan.stamp, 0.0)
     last = float(plan.times[-1])
+    command = min(begin + brake_after - waiting, last)
     parts = []
     if waiting > 0.0:
         nodes = np.linspace(0.0, waiting, WAITING_SLABS + 1)
         age = plan.now - plan.measured_stamp
         low, high = _spread(plan.measured_q, plan.measured_v, age, np.inf, limits, nodes)
         parts.append((nodes, low, high))
-    count = min(max(int(np.ceil((last - begin) / SLAB)), 1), MOST_CURVE_SLABS)
-    nodes = np.linspace(begin, last, count + 1)
-    low, high = np.empty((2, count, len(plan.deviation)))
-    _fill_ranges(plan.times, plan.q, plan.v, nodes, low, high)
-    parts.append((nodes - begin, low - plan.deviation, high + plan.deviation))
+    count = min(max(int(np.ceil((command - begin) / SLAB)), 1), MOST_CURVE_SLABS)
+    nodes = np.linspace(begin, command, count + 1)
+    low, high, _, _ = _follow(plan, nodes)
+    parts.append((nodes - begin, low, high))
+    if command + reaction_time <= last:
+        nodes, low, high = _leave(plan, limits, command, reaction_time)
+    else:
+        nodes, low, high = _overrun(plan, limits, command, reaction_time)
+    parts.append((nodes, low, high))
+    return _join(parts, limits)
 
-    errors = limits._replace(position_error=plan.deviation, velocity_error=plan.end_deviation)
+
+def _follow(plan: CheckedPlan, nodes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Ranges of positions between neighbouring nodes, and of velocities right on the curve."""
+    low, high, slowest, fastest = np.empty((4, len(nodes) - 1, len(plan.deviation)))
+    _fill_ranges(plan.times, plan.q, plan.v, nodes, low, high, slowest, fastest)
+    return low - plan.deviation, high + plan.deviation, slowest, fastest
+
+
+def _leave(
+    plan: CheckedPlan, limits: JointLimits, command: float, reaction_time: float
+) -> tuple[Floats, Floats, Floats]:
+    """Nodes, least and greatest positions while joints leave the plan, each when it likes."""
+    leaving = np.linspace(command, command + reaction_time, LEAVING_SLABS + 1)
+    low_on, high_on, slowest, fastest = _follow(plan, leaving)
+    for k in range(LEAVING_SLABS):
+        off = bound_velocity_deviation(plan, limits.velocity_error, leaving[k], leaving[k + 1])
+        slowest[k] -= off
+        fastest[k] += off
+    pace = np.maximum(-slowest, fastest)
+    top = np.maximum(limits.velocity, np.abs(plan.v).max(axis=0))
+    rest = float((np.minimum(pace, top) / limits.braking).max()) * (1.0 + ROUNDING)
+    nodes = np.concatenate([leaving, leaving[-1] + np.linspace(0.0, rest, BRAKING_SLABS + 1)[1:]])
+    low, high = np.empty((2, len(nodes) - 1, len(top)))
+    _fill_leaving(nodes, low_on, high_on, slowest, fastest, top, limits, low, high)
+    return nodes - command, low, high
+
+
+def _overrun(
+    plan: CheckedPlan, limits: JointLimits, command: float, reaction_time: float
+) -> tuple[Floats, Floats, Floats]:
+    """Nodes, least and greatest positions where the plan ends before all joints surely brake."""
+    q, v = np.empty((2, len(plan.deviation)))
+    evaluate_curve(plan.times, plan.q, plan.v, command, q, v)
+    off = bound_velocity_deviation(plan, limits.velocity_error, command, command)
+    errors = limits._replace(position_error=plan.deviation, velocity_error=off)
     rest = compute_stop_time(
-        plan.v[-1],
-        plan.end_deviation,
-        limits.velocity,
-        limits.acceleration,
-        limits.braking,
-        0.0,
-        0.0,
-        reaction_time,
+        v, off, limits.velocity, limits.acceleration, limits.braking, 0.0, 0.0, reaction_time
     )
     nodes = np.concatenate(
         [
@@ -84,9 +124,7 @@ def make_slabs(plan: CheckedPlan, limits: JointLimits, reaction_time: float) -> 
             np.linspace(reaction_time, rest, BRAKING_SLABS + 1),
         ]
     )
-    low, high = _spread(plan.q[-1], plan.v[-1], 0.0, reaction_time, errors, nodes)
-    parts.append((nodes, low, high))
-    return _join(parts, limits)
+    return nodes, *_spread(q, v, 0.0, reaction_time, errors, nodes)
 
 
 def _join(parts: list[tuple[Floats, Floats, Floats]], limits: JointLimits) -> JointSlabs:
@@ -126,8 +164,53 @@ def _spread(
 
 @kernel
 def _fill_ranges(
-    times: Floats, q: Floats, v: Floats, nodes: Floats, low: Floats, high: Floats
+    times: Floats,
+    q: Floats,
+    v: Floats,
+    nodes: Floats,
+    low: Floats,
+    high: Floats,
+    slowest: Floats,
+    fastest: Floats,
 ) -> None:
-    """Fill the ranges of the curve between neighbouring nodes. Shape (nodes - 1, nv)."""
-    for slab in range(nodes.shape[0] - 1):
-        curve_range(times, q, v, nodes[slab], nodes[slab + 1], low[slab], high[slab])
+    """Fill ranges on the curve between neighbouring nodes, each of shape (nodes - 1, nv)."""
+    for k in range(nodes.shape[0] - 1):
+        curve_range(times, q, v, nodes[k], nodes[k + 1], low[k], high[k])
+        speed_range(times, q, v, nodes[k], nodes[k + 1], slowest[k], fastest[k])
+
+
+@kernel
+def _fill_leaving(
+    nodes: Floats,
+    low_on: Floats,
+    high_on: Floats,
+    slowest: Floats,
+    fastest: Floats,
+    top: Floats,
+    limits: JointLimits,
+    low: Floats,
+    high: Floats,
+) -> None:
+    """Fill least and greatest positions between nodes of joints that leave a plan and brake.
+
+    `low_on`, `high_on`, `slowest` and `fastest`, (leaving, nv), are the ranges on the plan between
+    the first nodes, the last of which all joints have left it by.
+    """
+    leaving = low_on.shape[0]
+    for k in range(nodes.shape[0] - 1):
+        for j in range(top.shape[0]):
+            accel, braking = limits.acceleration[j], limits.braking[j]
+            highest = high_on[k, j] if k < leaving else -math.inf
+            lowest = low_on[k, j] if k < leaving else math.inf
+            for i in range(min(k + 1, leaving)):
+                # Going on, it is furthest if it left first and now is last; going back, if not.
+                longest = nodes[k + 1] - nodes[i]
+                shortest = max(nodes[k] - nodes[i + 1], 0.0)
+                up, down = min(fastest[i, j], top[j]), min(-slowest[i, j], top[j])
+                way = brake(up, accel, braking, longest if up > 0.0 else shortest)
+                highest = max(highest, high_on[i, j] + way)
+                way = brake(down, accel, braking, longest if down > 0.0 else shortest)
+                lowest = min(lowest, low_on[i, j] - way)
+            # One that stops at a limit gets no further, however fast it was.
+            high[k, j] = max(highest, limits.lower[j] + limits.position_error[j])
+            low[k, j] = min(lowest, limits.upper[j] - limits.position_error[j])

@@ -7,6 +7,8 @@ times as often as obstacles change.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 import pinocchio
@@ -71,17 +73,21 @@ class PlannedMotion:
         self._still = np.zeros(len(robot.joints))
         self._compile()
 
-    def lay_out(self, plan: CheckedPlan) -> PlannedCourse:
-        """Where the arm can be from when the plan was checked until it rests after it.
+    def lay_out(self, plan: CheckedPlan, brake_after: float = math.inf) -> PlannedCourse:
+        """Where the arm can be from when the plan was checked until it rests.
 
         Args:
             plan: What `armguard.plans.check_plan` found to be in order for this robot.
+            brake_after: When braking is commanded, in [s] from when the plan was checked; at the
+                plan's end at the latest. Where the plan lasts for the reaction time beyond, joints
+                stay on it until they brake; at its end they are free for so long.
 
         Returns:
             Arrays of their own, good for any number of contact times.
 
         Raises:
-            ArmguardError: The plan was not checked, or for a robot with other joints.
+            ArmguardError: The plan was not checked, or for a robot with other joints, or it begins
+                after braking is commanded.
         """
         joints = len(self._limits.lower)
         if not (isinstance(plan, CheckedPlan) and plan.q.shape[1:] == (joints,)):
@@ -90,7 +96,12 @@ class PlannedMotion:
                 f"is a {type(plan).__name__}",
                 expected=f"what check_plan returns for a robot with {joints} joints",
             )
-        slabs = make_slabs(plan, self._limits, self.reaction_time)
+        wait = max(plan.stamp - plan.now, 0.0)
+        if not brake_after >= wait:
+            raise ArmguardError(
+                "brake_after", f"is {brake_after} s", expected=f"at least {wait} s, the plan's lead"
+            )
+        slabs = make_slabs(plan, self._limits, self.reaction_time, brake_after)
         kinematics, count = self._kinematics, len(slabs.start)
         centers = np.empty((count, len(kinematics.spheres), 3))
         jacobian = np.empty((count, 6, joints))
@@ -200,12 +211,14 @@ class PlannedMotion:
         """Run every kernel once on nothing, so that none is compiled when a plan is due."""
         robot, still = self._robot, self._still
         q = np.clip(still, robot.lower_position_limit, robot.upper_position_limit)
-        rest = Plan(0.0, [0.0, 1.0], [q, q], [still, still], np.ones(len(q)))
+        times = [0.0, 1.0 + self.reaction_time]
+        rest = Plan(0.0, times, [q, q], [still, still], np.ones(len(q)))
         plan = check_plan(rest, robot, 0.0, q, still, 0.0)
         if isinstance(plan, Refusal):
             raise ArmguardError(robot.name, f"cannot even rest: {plan}")
         marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 3))
         none = np.zeros(0, dtype=np.int64)
+        self.lay_out(plan, 0.0)
         self.contact_time(self.lay_out(plan), none, 0.0, 0.0, make_states(0), make_states(0), marks)
 
 

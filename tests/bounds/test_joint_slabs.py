@@ -30,7 +30,7 @@ def lead_of(random):
 def test_joints_stay_in_the_slabs_until_they_rest(robot, stated):
     random, limits = np.random.default_rng(1), read_limits(robot)
     most, nv = np.zeros(3), len(robot.joints)
-    for _ in range(150):
+    for _ in range(80):
         waves = Waves(robot, random, random.choice([0.1, 0.5]))
         now, duration = 1.0, 0.01 * random.integers(5, 30)
         errors = random.choice([1e-4, 2e-3, 1e-2]) * np.ones(nv)
@@ -56,6 +56,48 @@ def test_joints_stay_in_the_slabs_until_they_rest(robot, stated):
             phase = int(along > 0.0) + int(along > duration)
             most[phase] = max(most[phase], (away / slabs.half[slab]).max())
     assert (most > [0.3, 0.9, 0.7]).all()
+
+
+@pytest.mark.parametrize("stated", [False, True])
+def test_joints_that_leave_the_plan_when_they_like_stay_in_the_slabs(robot, stated):
+    random, limits = np.random.default_rng(5), read_limits(robot)
+    most, nv = 0.0, len(robot.joints)
+    for _ in range(60):
+        waves = Waves(robot, random, random.choice([0.1, 0.5]))
+        errors = random.choice([1e-4, 2e-3, 1e-2]) * np.ones(nv)
+        speeds = random.choice([0.02, 0.1]) * np.ones(nv) if stated else None
+        lead = random.choice([0.0, -0.02])
+        plan = make_plan(waves, lead, np.linspace(0.0, 0.1, 21), errors, speeds)
+        command = STEP * random.integers(round(-lead / STEP), 81)
+        qs, vs = follow(robot, waves, plan, random, 0.0, REACTION, command)
+        q = qs[0] + random.choice([-1.0, 0.0, 1.0], nv) * robot.position_error
+        v = vs[0] + random.choice([-1.0, 0.0, 1.0], nv) * robot.velocity_error
+        checked = check(robot, plan, 0.0, q, v, 0.0)
+        slabs = make_slabs(checked, limits, REACTION, command + lead)
+        assert slabs.start[0] == 0.0
+        assert np.array_equal(slabs.start[1:], slabs.end[:-1])
+        assert slabs.end[-1] + STEP >= (len(qs) - 1) * STEP
+        for k in range(len(qs)):
+            slab = min(np.searchsorted(slabs.end, k * STEP), len(slabs.end) - 1)
+            away = np.abs(qs[k] - slabs.middle[slab])
+            assert (away <= slabs.half[slab] + 1e-9).all()
+            if k * STEP > command + lead + REACTION:
+                most = max(most, (away / slabs.half[slab]).max())
+    assert most > 0.6
+
+
+def test_a_plan_that_lasts_beyond_the_reaction_lets_less_happen_after_a_command():
+    robot = Robot.load("panda")
+    waves = Waves(robot, np.random.default_rng(6), 0.3)
+    ends = []
+    for duration in (0.05, 0.1):
+        plan = make_plan(
+            waves, 0.0, np.linspace(0.0, duration, 41), np.full(7, 1e-3), np.full(7, 0.02)
+        )
+        checked = check(robot, plan, 0.0, waves.position(0.0), waves.velocity(0.0), 0.0)
+        ends.append(make_slabs(checked, read_limits(robot), REACTION, 0.05))
+    assert ends[1].end[-1] < ends[0].end[-1]
+    assert (ends[1].half[-1] < ends[0].half[-1]).all()
 
 
 def test_slabs_on_the_curve_are_as_wide_as_the_motion_and_the_deviation():
