@@ -156,14 +156,19 @@ class PairLedger:
         return grown, self.pairs[outcomes == BROKEN]
 
     def earliest(self, now: float, tick: int) -> tuple[int, float, int]:
-        """The pair whose certificate ends first, that time from `now`, and pairs overdue.
+        """The pair whose certificate ends first, when that is, and pairs overdue.
+
+        Args:
+            now: In [s] since the epoch.
+            tick: Number of the present tick.
 
         Returns:
-            Pair number (NOBODY without pairs), time in [s] (inf without pairs, never below 0),
-            and how many pairs have neither a certificate in force nor a look in this tick.
+            Pair number (NOBODY without pairs), the end of its certificate in [s] since the epoch
+            (inf without pairs), and how many pairs have neither a certificate in force nor a look
+            in this tick.
         """
         pair, expiry, overdue = _earliest(self.pairs, self.expiry, self.tick, now, tick)
-        return pair, max(0.0, expiry - now), overdue
+        return pair, expiry, overdue
 
     def compile(self, state: TickState, revision: IntArray) -> None:
         """Run every kernel on no pairs, so that none is compiled in a tick."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes import HOME, panda
 
-from armguard.bounds import IsotropicMotion
+from armguard.arm_motion import ArmMotion
 from armguard.exact import ExactGeometry
 from armguard.flagged import FlaggedCheck
 from armguard.kinematics import Kinematics
@@ -21,7 +21,7 @@ LINKS = len(panda().links)
 @pytest.mark.parametrize("corners", [1, 2, 8])
 def test_the_exact_check_is_its_formula(age, arm_age, corners):
     rng, robot = np.random.default_rng(corners), panda()
-    motion, obstacles = IsotropicMotion(robot), Obstacles()
+    motion, obstacles = ArmMotion(robot, 0.02), Obstacles()
     points = np.array([1.5, 0.3, 0.4]) + rng.uniform(-0.1, 0.1, (corners, 3))
     velocities = rng.uniform(-0.5, 0.5, (corners, 3))
     obstacles.update(
@@ -30,14 +30,14 @@ def test_the_exact_check_is_its_formula(age, arm_age, corners):
     )  # fmt: skip
     KINEMATICS.compute(HOME, np.zeros(7))
     state = TickState(KINEMATICS, motion, obstacles, margin=0.03, advances=8, by_distance=False)
-    check = FlaggedCheck(EXACT, motion, state)
+    check = FlaggedCheck(EXACT, motion.isotropic, state)
     state.begin(5.0, arm_age, 0.0)
     row = obstacles.row("body")
     top = max(0.6, max(math.hypot(*velocity) for velocity in velocities) + 0.4)
     for link in range(LINKS):
         distance, _, _ = EXACT.distance(link, points, 0.2)
-        arm = motion.surface_speed[link]
-        gap = distance - 0.03 - 0.01 - motion.surface_position_error[link]
+        arm = motion.isotropic.surface_speed[link]
+        gap = distance - 0.03 - 0.01 - motion.isotropic.surface_position_error[link]
         gap -= top * abs(5.0 - (5.0 - age)) + arm * abs(arm_age)
         assert check.contact_time(row, link) == pytest.approx(max(gap, 0.0) / (top + arm))
     obstacles.distrust(row)
@@ -49,10 +49,10 @@ def test_the_exact_check_of_statics_and_of_bodies_without_bounds():
     obstacles = Obstacles()
     obstacles.add_static("post", [1.5, 0.0, 0.5], 0.1)
     obstacles.update(["wild"], 0.0, [[3.0, 0.0, 0.5]], radius=0.1, speed=math.inf)
-    motion = IsotropicMotion(panda())
+    motion = ArmMotion(panda(), 0.02)
     KINEMATICS.compute(HOME, np.zeros(7))
     state = TickState(KINEMATICS, motion, obstacles, margin=0.0, advances=8, by_distance=False)
-    check = FlaggedCheck(EXACT, motion, state)
+    check = FlaggedCheck(EXACT, motion.isotropic, state)
     for now in (0.0, 1e6):
         state.begin(now, 0.0, 0.0)
         assert check.contact_time(obstacles.row("post"), 3) > 0.1

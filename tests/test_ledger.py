@@ -7,14 +7,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import HOME, panda
 
-from armguard.bounds import IsotropicMotion
+from armguard.arm_motion import ArmMotion
 from armguard.kinematics import Kinematics
 from armguard.ledger import NOBODY, PairLedger
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState
+from armguard.scene import DISTANCE, ISOTROPIC
 
 LINKS = 3
-KINEMATICS, MOTION = Kinematics(panda()), IsotropicMotion(panda())
+KINEMATICS, MOTION = Kinematics(panda()), ArmMotion(panda(), 0.02, with_joints=False)
 KINEMATICS.compute(HOME, np.zeros(7))
 
 
@@ -41,7 +42,13 @@ class Scene:
         self.tick += 1
         self.state.begin(now, 0.0, 0.0)
         times = np.full(len(pairs), time)
-        self.ledger.record(pairs, times, np.zeros_like(pairs), now, self.tick, self.state)
+        bounds = np.full(len(pairs), ISOTROPIC, dtype=np.int8)
+        self.ledger.record(pairs, times, np.zeros_like(pairs), bounds, now, self.tick, self.state)
+
+    def earliest(self, now, tick):
+        """The pair whose certificate ends first, what is left of it, and pairs overdue."""
+        pair, expiry, overdue = self.ledger.earliest(now, tick)
+        return pair, max(0.0, expiry - now), overdue
 
     def disturbed(self, now=0.0):
         self.state.begin(now, 0.0, 0.0)
@@ -68,7 +75,7 @@ def test_rows_that_come_and_go():
     scene.obstacles.remove(["ball"])
     fresh, gone = scene.follow()
     assert (fresh.tolist(), gone.tolist()) == ([], pairs_of(row))
-    assert scene.ledger.earliest(0.0, 1) == (NOBODY, math.inf, 0)
+    assert scene.earliest(0.0, 1) == (NOBODY, math.inf, 0)
 
 
 def test_a_row_with_another_occupant_starts_anew():
@@ -76,12 +83,12 @@ def test_a_row_with_another_occupant_starts_anew():
     row = scene.see(0.0, 3.0)
     fresh, _ = scene.follow()
     scene.look(fresh)
-    assert scene.ledger.earliest(0.0, scene.tick)[2] == 0
+    assert scene.earliest(0.0, scene.tick)[2] == 0
     scene.obstacles.remove(["ball"])
     assert scene.see(0.1, 0.5, name="other") == row
     fresh, gone = scene.follow()
     assert fresh.tolist() == gone.tolist() == pairs_of(row)
-    pair, time, overdue = scene.ledger.earliest(0.1, scene.tick + 1)
+    pair, time, overdue = scene.earliest(0.1, scene.tick + 1)
     assert (pair, time, overdue) == (pairs_of(row)[0], 0.0, LINKS)
     assert scene.disturbed() == ([], [])
 
@@ -124,11 +131,11 @@ def test_a_clear_ledger_knows_nothing():
     scene.see(0.0, 3.0)
     scene.look(scene.follow()[0])
     scene.ledger.clear()
-    assert scene.ledger.earliest(0.0, 1) == (NOBODY, math.inf, 0)
+    assert scene.earliest(0.0, 1) == (NOBODY, math.inf, 0)
     scene.obstacles.start_watching()
     fresh, gone = scene.follow()
     assert (len(fresh), len(gone)) == (LINKS, 0)
-    assert scene.ledger.earliest(0.0, 1)[2] == LINKS
+    assert scene.earliest(0.0, 1)[2] == LINKS
 
 
 @settings(deadline=None)
@@ -140,7 +147,7 @@ def test_deadlines_are_never_late(now, contact_time, wait):
     pairs, _ = scene.follow()
     scene.look(pairs, contact_time, now)
     later = now + wait
-    _, left, overdue = scene.ledger.earliest(later, scene.tick + 1)
+    _, left, overdue = scene.earliest(later, scene.tick + 1)
     exact = Fraction(now) + Fraction(contact_time) - Fraction(later)
     assert Fraction(left) <= max(exact, Fraction(0))
     assert left >= float(exact) - 1e-14 * (now + contact_time + 1.0)
@@ -152,7 +159,7 @@ def test_never_stays_never():
     scene.see(0.0, 3.0)
     pairs, _ = scene.follow()
     scene.look(pairs, math.inf)
-    assert scene.ledger.earliest(7.0, scene.tick)[1] == math.inf
+    assert scene.earliest(7.0, scene.tick)[1] == math.inf
 
 
 def test_the_earliest_of_all_certificates_counts():
@@ -161,15 +168,15 @@ def test_the_earliest_of_all_certificates_counts():
     pairs, _ = scene.follow()
     scene.look(pairs, 5.0)
     scene.look(pairs[1:2], 2.0)
-    pair, time, overdue = scene.ledger.earliest(1.0, 9)
+    pair, time, overdue = scene.earliest(1.0, 9)
     assert pair == pairs[1]
     assert time == pytest.approx(1.0)
     assert overdue == 0
-    assert scene.ledger.earliest(2.0, 9)[2] == 1
+    assert scene.earliest(2.0, 9)[2] == 1
     # A look in this very tick is not overdue, whatever it found.
-    assert scene.ledger.earliest(2.0, scene.tick)[2] == 0
+    assert scene.earliest(2.0, scene.tick)[2] == 0
     scene.ledger.void(pairs)
-    assert scene.ledger.earliest(0.0, 9)[1:] == (0.0, LINKS)
+    assert scene.earliest(0.0, 9)[1:] == (0.0, LINKS)
 
 
 def test_motion_within_bounds_disturbs_nothing():
@@ -221,6 +228,7 @@ def test_bounds_that_grow_back_after_a_look_at_smaller_ones():
     scene.see(0.1, 3.0, radius=0.1)
     assert scene.disturbed() == ([], [])
     scene.ledger.extend(pairs_of(row)[1], 50.0, 0.1, 2, scene.state)
+    assert scene.ledger.bound[pairs_of(row)].tolist() == [ISOTROPIC, DISTANCE, ISOTROPIC]
     scene.see(0.2, 3.0, radius=0.5)
     assert scene.disturbed() == ([pairs_of(row)[1]], [])
 
@@ -233,7 +241,8 @@ def test_an_extension_that_adds_nothing_leaves_the_older_proof():
     scene.see(0.1, 3.0, radius=0.1)
     scene.disturbed()
     scene.ledger.extend(pairs_of(row)[0], 1.0, 0.1, 2, scene.state)
-    assert scene.ledger.earliest(0.1, 2)[1] == pytest.approx(4.9)
+    assert (scene.ledger.bound[pairs_of(row)] == ISOTROPIC).all()
+    assert scene.earliest(0.1, 2)[1] == pytest.approx(4.9)
     scene.see(0.2, 3.0, radius=0.5)
     assert scene.disturbed() == ([], [])
 
@@ -300,7 +309,7 @@ def test_pairs_never_looked_at_cannot_be_disturbed():
     scene.follow()
     scene.see(0.1, 3.0, radius=0.5)
     assert scene.disturbed() == ([], [])
-    assert scene.ledger.earliest(0.0, 1)[1:] == (0.0, LINKS)
+    assert scene.earliest(0.0, 1)[1:] == (0.0, LINKS)
 
 
 def test_anchors_of_balls_and_boxes_side_by_side():
