@@ -96,8 +96,9 @@ def _leave(
     low_on, high_on, slowest, fastest = _follow(plan, leaving)
     for k in range(LEAVING_SLABS):
         off = bound_velocity_deviation(plan, limits.velocity_error, leaving[k], leaving[k + 1])
-        slowest[k] -= off
-        fastest[k] += off
+        reach = _reach(plan, limits, leaving[k + 1])
+        slowest[k] = np.maximum(slowest[k] - off, plan.measured_v - reach)
+        fastest[k] = np.minimum(fastest[k] + off, plan.measured_v + reach)
     pace = np.maximum(-slowest, fastest)
     top = np.maximum(limits.velocity, np.abs(plan.v).max(axis=0))
     rest = float((np.minimum(pace, top) / limits.braking).max()) * (1.0 + ROUNDING)
@@ -107,6 +108,13 @@ def _leave(
     return nodes - command, low, high
 
 
+def _reach(plan: CheckedPlan, limits: JointLimits, along: float) -> Floats:
+    """How far velocities can have come from the measured ones by then, and since the check."""
+    stamp = plan.measured_stamp - plan.stamp
+    away = max(abs(along - stamp), abs(plan.now - plan.measured_stamp))
+    return limits.velocity_error + away * limits.acceleration * (1.0 + ROUNDING)
+
+
 def _overrun(
     plan: CheckedPlan, limits: JointLimits, command: float, reaction_time: float
 ) -> tuple[Floats, Floats, Floats]:
@@ -114,6 +122,7 @@ def _overrun(
     q, v = np.empty((2, len(plan.deviation)))
     evaluate_curve(plan.times, plan.q, plan.v, command, q, v)
     off = bound_velocity_deviation(plan, limits.velocity_error, command, command)
+    off = np.minimum(off, np.abs(plan.measured_v - v) + _reach(plan, limits, command))
     errors = limits._replace(position_error=plan.deviation, velocity_error=off)
     rest = compute_stop_time(
         v, off, limits.velocity, limits.acceleration, limits.braking, 0.0, 0.0, reaction_time
