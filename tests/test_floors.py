@@ -36,6 +36,7 @@ FLOORS = [
     (4, 1, "arm_motion exact scene"),
     (4, 2, "link_times"),
     (4, 3, "pairs"),
+    (4, 4, "separation_margin"),
     (5, 1, "flagged ledger obstacle_reasons pair_proof schedules"),
     (5, 2, "obstacle_book watched_arm"),
     (5, 3, "obstacle_looks watch"),

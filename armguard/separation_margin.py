@@ -1,0 +1,326 @@
+"""How far a scene is from the protective separation distance: today's rule, beside armguard's own.
+
+The margin of a tick is the least, over all spheres of the arm's cover and all obstacles, of
+
+    distance between their surfaces - Sp,    Sp = Sh + Sr + Ss + C + Zd + Zr
+
+with the terms of `armguard.separation` [Separation]_. A person walks at one speed until the arm
+rests; a sphere goes on at its present speed towards them for the reaction time, and brakes at a
+constant rate from then on. Positions and velocities count with what they may be off by, ages with
+what bodies may have done since within their own bounds. The direction is that of the measured
+positions, as the rule has it: it compares, and it proves nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.bounds.travel import travel
+from armguard.compilation import kernel
+from armguard.exceptions import ArmguardError
+from armguard.hull import nearest_on_hull
+from armguard.obstacle_table import Marks, States
+from armguard.pairs import TickState
+from armguard.scene import ArmArrays, SphereTree
+from armguard.separation import HUMAN_SPEED, separation_of
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+ROUNDING = 1e-12
+"""Relative widening of every sum, thousands of times its rounding error."""
+
+
+class SeparationRule(NamedTuple):
+    """Parameters of the rule. What a table or a robot says of errors comes on top of them."""
+
+    human_speed: float | None = HUMAN_SPEED
+    """Speed of every obstacle that is not static, v_h, in [m/s]; None: its own speed bound."""
+    intrusion_distance: float = 0.0
+    """How far a person reaches before they are seen, C, in [m]; not added for statics."""
+    human_uncertainty: float = 0.0
+    """Added to the obstacle's position error, Zd, in [m]."""
+    robot_uncertainty: float = 0.0
+    """Added to the sphere's position error, Zr, in [m]."""
+
+
+class SeparationMargin:
+    """The rule for one arm.
+
+    Args:
+        rule: Its parameters.
+        response_time: From a tick until its STOP brakes, T_r, in [s]: period, latency and reaction.
+
+    Raises:
+        ArmguardError: A number is negative, infinite or none.
+    """
+
+    def __init__(self, rule: SeparationRule, response_time: float) -> None:
+        numbers = {**rule._asdict(), "response_time": response_time}
+        if rule.human_speed is None:
+            del numbers["human_speed"]
+        for name, value in numbers.items():
+            if not (isinstance(value, (int, float)) and 0.0 <= value < math.inf):
+                raise ArmguardError(name, f"is {value!r}", expected="a finite number, at least 0")
+        self.rule = rule
+        self.response_time = float(response_time)
+        self._every_pair: BoolArray = np.zeros(0, dtype=np.bool_)
+
+    def compile(self, state: TickState) -> None:
+        """Run the kernel once, so that it is not compiled in a tick."""
+        self.margin(state, 0.0)
+
+    def margin(self, state: TickState, stop_time: float, watched: BoolArray | None = None) -> float:
+        """Distance to spare before the rule says stop, in [m]; below 0 it does.
+
+        Args:
+            state: The tick's numbers.
+            stop_time: Time in which the arm surely rests, counted from the tick, in [s]: the
+                response time and that of braking.
+            watched: Which pairs count, by obstacle row × links + link; those beyond its end do.
+                None: all. Shape (n,).
+
+        Returns:
+            inf without pairs; -inf where an obstacle's whereabouts are unknown or a number is none.
+            Obstacles for which the table had no room are not in it.
+        """
+        rule = self.rule
+        braking = stop_time - self.response_time
+        if not stop_time < math.inf:
+            return -math.inf
+        least: float = _least_margin(
+            state.handle,
+            state.now,
+            state.arm_age,
+            self.response_time,
+            max(braking, 0.0),
+            0.0 if rule.human_speed is None else float(rule.human_speed),
+            rule.human_speed is None,
+            float(rule.intrusion_distance),
+            float(rule.human_uncertainty),
+            float(rule.robot_uncertainty),
+            self._every_pair if watched is None else watched,
+        )
+        return least
+
+
+@kernel
+def _speed_of(x: float, y: float, z: float) -> float:
+    return math.sqrt(x * x + y * y + z * z) * (1.0 + ROUNDING)
+
+
+@kernel
+def _top_speed(pace: float, bound: float, error: float) -> float:
+    """A speed bound, or what was measured where that breaks it."""
+    return bound if pace <= bound + error else pace + error
+
+
+@kernel
+def _since(pace: float, error: float, accel: float, top: float, age: float) -> float:
+    """How far a body can be from where it was at its stamp, either way in time."""
+    return travel(pace + error, accel, top, abs(age)) if age != 0.0 else 0.0
+
+
+@kernel
+def _look_at(
+    x: float, y: float, z: float, points: FloatArray, velocities: FloatArray, count: int
+) -> tuple[float, float, float, float]:
+    """Direction from a point to a hull, and a distance that the hull is surely away.
+
+    No direction where the point may be inside.
+    """
+    dx, dy, dz = nearest_on_hull(x, y, z, points, velocities, count, 0.0)
+    length = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if length == 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    nx, ny, nz = dx / length, dy / length, dz / length
+    # However good the direction is, nothing of the hull is less far along it.
+    least = math.inf
+    for k in range(count):
+        ax, ay, az = points[k, 0], points[k, 1], points[k, 2]
+        along = nx * (ax - x) + ny * (ay - y) + nz * (az - z)
+        along -= ROUNDING * (abs(ax) + abs(ay) + abs(az) + abs(x) + abs(y) + abs(z))
+        if math.isnan(along):
+            return nx, ny, nz, along
+        least = min(least, along)
+    if count < 1:
+        least = math.nan
+    elif least <= 0.0:
+        nx = ny = nz = least = 0.0
+    return nx, ny, nz, least
+
+
+@kernel
+def _fill_balls(tree: SphereTree, arm: ArmArrays, arm_age: float, balls: FloatArray) -> None:
+    """Balls around the leaves of each link, then around all of them. Shape (L + 1, 6).
+
+    Centre and radius, then the greatest speed that counts and the greatest error of any leaf.
+    """
+    count = tree.root.shape[0]
+    balls[:] = 0.0
+    for link in range(count):
+        for axis in range(3):
+            balls[link, axis] = arm.centers[tree.root[link], axis]
+            balls[count, axis] += arm.centers[tree.root[link], axis] / count
+    link = 0
+    for i in range(tree.radius.shape[0]):
+        if link + 1 < count and i == tree.root[link + 1]:
+            link += 1
+        if tree.first_child[i] >= 0:
+            continue
+        pace = _speed_of(arm.velocities[i, 0], arm.velocities[i, 1], arm.velocities[i, 2])
+        top = _top_speed(pace, arm.speed[i], arm.velocity_error[i])
+        error = arm.position_error[i]
+        error += _since(pace, arm.velocity_error[i], arm.accel[i], top, arm_age)
+        fastest = pace + arm.velocity_error[i]
+        if arm_age != 0.0:
+            fastest += arm.accel[i] * abs(arm_age)
+        fastest = min(fastest, top)
+        for ball in (link, count):
+            away = _speed_of(
+                arm.centers[i, 0] - balls[ball, 0],
+                arm.centers[i, 1] - balls[ball, 1],
+                arm.centers[i, 2] - balls[ball, 2],
+            )
+            for column, value in ((3, away + tree.radius[i]), (4, fastest), (5, error)):
+                # What is no number stays so.
+                if value > balls[ball, column] or math.isnan(value):
+                    balls[ball, column] = value
+
+
+@kernel
+def _bodies_margin(
+    refused: bool,
+    bodies: States,
+    marks: Marks,
+    watched: BoolArray,
+    tree: SphereTree,
+    arm: ArmArrays,
+    balls: FloatArray,
+    now: float,
+    arm_age: float,
+    response: float,
+    braking: float,
+    human_speed: float,
+    own_speed: bool,
+    intrusion: float,
+    human_uncertainty: float,
+    robot_uncertainty: float,
+    best: float,
+) -> float:
+    """The lesser of `best` and the least margin of all bodies' accepted or refused states.
+
+    -inf where anything is no number.
+    """
+    count = tree.root.shape[0]
+    for row in range(marks.alive.shape[0]):
+        if not (marks.alive[row] and (marks.refused[row] if refused else marks.has_state[row])):
+            continue
+        points, velocities = bodies.points[row], bodies.velocities[row]
+        corners, body_radius = bodies.point_count[row], bodies.radius[row]
+        walks = 0.0
+        offsets = human_uncertainty + robot_uncertainty + bodies.position_error[row]
+        if refused or not marks.static[row]:
+            error, pace = bodies.velocity_error[row], 0.0
+            for k in range(corners):
+                pace = max(pace, _speed_of(velocities[k, 0], velocities[k, 1], velocities[k, 2]))
+            top = _top_speed(pace, bodies.speed[row], error)
+            walks = top if own_speed else human_speed
+            age = now - bodies.stamp[row]
+            offsets += intrusion + _since(pace, error, bodies.accel[row], top, age)
+        for step in range(count + 1):
+            # The whole arm first.
+            ball = step - 1 if step > 0 else count
+            pair = row * count + ball
+            if ball < count and pair < watched.shape[0] and not watched[pair]:
+                continue
+            _, _, _, room = _look_at(
+                balls[ball, 0], balls[ball, 1], balls[ball, 2], points, velocities, corners
+            )
+            away = separation_of(balls[ball, 4], response, braking, walks, offsets + balls[ball, 5])
+            if room - (balls[ball, 3] + body_radius + away) * (1.0 + ROUNDING) >= best:
+                # No leaf in this ball can be nearer than that.
+                if ball == count:
+                    break
+                continue
+            if ball == count:
+                continue
+            last = tree.root[ball + 1] if ball + 1 < count else tree.radius.shape[0]
+            for i in range(tree.root[ball], last):
+                if tree.first_child[i] >= 0:
+                    continue
+                nx, ny, nz, room = _look_at(
+                    arm.centers[i, 0], arm.centers[i, 1], arm.centers[i, 2],
+                    points, velocities, corners,
+                )  # fmt: skip
+                ux, uy, uz = arm.velocities[i, 0], arm.velocities[i, 1], arm.velocities[i, 2]
+                speed = _speed_of(ux, uy, uz)
+                top = _top_speed(speed, arm.speed[i], arm.velocity_error[i])
+                stale = _since(speed, arm.velocity_error[i], arm.accel[i], top, arm_age)
+                towards = nx * ux + ny * uy + nz * uz + ROUNDING * speed
+                if nx == 0.0 and ny == 0.0 and nz == 0.0:
+                    towards = speed  # inside the body, every way leads towards it
+                towards += arm.velocity_error[i]
+                if arm_age != 0.0:
+                    towards += arm.accel[i] * abs(arm_age)
+                if not math.isnan(towards):
+                    towards = min(max(towards, 0.0), top)
+                away = separation_of(
+                    towards, response, braking, walks, offsets + arm.position_error[i] + stale
+                )
+                margin = room - (tree.radius[i] + body_radius + away) * (1.0 + ROUNDING)
+                if not margin > -math.inf:
+                    return -math.inf
+                best = min(best, margin)
+    return best
+
+
+@kernel
+def _is_unknown(row: int, count: int, marks: Marks, watched: BoolArray) -> bool:
+    """Whether an obstacle that counts, with any of so many links, could be anywhere."""
+    if not marks.alive[row] or (marks.has_state[row] and not marks.refused[row]):
+        return False
+    if marks.refused[row] and marks.refused_finite[row]:
+        return False
+    for pair in range(row * count, (row + 1) * count):
+        if pair >= watched.shape[0] or watched[pair]:
+            return True
+    return False
+
+
+@kernel
+def _least_margin(
+    handle: Any,
+    now: float,
+    arm_age: float,
+    response: float,
+    braking: float,
+    human_speed: float,
+    own_speed: bool,
+    intrusion: float,
+    human_uncertainty: float,
+    robot_uncertainty: float,
+    watched: BoolArray,
+) -> float:
+    """Least margin over all rows of the scene that the handle holds."""
+    scene = handle.content
+    tree, arm, marks = scene.tree, scene.arm, scene.marks
+    count = tree.root.shape[0]
+    for row in range(marks.alive.shape[0]):
+        if _is_unknown(row, count, marks, watched):
+            return -math.inf
+    balls = np.empty((count + 1, 6))
+    _fill_balls(tree, arm, arm_age, balls)
+    best = math.inf
+    for refused in (False, True):
+        # Both tracks are possible until one of them is confirmed.
+        best = _bodies_margin(
+            refused, scene.refused if refused else scene.bodies, marks, watched, tree, arm, balls,
+            now, arm_age, response, braking, human_speed, own_speed, intrusion, human_uncertainty,
+            robot_uncertainty, best,
+        )  # fmt: skip
+    return best
