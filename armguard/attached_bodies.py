@@ -43,8 +43,10 @@ class AttachedBody:
             raise RobotError(f"attached body {name!r}", "has no name", expected="a string")
         offender = f"attached body {name!r}"
         self.links = (name,)
-        surface = place(_read_placement(offender, placement), _read_geometry(offender, geometry))
-        farthest = float(np.sqrt((surface**2).sum(axis=2)).max())
+        motion, triangles = _read_placement(offender, placement), _read_geometry(offender, geometry)
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
+            surface = place(motion, triangles)
+        farthest = float(np.abs(surface).max())
         if not farthest <= FARTHEST:
             raise RobotError(
                 offender,
@@ -98,7 +100,8 @@ def _read_placement(offender: str, placement: pinocchio.SE3 | ArrayLike | None) 
             offender, f"has placement {matrix.tolist()}", expected="finite, of shape (4, 4)"
         )
     rotation = matrix[:3, :3]
-    deviation = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    with np.errstate(over="ignore", invalid="ignore"):
+        deviation = np.abs(rotation @ rotation.T - np.eye(3)).max()
     is_rigid = deviation <= RIGID and np.linalg.det(rotation) > 0.0
     if not (is_rigid and (matrix[3] == [0.0, 0.0, 0.0, 1.0]).all()):
         raise RobotError(

@@ -8,6 +8,7 @@ A robot that lacks a limit, a mesh or a link's geometry is refused: nothing vani
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,12 +29,16 @@ from armguard.robot_description import (
     read_description,
 )
 from armguard.urdf import UrdfModel, read_urdf
-from armguard.watched_joints import check_joints, reduce_model
+from armguard.watched_joints import check_bare_links, check_joints, reduce_model
 
 Array = NDArray[np.float64]
 
 SPHERES = 12
 """At most so many for an attached body: fitting must be quick more than tight."""
+
+
+# Of all robots, since a lock of its own would keep a robot from being copied and pickled.
+_CHANGE = threading.Lock()
 
 
 class _Link(NamedTuple):
@@ -79,6 +84,7 @@ class Robot:
     ) -> None:
         self.name = name
         locked = check_joints(urdf, description, joints)
+        check_bare_links(urdf, description, joints)
         self.model, self.collision_model = reduce_model(urdf, description, locked)
         self.joints = tuple(str(joint) for joint in self.model.names)[1:]
         entries = [description.joints[joint] for joint in self.joints]
@@ -199,16 +205,16 @@ class Robot:
         """
         self._check_link(link)
         body = AttachedBody(name, geometry, placement)
-        if name in self.links or any(frame.name == name for frame in self.model.frames):
-            raise RobotError(
-                f"attached body {name!r}", "has the name of another body", expected="a new name"
-            )
+        self._check_new(name)
         fitted = Cover.fit(body, spheres=SPHERES)
-        bodies = self._bodies
-        new = _Link(bodies.links[link].joint, body.triangles(name), is_attached=True)
-        # Whoever reads meanwhile finds a cover for every link that there is.
-        self.cover = _extend(self.cover, fitted)
-        self._bodies = _Bodies({**bodies.links, name: new}, bodies.revision + 1)
+        with _CHANGE:  # two threads may attach at once, and neither body must be lost
+            self._check_link(link)
+            self._check_new(name)
+            bodies = self._bodies
+            new = _Link(bodies.links[link].joint, body.triangles(name), is_attached=True)
+            # Whoever reads meanwhile finds a cover for every link that there is.
+            self.cover = _extend(self.cover, fitted)
+            self._bodies = _Bodies({**bodies.links, name: new}, bodies.revision + 1)
 
     def detach(self, name: str) -> None:
         """Take off what was attached; a monitor that runs notices at its next step.
@@ -216,17 +222,18 @@ class Robot:
         Raises:
             RobotError: No body of that name is attached.
         """
-        bodies = self._bodies
-        attached = [link for link, entry in bodies.links.items() if entry.is_attached]
-        if name not in attached:
-            raise RobotError(
-                f"body {name!r}",
-                "is not attached",
-                expected=f"one of {', '.join(attached)}" if attached else "",
-            )
-        left = {link: entry for link, entry in bodies.links.items() if link != name}
-        self._bodies = _Bodies(left, bodies.revision + 1)
-        self.cover = _restrict(self.cover, left)
+        with _CHANGE:
+            bodies = self._bodies
+            attached = [link for link, entry in bodies.links.items() if entry.is_attached]
+            if name not in attached:
+                raise RobotError(
+                    f"body {name!r}",
+                    "is not attached",
+                    expected=f"one of {', '.join(attached)}" if attached else "",
+                )
+            left = {link: entry for link, entry in bodies.links.items() if link != name}
+            self._bodies = _Bodies(left, bodies.revision + 1)
+            self.cover = _restrict(self.cover, left)
 
     def source(self, joint: str, limit: str) -> str:
         """Where a limit comes from: `position`, `velocity`, `acceleration` or `braking`."""
@@ -260,8 +267,14 @@ class Robot:
         """
         return np.unique(self.triangles(link).reshape(-1, 3), axis=0)
 
+    def _check_new(self, name: str) -> None:
+        if name in self.links or any(frame.name == name for frame in self.model.frames):
+            raise RobotError(
+                f"attached body {name!r}", "has the name of another body", expected="a new name"
+            )
+
     def _check_link(self, link: str) -> None:
-        if link in self._bodies.links:
+        if isinstance(link, str) and link in self._bodies.links:
             return
         if any(frame.name == link for frame in self.model.frames):
             problem = "has no collision geometry that a watched joint moves"

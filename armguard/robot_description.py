@@ -62,6 +62,7 @@ class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         sources: Where the limits come from.
         joints: The watched joints by name.
         locked: Unwatched joints that move links beyond, or carry, a watched one.
+        bare_links: Links that are drawn but have no collision geometry, and may go uncovered.
     """
 
     sources: LimitSources
@@ -69,6 +70,7 @@ class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     title: str = ""
     urdf: str = ""
     locked: dict[str, LockedJoint] = {}
+    bare_links: tuple[str, ...] = ()
 
     @property
     def travelling(self) -> list[str]:

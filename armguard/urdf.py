@@ -2,7 +2,7 @@
 
 Pinocchio reads most of it, but drops mimic relations, gives continuous joints a configuration of
 two numbers, and depends on the present folder for relative mesh names. The XML is therefore set
-right first, and afterwards every collision element is accounted for.
+right first, and afterwards every collision element and every axis is accounted for.
 """
 
 from __future__ import annotations
@@ -12,10 +12,12 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pinocchio
 
 from armguard.exceptions import RobotError
 
+UNIT = 1e-6  # an axis is off from unit length by rounding at most
 FREE_RANGE = 1e9  # stands in for "none" where the URDF format wants a number, in [rad]
 
 
@@ -30,6 +32,8 @@ class UrdfModel(NamedTuple):
     """Which joint each mimic joint follows."""
     continuous: frozenset[str]
     """Names of the continuous joints."""
+    bare: tuple[str, ...]
+    """Links that are drawn, but have no collision geometry."""
 
 
 def read_urdf(
@@ -44,14 +48,14 @@ def read_urdf(
 
     Raises:
         RobotError: The file is missing or malformed, a mesh cannot be read, a joint has more
-            than one degree of freedom, or geometry was lost.
+            than one degree of freedom or no axis, or geometry was lost.
     """
     path = Path(path)
     try:
         root = ElementTree.fromstring(path.read_bytes())
     except OSError as error:
         raise RobotError(str(path), f"cannot be read: {error.strerror}") from error
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise RobotError(str(path), f"is not XML: {error}") from error
     continuous, mimics = _prepare_joints(root, freed)
     _prepare_meshes(root, path.resolve().parent)
@@ -81,17 +85,23 @@ def read_urdf(
                 expected="one (no free-flyer or moving base)",
                 remedy="describe the arm on its fixed base",
             )
-    expected = sum(len(link.findall("collision")) for link in root.findall("link"))
-    if collision_model.ngeoms != expected:
-        raise RobotError(
-            str(path),
-            f"only {collision_model.ngeoms} of its {expected} collision elements could be read",
-        )
+        # Pinocchio takes an axis of zero length as it is, and then no motion is rigid.
+        length = float(np.linalg.norm(joint.createData().S))
+        if not abs(length - 1.0) <= UNIT:
+            raise RobotError(
+                f"joint {model.names[joint.id]!r}",
+                f"has an axis of length {length:g}",
+                expected="a direction",
+            )
+    _check_collisions(path, root, model, collision_model)
     for name in continuous:
         index = model.joints[model.getJointId(name)].idx_q
         model.lowerPositionLimit[index] = -float("inf")
         model.upperPositionLimit[index] = float("inf")
-    return UrdfModel(model, collision_model, mimics, frozenset(continuous))
+    links = root.findall("link")
+    drawn = [link for link in links if link.find("visual") is not None]
+    bare = tuple(link.get("name", "") for link in drawn if link.find("collision") is None)
+    return UrdfModel(model, collision_model, mimics, frozenset(continuous), bare)
 
 
 def _prepare_joints(
@@ -119,6 +129,21 @@ def _prepare_joints(
         for key in ("effort", "velocity"):
             limit.set(key, limit.get(key, "0"))
     return continuous, mimics
+
+
+def _check_collisions(
+    path: Path, root: ElementTree.Element, model: Any, collision_model: Any
+) -> None:
+    """Refuse a model that has fewer collision geometries than its file."""
+    found = [str(model.frames[one.parentFrame].name) for one in collision_model.geometryObjects]
+    for link in root.findall("link"):
+        name, expected = link.get("name", ""), len(link.findall("collision"))
+        if found.count(name) != expected:
+            raise RobotError(
+                f"{path}: link {name!r}",
+                f"only {found.count(name)} of its {expected} collision elements could be read",
+                remedy="check their numbers and shapes",
+            )
 
 
 def _prepare_meshes(root: ElementTree.Element, directory: Path) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pinocchio
 from numpy.typing import NDArray
 
 from armguard.exceptions import RobotError
@@ -31,6 +32,7 @@ class UrdfLinks:
         name: Its file name.
         model: `pinocchio.Model` of all its joints.
         links: Names of the bodies with collision geometry that a joint moves.
+        bare: Names of those that are drawn and moved, but have none, so are not covered.
 
     Raises:
         RobotError: The URDF or its meshes are unusable, or no joint moves any geometry.
@@ -46,6 +48,8 @@ class UrdfLinks:
         if not self._surfaces:
             raise RobotError(self.name, "no joint moves a link with collision geometry")
         self.links = tuple(sorted(self._surfaces, key=self.joint_index))
+        frames = {link: urdf.model.getFrameId(link, pinocchio.FrameType.BODY) for link in urdf.bare}
+        self.bare = tuple(link for link in urdf.bare if urdf.model.frames[frames[link]].parentJoint)
 
     def triangles(self, link: str) -> Array:
         """Surface of a link in the frame of its parent joint, in [m]. Shape (n, 3, 3)."""

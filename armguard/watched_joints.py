@@ -1,7 +1,8 @@
-"""Which joints are watched, and the model that is left when all others are locked.
+"""Which joints and links are watched, and the model that is left when others are locked.
 
 A joint that is neither watched nor locked by name must have nothing to do with a watched one: not
-carry it, not be carried by it, not mimic it or be mimicked.
+carry it, not be carried by it, not mimic it or be mimicked. And a link that is drawn and moves,
+but has no collision geometry, would never be seen to touch anything: it must be named as well.
 """
 
 from __future__ import annotations
@@ -88,6 +89,38 @@ def check_joints(
                 expected="at most one turn",
             )
     return [joint for joint in names if joint not in watched]
+
+
+def check_bare_links(
+    urdf: UrdfModel, description: RobotDescription, watched: Sequence[str]
+) -> None:
+    """Refuse links that move and are drawn, but have no collision geometry and are not named.
+
+    Args:
+        urdf: The whole robot.
+        description: Names those that may go uncovered.
+        watched: Names of the joints to watch.
+
+    Raises:
+        RobotError: There is one, or one is named that is no such link.
+    """
+    for link in description.bare_links:
+        if link not in urdf.bare:
+            raise RobotError(
+                f"bare link {link!r}", "is not a link that is drawn without collision geometry"
+            )
+    model = urdf.model
+    moving = {model.getJointId(joint) for joint in watched}
+    for link in urdf.bare:
+        number = model.getFrameId(link, pinocchio.FrameType.BODY)
+        is_moved = bool(moving & set(model.supports[model.frames[number].parentJoint]))
+        if is_moved and link not in description.bare_links:
+            raise RobotError(
+                f"link {link!r}",
+                "is drawn and moves, but has no collision geometry",
+                expected="a collision element",
+                remedy="give it one, or name it in bare_links to leave it uncovered",
+            )
 
 
 def reduce_model(

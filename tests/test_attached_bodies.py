@@ -1,4 +1,5 @@
 import threading
+import time
 
 import coal
 import numpy as np
@@ -6,11 +7,13 @@ import pinocchio
 import pytest
 from test_fitting import is_inside, sample
 
+from armguard.attached_bodies import AttachedBody
 from armguard.bounds import IsotropicMotion
+from armguard.cover import Cover
 from armguard.exceptions import RobotError
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.robot import Robot
+from armguard.robot import Robot, _extend
 from armguard.verdict import Level
 
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
@@ -102,6 +105,9 @@ def test_a_placement_is_in_the_joints_frame(panda):
         ("tool", "panda_hand", coal.Sphere(0.1), 2.0 * np.eye(4), "a rigid motion"),
         ("tool", "panda_hand", coal.Sphere(0.1), np.diag([1.0, 1, -1, 1]), "a rigid motion"),
         ("tool", "panda_hand", coal.Sphere(0.1), np.full((4, 4), np.nan), "expected finite"),
+        ("tool", "panda_hand", np.full((1, 3, 3), 1e308), None, "reaches 1e[+]308 m from"),
+        ("tool", "panda_hand", coal.Sphere(0.1), 1e300 * np.eye(4), "a rigid motion"),
+        ("tool", ["panda_hand"], coal.Sphere(0.1), None, "is not a link of panda"),
         ("tool", "panda_hand", coal.Sphere(0.1), "up", "has placement 'up'"),
     ],
 )
@@ -193,3 +199,29 @@ def test_tools_come_and_go_in_another_thread(panda):
     assert not failures
     assert monitor.step(0.001 * (tick + 1), READY, REST).complete
     assert panda.revision == 6
+
+
+def test_of_bodies_that_two_threads_attach_at_once_none_is_lost(panda, monkeypatch):
+    def linger(cover, other):
+        time.sleep(0.05)
+        return _extend(cover, other)
+
+    monkeypatch.setattr("armguard.robot._extend", linger)
+    fitted = Cover.fit(AttachedBody("any", coal.Box(0.1, 0.1, 0.1), None), spheres=1)
+
+    def fit(body, spheres):
+        (name,) = body.links
+        return Cover({name: fitted.tree("any")}, {name: fitted.digest("any")})
+
+    monkeypatch.setattr("armguard.robot.Cover.fit", fit)
+    before, names = panda.links, [f"part{k}" for k in range(4)]
+    box = coal.Box(0.1, 0.1, 0.1)
+    threads = [
+        threading.Thread(target=panda.attach, args=(name, "panda_hand", box)) for name in names
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert set(panda.links) == set(panda.cover.links) == {*before, *names}
+    assert panda.revision == len(names)

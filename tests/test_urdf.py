@@ -1,10 +1,11 @@
 import numpy as np
 import pinocchio
 import pytest
-from arms import joint_xml, limits_for, link_xml, mesh_xml, two_links, write_stl, write_urdf
+from arms import BOX, joint_xml, limits_for, link_xml, mesh_xml, two_links, write_stl, write_urdf
 
 from armguard.exceptions import RobotError
 from armguard.robot import Robot
+from armguard.urdf import read_urdf
 
 
 @pytest.mark.parametrize("content", ["", "<robot", "<robot/>", '<robot name="x"/>'])
@@ -78,3 +79,40 @@ def test_unreadable_meshes_are_refused_by_name(tmp_path, damage):
     name = "package://none/bad.stl" if damage == "package" else "bad.stl"
     with pytest.raises(RobotError, match=r"bad\.stl|'upper'"):
         Robot.from_urdf(two_links(tmp_path, mesh_xml(name)), limits=limits_for("shoulder"))
+
+
+@pytest.mark.parametrize("axis", ["0 0 0", "0 -0 0"])
+def test_a_joint_without_an_axis_is_refused(tmp_path, axis):
+    """Pinocchio takes such an axis as it is, and scales the link instead of turning it."""
+    path = two_links(tmp_path)
+    path.write_text(path.read_text().replace("0 0.6 0.8", axis))
+    with pytest.raises(RobotError, match="'shoulder': has an axis of length 0; expected a dir"):
+        Robot.from_urdf(path, limits=limits_for("shoulder"))
+
+
+def test_axes_need_not_be_of_unit_length(tmp_path):
+    path = two_links(tmp_path)
+    path.write_text(path.read_text().replace("0 0.6 0.8", "0 6e-3 8e-3"))
+    motion = read_urdf(path).model.joints[1].createData().S.ravel()
+    np.testing.assert_allclose(motion, [0, 0, 0, 0, 0.6, 0.8], atol=1e-12)
+
+
+def test_unknown_encodings_are_refused(tmp_path):
+    path = two_links(tmp_path)
+    path.write_text(f'<?xml version="1.0" encoding="sumerian"?>{path.read_text()}')
+    with pytest.raises(RobotError, match=r"arm\.urdf: is not XML: unknown encoding"):
+        read_urdf(path)
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [
+        '<geometry><box size="0.1 nan 0.1"/></geometry>',
+        '<geometry><box size="0.1 0.1"/></geometry>',
+        "<geometry/>",
+        f"{BOX}</collision><collision><geometry/>",
+    ],
+)
+def test_a_collision_element_that_is_lost_is_refused_by_link(tmp_path, geometry):
+    with pytest.raises(RobotError, match=r"link 'upper': only [01] of its [12] collision elem"):
+        read_urdf(two_links(tmp_path, geometry))

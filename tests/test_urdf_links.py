@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from arms import joint_xml, limits_for, link_xml, two_links, write_urdf
+from arms import BOX, joint_xml, limits_for, link_xml, two_links, write_urdf
 
 from armguard.exceptions import RobotError
 from armguard.robot import Robot
@@ -32,3 +32,18 @@ def test_a_urdf_without_moving_geometry_is_refused(tmp_path):
     )
     with pytest.raises(RobotError, match="no joint moves"):
         UrdfLinks(path)
+
+
+def test_what_is_drawn_and_moved_but_has_no_collision_geometry_is_told(tmp_path):
+    drawn = f"<visual>{BOX}</visual>"
+    path = write_urdf(
+        tmp_path,
+        *(link_xml(name) for name in ("base", "upper")),
+        f'<link name="hand">{drawn}</link><link name="sign">{drawn}</link><link name="tip"/>',
+        joint_xml("shoulder", "base", "upper"),
+        joint_xml("grip", "upper", "hand", "fixed"),
+        joint_xml("point", "hand", "tip", "fixed"),
+        joint_xml("post", "base", "sign", "fixed"),
+    )
+    assert UrdfLinks(path).bare == ("hand",)
+    assert UrdfLinks(path).links == ("upper",)

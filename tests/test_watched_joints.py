@@ -1,7 +1,7 @@
 import numpy as np
 import pinocchio
 import pytest
-from arms import joint_xml, limits_for, link_xml, two_links, write_urdf
+from arms import BOX, joint_xml, limits_for, link_xml, two_links, write_urdf
 
 from armguard.exceptions import RobotError
 from armguard.robot import Robot
@@ -50,3 +50,22 @@ def test_unwatched_joints_beyond_watched_ones_must_be_locked_by_name(tmp_path):
     upper, lower = (data.oMi[full.getJointId(joint)] for joint in ("shoulder", "elbow"))
     expected = upper.actInv(lower).translation
     np.testing.assert_allclose(robot.hull("lower").mean(axis=0), expected, atol=1e-12)
+
+
+def test_a_link_that_is_drawn_but_cannot_be_touched_is_refused_unless_it_is_named(tmp_path):
+    drawn = f"<visual>{BOX}</visual>"
+    path = write_urdf(
+        tmp_path,
+        *(link_xml(name) for name in ("base", "upper")),
+        f'<link name="hand">{drawn}</link><link name="sign">{drawn}</link>',
+        joint_xml("shoulder", "base", "upper"),
+        joint_xml("grip", "upper", "hand", "fixed"),
+        joint_xml("post", "base", "sign", "fixed"),
+    )
+    limits = limits_for("shoulder")
+    with pytest.raises(RobotError, match="link 'hand': is drawn and moves, but has no collision"):
+        Robot.from_urdf(path, limits=limits)
+    robot = Robot.from_urdf(path, limits=limits | {"bare_links": ["hand"]})
+    assert robot.links == ("upper",)
+    with pytest.raises(RobotError, match="bare link 'upper': is not a link that is drawn"):
+        Robot.from_urdf(path, limits=limits | {"bare_links": ["hand", "upper"]})
