@@ -31,6 +31,10 @@ FORMAT = 1
 DEFAULT_PROTRUSION = 0.02  # [m]
 SMALLEST, LARGEST = 5e-4, 10.0
 """How far a link may extend, in [m]: a mesh in millimetres read as metres is larger than that."""
+FARTHEST = 100.0
+"""How far a link may be from the origin of its joint, in [m]."""
+MOST_SPHERES = 500
+"""More leaves a link would take hours to fit, and slow down whoever uses them."""
 
 
 class Surfaces(Protocol):
@@ -83,10 +87,12 @@ class Cover:
         """
         if spheres is not None and protrusion is not None:
             raise CoverError("spheres and protrusion", "exclude each other")
-        if spheres is not None and not spheres >= 1:
-            raise CoverError("spheres", f"is {spheres}", expected="at least 1")
-        if protrusion is not None and not 0.0 < protrusion < np.inf:
-            raise CoverError("protrusion", f"is {protrusion} m", expected="positive and finite")
+        if spheres is not None and not 1 <= spheres <= MOST_SPHERES:
+            raise CoverError("spheres", f"is {spheres}", expected=f"1 to {MOST_SPHERES}")
+        if protrusion is not None and not 0.0 < protrusion <= LARGEST:
+            raise CoverError(
+                "protrusion", f"is {protrusion:g} m", expected=f"positive, at most {LARGEST:g} m"
+            )
         if spheres is None and protrusion is None:
             protrusion = DEFAULT_PROTRUSION
         trees, geometry = {}, {}
@@ -211,14 +217,17 @@ class Cover:
             raise CoverError(str(path), f"has format {file.format}", expected=str(FORMAT))
         if file.digest != _hash_links(file.links):
             raise CoverError(str(path), "does not match its digest", remedy="fit it again")
-        trees = {
-            link: CoverTree(
-                np.array(entry.spheres, dtype=np.float64).reshape(-1, 4),
-                np.array(entry.first_child, dtype=np.int64),
-                np.array(entry.child_count, dtype=np.int64),
-            )
-            for link, entry in file.links.items()
-        }
+        try:
+            trees = {
+                link: CoverTree(
+                    np.array(entry.spheres, dtype=np.float64).reshape(-1, 4),
+                    np.array(entry.first_child, dtype=np.int64),
+                    np.array(entry.child_count, dtype=np.int64),
+                )
+                for link, entry in file.links.items()
+            }
+        except OverflowError as error:
+            raise CoverError(str(path), str(error)) from error
         return cls(trees, {link: entry.geometry for link, entry in file.links.items()})
 
 
@@ -253,6 +262,14 @@ def get_surface(robot: Surfaces, link: str) -> Array:
             f"is {extent:.6g} m across",
             expected=f"{SMALLEST:g} m to {LARGEST:g} m",
             remedy="give the mesh's unit in the scale of its URDF element (mm: 0.001)",
+        )
+    farthest = float(np.abs(triangles).max())
+    if not farthest <= FARTHEST:
+        raise CoverError(
+            f"link {link!r}",
+            f"reaches {farthest:.6g} m from its joint",
+            expected=f"at most {FARTHEST:g} m",
+            remedy="give lengths in metres",
         )
     return triangles
 

@@ -125,10 +125,10 @@ def _inflate(link: str, triangles: Array, spheres: Array) -> SphereTree:
     tree = build_tree(leaves)
     if not is_contained(triangles, tree):
         raise CoverError(f"link {link!r}", "its inflated spheres could not be proved")
-    least = {
-        tuple(leaf.sphere[:3]): _round_up(spheres[i, 3])
-        for i, leaf in zip(np.unique(owners), leaves, strict=True)
-    }
+    least: dict[tuple[float, ...], float] = {}
+    for i, leaf in zip(np.unique(owners), leaves, strict=True):
+        place = tuple(leaf.sphere[:3])  # two may share one: the larger need not shrink, either
+        least[place] = max(least.get(place, 0.0), _round_up(spheres[i, 3]))
     return tighten(
         triangles,
         tree,

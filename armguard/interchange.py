@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
-from armguard.cover import Cover, Surfaces
+from armguard.cover import FARTHEST, Cover, Surfaces
 from armguard.exceptions import CoverError
 
 Array = NDArray[np.float64]
@@ -62,8 +62,12 @@ def read_spheres(path: str | Path) -> dict[str, Array]:
         raise CoverError(str(path), "is of no known kind", expected=".yml, .yaml or .urdf")
     spheres = {link: rows for link, rows in spheres.items() if len(rows)}
     for link, rows in spheres.items():
-        if not np.isfinite(rows).all():
-            raise CoverError(f"{path}: link {link!r}", "has a sphere that is not finite")
+        if not (np.abs(rows) <= FARTHEST).all():
+            raise CoverError(
+                f"{path}: link {link!r}",
+                f"has a sphere that is not finite, or beyond {FARTHEST:g} m",
+                expected="metres",
+            )
     if not spheres:
         raise CoverError(str(path), "has no spheres")
     return spheres
@@ -112,7 +116,7 @@ def write_spherized_urdf(path: str | Path, robot: Links, cover: Cover, urdf: str
     """
     try:
         root = ElementTree.fromstring(Path(urdf).read_bytes())
-    except (OSError, ElementTree.ParseError) as error:
+    except (OSError, ElementTree.ParseError, LookupError, ValueError) as error:
         raise CoverError(str(urdf), f"cannot be read: {error}") from error
     elements = {element.get("name", ""): element for element in root.findall("link")}
     for link in cover.links:
@@ -174,6 +178,8 @@ def _read_curobo(path: Path, content: bytes) -> dict[str, Array]:
 def _read_list(path: Path, name: str) -> dict[str, list[_CuroboSphere]]:
     """The file of spheres that a robot's configuration names, beside it."""
     beside = path.parent / name
+    if "\0" in name:
+        raise CoverError(str(path), f"names spheres in {name!r}", expected="the name of a file")
     try:
         file = msgspec.yaml.decode(beside.read_bytes(), type=_CuroboFile, strict=False)
     except OSError as error:
@@ -195,7 +201,7 @@ def _read_urdf(path: Path, content: bytes) -> dict[str, Array]:
     """Spheres among the collision geometry; links without are measured as uncovered later."""
     try:
         root = ElementTree.fromstring(content)
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise CoverError(str(path), f"is not XML: {error}") from error
     links: dict[str, Array] = {}
     for element in root.findall("link"):

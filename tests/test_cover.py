@@ -1,5 +1,7 @@
+import hashlib
 import os
 
+import msgspec
 import numpy as np
 import pytest
 from test_fitting import areas, is_inside, sample
@@ -138,7 +140,9 @@ def test_geometry_that_is_not_there_is_never_proved(triangles):
     [
         ({"spheres": 3, "protrusion": 0.01}, "exclude each other"),
         ({"spheres": 0}, "spheres: is 0"),
-        ({"protrusion": 0.0}, "protrusion: is 0.0"),
+        ({"spheres": 10**21}, "spheres: is 1000000000000000000000; expected 1 to 500"),
+        ({"protrusion": 1e300}, "protrusion: is 1e[+]300 m; expected positive, at most 10 m"),
+        ({"protrusion": 0.0}, "protrusion: is 0 m"),
         ({"protrusion": float("nan")}, "protrusion: is nan"),
     ],
 )
@@ -197,6 +201,17 @@ def test_changed_files_are_refused(cover_file, tmp_path, old, new, message):
         Cover.load(path)
     with pytest.raises(CoverError, match="cannot be read"):
         Cover.load(tmp_path / "none.json")
+
+
+def test_numbers_that_no_array_can_hold_are_refused(cover_file, tmp_path):
+    """Even where the digest was made to fit them."""
+    content = msgspec.json.decode(cover_file.read_bytes())
+    content["links"]["panda_hand"]["first_child"][0] = 2**64 - 1
+    links = msgspec.json.encode(content["links"], order="deterministic")
+    content["digest"] = hashlib.sha256(links).hexdigest()
+    (tmp_path / "cover.json").write_bytes(msgspec.json.encode(content))
+    with pytest.raises(CoverError, match=r"cover\.json: "):
+        Cover.load(tmp_path / "cover.json")
 
 
 def test_a_cover_never_serves_another_mesh(panda):

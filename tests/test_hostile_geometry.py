@@ -90,3 +90,9 @@ def test_one_vertex_that_is_not_finite_is_refused(value, place):
     triangles[place] = value
     with pytest.raises(CoverError, match="link 'link': has a surface that is not finite"):
         Cover.fit(OneLink(triangles))
+
+
+def test_a_surface_far_from_its_joint_is_refused():
+    for away in (150.0, 1e13):
+        with pytest.raises(CoverError, match=r"link 'link': reaches .* m from its joint"):
+            Cover.fit(OneLink(BOX + away))

@@ -84,3 +84,9 @@ def test_spheres_that_cover_stay_as_they_are(box):
     rows = spheres([0.05, 0, 0, 0.1], [-0.05, 0, 0, 0.1])
     radii = inflate_spheres(box, rows).spheres("link")[:, 3]
     np.testing.assert_allclose(radii, 0.1, atol=2 * MARGIN)
+
+
+def test_of_spheres_that_share_a_centre_none_shrinks(box):
+    """Each may own pieces; the larger must not be taken for the smaller."""
+    rows = spheres([0, 0, 0, 0.13], [0, 0, 0, 0.14], [0, 0, 0, 0.135])
+    assert (inflate_spheres(box, rows).spheres("link")[:, 3] >= 0.13).all()
