@@ -25,6 +25,7 @@ from armguard.interchange import (
     write_curobo,
     write_spherized_urdf,
 )
+from armguard.lever_report import JointLevers, compare_levers
 from armguard.robot import Robot
 from armguard.robot_description import (
     find_example_urdf,
@@ -62,7 +63,7 @@ class Target:
         self, name: str, limits: Path | None = None, package_dirs: Sequence[Path] = ()
     ) -> None:
         self.cover: Path | None = None
-        if not Path(name).is_file() and Path(name).suffix != ".urdf":
+        if Path(name).suffix != ".urdf" and not _is_file(name):
             if name not in list_robots():
                 raise RobotError(
                     name,
@@ -139,6 +140,8 @@ def fit(target: Target, spheres: int | None, protrusion: float | None, folder: P
         folder: Where to write `cover.json`; made if it is not there.
     """
     robot = target.robot
+    if isinstance(robot, UrdfLinks) and robot.bare:
+        _print(f"drawn without collision geometry, NOT covered: {', '.join(robot.bare)}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -166,12 +169,14 @@ def fit(target: Target, spheres: int | None, protrusion: float | None, folder: P
 
 
 def prove(target: Target) -> int:
-    """Prove a known robot's cover again from its geometry, and show it; the exit code."""
-    if target.cover is None:
+    """Prove a known robot's cover again, and show it and its levers; the exit code."""
+    if target.cover is None or not isinstance(target.robot, Robot):
         raise CoverError("--check", "needs a robot that armguard knows", expected="its name")
     cover = Cover.load(target.cover)
     cover.verify(target.robot)
-    return _show(cover.check(target.robot))
+    code = _show(cover.check(target.robot))
+    _print(_tabulate_levers(compare_levers(target.robot, cover)))
+    return code
 
 
 def exchange(target: Target, file: Path, inflate: bool, folder: Path | None) -> int:
@@ -238,6 +243,14 @@ def list_known() -> int:
     return 0
 
 
+def _is_file(name: str) -> bool:
+    """Whether there is a file of that name; none can be if the name is too long for one."""
+    try:
+        return Path(name).is_file()
+    except OSError:
+        return False
+
+
 def _finish(cover: Cover, report: CoverReport, folder: Path) -> int:
     """Write what is proved, and only that."""
     code = _show(report)
@@ -285,6 +298,14 @@ def _tabulate_gaps(gaps: dict[str, Gap]) -> Table:
             "proved" if gap.proved else "NO",
         )
     table.caption = "uncovered: share of the surface; up to: its distance to the nearest sphere"
+    return table
+
+
+def _tabulate_levers(levers: dict[str, JointLevers]) -> Table:
+    table = _make_table("joint", "lever, m", "sampled, m", "median ratio")
+    for name, joint in levers.items():
+        table.add_row(name, f"{joint.proved:.3f}", f"{joint.sampled:.3f}", f"{joint.ratio:.3f}")
+    table.caption = "how far spheres get from a joint's axis: proved, and seen in random samples"
     return table
 
 

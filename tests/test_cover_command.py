@@ -3,7 +3,7 @@ import re
 import msgspec
 import numpy as np
 import pytest
-from arms import limits_for, mesh_xml, two_links, write_stl
+from arms import BOX, joint_xml, limits_for, mesh_xml, two_links, write_stl
 from test_interchange import as_curobo
 
 from armguard.cli import main
@@ -61,6 +61,11 @@ def test_a_known_robots_cover_is_proved_again(capsys):
     code, out, err = run(["cover", "--check", "panda"], capsys)
     assert (code, err) == (0, "")
     assert len(re.findall(r" yes ", out)) == 11
+    levers = re.findall(r"panda_joint\d .* ([\d.]+) .* ([\d.]+) .* ([\d.]+) ", out)
+    assert len(levers) == 7
+    for proved, seen, ratio in levers:
+        assert float(seen) <= float(proved)
+        assert 1.0 <= float(ratio) < 2.0
     assert "NO" not in out
 
 
@@ -126,7 +131,10 @@ def test_robots_are_listed_with_what_their_files_say(capsys):
         (["panda", "--import", "none.yml"], "none.yml: cannot be read"),
         (["panda", "--spheres", "3", "--protrusion", "20", "--out", "x"], "exclude each other"),
         (["panda", "--spheres", "0", "--out", "x"], "spheres: is 0"),
+        (["panda", "--spheres", "501", "--out", "x"], "spheres: is 501; expected 1 to 500"),
         (["panda", "--spheres", "many", "--out", "x"], "--spheres"),
+        (["n" * 5000, "--out", "x"], "is neither a URDF nor a robot"),
+        (["panda", "--protrusion", "1e300", "--out", "x"], "at most 10 m"),
         (["panda", "--protrusion", "nan", "--out", "x"], "protrusion: is nan"),
         (["panda", "--protrusion", "-1", "--out", "x"], "protrusion: is -0.001"),
         (["panda", "--out", "/dev/null/x"], "/dev/null/x"),
@@ -167,3 +175,13 @@ def test_a_mesh_in_millimetres_is_covered_once_its_scale_is_given(tmp_path, caps
     scaled = mesh_xml("mesh.stl").replace("/>", ' scale="0.001 0.001 0.001"/>', 1)
     code, _, _ = run(["cover", two_links(tmp_path, scaled), "--out", tmp_path], capsys)
     assert code == 0
+
+
+def test_what_is_drawn_but_not_covered_is_said(tmp_path, capsys):
+    urdf = two_links(tmp_path)
+    hand = f'<link name="hand"><visual>{BOX}</visual></link>'
+    grip = joint_xml("grip", "upper", "hand", "fixed")
+    urdf.write_text(urdf.read_text().replace("</robot>", f"{hand}{grip}</robot>"))
+    code, out, _ = run(["cover", urdf, "--spheres", "1", "--out", tmp_path], capsys)
+    assert code == 0
+    assert "drawn without collision geometry, NOT covered: hand" in out

@@ -31,6 +31,7 @@ FLOORS = [
     (2, 2, "link_surfaces"),
     (2, 3, "attached_bodies urdf_links watched_joints"),
     (2, 4, "robot"),
+    (2, 5, "lever_report"),
     (3, 1, "ignored_pairs joint_states kinematics plans"),
     (3, 2, "bounds"),
     (4, 1, "arm_motion exact scene"),
