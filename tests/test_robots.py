@@ -3,6 +3,7 @@
 ARMGUARD_SAMPLES sets how many points a robot are drawn from its surface; 1000000 for a long run.
 """
 
+import json
 import os
 import time
 
@@ -12,6 +13,7 @@ from test_fitting import is_inside, sample
 from test_levers import distances_from_axes
 
 from armguard.bounds import IsotropicMotion
+from armguard.cli import main
 from armguard.containment import is_contained
 from armguard.kinematics import Kinematics
 from armguard.monitor import Monitor
@@ -65,6 +67,66 @@ def test_limits_are_finite_and_have_sources(robot):
             assert robot.source(joint, limit).strip()
     readme = (robots_directory() / robot.name / "README.md").read_text()
     assert all(f"`{link}`" in readme for link in robot.links)
+
+
+def read_table(text, first):
+    """Rows of the Markdown table whose first heading is `first`, as lists of cells."""
+    lines = iter(text.splitlines())
+    for line in lines:
+        if line.startswith(f"| {first} |"):
+            next(lines)
+            break
+    rows = []
+    for line in lines:
+        if not line.startswith("|"):
+            break
+        rows.append([cell.strip().strip("`") for cell in line.strip("|").split("|")])
+    return rows
+
+
+def test_the_readme_says_what_the_files_say(robot):
+    folder = robots_directory() / robot.name
+    readme = (folder / "README.md").read_text()
+    *links, total = read_table(readme, "link")
+    assert [row[0] for row in links] == list(robot.links)
+    for link, count, levels, radius, *_ in links:
+        assert int(count) == len(robot.cover.spheres(link)), link
+        assert int(levels) == robot.cover.levels(link), link
+        assert float(radius) == pytest.approx(1e3 * robot.cover.spheres(link, 0)[0, 3], abs=0.051)
+    assert int(total[1]) == sum(int(row[1]) for row in links)
+    assert float(total[4]) == max(float(row[4]) for row in links)
+    balls = sum(len(robot.cover.tree(link).spheres) for link in robot.links)
+    digest = json.loads((folder / "cover.json").read_text())["digest"]
+    assert f"All levels together have {balls} balls. Digest `{digest[:16]}…`" in readme
+    joints = read_table(readme, "joint")
+    assert [row[0] for row in joints] == list(robot.joints)
+    for k, (_, position, *limits) in enumerate(joints):
+        kinds = robot.velocity_limit, robot.acceleration_limit, robot.braking_deceleration
+        expected = [values[k] for values in kinds]
+        assert [float(limit) for limit in limits] == pytest.approx(expected, rel=1e-3)
+        ends = robot.lower_position_limit[k], robot.upper_position_limit[k]
+        if position == "continuous":
+            assert not np.isfinite(ends).any()
+        else:
+            said = [float(end) for end in position.split(" to ")]
+            assert said == pytest.approx(ends, rel=1e-3)
+
+
+def test_the_page_on_covers_says_what_the_files_say(robot):
+    page = (robots_directory().parent / "docs" / "covers.md").read_text()
+    row = {line[0].split("`")[0]: line for line in read_table(page, "robot")}[robot.name]
+    leaves = sum(len(robot.cover.spheres(link)) for link in robot.links)
+    assert [int(cell) for cell in row[1:3]] == [len(robot.links), leaves]
+    readme = (robots_directory() / robot.name / "README.md").read_text()
+    assert row[4] == read_table(readme, "link")[-1][4]
+
+
+def test_the_list_of_robots_says_what_the_files_say(robot, capsys):
+    assert main(["robots"]) == 0
+    line = next(one for one in capsys.readouterr().out.splitlines() if robot.name in one.split())
+    leaves = sum(len(robot.cover.spheres(link)) for link in robot.links)
+    numbers = [len(robot.joints), len(robot.links), leaves]
+    assert [int(word) for word in line.split()[1:4]] == numbers
 
 
 def test_covers_are_proved(robot):
