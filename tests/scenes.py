@@ -14,6 +14,7 @@ STILL = np.zeros(7)
 PERIOD = 1e-3
 FAR = [20.0, 0.0, 0.5]
 DAA_LAWS = [(law, sort) for law in ("powers", "fibonacci") for sort in ("partial", "total")]
+SCHEDULES = ["deadline", "full", "distance", *DAA_LAWS]
 
 
 @functools.cache
@@ -21,7 +22,7 @@ def panda():
     return Robot.load("panda")
 
 
-def make_monitor(schedule="full", *, obstacles=None, **settings):
+def make_monitor(schedule="deadline", *, obstacles=None, **settings):
     """A table and a monitor on it; a pair of DAA's laws stands for that schedule."""
     obstacles = Obstacles() if obstacles is None else obstacles
     if isinstance(schedule, tuple):

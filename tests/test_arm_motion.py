@@ -39,4 +39,4 @@ def test_tables_are_those_that_are_filled_tick_by_tick():
 def test_joint_bounds_are_used_unless_told_otherwise():
     assert ArmMotion(panda(), 0.02).with_joints
     assert not ArmMotion(panda(), 0.02, with_joints=False).with_joints
-    assert MOTIONS == ("joint", "isotropic")
+    assert {"joint", "isotropic"} <= set(MOTIONS)

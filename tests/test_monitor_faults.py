@@ -9,14 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import FAR, HOME, PERIOD, STILL, keep, kinds, make_monitor, panda, see, steps, subjects
 
-from armguard import obstacle_table, pair_watch
+from armguard import obstacle_table, obstacle_watch, pair_watch
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
 from armguard.verdict import Effect, Level, ReasonKind
 
 HOLD = 0.3
 
-SCHEDULES = ["full", "distance", "daa"]
+PAIR_SCHEDULES = ["full", "distance", "daa"]
+SCHEDULES = ["deadline", *PAIR_SCHEDULES]
 
 
 @pytest.fixture(params=SCHEDULES)
@@ -91,6 +92,7 @@ def test_an_error_inside_is_a_latched_stop(schedule, monkeypatch):
     obstacles, monitor = make_monitor(schedule)
     keep(obstacles, monitor, 0, 5)
     with monkeypatch.context() as patch:
+        patch.setattr(obstacle_watch, "look", lambda *_: 1 // 0)
         patch.setattr(pair_watch, "evaluate", lambda *_: 1 // 0)
         (verdict,) = keep(obstacles, monitor, 5, 1)
     assert (verdict.level, verdict.contact_time) == (Level.STOP, 0.0)
@@ -101,6 +103,7 @@ def test_an_error_inside_is_a_latched_stop(schedule, monkeypatch):
     assert (verdict.level, verdict.complete) == (Level.CLEAR, True)
 
 
+@pytest.mark.parametrize("schedule", PAIR_SCHEDULES)
 @pytest.mark.parametrize("method", ["insert", "remove", "due", "settle", "flagged"])
 def test_an_error_in_a_schedule_loses_no_pair(schedule, method, monkeypatch):
     """Wherever it strikes: after a reset each pair is watched."""
@@ -111,6 +114,26 @@ def test_an_error_in_a_schedule_loses_no_pair(schedule, method, monkeypatch):
     see(obstacles, PERIOD, [0.6, 0.0, 0.5], ("comes",))
     with monkeypatch.context() as patch:
         patch.setattr(monitor._watch.schedule, method, lambda *_: 1 // 0, raising=True)
+        (verdict,) = steps(monitor, 1, 1)
+    assert ReasonKind.INTERNAL_ERROR in kinds(verdict)
+    monitor.reset()
+    (verdict,) = steps(monitor, 2, 1)
+    assert verdict.complete
+    assert (verdict.level, verdict.obstacle) == (Level.STOP, "comes")
+    watched = {(report.link, report.obstacle) for report in monitor.pairs(99)}
+    assert watched == {(link, name) for link in panda().links for name in ("stays", "comes")}
+
+
+@pytest.mark.parametrize("part", ["admit", "dismiss", "look"])
+def test_an_error_in_the_watch_by_deadlines_loses_no_obstacle(part, monkeypatch):
+    """Likewise."""
+    obstacles, monitor = make_monitor()
+    see(obstacles, 0.0, [FAR, FAR], ("stays", "goes"))
+    steps(monitor, 0, 1)
+    obstacles.remove(["goes"])
+    see(obstacles, PERIOD, [0.6, 0.0, 0.5], ("comes",))
+    with monkeypatch.context() as patch:
+        patch.setattr(obstacle_watch, part, lambda *_: 1 // 0)
         (verdict,) = steps(monitor, 1, 1)
     assert ReasonKind.INTERNAL_ERROR in kinds(verdict)
     monitor.reset()
@@ -251,7 +274,7 @@ def test_another_track_is_believed_after_five_samples(schedule):
     (verdict,) = steps(monitor, 6, 1)
     assert verdict.level is Level.STOP
     expected = {ReasonKind.OBSTACLE_REFUSED} | (
-        {ReasonKind.BOUND_BROKEN} if schedule == "daa" else set()
+        {ReasonKind.BOUND_BROKEN} if schedule in ("daa", "deadline") else set()
     )
     assert kinds(verdict) & {ReasonKind.BOUND_BROKEN, ReasonKind.OBSTACLE_REFUSED} == expected
     (verdict,) = steps(monitor, 7, 1)
@@ -284,9 +307,10 @@ def test_a_joint_that_runs_into_its_stop():
     assert keep(obstacles, monitor, 0, 1, *away)[0].level is Level.CLEAR
 
 
-def test_steps_that_each_fit_but_not_together():
+@pytest.mark.parametrize("schedule", ["deadline", "daa"])
+def test_steps_that_each_fit_but_not_together(schedule):
     """Every sample agrees with the one before; the certificate behind them tells the truth."""
-    obstacles, monitor = make_monitor("daa")
+    obstacles, monitor = make_monitor(schedule)
     see(obstacles, 0.0, FAR, position_error=0.05)
     assert steps(monitor, 0, 1)[0].level is Level.CLEAR
     broken = []

@@ -19,7 +19,7 @@ def judge(robot, schedule, position, velocity, **options):
     return monitor, monitor.step(0.0, READY, np.full(7, 0.1), 0.001)
 
 
-@pytest.mark.parametrize("schedule", ["full", "daa"])
+@pytest.mark.parametrize("schedule", ["deadline", "full", "daa"])
 @pytest.mark.parametrize(
     ("position", "velocity"),
     [
