@@ -165,3 +165,15 @@ def test_a_deviation_without_end_frees_nothing(robot, motion):
     obstacles.update(["ball"], 0.0, [[1.0, 0.0, 0.5]], np.zeros((1, 3)), radius=0.1)
     found = ask(motion, motion.lay_out(checked), obstacles, len(robot.links), 0.0)
     assert found.time == 0.0
+
+
+def test_braking_before_the_plan_begins_is_refused(robot, motion):
+    waves = Waves(robot, np.random.default_rng(6), 0.3)
+    for lead in (0.0, 0.05):
+        plan = make_plan(waves, lead, np.linspace(0.0, 0.2, 21), np.full(7, 1e-3))
+        checked = check_plan(plan, robot, 0.0, waves.position(0.0), waves.velocity(0.0), 0.0)
+        for wrong in (lead - 0.01, -np.inf, np.nan):
+            with pytest.raises(ArmguardError, match="brake_after"):
+                motion.lay_out(checked, wrong)
+        ends = [motion.lay_out(checked, lead + after).end[-1] for after in (0.0, 0.1, 0.2, 9.0)]
+        assert ends[0] < ends[1] < ends[2] == ends[3] == motion.lay_out(checked).end[-1]
