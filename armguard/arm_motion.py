@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import pinocchio
 
-from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, ReachMotion
+from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, PlannedMotion, ReachMotion
 from armguard.robot import Robot
 
-MOTIONS = ("joint", "isotropic")
+PLANNED = "planned"
+"""Bounds by joints, and a controller that tells what it is about to do."""
+
+MOTIONS = ("joint", "isotropic", PLANNED)
 """Names of what a monitor may bound the arm's motion by; each includes what the arm can reach."""
 
 
@@ -23,12 +26,14 @@ class ArmMotion:
         reaction_time: From command to braking torque, in [s].
         base_placement: Placement of the robot's base in the world; None: they coincide.
         with_joints: Whether joint and braking bounds are to be used.
+        with_plans: Whether plans are to be judged.
 
     Attributes:
         isotropic: Spheres as free bodies.
         reach: What links cannot leave.
         joint: Joints within their limits.
         braking: Joints that brake.
+        planned: Joints that follow a plan; None where plans are not judged.
         with_joints: Whether the last two are to be used.
         table: Joint displacements of the present tick, filled by compiled code.
         braking_table: The same for an arm that brakes; as `braking.tabulate` filled it last.
@@ -41,11 +46,13 @@ class ArmMotion:
         base_placement: pinocchio.SE3 | None = None,
         *,
         with_joints: bool = True,
+        with_plans: bool = False,
     ) -> None:
         self.isotropic = IsotropicMotion(robot, base_placement)
         self.reach = ReachMotion(robot, base_placement)
         self.joint = JointMotion(robot, base_placement)
         self.braking = BrakingMotion(robot, reaction_time, base_placement)
+        self.planned = PlannedMotion(robot, reaction_time, base_placement) if with_plans else None
         self.with_joints = with_joints
         self.table = self.joint.table
         self.braking_table = self.braking.table

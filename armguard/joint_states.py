@@ -61,15 +61,20 @@ class JointStates:
     Args:
         robot: Whose limits and errors apply.
         joint_timeout: Longest age of a state and longest step between two, in [s].
+        horizon: Until the verdict after the present one is obeyed, in [s].
+        reaction_time: From command to braking torque, in [s].
     """
 
-    def __init__(self, robot: Robot, joint_timeout: float) -> None:
+    def __init__(
+        self, robot: Robot, joint_timeout: float, horizon: float = 0.0, reaction_time: float = 0.0
+    ) -> None:
         self.q: FloatArray = np.zeros(len(robot.joints))
         """Last well-formed joint positions, [rad] or [m]. Shape (nv,)."""
         self.v: FloatArray = np.zeros(len(robot.joints))
         """Last well-formed joint velocities, [rad/s] or [m/s]. Shape (nv,)."""
         self._last_stamp = np.array([-math.inf])
         self._robot = robot
+        self._delays = float(horizon), float(reaction_time)
         self._timeout = joint_timeout
         self._read: FloatArray = np.zeros(len(robot.joints))
         self._read_v: FloatArray = np.zeros(len(robot.joints))
@@ -108,15 +113,21 @@ class JointStates:
         self._last_stamp[0] = -math.inf
         self._fresh = True
 
-    def glance(
-        self,
-        stamp: float,
-        q: ArrayLike,
-        v: ArrayLike,
-        now: float,
-        horizon: float,
-        reaction_time: float,
-    ) -> tuple[int, float]:
+    def stop_time(self, age: float) -> float:
+        """Time in which all joints surely rest, for a state that is `age` old, both in [s]."""
+        robot = self._robot
+        stop_time: float = compute_stop_time(
+            self.v,
+            robot.velocity_error,
+            robot.velocity_limit,
+            robot.acceleration_limit,
+            robot.braking_deceleration,
+            age,
+            *self._delays,
+        )
+        return stop_time
+
+    def glance(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> tuple[int, float]:
         """Take the state of a tick if there is nothing to be said against it, in one compiled call.
 
         Args:
@@ -124,8 +135,6 @@ class JointStates:
             q: Joint positions, [rad] or [m]. Shape (nv,).
             v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
             now: Time of the tick, in [s].
-            horizon: Until the verdict after this one is obeyed, in [s].
-            reaction_time: From command to braking torque, in [s].
 
         Returns:
             What was found, and the time in which all joints surely rest, in [s]. Where that is
@@ -144,7 +153,7 @@ class JointStates:
         self._read[:] = q
         self._read_v[:] = v
         found: tuple[int, float] = _glance(
-            self._guard, stamp, self._read, self._read_v, now, horizon, reaction_time
+            self._guard, stamp, self._read, self._read_v, now, *self._delays
         )
         return found
 
@@ -242,7 +251,8 @@ class JointStates:
         _take_finite(self._read, self.q)
         self._check_limits()
         self.stopping()
-        _glance(self._guard, math.nan, self._read, self._read_v, 0.0, 0.0, 0.0)
+        _glance(self._guard, math.nan, self._read, self._read_v, 0.0, *self._delays)
+        self.stop_time(0.0)
 
 
 @kernel

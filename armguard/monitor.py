@@ -16,20 +16,22 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike
 
-from armguard.arm_motion import MOTIONS
+from armguard.committed_plan import CommittedPlan, PlanVerdict
 from armguard.contact import Certificate
 from armguard.exceptions import ArmguardError
+from armguard.explain import Explanation, explain_pair
+from armguard.foresight import Attention, Headroom, predict_headroom, rank_attention
 from armguard.ignored_pairs import IgnoredPairs
 from armguard.joint_states import DOUBTFUL, FAST, JointStates
-from armguard.monitor_arguments import check_not_negative, read_budget, read_number
+from armguard.monitor_arguments import read_number, read_settings
 from armguard.obstacle_reasons import take_obstacle_reasons
-from armguard.obstacle_watch import ObstacleWatch
 from armguard.obstacles import Obstacles
 from armguard.pair_reports import PairReport, report_pair
-from armguard.pair_watch import PairWatch
+from armguard.plans import Plan
 from armguard.robot import Robot
-from armguard.schedules import DEADLINE, Schedule, make_schedule
+from armguard.schedules import Schedule
 from armguard.schedules.wheel import NOBODY
+from armguard.separation_margin import SeparationMargin, SeparationRule
 from armguard.snapshot import Snapshot, take_snapshot
 from armguard.stop_decision import StopDecision
 from armguard.verdict import (
@@ -39,10 +41,9 @@ from armguard.verdict import (
     ReasonKind,
     Verdict,
     VerdictRule,
-    compute_stop_time,
 )
-from armguard.watch import Look, Tick, Watch
-from armguard.watched_arm import WatchedArm
+from armguard.watch import Look, Tick
+from armguard.watches import make_watch
 
 
 class Monitor:
@@ -56,8 +57,9 @@ class Monitor:
         rate: Ticks a second, [Hz].
         schedule: "deadline", "full", "distance", "daa", or a `Schedule` of your own.
         motion: How the arm's possible motion is bounded: "joint" (by its joints' limits, and a STOP
-            only where braking after the next tick could be too late) or "isotropic" (points of the
-            arm as free bodies; cheaper, and far more cautious).
+            only where braking after the next tick could be too late), "planned" (the same, and the
+            controller tells what it is about to do by `commit`), or "isotropic" (points of the arm
+            as free bodies; cheaper, and far more cautious).
         ignore: Pairs not to be watched, as (link, pattern of obstacle ids); "*" is any.
         reaction_time: From a STOP to braking torque, [s].
         latency: Of computing and transporting a verdict, lateness of a tick included, [s].
@@ -71,8 +73,10 @@ class Monitor:
         budget: Evaluations in a tick after which no further obstacle is begun; what misses its
             deadline is a STOP. For "deadline" only; default: no limit.
         base_placement: Of the robot's base in the world; default at the origin.
-        certify: Attach to each verdict a certificate of the pair that decides it; takes a fraction
-            of a millisecond a tick.
+        certify: Attach to each verdict a certificate of the pair that decides it, by free bodies;
+            takes a fraction of a millisecond a tick.
+        separation: Attach to each verdict the margin of the speed-and-separation distance by this
+            rule; takes a look at every pair in every tick.
 
     Raises:
         ArmguardError: If an argument is out of range or names what does not exist.
@@ -99,73 +103,47 @@ class Monitor:
         budget: int | None = None,
         base_placement: pinocchio.SE3 | None = None,
         certify: bool = False,
+        separation: SeparationRule | None = None,
     ) -> None:
-        if not 0.0 < read_number(rate) < math.inf:
-            raise ArmguardError("rate", f"is {rate!r}", expected="a finite number of hertz above 0")
-        self.period = 1.0 / rate
-        joint_timeout = max(0.05, 5.0 * self.period) if joint_timeout is None else joint_timeout
-        check_not_negative(
+        self.settings = settings = read_settings(
+            rate=rate,
+            schedule=schedule,
+            motion=motion,
+            joint_timeout=joint_timeout,
+            freshness=freshness,
+            budget=budget,
+            base_placement=base_placement,
             reaction_time=reaction_time,
             latency=latency,
             slow_margin=slow_margin,
             aware_margin=aware_margin,
             hold=hold,
             source_timeout=source_timeout,
-            joint_timeout=joint_timeout,
             margin=margin,
         )
-        if not 0.0 <= read_number(freshness) < 1.0:
-            raise ArmguardError("freshness", f"is {freshness!r}", expected="0 <= freshness < 1")
-        if not isinstance(base_placement, pinocchio.SE3 | None):
-            raise ArmguardError(
-                "base_placement", f"is {base_placement!r}", expected="a pinocchio.SE3"
-            )
-        if motion not in MOTIONS:
-            raise ArmguardError("motion", f"is {motion!r}", expected=f"one of {', '.join(MOTIONS)}")
-        by_deadline = isinstance(schedule, str) and schedule == DEADLINE
-        budget = read_budget(budget, by_deadline=by_deadline)
+        self.period = settings.period
         self.robot = robot
         self.obstacles = obstacles
-        self.base_placement = base_placement or pinocchio.SE3.Identity()
-        self._horizon = self.period + latency
-        self._reaction_time = reaction_time
-        self._source_timeout = source_timeout
-        self._freshness = freshness
+        self.base_placement = settings.base_placement
         self._rule = VerdictRule(slow_margin, aware_margin, hold)
-        self._states = JointStates(robot, joint_timeout)
-        ignored = IgnoredPairs(ignore, robot)
-        pairs_schedule = None if by_deadline else make_schedule(schedule, self.period)
-        by_distance = pairs_schedule is not None and pairs_schedule.measure == "distance"
-        with_joints = motion == "joint" and not by_distance
-
-        def make_arm() -> WatchedArm:
-            return WatchedArm(
-                robot,
-                obstacles,
-                ignored,
-                margin,
-                reaction_time,
-                base_placement,
-                with_joints=with_joints,
-                by_distance=by_distance,
-            )
-
-        self._watch: Watch
-        if pairs_schedule is None:
-            self._watch = ObstacleWatch(
-                robot,
-                obstacles,
-                make_arm,
-                self._horizon + reaction_time,
-                freshness,
-                self.period,
-                budget,
-            )
-        else:
-            self._watch = PairWatch(robot, obstacles, pairs_schedule, make_arm)
+        self._states = JointStates(
+            robot, settings.joint_timeout, settings.horizon, settings.reaction_time
+        )
+        self._watch = make_watch(robot, obstacles, settings, IgnoredPairs(ignore, robot))
         self._stopping = None
-        if with_joints:
-            self._stopping = StopDecision(self._watch, self._horizon, slow_margin, hold)
+        if settings.with_joints:
+            self._stopping = StopDecision(
+                self._watch, settings.period, settings.horizon, slow_margin, hold
+            )
+        self._plan = None
+        if self._watch.arm.motion.planned is not None:
+            self._plan = CommittedPlan(robot, self._watch, margin)
+        self._separation = None
+        if separation is not None:
+            response_time = settings.horizon + settings.reaction_time
+            self._separation = SeparationMargin(separation, response_time)
+        self._tick: Tick | None = None
+        self._look = Look(NOBODY, math.inf, 0, 0)
         self._certify = certify
         self.certificate_inputs: dict[str, Any] | None = None
         """What the last verdict's certificate is about: arguments of `certificate.verify`."""
@@ -213,18 +191,39 @@ class Monitor:
         self._rule.reset()
         self._states.reset()
         self._watch.restart()
-        if self._stopping is not None:
-            self._stopping.reset()
+        for memory in (self._stopping, self._plan):
+            if memory is not None:
+                memory.reset()
+        self._tick = None
         self._now = -math.inf
         self._epoch = None
 
+    def commit(self, plan: Plan) -> PlanVerdict:
+        """Judge the next piece of the controller's trajectory: is it safe to commit?
+
+        A safe piece is what the arm is taken to follow from now on, until another one is safe, it
+        strays from it by more than its tracking error, or it rests. Nothing in a plan makes this
+        raise.
+
+        Args:
+            plan: The piece, on the clock of the joint states' stamps.
+
+        Raises:
+            ArmguardError: The monitor was not made with motion="planned".
+        """
+        if self._plan is None:
+            raise ArmguardError("commit", "needs plans", remedy='Monitor(..., motion="planned")')
+        if self._tick is None or self._rule.latched:
+            reason = Reason(ReasonKind.PLAN_REFUSED, "arm", "its state is not believed")
+            return PlanVerdict(False, 0.0, None, None, (reason,))
+        return self._plan.commit(plan, self._tick)
+
     def pairs(self, limit: int = 64) -> list[PairReport]:
         """The most imminent pairs as of the last tick, soonest first, at most `limit`."""
-        if self._epoch is None:
+        if self._tick is None:
             return []
-        time, arm = self._now - self._epoch, self._watch.arm
-        # A tick with nothing near leaves the arm where it was.
-        arm.kinematics.place(self._states.q)
+        self._watch.prepare(self._tick)
+        time, arm = self._tick.time, self._watch.arm
         listing = self._watch.list_imminent(time, row_limit=0, pair_limit=max(limit, 0))
         return [
             report_pair(
@@ -233,6 +232,38 @@ class Monitor:
             for index, pair in enumerate(listing.pairs)
         ]
 
+    def explain(self) -> Explanation | None:
+        """Why the last verdict is as it is, and what would have made it better.
+
+        None where no pair decided it: there are none, or its reasons alone did.
+        """
+        if self._tick is None or self._look.pair == NOBODY or self._homeless:
+            return None
+        self._watch.prepare(self._tick)
+        return explain_pair(
+            self._watch, self.robot, self._tick, self._look.pair, self.settings.reaction_time
+        )
+
+    def headroom(self) -> Headroom:
+        """What looks cost now, and at how many obstacles or which rate the budget would break."""
+        watched = len(self.obstacles) if self._tick is not None else 0
+        expected = self._watch.expect_evaluations()
+        return predict_headroom(watched, expected, self.period, self.settings.budget)
+
+    def attention(self, limit: int = 8) -> list[Attention]:
+        """The obstacles whose fresh states would raise the verdict's contact time most.
+
+        Args:
+            limit: At most so many, first things first.
+        """
+        if self._tick is None:
+            return []
+        self._watch.prepare(self._tick)
+        time = self._tick.time
+        listing = self._watch.list_imminent(time, row_limit=max(limit, 0) + 1, pair_limit=0)
+        ids = self.obstacles.ids
+        return rank_attention(listing, self._watch.arm.state, time, ids, max(limit, 0))
+
     def snapshot(self, *, pair_limit: int, row_limit: int) -> Snapshot:
         """What there is to see of the last tick, for observers; cheap, and their own to keep.
 
@@ -240,12 +271,11 @@ class Monitor:
             pair_limit: At most so many pairs, the most imminent ones.
             row_limit: At most so many obstacles, likewise.
         """
-        time = 0.0 if self._epoch is None else self._now - self._epoch
-        arm, states = self._watch.arm, self._states
-        # A tick with nothing to look at leaves the spheres where they were.
-        arm.kinematics.compute(states.q, states.v)
-        listing = self._watch.list_imminent(time, row_limit=row_limit, pair_limit=pair_limit)
-        return take_snapshot(listing, arm.state, states.q, time)
+        watch, q, v = self._watch, self._states.q, self._states.v
+        tick = self._tick or Tick(-1, 0.0, 0.0, q, v, 0.0, 0.0, 0.0)
+        watch.prepare(tick)
+        listing = watch.list_imminent(tick.time, row_limit=row_limit, pair_limit=pair_limit)
+        return take_snapshot(listing, watch.arm.state, q, tick.time)
 
     def _step(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> Verdict:
         if not (type(stamp) is float and type(now) is float):
@@ -261,16 +291,17 @@ class Monitor:
             self._epoch = now
         watch, states, obstacles = self._watch, self._states, self.obstacles
         is_quiet = obstacles.activity == self._activity and now < self._quiet_until
-        if not is_quiet or self.robot.revision != watch.arm.revision:
+        arm_changed = self.robot.revision != watch.arm.revision
+        if not is_quiet or arm_changed:
             watch.follow()
-        found, stop_time = states.glance(stamp, q, v, now, self._horizon, self._reaction_time)
+        found, stop_time = states.glance(stamp, q, v, now)
         if found & DOUBTFUL:
             disbelief = states.receive(stamp, q, v, now)
             if disbelief is not None:
                 return self._refuse(stamp, disbelief)
-            stop_time = self._stop_time(now - stamp)
+            stop_time = states.stop_time(now - stamp)
             found = FAST
-        reasons = []
+        reasons: list[Reason] = []
         if found:
             stopping = states.stopping()
             if stopping is not None:
@@ -279,7 +310,7 @@ class Monitor:
             watch.doubt()
         if not is_quiet:
             reasons += self._read_obstacles(now)
-        tick = Tick(
+        self._tick = tick = Tick(
             self._sequence,
             now,
             now - self._epoch,
@@ -288,10 +319,16 @@ class Monitor:
             now - stamp,
             stop_time,
             # Children are opened only where a closer look could still matter to the level.
-            (stop_time + self._rule.aware_margin) / (1.0 - self._freshness),
+            (stop_time + self._rule.aware_margin) / (1.0 - self.settings.freshness),
         )
-        look = watch.look(tick)
+        self._look = look = watch.look(tick)
         self._evaluated = look.evaluated
+        if look.disturbed and self._stopping is not None:
+            self._stopping.restart_search()
+        if self._plan is not None:
+            void = self._plan.void(tick, stamp)
+            if void is not None:
+                reasons.append(void)
         for row in look.broken:
             reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
         return self._judge(stamp, tick, look, reasons)
@@ -299,29 +336,15 @@ class Monitor:
     def _read_obstacles(self, now: float) -> list[Reason]:
         """What is wrong with the obstacle table; if nothing is, until when that surely stays so."""
         obstacles = self.obstacles
-        reasons = take_obstacle_reasons(obstacles, now, self._source_timeout)
+        reasons = take_obstacle_reasons(obstacles, now, self.settings.source_timeout)
         self._homeless = bool(obstacles.homeless())
         self._no_sources = not obstacles.has_sources
         self._activity = obstacles.activity
         # As long as nobody calls, only silence can become too long; rounding is allowed for.
         self._quiet_until = -math.inf
         if not reasons:
-            self._quiet_until = obstacles.quiet_until(self._source_timeout) - self.period
+            self._quiet_until = obstacles.quiet_until(self.settings.source_timeout) - self.period
         return reasons
-
-    def _stop_time(self, age: float) -> float:
-        robot = self.robot
-        stop_time: float = compute_stop_time(
-            self._states.v,
-            robot.velocity_error,
-            robot.velocity_limit,
-            robot.acceleration_limit,
-            robot.braking_deceleration,
-            age,
-            self._horizon,
-            self._reaction_time,
-        )
-        return stop_time
 
     def _judge(self, stamp: float, tick: Tick, look: Look, reasons: list[Reason]) -> Verdict:
         """The verdict of a tick whose arm state is believed."""
@@ -341,7 +364,7 @@ class Monitor:
             self._stopping is not None
             and complete
             and not (standing or self._homeless or contact_time > tick.stop_time)
-            and self._stopping.rests(tick)
+            and (self._stopping.rests(tick) or (self._plan is not None and self._plan.rests(tick)))
         )
         level, held = self._rule.decide(
             tick.now,
@@ -371,30 +394,42 @@ class Monitor:
             complete=complete,
             evaluated=self._evaluated,
             reasons=(*self._rule.latched.values(), *reasons),
-            valid_until=math.nextafter(tick.now + self._horizon, -math.inf),
-            certificate=self._prove(pair),
+            valid_until=math.nextafter(tick.now + self.settings.horizon, -math.inf),
+            separation=None if self._separation is None else self._measure_separation(tick),
+            certificate=self._prove(tick, pair) if self._certify else None,
         )
 
     def _scale(self, tick: Tick, level: Level, grade: Level, contact_time: float) -> float:
         """The speed scale of a tick: 0 in STOP, and what is proved for whatever else is near."""
+        # Whatever the arm does in this tick, one that is no faster can brake before contact.
+        until_braking = self.settings.horizon + self.settings.reaction_time
+        scale = min(max((contact_time - until_braking) * self._braking_scale, 0.0), 1.0)
         if self._stopping is None:
-            scale = (contact_time - self._horizon - self._reaction_time) * self._braking_scale
-            return 0.0 if level is Level.STOP else min(max(scale, 0.0), 1.0)
+            return 0.0 if level is Level.STOP else scale
         if level is Level.STOP:
             scale = 0.0
         elif grade is Level.CLEAR:
             scale = 1.0
         else:
-            scale = self._stopping.speed_scale(tick)
+            scale = max(scale, self._stopping.find_scale(tick, at_once=self._look.disturbed))
         return self._stopping.hold_scale(tick.now, scale)
 
-    def _prove(self, pair: int) -> Certificate | None:
-        """Certificate of the deciding pair, where asked for and there is anything to prove."""
+    def _measure_separation(self, tick: Tick) -> float:
+        """Margin of the separation distance in [m]; what found no room could be anywhere."""
+        assert self._separation is not None, "called only where there is a rule"
+        if self._homeless:
+            return -math.inf
+        self._watch.prepare(tick)
+        state, watched = self._watch.arm.state, self._watch.watched_pairs()
+        return self._separation.margin(state, tick.stop_time, watched)
+
+    def _prove(self, tick: Tick, pair: int) -> Certificate | None:
+        """Certificate of the deciding pair, where there is anything to prove."""
         self.certificate_inputs = None
-        if not self._certify or pair == NOBODY:
+        if pair == NOBODY:
             return None
-        self._watch.arm.kinematics.compute(self._states.q, self._states.v)
-        proof = self._watch.arm.prove(pair, self._watch.deciding_sphere(pair))
+        self._watch.prepare(tick)
+        proof = self._watch.arm.prove(pair, self._watch.recall(pair).sphere)
         if proof is None:
             return None
         certificate, self.certificate_inputs = proof
@@ -402,16 +437,21 @@ class Monitor:
 
     def _compile(self) -> None:
         """Run once what only some ticks need, so that nothing is compiled in a tick."""
-        self._stop_time(0.0)
+        still = np.zeros(len(self.robot.joints))
+        lower, upper = self.robot.lower_position_limit, self.robot.upper_position_limit
+        tick = Tick(-1, 0.0, 0.0, np.clip(still, lower, upper), still, 0.0, 0.0, 0.0)
         if self._stopping is not None:
-            rest = np.zeros(len(self.robot.joints))
-            place = np.clip(rest, self.robot.lower_position_limit, self.robot.upper_position_limit)
-            self._stopping.speed_scale(Tick(0, 0.0, 0.0, place, rest, 0.0, 0.0, 0.0))
+            self._stopping.find_scale(tick, at_once=True)
+            self._stopping.reset()
+        if self._separation is not None:
+            self._separation.compile(self._watch.arm.state)
 
     def _refuse(self, stamp: float, reason: Reason) -> Verdict:
         """The verdict of a tick whose arm state is not believed: the worst of everything."""
         self._disbelieved += 1
         self._watch.doubt()
+        if self._plan is not None:
+            self._plan.reset()
         self.certificate_inputs = None
         self._rule.latch(reason)
         now = self._now if math.isfinite(self._now) else 0.0
@@ -428,5 +468,5 @@ class Monitor:
             complete=False,
             evaluated=self._evaluated,
             reasons=tuple(self._rule.latched.values()),
-            valid_until=math.nextafter(now + self._horizon, -math.inf),
+            valid_until=math.nextafter(now + self.settings.horizon, -math.inf),
         )

@@ -1,12 +1,91 @@
-"""Numbers that a monitor is given, read so that nothing else passes for one."""
+"""What a monitor is told when it is made, checked once."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio
 
+from armguard.arm_motion import MOTIONS
 from armguard.exceptions import ArmguardError
+from armguard.schedules import DEADLINE, Schedule, make_schedule
+
+
+class MonitorSettings(NamedTuple):
+    """Settings of a monitor, all of them usable; times in [s]."""
+
+    period: float
+    """Of ticks."""
+    schedule: Schedule | None
+    """Of pairs; None: obstacles by their deadlines."""
+    motion: str
+    """One of `MOTIONS`."""
+    reaction_time: float
+    latency: float
+    slow_margin: float
+    aware_margin: float
+    hold: float
+    source_timeout: float
+    joint_timeout: float
+    margin: float
+    """[m]."""
+    freshness: float
+    budget: int | None
+    base_placement: pinocchio.SE3
+
+    @property
+    def horizon(self) -> float:
+        """Until the verdict after the present one is obeyed."""
+        return self.period + self.latency
+
+    @property
+    def with_joints(self) -> bool:
+        """Whether joint and braking bounds are used."""
+        by_distance = self.schedule is not None and self.schedule.measure == "distance"
+        return self.motion != "isotropic" and not by_distance
+
+
+def read_settings(
+    *,
+    rate: float,
+    schedule: str | Schedule,
+    motion: str,
+    joint_timeout: float | None,
+    freshness: float,
+    budget: int | None,
+    base_placement: pinocchio.SE3 | None,
+    **amounts: float,
+) -> MonitorSettings:
+    """Check the arguments of a `Monitor`; `amounts` are its durations and lengths.
+
+    Raises:
+        ArmguardError: One of them is out of range, no number, or names what does not exist.
+    """
+    if not 0.0 < read_number(rate) < math.inf:
+        raise ArmguardError("rate", f"is {rate!r}", expected="a finite number of hertz above 0")
+    period = 1.0 / rate
+    amounts["joint_timeout"] = max(0.05, 5.0 * period) if joint_timeout is None else joint_timeout
+    for name, value in amounts.items():
+        if not 0.0 <= read_number(value) < math.inf:
+            raise ArmguardError(name, f"is {value!r}", expected="a finite number, at least 0")
+    if not 0.0 <= read_number(freshness) < 1.0:
+        raise ArmguardError("freshness", f"is {freshness!r}", expected="0 <= freshness < 1")
+    if not isinstance(base_placement, pinocchio.SE3 | None):
+        raise ArmguardError("base_placement", f"is {base_placement!r}", expected="a pinocchio.SE3")
+    if motion not in MOTIONS:
+        raise ArmguardError("motion", f"is {motion!r}", expected=f"one of {', '.join(MOTIONS)}")
+    by_deadline = isinstance(schedule, str) and schedule == DEADLINE
+    return MonitorSettings(
+        period=period,
+        schedule=None if by_deadline else make_schedule(schedule, period),
+        motion=motion,
+        freshness=freshness,
+        budget=_read_budget(budget, by_deadline=by_deadline),
+        base_placement=base_placement or pinocchio.SE3.Identity(),
+        **amounts,
+    )
 
 
 def read_number(value: object) -> float:
@@ -19,23 +98,7 @@ def read_number(value: object) -> float:
         return math.nan
 
 
-def check_not_negative(**values: float) -> None:
-    """Check durations and lengths, by name.
-
-    Raises:
-        ArmguardError: One of them is negative, infinite or no number.
-    """
-    for name, value in values.items():
-        if not 0.0 <= read_number(value) < math.inf:
-            raise ArmguardError(name, f"is {value!r}", expected="a finite number, at least 0")
-
-
-def read_budget(budget: object, *, by_deadline: bool) -> int | None:
-    """Evaluations that a tick may spend; None: as many as it takes.
-
-    Raises:
-        ArmguardError: It is no whole number above 0, or the schedule knows no budget.
-    """
+def _read_budget(budget: object, *, by_deadline: bool) -> int | None:
     if budget is None:
         return None
     if isinstance(budget, bool) or not isinstance(budget, (int, np.integer)) or not budget > 0:

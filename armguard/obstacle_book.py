@@ -13,7 +13,7 @@ from armguard.scene import UNKNOWN, FloatArray, IntArray
 from armguard.schedules.wheel import Wheel, grow_wheel, make_due, make_wheel, take_out
 from armguard.soonest import find_least, grow_tournament, make_tournament, set_value
 
-ACTIVE, PREPARED, STALE = range(3)
+ACTIVE, PREPARED, STALE, LOOKS, SPENT, BROKEN = range(6)
 """Places in `Book.numbers`."""
 
 
@@ -39,8 +39,9 @@ class Book(NamedTuple):
     broken: IntArray
     """Rows whose news broke the bounds behind their certificates. Shape (rows,)."""
     numbers: IntArray
-    """Rows that are watched, the tick that the arm was last prepared for, and how many looks came
-    later than freshness asked for. Shape (3,)."""
+    """Rows that are watched, the tick that the arm was last prepared for, how many looks came later
+    than freshness asked for, and of late, looks at rows and evaluations spent on them; and
+    how many of `broken` are in use. Shape (6,)."""
 
 
 def make_book(links: int) -> Book:
@@ -56,7 +57,7 @@ def make_book(links: int) -> Book:
         np.zeros((0, links), dtype=np.int32),
         np.zeros((0, links), dtype=np.int8),
         np.zeros(0, dtype=np.int64),
-        np.array([0, -1, 0]),
+        np.array([0, -1, 0, 0, 0, 0]),
     )
 
 

@@ -26,7 +26,7 @@ from armguard.link_times import (
     rests_in_time,
     root_time,
 )
-from armguard.obstacle_book import ACTIVE, PREPARED, STALE, Book, first_link
+from armguard.obstacle_book import ACTIVE, BROKEN, LOOKS, PREPARED, SPENT, STALE, Book, first_link
 from armguard.obstacle_table import clear_news
 from armguard.scene import REACH, UNKNOWN, FloatArray, IntArray, Scene, prepare_arm
 from armguard.schedules.wheel import (
@@ -43,14 +43,17 @@ from armguard.soonest import find_below, find_least, set_value
 UNPLACED = -2
 """In place of a row, where the arm must be placed first."""
 
+RECENT = 4096
+"""Looks over which their price is averaged."""
+
 CROWD = 64
 """Evaluations in a tick beyond which, once contact is certain, other obstacles wait."""
 
 
 @kernel
 def _read_news(scene: Scene, book: Book) -> int:
-    """Let rows be due whose certificates their news have overtaken; how many broke their bounds."""
-    broken = 0
+    """Let rows be due whose certificates their news have overtaken; how many there are."""
+    overtaken = broken = 0
     for i in range(book.news.changed_count[0]):
         row = book.news.changed[i]
         if not book.watched[row].any() or scene.marks.static[row]:
@@ -61,10 +64,12 @@ def _read_news(scene: Scene, book: Book) -> int:
         if not allowed and book.anchors.point_count[row] > 0 and scene.marks.has_state[row]:
             book.broken[broken] = row
             broken += 1
+        overtaken += 1
         make_due(book.wheel, row, -np.inf)
         set_value(book.soonest, row, -np.inf)
+    book.numbers[BROKEN] = broken
     clear_news(book.news)
-    return broken
+    return overtaken
 
 
 @kernel
@@ -228,11 +233,11 @@ def look(
     Returns:
         Row whose certificate ends first (NOBODY without any, UNPLACED where the arm must be placed
         before the look can go on), its link, the end in [s] since the epoch, obstacles overdue,
-        evaluations, and rows in `book.broken`.
+        evaluations, and rows that news have overtaken.
     """
     scene, book = scene_handle.content, book_handle.content
     wheel = book.wheel
-    broken = _read_news(scene, book)
+    overtaken = _read_news(scene, book)
     # To the nearest tick: those of a loop are never quite on time.
     clock = int(time / period + 0.5)
     turn(wheel, clock)
@@ -247,8 +252,10 @@ def look(
         )
         evaluated += spent
         if math.isnan(contact_time):
-            return UNPLACED, 0, 0.0, 0, evaluated, broken
+            return UNPLACED, 0, 0.0, 0, evaluated, overtaken
         book.evaluated_at[row] = time
+        book.numbers[LOOKS] += 1
+        book.numbers[SPENT] += spent
         keep_anchor(scene.bodies, book.anchors, scene.marks, row, row)
         spare = time_to_spare(scene, v, contact_time, arm_age, horizon)
         if scene.marks.refused[row] or not is_known(scene, row):
@@ -257,6 +264,9 @@ def look(
         certain = certain or contact_time <= period
         due = clock + (int(min(wait / period, 1e9)) if wait > 0.0 else 0)
         put_off(wheel, row, due, time + spare)
+    if book.numbers[LOOKS] > RECENT:
+        book.numbers[LOOKS] //= 2
+        book.numbers[SPENT] //= 2
     overdue = 0
     for place in range(wheel.numbers[WAITING]):
         if not wheel.deadline[wheel.heap[place]] < time:
@@ -267,10 +277,10 @@ def look(
     lost = book.numbers[ACTIVE] - wheel.numbers[WAITING] - wheel.numbers[TURNING]
     overdue += abs(lost)
     if book.numbers[ACTIVE] == 0:
-        return NOBODY, 0, np.inf, overdue, evaluated, broken
+        return NOBODY, 0, np.inf, overdue, evaluated, overtaken
     soonest = find_least(book.soonest)
     return (
-        soonest, first_link(book, soonest), book.soonest[1], overdue, evaluated, broken
+        soonest, first_link(book, soonest), book.soonest[1], overdue, evaluated, overtaken
     )  # fmt: skip
 
 
@@ -311,3 +321,10 @@ def find_unsafe(
             if not rests_in_time(scene, link, row, now):
                 return row, link
     return NOBODY, NOBODY
+
+
+@kernel
+def find_near(book_handle: Any, latest: float, rows: IntArray) -> int:
+    """Fill `rows` with those whose certificates end by `latest`, as far as they fit; how many."""
+    count: int = find_below(book_handle.content.soonest, latest, rows)
+    return count

@@ -10,10 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.handle import pack
 from armguard.obstacle_book import (
+    BROKEN,
+    LOOKS,
+    PREPARED,
+    SPENT,
     STALE,
     admit,
     dismiss,
@@ -22,12 +27,12 @@ from armguard.obstacle_book import (
     grow_book,
     make_book,
 )
-from armguard.obstacle_looks import UNPLACED, find_unsafe, look
+from armguard.obstacle_looks import UNPLACED, find_near, find_unsafe, look
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
 from armguard.scene import FloatArray, IntArray
-from armguard.schedules.wheel import NOBODY
-from armguard.watch import Listing, Look, Tick
+from armguard.schedules.wheel import NOBODY, SLOTS
+from armguard.watch import Listing, Look, Recollection, Tick
 from armguard.watched_arm import WatchedArm
 
 UNLIMITED = 2**62
@@ -65,6 +70,7 @@ class ObstacleWatch:
         self._make_arm = make_arm
         self._pace = horizon, freshness, period, UNLIMITED if budget is None else budget
         self._suspects = np.zeros(SUSPECTS, dtype=np.int64)
+        self._placed = -2
         self._prepare()
 
     @property
@@ -104,15 +110,17 @@ class ObstacleWatch:
         """Look at the obstacles that are due; the arm is placed only if one of them needs it."""
         first = self._look(tick)
         if first[0] != UNPLACED:
-            row, link, expiry, overdue, evaluated, broken = first
+            row, link, expiry, overdue, evaluated, disturbed = first
         else:
             self._place(tick)
             row, link, expiry, overdue, evaluated, _ = self._look(tick)
             evaluated += first[4]
-            broken = first[5]
+            disturbed = first[5]
         pair = NOBODY if row == NOBODY else row * self._links + link
-        rows = tuple(self.book.broken[:broken].tolist()) if broken else ()
-        return Look(pair, expiry, overdue, evaluated, rows)
+        broken = self.book.broken[: self.book.numbers[BROKEN]] if disturbed else ()
+        return Look(
+            pair, expiry, overdue, evaluated, tuple(int(row) for row in broken), disturbed > 0
+        )
 
     def _look(self, tick: Tick) -> tuple[int, int, float, int, int, int]:
         found: tuple[int, int, float, int, int, int] = look(
@@ -135,6 +143,43 @@ class ObstacleWatch:
             self.arm.kinematics.place(tick.q)
             self._placed = tick.number
 
+    def prepare(self, tick: Tick) -> None:
+        """Place the arm and fill its bounds for a tick, whether its look needed that or not."""
+        state, numbers = self.arm.state, self.book.numbers
+        state.now, state.arm_age = tick.now, tick.arm_age
+        self._place(tick)
+        if numbers[PREPARED] != tick.number:
+            state.prepare_arm(tick.q, tick.v)
+            numbers[PREPARED] = tick.number
+
+    def near_pairs(self, tick: Tick, duration: float) -> IntArray | None:
+        """Pairs that could touch within `duration`, in [s]; None if there are too many."""
+        latest = tick.time + duration
+        count = find_near(self._handle, latest, self._suspects)
+        if count == SUSPECTS:
+            return None
+        rows = self._suspects[:count]
+        near = self.book.watched[rows] & (self.book.pair_expiry[rows] <= latest)
+        pairs: IntArray = (rows[:, None] * self._links + np.arange(self._links))[near]
+        return pairs
+
+    def watched_pairs(self) -> NDArray[np.bool_]:
+        """Which pairs are watched, by row × links + link."""
+        return self.book.watched.reshape(-1)
+
+    def expect_evaluations(self) -> float:
+        """How many evaluations a tick costs as imminent as all obstacles are now."""
+        book, (_, freshness, period, _) = self.book, self._pace
+        rows = np.flatnonzero(book.watched.any(axis=1))
+        looked_at = book.evaluated_at[rows]
+        rows, looked_at = rows[np.isfinite(looked_at)], looked_at[np.isfinite(looked_at)]
+        contact_time = book.soonest[len(book.soonest) // 2 + rows] - looked_at
+        spare = book.wheel.deadline[rows] - looked_at
+        wait = np.maximum(np.minimum(spare, freshness * contact_time), period)
+        looks = float(np.sum(period / np.minimum(wait, SLOTS * period)))
+        price = book.numbers[SPENT] / max(book.numbers[LOOKS], 1)
+        return looks * float(price)
+
     def find_unsafe(self, tick: Tick, stop_time: float) -> int:
         """A pair that might touch before the arm rests; NOBODY if there is none."""
         self._place(tick)
@@ -152,9 +197,15 @@ class ObstacleWatch:
         )
         return NOBODY if row == NOBODY else row * len(self.arm.links) + link
 
-    def deciding_sphere(self, pair: int) -> int:
-        """The sphere that decided a pair."""
-        return int(self.book.pair_sphere[divmod(pair, len(self.arm.links))])
+    def recall(self, pair: int) -> Recollection:
+        """What is known of one pair."""
+        book, place = self.book, divmod(pair, self._links)
+        return Recollection(
+            float(book.pair_expiry[place]),
+            float(book.evaluated_at[place[0]]),
+            int(book.pair_sphere[place]),
+            int(book.pair_bound[place]),
+        )
 
     def list_imminent(self, time: float, *, row_limit: int, pair_limit: int) -> Listing:
         """What is most imminent at `time`."""
@@ -225,4 +276,6 @@ class ObstacleWatch:
         tick = Tick(-1, 0.0, 0.0, zeros, zeros, 0.0, 0.0, 0.0)
         self.look(tick)
         self.find_unsafe(tick, 0.0)
+        self.near_pairs(tick, 0.0)
+        self.prepare(tick)
         find_soonest(self._handle, none)

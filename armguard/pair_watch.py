@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.flagged import FlaggedCheck
@@ -16,9 +17,9 @@ from armguard.ledger import NOBODY, PairLedger
 from armguard.obstacles import Obstacles
 from armguard.pairs import evaluate, find_unsafe_pair
 from armguard.robot import Robot
-from armguard.scene import REACH, FloatArray
+from armguard.scene import REACH, FloatArray, IntArray
 from armguard.schedules import Schedule
-from armguard.watch import Listing, Look, Tick
+from armguard.watch import Listing, Look, Recollection, Tick
 from armguard.watched_arm import WatchedArm
 
 
@@ -97,7 +98,7 @@ class PairWatch:
         times = self._contact_times[: len(due)]
         spheres = self._spheres[: len(due)]
         bounds = self._bounds[: len(due)]
-        evaluated = evaluate(state, due, times, spheres, bounds)
+        self._evaluated = evaluate(state, due, times, spheres, bounds)
         ledger.record(due, times, spheres, bounds, tick.time, tick.number, state)
         schedule.settle(times, tick.stop_time)
         for pair in schedule.flagged().tolist():
@@ -105,17 +106,41 @@ class PairWatch:
             ledger.extend(pair, contact_time, tick.time, tick.number, state)
         pair, expiry, overdue = ledger.earliest(tick.time, tick.number)
         rows = dict.fromkeys((broken // ledger.link_count).tolist()) if len(broken) else ()
-        return Look(pair, expiry, overdue, evaluated, tuple(rows))
+        return Look(pair, expiry, overdue, self._evaluated, tuple(rows))
+
+    def prepare(self, tick: Tick) -> None:
+        """Place the arm and fill its bounds for a tick: its look has done so."""
+        self.arm.kinematics.place(tick.q)
+        self.arm.state.now, self.arm.state.arm_age = tick.now, tick.arm_age
+        self.arm.state.prepare_arm(tick.q, tick.v)
+
+    def near_pairs(self, tick: Tick, duration: float) -> IntArray | None:
+        """Pairs that could touch within `duration`, in [s]; they are never too many."""
+        pairs = self.ledger.pairs
+        return pairs[self.ledger.expiry[pairs] <= tick.time + duration]
+
+    def watched_pairs(self) -> NDArray[np.bool_]:
+        """Which pairs are watched, by row × links + link."""
+        return self.ledger.active
+
+    def expect_evaluations(self) -> float:
+        """How many evaluations a tick costs: as many as the last one."""
+        return float(self._evaluated)
 
     def find_unsafe(self, tick: Tick, stop_time: float) -> int:
         """A pair that might touch before the arm rests; NOBODY if there is none."""
-        ledger = self.ledger
-        near = ledger.pairs[ledger.expiry[ledger.pairs] <= tick.time + stop_time]
-        return find_unsafe_pair(self.arm.state, near) if len(near) else NOBODY
+        near = self.near_pairs(tick, stop_time)
+        return NOBODY if near is None or not len(near) else find_unsafe_pair(self.arm.state, near)
 
-    def deciding_sphere(self, pair: int) -> int:
-        """The sphere that decided a pair."""
-        return int(self.ledger.sphere[pair])
+    def recall(self, pair: int) -> Recollection:
+        """What is known of one pair."""
+        ledger = self.ledger
+        return Recollection(
+            float(ledger.expiry[pair]),
+            float(ledger.evaluated_at[pair]),
+            int(ledger.sphere[pair]),
+            int(ledger.bound[pair]),
+        )
 
     def list_imminent(self, time: float, *, row_limit: int, pair_limit: int) -> Listing:
         """What is most imminent at `time`."""
@@ -164,6 +189,7 @@ class PairWatch:
             keeps_certificates=not self.schedule.every_tick,
         )
         self._flagged = FlaggedCheck(arm.exact, arm.motion.isotropic, arm.state)
+        self._evaluated = 0
         self._make_room(0)
         self._compile()
         self._watcher = self._obstacles.start_watching()

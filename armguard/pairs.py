@@ -156,7 +156,7 @@ def _prepare_arm(handle: Any, q: FloatArray, v: FloatArray, age: float) -> None:
 
 
 @kernel
-def _evaluate(
+def evaluate_handle(
     handle: Any,
     pairs: IntArray,
     now: float,
@@ -166,7 +166,7 @@ def _evaluate(
     nodes: IntArray,
     bounds: NDArray[np.int8],
 ) -> int:
-    """Fill contact times, deciding nodes and bounds of `pairs`; evaluations spent."""
+    """`evaluate` on the handle of a scene; times in [s]."""
     scene = handle.content
     links = scene.tree.root.shape[0]
     evaluations = 0
@@ -213,7 +213,7 @@ def evaluate(
     Returns:
         Kernel evaluations spent.
     """
-    spent: int = _evaluate(
+    spent: int = evaluate_handle(
         state.handle,
         pairs,
         state.now,

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from armguard.scene import FloatArray, IntArray
 from armguard.watched_arm import WatchedArm
 
@@ -45,6 +48,8 @@ class Look(NamedTuple):
     """Evaluations spent."""
     broken: tuple[int, ...] = ()
     """Rows of obstacles that broke the bounds behind their certificates."""
+    disturbed: bool = True
+    """Whether there may be news that proofs of earlier ticks do not allow for."""
 
 
 class Listing(NamedTuple):
@@ -66,6 +71,19 @@ class Listing(NamedTuple):
     """What each certificate rests on, an index of `BOUND_NAMES`. Shape (m,)."""
     sphere_expiry: FloatArray
     """Soonest contact of each finest sphere of the arm. Shape (s,)."""
+
+
+class Recollection(NamedTuple):
+    """What is known of one pair; times in [s] since the monitor's epoch."""
+
+    expiry: float
+    """When its certificate ends."""
+    evaluated_at: float
+    """When it was looked at."""
+    sphere: int
+    """Sphere that decided it."""
+    bound: int
+    """What the certificate rests on, an index of `BOUND_NAMES`."""
 
 
 class Watch(Protocol):
@@ -93,6 +111,22 @@ class Watch(Protocol):
         """Look at the pairs that are due."""
         ...
 
+    def prepare(self, tick: Tick) -> None:
+        """Place the arm and fill its bounds for a tick, whether its look needed that or not."""
+        ...
+
+    def near_pairs(self, tick: Tick, duration: float) -> IntArray | None:
+        """Pairs that could touch within `duration`, in [s]; None if there are too many. (m,)."""
+        ...
+
+    def watched_pairs(self) -> NDArray[np.bool_]:
+        """Which pairs are watched, by row × links + link; none beyond its end. Shape (n,)."""
+        ...
+
+    def expect_evaluations(self) -> float:
+        """How many evaluations a tick costs as imminent as all pairs are now."""
+        ...
+
     def find_unsafe(self, tick: Tick, stop_time: float) -> int:
         """A pair that might touch before the arm rests; NOBODY if there is none.
 
@@ -104,6 +138,6 @@ class Watch(Protocol):
         """What is most imminent at `time`, in [s] since the epoch; cheap, and the caller's own."""
         ...
 
-    def deciding_sphere(self, pair: int) -> int:
-        """The sphere that decided a pair."""
+    def recall(self, pair: int) -> Recollection:
+        """What is known of one pair."""
         ...

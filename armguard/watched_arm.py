@@ -37,6 +37,7 @@ class WatchedArm:
         reaction_time: From a STOP to braking torque, [s].
         base_placement: Of the robot's base in the world; None: at the origin.
         with_joints: Whether joint and braking bounds are used.
+        with_plans: Whether plans are judged.
         by_distance: Whether pairs are ranked by distance over closing speed.
 
     Attributes:
@@ -54,6 +55,7 @@ class WatchedArm:
         base_placement: pinocchio.SE3 | None,
         *,
         with_joints: bool,
+        with_plans: bool,
         by_distance: bool,
     ) -> None:
         # What is attached meanwhile, in another thread, does not reach the copy.
@@ -63,7 +65,13 @@ class WatchedArm:
         self.obstacles = obstacles
         self._ignored = ignored
         self.kinematics = Kinematics(robot, base_placement)
-        self.motion = ArmMotion(robot, reaction_time, base_placement, with_joints=with_joints)
+        self.motion = ArmMotion(
+            robot,
+            reaction_time,
+            base_placement,
+            with_joints=with_joints,
+            with_plans=with_plans,
+        )
         self.state = TickState(
             self.kinematics,
             self.motion,

@@ -1,0 +1,116 @@
+"""The plan that the arm follows, once it was found safe to commit.
+
+A piece is safe when nothing can touch the arm while it follows the piece, as closely as its
+controller promises, and brakes at its end; obstacles alone are unknown. So a controller that moves
+on safe pieces only never has to be stopped: where the next piece is refused, it brakes at the end
+of the one that it has.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from armguard.bounds import PlannedMotion
+from armguard.bounds.planned_course import PlannedCourse
+from armguard.plans import CheckedPlan, Plan, Refusal, check_following, check_plan
+from armguard.robot import Robot
+from armguard.verdict import Reason, ReasonKind
+from armguard.watch import Tick, Watch
+
+
+class PlanVerdict(NamedTuple):
+    """Whether a piece of trajectory may be committed; frozen."""
+
+    safe: bool
+    """Whether it may: then it is what the monitor takes the arm to follow from now on."""
+    contact_time: float
+    """Earliest possible contact on the way, in [s] from now; inf if there is none before the arm
+    rests, 0 where that is unknown."""
+    link: str | None
+    """Link of the pair that could touch first; None if none can."""
+    obstacle: str | None
+    """Its obstacle, alike."""
+    reasons: tuple[Reason, ...]
+    """Why not."""
+
+
+class CommittedPlan:
+    """Judges plans and remembers the last one that was safe.
+
+    Args:
+        robot: The arm.
+        watch: Knows the pairs.
+        margin: Distance that counts as contact already, [m].
+    """
+
+    def __init__(self, robot: Robot, watch: Watch, margin: float) -> None:
+        self._robot = robot
+        self._watch = watch
+        self._margin = margin
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the plan: from now on the arm may do what its joints can."""
+        self._plan: CheckedPlan | None = None
+        self._course: PlannedCourse | None = None
+        self._motion: PlannedMotion | None = None
+
+    def commit(self, plan: Plan, tick: Tick) -> PlanVerdict:
+        """Judge a plan at the last tick; a safe one takes the place of the one before."""
+        now = tick.now
+        checked = check_plan(plan, self._robot, now, tick.q, tick.v, now - tick.arm_age)
+        if isinstance(checked, Refusal):
+            return _refuse(Reason(ReasonKind.PLAN_REFUSED, checked.subject, checked.detail))
+        motion = self._watch.arm.motion.planned
+        assert motion is not None, "a monitor commits to plans only where it bounds them"
+        course = motion.lay_out(checked)
+        found = self._find_contact(motion, course, tick)
+        if found is not None:
+            return found
+        self._plan, self._course, self._motion = checked, course, motion
+        return PlanVerdict(True, math.inf, None, None, ())
+
+    def void(self, tick: Tick, stamp: float) -> Reason | None:
+        """Why the arm does not follow its plan any more; None if it does, or has none."""
+        if self._plan is None:
+            return None
+        if self._motion is not self._watch.arm.motion.planned:
+            self.reset()
+            return Reason(ReasonKind.PLAN_VOID, "tool", "was changed meanwhile")
+        strayed = check_following(self._plan, self._robot, tick.q, tick.v, stamp)
+        if strayed is None:
+            return None
+        self.reset()
+        return Reason(ReasonKind.PLAN_VOID, strayed.subject, strayed.detail)
+
+    def rests(self, tick: Tick) -> bool:
+        """Whether the arm, on its plan, surely rests before anything can touch it."""
+        if self._course is None or self._motion is None:
+            return False
+        return self._find_contact(self._motion, self._course, tick) is None
+
+    def _find_contact(
+        self, motion: PlannedMotion, course: PlannedCourse, tick: Tick
+    ) -> PlanVerdict | None:
+        """What could touch the arm on its course; None if nothing can."""
+        watch = self._watch
+        rest = course.epoch + float(course.end[-1])
+        pairs = watch.near_pairs(tick, rest - tick.now)
+        if pairs is None:
+            detail = "too many obstacles are near to look at each"
+            return _refuse(Reason(ReasonKind.PLAN_UNSAFE, "plan", detail))
+        state = watch.arm.state
+        found = motion.contact_time(
+            course, pairs, tick.now, self._margin, state.bodies, state.refused_bodies, state.marks
+        )
+        if found.time == math.inf:
+            return None
+        link, obstacle = (None, None) if found.pair < 0 else watch.arm.names(found.pair)
+        detail = f"contact possible in {found.time:.4g} s"
+        reason = Reason(ReasonKind.PLAN_UNSAFE, f"{link} and {obstacle}", detail)
+        return PlanVerdict(False, found.time, link, obstacle, (reason,))
+
+
+def _refuse(reason: Reason) -> PlanVerdict:
+    return PlanVerdict(False, 0.0, None, None, (reason,))

@@ -1,0 +1,52 @@
+"""The watch that a monitor's settings ask for."""
+
+from __future__ import annotations
+
+from armguard.arm_motion import PLANNED
+from armguard.ignored_pairs import IgnoredPairs
+from armguard.monitor_arguments import MonitorSettings
+from armguard.obstacle_watch import ObstacleWatch
+from armguard.obstacles import Obstacles
+from armguard.pair_watch import PairWatch
+from armguard.robot import Robot
+from armguard.watch import Watch
+from armguard.watched_arm import WatchedArm
+
+
+def make_watch(
+    robot: Robot, obstacles: Obstacles, settings: MonitorSettings, ignored: IgnoredPairs
+) -> Watch:
+    """A watch over the pairs of an arm and obstacles, compiled and ready.
+
+    Args:
+        robot: The arm.
+        obstacles: The table; the watch is the one that follows its rows from now on.
+        settings: Which watch, and how cautious.
+        ignored: Pairs that nobody watches.
+    """
+    schedule = settings.schedule
+
+    def make_arm() -> WatchedArm:
+        return WatchedArm(
+            robot,
+            obstacles,
+            ignored,
+            settings.margin,
+            settings.reaction_time,
+            settings.base_placement,
+            with_joints=settings.with_joints,
+            with_plans=settings.motion == PLANNED,
+            by_distance=schedule is not None and schedule.measure == "distance",
+        )
+
+    if schedule is not None:
+        return PairWatch(robot, obstacles, schedule, make_arm)
+    return ObstacleWatch(
+        robot,
+        obstacles,
+        make_arm,
+        settings.horizon + settings.reaction_time,
+        settings.freshness,
+        settings.period,
+        settings.budget,
+    )
