@@ -82,6 +82,8 @@ class WatchedArm:
         )
         ignored.follow(robot)
         self.exact = ExactGeometry(robot, self.kinematics)
+        # Compiled now: joints beyond their limits must not wait for it in their tick.
+        self.follow_limits(np.zeros(len(robot.joints)))
 
     def follow_limits(self, v: NDArray[np.float64]) -> bool:
         """Widen the bounds if joints are measured faster than their limits, (nv,).
