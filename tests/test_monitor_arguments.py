@@ -3,10 +3,12 @@ from decimal import Decimal
 from fractions import Fraction
 
 import numpy as np
+import pinocchio
 import pytest
 
 from armguard.exceptions import ArmguardError
-from armguard.monitor_arguments import check_not_negative, read_budget, read_number
+from armguard.monitor_arguments import read_number, read_settings
+from armguard.schedules import make_schedule
 
 
 @pytest.mark.parametrize("value", [0, -3, 2.5, 10**30, math.inf, np.float32(0.5), np.int8(7)])
@@ -39,24 +41,71 @@ def test_whatever_else_there_is_is_none(value):
     assert math.isnan(read_number(value))
 
 
-@pytest.mark.parametrize("value", [0, 0.0, 5, 1e300, np.float64(0.1)])
-def test_durations_that_make_sense(value):
-    check_not_negative(hold=value, latency=0.0)
+AMOUNTS = ("reaction_time", "latency", "slow_margin", "aware_margin", "hold", "source_timeout")
 
 
-@pytest.mark.parametrize("value", [-1e-300, -1, math.inf, math.nan, None, "0", True])
-def test_durations_that_do_not(value):
-    with pytest.raises(ArmguardError, match="latency"):
-        check_not_negative(hold=0.0, latency=value)
+def settings(**changes):
+    usual = dict.fromkeys((*AMOUNTS, "margin"), 0.01) | {
+        "rate": 500.0,
+        "schedule": "deadline",
+        "motion": "joint",
+        "joint_timeout": None,
+        "freshness": 0.25,
+        "budget": None,
+        "base_placement": None,
+    }
+    return read_settings(**usual | changes)
 
 
-def test_a_budget_is_a_whole_number_for_deadlines_alone():
-    assert read_budget(None, by_deadline=True) is None
-    assert read_budget(None, by_deadline=False) is None
-    assert read_budget(np.int32(5), by_deadline=True) == 5
-    assert type(read_budget(np.int32(5), by_deadline=True)) is int
-    for wrong in (0, -1, 1.0, math.inf, True, "5", [5]):
-        with pytest.raises(ArmguardError, match="budget"):
-            read_budget(wrong, by_deadline=True)
+def test_usual_settings_and_what_follows_from_them():
+    usual = settings(latency=0.004)
+    assert (usual.period, usual.horizon) == (0.002, 0.002 + 0.004)
+    assert (usual.schedule, usual.motion, usual.budget) == (None, "joint", None)
+    assert usual.with_joints
+    assert usual.base_placement == pinocchio.SE3.Identity()
+    assert [getattr(usual, name) for name in AMOUNTS[2:]] == [0.01] * 4
+    # At least 50 ms, and five ticks of a slow loop.
+    assert usual.joint_timeout == 0.05
+    assert settings(rate=50.0).joint_timeout == pytest.approx(0.1)
+    assert settings(joint_timeout=0.0).joint_timeout == 0.0
+
+
+def test_joint_bounds_are_left_out_where_they_are_not_wanted():
+    assert not settings(motion="isotropic").with_joints
+    assert not settings(schedule="distance").with_joints
+    assert settings(schedule="full").with_joints
+    own = make_schedule("daa", 0.002)
+    assert settings(schedule=own).schedule is own
+
+
+@pytest.mark.parametrize("name", [*AMOUNTS, "margin", "joint_timeout"])
+def test_durations_and_lengths_are_finite_and_not_negative(name):
+    for value in (0, 0.0, 5, 1e300, np.float64(0.1)):
+        assert getattr(settings(**{name: value}), name) == value
+    for wrong in (-1e-300, -1, math.inf, math.nan, "0", True, [1.0]):
+        with pytest.raises(ArmguardError, match=name):
+            settings(**{name: wrong})
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        ("rate", [0.0, -1.0, math.inf, math.nan, None, "1000", True]),
+        ("freshness", [-0.1, 1.0, math.nan, None, True]),
+        ("motion", ["hope", "", None, 3, "Joint"]),
+        ("schedule", ["sometimes", None, 3]),
+        ("base_placement", [np.eye(4), "here", 1.0]),
+        ("budget", [0, -1, 1.0, math.inf, True, "5", [5]]),
+    ],
+)
+def test_whatever_makes_no_sense_is_refused_by_name(name, wrong):
+    for value in wrong:
+        with pytest.raises(ArmguardError, match=name):
+            settings(**{name: value})
+
+
+def test_a_budget_is_for_deadlines_alone():
+    assert settings(budget=np.int32(5)).budget == 5
+    assert type(settings(budget=np.int32(5)).budget) is int
     with pytest.raises(ArmguardError, match="deadline"):
-        read_budget(5, by_deadline=False)
+        settings(budget=5, schedule="full")

@@ -48,7 +48,7 @@ def test_a_certificate_that_ran_out_is_overdue():
     obstacles, monitor = make_monitor(ForgetfulSchedule())
     evaluate_once = np.arange(len(panda().links))
     monitor._watch.schedule.due = lambda: evaluate_once
-    see(obstacles, 0.0, [8.0, 0.0, 0.5])
+    see(obstacles, 0.0, [3.0, 0.0, 0.5])
     (first,) = steps(monitor, 0, 1)
     assert (first.level, first.complete) == (Level.CLEAR, True)
     del monitor._watch.schedule.due
@@ -62,3 +62,33 @@ def test_a_certificate_that_ran_out_is_overdue():
             break
     assert ReasonKind.OVERDUE in kinds(verdict)
     assert i * PERIOD == pytest.approx(first.contact_time, abs=2.0 * PERIOD)
+
+
+BUDGET = 100
+
+
+def ring(count, distance):
+    turn = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    return distance * np.column_stack([np.cos(turn), np.sin(turn), np.full(count, 0.2)])
+
+
+def test_a_budget_that_does_not_suffice_is_told():
+    """Not all of them can be looked at in time: the arm stops, until all of them were."""
+    names = [f"b{k}" for k in range(60)]
+    told = {}
+    for budget in (None, BUDGET):
+        obstacles, monitor = make_monitor(budget=budget, hold=0.0)
+        see(obstacles, 0.0, ring(60, 2.0), names)
+        told[budget] = steps(monitor, 0, 100)
+    assert all(verdict.complete for verdict in told[None])
+    assert told[None][0].level > Level.STOP
+    assert told[None][0].evaluated > 2 * BUDGET
+    first = told[BUDGET][0]
+    assert (first.level, first.complete, first.contact_time) == (Level.STOP, False, 0.0)
+    assert ReasonKind.OVERDUE in kinds(first)
+    for verdict in told[BUDGET]:
+        assert verdict.complete == (ReasonKind.OVERDUE not in kinds(verdict))
+        assert verdict.complete or verdict.level is Level.STOP
+        # Nothing further is begun: what was begun may take it a little beyond.
+        assert verdict.evaluated < BUDGET + 300
+    assert any(verdict.complete for verdict in told[BUDGET])

@@ -7,39 +7,38 @@ import tracemalloc
 import numpy as np
 import pytest
 from scenes import (
-    DAA_LAWS,
     PERIOD,
+    SCHEDULES,
     make_monitor,
     panda,
     see,
     steps,
 )
 
-from armguard.pair_watch import ADVANCES
 from armguard.pairs import TickState, evaluate
 from armguard.verdict import Level
-
-SCHEDULES = ["full", "distance", *DAA_LAWS]
+from armguard.watched_arm import ADVANCES
 
 
 def all_times(monitor, obstacles, now, arm_age=0.0):
     """Contact time of every pair, by a look of our own at the monitor's tick."""
+    arm = monitor._watch.arm
     state = TickState(
-        monitor._watch.kinematics, monitor._watch.motion, obstacles, margin=0.0, advances=ADVANCES,
-        by_distance=False,
-    )  # fmt: skip
-    state.begin(now, arm_age, monitor._watch.state.opening_time)
+        arm.kinematics, arm.motion, obstacles, margin=0.0, advances=ADVANCES, by_distance=False
+    )
+    state.begin(now, arm_age, arm.state.opening_time)
     links = len(panda().links)
     rows = np.flatnonzero(obstacles.table.alive)
     pairs = (rows[:, None] * links + np.arange(links)).ravel()
     times = np.zeros(len(pairs))
-    evaluate(state, pairs, times, np.zeros(len(pairs), dtype=np.int64))
+    nodes, bounds = np.zeros(len(pairs), dtype=np.int64), np.zeros(len(pairs), dtype=np.int8)
+    evaluate(state, pairs, times, nodes, bounds)
     return dict(zip(pairs.tolist(), times.tolist(), strict=True))
 
 
 def test_full_sees_every_pair_while_ids_come_and_go():
     rng = np.random.default_rng(0)
-    obstacles, monitor = make_monitor(ignore=[("panda_link1", "b*"), ("*", "c?")])
+    obstacles, monitor = make_monitor("full", ignore=[("panda_link1", "b*"), ("*", "c?")])
     links = panda().links
     for i in range(60):
         names = [f"{kind}{n}" for kind in "abc" for n in range(9) if rng.random() < 0.5]
@@ -74,7 +73,7 @@ def test_a_new_obstacle_counts_in_its_first_tick(schedule):
     for i in range(20):
         see(obstacles, i * PERIOD, far, [f"far{k}" for k in range(40)])
         steps(monitor, i, 1)
-    see(obstacles, 20 * PERIOD, [1.0, 0.0, 0.5], ["near"])
+    see(obstacles, 20 * PERIOD, [0.6, 0.0, 0.5], ["near"])
     (verdict,) = steps(monitor, 20, 1)
     assert (verdict.level, verdict.obstacle) == (Level.STOP, "near")
     assert verdict.complete
@@ -83,10 +82,11 @@ def test_a_new_obstacle_counts_in_its_first_tick(schedule):
     assert verdict.contact_time > 1.0
 
 
-def test_reports_of_pairs():
-    obstacles, monitor = make_monitor("daa")
+@pytest.mark.parametrize("schedule", ["deadline", "full", "distance", "daa"])
+def test_reports_of_pairs(schedule):
+    obstacles, monitor = make_monitor(schedule)
     assert monitor.pairs() == []
-    see(obstacles, 0.0, [[1.5, 0.0, 0.5], [9.0, 0.0, 0.5]], ["near", "far"])
+    see(obstacles, 0.0, [[0.9, 0.0, 0.5], [9.0, 0.0, 0.5]], ["near", "far"])
     (verdict,) = steps(monitor, 0, 1)
     reports = monitor.pairs()
     assert len(reports) == 2 * len(panda().links)
@@ -94,8 +94,17 @@ def test_reports_of_pairs():
     first = reports[0]
     assert (first.link, first.obstacle) == (verdict.link, verdict.obstacle)
     assert first.contact_time == verdict.contact_time
-    assert (first.age, first.bound) == (0.0, "isotropic")
-    assert np.linalg.norm(first.point_on_obstacle - [1.5, 0.0, 0.5]) == pytest.approx(0.1, abs=1e-4)
+    assert first.age == 0.0
+    bounds = {
+        name: {one.bound for one in reports if one.obstacle == name} for name in ("near", "far")
+    }
+    if schedule == "distance":
+        assert bounds == {"near": {"distance"}, "far": {"distance"}}
+    else:
+        assert bounds["near"] <= {"reach", "isotropic", "joint"}
+        assert first.bound == "joint"
+        assert bounds["far"] == {"reach"}
+    assert np.linalg.norm(first.point_on_obstacle - [0.9, 0.0, 0.5]) == pytest.approx(0.1, abs=1e-4)
     assert len(monitor.pairs(3)) == 3
     obstacles.remove(["near"])
     assert {one.obstacle for one in monitor.pairs()} == {"far"}
@@ -103,11 +112,13 @@ def test_reports_of_pairs():
     steps(monitor, 1, 1)
     lost = monitor.pairs()[0]
     assert (lost.obstacle, lost.contact_time, lost.bucket) == ("lost", 0.0, 0)
+    assert lost.bound == "unknown"
     assert np.isnan(lost.point_on_link).all()
 
 
-def test_reports_leave_out_rows_that_changed_since():
-    obstacles, monitor = make_monitor()
+@pytest.mark.parametrize("schedule", ["deadline", "full"])
+def test_reports_leave_out_rows_that_changed_since(schedule):
+    obstacles, monitor = make_monitor(schedule)
     see(obstacles, 0.0, [[1.5, 0.0, 0.5], [9.0, 0.0, 0.5]], ["near", "far"])
     steps(monitor, 0, 1)
     row = obstacles.row("near")
@@ -121,8 +132,9 @@ def test_reports_leave_out_rows_that_changed_since():
     assert monitor.pairs() == []
 
 
-def test_memory_does_not_grow_while_ids_come_and_go():
-    obstacles, monitor = make_monitor("daa")
+@pytest.mark.parametrize("schedule", ["deadline", "daa"])
+def test_memory_does_not_grow_while_ids_come_and_go(schedule):
+    obstacles, monitor = make_monitor(schedule)
 
     def churn(start, count):
         for i in range(start, start + count):
@@ -148,7 +160,7 @@ import sys
 import numpy as np
 from numba.core import event
 from numba.core.dispatcher import Dispatcher
-from scenes import DAA_LAWS, HOME, STILL, make_monitor, see
+from scenes import HOME, SCHEDULES, STILL, make_monitor, see
 
 def kernels():
     return {
@@ -157,7 +169,7 @@ def kernels():
         for key, value in vars(module).items() if isinstance(value, Dispatcher)
     }
 
-for schedule in ("full", "distance", *DAA_LAWS):
+for schedule in SCHEDULES:
     obstacles, monitor = make_monitor(schedule)
     before = kernels()
     with event.install_recorder("numba:compile") as recorder:

@@ -239,3 +239,23 @@ def test_a_verdict_is_frozen():
     with pytest.raises(AttributeError):
         verdict.level = Level.CLEAR
     assert (verdict.separation, verdict.certificate) == (None, None)
+
+
+@given(st.floats(0.0), st.floats(0.0), st.floats(0.0, 1e9))
+def test_an_arm_that_rests_in_time_need_not_stop_and_gains_nothing_else(
+    contact_time, stop_time, now
+):
+    rule = make_rule()
+    without = rule.grade(contact_time, stop_time)
+    rests = rule.grade(contact_time, stop_time, rests=True)
+    assert rests is (Level.SLOW if without is Level.STOP else without)
+    faulty = make_rule().decide(
+        now, contact_time, stop_time, complete=True, standing=True, rests=True
+    )
+    assert faulty == (Level.STOP, False)
+    assert make_rule().decide(
+        now, contact_time, stop_time, complete=False, standing=False, rests=True
+    ) == (Level.STOP, False)
+    assert make_rule().decide(
+        now, contact_time, stop_time, complete=True, standing=False, rests=True
+    ) == (rests, False)
