@@ -46,7 +46,7 @@ class Demo:
     """A Vicon CSV recording of a person; without it, a simulated one comes and goes."""
     obstacles: int = 0
     """How many balls wander about the cell besides."""
-    schedule: Literal["full", "distance", "daa"] = "full"
+    schedule: Literal["deadline", "full", "distance", "daa"] = "deadline"
     """Which pairs are looked at in each tick."""
     seed: int = 0
     """Of the arm's, the person's and the balls' motions."""

@@ -57,7 +57,7 @@ def run_demo(
     duration: float = 20.0,
     person: Path | None = None,
     obstacle_count: int = 0,
-    schedule: str = "full",
+    schedule: str = "deadline",
     seed: int = 0,
     view: bool = True,
     port: int = 0,
