@@ -52,6 +52,7 @@ from working_arm import WorkingArm
 
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
+from armguard.separation import HUMAN_SPEED
 from armguard.simulation import Recording, random_trajectory
 from armguard.simulation.bodies import BODIES, POINTS
 from armguard.simulation.trajectory import keeps_within
@@ -62,7 +63,7 @@ INTRUSION = 0.2  # [m], in the second of the rows of the separation distance
 # Of the arm's base at the recordings' table: x and y in [m], and which way it faces, in degrees.
 PLACEMENTS = ((0.0, 0.7, -90.0), (-0.9, 0.7, -50.0), (0.0, 1.1, -90.0), (0.9, 0.7, -130.0))
 WORKSPACE = ([-0.3, -0.6, 0.0], [0.75, 0.6, 1.2])  # of all moving links, before the base, [m]
-TRAJECTORY = 60.0  # [s]
+TRAJECTORY, ACCELERATION = 60.0, 0.125  # [s]; of the acceleration limits, at most
 
 
 class Case(NamedTuple):
@@ -249,7 +250,16 @@ def run_speed(speed, options, robot, timing):  # type: ignore[no-untyped-def]
     ]
     fraction = speed / float(np.max(robot.velocity_limit))
     trajectories = [
-        random_trajectory(robot, seed, TRAJECTORY, speed_fraction=fraction, accept=accept)
+        random_trajectory(
+            robot,
+            seed,
+            TRAJECTORY,
+            speed_fraction=fraction,
+            acceleration_fraction=float(
+                np.min(ACCELERATION * robot.acceleration_limit / robot.braking_deceleration)
+            ),
+            accept=accept,
+        )
         for seed in range(options.seeds)
     ]
     doubts = []
@@ -293,13 +303,21 @@ def main(arguments: list[str] | None = None) -> dict[float, tuple[list, list, li
     parser.add_argument(
         "--pieces", type=float, nargs="*", default=[0.0, 0.2], help="of plans, beyond a tick [s]"
     )
+    parser.add_argument(
+        "--braking", type=float, default=None,
+        help="guaranteed deceleration as a share of the acceleration limits, if not robot.toml's",
+    )  # fmt: skip
     options = parser.parse_args(arguments)
     find_recordings()
     robot = Robot.load("panda")
+    if options.braking is not None:
+        robot.braking_deceleration = options.braking * robot.acceleration_limit
+    share = float(np.min(robot.braking_deceleration / robot.acceleration_limit))
     timing = Timing(1.0 / options.rate, LATENCY, REACTION)
     print(
         f"grid {options.rate:g} Hz, latency {1e3 * LATENCY:g} ms, reaction {1e3 * REACTION:g} ms, "
-        f"hold {HOLD} s; people: {ACCEL:g} m/s², {SPEED:g} m/s; separation: 1.6 m/s"
+        f"hold {HOLD} s, brakes {share:.0%} of the acceleration limits; "
+        f"people: {ACCEL:g} m/s², {SPEED:g} m/s; separation: {HUMAN_SPEED:g} m/s"
     )
     found = {}
     for speed in options.speeds:
