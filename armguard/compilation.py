@@ -25,17 +25,18 @@ PACKAGE = Path(__file__).resolve().parent
 _IMPORT = re.compile(r"^\s*(?:from|import)\s+armguard\.([\w.]+)", re.MULTILINE)
 
 
-def kernel(function: Any = None, **options: Any) -> Any:
+def kernel(function: Any = None, *, subject: str = "", **options: Any) -> Any:
     """Compile a function with NumPy's error model and strict floating point, and cache it.
 
     Args:
         function: What to compile.
+        subject: What its cache is for, where one function is compiled for different subjects.
         options: Further options of `numba.njit`.
     """
 
     def compile_function(function: Any) -> Any:
         before = config.CACHE_DIR
-        config.CACHE_DIR = str(find_cache(Path(function.__code__.co_filename)))
+        config.CACHE_DIR = str(find_cache(Path(function.__code__.co_filename)) / subject)
         try:
             # Python's error model costs two to four times as much, and fastmath would drop NaN.
             return numba.njit(error_model="numpy", cache=True, **options)(function)
@@ -43,6 +44,18 @@ def kernel(function: Any = None, **options: Any) -> Any:
             config.CACHE_DIR = before
 
     return compile_function if function is None else compile_function(function)
+
+
+def inlined_kernel(function: Any) -> Any:
+    """A kernel that becomes part of each kernel that calls it.
+
+    For what is handed a whole scene: some hundred arrays as arguments of a call would take longer
+    to pass, and far longer to compile, than most of what is done with them.
+
+    Args:
+        function: What to compile.
+    """
+    return kernel(function, inline="always")
 
 
 @functools.cache

@@ -6,6 +6,7 @@ holds a tuple of them, however nested, in compiled memory and crosses as one poi
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numba
@@ -34,10 +35,23 @@ class Handle(structref.StructRefProxy):  # type: ignore[misc]  # likewise
 structref.define_proxy(Handle, HandleType, ["content"])
 
 
-@kernel
 def pack(content: Any) -> Any:
-    """A handle on a tuple of arrays and numbers, which it keeps alive.
+    """A handle on a named tuple of arrays and numbers, which it keeps alive.
 
     Arrays that are replaced by others must be packed again.
     """
-    return Handle(content)
+    return _make_packer(type(content))(content)
+
+
+@functools.cache
+def _make_packer(kind: type) -> Any:
+    """What packs one kind of tuple.
+
+    Each has a cache of its own: who reads a cache must be able to import all kinds that are in it,
+    and one of them may be somebody else's.
+    """
+
+    def pack_content(content: Any) -> Any:
+        return Handle(content)
+
+    return kernel(pack_content, subject=f"{kind.__module__}.{kind.__qualname__}")

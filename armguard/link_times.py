@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from armguard.bounds import table_contact_time
-from armguard.compilation import kernel
+from armguard.compilation import inlined_kernel, kernel
 from armguard.contact import pair_distance_time, row_contact_time
 from armguard.obstacle_table import States
 from armguard.scene import DISTANCE, ISOTROPIC, JOINT, REACH, Scene
@@ -24,7 +24,7 @@ REACH_ADVANCES = 2
 """Tangent advances against what stands still: the second one nearly always is the last."""
 
 
-@kernel
+@inlined_kernel
 def reach_time(
     x: float, y: float, z: float, radius: float, bodies: States, row: int, age: float, margin: float
 ) -> float:
@@ -41,7 +41,7 @@ def reach_time(
     return time if time >= 0.0 else 0.0
 
 
-@kernel
+@inlined_kernel
 def contact_distance(scene: Scene, node: int, bodies: States, row: int) -> float:
     """Distance of a sphere's centre and a body's hull that counts as contact, errors included."""
     reach: float = scene.tree.radius[node] + bodies.radius[row] + scene.settings.margin
@@ -49,7 +49,7 @@ def contact_distance(scene: Scene, node: int, bodies: States, row: int) -> float
     return reach * (1.0 + ROUNDING)
 
 
-@kernel
+@inlined_kernel
 def _free_time(
     scene: Scene, node: int, bodies: States, row: int, arm_age: float, age: float, distance: float
 ) -> float:
@@ -145,7 +145,7 @@ def link_time(
     return best, best_node, best_bound, evaluations
 
 
-@kernel
+@inlined_kernel
 def root_time(
     scene: Scene, link: int, row: int, arm_age: float, age: float, floor: float
 ) -> tuple[float, int, int]:
@@ -222,10 +222,10 @@ def pair_time(
             )
             evaluations += 1
             known = max(known, by_reach)
-        time, node, bound = known, scene.tree.root[link], REACH
+        time, node, bound = known, scene.tree.root[link], np.int64(REACH)
         if known < opening_time and known < ceiling:
             time, node, bound, spent = link_time(
-                scene, link, row, bodies, arm_age, age, known, REACH, opening_time, ceiling
+                scene, link, row, bodies, arm_age, age, known, bound, opening_time, ceiling
             )
             evaluations += spent
         if time < best:
@@ -233,7 +233,7 @@ def pair_time(
     return best, best_node, best_bound, evaluations
 
 
-@kernel
+@inlined_kernel
 def arm_reach_time(scene: Scene, row: int, now: float) -> tuple[float, int]:
     """Time before which an obstacle cannot be where any part of the arm can be; evaluations."""
     marks, settings = scene.marks, scene.settings
@@ -262,7 +262,7 @@ def arm_reach_time(scene: Scene, row: int, now: float) -> tuple[float, int]:
     return soonest, evaluations
 
 
-@kernel
+@inlined_kernel
 def is_known(scene: Scene, row: int) -> bool:
     """Whether an obstacle's whereabouts can be reckoned with at all."""
     if scene.marks.refused[row]:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from armguard.anchors import allows_anchor, expire, keep_anchor
-from armguard.compilation import kernel
+from armguard.compilation import inlined_kernel, kernel
 from armguard.link_times import (
     arm_reach_time,
     is_known,
@@ -50,7 +50,7 @@ CROWD = 64
 """Evaluations in a tick beyond which, once contact is certain, other obstacles wait."""
 
 
-@kernel
+@inlined_kernel
 def _read_news(scene: Scene, book: Book) -> int:
     """Let rows be due whose certificates their news have overtaken; how many there are."""
     overtaken = broken = 0
@@ -72,7 +72,7 @@ def _read_news(scene: Scene, book: Book) -> int:
     return overtaken
 
 
-@kernel
+@inlined_kernel
 def _look_at_links(
     scene: Scene,
     book: Book,
@@ -109,7 +109,7 @@ def _look_at_links(
             scene.link_time[link] = glance
             scene.link_bound[link] = bound
     for _ in range(links):
-        link = -1
+        link = np.int64(-1)
         for other in range(links):
             left = scene.link_time[other] >= 0.0 and book.watched[row, other]
             if left and (link < 0 or scene.link_time[other] < scene.link_time[link]):
@@ -131,7 +131,7 @@ def _look_at_links(
     return best, evaluations
 
 
-@kernel
+@inlined_kernel
 def _look_at(
     scene: Scene,
     book: Book,
@@ -172,7 +172,7 @@ def _look_at(
     return best, evaluations
 
 
-@kernel
+@inlined_kernel
 def time_to_spare(
     scene: Scene, v: FloatArray, contact_time: float, arm_age: float, horizon: float
 ) -> float:

@@ -159,7 +159,7 @@ class ObstacleWatch:
         if count == SUSPECTS:
             return None
         rows = self._suspects[:count]
-        near = self.book.watched[rows] & (self.book.pair_expiry[rows] <= latest)
+        near = self.book.watched[rows] & ~(self.book.pair_expiry[rows] > latest)
         pairs: IntArray = (rows[:, None] * self._links + np.arange(self._links))[near]
         return pairs
 

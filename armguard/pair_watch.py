@@ -117,7 +117,7 @@ class PairWatch:
     def near_pairs(self, tick: Tick, duration: float) -> IntArray | None:
         """Pairs that could touch within `duration`, in [s]; they are never too many."""
         pairs = self.ledger.pairs
-        return pairs[self.ledger.expiry[pairs] <= tick.time + duration]
+        return pairs[~(self.ledger.expiry[pairs] > tick.time + duration)]
 
     def watched_pairs(self) -> NDArray[np.bool_]:
         """Which pairs are watched, by row × links + link."""

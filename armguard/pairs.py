@@ -94,9 +94,9 @@ class TickState:
         self.sphere_time = np.full(count, np.inf)
         """Soonest contact time that each sphere was given in this tick, [s]. Shape (n,)."""
         self._node_time = np.zeros(count)
-        self._node_bound = np.zeros(count, dtype=np.int8)
+        self._node_bound = np.zeros(count, dtype=np.int64)
         links = len(self.tree.root)
-        self._link_time, self._link_bound = np.zeros(links), np.zeros(links, dtype=np.int8)
+        self._link_time, self._link_bound = np.zeros(links), np.zeros(links, dtype=np.int64)
         self._obstacles = obstacles
         self._accepted: States | None = None
         self.view_table()

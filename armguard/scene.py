@@ -105,11 +105,11 @@ class Scene(NamedTuple):
     settings: Settings
     node_time: FloatArray
     """Room to work in: contact time of each sphere in the present evaluation. Shape (n,)."""
-    node_bound: NDArray[np.int8]
+    node_bound: IntArray
     """Room to work in: what that rests on. Shape (n,)."""
     link_time: FloatArray
     """Room to work in, likewise for links. Shape (links,)."""
-    link_bound: NDArray[np.int8]
+    link_bound: IntArray
     """Room to work in, likewise. Shape (links,)."""
     sphere_time: FloatArray
     """Soonest contact time that each sphere was given in this tick, [s]. Shape (n,)."""
