@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import UNSET
 
 from armguard.cell import Cell
 from armguard.exceptions import CellError
@@ -59,16 +60,18 @@ def test_the_example_says_what_the_library_would_do_anyway():
     tables = Cell.load(EXAMPLE).tables
     for table in (tables.monitor, tables.thresholds):
         for key in table.__struct_fields__:
-            if key != "joint_timeout":
+            if key not in ("joint_timeout", "budget"):
                 assert getattr(table, key) == defaults[key], key
     assert tables.thresholds.joint_timeout == max(0.05, 5.0 / tables.monitor.rate)
+    # What no number says, a file says by leaving it out.
+    assert (tables.monitor.budget, defaults["budget"]) == (UNSET, None)
 
 
 def test_every_setting_of_the_monitor_has_a_key():
     tables = Cell.load(EXAMPLE).tables
     keys = {*tables.monitor.__struct_fields__, *tables.thresholds.__struct_fields__, "margin"}
-    # Certificates are for observers within the same program.
-    others = {"robot", "obstacles", "ignore", "base_placement", "certify"}
+    # Certificates and the margins of other rules are for observers within the same program.
+    others = {"robot", "obstacles", "ignore", "base_placement", "certify", "separation"}
     assert keys == set(inspect.signature(Monitor).parameters) - others
 
 
@@ -115,11 +118,11 @@ def test_the_base_moves_the_robot_and_statics_follow_their_frame():
         _, _, monitor = Cell.from_text(text).build()
         return monitor.step(0.0, READY, np.zeros(7)).contact_time
 
-    here = contact_time([0.0, 0.0, 0.0], "world", [2.0, 0.0, 0.5])
+    here = contact_time([0.0, 0.0, 0.0], "world", [1.0, 0.0, 0.5])
     assert 0.0 < here < math.inf
-    assert contact_time([1.0, 2.0, 3.0], "world", [3.0, 2.0, 3.5]) == pytest.approx(here)
-    assert contact_time([1.0, 2.0, 3.0], "base", [2.0, 0.0, 0.5]) == pytest.approx(here)
-    assert contact_time([1.0, 2.0, 3.0], "world", [2.0, 0.0, 0.5]) != pytest.approx(here)
+    assert contact_time([1.0, 2.0, 3.0], "world", [2.0, 2.0, 3.5]) == pytest.approx(here)
+    assert contact_time([1.0, 2.0, 3.0], "base", [1.0, 0.0, 0.5]) == pytest.approx(here)
+    assert contact_time([1.0, 2.0, 3.0], "world", [1.0, 0.0, 0.5]) != pytest.approx(here)
 
 
 def test_statics_grow_by_the_error_of_their_frame():
@@ -133,11 +136,11 @@ def test_settings_reach_obstacles_and_monitor():
     text = (
         'ignore = [["panda_link[1-3]", "part*"], ["*", "toy"]]\n'
         + ROBOT
-        + "[bounds]\nspeed = 3\naccel = 7.0\nmargin = 0.05\n[monitor]\nrate = 500\n"
+        + "[bounds]\nspeed = 3\naccel = 7.0\nmargin = 0.05\n[monitor]\nrate = 500\nbudget = 77\n"
         + '[sources.cam]\ntimeout = 0.5\nrequired = false\n[sources.lidar]\nclock = "unix"\n'
     )
     _, obstacles, monitor = Cell.from_text(text).build()
-    assert monitor.period == 0.002
+    assert (monitor.period, monitor.settings.budget) == (0.002, 77)
     assert obstacles.silent_sources(0.0, 0.2) == ["lidar"]
     obstacles.update(["a"], 0.0, [[9.0, 9.0, 9.0]], radius=0.1)
     row = obstacles.row("a")
@@ -188,6 +191,7 @@ def test_a_urdf_and_what_belongs_to_it_are_found_beside_the_file(tmp_path, monke
         ('[robot]\nname = "nobody"', "robot.name", "'nobody'.*one of .*panda"),
         ('[robot]\nurdf = "no.urdf"\nlimits = "no.toml"', "robot.urdf", "no.toml"),
         (ROBOT + '[monitor]\nschedule = "never"', "monitor.schedule", "'never'"),
+        (ROBOT + '[monitor]\nschedule = "full"\nbudget = 5', "monitor.budget", "deadline"),
         (ROBOT + '[monitor]\nmotion = "slow"', "monitor.motion", "'slow'"),
         ("ignore = [['arm*', '*']]\n" + ROBOT, "ignore[0]", "'arm.*panda_link1"),
     ],

@@ -74,6 +74,8 @@ MISTAKES = [
     (ROBOT + "[bounds]\nspeed = -1", "bounds.speed", "is -1"),
     (ROBOT + "[monitor]\nrate = 0", "monitor.rate", "is 0"),
     (ROBOT + "[monitor]\nfreshness = 1", "monitor.freshness", "is 1"),
+    (ROBOT + "[monitor]\nbudget = 0", "monitor.budget", "is 0"),
+    (ROBOT + "[monitor]\nbudget = 1.5", "monitor.budget", "is 1.5"),
     (ROBOT + "[thresholds]\nhold = true", "thresholds.hold", "is True; expected float"),
     (ROBOT + "[thresholds]\nhold = 1\n[treshold]\na = 1", "treshold", "is no key"),
     ("ignore = 'all'\n" + ROBOT, "ignore", "is 'all'; expected array"),
