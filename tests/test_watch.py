@@ -159,3 +159,16 @@ def test_a_watch_whose_table_another_one_follows_says_so(world):
         world.look()
     world.watch.restart()
     world.look()
+
+
+def test_who_is_named_is_watched_even_where_nothing_can_touch(schedule):
+    world = World(schedule, ignore=[("*", "table")])
+    for k, name in enumerate(("gone", "table", "post")):
+        world.obstacles.add_static(name, [5.0 + k, 0.0, 0.5], 0.1)
+    world.look()
+    world.obstacles.remove(["gone"])
+    look = world.look()
+    assert world.obstacles.ids[look.pair // LINKS] == "post"
+    assert look.expiry == math.inf or schedule == "distance"
+    world.obstacles.remove(["post"])
+    assert world.look()[:2] == (NOBODY, math.inf)
