@@ -44,7 +44,7 @@ def pack(content: Any) -> Any:
 
 
 @functools.cache
-def _make_packer(kind: type) -> Any:
+def _make_packer(kind: Any) -> Any:
     """What packs one kind of tuple.
 
     Each has a cache of its own: who reads a cache must be able to import all kinds that are in it,

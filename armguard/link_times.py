@@ -9,6 +9,8 @@ sphere found so far is not looked at closer.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from armguard.bounds import table_contact_time
@@ -222,7 +224,9 @@ def pair_time(
             )
             evaluations += 1
             known = max(known, by_reach)
-        time, node, bound = known, scene.tree.root[link], np.int64(REACH)
+        time, node = known, scene.tree.root[link]
+        # Of one type wherever it comes from: each other one would be compiled for.
+        bound: Any = np.int64(REACH)
         if known < opening_time and known < ceiling:
             time, node, bound, spent = link_time(
                 scene, link, row, bodies, arm_age, age, known, bound, opening_time, ceiling

@@ -155,6 +155,7 @@ class Monitor:
         self._sequence = 0
         self._evaluated = 0
         self._braking_scale = float(np.min(robot.braking_deceleration / robot.velocity_limit))
+        self._slowest_stop = settings.reaction_time + 1.0 / self._braking_scale
         self._disbelieved = 0
         self._faults_before = obstacles.fault_count
         self._compile()
@@ -388,7 +389,7 @@ class Monitor:
             level=level,
             contact_time=contact_time,
             stop_time=tick.stop_time,
-            speed_scale=self._scale(tick, level, grade, contact_time),
+            speed_scale=self._scale(tick, level, contact_time),
             link=link,
             obstacle=obstacle,
             complete=complete,
@@ -399,20 +400,24 @@ class Monitor:
             certificate=self._prove(tick, pair) if self._certify else None,
         )
 
-    def _scale(self, tick: Tick, level: Level, grade: Level, contact_time: float) -> float:
-        """The speed scale of a tick: 0 in STOP, and what is proved for whatever else is near."""
-        # Whatever the arm does in this tick, one that is no faster can brake before contact.
-        until_braking = self.settings.horizon + self.settings.reaction_time
-        scale = min(max((contact_time - until_braking) * self._braking_scale, 0.0), 1.0)
-        if self._stopping is None:
-            return 0.0 if level is Level.STOP else scale
+    def _scale(self, tick: Tick, level: Level, contact_time: float) -> float:
+        """The speed scale of a tick: 0 in STOP, and else what is proved."""
         if level is Level.STOP:
-            scale = 0.0
-        elif grade is Level.CLEAR:
-            scale = 1.0
-        else:
-            scale = max(scale, self._stopping.find_scale(tick, at_once=self._look.disturbed))
-        return self._stopping.hold_scale(tick.now, scale)
+            return 0.0
+        stopping = self._stopping
+        if stopping is None:
+            # An arm that is no faster can brake before contact, whatever it does in this tick.
+            until_braking = self.settings.horizon + self.settings.reaction_time
+            scale = (contact_time - until_braking) * self._braking_scale
+            return min(max(scale, 0.0), 1.0)
+        scale = 1.0
+        # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
+        if not contact_time > stopping.looks_ahead + self._slowest_stop:
+            age = tick.arm_age + stopping.looks_ahead - self.settings.horizon
+            rest = self._states.stop_time(age) + stopping.looks_ahead - self.settings.horizon
+            if not contact_time > rest:
+                scale = stopping.find_scale(tick)
+        return stopping.hold_scale(tick.now, scale)
 
     def _measure_separation(self, tick: Tick) -> float:
         """Margin of the separation distance in [m]; what found no room could be anywhere."""
@@ -441,7 +446,7 @@ class Monitor:
         lower, upper = self.robot.lower_position_limit, self.robot.upper_position_limit
         tick = Tick(-1, 0.0, 0.0, np.clip(still, lower, upper), still, 0.0, 0.0, 0.0)
         if self._stopping is not None:
-            self._stopping.find_scale(tick, at_once=True)
+            self._stopping.find_scale(tick)
             self._stopping.reset()
         if self._separation is not None:
             self._separation.compile(self._watch.arm.state)

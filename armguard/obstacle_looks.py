@@ -88,28 +88,28 @@ def _look_at_links(
     evaluations = 0
     best = np.inf
     if scene.marks.refused[row]:
-        for link in range(links):
-            if not book.watched[row, link]:
+        for each in range(links):
+            if not book.watched[row, each]:
                 continue
             found, node, bound, spent = pair_time(
-                scene, link, row, now, arm_age, floor, opening_time, best
+                scene, each, row, now, arm_age, floor, opening_time, best
             )
             evaluations += spent
             best = min(best, found)
-            book.pair_expiry[row, link] = expire(time, found)
-            book.pair_sphere[row, link] = node
-            book.pair_bound[row, link] = bound
+            book.pair_expiry[row, each] = expire(time, found)
+            book.pair_sphere[row, each] = node
+            book.pair_bound[row, each] = bound
         return best, evaluations
     age = 0.0 if scene.marks.static[row] else now - scene.bodies.stamp[row]
     # What is known at a glance, links in the order of it: later ones seldom need a closer look.
-    for link in range(links):
-        if book.watched[row, link]:
-            glance, bound, spent = root_time(scene, link, row, arm_age, age, floor)
+    for each in range(links):
+        if book.watched[row, each]:
+            glance, bound, spent = root_time(scene, each, row, arm_age, age, floor)
             evaluations += spent
-            scene.link_time[link] = glance
-            scene.link_bound[link] = bound
+            scene.link_time[each] = glance
+            scene.link_bound[each] = bound
     for _ in range(links):
-        link = np.int64(-1)
+        link: Any = np.int64(-1)
         for other in range(links):
             left = scene.link_time[other] >= 0.0 and book.watched[row, other]
             if left and (link < 0 or scene.link_time[other] < scene.link_time[link]):
@@ -313,10 +313,15 @@ def find_unsafe(
     count = find_below(book.soonest, latest, rows)
     if count == rows.shape[0]:
         return rows[0], 0
+    half = book.soonest.shape[0] // 2
     for i in range(count):
         row = rows[i]
+        # What news have overtaken and nobody has looked at since has no certificates.
+        overtaken = book.soonest[half + row] == -np.inf
         for link in range(book.watched.shape[1]):
-            if not book.watched[row, link] or book.pair_expiry[row, link] > latest:
+            if not book.watched[row, link]:
+                continue
+            if book.pair_expiry[row, link] > latest and not overtaken:
                 continue
             if not rests_in_time(scene, link, row, now):
                 return row, link

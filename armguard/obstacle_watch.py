@@ -108,19 +108,18 @@ class ObstacleWatch:
 
     def look(self, tick: Tick) -> Look:
         """Look at the obstacles that are due; the arm is placed only if one of them needs it."""
-        first = self._look(tick)
-        if first[0] != UNPLACED:
-            row, link, expiry, overdue, evaluated, disturbed = first
-        else:
+        row, link, expiry, overdue, evaluated, disturbed = self._look(tick)
+        broken: tuple[int, ...] = ()
+        if disturbed:
+            # Read before the look goes on: by then there is no news any more.
+            broken = tuple(self.book.broken[: self.book.numbers[BROKEN]].tolist())
+        if row == UNPLACED:
             self._place(tick)
+            spent = evaluated
             row, link, expiry, overdue, evaluated, _ = self._look(tick)
-            evaluated += first[4]
-            disturbed = first[5]
+            evaluated += spent
         pair = NOBODY if row == NOBODY else row * self._links + link
-        broken = self.book.broken[: self.book.numbers[BROKEN]] if disturbed else ()
-        return Look(
-            pair, expiry, overdue, evaluated, tuple(int(row) for row in broken), disturbed > 0
-        )
+        return Look(pair, expiry, overdue, evaluated, broken, disturbed > 0)
 
     def _look(self, tick: Tick) -> tuple[int, int, float, int, int, int]:
         found: tuple[int, int, float, int, int, int] = look(
@@ -277,5 +276,5 @@ class ObstacleWatch:
         self.look(tick)
         self.find_unsafe(tick, 0.0)
         self.near_pairs(tick, 0.0)
-        self.prepare(tick)
+        self.arm.state.prepare_arm(zeros, zeros)
         find_soonest(self._handle, none)

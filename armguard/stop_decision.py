@@ -9,6 +9,7 @@ the tick before still had that proof.
 from __future__ import annotations
 
 import math
+from collections import deque
 
 from armguard.schedules.wheel import NOBODY
 from armguard.watch import Tick, Watch
@@ -16,11 +17,8 @@ from armguard.watch import Tick, Watch
 HALVINGS = 5
 """Of the interval in which the speed scale is sought."""
 
-PAUSE = 10
-"""Ticks between two searches."""
-
-LASTING = 2 * (HALVINGS + 1) + PAUSE
-"""Ticks that a scale lasts once it was found safe: until the search after the next one is over."""
+STEP, PAUSE = 1e-3, 10e-3
+"""How long a step of the search may take, and how long there is none after its end, [s]."""
 
 
 class StopDecision:
@@ -32,6 +30,9 @@ class StopDecision:
         horizon: Period plus latency, in [s]: until the verdict after this one is obeyed.
         going_on: How long a speed scale must be safe, in [s].
         hold: How long a higher scale must have been safe before it is given out, in [s].
+
+    Attributes:
+        looks_ahead: How long from its tick on an arm goes on in the proof of a scale, in [s].
     """
 
     def __init__(
@@ -39,21 +40,29 @@ class StopDecision:
     ) -> None:
         self._watch = watch
         self._horizon = horizon
-        self._going_on = going_on + LASTING * period
         self._hold = hold
+        self._steps = max(1, math.ceil(period / STEP))
+        """Steps of the search in each tick."""
+        self._pause = math.ceil(PAUSE / period)
+        search = math.ceil((HALVINGS + 1) / self._steps)
+        self._lasting = 2 * search + self._pause
+        """Ticks for which a scale counts once it was found safe: to the end of the next search."""
+        # What a search finds is obeyed only when it is over, and must last until the next one is.
+        self._obeyed_after = horizon + search * period
+        self._going_on = going_on + self._lasting * period
+        self.looks_ahead = self._obeyed_after + self._going_on
         self.reset()
 
     def reset(self) -> None:
-        """Forget the speed scales given out so far."""
-        self._given, self._given_at = 1.0, -math.inf
+        """Forget the speed scales found and given out so far."""
+        self._recent: deque[tuple[float, float]] = deque()
         self.restart_search()
-        self._safe, self._safe_at = 0.0, -LASTING
 
     def restart_search(self) -> None:
         """Let no scale that was found so far count as safe: there are obstacles that it ignores."""
         self._step = 0
-        self._safe, self._safe_at = 0.0, -LASTING
-        self._low, self._high, self._low_at = 0.0, 1.0, -LASTING
+        self._safe, self._safe_at = 0.0, -self._lasting
+        self._low, self._high, self._low_at = 0.0, 1.0, -self._lasting
 
     def rests(self, tick: Tick) -> bool:
         """Whether the arm surely rests before contact, braking only after the next tick."""
@@ -61,49 +70,56 @@ class StopDecision:
         table = braking.tabulate(tick.q, tick.v, tick.arm_age, self._horizon)
         return self._watch.find_unsafe(tick, float(table.time[-1])) == NOBODY
 
-    def find_scale(self, tick: Tick, *, at_once: bool) -> float:
+    def find_scale(self, tick: Tick) -> float:
         """The greatest fraction of their velocity limits at which joints may go on, in [0, 1].
 
-        An arm that keeps to it for `going_on` seconds and brakes then surely rests before contact:
-        joints that are faster slow down as if they braked, the others get no faster. So an arm on
-        its way out may go on as fast as it is. A search takes a step a tick; what it found safe was
-        proved for so much longer that it still holds when the next search is over.
-
-        Args:
-            tick: The present one.
-            at_once: Whether to search to the end in this tick.
+        An arm that obeys and keeps to it for `going_on` seconds, and brakes then, surely rests
+        before contact: joints that are faster slow down as if they braked, the others get no
+        faster. So an arm on its way out may go on as fast as it is. A search takes a few ticks;
+        what it found safe was proved for so much longer that it still holds when the next is over.
         """
-        self._search(tick)
-        while at_once and 0 < self._step <= HALVINGS:
-            self._search(tick)
-        return self._safe if tick.number - self._safe_at < LASTING else 0.0
+        steps = self._steps
+        if not tick.number - self._safe_at < self._lasting:
+            # There is nothing to give out meanwhile: search to the end.
+            self._step, steps = 0, HALVINGS + 1
+        for _ in range(steps):
+            if not self._search(tick):
+                break
+        return self._safe if tick.number - self._safe_at < self._lasting else 0.0
 
-    def _search(self, tick: Tick) -> None:
-        """One step: the first tries the whole, the others halve; then there is a pause."""
-        if self._step <= HALVINGS:
-            scale = 1.0 if self._step == 0 else 0.5 * (self._low + self._high)
-            if self._is_safe(tick, scale):
-                self._low, self._low_at = scale, tick.number
-            else:
-                self._high = scale
+    def _search(self, tick: Tick) -> bool:
+        """One step: the first tries the whole, the others halve. Whether there is another one."""
+        if self._step > HALVINGS:
+            self._step += 1
+            if self._step > HALVINGS + self._pause:
+                self._step = 0
+            return False
+        if self._step == 0:
+            self._low, self._high, self._low_at = 0.0, 1.0, tick.number
+        scale = 1.0 if self._step == 0 else 0.5 * (self._low + self._high)
+        if self._is_safe(tick, scale):
+            self._low, self._low_at = scale, tick.number
+        else:
+            self._high = scale
         self._step += 1
-        if self._low == 1.0 or self._step == HALVINGS + 1:
-            self._safe, self._safe_at = self._low, self._low_at
-            self._low, self._high, self._low_at = 0.0, 1.0, -LASTING
-            self._step = HALVINGS + 1
-        elif self._step > HALVINGS + PAUSE:
-            self._step = 0
+        if self._low < 1.0 and self._step <= HALVINGS:
+            return True
+        self._safe, self._safe_at = self._low, self._low_at
+        self._step = HALVINGS + 1
+        return False
 
     def hold_scale(self, now: float, scale: float) -> float:
-        """The scale to give out at `now`, in [s]: it falls at once and rises after `hold`."""
-        if scale <= self._given:
-            self._given, self._given_at = scale, now
-        elif not now - self._given_at < self._hold:
-            self._given = scale
-        return self._given
+        """The scale to give out at `now`, in [s]: the least of those found in the last `hold`."""
+        recent = self._recent
+        while recent and recent[-1][1] >= scale:
+            recent.pop()
+        recent.append((now, scale))
+        while recent[0][0] < now - self._hold:
+            recent.popleft()
+        return recent[0][1]
 
     def _is_safe(self, tick: Tick, scale: float) -> bool:
         table = self._watch.arm.motion.braking.tabulate(
-            tick.q, tick.v, tick.arm_age, self._horizon, going_on=self._going_on, scale=scale
+            tick.q, tick.v, tick.arm_age, self._obeyed_after, going_on=self._going_on, scale=scale
         )
         return self._watch.find_unsafe(tick, float(table.time[-1])) == NOBODY
