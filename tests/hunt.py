@@ -1,0 +1,371 @@
+"""A world at war: balls and an arm that try to beat a monitor, who read its schedule.
+
+The truth is simulated; the monitor sees it late, seldom, and with errors as large as declared, as
+it suits the attackers. The arm goes where it likes while it may, and obeys each STOP as late as it
+may, with any deceleration between guaranteed and greatest. In each tick what could truly happen
+next is tried out, against every ball and every finest sphere of the arm:
+
+- after a GO: the arm goes on for as long as it then may, brakes, and is touched before it rests;
+- after a GO: the arm keeps to its speed scale for a while, brakes, and is touched before it rests;
+- after any verdict: the arm goes on, and is touched before the contact time that it was given.
+
+Either would be a miss, and so would a contact with an arm that is not at rest.
+"""
+
+import itertools
+from typing import NamedTuple
+
+import hunters
+import numpy as np
+from hunters import BANG, EDGE, HOARD, HUNT, SPEND, WANDER, Balls
+from joint_motions import brake_joints, limits_of
+
+from armguard.monitor import Monitor
+from armguard.obstacles import Obstacles
+from armguard.schedules.wheel import SLOTS
+from armguard.verdict import Level
+
+HISTORY = 256  # ticks of truth that are remembered, for messages that come late
+DELAYS = (0, 0, 0, 3, 15, 40)  # of messages, in ticks
+GAPS = (1, 1, 4, 10, 33, 33, 100, 400)  # between two messages about the same ball, in ticks
+EPISODE, STUCK = 1000, 300  # ticks until all begins anew, and of a STOP that nobody ends
+SAMPLES = 14  # instants at which what could happen is tried out
+HORIZON = 0.4  # for which a contact time is tried, in [s]
+NAMES = itertools.count()
+
+
+class Score(NamedTuple):
+    """What a hunt came to."""
+
+    pair_ticks: int = 0
+    """Links times obstacles times ticks."""
+    ticks: int = 0
+    goes: int = 0
+    """Ticks whose verdict was no STOP."""
+    tried: int = 0
+    """Balls so near at a GO that their attacks were tried one by one."""
+    missed: int = 0
+    """Balls that could have touched the arm before it rests while it was told to go on."""
+    early: int = 0
+    """Contacts that were possible before the contact time said so."""
+    too_fast: int = 0
+    """Contacts that were possible though the arm would keep to its speed scale and then brake."""
+    hits: int = 0
+    """Contacts with an arm that was not at rest."""
+    touches: int = 0
+    """Ticks in which a ball touched the arm at rest."""
+    worst: float = np.inf
+    """The least that an attack lacked after a GO, in [m]."""
+    worst_time: float = np.inf
+    """The least that an attack within the contact time lacked, in [m]."""
+    worst_scale: float = np.inf
+    """The least that an attack on an arm lacked that keeps to its speed scale, in [m]."""
+    stops: int = 0
+    """Changes from GO to STOP."""
+    faults: int = 0
+    """Ticks that were incomplete or in which the monitor believed that bounds were broken."""
+
+
+class Hunt:
+    """One robot, one monitor, and balls.
+
+    Args:
+        robot: The arm.
+        seed: Of all that happens.
+        count: Balls.
+        hunting: Those that attack.
+        top: Fractions of its speeds that the arm keeps to, one of them in each episode.
+        true_reaction: From a STOP to braking torque, in [s]; None: as the monitor believes.
+        settings: Of the monitor.
+    """
+
+    def __init__(
+        self,
+        robot,
+        seed,
+        count=60,
+        hunting=12,
+        *,
+        top=(0.05, 0.15, 0.3, 0.6, 1.0),
+        true_reaction=None,
+        **settings,
+    ):
+        self.settings = {"rate": 1000.0, "latency": 0.002, "reaction_time": 0.02, "hold": 0.0}
+        self.settings |= {"source_timeout": 1e6, "slow_margin": 0.02, "aware_margin": 0.05}
+        self.settings |= settings
+        self.random = np.random.default_rng(seed)
+        self.robot, self.count, self.hunting, self.top = robot, count, hunting, top
+        self.arm, self.limits = hunters.make_skeleton(robot), limits_of(robot)
+        self.room = hunters.make_room(self.arm)
+        self.before = self.room[2].copy()
+        self.care = np.zeros(len(robot.joints), np.int64)
+        self.traced = hunters.make_trace(self.arm, SAMPLES)
+        self.step = 1.0 / self.settings["rate"]
+        reaction = self.settings["reaction_time"] if true_reaction is None else true_reaction
+        self.obeying = int((self.settings["latency"] + reaction) / self.step + 1e-6)
+        self.free = self.step + self.settings["latency"] + reaction
+        self.obstacles = Obstacles()
+        self.monitor = Monitor(robot, self.obstacles, **self.settings)
+        self.score = Score()
+        self.start = self.tick = 0
+        self.begin()
+
+    def begin(self):
+        """A new truth, and a monitor that knows nothing."""
+        random, n = self.random, self.count
+        for name in filter(None, list(self.obstacles.ids)):
+            self.obstacles.remove([name])
+        self.obstacles.take_faults()
+        self.monitor.reset()
+        # Time goes on: removals are remembered.
+        self.start += self.tick + HISTORY
+        self.tick, self.stopped, self.last = 0, 0, 0.0
+        self.level, self.said_stop = Level.CLEAR, []
+        lower = np.maximum(self.limits.lower, -3.0)
+        upper = np.minimum(self.limits.upper, 3.0)
+        self.q = lower + (upper - lower) * random.uniform(0.25, 0.75, len(lower))
+        self.v = np.zeros(len(lower))
+        self.pace, self.push = random.choice(self.top), self.v.copy()
+        self.plan, self.strength = 0, self.v.copy()
+        hunters.place_leaves(self.arm, self.q, *self.room)
+        mode = np.full(n, WANDER)
+        hunting = min(self.hunting, n)
+        mode[:hunting] = random.choice([HUNT, SPEND, HOARD, EDGE, BANG], hunting)
+        far = np.where(mode == WANDER, random.uniform(2.5, 8.0, n), random.uniform(1.3, 2.6, n))
+        states = np.zeros((n, 6))
+        states[:, :3] = self._directions(n) * far[:, None]
+        speed = np.where(mode == WANDER, random.uniform(0.1, 1.0, n), random.uniform(0.3, 2.2, n))
+        accel = random.uniform(1.0, 12.0, n)
+        accel[random.random(n) < 0.05] = 60.0
+        radius = random.uniform(0.02, 0.15, n)
+        self.balls = Balls(
+            states, accel, speed, radius, mode, self._directions(n), random.integers(1, 200, n)
+        )
+        self.home = np.full(n, 8.0)
+        self.errors = random.choice([0.0, 0.005, 0.02], n), random.choice([0.0, 0.02, 0.1], n)
+        self.gap = random.choice(GAPS, n)
+        self.gap[mode != WANDER] = random.choice(GAPS[:-2], hunting)
+        self.delay = random.choice(DELAYS, n)
+        if random.random() < 0.5:
+            # All is known as well as can be, so that verdicts let them come closer.
+            self.gap[:], self.delay[:] = 1, 0
+            self.errors = np.zeros(n), np.zeros(n)
+        self.next = np.zeros(n, np.int64)
+        self.names = [f"ball-{next(NAMES)}" for _ in range(n)]
+        self.stamped = 0
+        self.truth = np.zeros((HISTORY, n, 6))
+        self.joints = np.zeros((HISTORY, 2, len(self.q)))
+        for b in range(n):
+            if mode[b] != WANDER and random.random() < 0.1:
+                self._make_static(b)
+
+    def _directions(self, count):
+        directions = self.random.normal(size=(count, 3))
+        return directions / np.linalg.norm(directions, axis=1)[:, None]
+
+    def _make_static(self, b):
+        balls = self.balls
+        balls.accel[b] = balls.speed[b] = 0.0
+        balls.states[b, :3] *= 0.6
+        _, away = hunters.nearest_leaf(self.arm, self.room[2], balls.states[b, :3], balls.radius[b])
+        if away < 0.15:
+            balls.states[b, :3] *= 4.0
+        self.next[b] = np.iinfo(np.int64).max
+        self.obstacles.add_static(self.names[b], balls.states[b, :3], balls.radius[b])
+
+    def speak(self):
+        """Messages of this tick: what suits the attackers."""
+        balls, random, n = self.balls, self.random, self.tick
+        self.truth[n % HISTORY] = balls.states
+        due = self.next <= n
+        delay = self.delay if n >= HISTORY else np.minimum(self.delay, 0 if n == 0 else n)
+        for ticks in set(delay[due]):
+            chosen = np.flatnonzero(due & (delay == ticks))
+            seen = self.truth[(n - ticks) % HISTORY, chosen]
+            away = self._directions(len(chosen))
+            lies = random.random(len(chosen))
+            # Most messages say that a ball is farther, and more on its way out, than it is.
+            outwards = seen[:, :3] - self.room[2][random.integers(len(self.room[2]))]
+            outwards /= np.linalg.norm(outwards, axis=1)[:, None] + 1e-9
+            away = np.where((lies < 0.7)[:, None], outwards, away)
+            errors = [error[chosen] for error in self.errors]
+            self.obstacles.update(
+                [self.names[b] for b in chosen],
+                (self.start + n - ticks) * self.step,
+                seen[:, :3] + away * (errors[0] * (1 - 1e-9))[:, None],
+                seen[:, 3:] + away * (errors[1] * (1 - 1e-9))[:, None],
+                radius=balls.radius[chosen],
+                accel=balls.accel[chosen],
+                speed=balls.speed[chosen],
+                position_error=errors[0],
+                velocity_error=errors[1],
+            )
+            self.next[chosen] = n + self.gap[chosen]
+
+    def swap_one(self):
+        """A ball that roams leaves, and another one comes in from far away."""
+        roaming = np.flatnonzero(self.balls.mode == WANDER)
+        if not len(roaming):
+            return
+        b = self.random.choice(roaming)
+        self.obstacles.remove([self.names[b]])
+        self.names[b] = f"ball-{next(NAMES)}"
+        self.balls.states[b] = 0.0
+        self.balls.states[b, :3] = 9.0 * self._directions(1)[0]
+        self.truth[:, b] = self.balls.states[b]
+        self.next[b] = self.tick
+
+    def read_schedule(self):
+        """Ticks since each ball was looked at, until it will be, and from one to the other."""
+        watch = self.monitor._watch
+        if not hasattr(watch, "book"):
+            return (np.zeros(self.count, np.int64),) * 3
+        book, rows = watch.book, [self.obstacles.row(name) for name in self.names]
+        since = np.clip((self.tick * self.step - book.evaluated_at[rows]) / self.step, 0.0, 1e6)
+        slots = book.wheel.slot[rows]
+        until = np.where(slots >= 0, (slots - self.tick) % SLOTS, 0)
+        since = np.rint(since).astype(np.int64)
+        return since, until, since + until
+
+    def plan_arm(self, looked):
+        """What the arm does next: at times, to turn right after a look."""
+        random, arm = self.random, self.arm
+        prey, leaf = hunters.find_prey(arm, self.balls, self.room[2])
+        turns = self.turns and looked[prey] == 0
+        if self.plan > 0 and not turns:
+            self.plan -= 1
+            return
+        self.plan, self.turns = random.integers(10, 200), random.random() < 0.3
+        kind = random.random()
+        self.push = random.choice([-1.0, 0.0, 1.0], len(self.q))
+        if kind < 0.6 or turns:
+            rotations, origins, centers = self.room
+            hunters.push_towards(
+                arm, rotations, origins, centers[leaf], leaf, self.balls.states[prey, :3], self.push
+            )
+        if kind > 0.85:
+            self.push[:] = 0.0
+
+    turns = False
+
+    def _attack(self, push, free, *, going=0.0, scale=1.0, end=None):
+        """What the worst attack on an arm lacks that goes on so, and how many balls were near."""
+        random, limits, nv = self.random, self.limits, len(self.q)
+        strength = np.zeros(nv) if random.random() < 0.7 else random.random(nv)
+        times = np.empty(SAMPLES)
+        if end is None:
+            speed = np.abs(self.v) + limits.accel * free
+            pace = scale * limits.velocity
+            speed = np.minimum(np.where(speed > pace, speed, pace), limits.velocity)
+            slowest = np.max(
+                (speed if going else np.abs(self.v) + limits.accel * free) / limits.braking
+            )
+            times[:4] = free * np.arange(1, 5) / 4
+            times[4:] = (
+                free + (going + slowest) * (np.arange(1, SAMPLES - 3) / (SAMPLES - 4)) ** 1.5
+            )
+        else:
+            times[:] = end * np.arange(1, SAMPLES + 1) / SAMPLES
+        count = hunters.trace_arm(
+            self.arm, limits, self.q, self.v, push, strength, free, going, scale, times,
+            self.traced,
+        )  # fmt: skip
+        lacks, _, _, tried = hunters.attack_all(self.arm, self.balls, self.traced, times, count)
+        return lacks, tried
+
+    def try_attacks(self, verdict, late):
+        """What could truly happen now, against what was said."""
+        score, random = self.score, self.random
+        push = self.push if random.random() < 0.5 else random.choice([-1.0, 1.0], len(self.q))
+        free = late + self.free
+        if verdict.level > Level.STOP:
+            lacks, tried = self._attack(push, free)
+            score = score._replace(
+                goes=score.goes + 1,
+                tried=score.tried + tried,
+                missed=score.missed + int(lacks <= 0.0),
+                worst=min(score.worst, lacks),
+            )
+            going, scale = self.settings["slow_margin"], verdict.speed_scale
+            lacks, _ = self._attack(push, free, going=going, scale=scale)
+            score = score._replace(
+                too_fast=score.too_fast + int(lacks <= 0.0),
+                worst_scale=min(score.worst_scale, lacks),
+            )
+        if verdict.contact_time > 0.0 and self.tick % 2 == 0:
+            end = min(late + verdict.contact_time, HORIZON) * (1.0 - 1e-9)
+            lacks, _ = self._attack(push, np.inf, end=end)
+            score = score._replace(
+                early=score.early + int(lacks <= 0.0), worst_time=min(score.worst_time, lacks)
+            )
+        self.score = score
+
+    def advance(self):
+        """One tick: messages, a verdict, what it leaves possible, and a step of the truth."""
+        random, robot, n = self.random, self.robot, self.tick
+        if n % 50 == 49:
+            self.swap_one()
+        self.speak()
+        self.joints[n % HISTORY] = self.q, self.v
+        # Now and then a state that is some ticks old; never an older one than before.
+        self.stamped = max(self.stamped, n - int(random.choice([0, 0, 0, 1, 4])))
+        q, v = self.joints[self.stamped % HISTORY]
+        wrong = random.choice([-1.0, 1.0], (2, len(q))) * (random.random() < 0.8)
+        late = self.settings["latency"] * random.choice([0.0, 0.0, 0.5, 0.9])
+        # Ticks that come late may come close upon each other.
+        now = (self.start + n) * self.step
+        late = max(late, self.last - now)
+        self.last = now + late
+        verdict = self.monitor.step(
+            (self.start + self.stamped) * self.step,
+            np.clip(q + wrong[0] * robot.position_error, self.limits.lower, self.limits.upper),
+            v + wrong[1] * robot.velocity_error,
+            self.last,
+        )
+        self.try_attacks(verdict, late)
+        stop = verdict.level is Level.STOP
+        broken = not verdict.complete or any(r.kind.effect.value != "note" for r in verdict.reasons)
+        score = self.score
+        self.score = score._replace(
+            pair_ticks=score.pair_ticks + self.count * len(robot.links),
+            ticks=score.ticks + 1,
+            stops=score.stops + int(stop and self.stopped == 0),
+            faults=score.faults + int(broken),
+        )
+        self.stopped = self.stopped + 1 if stop else 0
+        self.said_stop.append(stop)
+        self._move(len(self.said_stop) - 1 - self.obeying)
+        self.tick += 1
+        if self.tick >= EPISODE or self.stopped > STUCK or self.monitor._rule.latched:
+            self.begin()
+        return verdict
+
+    def _move(self, heard):
+        looked, until, between = self.read_schedule()
+        self.before[:] = self.room[2]
+        if heard >= 0 and self.said_stop[heard]:
+            strength = self.random.random(len(self.q))
+            strength = np.where(strength < 0.3, 0.0, np.where(strength > 0.8, 1.0, strength))
+            brake_joints(self.q, self.v, strength, self.limits, self.step)
+        else:
+            self.plan_arm(looked)
+            hunters.move_freely(
+                self.q, self.v, self.push, self.limits, self.pace, self.care, self.step
+            )
+        hunters.place_leaves(self.arm, self.q, *self.room)
+        hunters.steer_balls(
+            self.arm, self.balls, self.room[2], self.before, self.step, self.stopped, looked,
+            until, between, self.home, self.random,
+        )  # fmt: skip
+        touching = hunters.count_touching(self.arm, self.balls, *self.room)
+        if touching:
+            moving = bool((self.v != 0.0).any())
+            self.score = self.score._replace(
+                hits=self.score.hits + int(moving), touches=self.score.touches + int(not moving)
+            )
+
+    def run(self, pair_ticks):
+        """Go on until so many pair-ticks have been watched in all."""
+        while self.score.pair_ticks < pair_ticks:
+            self.advance()
+        return self.score

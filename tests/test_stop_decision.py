@@ -1,0 +1,244 @@
+"""A STOP that is obeyed is in time, and an arm that keeps to its speed scale can still stop."""
+
+import functools
+import itertools
+
+import numpy as np
+import pytest
+from hunt import Hunt
+from scenes import HOME, PERIOD, STILL, make_monitor, panda, see, steps
+
+from armguard.bounds import BrakingMotion
+from armguard.robot import Robot
+from armguard.stop_decision import StopDecision
+from armguard.verdict import Level
+
+STEP = 1e-3
+LATENCY, REACTION = 0.002, 0.02
+
+
+@pytest.mark.parametrize(
+    ("robot", "settings"),
+    [
+        ("panda", {}),
+        ("panda", {"rate": 100.0, "latency": 0.01}),
+        ("panda", {"rate": 500.0, "latency": 0.0, "reaction_time": 0.0}),
+        ("xarm7", {}),
+    ],
+)
+def test_a_stop_that_is_obeyed_is_in_time(robot, settings):
+    """Every ball attacks; the arm brakes as late as it may and as weakly, or as hard, as it may."""
+    hunt = Hunt(Robot.load(robot), 11, 12, 12, top=(0.1, 0.3, 1.0), **settings)
+    score = hunt.run(2.5e5)
+    assert (score.hits, score.missed, score.early) == (0, 0, 0), score
+    # It was a fight: the arm was let go and stopped again and again.
+    assert score.stops > 5
+    assert score.goes > 100
+    assert score.worst < 0.3
+
+
+def test_a_stop_that_is_obeyed_too_late_is_not():
+    score = Hunt(panda(), 2, 60, 12, true_reaction=0.08).run(4e5)
+    assert score.missed > 10
+
+
+@functools.cache
+def braking_motion():
+    return BrakingMotion(panda(), REACTION)
+
+
+def simulate(q, v, age, free, going_on, scale, duration, rng):
+    """Displacements of joints that go, keep to a pace and brake as they like, (steps, nv).
+
+    And how far wrong a straight line between two steps may be, where joints run into their stops
+    on the way, and the velocities in the end.
+    """
+    robot, nv = panda(), len(q)
+    accel, top = robot.acceleration_limit, robot.velocity_limit
+    braking = robot.braking_deceleration
+    lower, upper = robot.lower_position_limit, robot.upper_position_limit
+    true_q = np.clip(q + rng.choice([-1.0, 0.0, 1.0], nv) * robot.position_error, lower, upper)
+    true_v = np.clip(v + rng.choice([-1.0, 0.0, 1.0], nv) * robot.velocity_error, -top, top)
+    start, pace = true_q.copy(), scale * top
+    ways, jolts = [np.zeros(nv)], [np.zeros(nv)]
+    push, turns = rng.choice([-1.0, 1.0], nv), rng.uniform(0.0, 3.0 * (age + free), nv)
+    strength = rng.choice([0.0, 1.0, rng.random()], nv)
+    for k in range(round((age + duration) / STEP)):
+        now = k * STEP
+        rate = braking + strength * (accel - braking)
+        pushed = true_v + np.where(now < turns, push, -push) * accel * STEP
+        slowed = np.sign(true_v) * np.maximum(np.abs(true_v) - rate * STEP, 0.0)
+        if now < age + free - 1e-9:
+            after = np.clip(pushed, -top, top)
+        elif now < age + free + going_on - 1e-9:
+            eased = np.sign(true_v) * np.maximum(np.abs(slowed), pace)
+            after = np.where(np.abs(true_v) > pace, eased, np.clip(pushed, -pace, pace))
+        else:
+            after = slowed
+        moved = true_q + 0.5 * STEP * (true_v + after)
+        true_q = np.clip(moved, lower, upper)
+        true_v = np.where(true_q == moved, after, 0.0)
+        ways.append(true_q - start)
+        jolts.append(np.where(true_q == moved, 0.0, top * STEP))
+    return np.array(ways), np.array(jolts), true_v
+
+
+@pytest.mark.parametrize(
+    ("going_on", "scale"), [(0.0, 1.0), (0.1, 1.0), (0.1, 0.3), (0.05, 0.0), (0.3, 0.7)]
+)
+def test_braking_tables_bound_every_motion(going_on, scale):
+    rng = np.random.default_rng(int(100 * going_on + 10 * scale))
+    robot, horizon = panda(), PERIOD + LATENCY
+    lower, upper = robot.lower_position_limit, robot.upper_position_limit
+    reached = 0.0
+    for _ in range(12):
+        age = rng.choice([0.0, 0.004, 0.02])
+        q = rng.uniform(lower, upper)
+        near = rng.random(7) < 0.2
+        q = np.where(near, np.where(rng.random(7) < 0.5, lower + 0.02, upper - 0.02), q)
+        v = rng.uniform(-1.0, 1.0, 7) * robot.velocity_limit * rng.choice([0.0, 0.2, 1.0])
+        table = braking_motion().tabulate(q, v, age, horizon, going_on=going_on, scale=scale)
+        high = np.minimum(table.high, table.highest)
+        low = np.maximum(table.low, table.lowest)
+        free = horizon + REACTION
+        for _ in range(12):
+            duration = table.time[-1] + 2 * STEP
+            ways, jolts, speed = simulate(q, v, age, free, going_on, scale, duration, rng)
+            assert (speed == 0.0).all(), "the table ends before the arm rests"
+            at = (age + table.time) / STEP
+            for j in range(7):
+                way = np.interp(at, np.arange(len(ways)), ways[:, j])
+                slack = 3e-5 + jolts[np.ceil(at - 1e-9).astype(int), j]
+                assert (way <= high[:, j] + slack).all()
+                assert (way >= low[:, j] - slack).all()
+                reached = max(reached, (way[-1] / max(high[-1, j], 1e-3)).max())
+    assert reached > 0.9
+
+
+def test_going_on_only_adds_and_less_pace_never_adds():
+    rng = np.random.default_rng(3)
+    motion = braking_motion()
+    for _ in range(20):
+        q = rng.uniform(panda().lower_position_limit, panda().upper_position_limit)
+        v = rng.uniform(-0.5, 0.5, 7) * panda().velocity_limit
+        ends = []
+        for going_on, scale in [(0.1, 1.0), (0.1, 0.5), (0.1, 0.1), (0.1, 0.0)]:
+            table = motion.tabulate(q, v, 0.0, 0.003, going_on=going_on, scale=scale)
+            assert (np.diff(table.time) > 0.0).all()
+            ends.append((table.high[-1].copy(), table.low[-1].copy(), table.time[-1]))
+        for more, less in itertools.pairwise(ends):
+            assert (less[0] <= more[0] + 1e-12).all()
+            assert (less[1] >= more[1] - 1e-12).all()
+            assert less[2] <= more[2] + 1e-12
+        # Without time to go on, the pace means nothing.
+        plain = motion.tabulate(q, v, 0.0, 0.003).high.copy()
+        np.testing.assert_allclose(
+            motion.tabulate(q, v, 0.0, 0.003, scale=0.2).high, plain, rtol=1e-12
+        )
+
+
+def test_a_scale_falls_at_once_and_rises_after_its_hold():
+    decision = StopDecision(None, PERIOD, PERIOD + LATENCY, 0.1, 0.3)
+    rng = np.random.default_rng(0)
+    raw, given = np.ones(0), np.ones(0)
+    for k in range(3000):
+        raw = np.append(raw, raw[-1] if k % 37 and k else rng.choice([0.0, 0.3, 0.6, 1.0]))
+        given = np.append(given, decision.hold_scale(k * PERIOD, raw[-1]))
+        assert given[k] <= raw[k]
+        if raw[k] <= given[k - 1]:
+            assert given[k] == raw[k]
+        elif given[k] > given[k - 1]:
+            # It has not fallen for as long as that.
+            recent = given[max(0, k - 298) : k]
+            assert (np.diff(recent) >= 0.0).all()
+    assert given.min() == 0.0
+    assert given[500:].max() > 0.0
+
+
+SLOW, AWARE = 0.1, 0.3
+
+
+def watch_scale(position, velocity, q, v, ticks, *, speed=2.0, accel=10.0):
+    """Verdicts of an arm that stays as it is, beside a ball that is heard of in each tick."""
+    obstacles, monitor = make_monitor("deadline", hold=0.05)
+    verdicts = []
+    for k in range(ticks):
+        see(obstacles, k * PERIOD, position, velocity=[velocity], speed=speed, accel=accel)
+        verdicts += steps(monitor, k, 1, q(k), v)
+    return verdicts
+
+
+def test_an_arm_far_from_everything_may_go_at_full_speed():
+    *_, last = watch_scale([9.0, 0.0, 0.5], [0.0, 0.0, 0.0], lambda k: HOME, STILL, 20)
+    assert (last.level, last.speed_scale) == (Level.CLEAR, 1.0)
+
+
+def test_an_arm_that_moves_away_need_not_slow_down():
+    """A wall behind the hand, which swings away from it; then the other way round."""
+    # At this pose the hand is in front of the base, and joint 1 swings it sideways.
+    scales = {}
+    for side in (-1.0, 1.0):
+        pace = np.eye(7)[0] * 0.4
+
+        def q(k, pace=pace):
+            return HOME + pace * k * PERIOD
+
+        obstacles, monitor = make_monitor("deadline")
+        obstacles.add_static("wall", [0.5, side * 0.45, 0.6], 0.1)
+        verdicts = [monitor.step(k * PERIOD, q(k), pace) for k in range(60)]
+        scales[side] = np.array([one.speed_scale for one in verdicts])
+        if side < 0.0:
+            assert all(one.level > Level.STOP for one in verdicts)
+    assert scales[-1.0].mean() > scales[1.0].mean()
+
+
+@functools.cache
+def govern(distance, seconds=4.0):
+    """An arm that sweeps to and fro, as fast as its scale lets it, beside a post.
+
+    Returns scales and levels by tick. The thing leaves after three quarters of the time.
+    """
+    robot = panda()
+    obstacles, monitor = make_monitor("deadline", hold=0.1)
+    obstacles.add_static("post", [0.55 + distance, 0.0, 0.6], 0.1)
+    q, v, scales, levels = HOME.copy(), np.zeros(7), [], []
+    side = 1.0
+    ticks = round(seconds / PERIOD)
+    for k in range(ticks):
+        if k == 3 * ticks // 4:
+            obstacles.remove(["post"])
+        verdict = monitor.step(k * PERIOD, q, v)
+        scales.append(verdict.speed_scale)
+        levels.append(verdict.level)
+        top = 0.0 if verdict.level is Level.STOP else verdict.speed_scale * robot.velocity_limit[0]
+        side = -np.sign(q[0]) if abs(q[0]) > 0.5 else side
+        goal = side * min(top, 0.6)
+        rate = robot.braking_deceleration[0] * PERIOD
+        after = v[0] + np.clip(goal - v[0], -rate, rate)
+        q[0] += 0.5 * PERIOD * (v[0] + after)
+        v[0] = after
+    return np.array(scales), np.array(levels)
+
+
+def test_a_governed_arm_does_not_come_to_a_halt_where_it_need_not():
+    scales, levels = govern(0.6)
+    early = slice(len(scales) // 4, 3 * len(scales) // 4)
+    assert (levels[early] > Level.STOP).all()
+    assert scales[early].min() > 0.05
+    # It is not ever slower: the last stretch is no slower than the first.
+    half = len(scales) // 2
+    first, second = scales[len(scales) // 4 : half], scales[half : 3 * len(scales) // 4]
+    assert second.mean() > 0.7 * first.mean()
+
+
+def test_a_scale_recovers_by_itself():
+    scales, levels = govern(0.6)
+    assert scales[-1] == 1.0
+    assert levels[-1] == Level.CLEAR
+
+
+@pytest.mark.xfail(reason="a scale is given out that holds for braking at once only", strict=True)
+@pytest.mark.parametrize("seed", [4])
+def test_an_arm_that_keeps_to_its_scale_can_still_stop(seed):
+    score = Hunt(panda(), seed, 60, 12, slow_margin=SLOW, aware_margin=AWARE).run(1e6)
+    assert score.too_fast == 0, score
