@@ -40,7 +40,7 @@ def pack(content: Any) -> Any:
 
     Arrays that are replaced by others must be packed again.
     """
-    return _make_packer(type(content))(content)
+    return _make_packer(type(content))(content)  # type: ignore[arg-type]  # it is hashable
 
 
 @functools.cache

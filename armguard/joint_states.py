@@ -51,6 +51,10 @@ class Guard(NamedTuple):
     """Stamp of the last state; written. Shape (1,)."""
     timeout: float
     """Longest age of a state and longest step between two, in [s]."""
+    horizon: float
+    """Until the verdict after the present one is obeyed, in [s]."""
+    reaction_time: float
+    """From command to braking torque, in [s]."""
     history: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
     """What `accept_joints` works on."""
 
@@ -103,6 +107,7 @@ class JointStates:
                 np.array(robot.braking_deceleration),
                 self._last_stamp,
                 float(joint_timeout),
+                *self._delays,
                 self._history.arrays,
             )
         )
@@ -152,9 +157,7 @@ class JointStates:
         # Whatever their strides are: compiled code is made for one kind of array.
         self._read[:] = q
         self._read_v[:] = v
-        found: tuple[int, float] = _glance(
-            self._guard, stamp, self._read, self._read_v, now, *self._delays
-        )
+        found: tuple[int, float] = _glance(self._guard, stamp, self._read, self._read_v, now)
         return found
 
     def receive(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> Reason | None:
@@ -251,7 +254,7 @@ class JointStates:
         _take_finite(self._read, self.q)
         self._check_limits()
         self.stopping()
-        _glance(self._guard, math.nan, self._read, self._read_v, 0.0, *self._delays)
+        _glance(self._guard, math.nan, self._read, self._read_v, 0.0)
         self.stop_time(0.0)
 
 
@@ -262,8 +265,6 @@ def _glance(
     q: FloatArray,
     v: FloatArray,
     now: float,
-    horizon: float,
-    reaction_time: float,
 ) -> tuple[int, float]:
     """`JointStates.glance`."""
     guard = handle.content
@@ -296,8 +297,8 @@ def _glance(
         guard.acceleration_limit,
         guard.braking_deceleration,
         now - stamp,
-        horizon,
-        reaction_time,
+        guard.horizon,
+        guard.reaction_time,
     )
     return found, stop_time
 

@@ -125,11 +125,14 @@ class Monitor:
         self.robot = robot
         self.obstacles = obstacles
         self.base_placement = settings.base_placement
+        self._horizon = settings.horizon
         self._rule = VerdictRule(slow_margin, aware_margin, hold)
         self._states = JointStates(
             robot, settings.joint_timeout, settings.horizon, settings.reaction_time
         )
-        self._watch = make_watch(robot, obstacles, settings, IgnoredPairs(ignore, robot))
+        self._watch = make_watch(
+            robot, obstacles, settings, IgnoredPairs(ignore, robot), self._states
+        )
         self._stopping = None
         if settings.with_joints:
             self._stopping = StopDecision(
@@ -383,21 +386,22 @@ class Monitor:
             )
         if held:
             reasons.append(Reason(ReasonKind.HOLD))
+        # By position: names would cost as much as the whole tuple.
         return Verdict(
-            stamp=stamp,
-            sequence=self._sequence,
-            level=level,
-            contact_time=contact_time,
-            stop_time=tick.stop_time,
-            speed_scale=self._scale(tick, level, contact_time),
-            link=link,
-            obstacle=obstacle,
-            complete=complete,
-            evaluated=self._evaluated,
-            reasons=(*self._rule.latched.values(), *reasons),
-            valid_until=math.nextafter(tick.now + self.settings.horizon, -math.inf),
-            separation=None if self._separation is None else self._measure_separation(tick),
-            certificate=self._prove(tick, pair) if self._certify else None,
+            stamp,
+            self._sequence,
+            level,
+            contact_time,
+            tick.stop_time,
+            self._scale(tick, level, contact_time),
+            link,
+            obstacle,
+            complete,
+            self._evaluated,
+            (*self._rule.latched.values(), *reasons),
+            math.nextafter(tick.now + self._horizon, -math.inf),
+            None if self._separation is None else self._measure_separation(tick),
+            self._prove(tick, pair) if self._certify else None,
         )
 
     def _scale(self, tick: Tick, level: Level, contact_time: float) -> float:
@@ -407,14 +411,14 @@ class Monitor:
         stopping = self._stopping
         if stopping is None:
             # An arm that is no faster can brake before contact, whatever it does in this tick.
-            until_braking = self.settings.horizon + self.settings.reaction_time
+            until_braking = self._horizon + self.settings.reaction_time
             scale = (contact_time - until_braking) * self._braking_scale
             return min(max(scale, 0.0), 1.0)
         scale = 1.0
         # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
         if not contact_time > stopping.looks_ahead + self._slowest_stop:
-            age = tick.arm_age + stopping.looks_ahead - self.settings.horizon
-            rest = self._states.stop_time(age) + stopping.looks_ahead - self.settings.horizon
+            age = tick.arm_age + stopping.looks_ahead - self._horizon
+            rest = self._states.stop_time(age) + stopping.looks_ahead - self._horizon
             if not contact_time > rest:
                 scale = stopping.find_scale(tick)
         return stopping.hold_scale(tick.now, scale)
@@ -473,5 +477,5 @@ class Monitor:
             complete=False,
             evaluated=self._evaluated,
             reasons=tuple(self._rule.latched.values()),
-            valid_until=math.nextafter(now + self.settings.horizon, -math.inf),
+            valid_until=math.nextafter(now + self._horizon, -math.inf),
         )

@@ -12,7 +12,7 @@ links follow in the order of their imminence, so that most of them need no close
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -192,22 +192,34 @@ def time_to_spare(
     return spare
 
 
+class Watching(NamedTuple):
+    """All that a tick's look reads and writes."""
+
+    scene: Scene
+    book: Book
+    q: FloatArray
+    """Joint positions of the tick, [rad] or [m]. Shape (nv,)."""
+    v: FloatArray
+    """Joint velocities of the tick, [rad/s] or [m/s]. Shape (nv,)."""
+    horizon: float
+    """Period plus latency plus reaction time, in [s]."""
+    freshness: float
+    """How stale an answer may look, as a fraction of itself."""
+    period: float
+    """Of ticks, in [s]."""
+    budget: int
+    """Evaluations in a tick after which nothing further is begun."""
+
+
 @kernel
 def look(
-    scene_handle: Any,
-    book_handle: Any,
-    q: FloatArray,
-    v: FloatArray,
+    handle: Any,
     placed: bool,
     now: float,
     time: float,
     tick: int,
     arm_age: float,
     opening_time: float,
-    horizon: float,
-    freshness: float,
-    period: float,
-    budget: int,
 ) -> tuple[int, int, float, int, int, int]:
     """One tick: look at what is due, as far as the budget goes.
 
@@ -215,27 +227,23 @@ def look(
     and goes on only when all of it has been looked at.
 
     Args:
-        scene_handle: On the `Scene`.
-        book_handle: On the `Book`.
-        q: Joint positions, [rad] or [m]. Shape (nv,).
-        v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
+        handle: On a `Watching`.
         placed: Whether Pinocchio has placed the arm for this tick.
         now: Time of the tick on the obstacles' clock, in [s].
         time: The same since the monitor's epoch.
         tick: Number of the tick.
         arm_age: Age of the joint state, in [s].
         opening_time: What could be touched before this, in [s], is looked at closer.
-        horizon: Period plus latency plus reaction time, in [s].
-        freshness: How stale an answer may look, as a fraction of itself.
-        period: Of ticks, in [s].
-        budget: Evaluations after which nothing further is begun.
 
     Returns:
         Row whose certificate ends first (NOBODY without any, UNPLACED where the arm must be placed
         before the look can go on), its link, the end in [s] since the epoch, obstacles overdue,
         evaluations, and rows that news have overtaken.
     """
-    scene, book = scene_handle.content, book_handle.content
+    watching = handle.content
+    scene, book, q, v = watching.scene, watching.book, watching.q, watching.v
+    horizon, freshness = watching.horizon, watching.freshness
+    period, budget = watching.period, watching.budget
     wheel = book.wheel
     overtaken = _read_news(scene, book)
     # To the nearest tick: those of a loop are never quite on time.
@@ -279,6 +287,9 @@ def look(
     if book.numbers[ACTIVE] == 0:
         return NOBODY, 0, np.inf, overdue, evaluated, overtaken
     soonest = find_least(book.soonest)
+    while not book.watched[soonest].any():
+        # Rows that nobody watches never end either.
+        soonest += 1
     return (
         soonest, first_link(book, soonest), book.soonest[1], overdue, evaluated, overtaken
     )  # fmt: skip
@@ -286,10 +297,7 @@ def look(
 
 @kernel
 def find_unsafe(
-    scene_handle: Any,
-    book_handle: Any,
-    q: FloatArray,
-    v: FloatArray,
+    handle: Any,
     now: float,
     time: float,
     tick: int,
@@ -305,9 +313,9 @@ def find_unsafe(
     Returns:
         Row and link; NOBODY if the arm surely rests before it touches anything.
     """
-    scene, book = scene_handle.content, book_handle.content
+    scene, book = handle.content.scene, handle.content.book
     if book.numbers[PREPARED] != tick:
-        prepare_arm(scene, q, v, arm_age)
+        prepare_arm(scene, handle.content.q, handle.content.v, arm_age)
         book.numbers[PREPARED] = tick
     latest = time + stop_time
     count = find_below(book.soonest, latest, rows)
@@ -329,7 +337,7 @@ def find_unsafe(
 
 
 @kernel
-def find_near(book_handle: Any, latest: float, rows: IntArray) -> int:
+def find_near(handle: Any, latest: float, rows: IntArray) -> int:
     """Fill `rows` with those whose certificates end by `latest`, as far as they fit; how many."""
-    count: int = find_below(book_handle.content.soonest, latest, rows)
+    count: int = find_below(handle.content.book.soonest, latest, rows)
     return count

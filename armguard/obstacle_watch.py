@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.handle import pack
+from armguard.joint_states import JointStates
 from armguard.obstacle_book import (
     BROKEN,
     LOOKS,
@@ -27,7 +28,7 @@ from armguard.obstacle_book import (
     grow_book,
     make_book,
 )
-from armguard.obstacle_looks import UNPLACED, find_near, find_unsafe, look
+from armguard.obstacle_looks import UNPLACED, Watching, find_near, find_unsafe, look
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
 from armguard.scene import FloatArray, IntArray
@@ -49,6 +50,7 @@ class ObstacleWatch:
         robot: The arm.
         obstacles: The table; this watch is the one that follows its rows from now on.
         make_arm: Lays out the arm as it is now.
+        states: Where joint positions and velocities of each tick stand.
         horizon: Period plus latency plus reaction time, in [s].
         freshness: How stale an answer may look, as a fraction of itself.
         period: Of ticks, in [s].
@@ -60,6 +62,7 @@ class ObstacleWatch:
         robot: Robot,
         obstacles: Obstacles,
         make_arm: Callable[[], WatchedArm],
+        states: JointStates,
         horizon: float,
         freshness: float,
         period: float,
@@ -68,6 +71,7 @@ class ObstacleWatch:
         self._robot = robot
         self._obstacles = obstacles
         self._make_arm = make_arm
+        self._q, self._v = states.q, states.v
         self._pace = horizon, freshness, period, UNLIMITED if budget is None else budget
         self._suspects = np.zeros(SUSPECTS, dtype=np.int64)
         self._placed = -2
@@ -123,17 +127,13 @@ class ObstacleWatch:
 
     def _look(self, tick: Tick) -> tuple[int, int, float, int, int, int]:
         found: tuple[int, int, float, int, int, int] = look(
-            self.arm.state.handle,
-            self._handle,
-            tick.q,
-            tick.v,
+            self._watching,
             self._placed == tick.number,
             tick.now,
             tick.time,
             tick.number,
             tick.arm_age,
             tick.opening_time,
-            *self._pace,
         )
         return found
 
@@ -154,7 +154,7 @@ class ObstacleWatch:
     def near_pairs(self, tick: Tick, duration: float) -> IntArray | None:
         """Pairs that could touch within `duration`, in [s]; None if there are too many."""
         latest = tick.time + duration
-        count = find_near(self._handle, latest, self._suspects)
+        count = find_near(self._watching, latest, self._suspects)
         if count == SUSPECTS:
             return None
         rows = self._suspects[:count]
@@ -183,10 +183,7 @@ class ObstacleWatch:
         """A pair that might touch before the arm rests; NOBODY if there is none."""
         self._place(tick)
         row, link = find_unsafe(
-            self.arm.state.handle,
-            self._handle,
-            tick.q,
-            tick.v,
+            self._watching,
             tick.now,
             tick.time,
             tick.number,
@@ -264,6 +261,8 @@ class ObstacleWatch:
         rows, width = len(table.alive), table.points.shape[1]
         self.book = grow_book(self.book, table.news, rows, width)
         self._handle = pack(self.book)
+        scene = self.arm.state.scene
+        self._watching = pack(Watching(scene, self.book, self._q, self._v, *self._pace))
 
     def _compile(self) -> None:
         """Run every kernel once on nothing, so that none is compiled in a tick."""

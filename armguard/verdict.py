@@ -176,12 +176,14 @@ class VerdictRule:
         self.latched: dict[ReasonKind, Reason] = {}
         self._settled = False
         self._last_at: list[float] = [-math.inf] * len(Level)
+        self._low_at = -math.inf
 
     def reset(self) -> None:
         """Forget latched faults and held levels; the next complete verdict stands at once."""
         self.latched.clear()
         self._settled = False
         self._last_at = [-math.inf] * len(Level)
+        self._low_at = -math.inf
 
     def latch(self, reason: Reason) -> None:
         """Hold STOP for `reason` until `reset()`; the first of a kind is the one kept."""
@@ -196,7 +198,7 @@ class VerdictRule:
             rests: Whether the arm is known to rest before any contact, if it brakes after the next
                 tick: then there is no need to stop now, however short the contact time.
         """
-        if not contact_time > stop_time and not rests:
+        if not contact_time > stop_time and not (rests and contact_time >= 0.0):
             return Level.STOP
         if not contact_time > stop_time + self.slow_margin:
             return Level.SLOW
@@ -232,7 +234,13 @@ class VerdictRule:
                 return Level.STOP, False
             self._settled = True
             self._last_at = [-math.inf] * len(Level)
+            self._low_at = -math.inf
         self._last_at[raw] = now
+        if raw is not Level.CLEAR:
+            self._low_at = now
+        elif not now - self._low_at < self.hold:
+            # The usual case: nothing lower for long.
+            return raw, False
         for level in Level:
             if level >= raw:
                 break

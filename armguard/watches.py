@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from armguard.arm_motion import PLANNED
 from armguard.ignored_pairs import IgnoredPairs
+from armguard.joint_states import JointStates
 from armguard.monitor_arguments import MonitorSettings
 from armguard.obstacle_watch import ObstacleWatch
 from armguard.obstacles import Obstacles
@@ -14,7 +15,11 @@ from armguard.watched_arm import WatchedArm
 
 
 def make_watch(
-    robot: Robot, obstacles: Obstacles, settings: MonitorSettings, ignored: IgnoredPairs
+    robot: Robot,
+    obstacles: Obstacles,
+    settings: MonitorSettings,
+    ignored: IgnoredPairs,
+    states: JointStates,
 ) -> Watch:
     """A watch over the pairs of an arm and obstacles, compiled and ready.
 
@@ -23,6 +28,7 @@ def make_watch(
         obstacles: The table; the watch is the one that follows its rows from now on.
         settings: Which watch, and how cautious.
         ignored: Pairs that nobody watches.
+        states: Where joint positions and velocities of each tick stand.
     """
     schedule = settings.schedule
 
@@ -45,6 +51,7 @@ def make_watch(
         robot,
         obstacles,
         make_arm,
+        states,
         settings.horizon + settings.reaction_time,
         settings.freshness,
         settings.period,
