@@ -137,22 +137,15 @@ def test_going_on_only_adds_and_less_pace_never_adds():
         )
 
 
-def test_a_scale_falls_at_once_and_rises_after_its_hold():
-    decision = StopDecision(None, PERIOD, PERIOD + LATENCY, 0.1, 0.3)
+def test_a_scale_is_the_least_of_its_hold():
+    hold = 0.3
+    decision = StopDecision(None, PERIOD, PERIOD + LATENCY, 0.1, hold)
     rng = np.random.default_rng(0)
-    raw, given = np.ones(0), np.ones(0)
+    times, raw = np.cumsum(rng.uniform(0.0, 2.0 * PERIOD, 3000)), np.ones(3000)
     for k in range(3000):
-        raw = np.append(raw, raw[-1] if k % 37 and k else rng.choice([0.0, 0.3, 0.6, 1.0]))
-        given = np.append(given, decision.hold_scale(k * PERIOD, raw[-1]))
-        assert given[k] <= raw[k]
-        if raw[k] <= given[k - 1]:
-            assert given[k] == raw[k]
-        elif given[k] > given[k - 1]:
-            # It has not fallen for as long as that.
-            recent = given[max(0, k - 298) : k]
-            assert (np.diff(recent) >= 0.0).all()
-    assert given.min() == 0.0
-    assert given[500:].max() > 0.0
+        raw[k] = rng.choice([0.0, 0.3, 0.6, 0.9, 1.0]) if k % 97 == 0 else raw[k - 1]
+        given = decision.hold_scale(times[k], raw[k])
+        assert given == raw[: k + 1][times[: k + 1] >= times[k] - hold].min()
 
 
 SLOW, AWARE = 0.1, 0.3
@@ -237,8 +230,9 @@ def test_a_scale_recovers_by_itself():
     assert levels[-1] == Level.CLEAR
 
 
-@pytest.mark.xfail(reason="a scale is given out that holds for braking at once only", strict=True)
-@pytest.mark.parametrize("seed", [4])
+@pytest.mark.parametrize("seed", [4, 5])
 def test_an_arm_that_keeps_to_its_scale_can_still_stop(seed):
-    score = Hunt(panda(), seed, 60, 12, slow_margin=SLOW, aware_margin=AWARE).run(1e6)
+    score = Hunt(panda(), seed, 60, 12, slow_margin=SLOW, aware_margin=AWARE).run(8e5)
     assert score.too_fast == 0, score
+    assert score.goes > 100
+    assert score.worst_scale < 0.5
