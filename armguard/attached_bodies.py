@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from armguard.exceptions import RobotError
 from armguard.link_surfaces import place
-from armguard.surfaces import triangulate
+from armguard.patches import drop_nothing, place_patches, swell_nothing
+from armguard.surfaces import make_patches, triangulate
 
 Array = NDArray[np.float64]
 
@@ -43,10 +44,12 @@ class AttachedBody:
             raise RobotError(f"attached body {name!r}", "has no name", expected="a string")
         offender = f"attached body {name!r}"
         self.links = (name,)
-        motion, triangles = _read_placement(offender, placement), _read_geometry(offender, geometry)
+        motion = _read_placement(offender, placement)
+        triangles, pieces = _read_geometry(offender, geometry)
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
-            surface = place(motion, triangles)
-        farthest = float(np.abs(surface).max())
+            triangles = place(motion, triangles)
+            pieces = drop_nothing(place_patches(motion.rotation, motion.translation, pieces))
+        farthest = float(np.abs(triangles).max())
         if not farthest <= FARTHEST:
             raise RobotError(
                 offender,
@@ -54,18 +57,25 @@ class AttachedBody:
                 expected=f"at most {FARTHEST:g} m",
                 remedy="give sizes in metres",
             )
-        surface.flags.writeable = False
-        self._surface = surface
+        triangles.flags.writeable = pieces.flags.writeable = False
+        self._triangles, self._pieces = triangles, pieces
 
     def triangles(self, link: str) -> Array:
-        """Its surface in the frame of its joint, in [m]. Shape (n, 3, 3)."""
+        """Its surface, or a polyhedron that contains it, in its joint's frame [m]. (n, 3, 3)."""
         assert link in self.links
-        return self._surface
+        return self._triangles
+
+    def surface(self, link: str) -> Array:
+        """Pieces of its surface, as `patches` has them, in the frame of its joint, in [m]."""
+        assert link in self.links
+        return self._pieces
 
 
-def _read_geometry(offender: str, geometry: Any) -> Array:
+def _read_geometry(offender: str, geometry: Any) -> tuple[Array, Array]:
+    """Triangles and patches."""
     if isinstance(geometry, coal.CollisionGeometry):
-        return triangulate(offender, geometry)
+        triangles = triangulate(offender, geometry)
+        return triangles, make_patches(geometry, triangles)
     try:
         triangles = np.array(geometry, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -80,7 +90,7 @@ def _read_geometry(offender: str, geometry: Any) -> Array:
         )
     if not np.isfinite(triangles).all():
         raise RobotError(offender, "has a vertex that is not finite")
-    return triangles
+    return triangles, swell_nothing(triangles)
 
 
 def _read_placement(offender: str, placement: pinocchio.SE3 | ArrayLike | None) -> pinocchio.SE3:

@@ -21,6 +21,7 @@ from armguard.containment import compute_parents, is_contained, tighten
 from armguard.cover_report import CoverReport, report_link
 from armguard.exceptions import CoverError
 from armguard.fitting import fit_tree
+from armguard.patches import compute_corners
 from armguard.sphere_tree import GRID, SphereTree
 
 Array = NDArray[np.float64]
@@ -44,8 +45,8 @@ class Surfaces(Protocol):
     def links(self) -> tuple[str, ...]:
         """Names of the links."""
 
-    def triangles(self, link: str) -> Array:
-        """Surface of a link in the frame of its parent joint, in [m]. Shape (n, 3, 3)."""
+    def surface(self, link: str) -> Array:
+        """Pieces of a link's surface, as `patches` has them, in its parent joint's frame [m]."""
 
 
 class Cover:
@@ -97,14 +98,14 @@ class Cover:
             protrusion = DEFAULT_PROTRUSION
         trees, geometry = {}, {}
         surfaces = {link: get_surface(robot, link) for link in robot.links}
-        for link, triangles in surfaces.items():
+        for link, surface in surfaces.items():
             if on_link is not None:
                 on_link(link)
-            tree = fit_tree(triangles, spheres=spheres, protrusion=protrusion)
-            if not is_contained(triangles, tree):
+            tree = fit_tree(surface, spheres=spheres, protrusion=protrusion)
+            if not is_contained(surface, tree):
                 raise CoverError(f"link {link!r}", "its fitted spheres could not be proved")
-            trees[link] = tighten(triangles, tree)
-            geometry[link] = hash_surface(triangles)
+            trees[link] = tighten(surface, tree)
+            geometry[link] = hash_surface(surface)
         return cls(trees, geometry)
 
     @property
@@ -245,17 +246,18 @@ class _CoverFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def get_surface(robot: Surfaces, link: str) -> Array:
-    """A link's triangles in [m], refused where they cannot be a link's. Shape (n, 3, 3).
+    """Pieces of a link's surface in [m], refused where they cannot be a link's.
 
     Raises:
         CoverError: There are none, one is not finite, or the link is of no plausible size.
     """
-    triangles = robot.triangles(link)
-    if triangles.shape != (len(triangles), 3, 3) or not len(triangles):
-        raise CoverError(f"link {link!r}", f"has a surface of shape {triangles.shape}")
-    if not np.isfinite(triangles).all():
+    surface = robot.surface(link)
+    if surface.shape not in ((len(surface), 3, 3), (len(surface), 3, 6)) or not len(surface):
+        raise CoverError(f"link {link!r}", f"has a surface of shape {surface.shape}")
+    if not np.isfinite(surface).all():
         raise CoverError(f"link {link!r}", "has a surface that is not finite")
-    extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    corners = compute_corners(surface)
+    extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     if not SMALLEST <= extent <= LARGEST:
         raise CoverError(
             f"link {link!r}",
@@ -263,7 +265,7 @@ def get_surface(robot: Surfaces, link: str) -> Array:
             expected=f"{SMALLEST:g} m to {LARGEST:g} m",
             remedy="give the mesh's unit in the scale of its URDF element (mm: 0.001)",
         )
-    farthest = float(np.abs(triangles).max())
+    farthest = float(np.abs(corners).max())
     if not farthest <= FARTHEST:
         raise CoverError(
             f"link {link!r}",
@@ -271,12 +273,12 @@ def get_surface(robot: Surfaces, link: str) -> Array:
             expected=f"at most {FARTHEST:g} m",
             remedy="give lengths in metres",
         )
-    return triangles
+    return surface
 
 
-def hash_surface(triangles: Array) -> str:
+def hash_surface(surface: Array) -> str:
     """Digest of a surface, rounded to the grid so that another machine's rounding is the same."""
-    cells = np.floor(np.asarray(triangles) / GRID + 0.5).astype("<i8")
+    cells = np.floor(np.asarray(surface) / GRID + 0.5).astype("<i8")
     return hashlib.sha256(cells.tobytes()).hexdigest()
 
 

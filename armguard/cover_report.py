@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.containment import is_contained
+from armguard.patches import compute_corners
 from armguard.sphere_tree import SphereTree
 from armguard.surface_distance import Surface, arrange_surface, compute_signed_distances
 
@@ -85,20 +86,20 @@ class CoverReport:
         )
 
 
-def report_link(tree: SphereTree, triangles: Array) -> LinkReport:
+def report_link(tree: SphereTree, surface: Array) -> LinkReport:
     """Prove and measure one link's cover.
 
     Args:
         tree: Its balls.
-        triangles: Its surface, in [m], finite. Shape (n, 3, 3), n > 0.
+        surface: Its pieces as `patches` has them, in [m], finite; n > 0.
     """
     leaves = tree.spheres[tree.child_count == 0]
-    surface = arrange_surface(triangles)
-    protrusions = leaves[:, 3] + compute_signed_distances(leaves[:, :3], surface)
-    mean, area = _measure_surface(leaves, surface)
-    union_volume, link_volume = _measure_volumes(leaves, surface)
+    arranged = arrange_surface(compute_corners(surface))
+    protrusions = leaves[:, 3] + compute_signed_distances(leaves[:, :3], arranged)
+    mean, area = _measure_surface(leaves, arranged)
+    union_volume, link_volume = _measure_volumes(leaves, arranged)
     return LinkReport(
-        proved=is_contained(triangles, tree),
+        proved=is_contained(surface, tree),
         count=len(leaves),
         max_protrusion=float(protrusions.max()),
         mean_protrusion=mean,

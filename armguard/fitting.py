@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from armguard.compilation import kernel
 from armguard.enclosing_ball import enclose_points
+from armguard.patches import bisect_pieces, compute_corners, compute_hull_points, measure_sides
 from armguard.sphere_tree import GRID, Node, SphereTree, build_tree, enclose
 from armguard.surface_distance import (
     Surface,
@@ -31,6 +32,7 @@ from armguard.surface_distance import (
 Array = NDArray[np.float64]
 
 _PIECES = 2500  # about as many pieces a link: finer ones fit tighter, and cost in proportion
+_ROUND_PIECES = 600  # these are smooth, and cost six times as much each
 _FINE_PIECES = 8000  # where spheres are to be few; no finer than
 _FINENESS = 0.25  # this share of the protrusion
 _CANDIDATES = 1500  # about as many candidate centres a link
@@ -40,56 +42,48 @@ _ROUNDS = 30  # of moving pieces and centres in turns
 
 
 def fit_tree(
-    triangles: Array, *, spheres: int | None = None, protrusion: float | None = None
+    surface: Array, *, spheres: int | None = None, protrusion: float | None = None
 ) -> SphereTree:
-    """Fit a tree of balls to triangles; the same input gives the same tree.
+    """Fit a tree of balls to a surface; the same input gives the same tree.
 
     Args:
-        triangles: In [m], finite. Shape (n, 3, 3), n > 0.
+        surface: Pieces as `patches` has them, in [m], finite; n > 0.
         spheres: At most so many leaves, which then stick out as little as possible, or
         protrusion: how far a leaf may stick out, in [m], with as few leaves as possible.
     """
-    surface = arrange_surface(triangles)
+    arranged = arrange_surface(compute_corners(surface))
     if spheres is not None:
-        pieces = cut_triangles(triangles)
-        centers = _fit_count(pieces, surface, spheres)
+        count = _PIECES if surface.shape[2] == 3 else _ROUND_PIECES
+        pieces = compute_hull_points(cut_pieces(surface, count))
+        centers = _fit_count(pieces, arranged, spheres)
     else:
         limit = float(protrusion or 0.0)
-        pieces = cut_triangles(triangles, _FINE_PIECES, _FINENESS * limit)
-        centers = _fit_protrusion(pieces, surface, limit)
-    return build_tree(_assign_pieces(pieces, surface, centers))
+        pieces = compute_hull_points(cut_pieces(surface, _FINE_PIECES, _FINENESS * limit))
+        centers = _fit_protrusion(pieces, arranged, limit)
+    return build_tree(_assign_pieces(pieces, arranged, centers))
 
 
-def bisect_triangles(triangles: Array) -> Array:
-    """Cut each triangle in two at the middle of its longest edge; (n, 3, 3) to (2n, 3, 3)."""
-    squared = ((triangles - np.roll(triangles, -1, axis=1)) ** 2).sum(axis=2)
-    turn = (np.argmax(squared, axis=1)[:, None] + np.arange(3)) % 3
-    a, b, c = np.take_along_axis(triangles, turn[:, :, None], axis=1).transpose(1, 0, 2)
-    middle = 0.5 * (a + b)
-    return np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-
-
-def cut_triangles(triangles: Array, count: int = _PIECES, shortest: float = 0.0) -> Array:
-    """Bisect triangles until all edges are short.
+def cut_pieces(pieces: Array, count: int = _PIECES, shortest: float = 0.0) -> Array:
+    """Bisect pieces until all edges are short.
 
     Args:
-        triangles: In [m]. Shape (n, 3, 3).
+        pieces: As `patches` has them, in [m].
         count: About as many pieces would have edges of a common length, but
         shortest: edges no longer than this need not be cut, in [m].
 
     Returns:
-        Pieces in [m]. Shape (m, 3, 3).
+        Pieces of the same kind.
     """
+    triangles = compute_corners(pieces)
     sides = triangles[:, 1:] - triangles[:, :1]
     area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()
     extent = np.ptp(triangles.reshape(-1, 3), axis=0).max()
     longest = max(2.0 * math.sqrt(area / count), extent / 200.0, shortest)
     done = []
-    while len(triangles):
-        squared = ((triangles - np.roll(triangles, -1, axis=1)) ** 2).sum(axis=2).max(axis=1)
-        is_short = squared <= longest**2
-        done.append(triangles[is_short])
-        triangles = bisect_triangles(triangles[~is_short])
+    while len(pieces):
+        is_short = measure_sides(pieces) <= longest**2
+        done.append(pieces[is_short])
+        pieces = bisect_pieces(pieces[~is_short])
     return np.concatenate(done)
 
 
@@ -254,7 +248,7 @@ def _farthest_corners(centers, pieces, distances):  # type: ignore[no-untyped-de
     for i in range(len(centers)):
         for j in range(len(pieces)):
             farthest = 0.0
-            for k in range(3):
+            for k in range(pieces.shape[1]):
                 x = pieces[j, k, 0] - centers[i, 0]
                 y = pieces[j, k, 1] - centers[i, 1]
                 z = pieces[j, k, 2] - centers[i, 2]

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from armguard.containment import is_contained, tighten
 from armguard.cover import Cover, Surfaces, get_surface, hash_surface
 from armguard.exceptions import CoverError
-from armguard.fitting import bisect_triangles, cut_triangles
+from armguard.fitting import cut_pieces
+from armguard.patches import bisect_pieces, compute_corners, compute_hull_points
 from armguard.sphere_tree import MARGIN, Node, SphereTree, build_tree, enclose
 
 Array = NDArray[np.float64]
@@ -47,19 +48,19 @@ def measure_gaps(robot: Surfaces, spheres: Spheres) -> dict[str, Gap]:
     """
     gaps = {}
     for link in robot.links:
-        triangles = get_surface(robot, link)
+        surface = get_surface(robot, link)
         rows = spheres.get(link, np.zeros((0, 4)))
         if not len(rows):
             gaps[link] = Gap(0, 1.0, math.inf, proved=False)
             continue
-        pieces = bisect_triangles(bisect_triangles(cut_triangles(triangles)))
+        pieces = compute_corners(bisect_pieces(bisect_pieces(cut_pieces(surface))))
         sides = pieces[:, 1:] - pieces[:, :1]
         areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
         outside = _measure_outside(pieces.mean(axis=1), rows)
         share = float(areas[outside > 0.0].sum() / max(areas.sum(), np.finfo(float).tiny))
         corners = np.unique(pieces.reshape(-1, 3), axis=0)
         depth = max(float(outside.max()), float(_measure_outside(corners, rows).max()), 0.0)
-        proved = depth == 0.0 and is_contained(triangles, _make_flat_tree(triangles, rows))
+        proved = depth == 0.0 and is_contained(surface, _make_flat_tree(surface, rows))
         gaps[link] = Gap(len(rows), share, depth, proved)
     return gaps
 
@@ -80,11 +81,11 @@ def inflate_spheres(robot: Surfaces, spheres: Spheres) -> Cover:
     """
     trees, geometry = {}, {}
     for link in robot.links:
-        triangles = get_surface(robot, link)
+        surface = get_surface(robot, link)
         if link not in spheres or not len(spheres[link]):
             raise CoverError(f"link {link!r}", "has no spheres that could be inflated")
-        trees[link] = _inflate(link, triangles, spheres[link])
-        geometry[link] = hash_surface(triangles)
+        trees[link] = _inflate(link, surface, spheres[link])
+        geometry[link] = hash_surface(surface)
     return Cover(trees, geometry)
 
 
@@ -97,9 +98,9 @@ def _measure_outside(points: Array, spheres: Array) -> Array:
     return nearest
 
 
-def _make_flat_tree(triangles: Array, spheres: Array) -> SphereTree:
+def _make_flat_tree(surface: Array, spheres: Array) -> SphereTree:
     """All spheres as leaves below one ball that holds the whole surface."""
-    corners = triangles.reshape(-1, 3)
+    corners = compute_hull_points(surface).reshape(-1, 3)
     root = enclose(corners.mean(axis=0), corners)
     count = len(spheres)
     return SphereTree(
@@ -109,8 +110,8 @@ def _make_flat_tree(triangles: Array, spheres: Array) -> SphereTree:
     )
 
 
-def _inflate(link: str, triangles: Array, spheres: Array) -> SphereTree:
-    pieces = bisect_triangles(bisect_triangles(cut_triangles(triangles)))
+def _inflate(link: str, surface: Array, spheres: Array) -> SphereTree:
+    pieces = compute_hull_points(bisect_pieces(bisect_pieces(cut_pieces(surface))))
     growth, owners = np.full(len(pieces), math.inf), np.zeros(len(pieces), dtype=np.int64)
     for i, sphere in enumerate(spheres):
         distances = np.sqrt(((pieces - sphere[:3]) ** 2).sum(axis=2)).max(axis=1)
@@ -123,14 +124,14 @@ def _inflate(link: str, triangles: Array, spheres: Array) -> SphereTree:
         ball[3] = max(ball[3], _round_up(spheres[i, 3]))
         leaves.append(Node(ball, corners, []))
     tree = build_tree(leaves)
-    if not is_contained(triangles, tree):
+    if not is_contained(surface, tree):
         raise CoverError(f"link {link!r}", "its inflated spheres could not be proved")
     least: dict[tuple[float, ...], float] = {}
     for i, leaf in zip(np.unique(owners), leaves, strict=True):
         place = tuple(leaf.sphere[:3])  # two may share one: the larger need not shrink, either
         least[place] = max(least.get(place, 0.0), _round_up(spheres[i, 3]))
     return tighten(
-        triangles,
+        surface,
         tree,
         np.array(
             [

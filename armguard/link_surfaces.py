@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.patches import ROUND_UP, drop_nothing, place_patches, swell_nothing
 from armguard.robot_description import LockedJoint, RobotDescription
-from armguard.surfaces import ROUND_UP, hull_triangles, triangulate
+from armguard.surfaces import hull_triangles, make_patches, triangulate
 from armguard.urdf import UrdfModel
 
 Array = NDArray[np.float64]
@@ -23,9 +24,20 @@ Array = NDArray[np.float64]
 STEP = math.radians(10.0)  # a polygon with corners so far apart sticks out of its arc by 0.4 %
 
 
+class LinkSurface(NamedTuple):
+    """One link's surface in the frame of the watched joint that carries it; read-only arrays."""
+
+    joint: str
+    """Name of that joint."""
+    triangles: Array
+    """Its surface, or that of a polyhedron that contains it, in [m]. Shape (n, 3, 3)."""
+    pieces: Array
+    """What a cover is proved from, as `patches` has it, in [m]."""
+
+
 def collect_surfaces(
     urdf: UrdfModel, watched: Collection[str], description: RobotDescription
-) -> dict[str, tuple[str, Array]]:
+) -> dict[str, LinkSurface]:
     """Surfaces of all links that a watched joint moves.
 
     Args:
@@ -34,18 +46,21 @@ def collect_surfaces(
         description: Says where, or in which travel.
 
     Returns:
-        By link: the watched joint that carries it, and triangles in that joint's frame, in [m],
-        read-only. Shape (n, 3, 3).
+        By link.
 
     Raises:
         RobotError: A link has geometry without triangles, or flat geometry on a travelling joint.
     """
-    pieces: dict[str, list[Array]] = {}
+    parts: dict[str, list[Array]] = {}
+    patches: dict[str, list[Array]] = {}
     carriers: dict[str, str] = {}
     travelling: set[str] = set()
     for geometry in urdf.collision_model.geometryObjects:
         link = str(urdf.model.frames[geometry.parentFrame].name)
-        triangles = place(geometry.placement, triangulate(f"link {link!r}", geometry.geometry))
+        motion, triangles = geometry.placement, triangulate(f"link {link!r}", geometry.geometry)
+        pieces = make_patches(geometry.geometry, triangles)
+        pieces = place_patches(motion.rotation, motion.translation, pieces)
+        triangles = place(motion, triangles)
         number = geometry.parentJoint
         while number and str(urdf.model.names[number]) not in watched:
             entry = description.locked.get(str(urdf.model.names[number]))
@@ -53,17 +68,24 @@ def collect_surfaces(
                 span = entry.travel[1] - entry.travel[0]
                 triangles = _sweep(urdf.model.joints[number], span, f"link {link!r}", triangles)
                 travelling.add(link)
-            triangles = _carry(urdf.model, number, get_rest_position(entry), triangles)
+            motion = _carry(urdf.model, number, get_rest_position(entry))
+            triangles = place(motion, triangles)
+            pieces = place_patches(motion.rotation, motion.translation, pieces)
             number = urdf.model.parents[number]
         if number:
-            pieces.setdefault(link, []).append(triangles)
+            parts.setdefault(link, []).append(triangles)
+            patches.setdefault(link, []).append(pieces)
             carriers[link] = str(urdf.model.names[number])
-    surfaces = {link: np.concatenate(parts) for link, parts in pieces.items()}
-    for link in travelling & set(surfaces):
-        surfaces[link] = hull_triangles(f"link {link!r}", surfaces[link].reshape(-1, 3))
-    for surface in surfaces.values():
-        surface.flags.writeable = False
-    return {link: (carriers[link], surface) for link, surface in surfaces.items()}
+    surfaces = {}
+    for link, joint in carriers.items():
+        triangles, pieces = np.concatenate(parts[link]), np.concatenate(patches[link])
+        if link in travelling:
+            triangles = hull_triangles(f"link {link!r}", triangles.reshape(-1, 3))
+            pieces = swell_nothing(triangles)
+        pieces = drop_nothing(pieces)
+        triangles.flags.writeable = pieces.flags.writeable = False
+        surfaces[link] = LinkSurface(joint, triangles, pieces)
+    return surfaces
 
 
 def get_rest_position(entry: LockedJoint | None) -> float:
@@ -79,12 +101,12 @@ def place(placement: Any, triangles: Array) -> Array:
     return moved
 
 
-def _carry(model: Any, number: int, position: float, triangles: Array) -> Array:
-    """From the frame of a locked joint to that of its parent."""
+def _carry(model: Any, number: int, position: float) -> Any:
+    """Where the frame of a locked joint stands in that of its parent."""
     joint = model.joints[number]
     data = joint.createData()
     joint.calc(data, np.full(model.nq, position))
-    return place(model.jointPlacements[number] * data.M, triangles)
+    return model.jointPlacements[number] * data.M
 
 
 def _sweep(joint: Any, span: float, name: str, triangles: Array) -> Array:

@@ -46,6 +46,8 @@ class _Link(NamedTuple):
     """Index of the joint that moves it."""
     triangles: Array
     """In the frame of that joint, in [m]. Shape (n, 3, 3)."""
+    pieces: Array
+    """Of its surface, as `patches` has them."""
     is_attached: bool
 
 
@@ -107,8 +109,8 @@ class Robot:
         if not surfaces:
             raise RobotError(name, "no watched joint moves a link with collision geometry")
         links = {
-            link: _Link(self.model.getJointId(joint), triangles, is_attached=False)
-            for link, (joint, triangles) in surfaces.items()
+            link: _Link(self.model.getJointId(joint), triangles, pieces, is_attached=False)
+            for link, (joint, triangles, pieces) in surfaces.items()
         }
         self._bodies = _Bodies(dict(sorted(links.items(), key=lambda item: item[1].joint)), 0)
 
@@ -211,7 +213,8 @@ class Robot:
             self._check_link(link)
             self._check_new(name)
             bodies = self._bodies
-            new = _Link(bodies.links[link].joint, body.triangles(name), is_attached=True)
+            joint, pieces = bodies.links[link].joint, body.surface(name)
+            new = _Link(joint, body.triangles(name), pieces, is_attached=True)
             # Whoever reads meanwhile finds a cover for every link that there is.
             self.cover = _extend(self.cover, fitted)
             self._bodies = _Bodies({**bodies.links, name: new}, bodies.revision + 1)
@@ -253,6 +256,22 @@ class Robot:
         """
         self._check_link(link)
         return self._bodies.links[link].triangles
+
+    def surface(self, link: str) -> Array:
+        """The surface of a link in the pieces that its cover is proved from.
+
+        Args:
+            link: One of `links`.
+
+        Returns:
+            Triangles, or patches where it is round, as `armguard.patches` has them, in the frame of
+            the link's parent joint, in [m]. Shape (n, 3, 3) or (n, 3, 6).
+
+        Raises:
+            RobotError: As `triangles` does.
+        """
+        self._check_link(link)
+        return self._bodies.links[link].pieces
 
     def joint_index(self, link: str) -> int:
         """Index in `model.joints` of the joint that moves a link."""

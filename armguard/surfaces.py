@@ -1,8 +1,9 @@
-"""The surface of collision geometry as triangles: arrays out, whatever Coal's shape was.
+"""The surface of collision geometry: arrays out, whatever Coal's shape was.
 
-Covers and exact hulls need points, Coal has shapes. Boxes and meshes are given exactly; round
-shapes by a polyhedron that contains them, because a cover of it then contains the shape as well.
-What cannot be turned into triangles is refused by name: geometry never vanishes.
+Covers are fitted to pieces of surface and proved from them: boxes, meshes, spheres and capsules are
+given exactly, a cylinder as a prism that contains it. Exact hulls need points, and drawings need
+triangles: for these, round shapes are polyhedra that contain them. What cannot be turned into
+triangles is refused by name: geometry never vanishes.
 """
 
 from __future__ import annotations
@@ -14,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import RobotError
+from armguard.patches import ROUND_UP, swell_nothing
 
 Array = NDArray[np.float64]
 
 SIDES = 32  # of the prism around a cylinder: 0.5 % wider than the cylinder at its edges
+EQUATOR = 32  # corners that the triangles on a unit sphere have on it
 FLAT = 1e-6  # of the largest extent: thinner has no hull
-ROUND_UP = 1.0 + 1e-12  # widens a containing polyhedron past the rounding of its construction
 
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 _BOX_TRIANGLES = np.array(
@@ -75,6 +77,24 @@ def triangulate(name: str, geometry: Any) -> Array:
     if not np.isfinite(triangles).all():
         raise RobotError(name, "has a vertex that is not finite", remedy="check its mesh file")
     return np.ascontiguousarray(triangles, dtype=np.float64)
+
+
+def make_patches(geometry: Any, triangles: Array) -> Array:
+    """The surface of one collision geometry, spheres and capsules as what they are.
+
+    Args:
+        geometry: As for `triangulate`.
+        triangles: What that made of it, for all other kinds.
+
+    Returns:
+        Patches in the geometry's own frame, in [m]. Shape (n, 3, 6), n > 0.
+    """
+    if isinstance(geometry, coal.Sphere):
+        swelling = geometry.radius * _unit_triangles()
+        return np.concatenate([np.zeros_like(swelling), swelling], axis=2)
+    if isinstance(geometry, coal.Capsule):
+        return _capsule_patches(geometry.radius, geometry.halfLength)
+    return swell_nothing(triangles)
 
 
 def hull_triangles(name: str, points: Array) -> Array:
@@ -140,8 +160,31 @@ def _prism_triangles(radius: float, half_length: float) -> Array:
     )
 
 
-def _ball_triangles(radius: float, subdivisions: int = 2) -> Array:
-    """An octahedron, subdivided on the unit sphere and grown until its faces clear the ball."""
+def _capsule_patches(radius: float, half_length: float) -> Array:
+    """Half a ball at either end, and the side between neighbouring directions on the equator."""
+    ball = radius * _unit_triangles()
+    top = np.array([0.0, 0.0, half_length])
+    ends = np.where((ball[:, :, 2].mean(axis=1) > 0.0)[:, None, None], top, -top)
+    ends = np.broadcast_to(ends, ball.shape)
+    angle = 2.0 * np.pi * np.arange(EQUATOR) / EQUATOR
+    ring = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(EQUATOR)], axis=1)
+    after = np.roll(ring, -1, axis=0)
+    low, high = np.broadcast_to(-top, ring.shape), np.broadcast_to(top, ring.shape)
+    core = [(low, high, high), (low, low, high)]
+    swelling = [(ring, after, ring), (ring, after, after)]
+    return np.concatenate(
+        [
+            np.concatenate([ends, ball], axis=2),
+            *(
+                np.concatenate([np.stack(inner, axis=1), np.stack(outer, axis=1)], axis=2)
+                for inner, outer in zip(core, swelling, strict=True)
+            ),
+        ]
+    )
+
+
+def _unit_triangles(subdivisions: int = 3) -> Array:
+    """An octahedron, subdivided on the unit sphere; wound outwards."""
     x, y, z = np.eye(3)
     triangles = np.array(
         [[i * x, j * y, i * j * k * z] for i in (1, -1) for j in (1, -1) for k in (1, -1)]
@@ -153,6 +196,12 @@ def _ball_triangles(radius: float, subdivisions: int = 2) -> Array:
         corners = ([a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca])
         triangles = np.concatenate([np.stack(corner, axis=1) for corner in corners])
         triangles /= np.linalg.norm(triangles, axis=2, keepdims=True)
+    return triangles
+
+
+def _ball_triangles(radius: float) -> Array:
+    """Triangles on the unit sphere, grown until they clear the ball."""
+    triangles = _unit_triangles()
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     clearance = np.abs(np.einsum("ij,ij->i", normals, triangles[:, 0])).min()

@@ -53,8 +53,12 @@ class UrdfLinks:
 
     def triangles(self, link: str) -> Array:
         """Surface of a link in the frame of its parent joint, in [m]. Shape (n, 3, 3)."""
-        return self._surfaces[link][1]
+        return self._surfaces[link].triangles
+
+    def surface(self, link: str) -> Array:
+        """Pieces of a link's surface, as `patches` has them, in its parent joint's frame [m]."""
+        return self._surfaces[link].pieces
 
     def joint_index(self, link: str) -> int:
         """Index in `model.joints` of the joint that moves a link."""
-        return int(self.model.getJointId(self._surfaces[link][0]))
+        return int(self.model.getJointId(self._surfaces[link].joint))

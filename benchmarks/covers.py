@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.containment import is_contained
-from armguard.fitting import bisect_triangles, cut_triangles, fit_tree
+from armguard.fitting import cut_pieces, fit_tree
 from armguard.link_surfaces import place
+from armguard.patches import bisect_pieces
 from armguard.robot_description import find_example_urdf, find_robot, read_description
 from armguard.surface_distance import arrange_surface, compute_signed_distances
 from armguard.surfaces import triangulate
@@ -51,8 +52,8 @@ def read_links(name: str) -> dict[str, Array]:
 
 def count_greedy(triangles: Array, protrusion: float) -> int:
     """Balls of the simple greedy cover of points on the surface."""
-    pieces, surface = cut_triangles(triangles), arrange_surface(triangles)
-    points = bisect_triangles(bisect_triangles(pieces)).mean(axis=1)
+    pieces, surface = cut_pieces(triangles), arrange_surface(triangles)
+    points = bisect_pieces(bisect_pieces(pieces)).mean(axis=1)
     corners = pieces.reshape(-1, 3)
     lower, extent = corners.min(axis=0), np.ptp(corners, axis=0)
     step = float(np.prod(extent) / CANDIDATES) ** (1 / 3)

@@ -6,9 +6,11 @@ import numpy as np
 import pinocchio
 import pytest
 from test_fitting import is_inside, sample
+from test_patches import surface_points
 
 from armguard.attached_bodies import AttachedBody
 from armguard.bounds import IsotropicMotion
+from armguard.containment import is_contained
 from armguard.cover import Cover
 from armguard.exceptions import RobotError
 from armguard.monitor import Monitor
@@ -66,6 +68,8 @@ def test_an_attached_body_is_a_proved_link(panda, shape):
     assert report.proved
     assert report.links["tool"].count <= 12
     points = sample(panda.triangles("tool"), 2000)
+    if shape in ("sphere", "capsule"):  # these are covered as what they are
+        points = surface_points(SHAPES[shape](), 2000) + FLANGE.translation
     for level in range(panda.cover.levels("tool")):
         assert is_inside(points, panda.cover.spheres("tool", level)).all()
     motion = IsotropicMotion(panda)
@@ -73,6 +77,21 @@ def test_an_attached_body_is_a_proved_link(panda, shape):
     panda.detach("tool")
     assert panda.links == panda.cover.links == before
     assert panda.revision == 2
+
+
+def test_a_sphere_gets_one_ball_of_its_own_radius(panda):
+    panda.attach("tool", "panda_hand", coal.Sphere(0.05), FLANGE)
+    (ball,) = panda.cover.spheres("tool")
+    np.testing.assert_allclose(ball[:3], FLANGE.translation, atol=2e-5)
+    assert 0.05 < ball[3] < 0.05 + 5e-5
+    panda.cover.verify(panda)
+
+
+def test_the_cover_of_a_ball_does_not_serve_the_polyhedron_around_it(panda):
+    panda.attach("ball", "panda_hand", coal.Sphere(0.05))
+    panda.attach("corners", "panda_hand", panda.triangles("ball"))
+    assert panda.cover.digest("ball") != panda.cover.digest("corners")
+    assert not is_contained(panda.surface("corners"), panda.cover.tree("ball"))
 
 
 def test_a_placement_is_in_the_joints_frame(panda):

@@ -40,6 +40,9 @@ class OneLink:
         assert link == "link"
         return self._triangles
 
+    def surface(self, link):
+        return self.triangles(link)
+
 
 def tree(spheres, first_child=(0,), child_count=(0,)):
     return CoverTree(

@@ -2,7 +2,8 @@ import coal
 import numpy as np
 import pytest
 
-from armguard.fitting import bisect_triangles, cut_triangles, fit_tree
+from armguard.fitting import cut_pieces, fit_tree
+from armguard.patches import bisect_pieces
 from armguard.sphere_tree import GRID, MARGIN
 from armguard.surface_distance import compute_signed_distances
 from armguard.surfaces import triangulate
@@ -33,18 +34,18 @@ def is_inside(points, spheres):
 
 def test_bisection_keeps_the_triangle():
     triangles = np.random.default_rng(0).normal(size=(50, 3, 3))
-    halves = bisect_triangles(triangles)
+    halves = bisect_pieces(triangles)
     np.testing.assert_allclose(areas(halves[:50]) + areas(halves[50:]), areas(triangles))
     normals, cut = (np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in (triangles, halves))
     np.testing.assert_allclose(cut[:50] + cut[50:], normals, atol=1e-12)
     for _ in range(12):
-        halves = bisect_triangles(halves[:200])
+        halves = bisect_pieces(halves[:200])
     edges = np.linalg.norm(halves - np.roll(halves, 1, axis=1), axis=2)
     assert edges.max() < 0.2
 
 
 def test_pieces_are_short_and_lose_no_area(rod):
-    pieces = cut_triangles(rod)
+    pieces = cut_pieces(rod)
     assert areas(pieces).sum() == pytest.approx(areas(rod).sum(), rel=1e-12)
     edges = np.linalg.norm(pieces - np.roll(pieces, 1, axis=1), axis=2)
     assert edges.max() < 0.02

@@ -18,7 +18,7 @@ PACKAGE = ROOT / "armguard"
 # module of a floor is made of; a package stands on one step as a whole.
 FLOORS = [
     (0, 1, "exceptions clock compilation ending latency plan_reading"),
-    (0, 2, "garbage realtime separation enclosing_ball handle hull plan_curve soonest"),
+    (0, 2, "garbage realtime separation enclosing_ball handle hull patches plan_curve soonest"),
     (0, 2, "surface_distance witness"),
     (0, 3, "hull_advancement plausibility sphere_tree"),
     (0, 4, "advancement contact_arguments fitting"),
