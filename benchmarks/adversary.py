@@ -17,7 +17,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from hunt import Hunt, Score
+from hunt import Hunt
+from hunt_score import Score
 
 from armguard.robot import Robot
 

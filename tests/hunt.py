@@ -3,7 +3,7 @@
 The truth is simulated; the monitor sees it late, seldom, and with errors as large as declared, as
 it suits the attackers. The arm goes where it likes while it may, and obeys each STOP as late as it
 may, with any deceleration between guaranteed and greatest. In each tick what could truly happen
-next is tried out, against every ball and every finest sphere of the arm:
+next is tried out, of every ball against points of the true surface of the arm:
 
 - after a GO: the arm goes on for as long as it then may, brakes, and is touched before it rests;
 - after a GO: the arm keeps to its speed scale for a while, brakes, and is touched before it rests;
@@ -13,10 +13,11 @@ Either would be a miss, and so would a contact with an arm that is not at rest.
 """
 
 import itertools
-from typing import NamedTuple
 
 import hunters
 import numpy as np
+import skeleton
+from hunt_score import Score
 from hunters import BANG, EDGE, HOARD, HUNT, SPEND, WANDER, Balls
 from joint_motions import brake_joints, limits_of
 
@@ -32,38 +33,6 @@ EPISODE, STUCK = 1000, 300  # ticks until all begins anew, and of a STOP that no
 SAMPLES = 14  # instants at which what could happen is tried out
 HORIZON = 0.4  # for which a contact time is tried, in [s]
 NAMES = itertools.count()
-
-
-class Score(NamedTuple):
-    """What a hunt came to."""
-
-    pair_ticks: int = 0
-    """Links times obstacles times ticks."""
-    ticks: int = 0
-    goes: int = 0
-    """Ticks whose verdict was no STOP."""
-    tried: int = 0
-    """Balls so near at a GO that their attacks were tried one by one."""
-    missed: int = 0
-    """Balls that could have touched the arm before it rests while it was told to go on."""
-    early: int = 0
-    """Contacts that were possible before the contact time said so."""
-    too_fast: int = 0
-    """Contacts that were possible though the arm would keep to its speed scale and then brake."""
-    hits: int = 0
-    """Contacts with an arm that was not at rest."""
-    touches: int = 0
-    """Ticks in which a ball touched the arm at rest."""
-    worst: float = np.inf
-    """The least that an attack lacked after a GO, in [m]."""
-    worst_time: float = np.inf
-    """The least that an attack within the contact time lacked, in [m]."""
-    worst_scale: float = np.inf
-    """The least that an attack on an arm lacked that keeps to its speed scale, in [m]."""
-    stops: int = 0
-    """Changes from GO to STOP."""
-    faults: int = 0
-    """Ticks that were incomplete or in which the monitor believed that bounds were broken."""
 
 
 class Hunt:
@@ -95,11 +64,11 @@ class Hunt:
         self.settings |= settings
         self.random = np.random.default_rng(seed)
         self.robot, self.count, self.hunting, self.top = robot, count, hunting, top
-        self.arm, self.limits = hunters.make_skeleton(robot), limits_of(robot)
-        self.room = hunters.make_room(self.arm)
+        self.arm, self.limits = skeleton.make_skeleton(robot), limits_of(robot)
+        self.room = skeleton.make_room(self.arm)
         self.before = self.room[2].copy()
         self.care = np.zeros(len(robot.joints), np.int64)
-        self.traced = hunters.make_trace(self.arm, SAMPLES)
+        self.traced = skeleton.make_trace(self.arm, SAMPLES)
         self.step = 1.0 / self.settings["rate"]
         reaction = self.settings["reaction_time"] if true_reaction is None else true_reaction
         self.obeying = int((self.settings["latency"] + reaction) / self.step + 1e-6)
@@ -127,7 +96,7 @@ class Hunt:
         self.v = np.zeros(len(lower))
         self.pace, self.push = random.choice(self.top), self.v.copy()
         self.plan, self.strength = 0, self.v.copy()
-        hunters.place_leaves(self.arm, self.q, *self.room)
+        skeleton.place_leaves(self.arm, self.q, *self.room)
         mode = np.full(n, WANDER)
         hunting = min(self.hunting, n)
         mode[:hunting] = random.choice([HUNT, SPEND, HOARD, EDGE, BANG], hunting)
@@ -266,7 +235,7 @@ class Hunt:
             )
         else:
             times[:] = end * np.arange(1, SAMPLES + 1) / SAMPLES
-        count = hunters.trace_arm(
+        count = skeleton.trace_arm(
             self.arm, limits, self.q, self.v, push, strength, free, going, scale, times,
             self.traced,
         )  # fmt: skip
@@ -349,10 +318,10 @@ class Hunt:
             brake_joints(self.q, self.v, strength, self.limits, self.step)
         else:
             self.plan_arm(looked)
-            hunters.move_freely(
+            skeleton.move_freely(
                 self.q, self.v, self.push, self.limits, self.pace, self.care, self.step
             )
-        hunters.place_leaves(self.arm, self.q, *self.room)
+        skeleton.place_leaves(self.arm, self.q, *self.room)
         hunters.steer_balls(
             self.arm, self.balls, self.room[2], self.before, self.step, self.stopped, looked,
             until, between, self.home, self.random,

@@ -1,0 +1,37 @@
+"""What a hunt came to."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Score(NamedTuple):
+    """What a hunt came to."""
+
+    pair_ticks: int = 0
+    """Links times obstacles times ticks."""
+    ticks: int = 0
+    goes: int = 0
+    """Ticks whose verdict was no STOP."""
+    tried: int = 0
+    """Balls so near at a GO that their attacks were tried one by one."""
+    missed: int = 0
+    """Balls that could have touched the arm before it rests while it was told to go on."""
+    early: int = 0
+    """Contacts that were possible before the contact time said so."""
+    too_fast: int = 0
+    """Contacts that were possible though the arm would keep to its speed scale and then brake."""
+    hits: int = 0
+    """Contacts with an arm that was not at rest."""
+    touches: int = 0
+    """Ticks in which a ball touched the arm at rest."""
+    worst: float = np.inf
+    """The least that an attack lacked after a GO, in [m]."""
+    worst_time: float = np.inf
+    """The least that an attack within the contact time lacked, in [m]."""
+    worst_scale: float = np.inf
+    """The least that an attack on an arm lacked that keeps to its speed scale, in [m]."""
+    stops: int = 0
+    """Changes from GO to STOP."""
+    faults: int = 0
+    """Ticks that were incomplete or in which the monitor believed that bounds were broken."""

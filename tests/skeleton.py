@@ -1,0 +1,230 @@
+"""An arm as it truly is: where it is, how it moves within its limits, and points of its surface.
+
+Written anew from Pinocchio's placements and axes, in Numba, and independent of what it is to test.
+"""
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from joint_motions import move_joints, turn
+
+from armguard.levers import is_prismatic
+from armguard.robot import Robot
+
+POINTS = 20  # of the surface, at most, in each leaf
+ROOM = 0.01  # that a careful arm keeps to its stops, in [rad] or [m]
+
+
+class Skeleton(NamedTuple):
+    """An arm as it truly is: joints, and points of its surface.
+
+    The finest spheres of its cover, the leaves, only say which points are worth a look: they may
+    stand out of the spheres above them, and of the arm.
+    """
+
+    parent: np.ndarray
+    slides: np.ndarray
+    axis: np.ndarray
+    rotation: np.ndarray
+    translation: np.ndarray
+    joint: np.ndarray
+    link: np.ndarray
+    local: np.ndarray
+    radius: np.ndarray
+    first: np.ndarray
+    """Where the points of each leaf begin in `points`; one more at the end."""
+    points: np.ndarray
+    """In the frame of the leaf's joint."""
+
+
+def make_skeleton(robot: Robot) -> Skeleton:
+    model = robot.model
+    numbers = range(1, model.njoints)
+    spaces = [np.ravel(model.joints[k].createData().S) for k in numbers]
+    slides = np.array([is_prismatic(model, k) for k in numbers])
+    rows = []
+    for link, name in enumerate(robot.links):
+        tree = robot.cover.tree(name)
+        leaves = tree.spheres[np.asarray(tree.child_count) == 0]
+        rows += [(robot.joint_index(name) - 1, link, *sphere) for sphere in leaves]
+    rows = np.array(rows)
+    points = _share_points(robot, rows)
+    return Skeleton(
+        np.array([model.parents[k] - 1 for k in numbers]),
+        slides,
+        np.array([s[:3] if p else s[3:] for s, p in zip(spaces, slides, strict=True)]),
+        np.array([model.jointPlacements[k].rotation for k in numbers]),
+        np.array([model.jointPlacements[k].translation for k in numbers]),
+        rows[:, 0].astype(np.int64),
+        rows[:, 1].astype(np.int64),
+        rows[:, 2:5].copy(),
+        rows[:, 5].copy(),
+        np.cumsum([0] + [len(some) for some in points]),
+        np.concatenate(points),
+    )
+
+
+def _share_points(robot, leaves):
+    """Points of the true surface for each leaf, (n, 3), as evenly spread as can be."""
+    shared = [np.zeros((0, 3)) for _ in leaves]
+    for link, name in enumerate(robot.links):
+        triangles = robot.triangles(name)
+        middles = 0.5 * (triangles + np.roll(triangles, 1, axis=1))
+        every = np.concatenate(
+            [triangles.reshape(-1, 3), middles.reshape(-1, 3), triangles.mean(axis=1)]
+        )
+        every = np.unique(every, axis=0)
+        own = np.flatnonzero(leaves[:, 1] == link)
+        away = np.linalg.norm(every[:, None] - leaves[own, 2:5], axis=2) - leaves[own, 5]
+        nearest = own[np.argmin(away, axis=1)]
+        for leaf in own:
+            mine = every[nearest == leaf]
+            if not len(mine):
+                continue
+            chosen, apart = [0], np.full(len(mine), np.inf)
+            while len(chosen) < min(POINTS, len(mine)):
+                apart = np.minimum(apart, np.linalg.norm(mine - mine[chosen[-1]], axis=1))
+                chosen.append(int(np.argmax(apart)))
+            shared[leaf] = mine[chosen]
+    return shared
+
+
+@numba.njit(cache=True)
+def place_leaves(arm, q, rotations, origins, centers):
+    """Fill placements of the joints' frames and centres of the leaves."""
+    column = np.empty(3)
+    for k in range(arm.parent.shape[0]):
+        for i in range(3):
+            column[:] = 0.0
+            column[i] = 1.0
+            if not arm.slides[k]:
+                turn(column, arm.axis[k], q[k], column)
+            for j in range(3):
+                rotations[k, j, i] = (
+                    arm.rotation[k, j, 0] * column[0]
+                    + arm.rotation[k, j, 1] * column[1]
+                    + arm.rotation[k, j, 2] * column[2]
+                )
+        for j in range(3):
+            origins[k, j] = arm.translation[k, j]
+            if arm.slides[k]:
+                for i in range(3):
+                    origins[k, j] += arm.rotation[k, j, i] * arm.axis[k, i] * q[k]
+        up = arm.parent[k]
+        if up >= 0:
+            rotations[k] = rotations[up] @ rotations[k]
+            origins[k] = rotations[up] @ origins[k] + origins[up]
+    for leaf in range(arm.joint.shape[0]):
+        k = arm.joint[leaf]
+        for j in range(3):
+            centers[leaf, j] = origins[k, j]
+            for i in range(3):
+                centers[leaf, j] += rotations[k, j, i] * arm.local[leaf, i]
+
+
+@numba.njit(cache=True)
+def make_room(arm):
+    """Room for placements and centres."""
+    joints, leaves = arm.parent.shape[0], arm.joint.shape[0]
+    return np.empty((joints, 3, 3)), np.empty((joints, 3)), np.empty((leaves, 3))
+
+
+@numba.njit(cache=True)
+def make_trace(arm, samples):
+    """The same for several instants."""
+    joints, leaves = arm.parent.shape[0], arm.joint.shape[0]
+    return (
+        np.empty((samples, joints, 3, 3)),
+        np.empty((samples, joints, 3)),
+        np.empty((samples, leaves, 3)),
+    )
+
+
+@numba.njit(cache=True)
+def get_point(arm, rotations, origins, leaf, index):
+    """Where a point of a leaf is."""
+    k, p = arm.joint[leaf], arm.points[index]
+    r, o = rotations[k], origins[k]
+    return (
+        o[0] + r[0, 0] * p[0] + r[0, 1] * p[1] + r[0, 2] * p[2],
+        o[1] + r[1, 0] * p[0] + r[1, 1] * p[1] + r[1, 2] * p[2],
+        o[2] + r[2, 0] * p[0] + r[2, 1] * p[1] + r[2, 2] * p[2],
+    )
+
+
+@numba.njit(cache=True)
+def _pushed(v, rate, top, t):
+    """Way and velocity after `t` seconds at one acceleration, up to a speed."""
+    end = v + rate * t
+    if abs(end) <= top:
+        return 0.5 * (v + end) * t, end
+    goal = top if rate > 0.0 else -top
+    ramp = (goal - v) / rate
+    return 0.5 * (v + goal) * ramp + goal * (t - ramp), goal
+
+
+@numba.njit(cache=True)
+def _braked(v, rate, pace, t):
+    """Way and velocity after `t` seconds of slowing down to a pace, which is then kept."""
+    until = min(t, (abs(v) - pace) / rate)
+    way = until * (abs(v) - 0.5 * rate * until) + pace * (t - until)
+    return np.sign(v) * way, np.sign(v) * (abs(v) - rate * until)
+
+
+@numba.njit(cache=True)
+def trace_arm(arm, limits, q, v, push, strength, free, going, scale, times, trace):
+    """Fill where everything is at `times`, of an arm that is pushed and then brakes.
+
+    After `free` seconds it keeps to a fraction of its speeds for `going` seconds, then brakes.
+    Returns how many of the times there are before it rests. One that reaches a stop stays there.
+    """
+    rotations, origins, centers = trace
+    place = np.empty_like(q)
+    for k in range(times.shape[0]):
+        moves = False
+        for j in range(q.shape[0]):
+            top, rate = limits.velocity[j], limits.accel[j]
+            way, speed = _pushed(v[j], push[j] * rate, top, min(times[k], free))
+            slows = limits.braking[j] + strength[j] * (rate - limits.braking[j])
+            if times[k] > free:
+                then = min(times[k] - free, going)
+                if abs(speed) > scale * top:
+                    further, speed = _braked(speed, slows, scale * top, then)
+                else:
+                    further, speed = _pushed(speed, push[j] * rate, scale * top, then)
+                way += further
+            if times[k] > free + going:
+                further, speed = _braked(speed, slows, 0.0, times[k] - free - going)
+                way += further
+            place[j] = min(max(q[j] + way, limits.lower[j]), limits.upper[j])
+            moves |= abs(speed) > 1e-12 and place[j] == q[j] + way
+        if times[k] > free and not moves:
+            return k
+        place_leaves(arm, place, rotations[k], origins[k], centers[k])
+    return times.shape[0]
+
+
+@numba.njit(cache=True)
+def move_freely(q, v, push, limits, top, care, step):
+    """One step of an arm that goes as it likes, at `top` of its speeds, and clear of its stops.
+
+    A joint keeps so far from its stops that even its guaranteed brakes save it.
+    """
+    want = push.copy()
+    for j in range(q.shape[0]):
+        side = 1.0 if v[j] > 0.0 else -1.0
+        room = limits.upper[j] - q[j] if side > 0.0 else q[j] - limits.lower[j]
+        pace = abs(v[j]) + 2.0 * limits.accel[j] * step + 0.05
+        ahead = pace * pace / (2.0 * limits.braking[j]) + pace * 0.06 + ROOM
+        near = min(limits.upper[j] - q[j], q[j] - limits.lower[j])
+        if ahead > room:
+            want[j] = -side * min(1.0, abs(v[j]) / (limits.accel[j] * step))
+        elif near < 0.1 and v[j] == 0.0:
+            want[j] = 1.0 if q[j] - limits.lower[j] < limits.upper[j] - q[j] else -1.0
+        after = v[j] + want[j] * limits.accel[j] * step
+        if abs(after) > top * limits.velocity[j]:
+            goal = np.sign(after) * top * limits.velocity[j]
+            want[j] = (goal - v[j]) / (limits.accel[j] * step)
+            want[j] = min(max(want[j], -1.0), 1.0)
+    return move_joints(q, v, want, limits, care, step)
