@@ -189,8 +189,9 @@ class Robot:
         """Make a tool or a held part a link of its own, covered and proved.
 
         A monitor that runs takes it in at its next step, and looks at all its pairs at once. The
-        cover is fitted before that, in a fraction of a second for a box and seconds for a fine
-        mesh, so where steps must not wait, call this from another thread.
+        cover is fitted before that, in about half a second for a sphere or a box and several
+        seconds for a capsule or a fine mesh, so where steps must not wait, call this from another
+        thread.
 
         Args:
             name: What the new link is to be called.
