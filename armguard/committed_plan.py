@@ -41,19 +41,21 @@ class CommittedPlan:
     Args:
         robot: The arm.
         watch: Knows the pairs.
+        horizon: Until the verdict after the present one is obeyed, in [s].
         margin: Distance that counts as contact already, [m].
     """
 
-    def __init__(self, robot: Robot, watch: Watch, margin: float) -> None:
+    def __init__(self, robot: Robot, watch: Watch, horizon: float, margin: float) -> None:
         self._robot = robot
         self._watch = watch
+        self._horizon = horizon
         self._margin = margin
         self.reset()
 
     def reset(self) -> None:
         """Forget the plan: from now on the arm may do what its joints can."""
-        self._plan: CheckedPlan | None = None
-        self._course: PlannedCourse | None = None
+        self._plan: Plan | None = None
+        self._checked: CheckedPlan | None = None
         self._motion: PlannedMotion | None = None
 
     def commit(self, plan: Plan, tick: Tick) -> PlanVerdict:
@@ -68,27 +70,44 @@ class CommittedPlan:
         found = self._find_contact(motion, course, tick)
         if found is not None:
             return found
-        self._plan, self._course, self._motion = checked, course, motion
+        self._plan, self._checked, self._motion = plan, checked, motion
         return PlanVerdict(True, math.inf, None, None, ())
 
     def void(self, tick: Tick, stamp: float) -> Reason | None:
         """Why the arm does not follow its plan any more; None if it does, or has none."""
-        if self._plan is None:
+        if self._checked is None:
             return None
         if self._motion is not self._watch.arm.motion.planned:
             self.reset()
             return Reason(ReasonKind.PLAN_VOID, "tool", "was changed meanwhile")
-        strayed = check_following(self._plan, self._robot, tick.q, tick.v, stamp)
+        strayed = check_following(self._checked, self._robot, tick.q, tick.v, stamp)
         if strayed is None:
             return None
         self.reset()
         return Reason(ReasonKind.PLAN_VOID, strayed.subject, strayed.detail)
 
     def rests(self, tick: Tick) -> bool:
-        """Whether the arm, on its plan, surely rests before anything can touch it."""
-        if self._course is None or self._motion is None:
+        """Whether the arm, on its plan, rests before contact if it brakes after the next tick.
+
+        That the whole piece was safe is not enough here: whatever else stops the arm early makes
+        it brake elsewhere. Takes most of a millisecond, and is asked only where a STOP is near.
+        """
+        plan, motion = self._plan, self._motion
+        if plan is None or motion is None:
             return False
-        return self._find_contact(self._motion, self._course, tick) is None
+        checked = check_plan(
+            plan,
+            self._robot,
+            tick.now,
+            tick.q,
+            tick.v,
+            tick.now - tick.arm_age,
+            longest_lag=math.inf,
+        )
+        if isinstance(checked, Refusal) or plan.stamp > tick.now:
+            return False
+        course = motion.lay_out(checked, brake_after=self._horizon)
+        return self._find_contact(motion, course, tick) is None
 
     def _find_contact(
         self, motion: PlannedMotion, course: PlannedCourse, tick: Tick

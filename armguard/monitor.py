@@ -12,30 +12,24 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike
 
-from armguard.committed_plan import CommittedPlan, PlanVerdict
-from armguard.contact import Certificate
+from armguard.committed_plan import PlanVerdict
 from armguard.exceptions import ArmguardError
-from armguard.explain import Explanation, explain_pair
-from armguard.foresight import Attention, Headroom, predict_headroom, rank_attention
 from armguard.ignored_pairs import IgnoredPairs
 from armguard.joint_states import DOUBTFUL, FAST, JointStates
+from armguard.judgement import Judge
+from armguard.monitor_answers import MonitorAnswers
 from armguard.monitor_arguments import read_number, read_settings
 from armguard.obstacle_reasons import take_obstacle_reasons
 from armguard.obstacles import Obstacles
-from armguard.pair_reports import PairReport, report_pair
 from armguard.plans import Plan
 from armguard.robot import Robot
 from armguard.schedules import Schedule
 from armguard.schedules.wheel import NOBODY
-from armguard.separation_margin import SeparationMargin, SeparationRule
-from armguard.snapshot import Snapshot, take_snapshot
-from armguard.stop_decision import StopDecision
+from armguard.separation_margin import SeparationRule
 from armguard.verdict import (
-    Effect,
     Level,
     Reason,
     ReasonKind,
@@ -46,7 +40,7 @@ from armguard.watch import Look, Tick
 from armguard.watches import make_watch
 
 
-class Monitor:
+class Monitor(MonitorAnswers):
     """Supervises one arm among obstacles.
 
     Everything is compiled here, in the constructor, so that the first tick is like any other.
@@ -133,35 +127,24 @@ class Monitor:
         self._watch = make_watch(
             robot, obstacles, settings, IgnoredPairs(ignore, robot), self._states
         )
-        self._stopping = None
-        if settings.with_joints:
-            self._stopping = StopDecision(
-                self._watch, settings.period, settings.horizon, slow_margin, hold
-            )
-        self._plan = None
-        if self._watch.arm.motion.planned is not None:
-            self._plan = CommittedPlan(robot, self._watch, margin)
-        self._separation = None
-        if separation is not None:
-            response_time = settings.horizon + settings.reaction_time
-            self._separation = SeparationMargin(separation, response_time)
-        self._tick: Tick | None = None
+        self._judge = Judge(
+            robot, self._watch, self._states, self._rule, settings, separation, certify=certify
+        )
+        self._tick = None
         self._look = Look(NOBODY, math.inf, 0, 0)
-        self._certify = certify
-        self.certificate_inputs: dict[str, Any] | None = None
-        """What the last verdict's certificate is about: arguments of `certificate.verify`."""
         self._epoch: float | None = None
         self._now = -math.inf
         self._activity = -1
         self._quiet_until = -math.inf
         self._homeless = self._no_sources = False
         self._sequence = 0
-        self._evaluated = 0
-        self._braking_scale = float(np.min(robot.braking_deceleration / robot.velocity_limit))
-        self._slowest_stop = settings.reaction_time + 1.0 / self._braking_scale
         self._disbelieved = 0
         self._faults_before = obstacles.fault_count
-        self._compile()
+
+    @property
+    def certificate_inputs(self) -> dict[str, Any] | None:
+        """What the last verdict's certificate is about: arguments of `certificate.verify`."""
+        return self._judge.certificate_inputs
 
     @property
     def faults(self) -> int:
@@ -180,7 +163,6 @@ class Monitor:
             now: Time of this tick, in [s]; the stamp unless given.
         """
         self._sequence += 1
-        self._evaluated = 0
         try:
             return self._step(stamp, q, v, stamp if now is None else now)
         except Exception as error:
@@ -195,9 +177,7 @@ class Monitor:
         self._rule.reset()
         self._states.reset()
         self._watch.restart()
-        for memory in (self._stopping, self._plan):
-            if memory is not None:
-                memory.reset()
+        self._judge.reset()
         self._tick = None
         self._now = -math.inf
         self._epoch = None
@@ -215,71 +195,12 @@ class Monitor:
         Raises:
             ArmguardError: The monitor was not made with motion="planned".
         """
-        if self._plan is None:
+        if self._judge.plan is None:
             raise ArmguardError("commit", "needs plans", remedy='Monitor(..., motion="planned")')
         if self._tick is None or self._rule.latched:
             reason = Reason(ReasonKind.PLAN_REFUSED, "arm", "its state is not believed")
             return PlanVerdict(False, 0.0, None, None, (reason,))
-        return self._plan.commit(plan, self._tick)
-
-    def pairs(self, limit: int = 64) -> list[PairReport]:
-        """The most imminent pairs as of the last tick, soonest first, at most `limit`."""
-        if self._tick is None:
-            return []
-        self._watch.prepare(self._tick)
-        time, arm = self._tick.time, self._watch.arm
-        listing = self._watch.list_imminent(time, row_limit=0, pair_limit=max(limit, 0))
-        return [
-            report_pair(
-                listing, index, time, self.period, arm.names(int(pair)), arm.state, arm.exact
-            )
-            for index, pair in enumerate(listing.pairs)
-        ]
-
-    def explain(self) -> Explanation | None:
-        """Why the last verdict is as it is, and what would have made it better.
-
-        None where no pair decided it: there are none, or its reasons alone did.
-        """
-        if self._tick is None or self._look.pair == NOBODY or self._homeless:
-            return None
-        self._watch.prepare(self._tick)
-        return explain_pair(
-            self._watch, self.robot, self._tick, self._look.pair, self.settings.reaction_time
-        )
-
-    def headroom(self) -> Headroom:
-        """What looks cost now, and at how many obstacles or which rate the budget would break."""
-        watched = len(self.obstacles) if self._tick is not None else 0
-        expected = self._watch.expect_evaluations()
-        return predict_headroom(watched, expected, self.period, self.settings.budget)
-
-    def attention(self, limit: int = 8) -> list[Attention]:
-        """The obstacles whose fresh states would raise the verdict's contact time most.
-
-        Args:
-            limit: At most so many, first things first.
-        """
-        if self._tick is None:
-            return []
-        self._watch.prepare(self._tick)
-        time = self._tick.time
-        listing = self._watch.list_imminent(time, row_limit=max(limit, 0) + 1, pair_limit=0)
-        ids = self.obstacles.ids
-        return rank_attention(listing, self._watch.arm.state, time, ids, max(limit, 0))
-
-    def snapshot(self, *, pair_limit: int, row_limit: int) -> Snapshot:
-        """What there is to see of the last tick, for observers; cheap, and their own to keep.
-
-        Args:
-            pair_limit: At most so many pairs, the most imminent ones.
-            row_limit: At most so many obstacles, likewise.
-        """
-        watch, q, v = self._watch, self._states.q, self._states.v
-        tick = self._tick or Tick(-1, 0.0, 0.0, q, v, 0.0, 0.0, 0.0)
-        watch.prepare(tick)
-        listing = watch.list_imminent(tick.time, row_limit=row_limit, pair_limit=pair_limit)
-        return take_snapshot(listing, watch.arm.state, q, tick.time)
+        return self._judge.plan.commit(plan, self._tick)
 
     def _step(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> Verdict:
         if not (type(stamp) is float and type(now) is float):
@@ -326,16 +247,17 @@ class Monitor:
             (stop_time + self._rule.aware_margin) / (1.0 - self.settings.freshness),
         )
         self._look = look = watch.look(tick)
-        self._evaluated = look.evaluated
-        if look.disturbed and self._stopping is not None:
-            self._stopping.restart_search()
-        if self._plan is not None:
-            void = self._plan.void(tick, stamp)
+        if look.disturbed:
+            self._judge.forget_proofs()
+        if self._judge.plan is not None:
+            void = self._judge.plan.void(tick, stamp)
             if void is not None:
                 reasons.append(void)
         for row in look.broken:
             reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
-        return self._judge(stamp, tick, look, reasons)
+        if self._no_sources:
+            reasons.append(Reason(ReasonKind.NO_SOURCES))
+        return self._judge.judge(stamp, tick, look, reasons, homeless=self._homeless)
 
     def _read_obstacles(self, now: float) -> list[Reason]:
         """What is wrong with the obstacle table; if nothing is, until when that surely stays so."""
@@ -350,118 +272,13 @@ class Monitor:
             self._quiet_until = obstacles.quiet_until(self.settings.source_timeout) - self.period
         return reasons
 
-    def _judge(self, stamp: float, tick: Tick, look: Look, reasons: list[Reason]) -> Verdict:
-        """The verdict of a tick whose arm state is believed."""
-        pair, contact_time = look.pair, max(0.0, look.expiry - tick.time)
-        if self._homeless:
-            # They were reported, so they are there, and could be anywhere.
-            pair, contact_time = NOBODY, 0.0
-        if look.overdue:
-            reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{look.overdue} pairs"))
-        if self._no_sources:
-            reasons.append(Reason(ReasonKind.NO_SOURCES))
-        standing = bool(reasons) and any(
-            reason.kind.effect is Effect.STANDING for reason in reasons
-        )
-        complete = not look.overdue
-        rests = (
-            self._stopping is not None
-            and complete
-            and not (standing or self._homeless or contact_time > tick.stop_time)
-            and (self._stopping.rests(tick) or (self._plan is not None and self._plan.rests(tick)))
-        )
-        level, held = self._rule.decide(
-            tick.now,
-            contact_time,
-            tick.stop_time,
-            complete=complete,
-            standing=standing,
-            rests=rests,
-        )
-        link, obstacle = (None, None) if pair == NOBODY else self._watch.arm.names(pair)
-        grade = self._rule.grade(contact_time, tick.stop_time, rests=rests)
-        if pair != NOBODY and grade is not Level.CLEAR:
-            reasons.append(
-                Reason(ReasonKind.CONTACT, f"{link} and {obstacle}", f"in {contact_time:.4g} s")
-            )
-        if held:
-            reasons.append(Reason(ReasonKind.HOLD))
-        # By position: names would cost as much as the whole tuple.
-        return Verdict(
-            stamp,
-            self._sequence,
-            level,
-            contact_time,
-            tick.stop_time,
-            self._scale(tick, level, contact_time),
-            link,
-            obstacle,
-            complete,
-            self._evaluated,
-            (*self._rule.latched.values(), *reasons),
-            math.nextafter(tick.now + self._horizon, -math.inf),
-            None if self._separation is None else self._measure_separation(tick),
-            self._prove(tick, pair) if self._certify else None,
-        )
-
-    def _scale(self, tick: Tick, level: Level, contact_time: float) -> float:
-        """The speed scale of a tick: 0 in STOP, and else what is proved."""
-        if level is Level.STOP:
-            return 0.0
-        stopping = self._stopping
-        if stopping is None:
-            # An arm that is no faster can brake before contact, whatever it does in this tick.
-            until_braking = self._horizon + self.settings.reaction_time
-            scale = (contact_time - until_braking) * self._braking_scale
-            return min(max(scale, 0.0), 1.0)
-        scale = 1.0
-        # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
-        if not contact_time > stopping.looks_ahead + self._slowest_stop:
-            age = tick.arm_age + stopping.looks_ahead - self._horizon
-            rest = self._states.stop_time(age) + stopping.looks_ahead - self._horizon
-            if not contact_time > rest:
-                scale = stopping.find_scale(tick)
-        return stopping.hold_scale(tick.now, scale)
-
-    def _measure_separation(self, tick: Tick) -> float:
-        """Margin of the separation distance in [m]; what found no room could be anywhere."""
-        assert self._separation is not None, "called only where there is a rule"
-        if self._homeless:
-            return -math.inf
-        self._watch.prepare(tick)
-        state, watched = self._watch.arm.state, self._watch.watched_pairs()
-        return self._separation.margin(state, tick.stop_time, watched)
-
-    def _prove(self, tick: Tick, pair: int) -> Certificate | None:
-        """Certificate of the deciding pair, where there is anything to prove."""
-        self.certificate_inputs = None
-        if pair == NOBODY:
-            return None
-        self._watch.prepare(tick)
-        proof = self._watch.arm.prove(pair, self._watch.recall(pair).sphere)
-        if proof is None:
-            return None
-        certificate, self.certificate_inputs = proof
-        return certificate
-
-    def _compile(self) -> None:
-        """Run once what only some ticks need, so that nothing is compiled in a tick."""
-        still = np.zeros(len(self.robot.joints))
-        lower, upper = self.robot.lower_position_limit, self.robot.upper_position_limit
-        tick = Tick(-1, 0.0, 0.0, np.clip(still, lower, upper), still, 0.0, 0.0, 0.0)
-        if self._stopping is not None:
-            self._stopping.find_scale(tick)
-            self._stopping.reset()
-        if self._separation is not None:
-            self._separation.compile(self._watch.arm.state)
-
     def _refuse(self, stamp: float, reason: Reason) -> Verdict:
         """The verdict of a tick whose arm state is not believed: the worst of everything."""
         self._disbelieved += 1
         self._watch.doubt()
-        if self._plan is not None:
-            self._plan.reset()
-        self.certificate_inputs = None
+        if self._judge.plan is not None:
+            self._judge.plan.reset()
+        self._judge.certificate_inputs = None
         self._rule.latch(reason)
         now = self._now if math.isfinite(self._now) else 0.0
         self._rule.decide(now, 0.0, math.inf, complete=False, standing=True)
@@ -475,7 +292,7 @@ class Monitor:
             link=None,
             obstacle=None,
             complete=False,
-            evaluated=self._evaluated,
+            evaluated=0,
             reasons=tuple(self._rule.latched.values()),
             valid_until=math.nextafter(now + self._horizon, -math.inf),
         )

@@ -75,6 +75,7 @@ class ObstacleWatch:
         self._pace = horizon, freshness, period, UNLIMITED if budget is None else budget
         self._suspects = np.zeros(SUSPECTS, dtype=np.int64)
         self._placed = -2
+        self._doubted = False
         self._prepare()
 
     @property
@@ -107,11 +108,14 @@ class ObstacleWatch:
         self._make_book()
 
     def doubt(self) -> None:
-        """Let no certificate hold."""
-        doubt_all(self._handle)
+        """Let no certificate hold, from the next look on."""
+        self._doubted = True
 
     def look(self, tick: Tick) -> Look:
         """Look at the obstacles that are due; the arm is placed only if one of them needs it."""
+        if self._doubted:
+            doubt_all(self._handle)
+            self._doubted = False
         row, link, expiry, overdue, evaluated, disturbed = self._look(tick)
         broken: tuple[int, ...] = ()
         if disturbed:

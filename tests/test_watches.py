@@ -2,6 +2,7 @@ import pytest
 from scenes import panda
 
 from armguard.ignored_pairs import IgnoredPairs
+from armguard.joint_states import JointStates
 from armguard.monitor_arguments import read_settings
 from armguard.obstacle_watch import ObstacleWatch
 from armguard.obstacles import Obstacles
@@ -25,7 +26,8 @@ def make(**changes):
     ignored = IgnoredPairs([("panda_hand", "*")], panda())
     obstacles = Obstacles()
     obstacles.add_static("post", [1.0, 0.0, 0.0], 0.1)
-    return make_watch(panda(), obstacles, read_settings(**usual | changes), ignored)
+    states = JointStates(panda(), 0.05)
+    return make_watch(panda(), obstacles, read_settings(**usual | changes), ignored, states)
 
 
 def test_obstacles_by_their_deadlines_unless_a_schedule_of_pairs_is_asked_for():

@@ -1,0 +1,192 @@
+"""From what a tick's look found to its verdict: level, speed scale, proof and margin."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from armguard.committed_plan import CommittedPlan
+from armguard.contact import Certificate
+from armguard.joint_states import JointStates
+from armguard.monitor_arguments import MonitorSettings
+from armguard.robot import Robot
+from armguard.schedules.wheel import NOBODY
+from armguard.separation_margin import SeparationMargin, SeparationRule
+from armguard.stop_decision import StopDecision
+from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict, VerdictRule
+from armguard.watch import Look, Tick, Watch
+
+
+class Judge:
+    """Makes verdicts of ticks whose arm state is believed.
+
+    Args:
+        robot: The arm.
+        watch: Knows the pairs.
+        states: Knows the joint states.
+        rule: Makes levels.
+        settings: Of the monitor.
+        separation: Rule of the separation distance whose margin each verdict is to carry, if any.
+        certify: Whether each verdict is to carry a certificate.
+
+    Attributes:
+        plan: The plan that the arm follows; None where plans are not judged.
+        certificate_inputs: What the last verdict's certificate is about.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        watch: Watch,
+        states: JointStates,
+        rule: VerdictRule,
+        settings: MonitorSettings,
+        separation: SeparationRule | None,
+        *,
+        certify: bool,
+    ) -> None:
+        self._watch = watch
+        self._states = states
+        self._rule = rule
+        self._certify = certify
+        self._horizon = settings.horizon
+        self._until_braking = settings.horizon + settings.reaction_time
+        self._braking_scale = float(np.min(robot.braking_deceleration / robot.velocity_limit))
+        self._slowest_stop = settings.reaction_time + 1.0 / self._braking_scale
+        self._stopping = None
+        if settings.with_joints:
+            self._stopping = StopDecision(
+                watch, settings.period, settings.horizon, settings.slow_margin, settings.hold
+            )
+        self.plan = None
+        if watch.arm.motion.planned is not None:
+            self.plan = CommittedPlan(robot, watch, settings.horizon, settings.margin)
+        self._separation = None
+        if separation is not None:
+            self._separation = SeparationMargin(separation, self._until_braking)
+        self.certificate_inputs: dict[str, Any] | None = None
+        self._compile(robot)
+
+    def reset(self) -> None:
+        """Forget speed scales and the plan."""
+        for memory in (self._stopping, self.plan):
+            if memory is not None:
+                memory.reset()
+
+    def forget_proofs(self) -> None:
+        """Let no earlier tick's proof count: what it rests on has changed."""
+        if self._stopping is not None:
+            self._stopping.restart_search()
+
+    def judge(
+        self, stamp: float, tick: Tick, look: Look, reasons: list[Reason], *, homeless: bool
+    ) -> Verdict:
+        """The verdict of a tick.
+
+        Args:
+            stamp: Of the joint state, in [s].
+            tick: The tick.
+            look: What its look found.
+            reasons: What there is to say already; more is added.
+            homeless: Whether there are obstacles that found no room, and could be anywhere.
+        """
+        pair, contact_time = look.pair, max(0.0, look.expiry - tick.time)
+        if homeless:
+            pair, contact_time = NOBODY, 0.0
+        if look.overdue:
+            reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{look.overdue} pairs"))
+        standing = bool(reasons) and any(
+            reason.kind.effect is Effect.STANDING for reason in reasons
+        )
+        complete = not look.overdue
+        rests = (
+            self._stopping is not None
+            and complete
+            and not (standing or homeless or contact_time > tick.stop_time)
+            and (self._stopping.rests(tick) or (self.plan is not None and self.plan.rests(tick)))
+        )
+        level, held = self._rule.decide(
+            tick.now,
+            contact_time,
+            tick.stop_time,
+            complete=complete,
+            standing=standing,
+            rests=rests,
+        )
+        link, obstacle = (None, None) if pair == NOBODY else self._watch.arm.names(pair)
+        grade = self._rule.grade(contact_time, tick.stop_time, rests=rests)
+        if pair != NOBODY and grade is not Level.CLEAR:
+            reasons.append(
+                Reason(ReasonKind.CONTACT, f"{link} and {obstacle}", f"in {contact_time:.4g} s")
+            )
+        if held:
+            reasons.append(Reason(ReasonKind.HOLD))
+        # By position: names would cost as much as the whole tuple.
+        return Verdict(
+            stamp,
+            tick.number,
+            level,
+            contact_time,
+            tick.stop_time,
+            self._scale(tick, level, contact_time),
+            link,
+            obstacle,
+            complete,
+            look.evaluated,
+            (*self._rule.latched.values(), *reasons),
+            math.nextafter(tick.now + self._horizon, -math.inf),
+            None if self._separation is None else self._measure_separation(tick, homeless=homeless),
+            self._prove(tick, pair) if self._certify else None,
+        )
+
+    def _scale(self, tick: Tick, level: Level, contact_time: float) -> float:
+        """The speed scale of a tick: 0 in STOP, and else what is proved."""
+        if level is Level.STOP:
+            return 0.0
+        stopping = self._stopping
+        if stopping is None:
+            # An arm that is no faster can brake before contact, whatever it does in this tick.
+            scale = (contact_time - self._until_braking) * self._braking_scale
+            return min(max(scale, 0.0), 1.0)
+        scale = 1.0
+        # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
+        if not contact_time > stopping.looks_ahead + self._slowest_stop:
+            age = tick.arm_age + stopping.looks_ahead - self._horizon
+            rest = self._states.stop_time(age) + stopping.looks_ahead - self._horizon
+            if not contact_time > rest:
+                scale = stopping.find_scale(tick)
+        return stopping.hold_scale(tick.now, scale)
+
+    def _measure_separation(self, tick: Tick, *, homeless: bool) -> float:
+        """Margin of the separation distance in [m]; what found no room could be anywhere."""
+        assert self._separation is not None, "called only where there is a rule"
+        if homeless:
+            return -math.inf
+        self._watch.prepare(tick)
+        state, watched = self._watch.arm.state, self._watch.watched_pairs()
+        return self._separation.margin(state, tick.stop_time, watched)
+
+    def _prove(self, tick: Tick, pair: int) -> Certificate | None:
+        """Certificate of the deciding pair, where there is anything to prove."""
+        self.certificate_inputs = None
+        if pair == NOBODY:
+            return None
+        self._watch.prepare(tick)
+        proof = self._watch.arm.prove(pair, self._watch.recall(pair).sphere)
+        if proof is None:
+            return None
+        certificate, self.certificate_inputs = proof
+        return certificate
+
+    def _compile(self, robot: Robot) -> None:
+        """Run once what only some ticks need, so that nothing is compiled in a tick."""
+        still = np.zeros(len(robot.joints))
+        lower, upper = robot.lower_position_limit, robot.upper_position_limit
+        tick = Tick(-1, 0.0, 0.0, np.clip(still, lower, upper), still, 0.0, 0.0, 0.0)
+        if self._stopping is not None:
+            self._stopping.find_scale(tick)
+            self._stopping.reset()
+        if self._separation is not None:
+            self._separation.compile(self._watch.arm.state)

@@ -1,0 +1,97 @@
+"""What can be asked of a monitor between ticks: pairs, reasons, and what lies ahead.
+
+Nothing here is part of a tick, and nothing here changes what the next one says.
+"""
+
+from __future__ import annotations
+
+from armguard.explain import Explanation, explain_pair
+from armguard.foresight import Attention, Headroom, predict_headroom, rank_attention
+from armguard.joint_states import JointStates
+from armguard.monitor_arguments import MonitorSettings
+from armguard.obstacles import Obstacles
+from armguard.pair_reports import PairReport, report_pair
+from armguard.robot import Robot
+from armguard.schedules.wheel import NOBODY
+from armguard.snapshot import Snapshot, take_snapshot
+from armguard.watch import Look, Tick, Watch
+
+
+class MonitorAnswers:
+    """The questions; what they are answered from belongs to `Monitor`.
+
+    Attributes:
+        robot: The arm.
+        obstacles: The table.
+        settings: What the monitor was told.
+        period: Of ticks, in [s].
+    """
+
+    robot: Robot
+    obstacles: Obstacles
+    settings: MonitorSettings
+    period: float
+    _watch: Watch
+    _states: JointStates
+    _tick: Tick | None
+    _look: Look
+    _homeless: bool
+
+    def pairs(self, limit: int = 64) -> list[PairReport]:
+        """The most imminent pairs as of the last tick, soonest first, at most `limit`."""
+        if self._tick is None:
+            return []
+        self._watch.prepare(self._tick)
+        time, arm = self._tick.time, self._watch.arm
+        listing = self._watch.list_imminent(time, row_limit=0, pair_limit=max(limit, 0))
+        return [
+            report_pair(
+                listing, index, time, self.period, arm.names(int(pair)), arm.state, arm.exact
+            )
+            for index, pair in enumerate(listing.pairs)
+        ]
+
+    def explain(self) -> Explanation | None:
+        """Why the last verdict is as it is, and what would have made it better.
+
+        None where no pair decided it: there are none, or its reasons alone did.
+        """
+        if self._tick is None or self._look.pair == NOBODY or self._homeless:
+            return None
+        self._watch.prepare(self._tick)
+        return explain_pair(
+            self._watch, self.robot, self._tick, self._look.pair, self.settings.reaction_time
+        )
+
+    def headroom(self) -> Headroom:
+        """What looks cost now, and at how many obstacles or which rate the budget would break."""
+        watched = len(self.obstacles) if self._tick is not None else 0
+        expected = self._watch.expect_evaluations()
+        return predict_headroom(watched, expected, self.period, self.settings.budget)
+
+    def attention(self, limit: int = 8) -> list[Attention]:
+        """The obstacles whose fresh states would raise the verdict's contact time most.
+
+        Args:
+            limit: At most so many, first things first.
+        """
+        if self._tick is None:
+            return []
+        self._watch.prepare(self._tick)
+        time = self._tick.time
+        listing = self._watch.list_imminent(time, row_limit=max(limit, 0) + 1, pair_limit=0)
+        ids = self.obstacles.ids
+        return rank_attention(listing, self._watch.arm.state, time, ids, max(limit, 0))
+
+    def snapshot(self, *, pair_limit: int, row_limit: int) -> Snapshot:
+        """What there is to see of the last tick, for observers; cheap, and their own to keep.
+
+        Args:
+            pair_limit: At most so many pairs, the most imminent ones.
+            row_limit: At most so many obstacles, likewise.
+        """
+        watch, q, v = self._watch, self._states.q, self._states.v
+        tick = self._tick or Tick(-1, 0.0, 0.0, q, v, 0.0, 0.0, 0.0)
+        watch.prepare(tick)
+        listing = watch.list_imminent(tick.time, row_limit=row_limit, pair_limit=pair_limit)
+        return take_snapshot(listing, watch.arm.state, q, tick.time)
