@@ -1,7 +1,7 @@
 """Why a verdict is as it is: what decided, and what would have made it better.
 
-How much a contact time changes with a change is fitted over a range, since bounds are taken on a
-grid of times and single differences would show the grid.
+Bounds are taken on a grid of times, and single differences would show the grid: what a small change
+would buy is fitted over a range, and what a great one would buy is averaged over one.
 """
 
 from __future__ import annotations
@@ -13,15 +13,19 @@ import numpy as np
 
 from armguard.pairs import TickState
 from armguard.robot import Robot
-from armguard.scene import BOUND_NAMES
+from armguard.scene import BOUND_NAMES, FloatArray
+from armguard.verdict import compute_stop_time
 from armguard.watch import Tick, Watch
-from armguard.what_if import Change, contact_times
+from armguard.what_if import UNCHANGED, Change, contact_times
 
 STEPS = 21
 """Evaluations behind each figure."""
 
-DISTANCES, SPEEDS, AGES = 0.05, 0.5, 0.02
-"""Half the ranges of what is varied: [m], [m/s], [s]."""
+DISTANCES, AGES = 0.05, 0.02
+"""Half the ranges of what is varied: [m], [s]."""
+
+MILLISECOND, MILLIMETRE, PACE = 1e-3, 1e-3, 1.0
+"""What there could be less of: [s], [m], [m/s]."""
 
 
 class Gain(NamedTuple):
@@ -55,7 +59,8 @@ class Explanation(NamedTuple):
     look_age: float
     """Since the pair was looked at."""
     gains: tuple[Gain, ...]
-    """Latency, assumed speed and cover: what less of each would buy."""
+    """What less latency of verdicts, age of the obstacle's state, assumed speed and cover would
+    buy, in this order and each by itself; 0 for what has no part in it."""
 
     def __str__(self) -> str:
         lines = [
@@ -71,7 +76,7 @@ class Explanation(NamedTuple):
 
 
 def explain_pair(
-    watch: Watch, robot: Robot, tick: Tick, pair: int, reaction_time: float
+    watch: Watch, robot: Robot, tick: Tick, pair: int, response_time: float
 ) -> Explanation:
     """Explain the pair that decided a tick.
 
@@ -80,63 +85,88 @@ def explain_pair(
         robot: The arm.
         tick: The last one.
         pair: Row × links + link.
-        reaction_time: From command to braking torque, in [s].
+        response_time: From a tick until its STOP brakes, in [s]: period, latency and reaction.
     """
     state, names = watch.arm.state, watch.arm.names(pair)
     row, link = divmod(pair, len(watch.arm.links))
     known = watch.recall(pair)
-    # A second of latency lets every joint speed up for as long before it brakes.
-    accel, braking = robot.acceleration_limit, robot.braking_deceleration
-    reached = np.abs(tick.v) + robot.velocity_error + accel * (tick.arm_age + reaction_time)
-    slopes = np.where(reached < robot.velocity_limit, 1.0 + accel / braking, 1.0)
-    fresh, gains = _find_gains(state, row, link, float(slopes.max()))
+
+    def stop_time(response: float) -> float:
+        time: float = compute_stop_time(
+            tick.v,
+            robot.velocity_error,
+            robot.velocity_limit,
+            robot.acceleration_limit,
+            robot.braking_deceleration,
+            tick.arm_age,
+            response,
+            0.0,
+        )
+        return time
+
+    saved = stop_time(response_time) - stop_time(max(response_time - MILLISECOND, 0.0))
     return Explanation(
         link=names[0],
         obstacle=names[1],
         bound=BOUND_NAMES[known.bound],
         contact_time=max(0.0, known.expiry - tick.time),
-        fresh_contact_time=fresh,
+        fresh_contact_time=float(contact_times(state, row, UNCHANGED, tick.opening_time)[link]),
         stop_time=tick.stop_time,
         obstacle_age=(
             0.0 if state.marks.static[row] else tick.now - float(state.bodies.stamp[row])
         ),
         arm_age=tick.arm_age,
         look_age=tick.time - known.evaluated_at,
-        gains=gains,
+        gains=_find_gains(state, row, link, saved),
     )
 
 
-def _find_gains(
-    state: TickState, row: int, link: int, stop_slope: float
-) -> tuple[float, tuple[Gain, ...]]:
-    """What a look at this moment says of a pair in [s], and what would make it better.
+def _find_gains(state: TickState, row: int, link: int, saved: float) -> tuple[Gain, ...]:
+    """What would make a pair's verdict better.
 
     Args:
         state: The last tick's numbers, with the arm prepared.
         row: Of the obstacle.
         link: Of the arm.
-        stop_slope: By how much earlier the arm rests for each second less of latency.
+        saved: By how much earlier the arm rests for a millisecond less of latency, in [s].
     """
 
-    def slope(half: float, kind: str) -> float:
-        values = np.linspace(-half, half, STEPS)
-        times = [contact_times(state, row, Change(**{kind: value}))[link] for value in values]
-        usable = np.isfinite(times)
-        if usable.sum() < 2:
-            return 0.0
-        return float(np.polyfit(values[usable], np.array(times)[usable], 1)[0])
+    def times(changes: list[Change]) -> FloatArray:
+        return np.array([contact_times(state, row, change)[link] for change in changes])
 
-    fresh = float(contact_times(state, row)[link])
-    per_metre = slope(DISTANCES, "distance")
+    offsets = np.linspace(-DISTANCES, DISTANCES, STEPS)
+    usual = times([Change(distance=offset) for offset in offsets])
+    per_metre = _fit_slope(offsets, usual)
 
     def gain(what: str, seconds: float) -> Gain:
         # A zero of either sign reads better as 0.
         seconds = max(seconds, 0.0)
         return Gain(what, seconds, seconds / -per_metre if per_metre < 0.0 else math.nan)
 
-    moving = not state.marks.static[row]
-    return fresh, (
-        gain("1 ms less latency", 1e-3 * (stop_slope - (slope(AGES, "age") if moving else 0.0))),
-        gain("1 m/s less assumed speed", -slope(SPEEDS, "speed") if moving else 0.0),
-        gain("1 mm less cover", -1e-3 * per_metre),
+    younger = slower = 0.0
+    if not state.marks.static[row]:
+        ages = np.linspace(-AGES, AGES, STEPS)
+        younger = -MILLISECOND * _fit_slope(ages, times([Change(age=age) for age in ages]))
+        paces = times([Change(distance=offset, speed=-PACE) for offset in offsets])
+        slower = _mean_difference(paces, usual)
+    return (
+        gain("1 ms less latency", saved),
+        gain("1 ms less age of the obstacle", younger),
+        gain("1 m/s less assumed speed", slower),
+        gain("1 mm less cover", -MILLIMETRE * per_metre),
     )
+
+
+def _fit_slope(values: FloatArray, times: FloatArray) -> float:
+    usable = np.isfinite(times)
+    if usable.sum() < 2:
+        return 0.0
+    return float(np.polyfit(values[usable], times[usable], 1)[0])
+
+
+def _mean_difference(later: FloatArray, times: FloatArray) -> float:
+    """By how much later one is than the other; inf where it is never, and the other is sometime."""
+    usable = np.isfinite(times)
+    if not usable.any():
+        return 0.0
+    return float(np.mean(later[usable] - times[usable]))

@@ -9,9 +9,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armguard.pairs import TickState
-from armguard.watch import Listing
+from armguard.watch import Listing, Tick
 from armguard.what_if import Change, contact_times
 
 
@@ -64,7 +65,12 @@ class Attention(NamedTuple):
 
 
 def rank_attention(
-    listing: Listing, state: TickState, time: float, ids: list[str], limit: int
+    listing: Listing,
+    state: TickState,
+    watched: NDArray[np.bool_],
+    tick: Tick,
+    ids: list[str],
+    limit: int,
 ) -> list[Attention]:
     """Obstacles whose fresh states would raise the verdict's contact time most, first things first.
 
@@ -74,15 +80,18 @@ def rank_attention(
     Args:
         listing: Of imminent obstacles; one more than `limit` tells what the last would gain.
         state: The last tick's numbers, with the arm prepared.
-        time: Of the last tick, in [s] since the monitor's epoch.
+        watched: Which pairs are watched, by row × links + link. Shape (n,).
+        tick: The last one.
         ids: Of the rows.
         limit: At most so many.
     """
-    known = np.maximum(listing.row_expiry - time, 0.0)
-    rows = listing.rows.tolist()
-    fresh = np.array(
-        [contact_times(state, row, Change(fresh=True)).min() for row in rows[:limit]], dtype=float
-    )
+    known = np.maximum(listing.row_expiry - tick.time, 0.0)
+    rows, links = listing.rows.tolist(), len(state.tree.root)
+    fresh = np.zeros(len(rows[:limit]))
+    for index in range(len(fresh)):
+        row = rows[index]
+        times = contact_times(state, row, Change(fresh=True), tick.opening_time)
+        fresh[index] = times[watched[row * links : (row + 1) * links]].min(initial=math.inf)
     fresh = np.maximum(fresh, known[: len(fresh)])
     ranked = []
     seen = np.inf

@@ -59,9 +59,8 @@ class MonitorAnswers:
         if self._tick is None or self._look.pair == NOBODY or self._homeless:
             return None
         self._watch.prepare(self._tick)
-        return explain_pair(
-            self._watch, self.robot, self._tick, self._look.pair, self.settings.reaction_time
-        )
+        response_time = self.settings.horizon + self.settings.reaction_time
+        return explain_pair(self._watch, self.robot, self._tick, self._look.pair, response_time)
 
     def headroom(self) -> Headroom:
         """What looks cost now, and at how many obstacles or which rate the budget would break."""
@@ -78,10 +77,10 @@ class MonitorAnswers:
         if self._tick is None:
             return []
         self._watch.prepare(self._tick)
-        time = self._tick.time
-        listing = self._watch.list_imminent(time, row_limit=max(limit, 0) + 1, pair_limit=0)
-        ids = self.obstacles.ids
-        return rank_attention(listing, self._watch.arm.state, time, ids, max(limit, 0))
+        watch, tick, limit = self._watch, self._tick, max(limit, 0)
+        listing = watch.list_imminent(tick.time, row_limit=limit + 1, pair_limit=0)
+        watched, ids = watch.watched_pairs(), self.obstacles.ids
+        return rank_attention(listing, watch.arm.state, watched, tick, ids, limit)
 
     def snapshot(self, *, pair_limit: int, row_limit: int) -> Snapshot:
         """What there is to see of the last tick, for observers; cheap, and their own to keep.

@@ -31,13 +31,17 @@ class Change(NamedTuple):
 UNCHANGED = Change()
 
 
-def contact_times(state: TickState, row: int, change: Change = UNCHANGED) -> FloatArray:
+def contact_times(
+    state: TickState, row: int, change: Change = UNCHANGED, opening_time: float = np.inf
+) -> FloatArray:
     """Contact time of each link and one obstacle, in [s] from the last tick. Shape (links,).
 
     Args:
         state: The tick's numbers, with the arm prepared.
         row: Of the obstacle.
         change: What would be different.
+        opening_time: What could be touched before this, in [s], is looked at closer, as a tick
+            has it; inf: everything.
     """
     scene = state.scene
     bodies, refused = _one_row(scene.bodies, row), _one_row(scene.refused, row)
@@ -62,7 +66,14 @@ def contact_times(state: TickState, row: int, change: Change = UNCHANGED) -> Flo
     )
     bounds = np.zeros(links, dtype=np.int8)
     evaluate_handle(
-        pack(changed), np.arange(links), state.now, state.arm_age, np.inf, times, spheres, bounds
+        pack(changed),
+        np.arange(links),
+        state.now,
+        state.arm_age,
+        opening_time,
+        times,
+        spheres,
+        bounds,
     )
     return times
 
