@@ -134,7 +134,6 @@ class Monitor(MonitorAnswers):
         self._look = Look(NOBODY, math.inf, 0, 0)
         self._epoch: float | None = None
         self._now = -math.inf
-        self._activity = -1
         self._quiet_until = -math.inf
         self._homeless = self._no_sources = False
         self._sequence = 0
@@ -215,10 +214,7 @@ class Monitor(MonitorAnswers):
         if self._epoch is None:
             self._epoch = now
         watch, states, obstacles = self._watch, self._states, self.obstacles
-        is_quiet = obstacles.activity == self._activity and now < self._quiet_until
-        arm_changed = self.robot.revision != watch.arm.revision
-        if not is_quiet or arm_changed:
-            watch.follow()
+        watch.follow()
         found, stop_time = states.glance(stamp, q, v, now)
         if found & DOUBTFUL:
             disbelief = states.receive(stamp, q, v, now)
@@ -233,7 +229,7 @@ class Monitor(MonitorAnswers):
                 reasons.append(stopping)
         if (found or watch.arm.motion.isotropic.is_widened) and watch.arm.follow_limits(states.v):
             watch.doubt()
-        if not is_quiet:
+        if not (now < self._quiet_until and obstacles.is_quiet(now, self.settings.source_timeout)):
             reasons += self._read_obstacles(now)
         self._tick = tick = Tick(
             self._sequence,
@@ -260,16 +256,13 @@ class Monitor(MonitorAnswers):
         return self._judge.judge(stamp, tick, look, reasons, homeless=self._homeless)
 
     def _read_obstacles(self, now: float) -> list[Reason]:
-        """What is wrong with the obstacle table; if nothing is, until when that surely stays so."""
+        """What is wrong with the obstacle table, and until when silence is no reason."""
         obstacles = self.obstacles
         reasons = take_obstacle_reasons(obstacles, now, self.settings.source_timeout)
         self._homeless = bool(obstacles.homeless())
         self._no_sources = not obstacles.has_sources
-        self._activity = obstacles.activity
-        # As long as nobody calls, only silence can become too long; rounding is allowed for.
-        self._quiet_until = -math.inf
-        if not reasons:
-            self._quiet_until = obstacles.quiet_until(self.settings.source_timeout) - self.period
+        # Until then nobody can have been silent for too long; rounding is allowed for.
+        self._quiet_until = obstacles.quiet_until(self.settings.source_timeout) - self.period
         return reasons
 
     def _refuse(self, stamp: float, reason: Reason) -> Verdict:

@@ -82,6 +82,9 @@ class FaultQueue:
         else:
             self.dropped += 1
 
+    def __len__(self) -> int:
+        return len(self._faults)
+
     def take(self) -> list[Fault]:
         """The faults since the last call, oldest first; the queue is empty afterwards."""
         taken, self._faults = self._faults, []
@@ -131,6 +134,9 @@ class Homeless:
         if self._known or self._nameless:
             self._known = {k: entry for k, entry in self._known.items() if entry[0] != source}
             self._nameless.discard(source)
+
+    def __bool__(self) -> bool:
+        return bool(self._known or self._nameless)
 
     def names(self) -> list[str]:
         """Those known by name, the oldest first, and "more obstacles" if there are others."""

@@ -30,7 +30,6 @@ class ObstacleRegister:
         ids: Id of each row; empty where the row is free.
         late_count: Late messages, by obstacle, that were ignored.
         watcher: Number of whoever follows the rows; see `start_watching`.
-        activity: Goes up with each call that may change anything.
     """
 
     def __init__(self, sources: Iterable[str | Source]) -> None:
@@ -40,7 +39,6 @@ class ObstacleRegister:
         self.ids: list[str] = [""] * len(self.table.alive)
         self.late_count = 0
         self.watcher = 0
-        self.activity = 0
         self._book = SourceBook(sources)
         self._rows: dict[str, int] = {}
         self._tombstones = Tombstones()
@@ -69,10 +67,14 @@ class ObstacleRegister:
         What is drained is gone: only the watcher that came last learns of all rows.
         """
         self.watcher += 1
-        self.activity += 1
         self._removed.clear()
         self._added = set(self._rows.values())
         return self.watcher
+
+    @property
+    def has_membership_news(self) -> bool:
+        """Whether `drain_membership` would name any row."""
+        return bool(self._added or self._removed)
 
     def drain_membership(self) -> tuple[IntArray, IntArray]:
         """Rows that came into use and rows that lost their occupant since the last call.
@@ -106,7 +108,6 @@ class ObstacleRegister:
 
     def distrust(self, row: int) -> None:
         """Gives up a row's accepted state: it counts as refused, until a good one comes."""
-        self.activity += 1
         self.table.distrust(int(row))
         self._any_refused = bool(self.table.refused.any())
 
@@ -129,8 +130,23 @@ class ObstacleRegister:
         return self._book.ahead(now, tolerance)
 
     def quiet_until(self, default_timeout: float) -> float:
-        """When a required source will have been silent for too long, in [s], at the earliest."""
+        """When a source may have been silent for too long, in [s], at the earliest."""
         return self._book.quiet_until(default_timeout)
+
+    def is_quiet(self, now: float, tolerance: float) -> bool:
+        """Whether nothing is wrong at `now` in [s], silence apart: quick to tell in every tick.
+
+        No faults to take, nothing refused or homeless, no stamp more than `tolerance` [s] ahead,
+        and `quiet_until` as it was when asked last, or later.
+        """
+        newest = max(self._newest, self._book.newest, self._tombstones.newest)
+        return (
+            newest - now <= tolerance
+            and not self._any_refused
+            and not self._faults
+            and not self._homeless
+            and not self._book.unsettled
+        )
 
     def homeless(self) -> list[str]:
         """Obstacles that were reported and found no room in the table."""

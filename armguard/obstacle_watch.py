@@ -95,6 +95,8 @@ class ObstacleWatch:
             self._prepare()
         if self.arm.state.view_table():
             self._fit()
+        if not self._obstacles.has_membership_news:
+            return
         added, removed = self._obstacles.drain_membership()
         if len(removed):
             dismiss(self._handle, removed)

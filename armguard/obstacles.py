@@ -120,7 +120,6 @@ class Obstacles(ObstacleRegister):
         Raises:
             ObstacleError: The call is malformed; nothing of it is taken, and a fault is left.
         """
-        self.activity += 1
         try:
             names = read_ids(ids)
             time = read_time("stamp", stamp)
@@ -173,7 +172,6 @@ class Obstacles(ObstacleRegister):
         Raises:
             ObstacleError: Something of this is malformed, or the id is taken; a fault is left.
         """
-        self.activity += 1
         try:
             (name,) = read_ids([id])
             if name in self._rows:
@@ -209,7 +207,6 @@ class Obstacles(ObstacleRegister):
         Raises:
             ObstacleError: The call is malformed; nothing is removed, and a fault is left.
         """
-        self.activity += 1
         try:
             names = read_ids(ids)
             time = None if stamp is None else read_time("stamp", stamp)

@@ -61,9 +61,9 @@ class PairWatch:
         if self._robot.revision != self.arm.revision:
             self.schedule.remove(self.schedule.ranking())
             self._prepare()
-        added, removed = self._obstacles.drain_membership()
-        if not len(added) and not len(removed):
+        if not self._obstacles.has_membership_news:
             return
+        added, removed = self._obstacles.drain_membership()
         fresh, gone = self.ledger.change(added, removed, len(self._obstacles.table.alive))
         self.schedule.remove(gone)
         self.schedule.insert(fresh)

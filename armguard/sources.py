@@ -67,9 +67,17 @@ class SourceState:
 
 
 class SourceBook:
-    """All sources that were named or have spoken, in order of appearance."""
+    """All sources that were named or have spoken, in order of appearance.
+
+    Attributes:
+        states: Of each of them.
+        newest: Latest stamp of any message, in [s].
+        unsettled: Whether `quiet_until` may be earlier than when it was asked last.
+    """
 
     def __init__(self, sources: Iterable[str | Source]) -> None:
+        self.newest = -math.inf
+        self.unsettled = True
         self.states: list[SourceState] = []
         self._by_name: dict[str, SourceState] = {}
         for item in sources:
@@ -85,6 +93,9 @@ class SourceBook:
     def hear(self, name: str, stamp: float) -> SourceState:
         """Notes a message with this stamp, of a source known or new."""
         state = self._by_name.get(name) or self._add(Source(name))
+        if not (state.heard and stamp >= state.stamp):
+            self.unsettled = True
+        self.newest = max(self.newest, stamp)
         state.heard = True
         state.stamp = stamp
         return state
@@ -108,6 +119,7 @@ class SourceBook:
 
     def quiet_until(self, default_timeout: float) -> float:
         """When the first required source will have kept silent for its timeout, in [s]."""
+        self.unsettled = False
         ends = [
             state.stamp
             + (default_timeout if state.source.timeout is None else state.source.timeout)
@@ -118,6 +130,7 @@ class SourceBook:
 
     def ahead(self, now: float, tolerance: float) -> list[str]:
         """Sources whose last stamp is more than `tolerance` [s] ahead of `now`."""
+        self.newest = max((state.stamp for state in self.states), default=-math.inf)
         return [
             state.source.name
             for state in self.states
