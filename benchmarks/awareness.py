@@ -36,14 +36,12 @@ import math
 import time
 
 import numpy as np
-from crowds import HEIGHT, LATENCY, OUTER, RATE, REACTION_TIME, Work, publish
+from crowds import RATE, REACTION_TIME, Work, publish
+from lookouts import FRESHNESS, Deadline, Full, PairSchedule, Walkers
 from schedules import describe_machine
 
 from armguard.ignored_pairs import IgnoredPairs
-from armguard.joint_states import JointStates
-from armguard.obstacle_watch import ObstacleWatch
 from armguard.obstacles import Obstacles
-from armguard.pairs import evaluate
 from armguard.robot import Robot
 from armguard.schedules import DaaSchedule, FullSchedule
 from armguard.schedules.partition import make_partition
@@ -51,155 +49,12 @@ from armguard.watch import Tick
 from armguard.watched_arm import WatchedArm
 
 LADDER = (60, 600, 6_000, 60_000)  # pairs
-GROUPS = 10  # of balls that are measured in turn, one in each tick
-CIRCLE, PACE = (0.5, 3.0), (0.3, 1.5)  # radii [m] and speeds [m/s] of the balls' walks
-AWARE_MARGIN, FRESHNESS, JOINT_TIMEOUT = 0.3, 0.25, 0.05  # the monitor's defaults
+AWARE_MARGIN = 0.3  # the monitor's default, [s]
 EQUAL = 1.0 + 1e-9  # contact times within this factor are equal
-HORIZON = 1.0 / RATE + LATENCY + REACTION_TIME  # [s]
 COLUMNS = (
-    "pair %", "obstacle %", "off p99", "late med", "late max", "answer", "flagged", "most", "complete %",
-    "expired", "evaluated", "tick", "p99",
+    "pair %", "obstacle %", "off p99", "late med", "late max", "answer", "flagged", "most",
+    "complete %", "expired", "evaluated", "tick", "p99",
 )  # fmt: skip
-
-
-class Walkers:
-    """Balls that walk in circles, none nearer to the arm's axis than allowed.
-
-    Args:
-        count: How many balls.
-        nearest: No centre comes nearer to the axis than this, in [m].
-        seed: Of the random generator.
-    """
-
-    def __init__(self, count: int, nearest: float, seed: int) -> None:
-        random = np.random.default_rng(seed)
-        self._names = [f"ball-{number}" for number in range(count)]
-        walks = np.zeros((0, 4))
-        while len(walks) < count:
-            middle = random.uniform(-OUTER, OUTER, (4 * count, 2))
-            radius, pace = random.uniform(*CIRCLE, 4 * count), random.uniform(*PACE, 4 * count)
-            from_axis = np.hypot(*middle.T)
-            fits = (from_axis <= OUTER) & (np.abs(from_axis - radius) >= nearest)
-            walks = np.vstack([walks, np.column_stack([middle, radius, pace])[fits]])
-        self._middle, self._radius, pace = walks[:count, :2], walks[:count, 2], walks[:count, 3]
-        self._turning = pace / self._radius * random.choice((-1.0, 1.0), count)
-        self._phase = random.uniform(0.0, 2.0 * math.pi, count)
-        self._height = random.uniform(0.0, HEIGHT, count)
-
-    def measure(self, tick: int):
-        """What a tick measures: names, positions in [m] and velocities in [m]/[s], (n, 3) each."""
-        rows = slice(None) if tick == 0 else slice(tick % GROUPS, None, GROUPS)
-        radius, turning = self._radius[rows], self._turning[rows]
-        angle = turning * (tick / RATE) + self._phase[rows]
-        x, y = radius * np.cos(angle), radius * np.sin(angle)
-        middle = self._middle[rows]
-        position = np.column_stack([middle[:, 0] + x, middle[:, 1] + y, self._height[rows]])
-        velocity = np.column_stack([-turning * y, turning * x, np.zeros(len(x))])
-        return self._names[rows], position, velocity
-
-
-class PairSchedule:
-    """A schedule of pair numbers, fed with contact times.
-
-    Args:
-        schedule: Empty.
-        arm: Whose state is placed in each tick before this is asked to step.
-        pairs: How many there are.
-    """
-
-    def __init__(self, schedule, arm: WatchedArm, pairs: int) -> None:
-        self._schedule, self._state = schedule, arm.state
-        schedule.insert(np.arange(pairs))
-        self.times, self._nodes = np.zeros(pairs), np.zeros(pairs, dtype=np.int64)
-        """Contact times in [s] of the pairs that were due last, first things first."""
-        self._bounds = np.zeros(pairs, dtype=np.int8)
-        self._expiry = np.full(pairs, -np.inf)
-        self._looked_at = np.full(pairs, -1)
-        self._number, self._now = -1, 0.0
-
-    def step(self, tick: Tick) -> int:
-        """Look at what is due; evaluations."""
-        due = self._schedule.due()
-        spent = evaluate(self._state, due, self.times, self._nodes, self._bounds)
-        self._schedule.settle(self.times[: len(due)], tick.stop_time)
-        self._due = due
-        return spent
-
-    def record(self, tick: Tick) -> None:
-        """Remember what the step found; not timed."""
-        self._number, self._now = tick.number, tick.time
-        self._looked_at[self._due] = tick.number
-        self._expiry[self._due] = tick.time + self.times[: len(self._due)]
-
-    def name(self) -> int:
-        """The pair that the schedule puts first."""
-        return int(self._schedule.ranking()[0])
-
-    def find_earliest(self) -> float:
-        """End of the first certificate, in [s] from now."""
-        return float(self._expiry.min() - self._now)
-
-    def count_expired(self) -> int:
-        """Pairs without a certificate in force or a look in this tick."""
-        held = (self._expiry > self._now) | (self._looked_at == self._number)
-        return int(np.count_nonzero(~held))
-
-    def count_flagged(self) -> int:
-        """Pairs that the next visit might find too late."""
-        return len(self._schedule.flagged())
-
-    def last_look(self, pair: int) -> int:
-        """Tick of a pair's last evaluation; -1 if there was none."""
-        return int(self._looked_at[pair])
-
-
-class Full(PairSchedule):
-    """All pairs in each tick: what the others are held against."""
-
-    def name(self) -> int:
-        """The first of those with the least contact time."""
-        return int(self.times.argmin())
-
-
-class Deadline:
-    """The monitor's own watch over obstacles, asked what `PairSchedule` is asked."""
-
-    def __init__(self, robot: Robot, obstacles: Obstacles, make_arm) -> None:
-        self._states = JointStates(robot, JOINT_TIMEOUT)
-        self._watch = ObstacleWatch(
-            robot, obstacles, make_arm, self._states, HORIZON, FRESHNESS, 1.0 / RATE, None
-        )
-
-    def step(self, tick: Tick) -> int:
-        """Look at what is due; evaluations."""
-        self._watch.follow()
-        self._states.q[:], self._states.v[:] = tick.q, tick.v
-        self._look = self._watch.look(tick)
-        return self._look.evaluated
-
-    def record(self, tick: Tick) -> None:
-        """Remember when that was; the watch remembers all else."""
-        self._now = tick.time
-
-    def name(self) -> int:
-        """The pair whose certificate ends first."""
-        return self._look.pair
-
-    def find_earliest(self) -> float:
-        """End of the first certificate, in [s] from now."""
-        return self._look.expiry - self._now
-
-    def count_expired(self) -> int:
-        """Obstacles that are overdue."""
-        return self._look.overdue
-
-    def count_flagged(self) -> int:
-        """None: nobody waits beyond what matters to a stop."""
-        return 0
-
-    def last_look(self, pair: int) -> int:
-        """Tick of the last look at a pair's obstacle."""
-        return round(self._watch.recall(pair).evaluated_at * RATE)
 
 
 class Score:

@@ -1,4 +1,4 @@
-"""The benchmark of the schedules runs, and its rivals answer what they are asked."""
+"""The benchmarks of the schedules run, and their contestants answer what they are asked."""
 
 import importlib
 import math
@@ -198,3 +198,61 @@ def test_a_short_run(load, capsys):
             median = float(told[len(name) :].split()[1].replace(",", ""))
             assert 0.0 < median < math.inf
     assert "deadline, joint" in "".join(lines)
+
+
+def test_walkers_keep_their_distance_and_their_bounds(load):
+    lookouts, crowds = load("lookouts"), load("crowds")
+    walkers = lookouts.Walkers(100, 1.2, 0)
+    step, seen = 1.0 / crowds.RATE, set()
+    for tick in range(1, 3000, 7):
+        names, position, velocity = walkers.measure(tick)
+        later, before = (walkers.measure(tick + k * lookouts.GROUPS) for k in (1, -1))
+        seen.update(names)
+        assert later[0] == names
+        assert (np.hypot(*position.T[:2]) >= 1.2).all()
+        assert (np.linalg.norm(velocity, axis=1) <= crowds.SPEED).all()
+        if tick > lookouts.GROUPS:
+            span = 2 * lookouts.GROUPS * step
+            assert np.allclose((later[1] - before[1]) / span, velocity, atol=1e-3)
+            accel = np.linalg.norm(later[2] - before[2], axis=1) / span
+            assert (accel <= crowds.ACCEL).all()
+    assert len(seen) == 100
+
+
+def test_delays_are_counted_from_when_a_pair_became_the_most_imminent(load):
+    score, looks = load("awareness").Score(), {3: 9, 5: 12}
+
+    class Contestant:
+        def last_look(self, pair):
+            return looks[pair]
+
+    score.waiting = [(3, 10), (5, 10)]
+    score.notice(Contestant())
+    assert (score.delays, score.waiting) == ([2], [(3, 10)])
+    looks[3] = 17
+    score.notice(Contestant())
+    assert (score.delays, score.waiting) == ([2, 7], [])
+
+
+def test_a_short_run_on_awareness(load, capsys, monkeypatch):
+    benchmark = load("awareness")
+    monkeypatch.setattr(benchmark, "LADDER", (60,))
+    benchmark.main(["--ticks=200", "--speed=0.5"])
+    rows = {}
+    for line in capsys.readouterr().out.splitlines():
+        name = line[:24].strip()
+        rows[name] = line[24:].split()
+    titles = dict(zip(benchmark.COLUMNS, range(len(benchmark.COLUMNS)), strict=True))
+    names = ["full", "deadline"]
+    names += [
+        f"daa, {law}, {sort}" for law in ("powers", "fibonacci") for sort in ("partial", "total")
+    ]
+    for name in names:
+        cells = [
+            float(rows[name][titles[title]]) for title in ("complete %", "answer", "evaluated")
+        ]
+        # Whatever a schedule has not looked at lately, its certificates never promise too much.
+        assert cells[0] == 100.0
+        assert 0.0 < cells[1] <= 1.0
+        assert cells[2] <= float(rows["full"][titles["evaluated"]])
+    assert rows["full"][:3] == ["100", "100", "0"]

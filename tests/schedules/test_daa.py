@@ -154,9 +154,9 @@ def test_all_pairs_are_evaluated_and_put_in_order_at_first(law):
     assert schedule.ranking().tolist() == sorted(pairs.tolist())
 
 
-@pytest.mark.parametrize("partition", ["powers", "fibonacci"])
-def test_a_tick_evaluates_one_pair_a_bucket(partition):
-    schedule = DaaSchedule(PERIOD, partition)
+@pytest.mark.parametrize(("partition", "sort"), LAWS)
+def test_a_tick_evaluates_one_pair_a_bucket(partition, sort):
+    schedule = DaaSchedule(PERIOD, partition, sort)
     schedule.insert(np.arange(50_000))
     schedule.settle(np.linspace(0.0, 9.0, schedule.due().size), 0.0)
     limit = math.floor(math.log2(50_000)) + 1 if partition == "powers" else 22
@@ -216,6 +216,37 @@ def test_partial_sorting_of_constant_times_ends_with_powers_in_heap_order():
         before = 2 ** (k - 1) + (place - 2**k) % 2 ** (k - 1)
         assert ordered[before - 1] < ordered[place - 1]
     assert ordered[0] == ordered.min()
+
+
+@pytest.mark.parametrize("partition", ["powers", "fibonacci"])
+def test_total_sorting_ranks_all_pairs_by_the_ends_of_their_certificates(partition):
+    schedule, rng = DaaSchedule(PERIOD, partition, "total"), np.random.default_rng(11)
+    schedule.insert(np.arange(70))
+    end = np.zeros(70)
+    for tick in range(200):
+        due = schedule.due()
+        taus = rng.exponential(5.0, due.size)
+        end[due] = tick * PERIOD + taus
+        schedule.settle(taus, 0.0)
+        assert (np.diff(end[schedule.ranking()]) >= 0.0).all()
+
+
+@pytest.mark.parametrize(("partition", "sort"), LAWS)
+def test_a_place_is_flagged_by_its_own_round_and_the_stop_time(partition, sort):
+    # Twenty pairs settled at tick 0, each with its own time to spare beyond stop time and visit.
+    stop_time, sizes = 0.5, SIZES[partition]
+    rounds = [(slot, size) for size in sizes for slot in range(size)][:20]
+    # Slot 0 was in turn at tick 0 and waits a whole round; slot s waits s ticks.
+    waits = np.array([slot or size for slot, size in rounds])
+    needed = waits * PERIOD + stop_time
+    barely = np.maximum.accumulate(needed) + 1e-9 * np.arange(1, 21)
+    for times in (barely, np.sort(needed)):
+        schedule = DaaSchedule(PERIOD, partition, sort)
+        schedule.insert(np.arange(20))
+        schedule.settle(times[schedule.due()], stop_time)
+        assert schedule.ranking().tolist() == list(range(20))
+        expected = np.flatnonzero(~(times > needed))
+        assert sorted(schedule.flagged().tolist()) == expected.tolist()
 
 
 def test_equal_times_keep_their_places():
