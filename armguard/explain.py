@@ -1,7 +1,7 @@
 """Why a verdict is as it is: what decided, and what would have made it better.
 
-Bounds are taken on a grid of times, and single differences would show the grid: what a small change
-would buy is fitted over a range, and what a great one would buy is averaged over one.
+Joint bounds are taken on a grid of times, and single differences would show the grid: what a small
+change would buy is fitted over a range, and what a great one would buy is averaged over one.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from armguard.pairs import TickState
 from armguard.robot import Robot
-from armguard.scene import BOUND_NAMES, FloatArray
+from armguard.scene import BOUND_NAMES, JOINT, FloatArray
 from armguard.verdict import compute_stop_time
 from armguard.watch import Tick, Watch
 from armguard.what_if import UNCHANGED, Change, contact_times
@@ -21,8 +21,8 @@ from armguard.what_if import UNCHANGED, Change, contact_times
 STEPS = 21
 """Evaluations behind each figure."""
 
-DISTANCES, AGES = 0.05, 0.02
-"""Half the ranges of what is varied: [m], [s]."""
+COARSE, FINE = (0.05, 0.02), (0.001, 0.001)
+"""Half the ranges of distances and ages, in [m] and [s]: for bounds on a grid of times, others."""
 
 MILLISECOND, MILLIMETRE, PACE = 1e-3, 1e-3, 1.0
 """What there could be less of: [s], [m], [m/s]."""
@@ -36,8 +36,8 @@ class Gain(NamedTuple):
     seconds: float
     """By how much later contact would be, or the arm at rest earlier, [s]."""
     metres: float
-    """How much nearer the obstacle could be for the same verdict, [m]; NaN where no distance would
-    make a difference."""
+    """How much nearer the obstacle could be for the same verdict, as distance counts here, [m]; NaN
+    where no distance would make a difference."""
 
 
 class Explanation(NamedTuple):
@@ -117,24 +117,27 @@ def explain_pair(
         ),
         arm_age=tick.arm_age,
         look_age=tick.time - known.evaluated_at,
-        gains=_find_gains(state, row, link, saved),
+        gains=_find_gains(state, row, link, COARSE if known.bound == JOINT else FINE, saved),
     )
 
 
-def _find_gains(state: TickState, row: int, link: int, saved: float) -> tuple[Gain, ...]:
+def _find_gains(
+    state: TickState, row: int, link: int, ranges: tuple[float, float], saved: float
+) -> tuple[Gain, ...]:
     """What would make a pair's verdict better.
 
     Args:
         state: The last tick's numbers, with the arm prepared.
         row: Of the obstacle.
         link: Of the arm.
+        ranges: Half those of distances and of ages, in [m] and [s].
         saved: By how much earlier the arm rests for a millisecond less of latency, in [s].
     """
 
     def times(changes: list[Change]) -> FloatArray:
         return np.array([contact_times(state, row, change)[link] for change in changes])
 
-    offsets = np.linspace(-DISTANCES, DISTANCES, STEPS)
+    offsets, ages = (np.linspace(-half, half, STEPS) for half in ranges)
     usual = times([Change(distance=offset) for offset in offsets])
     per_metre = _fit_slope(offsets, usual)
 
@@ -145,7 +148,6 @@ def _find_gains(state: TickState, row: int, link: int, saved: float) -> tuple[Ga
 
     younger = slower = 0.0
     if not state.marks.static[row]:
-        ages = np.linspace(-AGES, AGES, STEPS)
         younger = -MILLISECOND * _fit_slope(ages, times([Change(age=age) for age in ages]))
         paces = times([Change(distance=offset, speed=-PACE) for offset in offsets])
         slower = _mean_difference(paces, usual)
