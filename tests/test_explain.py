@@ -41,7 +41,8 @@ def test_it_tells_what_the_verdict_rests_on(schedule, motion):
     assert 0.0 <= why.look_age <= verdict.stamp + 1e-12
     assert why.fresh_contact_time >= why.contact_time - 1e-12
     text = str(why)
-    assert f"{why.link} and near" in text and why.bound in text
+    assert f"{why.link} and near" in text
+    assert why.bound in text
     assert all(gain.what in text for gain in why.gains)
 
 

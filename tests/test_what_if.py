@@ -84,7 +84,8 @@ def test_a_coarser_look_is_no_later():
     monitor, _ = look()
     coarse, fine = (ask(monitor, opening_time=time) for time in (0.0, np.inf))
     assert coarse.shape == fine.shape == (len(panda().links),)
-    assert (coarse <= fine).all() and (coarse < fine).any()
+    assert (coarse <= fine).all()
+    assert (coarse < fine).any()
 
 
 def test_bounds_do_not_fall_below_nothing():
