@@ -44,12 +44,15 @@ class StopDecision:
         self._steps = max(1, math.ceil(period / STEP))
         """Steps of the search in each tick."""
         self._pause = math.ceil(PAUSE / period)
-        search = math.ceil((HALVINGS + 1) / self._steps)
-        self._lasting = 2 * search + self._pause
-        """Ticks for which a scale counts once it was found safe: to the end of the next search."""
+        ticks = math.ceil((HALVINGS + 1) / self._steps)
+        # In seconds, not in ticks: those may come late, and what was proved holds no longer then.
+        self._searching = ticks * period
+        """How long a search may take: its proofs let the arm go on as before for so long, [s]."""
+        self._lasting = (2 * ticks + self._pause) * period
+        """How long a scale counts once it was found safe: to the end of the next search, [s]."""
         # What a search finds is obeyed only when it is over, and must last until the next one is.
-        self._obeyed_after = horizon + search * period
-        self._going_on = going_on + self._lasting * period
+        self._obeyed_after = horizon + self._searching
+        self._going_on = going_on + self._lasting
         self.looks_ahead = self._obeyed_after + self._going_on
         self.reset()
 
@@ -61,8 +64,9 @@ class StopDecision:
     def restart_search(self) -> None:
         """Let no scale that was found so far count as safe: there are obstacles that it ignores."""
         self._step = 0
-        self._safe, self._safe_at = 0.0, -self._lasting
-        self._low, self._high, self._low_at = 0.0, 1.0, -self._lasting
+        self._safe, self._safe_at = 0.0, -math.inf
+        self._low, self._high, self._low_at = 0.0, 1.0, -math.inf
+        self._began_at = -math.inf
 
     def rests(self, tick: Tick) -> bool:
         """Whether the arm surely rests before contact, braking only after the next tick."""
@@ -79,13 +83,16 @@ class StopDecision:
         what it found safe was proved for so much longer that it still holds when the next is over.
         """
         steps = self._steps
-        if not tick.number - self._safe_at < self._lasting:
+        if not tick.time - self._safe_at < self._lasting:
             # There is nothing to give out meanwhile: search to the end.
             self._step, steps = 0, HALVINGS + 1
+        elif 0 < self._step <= HALVINGS and not tick.time - self._began_at <= self._searching:
+            # Ticks came late, or nobody asked meanwhile: what was found is obeyed too late.
+            self._step = 0
         for _ in range(steps):
             if not self._search(tick):
                 break
-        return self._safe if tick.number - self._safe_at < self._lasting else 0.0
+        return self._safe if tick.time - self._safe_at < self._lasting else 0.0
 
     def _search(self, tick: Tick) -> bool:
         """One step: the first tries the whole, the others halve. Whether there is another one."""
@@ -95,10 +102,11 @@ class StopDecision:
                 self._step = 0
             return False
         if self._step == 0:
-            self._low, self._high, self._low_at = 0.0, 1.0, tick.number
+            self._low, self._high, self._low_at = 0.0, 1.0, tick.time
+            self._began_at = tick.time
         scale = 1.0 if self._step == 0 else 0.5 * (self._low + self._high)
         if self._is_safe(tick, scale):
-            self._low, self._low_at = scale, tick.number
+            self._low, self._low_at = scale, tick.time
         else:
             self._high = scale
         self._step += 1

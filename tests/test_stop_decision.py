@@ -185,6 +185,27 @@ def test_an_arm_that_moves_away_need_not_slow_down():
     assert scales[-1.0].mean() > scales[1.0].mean()
 
 
+@pytest.mark.parametrize("pace", [PERIOD, 7.0 * PERIOD, 40.0 * PERIOD])
+def test_a_scale_that_is_given_out_is_safe_now_however_late_ticks_come(pace):
+    """Somebody walks up to an arm that stands still; each scale is proved again when it is given."""
+    obstacles, monitor = make_monitor("deadline", hold=0.0, latency=LATENCY)
+    braking, given = monitor._watch.arm.motion.braking, 0
+    for k in range(int(1.4 / pace)):
+        now = k * pace
+        place = [2.0 - 0.9 * now, 0.0, 0.6]
+        see(obstacles, now, place, velocity=[[-0.9, 0.0, 0.0]])
+        verdict = monitor.step(now, HOME, STILL)
+        if not verdict.speed_scale > 0.0 or verdict.speed_scale == 1.0:
+            continue
+        given += 1
+        tick = monitor._tick
+        table = braking.tabulate(
+            HOME, STILL, 0.0, PERIOD + LATENCY, going_on=SLOW, scale=verdict.speed_scale
+        )
+        assert monitor._watch.find_unsafe(tick, float(table.time[-1])) == -1, (now, verdict)
+    assert given > 10
+
+
 @functools.cache
 def govern(distance, seconds=4.0):
     """An arm that sweeps to and fro, as fast as its scale lets it, beside a post.
