@@ -137,7 +137,7 @@ def _far_ball_contact_time(  # type: ignore[no-untyped-def]
     velocities[0, 0], velocities[0, 1], velocities[0, 2] = vx2, vy2, vz2
     return far_contact_time(
         0.0, 0.0, 0.0, vx1, vy1, vz1, accel1, speed1, velocity_error1, age1,
-        points, velocities, 1, accel2, speed2, velocity_error2, age2,
+        points, velocities, np.int64(1), accel2, speed2, velocity_error2, age2,
         contact_distance, advances, trace, t,
     )  # fmt: skip
 
@@ -151,7 +151,7 @@ def _any_contact_time(  # type: ignore[no-untyped-def]
     t = hull_contact_time(
         px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
         points, velocities, count, accel2, speed2, velocity_error2, age2,
-        contact_distance, advances, trace, 0, 0.0, 0.0, LONGEST,
+        contact_distance, advances, trace, np.int64(0), 0.0, 0.0, LONGEST,
     )  # fmt: skip
     if FAR < t < LONGEST:
         return far_contact_time(

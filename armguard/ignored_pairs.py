@@ -27,6 +27,8 @@ class IgnoredPairs:
 
     def __init__(self, ignore: Iterable[tuple[str, str]], robot: Robot) -> None:
         self._links = robot.links
+        if not isinstance(ignore, Iterable):
+            raise ArmguardError("ignore", f"is {ignore!r}", expected="a list of pairs")
         self._patterns = [_read_pair(pair, robot) for pair in ignore]
 
     def follow(self, robot: Robot) -> None:

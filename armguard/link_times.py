@@ -38,7 +38,7 @@ def reach_time(
         x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         bodies.points, bodies.velocities, row, bodies.point_count[row],
         bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], age,
-        distance, REACH_ADVANCES,
+        distance, np.int64(REACH_ADVANCES),
     )  # fmt: skip
     return time if time >= 0.0 else 0.0
 

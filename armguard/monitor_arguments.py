@@ -13,6 +13,10 @@ from armguard.exceptions import ArmguardError
 from armguard.schedules import DEADLINE, Schedule, make_schedule
 
 
+MOST_EVALUATIONS = 2**62
+"""A budget that nothing exceeds."""
+
+
 class MonitorSettings(NamedTuple):
     """Settings of a monitor, all of them usable; times in [s]."""
 
@@ -74,7 +78,7 @@ def read_settings(
         raise ArmguardError("freshness", f"is {freshness!r}", expected="0 <= freshness < 1")
     if not isinstance(base_placement, pinocchio.SE3 | None):
         raise ArmguardError("base_placement", f"is {base_placement!r}", expected="a pinocchio.SE3")
-    if motion not in MOTIONS:
+    if not (isinstance(motion, str) and motion in MOTIONS):
         raise ArmguardError("motion", f"is {motion!r}", expected=f"one of {', '.join(MOTIONS)}")
     by_deadline = isinstance(schedule, str) and schedule == DEADLINE
     return MonitorSettings(
@@ -90,11 +94,12 @@ def read_settings(
 
 def read_number(value: object) -> float:
     """The number that `value` is; NaN for whatever is not one."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
-        return math.nan
     try:
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
+            return math.nan
         return float(value)
-    except OverflowError:
+    except Exception:
+        # Whatever an object of somebody else's raises here, it is no number.
         return math.nan
 
 
@@ -107,4 +112,5 @@ def _read_budget(budget: object, *, by_deadline: bool) -> int | None:
         raise ArmguardError(
             "budget", "is given", expected='schedule="deadline", which alone keeps to one'
         )
-    return int(budget)
+    # More than compiled code can count is as good as no limit.
+    return min(int(budget), MOST_EVALUATIONS)

@@ -79,6 +79,15 @@ def grow_book(book: Book, news: News, rows: int, width: int) -> Book:
 
 
 @kernel
+def void(book: Book, row: int) -> None:
+    """Let no certificate of a row hold: it is to be looked at at once."""
+    for link in range(book.watched.shape[1]):
+        book.pair_expiry[row, link] = -np.inf
+    make_due(book.wheel, row, -np.inf)
+    set_value(book.soonest, row, -np.inf)
+
+
+@kernel
 def admit(handle: Any, rows: IntArray, masks: NDArray[np.bool_]) -> None:
     """Take in rows, to be looked at in the next tick; masks, (n, links), say which links watch."""
     book = handle.content
@@ -87,15 +96,13 @@ def admit(handle: Any, rows: IntArray, masks: NDArray[np.bool_]) -> None:
         some = False
         for link in range(masks.shape[1]):
             book.watched[row, link] = masks[i, link]
-            book.pair_expiry[row, link] = -np.inf
             book.pair_bound[row, link] = UNKNOWN
             some = some or masks[i, link]
         book.anchors.point_count[row] = 0
         book.evaluated_at[row] = -np.inf
         if some:
             book.numbers[ACTIVE] += 1
-            make_due(book.wheel, row, -np.inf)
-            set_value(book.soonest, row, -np.inf)
+            void(book, row)
 
 
 @kernel
@@ -116,18 +123,18 @@ def doubt_all(handle: Any) -> None:
     book = handle.content
     for row in range(book.watched.shape[0]):
         if book.watched[row].any():
-            make_due(book.wheel, row, -np.inf)
-            set_value(book.soonest, row, -np.inf)
+            void(book, row)
 
 
 @kernel
 def first_link(book: Book, row: int) -> int:
     """The watched link whose certificate against an obstacle ends first."""
-    first = 0
-    soonest = np.inf
+    first = -1
     for link in range(book.watched.shape[1]):
-        if book.watched[row, link] and book.pair_expiry[row, link] < soonest:
-            first, soonest = link, book.pair_expiry[row, link]
+        if not book.watched[row, link]:
+            continue
+        if first < 0 or book.pair_expiry[row, link] < book.pair_expiry[row, first]:
+            first = link
     return first
 
 

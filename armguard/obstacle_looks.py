@@ -26,14 +26,23 @@ from armguard.link_times import (
     rests_in_time,
     root_time,
 )
-from armguard.obstacle_book import ACTIVE, BROKEN, LOOKS, PREPARED, SPENT, STALE, Book, first_link
+from armguard.obstacle_book import (
+    ACTIVE,
+    BROKEN,
+    LOOKS,
+    PREPARED,
+    SPENT,
+    STALE,
+    Book,
+    first_link,
+    void,
+)
 from armguard.obstacle_table import clear_news
 from armguard.scene import REACH, UNKNOWN, FloatArray, IntArray, Scene, prepare_arm
 from armguard.schedules.wheel import (
     NOBODY,
     TURNING,
     WAITING,
-    make_due,
     most_urgent,
     put_off,
     turn,
@@ -56,7 +65,11 @@ def _read_news(scene: Scene, book: Book) -> int:
     overtaken = broken = 0
     for i in range(book.news.changed_count[0]):
         row = book.news.changed[i]
-        if not book.watched[row].any() or scene.marks.static[row]:
+        if not book.watched[row].any():
+            continue
+        if scene.marks.static[row] and not scene.marks.refused[row]:
+            # One that never moves is news when it comes, and then it is due already.
+            overtaken += 1
             continue
         allowed, grown = allows_anchor(scene.bodies, book.anchors, row, row)
         if allowed and not grown and not scene.marks.refused[row]:
@@ -65,8 +78,7 @@ def _read_news(scene: Scene, book: Book) -> int:
             book.broken[broken] = row
             broken += 1
         overtaken += 1
-        make_due(book.wheel, row, -np.inf)
-        set_value(book.soonest, row, -np.inf)
+        void(book, row)
     book.numbers[BROKEN] = broken
     clear_news(book.news)
     return overtaken
@@ -215,6 +227,7 @@ class Watching(NamedTuple):
 def look(
     handle: Any,
     placed: bool,
+    spent_before: int,
     now: float,
     time: float,
     tick: int,
@@ -229,6 +242,7 @@ def look(
     Args:
         handle: On a `Watching`.
         placed: Whether Pinocchio has placed the arm for this tick.
+        spent_before: Evaluations of this tick before the arm was placed.
         now: Time of the tick on the obstacles' clock, in [s].
         time: The same since the monitor's epoch.
         tick: Number of the tick.
@@ -249,7 +263,7 @@ def look(
     # To the nearest tick: those of a loop are never quite on time.
     clock = int(time / period + 0.5)
     turn(wheel, clock)
-    evaluated = 0
+    evaluated = spent_before
     certain = False
     while evaluated < budget and not (certain and evaluated > CROWD):
         row = most_urgent(wheel)
@@ -321,15 +335,10 @@ def find_unsafe(
     count = find_below(book.soonest, latest, rows)
     if count == rows.shape[0]:
         return rows[0], 0
-    half = book.soonest.shape[0] // 2
     for i in range(count):
         row = rows[i]
-        # What news have overtaken and nobody has looked at since has no certificates.
-        overtaken = book.soonest[half + row] == -np.inf
         for link in range(book.watched.shape[1]):
-            if not book.watched[row, link]:
-                continue
-            if book.pair_expiry[row, link] > latest and not overtaken:
+            if not book.watched[row, link] or book.pair_expiry[row, link] > latest:
                 continue
             if not rests_in_time(scene, link, row, now):
                 return row, link

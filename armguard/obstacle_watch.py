@@ -16,6 +16,7 @@ from armguard.exceptions import ArmguardError
 from armguard.handle import pack
 from armguard.joint_states import JointStates
 from armguard.obstacle_book import (
+    ACTIVE,
     BROKEN,
     LOOKS,
     PREPARED,
@@ -93,6 +94,7 @@ class ObstacleWatch:
             )
         if self._robot.revision != self.arm.revision:
             self._prepare()
+            self._doubted = True
         if self.arm.state.view_table():
             self._fit()
         if not self._obstacles.has_membership_news:
@@ -115,26 +117,25 @@ class ObstacleWatch:
 
     def look(self, tick: Tick) -> Look:
         """Look at the obstacles that are due; the arm is placed only if one of them needs it."""
-        if self._doubted:
+        doubted, self._doubted = self._doubted, False
+        if doubted:
             doubt_all(self._handle)
-            self._doubted = False
-        row, link, expiry, overdue, evaluated, disturbed = self._look(tick)
+        row, link, expiry, overdue, evaluated, disturbed = self._look(tick, 0)
         broken: tuple[int, ...] = ()
         if disturbed:
             # Read before the look goes on: by then there is no news any more.
             broken = tuple(self.book.broken[: self.book.numbers[BROKEN]].tolist())
         if row == UNPLACED:
             self._place(tick)
-            spent = evaluated
-            row, link, expiry, overdue, evaluated, _ = self._look(tick)
-            evaluated += spent
+            row, link, expiry, overdue, evaluated, _ = self._look(tick, evaluated)
         pair = NOBODY if row == NOBODY else row * self._links + link
-        return Look(pair, expiry, overdue, evaluated, broken, disturbed > 0)
+        return Look(pair, expiry, overdue, evaluated, broken, doubted or disturbed > 0)
 
-    def _look(self, tick: Tick) -> tuple[int, int, float, int, int, int]:
+    def _look(self, tick: Tick, spent: int) -> tuple[int, int, float, int, int, int]:
         found: tuple[int, int, float, int, int, int] = look(
             self._watching,
             self._placed == tick.number,
+            spent,
             tick.now,
             tick.time,
             tick.number,
@@ -212,7 +213,8 @@ class ObstacleWatch:
     def list_imminent(self, time: float, *, row_limit: int, pair_limit: int) -> Listing:
         """What is most imminent at `time`."""
         book, links = self.book, len(self.arm.links)
-        rows = np.zeros(max(row_limit, pair_limit), dtype=np.int64)
+        wanted = min(max(row_limit, pair_limit), int(book.numbers[ACTIVE]))
+        rows = np.zeros(wanted, dtype=np.int64)
         rows = rows[: find_soonest(self._handle, rows)]
         # Obstacles may have been removed since, and others taken their rows.
         rows = rows[~np.isin(rows, self._obstacles.changed_rows())]

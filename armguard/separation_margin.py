@@ -60,6 +60,8 @@ class SeparationMargin:
     """
 
     def __init__(self, rule: SeparationRule, response_time: float) -> None:
+        if not isinstance(rule, SeparationRule):
+            raise ArmguardError("separation", f"is {rule!r}", expected="a SeparationRule")
         numbers = {**rule._asdict(), "response_time": response_time}
         if rule.human_speed is None:
             del numbers["human_speed"]

@@ -94,7 +94,8 @@ class ReachMotion:
         """A ball in the world for spheres that ride a joint, (n, 4) in its frame. Shape (4,)."""
         model = self._robot.model
         travel = widened_ranges(self._robot)
-        middle = np.where(np.isfinite(travel).all(axis=1), travel.mean(axis=1), 0.0)
+        finite = np.isfinite(travel).all(axis=1, keepdims=True)
+        middle = np.where(finite, travel, 0.0).mean(axis=1)
         pinocchio.forwardKinematics(model, self._data, middle)
         chain = moving_joints(model, joint)
         turning = [number for number in chain if not is_prismatic(model, number)]
