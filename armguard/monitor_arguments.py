@@ -12,7 +12,6 @@ from armguard.arm_motion import MOTIONS
 from armguard.exceptions import ArmguardError
 from armguard.schedules import DEADLINE, Schedule, make_schedule
 
-
 MOST_EVALUATIONS = 2**62
 """A budget that nothing exceeds."""
 

@@ -34,3 +34,8 @@ def test_a_star_is_any_link():
 def test_what_is_no_pair_is_refused(wrong):
     with pytest.raises(ArmguardError, match="ignore"):
         IgnoredPairs([wrong], panda())
+
+
+def test_what_is_no_list_is_refused():
+    with pytest.raises(ArmguardError, match="ignore"):
+        IgnoredPairs(5, panda())

@@ -41,6 +41,26 @@ def test_whatever_else_there_is_is_none(value):
     assert math.isnan(read_number(value))
 
 
+class Refusing(float):
+    """A number that will not be read."""
+
+    def __float__(self):
+        raise ValueError("no")
+
+
+class Nameless:
+    """What will not even say what it is, as a proxy of something gone."""
+
+    @property
+    def __class__(self):
+        raise ReferenceError("gone")
+
+
+def test_what_raises_when_it_is_read_is_no_number():
+    for value in (Refusing(1.0), Nameless()):
+        assert math.isnan(read_number(value))
+
+
 AMOUNTS = ("reaction_time", "latency", "slow_margin", "aware_margin", "hold", "source_timeout")
 
 
@@ -92,7 +112,7 @@ def test_durations_and_lengths_are_finite_and_not_negative(name):
     [
         ("rate", [0.0, -1.0, math.inf, math.nan, None, "1000", True]),
         ("freshness", [-0.1, 1.0, math.nan, None, True]),
-        ("motion", ["hope", "", None, 3, "Joint"]),
+        ("motion", ["hope", "", None, 3, "Joint", ["joint"], np.array(["joint"])]),
         ("schedule", ["sometimes", None, 3]),
         ("base_placement", [np.eye(4), "here", 1.0]),
         ("budget", [0, -1, 1.0, math.inf, True, "5", [5]]),
@@ -107,5 +127,7 @@ def test_whatever_makes_no_sense_is_refused_by_name(name, wrong):
 def test_a_budget_is_for_deadlines_alone():
     assert settings(budget=np.int32(5)).budget == 5
     assert type(settings(budget=np.int32(5)).budget) is int
+    # Larger than compiled code can count: no limit then.
+    assert settings(budget=10**30).budget == 2**62
     with pytest.raises(ArmguardError, match="deadline"):
         settings(budget=5, schedule="full")

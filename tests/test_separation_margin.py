@@ -331,6 +331,11 @@ def test_no_distance_is_too_great_or_small(scale):
         assert margin == pytest.approx(scale - 0.6, rel=1e-9)
 
 
+def test_what_is_no_rule_is_refused():
+    with pytest.raises(ArmguardError, match="separation"):
+        SeparationMargin("strict", 0.03)
+
+
 @pytest.mark.parametrize("name", [*SeparationRule._fields, "response_time"])
 @pytest.mark.parametrize("bad", [-0.1, math.nan, math.inf, "far"])
 def test_bad_parameters_are_refused_by_name(name, bad):

@@ -187,7 +187,7 @@ def test_an_arm_that_moves_away_need_not_slow_down():
 
 @pytest.mark.parametrize("pace", [PERIOD, 7.0 * PERIOD, 40.0 * PERIOD])
 def test_a_scale_that_is_given_out_is_safe_now_however_late_ticks_come(pace):
-    """Somebody walks up to an arm that stands still; each scale is proved again when it is given."""
+    """Somebody walks up to an arm that stands still: each scale is proved anew when it is given."""
     obstacles, monitor = make_monitor("deadline", hold=0.0, latency=LATENCY)
     braking, given = monitor._watch.arm.motion.braking, 0
     for k in range(int(1.4 / pace)):
