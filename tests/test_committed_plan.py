@@ -1,0 +1,329 @@
+import math
+
+import numpy as np
+import pinocchio
+import pytest
+from coal import Sphere
+from scenes import FAR, HOME, PERIOD, STILL, kinds, make_monitor, panda, see, subjects
+
+from armguard.committed_plan import PlanVerdict
+from armguard.exceptions import ArmguardError
+from armguard.monitor import Monitor
+from armguard.obstacles import Obstacles
+from armguard.plans import Plan
+from armguard.robot import Robot
+from armguard.verdict import Effect, Level, ReasonKind
+
+DURATION = 0.3
+TIMES = np.linspace(0.0, DURATION, 31)
+ERROR, SPEED_ERROR = 2e-3, 0.02
+TURN = 0.2
+"""How far the first joint turns on the way, in [rad]."""
+
+
+def make_plan(turn=TURN, stamp=0.0, **changes):
+    """From rest to rest, by the first joint alone."""
+    angle = np.pi * TIMES / DURATION
+    q, v = np.tile(HOME, (len(TIMES), 1)), np.zeros((len(TIMES), 7))
+    q[:, 0] += 0.5 * turn * (1.0 - np.cos(angle))
+    v[:, 0] = 0.5 * turn * np.pi / DURATION * np.sin(angle)
+    plan = Plan(stamp, TIMES.copy(), q, v, np.full(7, ERROR), np.full(7, SPEED_ERROR))
+    return plan._replace(**changes)
+
+
+def put_post(obstacles, bearing, *, distance=0.5, radius=0.03):
+    """A ball at the height of the fingers, at an angle about the first joint's axis, in [rad]."""
+    place = [distance * np.cos(bearing), distance * np.sin(bearing), 0.65]
+    obstacles.add_static("post", place, radius)
+    return np.array(place)
+
+
+def start(bearing=None, **settings):
+    """A monitor that plans are told to, after one tick, and its obstacles."""
+    obstacles, monitor = make_monitor(motion="planned", **settings)
+    if bearing is not None:
+        put_post(obstacles, bearing)
+    monitor.step(0.0, HOME, STILL)
+    return obstacles, monitor
+
+
+def follow(monitor, plan, before=None):
+    """Verdicts of an arm that is where the plan has it, at its samples up to some place."""
+    return [
+        monitor.step(float(TIMES[k]), plan.q[k], plan.v[k])
+        for k in range(1, len(TIMES) if before is None else before)
+    ]
+
+
+def test_a_piece_that_nothing_can_come_near_is_safe():
+    _, monitor = start()
+    assert monitor.commit(make_plan()) == PlanVerdict(True, math.inf, None, None, ())
+    obstacles, monitor = start()
+    see(obstacles, PERIOD, FAR)
+    monitor.step(PERIOD, HOME, STILL)
+    assert monitor.commit(make_plan()).safe
+
+
+def first_touch(plan, place, radius):
+    """When the arm's true geometry first touches a ball on its way along a plan, in [s]; or inf."""
+    model, shapes = panda().model, pinocchio.GeometryModel()
+    for shape in panda().collision_model.geometryObjects:
+        shapes.addGeometryObject(shape)
+    ball = shapes.addGeometryObject(
+        pinocchio.GeometryObject("ball", 0, pinocchio.SE3(np.eye(3), place), Sphere(radius))
+    )
+    for index in range(ball):
+        if shapes.geometryObjects[index].parentJoint > 0:
+            shapes.addCollisionPair(pinocchio.CollisionPair(index, ball))
+    data, placed = model.createData(), pinocchio.GeometryData(shapes)
+    for time, q in zip(plan.times, plan.q, strict=True):
+        pinocchio.computeDistances(model, data, shapes, placed, q)
+        if min(result.min_distance for result in placed.distanceResults) <= 0.0:
+            return float(time)
+    return math.inf
+
+
+def test_a_piece_into_an_obstacle_is_unsafe_and_one_away_from_it_is_safe():
+    plan = make_plan()
+    # The fingers pass there on the way; where it begins, there is still room.
+    obstacles, monitor = make_monitor(motion="planned")
+    place = put_post(obstacles, 0.45, distance=0.42)
+    monitor.step(0.0, HOME, STILL)
+    found, touch = monitor.commit(plan), first_touch(plan, place, 0.03)
+    assert 0.1 < touch < DURATION
+    assert not found.safe
+    assert 0.5 * touch < found.contact_time <= touch
+    assert found.obstacle == "post"
+    assert found.link in panda().links
+    (reason,) = found.reasons
+    assert reason.kind is ReasonKind.PLAN_UNSAFE
+    assert reason.kind.effect is Effect.NOTE
+    assert reason.subject == f"{found.link} and post"
+    assert monitor.commit(make_plan(-TURN)).safe
+
+
+def test_what_could_walk_into_the_way_makes_a_piece_unsafe():
+    """The same piece, a person farther and farther away: once it is safe, it stays so."""
+    safe, times = [], []
+    for distance in (0.7, 1.0, 1.3, 1.6, 2.0):
+        obstacles, monitor = make_monitor(motion="planned")
+        see(obstacles, 0.0, [distance, 0.0, 0.6], velocity=[[0.0, 0.0, 0.0]])
+        monitor.step(0.0, HOME, STILL)
+        found = monitor.commit(make_plan())
+        safe.append(found.safe)
+        times.append(found.contact_time)
+    assert not safe[0]
+    assert safe[-1]
+    assert safe == sorted(safe)
+    assert times == sorted(times)
+
+
+REFUSED = {
+    "starts elsewhere": (make_plan()._replace(q=make_plan().q + 0.01), "panda_joint1"),
+    "in the past": (make_plan(stamp=-1.0), "plan"),
+    "far ahead": (make_plan(stamp=1.0), "plan"),
+    "faster than joints are": (make_plan(0.6), "panda_joint1"),
+    "malformed": (make_plan(q=HOME), "q"),
+    "without an error": (make_plan(tracking_error=np.zeros(7)), "tracking_error"),
+    "not finite": (make_plan(v=np.full((31, 7), np.nan)), "v"),
+    "no plan": ("along here", "plan"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_bad_plan_is_refused_with_its_reason(case):
+    plan, subject = REFUSED[case]
+    _, monitor = start()
+    found = monitor.commit(plan)
+    assert (found.safe, found.contact_time, found.link, found.obstacle) == (False, 0.0, None, None)
+    (reason,) = found.reasons
+    assert (reason.kind, reason.subject) == (ReasonKind.PLAN_REFUSED, subject)
+    assert reason.detail
+    assert monitor.step(PERIOD, HOME, STILL).level is Level.CLEAR
+
+
+@pytest.mark.parametrize(
+    "junk",
+    [
+        None,
+        7,
+        [],
+        (1, 2, 3, 4, 5),
+        Plan(None, None, None, None, None),
+        Plan("now", [0.0, "1"], {}, object(), [[]]),
+        Plan(math.nan, [0.0, 1.0], [[1.0]], [[1.0]], [math.inf]),
+        Plan(0.0, [1e308, -1e308], np.zeros((2, 7)), np.zeros((2, 7)), np.ones(7)),
+        Plan(0.0, [0.0, 5e-324], np.full((2, 7), 1e308), np.full((2, 7), -1e308), np.ones(7)),
+        Plan(0.0, np.zeros((2, 2, 2)), HOME, HOME, HOME, "fast"),
+        Plan(10**400, [0, 1], [HOME] * 2, [STILL] * 2, [1e-3] * 7, [-1.0] * 7),
+        Plan(0.0, [0.0, 1j], [HOME] * 2, [STILL] * 2, [1e-3] * 7),
+        make_plan(tracking_error=np.full(7, 1e300)),
+    ],
+)
+def test_nothing_in_a_plan_raises(junk):
+    _, monitor = start(0.8)
+    assert not monitor.commit(junk).safe
+    assert monitor.step(PERIOD, HOME, STILL).level > Level.STOP
+
+
+def test_on_its_plan_an_arm_may_go_where_it_would_have_to_stop_without():
+    levels = []
+    for commits in (False, True):
+        _, monitor = start(0.3)
+        plan = make_plan()
+        if commits:
+            assert monitor.commit(plan).safe
+        verdicts = follow(monitor, plan)
+        levels.append(min(verdict.level for verdict in verdicts))
+        assert all(ReasonKind.PLAN_VOID not in kinds(verdict) for verdict in verdicts)
+    assert levels == [Level.STOP, Level.SLOW]
+
+
+def test_an_unsafe_or_refused_piece_leaves_the_one_before_in_force():
+    _, monitor = start(0.3)
+    plan = make_plan()
+    assert monitor.commit(plan).safe
+    assert not monitor.commit(make_plan(q=HOME)).safe
+    assert not monitor.commit(make_plan(0.21, tracking_error=np.full(7, 0.3))).safe
+    assert all(verdict.level > Level.STOP for verdict in follow(monitor, plan))
+
+
+@pytest.mark.parametrize(("joint", "push"), [(0, 0.0), (6, 7.0)])
+def test_a_plan_that_the_arm_strays_from_is_void(joint, push):
+    """One joint goes on as it was instead of slowing down, or sets off by itself."""
+    plan, left = make_plan(), 15
+    monitors = [start(0.3)[1] for _ in range(2)]
+    assert monitors[0].commit(plan).safe
+    for k in range(1, len(TIMES)):
+        q, v, away = plan.q[k].copy(), plan.v[k].copy(), max(TIMES[k] - TIMES[left], 0.0)
+        if away > 0.0:
+            v[joint] = plan.v[left, joint] + push * away
+            q[joint] = plan.q[left, joint] + plan.v[left, joint] * away + 0.5 * push * away**2
+        strayed = bool((np.abs(v - plan.v[k]) > SPEED_ERROR + 2.0 * panda().velocity_error).any())
+        verdict, other = (monitor.step(float(TIMES[k]), q, v) for monitor in monitors)
+        # Told once; from then on the arm is one like any other.
+        told = subjects(verdict, ReasonKind.PLAN_VOID)
+        if strayed:
+            assert told == {panda().joints[joint]}
+            break
+        assert not told
+    assert k < len(TIMES) - 5
+    assert not verdict.level > other.level
+    following = [monitor.step(float(TIMES[k]) + PERIOD, q, v) for monitor in monitors]
+    assert ReasonKind.PLAN_VOID not in kinds(following[0])
+    assert following[0].contact_time == following[1].contact_time
+    assert following[0].level is following[1].level is Level.STOP
+
+
+def test_what_is_within_errors_is_no_straying():
+    _, monitor = start()
+    plan = make_plan()
+    assert monitor.commit(plan).safe
+    off = 0.99 * (ERROR + panda().position_error)
+    for k in range(1, len(TIMES)):
+        verdict = monitor.step(float(TIMES[k]), plan.q[k] + (-1.0) ** (k // 10) * off, plan.v[k])
+        if k % 10 != 0:
+            assert ReasonKind.PLAN_VOID not in kinds(verdict)
+        else:
+            break
+
+
+def test_after_its_end_a_plan_is_over():
+    _, monitor = start()
+    plan = make_plan()
+    monitor.commit(plan)
+    assert ReasonKind.PLAN_VOID not in kinds(follow(monitor, plan)[-1])
+    after = monitor.step(DURATION + PERIOD, plan.q[-1], STILL)
+    assert ReasonKind.PLAN_VOID in kinds(after)
+    assert after.level is Level.CLEAR
+    again = monitor.step(DURATION + 2.0 * PERIOD, plan.q[-1], STILL)
+    assert ReasonKind.PLAN_VOID not in kinds(again)
+
+
+def test_pieces_follow_each_other():
+    _, monitor = start(0.3)
+    plan = make_plan()
+    half = len(TIMES) // 2
+    assert monitor.commit(plan).safe
+    follow(monitor, plan, half + 1)
+    rest = Plan(
+        float(TIMES[half]), TIMES[half:] - TIMES[half], plan.q[half:], plan.v[half:],
+        plan.tracking_error, plan.velocity_tracking_error,
+    )  # fmt: skip
+    assert monitor.commit(rest).safe
+    for k in range(half + 1, len(TIMES)):
+        assert monitor.step(float(TIMES[k]), plan.q[k], plan.v[k]).level > Level.STOP
+
+
+def test_reset_forgets_the_plan():
+    _, monitor = start(0.3)
+    plan = make_plan()
+    assert monitor.commit(plan).safe
+    follow(monitor, plan, 3)
+    monitor.reset()
+    (reason,) = monitor.commit(plan).reasons
+    assert (reason.kind, reason.subject) == (ReasonKind.PLAN_REFUSED, "arm")
+    verdicts = [monitor.step(float(TIMES[k]), plan.q[k], plan.v[k]) for k in range(3, len(TIMES))]
+    assert min(verdict.level for verdict in verdicts) is Level.STOP
+
+
+def test_while_its_state_is_not_believed_an_arm_can_commit_to_nothing():
+    _, monitor = make_monitor(motion="planned")
+    assert not monitor.commit(make_plan()).safe
+    monitor.step(0.0, HOME, STILL)
+    assert monitor.commit(make_plan()).safe
+    monitor.step(PERIOD, np.full(7, np.nan), STILL)
+    (reason,) = monitor.commit(make_plan()).reasons
+    assert (reason.kind, reason.subject) == (ReasonKind.PLAN_REFUSED, "arm")
+    monitor.reset()
+    monitor.step(2.0 * PERIOD, HOME, STILL)
+    assert monitor.commit(make_plan()).safe
+
+
+def test_a_tool_that_comes_on_the_way_makes_the_plan_void():
+    robot = Robot.load("panda")
+    monitor = Monitor(robot, Obstacles(), motion="planned")
+    monitor.step(0.0, HOME, STILL)
+    plan = make_plan()
+    assert monitor.commit(plan).safe
+    follow(monitor, plan, 3)
+    robot.attach(
+        "stick", "panda_hand", Sphere(0.02), pinocchio.SE3(np.eye(3), np.array([0, 0, 0.2]))
+    )
+    verdict = monitor.step(float(TIMES[3]), plan.q[3], plan.v[3])
+    assert subjects(verdict, ReasonKind.PLAN_VOID) == {"tool"}
+    assert ReasonKind.PLAN_VOID not in kinds(monitor.step(float(TIMES[4]), plan.q[4], plan.v[4]))
+
+
+@pytest.mark.parametrize("motion", ["joint", "isotropic"])
+def test_only_a_monitor_of_planned_motion_takes_plans(motion):
+    _, monitor = make_monitor(motion=motion)
+    monitor.step(0.0, HOME, STILL)
+    with pytest.raises(ArmguardError, match="planned"):
+        monitor.commit(make_plan())
+
+
+def test_a_crowd_that_is_too_near_to_look_at_is_no_way_to_go():
+    obstacles, monitor = make_monitor(motion="planned")
+    turn = np.linspace(0.0, 2.0 * np.pi, 300)
+    places = np.column_stack([1.5 * np.cos(turn), 1.5 * np.sin(turn), np.full(300, 0.5)])
+    see(obstacles, 0.0, places, [f"person {number}" for number in range(300)])
+    monitor.step(0.0, HOME, STILL)
+    found = monitor.commit(make_plan())
+    assert (found.safe, found.contact_time) == (False, 0.0)
+    assert found.reasons[0].kind is ReasonKind.PLAN_UNSAFE
+
+
+@pytest.mark.xfail(strict=True, reason="the caller's arrays are kept")
+def test_what_is_handed_over_is_a_copy():
+    """A controller may write its next piece into the same arrays."""
+    plan = make_plan()
+    levels = []
+    for overwrites in (False, True):
+        _, monitor = start(0.3)
+        buffers = make_plan()
+        assert monitor.commit(buffers).safe
+        if overwrites:
+            buffers.q[:], buffers.v[:] = HOME, 1e3
+        levels.append([verdict.level for verdict in follow(monitor, plan)])
+    assert levels[0] == levels[1]
