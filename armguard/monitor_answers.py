@@ -54,9 +54,13 @@ class MonitorAnswers:
     def explain(self) -> Explanation | None:
         """Why the last verdict is as it is, and what would have made it better.
 
-        None where no pair decided it: there are none, or its reasons alone did.
+        None where no pair decided it: there are none, or its reasons alone did. None as well where
+        the obstacle was removed since, so that nothing is known of it any more.
         """
         if self._tick is None or self._look.pair == NOBODY or self._homeless:
+            return None
+        row = self._look.pair // len(self._watch.arm.links)
+        if row in self.obstacles.changed_rows():
             return None
         self._watch.prepare(self._tick)
         response_time = self.settings.horizon + self.settings.reaction_time

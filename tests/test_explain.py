@@ -56,6 +56,20 @@ def test_ages_are_those_of_what_was_handed_in():
     assert why.look_age == 0.0
 
 
+@pytest.mark.parametrize("schedule", ["deadline", "full"])
+def test_an_obstacle_that_was_removed_since_is_not_explained(schedule):
+    obstacles, monitor = make_monitor(schedule)
+    see(obstacles, 0.0, PLACE, ("gone",))
+    monitor.step(0.0, HOME, STILL)
+    obstacles.remove(["gone"])
+    assert monitor.explain() is None
+    # Another one that takes its row is not what decided.
+    see(obstacles, 0.0, PLACE, ("other",))
+    assert monitor.explain() is None
+    monitor.step(PERIOD, HOME, STILL)
+    assert monitor.explain().obstacle == "other"
+
+
 def test_where_no_pair_decides_there_is_nothing_to_explain():
     obstacles, monitor = make_monitor()
     assert monitor.explain() is None
