@@ -6,8 +6,10 @@ A Panda at work (`crowds.py`) amid balls that walk in circles about a hall, each
 ticks at 1 kHz. All schedules see the same ticks: `full` looks at every pair; `daa` comes with both
 laws of partition and both sorts; `deadline` is the monitor's own. Contact times are those of the
 library's compiled evaluation, joint bounds and all. Pairs that `daa` flags are counted, not
-measured exactly (a call from Python for each of them in every tick would take the better part of a
-minute a tick at 60,000 pairs), so what is shown of `daa` is the schedule alone.
+measured exactly: that takes a call from Python for each of them in every tick, and nearly all of
+60,000 pairs are flagged. So what is shown of `daa` is the schedule alone.
+
+All of it takes ten minutes or so, most of them for 60,000 pairs; `--pairs 6000` takes a few.
 
 Before anything counts, as many ticks pass as the longest bucket takes to come round; after what
 counts, schedules go on until they have noticed all they had to. Columns:
@@ -18,7 +20,8 @@ counts, schedules go on until they have noticed all they had to. Columns:
   later than the least one the contact time of the obstacle named is, 99 % of ticks, in [ms].
 - late: when another pair becomes the most imminent, how long until the schedule next evaluates it:
   median and longest, in [ms]. What was not noticed at all is marked with > and counted.
-- answer: the earliest end of all certificates, over the least contact time of that tick: median.
+- answer: the earliest end of all certificates, over the least contact time of that tick: median;
+  below 0 where certificates have ended.
 - flagged: pairs that may come too near before their next visit (eq. 10), mean and most.
 - complete: share of ticks in which each pair's certificate is in force or it was evaluated in that
   tick (eq. 11): where it is not, the schedule cannot notice in time without help; and the most
