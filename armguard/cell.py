@@ -23,6 +23,7 @@ from armguard.exceptions import ArmguardError, CellError
 from armguard.monitor import Monitor
 from armguard.obstacles import Frame, Obstacles, Source
 from armguard.robot import Robot
+from armguard.separation_margin import SeparationRule
 
 _UNIT_TOLERANCE = 1e-3
 
@@ -168,9 +169,26 @@ class Cell:
         ignore = self._expand_ignore(robot)
 
         def make() -> Monitor:
-            return Monitor(robot, obstacles, ignore=ignore, base_placement=placement, **settings)
+            return Monitor(
+                robot,
+                obstacles,
+                ignore=ignore,
+                base_placement=placement,
+                separation=self._make_rule(),
+                **settings,
+            )
 
         return self._attempt("", make)
+
+    def _make_rule(self) -> SeparationRule | None:
+        """The rule whose margin verdicts are to carry; None if the file does not ask for it."""
+        table = self.tables.separation
+        if table is None:
+            return None
+        numbers = given(table)
+        if table.human_speed == "own":
+            numbers["human_speed"] = None
+        return SeparationRule(**numbers)
 
     def _check_robot(self) -> None:
         table = self.tables.robot

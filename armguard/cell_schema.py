@@ -11,7 +11,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
@@ -137,6 +137,15 @@ class ThresholdsTable(_Table, frozen=True, kw_only=True):
     joint_timeout: Positive | UnsetType = UNSET
 
 
+class SeparationTable(_Table, frozen=True, kw_only=True):
+    """`[separation]`: the usual rule's distance, whose margin each verdict is to carry."""
+
+    human_speed: NotNegative | Literal["own"] | UnsetType = UNSET
+    intrusion_distance: NotNegative | UnsetType = UNSET
+    human_uncertainty: NotNegative | UnsetType = UNSET
+    robot_uncertainty: NotNegative | UnsetType = UNSET
+
+
 class CellTables(_Table, frozen=True, kw_only=True):
     """A whole cell file."""
 
@@ -150,6 +159,7 @@ class CellTables(_Table, frozen=True, kw_only=True):
     bounds: BoundsTable = BoundsTable()
     monitor: MonitorTable = MonitorTable()
     thresholds: ThresholdsTable = ThresholdsTable()
+    separation: SeparationTable | None = None
 
 
 _NAMED: dict[str, type[_Table]] = {
@@ -244,8 +254,11 @@ def _translate(
 def _table_at(kind: type, steps: list[tuple[str, str]]) -> Any:
     for name, _ in steps:
         for field in msgspec.structs.fields(kind) if name and issubclass(kind, _Table) else ():
-            if field.name == name and isinstance(field.type, type):
-                kind = field.type
+            if field.name == name:
+                # A table that may be left out is one of two types.
+                for one in (field.type, *get_args(field.type)):
+                    if isinstance(one, type) and issubclass(one, _Table):
+                        kind = one
     return kind
 
 

@@ -1,5 +1,6 @@
 import inspect
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +8,12 @@ import pytest
 from msgspec import UNSET
 
 from armguard.cell import Cell
+from armguard.cell_schema import SeparationTable
 from armguard.exceptions import CellError
 from armguard.monitor import Monitor
 from armguard.robot import Robot
+from armguard.separation import HUMAN_SPEED
+from armguard.separation_margin import SeparationRule
 
 EXAMPLE = Path(__file__).parents[1] / "demos" / "cell.toml"
 ROBOT = '[robot]\nname = "panda"\n'
@@ -70,7 +74,8 @@ def test_the_example_says_what_the_library_would_do_anyway():
 def test_every_setting_of_the_monitor_has_a_key():
     tables = Cell.load(EXAMPLE).tables
     keys = {*tables.monitor.__struct_fields__, *tables.thresholds.__struct_fields__, "margin"}
-    # Certificates and the margins of other rules are for observers within the same program.
+    # Certificates are for observers within the same program; `ignore` and `[separation]` have
+    # places of their own.
     others = {"robot", "obstacles", "ignore", "base_placement", "certify", "separation"}
     assert keys == set(inspect.signature(Monitor).parameters) - others
 
@@ -146,6 +151,34 @@ def test_settings_reach_obstacles_and_monitor():
     row = obstacles.row("a")
     assert obstacles.table.accepted.speed[row] == 3.0
     assert obstacles.table.accepted.accel[row] == 7.0
+
+
+def separation_of(table):
+    """What the verdict of a cell with such a table says of one scene, in [m]."""
+    _, obstacles, monitor = Cell.from_text(ROBOT + table).build()
+    obstacles.update(["person"], 0.0, [[2.0, 0.5, 0.5]], radius=0.1)
+    return monitor.step(0.0, READY, np.zeros(7)).separation
+
+
+def test_the_separation_distance_is_as_the_file_has_it():
+    assert separation_of("") is None
+    usual = separation_of("[separation]\n")
+    assert separation_of(f"[separation]\nhuman_speed = {HUMAN_SPEED}\n") == usual
+    further = "intrusion_distance = 0.2\nhuman_uncertainty = 0.1\nrobot_uncertainty = 0.05\n"
+    assert separation_of("[separation]\n" + further) < usual
+    # The bound of obstacles is 2 m/s by default.
+    own = separation_of('[separation]\nhuman_speed = "own"\n')
+    assert own == separation_of("[separation]\nhuman_speed = 2.0\n") < usual
+
+
+def test_the_separation_table_has_all_parameters_of_the_rule():
+    assert SeparationTable.__struct_fields__ == SeparationRule._fields
+    # As the example has it once its comments are taken away.
+    text = re.sub(r"^# (\[separation\]|\w+ = [\d.]+ +#)", r"\1", EXAMPLE.read_text(), flags=re.M)
+    table = Cell.from_text(text).tables.separation
+    assert SeparationRule(*(getattr(table, key) for key in SeparationRule._fields)) == (
+        SeparationRule()
+    )
 
 
 def test_a_clock_error_of_the_joints_widens_their_errors():

@@ -183,6 +183,13 @@ def test_verdicts_survive_the_wire_in_machine_time():
     assert 1001.003 - 1e-9 <= verdict.valid_until < 1001.003 + 1e-15
 
 
+@pytest.mark.parametrize("margin", [0.25, -0.5, math.inf, -math.inf, None])
+def test_the_margin_of_the_separation_distance_survives_the_wire(margin):
+    data = encode_verdict(VERDICT._replace(separation=margin), 0.0)
+    assert decode_verdict(data).separation == margin
+    assert msgspec.msgpack.decode(data)["separation"] == margin
+
+
 def test_certificates_survive_the_wire():
     proof = Certificate(0.3, np.array([0.0, 0.1]), np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0]]))
     found = decode_verdict(encode_verdict(VERDICT._replace(certificate=proof), 0.0)).certificate
