@@ -12,6 +12,7 @@ from armguard.contact import Certificate
 from armguard.joint_states import JointStates
 from armguard.monitor_arguments import MonitorSettings
 from armguard.robot import Robot
+from armguard.scene import BOUND_NAMES
 from armguard.schedules.wheel import NOBODY
 from armguard.separation_margin import SeparationMargin, SeparationRule
 from armguard.stop_decision import StopDecision
@@ -118,9 +119,9 @@ class Judge:
         link, obstacle = (None, None) if pair == NOBODY else self._watch.arm.names(pair)
         grade = self._rule.grade(contact_time, tick.stop_time, rests=rests)
         if pair != NOBODY and grade is not Level.CLEAR:
-            reasons.append(
-                Reason(ReasonKind.CONTACT, f"{link} and {obstacle}", f"in {contact_time:.4g} s")
-            )
+            bound = BOUND_NAMES[self._watch.recall(pair).bound]
+            detail = f"in {contact_time:.4g} s by the {bound} bound"
+            reasons.append(Reason(ReasonKind.CONTACT, f"{link} and {obstacle}", detail))
         if held:
             reasons.append(Reason(ReasonKind.HOLD))
         # By position: names would cost as much as the whole tuple.

@@ -7,13 +7,17 @@ import numpy.typing as npt
 import pinocchio
 
 from armguard.bounds.joint_box import JointTable
-from armguard.bounds.joint_space import JointSpaceMotion, grid
+from armguard.bounds.joint_space import JointSpaceMotion
+from armguard.exceptions import ArmguardError
 from armguard.robot import Robot
 
 Floats = npt.NDArray[np.float64]
 
-NODES = 33
-"""Nodes of the table, which ends about a second from now."""
+SLICES = 32
+"""Steps of the table unless asked for others."""
+
+END = 1.024
+"""When the table ends, in [s] from now: by then an arm can be anywhere."""
 
 
 class JointMotion(JointSpaceMotion):
@@ -25,18 +29,30 @@ class JointMotion(JointSpaceMotion):
 
     interpolates = True
 
-    def __init__(self, robot: Robot, base_placement: pinocchio.SE3 | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        base_placement: pinocchio.SE3 | None = None,
+        *,
+        slices: int = SLICES,
+    ) -> None:
         """Compute the levers of all spheres.
 
         Args:
             robot: The arm.
             base_placement: Placement of the robot's base in the world; None: they coincide.
+            slices: Steps of the table in time, at least 1: what is free of contact is proved step
+                by step, so more of them see later contacts and take longer; any number is safe.
 
         Raises:
-            RobotError: A limit of the robot is missing or unusable.
+            ArmguardError: A limit of the robot is missing or unusable, or `slices` is no whole
+                number above 0.
         """
+        if isinstance(slices, bool) or not isinstance(slices, int) or not slices >= 1:
+            raise ArmguardError("slices", f"is {slices!r}", expected="a whole number, at least 1")
         super().__init__(robot, base_placement)
-        self.table = self._make_table(grid(NODES))
+        # Dense where displacements grow like t².
+        self.table = self._make_table(END * (np.arange(slices + 1) / slices) ** 2.0)
 
     def tabulate(self, q: Floats, v: Floats, age: float) -> JointTable:
         """Fill the table of one tick.

@@ -5,6 +5,7 @@ from arm_questions import HAND_POINT, altered, moderate_state, unit
 from other_arms import load_arm
 
 from armguard.bounds import IsotropicMotion, JointMotion
+from armguard.exceptions import ArmguardError
 from armguard.kinematics import Kinematics
 
 
@@ -80,3 +81,24 @@ def test_a_joint_at_its_limit_goes_no_further(robot, models):
     motion = JointMotion(still)
     assert motion.advance(q, np.zeros(7), "panda_hand", np.zeros(3), outwards, 0.1) < 1e-3
     assert motion.advance(q, np.zeros(7), "panda_hand", np.zeros(3), -outwards, 0.1) > 1e-2
+
+
+@pytest.mark.parametrize("slices", [0, -3, 2.0, True, "many"])
+def test_slices_are_a_whole_number(robot, slices):
+    with pytest.raises(ArmguardError, match="slices"):
+        JointMotion(robot, slices=slices)
+
+
+def test_tables_of_any_number_of_slices_tell_the_same_displacements(robot):
+    rng = np.random.default_rng(5)
+    lower, upper = robot.lower_position_limit, robot.upper_position_limit
+    coarse, fine = JointMotion(robot, slices=4), JointMotion(robot, slices=32)
+    for _ in range(20):
+        q = lower + rng.uniform(0.05, 0.95, len(lower)) * (upper - lower)
+        v = rng.uniform(-0.3, 0.3, len(lower)) * robot.velocity_limit
+        few, many = coarse.tabulate(q, v, 0.0), fine.tabulate(q, v, 0.0)
+        assert few.time[-1] == many.time[-1]
+        shared = np.searchsorted(many.time, few.time - 1e-9)
+        np.testing.assert_allclose(many.time[shared], few.time, atol=1e-12)
+        np.testing.assert_allclose(many.high[shared], few.high, atol=1e-9)
+        np.testing.assert_allclose(many.low[shared], few.low, atol=1e-9)
