@@ -6,6 +6,7 @@ import pytest
 from coal import Sphere
 from scenes import FAR, HOME, PERIOD, STILL, kinds, make_monitor, panda, see, subjects
 
+from armguard import obstacle_table
 from armguard.committed_plan import PlanVerdict
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
@@ -327,3 +328,12 @@ def test_what_is_handed_over_is_a_copy():
             buffers.q[:], buffers.v[:] = HOME, 1e3
         levels.append([verdict.level for verdict in follow(monitor, plan)])
     assert levels[0] == levels[1]
+
+
+@pytest.mark.xfail(strict=True, reason="obstacles without a row are not asked about")
+def test_with_an_obstacle_that_could_be_anywhere_nothing_is_safe(monkeypatch):
+    monkeypatch.setattr(obstacle_table, "MAXIMUM_ROWS", 64)
+    obstacles, monitor = make_monitor(motion="planned")
+    see(obstacles, 0.0, np.tile(FAR, (65, 1)), [f"ball {number}" for number in range(65)])
+    assert monitor.step(0.0, HOME, STILL).contact_time == 0.0
+    assert not monitor.commit(make_plan()).safe

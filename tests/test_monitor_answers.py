@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+from scenes import HOME, PERIOD, SCHEDULES, STILL, make_monitor, panda, see
+
+NAMES = [f"ball {number}" for number in range(12)]
+
+
+def ask_everything(monitor):
+    return (
+        monitor.explain(),
+        monitor.attention(),
+        monitor.headroom(),
+        monitor.pairs(5),
+        monitor.snapshot(pair_limit=5, row_limit=5),
+    )
+
+
+def test_before_the_first_tick_there_is_nothing_to_tell():
+    obstacles, monitor = make_monitor()
+    see(obstacles, 0.0, [1.0, 0.0, 0.5])
+    why, first, headroom, pairs, snapshot = ask_everything(monitor)
+    assert (why, first, pairs) == (None, [], [])
+    assert headroom.obstacles == 0
+    assert snapshot is not None
+
+
+def test_all_of_them_tell_of_the_same_tick():
+    obstacles, monitor = make_monitor()
+    see(obstacles, 0.0, [[1.2, 0.0, 0.5], [2.0, 0.5, 0.5]], ("near", "far"))
+    for tick in range(20):
+        verdict = monitor.step(tick * PERIOD, HOME, STILL)
+        why, first, headroom, pairs, _ = ask_everything(monitor)
+        assert why.contact_time == verdict.contact_time
+        assert pairs[0].contact_time == pytest.approx(verdict.contact_time)
+        assert first[0].contact_time == pytest.approx(verdict.contact_time)
+        assert why.obstacle == pairs[0].obstacle == first[0].obstacle == verdict.obstacle == "near"
+        assert why.link == pairs[0].link == verdict.link
+        assert headroom.obstacles == 2
+
+
+@pytest.mark.parametrize("schedule", SCHEDULES[:4])
+def test_whatever_comes_and_goes_between_ticks_they_answer_and_change_nothing(schedule):
+    random = np.random.default_rng(0)
+    tables = [make_monitor(schedule) for _ in range(2)]
+    present = set()
+    for tick in range(150):
+        verdicts = []
+        name, place = str(random.choice(NAMES)), random.uniform([0.8, -1.5, 0.1], [3.0, 1.5, 1.0])
+        leaves, now = random.random() < 0.4, tick * PERIOD
+        present = present - {name} if leaves else present | {name}
+        for asks, (obstacles, monitor) in enumerate(tables):
+            verdicts.append(monitor.step(now, HOME, STILL))
+            if leaves:
+                obstacles.remove([name])
+            else:
+                see(obstacles, now, place, (name,))
+            if asks:
+                # Of the last tick, in which there was somebody who may have left since.
+                why, first, _, pairs, _ = ask_everything(monitor)
+                assert why is None or why.link in panda().links
+                assert {one.obstacle for one in first} <= set(NAMES)
+                assert {pair.obstacle for pair in pairs} <= set(NAMES)
+        assert verdicts[0] == verdicts[1]
+
+
+def test_after_a_reset_and_while_stopped_they_answer_still():
+    obstacles, monitor = make_monitor()
+    see(obstacles, 0.0, [1.2, 0.0, 0.5])
+    monitor.step(0.0, HOME, STILL)
+    monitor.step(PERIOD, np.full(7, np.nan), STILL)
+    ask_everything(monitor)
+    monitor.reset()
+    why, first, _, pairs, _ = ask_everything(monitor)
+    assert (why, first, pairs) == (None, [], [])
+    monitor.step(2.0 * PERIOD, HOME, STILL)
+    assert monitor.explain().obstacle == "ball"
