@@ -1,7 +1,8 @@
 """Why a verdict is as it is: what decided, and what would have made it better.
 
 Joint bounds are taken on a grid of times, and single differences would show the grid: what a small
-change would buy is fitted over a range, and what a great one would buy is averaged over one.
+change would buy is fitted over a range, and what a great one would buy is averaged over one. That
+takes dozens of evaluations, far longer than a tick has.
 """
 
 from __future__ import annotations
