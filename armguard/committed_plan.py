@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from armguard.bounds import PlannedMotion
 from armguard.bounds.planned_course import PlannedCourse
 from armguard.plans import CheckedPlan, Plan, Refusal, check_following, check_plan
@@ -63,14 +65,14 @@ class CommittedPlan:
         now = tick.now
         checked = check_plan(plan, self._robot, now, tick.q, tick.v, now - tick.arm_age)
         if isinstance(checked, Refusal):
-            return _refuse(Reason(ReasonKind.PLAN_REFUSED, checked.subject, checked.detail))
+            return refuse_plan(checked.subject, checked.detail)
         motion = self._watch.arm.motion.planned
         assert motion is not None, "a monitor commits to plans only where it bounds them"
         course = motion.lay_out(checked)
         found = self._find_contact(motion, course, tick)
         if found is not None:
             return found
-        self._plan, self._checked, self._motion = plan, checked, motion
+        self._plan, self._checked, self._motion = _own(plan), checked, motion
         return PlanVerdict(True, math.inf, None, None, ())
 
     def void(self, tick: Tick, stamp: float) -> Reason | None:
@@ -118,7 +120,7 @@ class CommittedPlan:
         pairs = watch.near_pairs(tick, rest - tick.now)
         if pairs is None:
             detail = "too many obstacles are near to look at each"
-            return _refuse(Reason(ReasonKind.PLAN_UNSAFE, "plan", detail))
+            return _find_fault(Reason(ReasonKind.PLAN_UNSAFE, "plan", detail))
         state = watch.arm.state
         found = motion.contact_time(
             course, pairs, tick.now, self._margin, state.bodies, state.refused_bodies, state.marks
@@ -131,5 +133,17 @@ class CommittedPlan:
         return PlanVerdict(False, found.time, link, obstacle, (reason,))
 
 
-def _refuse(reason: Reason) -> PlanVerdict:
+def refuse_plan(subject: str, detail: str) -> PlanVerdict:
+    """The verdict on a plan that cannot be judged, or not in the present situation."""
+    return _find_fault(Reason(ReasonKind.PLAN_REFUSED, subject, detail))
+
+
+def _find_fault(reason: Reason) -> PlanVerdict:
     return PlanVerdict(False, 0.0, None, None, (reason,))
+
+
+def _own(plan: Plan) -> Plan:
+    """A plan whose arrays nobody else can change."""
+    return Plan._make(field if field is None else np.array(field) for field in plan)._replace(
+        stamp=float(plan.stamp)
+    )

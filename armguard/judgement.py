@@ -70,6 +70,11 @@ class Judge:
         self.certificate_inputs: dict[str, Any] | None = None
         self._compile(robot)
 
+    @property
+    def _spent(self) -> int:
+        """Evaluations by the table of braking so far."""
+        return 0 if self._stopping is None else self._stopping.evaluated
+
     def reset(self) -> None:
         """Forget speed scales and the plan."""
         for memory in (self._stopping, self.plan):
@@ -94,6 +99,7 @@ class Judge:
             homeless: Whether there are obstacles that found no room, and could be anywhere.
         """
         pair, contact_time = look.pair, max(0.0, look.expiry - tick.time)
+        spent_before = self._spent
         if homeless:
             pair, contact_time = NOBODY, 0.0
         if look.overdue:
@@ -124,6 +130,7 @@ class Judge:
             reasons.append(Reason(ReasonKind.CONTACT, f"{link} and {obstacle}", detail))
         if held:
             reasons.append(Reason(ReasonKind.HOLD))
+        scale = self._scale(tick, level, contact_time)
         # By position: names would cost as much as the whole tuple.
         return Verdict(
             stamp,
@@ -131,11 +138,11 @@ class Judge:
             level,
             contact_time,
             tick.stop_time,
-            self._scale(tick, level, contact_time),
+            scale,
             link,
             obstacle,
             complete,
-            look.evaluated,
+            look.evaluated + self._spent - spent_before,
             (*self._rule.latched.values(), *reasons),
             math.nextafter(tick.now + self._horizon, -math.inf),
             None if self._separation is None else self._measure_separation(tick, homeless=homeless),

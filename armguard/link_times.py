@@ -275,15 +275,26 @@ def is_known(scene: Scene, row: int) -> bool:
 
 
 @kernel
-def rests_in_time(scene: Scene, link: int, row: int, now: float) -> bool:
+def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) -> tuple[bool, int]:
     """Whether a link surely rests before contact, though the arm brakes only after the next tick.
 
     Descends to the spheres that fail; `scene.braking` ends when the arm rests.
+
+    Args:
+        scene: The tick, its arm prepared.
+        link: Of the arm.
+        row: Of the obstacle.
+        now: Time of the tick on the obstacles' clock, in [s].
+        budget: Evaluations after which the answer is no.
+
+    Returns:
+        Whether it does, and evaluations.
     """
     if not is_known(scene, row):
-        return False
+        return False, 0
     marks, tree, table = scene.marks, scene.tree, scene.braking
     rest = table.time[table.time.shape[0] - 1] * (1.0 - 1e-11)
+    evaluations = 0
     for refused in (False, True):
         if not (marks.refused[row] if refused else marks.has_state[row]):
             continue
@@ -291,6 +302,9 @@ def rests_in_time(scene: Scene, link: int, row: int, now: float) -> bool:
         age = 0.0 if marks.static[row] and not refused else now - bodies.stamp[row]
         node = tree.root[link]
         while node >= 0:
+            if not evaluations < budget:
+                return False, evaluations
+            evaluations += 1
             reached = table_contact_time(
                 scene.arm.centers[node, 0], scene.arm.centers[node, 1], scene.arm.centers[node, 2],
                 scene.placement.jacobian, scene.arm.lever[node], scene.arm.slope_error[node],
@@ -303,5 +317,5 @@ def rests_in_time(scene: Scene, link: int, row: int, now: float) -> bool:
             elif tree.first_child[node] >= 0:
                 node = tree.first_child[node]
             else:
-                return False
-    return True
+                return False, evaluations
+    return True, evaluations

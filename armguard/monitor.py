@@ -15,7 +15,7 @@ from typing import Any
 import pinocchio
 from numpy.typing import ArrayLike
 
-from armguard.committed_plan import PlanVerdict
+from armguard.committed_plan import PlanVerdict, refuse_plan
 from armguard.exceptions import ArmguardError
 from armguard.ignored_pairs import IgnoredPairs
 from armguard.joint_states import DOUBTFUL, FAST, JointStates
@@ -184,9 +184,9 @@ class Monitor(MonitorAnswers):
     def commit(self, plan: Plan) -> PlanVerdict:
         """Judge the next piece of the controller's trajectory: is it safe to commit?
 
-        A safe piece is what the arm is taken to follow from now on, until another one is safe, it
-        strays from it by more than its tracking error, or it rests. Nothing in a plan makes this
-        raise.
+        Judged on what the last step saw, so commit after a step. A safe piece is what the arm is
+        taken to follow from now on, until another one is safe, it strays from it by more than its
+        tracking error, or it rests. Nothing in a plan makes this raise.
 
         Args:
             plan: The piece, on the clock of the joint states' stamps.
@@ -197,8 +197,12 @@ class Monitor(MonitorAnswers):
         if self._judge.plan is None:
             raise ArmguardError("commit", "needs plans", remedy='Monitor(..., motion="planned")')
         if self._tick is None or self._rule.latched:
-            reason = Reason(ReasonKind.PLAN_REFUSED, "arm", "its state is not believed")
-            return PlanVerdict(False, 0.0, None, None, (reason,))
+            return refuse_plan("arm", "its state is not believed")
+        if self.obstacles.homeless():
+            return refuse_plan("obstacles", "some found no room, and could be anywhere")
+        if self.obstacles.has_membership_news or self.obstacles.table.changed_count[0] > 0:
+            detail = "have changed since the last step by more than it allowed for: step first"
+            return refuse_plan("obstacles", detail)
         return self._judge.plan.commit(plan, self._tick)
 
     def _step(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> Verdict:
@@ -229,7 +233,8 @@ class Monitor(MonitorAnswers):
                 reasons.append(stopping)
         if (found or watch.arm.motion.isotropic.is_widened) and watch.arm.follow_limits(states.v):
             watch.doubt()
-        if not (now < self._quiet_until and obstacles.is_quiet(now, self.settings.source_timeout)):
+        quiet = now < self._quiet_until and not self._homeless
+        if not (quiet and obstacles.is_quiet(now, self.settings.source_timeout)):
             reasons += self._read_obstacles(now)
         self._tick = tick = Tick(
             self._sequence,
@@ -268,6 +273,7 @@ class Monitor(MonitorAnswers):
     def _refuse(self, stamp: float, reason: Reason) -> Verdict:
         """The verdict of a tick whose arm state is not believed: the worst of everything."""
         self._disbelieved += 1
+        self._look = Look(NOBODY, math.inf, 0, 0)
         self._watch.doubt()
         if self._judge.plan is not None:
             self._judge.plan.reset()

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.compilation import kernel
-from armguard.obstacle_table import News, States, extend_rows, make_states, resize_states
+from armguard.obstacle_table import News, States, extend_rows, make_states
 from armguard.scene import UNKNOWN, FloatArray, IntArray
 from armguard.schedules.wheel import Wheel, grow_wheel, make_due, make_wheel, take_out
 from armguard.soonest import find_least, grow_tournament, make_tournament, set_value
@@ -24,7 +24,7 @@ class Book(NamedTuple):
     soonest: FloatArray
     """Tournament of the ends of their certificates, in [s] since the monitor's epoch."""
     anchors: States
-    """The states that certificates rest on; no points where there was none."""
+    """The table's: the states that certificates rest on; no points where there was none."""
     news: News
     watched: NDArray[np.bool_]
     """Which links are watched against it. Shape (rows, links)."""
@@ -61,13 +61,14 @@ def make_book(links: int) -> Book:
     )
 
 
-def grow_book(book: Book, news: News, rows: int, width: int) -> Book:
-    """The same book for an obstacle table with so many rows, and points of each, and its news."""
+def grow_book(book: Book, news: News, anchors: States) -> Book:
+    """The same book for an obstacle table whose arrays are these, and may have more rows."""
+    rows = len(anchors.stamp)
     leaves = len(book.soonest) // 2
     return book._replace(
         wheel=grow_wheel(book.wheel, rows),
         soonest=grow_tournament(book.soonest, max(leaves, 1 << (rows - 1).bit_length())),
-        anchors=resize_states(book.anchors, rows, width),
+        anchors=anchors,
         news=news,
         watched=extend_rows(book.watched, rows),
         evaluated_at=extend_rows(book.evaluated_at, rows),

@@ -23,7 +23,6 @@ from armguard.link_times import (
     is_known,
     link_time,
     pair_time,
-    rests_in_time,
     root_time,
 )
 from armguard.obstacle_book import (
@@ -38,7 +37,7 @@ from armguard.obstacle_book import (
     void,
 )
 from armguard.obstacle_table import clear_news
-from armguard.scene import REACH, UNKNOWN, FloatArray, IntArray, Scene, prepare_arm
+from armguard.scene import REACH, UNKNOWN, FloatArray, Scene, prepare_arm
 from armguard.schedules.wheel import (
     NOBODY,
     TURNING,
@@ -47,7 +46,7 @@ from armguard.schedules.wheel import (
     put_off,
     turn,
 )
-from armguard.soonest import find_below, find_least, set_value
+from armguard.soonest import find_least, set_value
 
 UNPLACED = -2
 """In place of a row, where the arm must be placed first."""
@@ -67,17 +66,14 @@ def _read_news(scene: Scene, book: Book) -> int:
         row = book.news.changed[i]
         if not book.watched[row].any():
             continue
+        overtaken += 1
         if scene.marks.static[row] and not scene.marks.refused[row]:
             # One that never moves is news when it comes, and then it is due already.
-            overtaken += 1
             continue
-        allowed, grown = allows_anchor(scene.bodies, book.anchors, row, row)
-        if allowed and not grown and not scene.marks.refused[row]:
-            continue
-        if not allowed and book.anchors.point_count[row] > 0 and scene.marks.has_state[row]:
+        allowed, _ = allows_anchor(scene.bodies, book.anchors, row, row)
+        if not allowed and scene.marks.has_state[row]:
             book.broken[broken] = row
             broken += 1
-        overtaken += 1
         void(book, row)
     book.numbers[BROKEN] = broken
     clear_news(book.news)
@@ -307,46 +303,3 @@ def look(
     return (
         soonest, first_link(book, soonest), book.soonest[1], overdue, evaluated, overtaken
     )  # fmt: skip
-
-
-@kernel
-def find_unsafe(
-    handle: Any,
-    now: float,
-    time: float,
-    tick: int,
-    arm_age: float,
-    stop_time: float,
-    rows: IntArray,
-) -> tuple[int, int]:
-    """The first pair that might touch before the arm rests, by the scene's table of braking.
-
-    Only what could be touched within `stop_time` is looked at. Where more obstacles than fit into
-    `rows` are as near as that, the first of them counts as unsafe without a look.
-
-    Returns:
-        Row and link; NOBODY if the arm surely rests before it touches anything.
-    """
-    scene, book = handle.content.scene, handle.content.book
-    if book.numbers[PREPARED] != tick:
-        prepare_arm(scene, handle.content.q, handle.content.v, arm_age)
-        book.numbers[PREPARED] = tick
-    latest = time + stop_time
-    count = find_below(book.soonest, latest, rows)
-    if count == rows.shape[0]:
-        return rows[0], 0
-    for i in range(count):
-        row = rows[i]
-        for link in range(book.watched.shape[1]):
-            if not book.watched[row, link] or book.pair_expiry[row, link] > latest:
-                continue
-            if not rests_in_time(scene, link, row, now):
-                return row, link
-    return NOBODY, NOBODY
-
-
-@kernel
-def find_near(handle: Any, latest: float, rows: IntArray) -> int:
-    """Fill `rows` with those whose certificates end by `latest`, as far as they fit; how many."""
-    count: int = find_below(handle.content.book.soonest, latest, rows)
-    return count

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.anchors import allows_anchor
 from armguard.compilation import kernel
 from armguard.obstacle_table import Marks, News, Samples, States, note_row
 from armguard.plausibility import (
@@ -225,6 +226,7 @@ def take_samples(
     refused: States,
     marks: Marks,
     news: News,
+    anchors: States,
     rows: IntArray,
     samples: Samples,
     stamp: float,
@@ -243,7 +245,9 @@ def take_samples(
         accepted: The table's accepted states; written.
         refused: The table's refused samples; written.
         marks: The table's marks; written.
-        news: Rows that changed; those whose state or refused sample changes here are entered.
+        news: Rows that changed; entered is whatever their anchors do not allow for.
+        anchors: By row, the states that somebody's certificates rest on; without points where there
+            are none.
         rows: Row of each sample, -1 to leave it alone. Shape (n,).
         samples: The samples; moved to the world frame in place.
         stamp: Of all of them, in [s].
@@ -279,16 +283,25 @@ def take_samples(
                     note_row(news, row)
         if code != TAKEN:
             code, value = _set_aside(accepted, refused, marks, row, samples, i, stamp, code, value)
-        if code != LATE or marks.refused[row]:
-            # A late sample that agrees is no news, unless it became the refused one that counts.
-            note_row(news, row)
+        # A late sample that agrees is no news, unless it became the refused one that counts.
+        is_news = marks.refused[row] if code == LATE else True
         codes[i] = code
         values[i] = value
-        if code in (TAKEN, TRACK_CHANGED):
+        if code == TAKEN and not marks.refused[row]:
+            _write(accepted, row, samples, i, stamp)
+            marks.has_state[row] = True
+            marks.streak[row] = 0
+            marks.revision[row] += 1
+            taken += 1
+            allowed, grown = allows_anchor(accepted, anchors, row, row)
+            is_news = grown or not allowed
+        elif code in (TAKEN, TRACK_CHANGED):
             _write(accepted, row, samples, i, stamp)
             marks.has_state[row] = True
             marks.refused[row] = False
             marks.streak[row] = 0
             marks.revision[row] += 1
             taken += 1
+        if is_news:
+            note_row(news, row)
     return taken

@@ -72,7 +72,7 @@ class Marks(NamedTuple):
 
 
 class News(NamedTuple):
-    """Rows whose states or marks changed since whoever watches looked last."""
+    """Rows that changed since whoever watches looked last, by more than their anchors allow for."""
 
     changed: IntArray
     """Those rows, each once, in the order of their first change. Shape (rows,)."""
@@ -144,6 +144,8 @@ class ObstacleTable:
         self.news = News(nothing, np.zeros(0, dtype=bool), np.zeros(1, dtype=np.int64))
         self.marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 3))
         self.accepted = make_states(0)
+        self.anchors = make_states(0)
+        """States that whoever watches has proved things from; no points where there is none."""
         self.refused_states = make_states(0)
         self._grow(capacity)
         note_row(self.news, 0)  # compiles it
@@ -163,6 +165,7 @@ class ObstacleTable:
         self.owner[row] = owner
         self.streak[row] = 0
         self.point_count[row] = 1
+        self.anchors.point_count[row] = 0
         self.revision[row] += 1
         note_row(self.news, row)
         return row
@@ -214,6 +217,7 @@ class ObstacleTable:
 
     def _resize(self, capacity: int, width: int) -> None:
         self.accepted = resize_states(self.accepted, capacity, width)
+        self.anchors = resize_states(self.anchors, capacity, width)
         # Most rows never have a refused sample: what is not written takes no memory.
         aside = np.flatnonzero(self.marks.refused | (self.marks.streak > 0))
         self.refused_states = resize_states(self.refused_states, capacity, width, aside)

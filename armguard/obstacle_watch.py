@@ -29,18 +29,20 @@ from armguard.obstacle_book import (
     grow_book,
     make_book,
 )
-from armguard.obstacle_looks import UNPLACED, Watching, find_near, find_unsafe, look
+from armguard.obstacle_looks import UNPLACED, Watching, look
+from armguard.obstacle_suspects import find_near, find_unsafe
 from armguard.obstacles import Obstacles
+from armguard.pairs import evaluate
 from armguard.robot import Robot
 from armguard.scene import FloatArray, IntArray
 from armguard.schedules.wheel import NOBODY, SLOTS
-from armguard.watch import Listing, Look, Recollection, Tick
+from armguard.watch import CLOSE_LOOKS, Listing, Look, Recollection, Tick
 from armguard.watched_arm import WatchedArm
 
 UNLIMITED = 2**62
 """A budget that nothing exceeds."""
 
-SUSPECTS = 256
+SUSPECTS = 1024
 """Obstacles that are looked at more closely before a STOP; more of them are a STOP."""
 
 
@@ -77,6 +79,7 @@ class ObstacleWatch:
         self._suspects = np.zeros(SUSPECTS, dtype=np.int64)
         self._placed = -2
         self._doubted = False
+        self._culprit = NOBODY
         self._prepare()
 
     @property
@@ -186,19 +189,24 @@ class ObstacleWatch:
         price = book.numbers[SPENT] / max(book.numbers[LOOKS], 1)
         return looks * float(price)
 
-    def find_unsafe(self, tick: Tick, stop_time: float) -> int:
-        """A pair that might touch before the arm rests; NOBODY if there is none."""
+    def find_unsafe(self, tick: Tick, stop_time: float) -> tuple[int, int]:
+        """A pair that might touch before the arm rests, NOBODY if there is none; evaluations."""
         self._place(tick)
-        row, link = find_unsafe(
+        row, link, spent = find_unsafe(
             self._watching,
             tick.now,
             tick.time,
             tick.number,
             tick.arm_age,
             stop_time,
+            self._culprit,
+            min(self._pace[-1], CLOSE_LOOKS),
             self._suspects,
         )
-        return NOBODY if row == NOBODY else row * len(self.arm.links) + link
+        if row == NOBODY:
+            return NOBODY, spent
+        self._culprit = row
+        return row * self._links + link, spent
 
     def recall(self, pair: int) -> Recollection:
         """What is known of one pair."""
@@ -261,13 +269,14 @@ class ObstacleWatch:
 
     def _make_book(self) -> None:
         self.book = make_book(len(self.arm.links))
+        # What somebody else's certificates rested on is of no use here.
+        self._obstacles.table.anchors.point_count.fill(0)
         self._fit()
 
     def _fit(self) -> None:
         """Follow the obstacle table's size."""
         table = self._obstacles.table
-        rows, width = len(table.alive), table.points.shape[1]
-        self.book = grow_book(self.book, table.news, rows, width)
+        self.book = grow_book(self.book, table.news, table.anchors)
         self._handle = pack(self.book)
         scene = self.arm.state.scene
         self._watching = pack(Watching(scene, self.book, self._q, self._v, *self._pace))
@@ -283,5 +292,6 @@ class ObstacleWatch:
         self.look(tick)
         self.find_unsafe(tick, 0.0)
         self.near_pairs(tick, 0.0)
+        evaluate(self.arm.state, none, np.zeros(0), none, np.zeros(0, dtype=np.int8))
         self.arm.state.prepare_arm(zeros, zeros)
         find_soonest(self._handle, none)

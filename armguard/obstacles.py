@@ -257,6 +257,7 @@ class Obstacles(ObstacleRegister):
             self.table.refused_states,
             self.table.marks,
             self.table.news,
+            self.table.anchors,
             rows,
             samples,
             time,

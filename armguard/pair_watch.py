@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from armguard.exceptions import ArmguardError
 from armguard.flagged import FlaggedCheck
 from armguard.ledger import NOBODY, PairLedger
+from armguard.obstacle_table import clear_news
 from armguard.obstacles import Obstacles
 from armguard.pairs import evaluate, find_unsafe_pair
 from armguard.robot import Robot
 from armguard.scene import REACH, FloatArray, IntArray
 from armguard.schedules import Schedule
-from armguard.watch import Listing, Look, Recollection, Tick
+from armguard.watch import CLOSE_LOOKS, Listing, Look, Recollection, Tick
 from armguard.watched_arm import WatchedArm
 
 
@@ -104,6 +105,8 @@ class PairWatch:
         for pair in schedule.flagged().tolist():
             contact_time = self._flagged.contact_time(*divmod(pair, ledger.link_count))
             ledger.extend(pair, contact_time, tick.time, tick.number, state)
+        # Of no use to schedules of pairs, whose ledger tests every state.
+        clear_news(self._obstacles.table.news)
         pair, expiry, overdue = ledger.earliest(tick.time, tick.number)
         rows = dict.fromkeys((broken // ledger.link_count).tolist()) if len(broken) else ()
         return Look(pair, expiry, overdue, self._evaluated, tuple(rows))
@@ -127,10 +130,12 @@ class PairWatch:
         """How many evaluations a tick costs: as many as the last one."""
         return float(self._evaluated)
 
-    def find_unsafe(self, tick: Tick, stop_time: float) -> int:
-        """A pair that might touch before the arm rests; NOBODY if there is none."""
+    def find_unsafe(self, tick: Tick, stop_time: float) -> tuple[int, int]:
+        """A pair that might touch before the arm rests, NOBODY if there is none; evaluations."""
         near = self.near_pairs(tick, stop_time)
-        return NOBODY if near is None or not len(near) else find_unsafe_pair(self.arm.state, near)
+        if near is None or not len(near):
+            return NOBODY, 0
+        return find_unsafe_pair(self.arm.state, near, CLOSE_LOOKS)
 
     def recall(self, pair: int) -> Recollection:
         """What is known of one pair."""
@@ -207,5 +212,5 @@ class PairWatch:
         state.begin(0.0, 0.0, 0.0)
         state.prepare_arm(zeros, zeros)
         evaluate(state, none, self._contact_times, self._spheres, self._bounds)
-        find_unsafe_pair(state, none)
+        find_unsafe_pair(state, none, 0)
         self.ledger.compile(state, self._obstacles.table.revision)

@@ -227,19 +227,23 @@ def evaluate(
 
 
 @kernel
-def _find_unsafe(handle: Any, pairs: IntArray, now: float) -> int:
+def _find_unsafe(handle: Any, pairs: IntArray, now: float, budget: int) -> tuple[int, int]:
     scene = handle.content
     links = scene.tree.root.shape[0]
+    evaluations = 0
     for pair in pairs:
-        if not rests_in_time(scene, pair % links, pair // links, now):
-            return pair
-    return -1
+        rests, spent = rests_in_time(scene, pair % links, pair // links, now, budget - evaluations)
+        evaluations += spent
+        if not rests:
+            return pair, evaluations
+    return -1, evaluations
 
 
-def find_unsafe_pair(state: TickState, pairs: IntArray) -> int:
+def find_unsafe_pair(state: TickState, pairs: IntArray, budget: int) -> tuple[int, int]:
     """The first of the pairs (m,) that might touch before the arm rests; -1 if there is none.
 
-    Judged by the scene's table of braking.
+    Judged by the scene's table of braking. Returns the evaluations as well; where they reach the
+    budget, the pair at hand counts as unsafe.
     """
-    unsafe: int = _find_unsafe(state.handle, pairs, state.now)
+    unsafe: tuple[int, int] = _find_unsafe(state.handle, pairs, state.now, budget)
     return unsafe

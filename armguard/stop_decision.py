@@ -32,12 +32,14 @@ class StopDecision:
         hold: How long a higher scale must have been safe before it is given out, in [s].
 
     Attributes:
+        evaluated: Evaluations so far.
         looks_ahead: How long from its tick on an arm goes on in the proof of a scale, in [s].
     """
 
     def __init__(
         self, watch: Watch, period: float, horizon: float, going_on: float, hold: float
     ) -> None:
+        self.evaluated = 0
         self._watch = watch
         self._horizon = horizon
         self._hold = hold
@@ -72,7 +74,7 @@ class StopDecision:
         """Whether the arm surely rests before contact, braking only after the next tick."""
         braking = self._watch.arm.motion.braking
         table = braking.tabulate(tick.q, tick.v, tick.arm_age, self._horizon)
-        return self._watch.find_unsafe(tick, float(table.time[-1])) == NOBODY
+        return self._is_free(tick, float(table.time[-1]))
 
     def find_scale(self, tick: Tick) -> float:
         """The greatest fraction of their velocity limits at which joints may go on, in [0, 1].
@@ -130,4 +132,9 @@ class StopDecision:
         table = self._watch.arm.motion.braking.tabulate(
             tick.q, tick.v, tick.arm_age, self._obeyed_after, going_on=self._going_on, scale=scale
         )
-        return self._watch.find_unsafe(tick, float(table.time[-1])) == NOBODY
+        return self._is_free(tick, float(table.time[-1]))
+
+    def _is_free(self, tick: Tick, stop_time: float) -> bool:
+        pair, spent = self._watch.find_unsafe(tick, stop_time)
+        self.evaluated += spent
+        return pair == NOBODY

@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from armguard.scene import FloatArray, IntArray
 from armguard.watched_arm import WatchedArm
 
+CLOSE_LOOKS = 1024
+"""Evaluations by the table of braking at a time, so that a crowd cannot hold up a tick."""
+
 
 class Tick(NamedTuple):
     """One tick, as a watch is told of it; times in [s]."""
@@ -127,10 +130,11 @@ class Watch(Protocol):
         """How many evaluations a tick costs as imminent as all pairs are now."""
         ...
 
-    def find_unsafe(self, tick: Tick, stop_time: float) -> int:
-        """A pair that might touch before the arm rests; NOBODY if there is none.
+    def find_unsafe(self, tick: Tick, stop_time: float) -> tuple[int, int]:
+        """A pair that might touch before the arm rests, NOBODY if there is none; evaluations.
 
-        Judged by the arm's table of braking, for whatever could be touched within `stop_time`.
+        Judged by the arm's table of braking, for whatever could be touched within `stop_time`. No
+        more than `CLOSE_LOOKS` are spent: where they do not suffice, a pair counts as unsafe.
         """
         ...
 

@@ -62,7 +62,7 @@ def ask_known(handle, row):
 
 @kernel
 def ask_rest(handle, link, row, now):
-    return rests_in_time(handle.content, link, row, now)
+    return rests_in_time(handle.content, link, row, now, 10**6)[0]
 
 
 @kernel

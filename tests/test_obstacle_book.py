@@ -16,7 +16,7 @@ from armguard.obstacle_book import (
     grow_book,
     make_book,
 )
-from armguard.obstacle_table import ObstacleTable
+from armguard.obstacle_table import ObstacleTable, make_states, resize_states
 from armguard.scene import UNKNOWN
 from armguard.schedules.wheel import DUE, TURNING, WAITING, most_urgent, put_off
 from armguard.soonest import find_least, set_value
@@ -26,7 +26,7 @@ NEWS = ObstacleTable().news
 
 
 def new_book(rows=8):
-    book = grow_book(make_book(LINKS), NEWS, rows, 1)
+    book = grow_book(make_book(LINKS), NEWS, make_states(rows))
     return book, pack(book)
 
 
@@ -115,7 +115,7 @@ def test_random_books_are_those_of_a_dictionary(seed):
             known[row] = np.where(np.isnan(known[row]), math.nan, expiry)
         if rng.random() < 0.02 and rows < 64:
             rows *= 2
-            book = grow_book(book, NEWS, rows, 1)
+            book = grow_book(book, NEWS, resize_states(book.anchors, rows, 1))
             handle = pack(book)
         ends = {one: np.nanmin(links) for one, links in known.items()}
         assert book.numbers[ACTIVE] == len(known) == count(book)
@@ -135,7 +135,7 @@ def test_growing_keeps_what_is_known():
     look(book, 3, [3.0, 2.0, 9.0])
     book.anchors.points[3, 0] = [1.0, 2.0, 3.0]
     book.anchors.point_count[3] = 1
-    grown = grow_book(book, NEWS, 100, 8)
+    grown = grow_book(book, NEWS, resize_states(book.anchors, 100, 8))
     for name in ("watched", "pair_expiry", "pair_sphere", "pair_bound", "evaluated_at", "broken"):
         before, after = getattr(book, name), getattr(grown, name)
         assert np.array_equal(after[:4], before)

@@ -202,7 +202,7 @@ def test_a_scale_that_is_given_out_is_safe_now_however_late_ticks_come(pace):
         table = braking.tabulate(
             HOME, STILL, 0.0, PERIOD + LATENCY, going_on=SLOW, scale=verdict.speed_scale
         )
-        assert monitor._watch.find_unsafe(tick, float(table.time[-1])) == -1, (now, verdict)
+        assert monitor._watch.find_unsafe(tick, float(table.time[-1]))[0] == -1, (now, verdict)
     assert given > 10
 
 

@@ -1,0 +1,77 @@
+"""Obstacles that could be touched soon: which they are, and whether the arm rests before.
+
+Asked where a contact time alone would stop the arm, or hold down its speed.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from armguard.compilation import kernel
+from armguard.link_times import rests_in_time
+from armguard.obstacle_book import PREPARED
+from armguard.scene import IntArray, prepare_arm
+from armguard.schedules.wheel import NOBODY
+from armguard.soonest import find_below
+
+
+@kernel
+def find_unsafe(
+    handle: Any,
+    now: float,
+    time: float,
+    tick: int,
+    arm_age: float,
+    stop_time: float,
+    culprit: int,
+    budget: int,
+    rows: IntArray,
+) -> tuple[int, int, int]:
+    """The first pair that might touch before the arm rests, by the scene's table of braking.
+
+    Only what could be touched within `stop_time` is looked at. Where more obstacles than fit into
+    `rows` are as near as that, or the budget is spent, one of them counts as unsafe without a look.
+
+    Args:
+        handle: On what a look is handed, `obstacle_looks.Watching`.
+        now: Time of the tick on the obstacles' clock, in [s].
+        time: The same since the monitor's epoch.
+        tick: Number of the tick.
+        arm_age: Age of the joint state, in [s].
+        stop_time: When the table of braking ends, in [s].
+        culprit: Row to look at first if it is as near: who was unsafe lately likely is again.
+        budget: Evaluations that may be spent.
+        rows: Room to work in.
+
+    Returns:
+        Row and link, NOBODY if the arm surely rests before it touches anything; evaluations.
+    """
+    scene, book = handle.content.scene, handle.content.book
+    if book.numbers[PREPARED] != tick:
+        prepare_arm(scene, handle.content.q, handle.content.v, arm_age)
+        book.numbers[PREPARED] = tick
+    latest = time + stop_time
+    count = find_below(book.soonest, latest, rows)
+    if count == rows.shape[0]:
+        return rows[0], 0, 0
+    for i in range(count):
+        if rows[i] == culprit:
+            rows[0], rows[i] = rows[i], rows[0]
+    evaluations = 0
+    for i in range(count):
+        row = rows[i]
+        for link in range(book.watched.shape[1]):
+            if not book.watched[row, link] or book.pair_expiry[row, link] > latest:
+                continue
+            rests, spent = rests_in_time(scene, link, row, now, budget - evaluations)
+            evaluations += spent
+            if not rests:
+                return row, link, evaluations
+    return NOBODY, NOBODY, evaluations
+
+
+@kernel
+def find_near(handle: Any, latest: float, rows: IntArray) -> int:
+    """Fill `rows` with those whose certificates end by `latest`, as far as they fit; how many."""
+    count: int = find_below(handle.content.book.soonest, latest, rows)
+    return count

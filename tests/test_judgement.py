@@ -1,0 +1,96 @@
+"""What a verdict carries beside its level, by the real monitor."""
+
+import math
+
+import numpy as np
+import pytest
+from scenes import HOME, STILL, kinds, make_monitor, see, steps
+
+from armguard import certificate
+from armguard.separation_margin import SeparationRule
+from armguard.verdict import Level, ReasonKind
+
+FAR, NEAR, AT_HAND = [8.0, 0.0, 0.5], [1.6, 0.0, 0.5], [0.55, 0.0, 0.5]
+
+
+def one(position, **settings):
+    obstacles, monitor = make_monitor(**settings)
+    see(obstacles, 0.0, position)
+    return monitor, steps(monitor, 0, 1)[0]
+
+
+@pytest.mark.parametrize("motion", ["joint", "isotropic", "planned"])
+def test_what_is_far_is_clear_at_any_speed(motion):
+    _, verdict = one(FAR, motion=motion)
+    assert verdict.level is Level.CLEAR
+    assert verdict.speed_scale == 1.0
+    assert verdict.reasons == ()
+    assert verdict.separation is None
+    assert verdict.certificate is None
+
+
+@pytest.mark.parametrize("motion", ["joint", "isotropic"])
+def test_a_stop_leaves_no_speed(motion):
+    monitor, verdict = one(AT_HAND, motion=motion)
+    assert verdict.level is Level.STOP
+    assert verdict.speed_scale == 0.0
+    assert verdict.contact_time <= verdict.stop_time
+    pair = monitor.pairs(1)[0]
+    assert (verdict.link, verdict.obstacle) == (pair.link, pair.obstacle)
+
+
+def test_what_is_near_says_by_which_bound():
+    monitor, verdict = one(NEAR)
+    assert verdict.level < Level.CLEAR
+    (reason,) = [r for r in verdict.reasons if r.kind is ReasonKind.CONTACT]
+    assert reason.subject == f"{verdict.link} and ball"
+    assert reason.detail.endswith(f"by the {monitor.pairs(1)[0].bound} bound")
+    assert f"{verdict.contact_time:.4g} s" in reason.detail
+
+
+def test_the_certificate_is_about_the_pair_and_no_later_than_the_verdict():
+    monitor, verdict = one(NEAR, certify=True)
+    assert 0.0 < verdict.certificate.contact_time <= verdict.contact_time * (1.0 + 1e-9)
+    assert certificate.verify(verdict.certificate, **monitor.certificate_inputs)
+    bad = monitor.step(math.nan, HOME, STILL)
+    assert bad.level is Level.STOP
+    assert bad.certificate is None
+    assert monitor.certificate_inputs is None
+
+
+def test_the_separation_margin_grows_with_the_distance():
+    margins = [
+        one([x, 0.0, 0.5], separation=SeparationRule())[1].separation for x in (1.0, 2.0, 4.0)
+    ]
+    assert margins[0] < margins[1] < margins[2]
+    assert margins[2] - margins[1] == pytest.approx(2.0, abs=0.1)
+
+
+def test_a_plan_that_nobody_made_changes_nothing():
+    rng = np.random.default_rng(0)
+    joint, planned = [make_monitor(motion=motion) for motion in ("joint", "planned")]
+    places = rng.uniform([0.9, -1.0, 0.0], [3.0, 1.0, 1.0], (3, 3))
+    for i in range(30):
+        position = places[i // 10]
+        answers = []
+        for obstacles, monitor in (joint, planned):
+            see(obstacles, i * 1e-3, position, ids=(f"ball{i // 10}",))
+            answers.append(steps(monitor, i, 1)[0])
+        assert answers[0] == answers[1]
+
+
+def test_what_found_no_room_could_be_anywhere(monkeypatch):
+    monkeypatch.setattr("armguard.obstacle_table.MAXIMUM_ROWS", 64)
+    obstacles, monitor = make_monitor(separation=SeparationRule())
+    names = [f"ball{i}" for i in range(65)]
+    see(obstacles, 0.0, np.tile(FAR, (65, 1)), ids=names)
+    (verdict,) = steps(monitor, 0, 1)
+    assert verdict.level is Level.STOP
+    assert verdict.contact_time == 0.0
+    assert (verdict.link, verdict.obstacle) == (None, None)
+    assert verdict.separation == -math.inf
+    assert ReasonKind.OBSTACLE_REFUSED in kinds(verdict)
+    obstacles.update([], 1e-3, snapshot=True)
+    see(obstacles, 2e-3, FAR)
+    # The other faults of that call were taken: what is left has room.
+    assert steps(monitor, 2, 1)[0].separation > 0.0
