@@ -128,13 +128,13 @@ def doubt_all(handle: Any) -> None:
 
 
 @kernel
-def first_link(book: Book, row: int) -> int:
-    """The watched link whose certificate against an obstacle ends first."""
+def first_link(watched: NDArray[np.bool_], pair_expiry: FloatArray, row: int) -> int:
+    """The watched link whose certificate against an obstacle ends first; both (rows, links)."""
     first = -1
-    for link in range(book.watched.shape[1]):
-        if not book.watched[row, link]:
+    for link in range(watched.shape[1]):
+        if not watched[row, link]:
             continue
-        if first < 0 or book.pair_expiry[row, link] < book.pair_expiry[row, first]:
+        if first < 0 or pair_expiry[row, link] < pair_expiry[row, first]:
             first = link
     return first
 

@@ -15,6 +15,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armguard.anchors import allows_anchor, expire, keep_anchor
 from armguard.compilation import inlined_kernel, kernel
@@ -37,11 +38,12 @@ from armguard.obstacle_book import (
     void,
 )
 from armguard.obstacle_table import clear_news
-from armguard.scene import REACH, UNKNOWN, FloatArray, Scene, prepare_arm
+from armguard.scene import REACH, UNKNOWN, FloatArray, IntArray, Scene, prepare_arm
 from armguard.schedules.wheel import (
     NOBODY,
     TURNING,
     WAITING,
+    is_idle,
     most_urgent,
     put_off,
     turn,
@@ -219,6 +221,33 @@ class Watching(NamedTuple):
     """Evaluations in a tick after which nothing further is begun."""
 
 
+@inlined_kernel
+def tick_of(time: float, period: float) -> int:
+    """Number of the tick at a time, to the nearest: those of a loop are never quite on time."""
+    return int(time / period + 0.5)
+
+
+@inlined_kernel
+def count_lost(numbers: IntArray, wheel_numbers: IntArray) -> int:
+    """How many watched rows are neither in the wheel nor waiting: nobody would look at them."""
+    lost: int = abs(numbers[ACTIVE] - wheel_numbers[WAITING] - wheel_numbers[TURNING])
+    return lost
+
+
+@kernel
+def _find_first(
+    numbers: IntArray, tournament: FloatArray, watched: NDArray[np.bool_], pair_expiry: FloatArray
+) -> tuple[int, int, float]:
+    """Row and link whose certificate ends first, and that end; NOBODY where nothing is watched."""
+    if numbers[ACTIVE] == 0:
+        return NOBODY, 0, np.inf
+    row = find_least(tournament)
+    while not watched[row].any():
+        # Rows that nobody watches never end either.
+        row += 1
+    return row, first_link(watched, pair_expiry, row), tournament[1]
+
+
 @kernel
 def look(
     handle: Any,
@@ -250,14 +279,38 @@ def look(
         before the look can go on), its link, the end in [s] since the epoch, obstacles overdue,
         evaluations, and rows that news have overtaken.
     """
+    book = handle.content.book
+    clock = tick_of(time, handle.content.period)
+    if book.news.changed_count[0] == 0 and is_idle(book.wheel, clock):
+        turn(book.wheel, clock)
+        row, link, expiry = _find_first(book.numbers, book.soonest, book.watched, book.pair_expiry)
+        lost = count_lost(book.numbers, book.wheel.numbers)
+        return row, link, expiry, lost, spent_before, 0
+    found: tuple[int, int, float, int, int, int] = _look(
+        handle, placed, spent_before, now, time, tick, arm_age, opening_time
+    )
+    return found
+
+
+@kernel
+def _look(
+    handle: Any,
+    placed: bool,
+    spent_before: int,
+    now: float,
+    time: float,
+    tick: int,
+    arm_age: float,
+    opening_time: float,
+) -> tuple[int, int, float, int, int, int]:
+    """`look` where there is something to be done: all arrays are taken in hand."""
     watching = handle.content
     scene, book, q, v = watching.scene, watching.book, watching.q, watching.v
     horizon, freshness = watching.horizon, watching.freshness
     period, budget = watching.period, watching.budget
     wheel = book.wheel
     overtaken = _read_news(scene, book)
-    # To the nearest tick: those of a loop are never quite on time.
-    clock = int(time / period + 0.5)
+    clock = tick_of(time, period)
     turn(wheel, clock)
     evaluated = spent_before
     certain = False
@@ -291,15 +344,6 @@ def look(
             book.numbers[STALE] += 1
         elif not certain:
             overdue += 1
-    # Each watched row is in the wheel or waits: were one lost, nobody would look at it again.
-    lost = book.numbers[ACTIVE] - wheel.numbers[WAITING] - wheel.numbers[TURNING]
-    overdue += abs(lost)
-    if book.numbers[ACTIVE] == 0:
-        return NOBODY, 0, np.inf, overdue, evaluated, overtaken
-    soonest = find_least(book.soonest)
-    while not book.watched[soonest].any():
-        # Rows that nobody watches never end either.
-        soonest += 1
-    return (
-        soonest, first_link(book, soonest), book.soonest[1], overdue, evaluated, overtaken
-    )  # fmt: skip
+    overdue += count_lost(book.numbers, wheel.numbers)
+    row, link, expiry = _find_first(book.numbers, book.soonest, book.watched, book.pair_expiry)
+    return row, link, expiry, overdue, evaluated, overtaken

@@ -126,7 +126,7 @@ def test_random_books_are_those_of_a_dictionary(seed):
             assert [ends[one] for one in found] == sorted(ends.values())[:limit]
         for one, links in known.items():
             if np.nanmin(links) < math.inf:
-                assert first_link(book, one) == np.nanargmin(links)
+                assert first_link(book.watched, book.pair_expiry, one) == np.nanargmin(links)
 
 
 def test_growing_keeps_what_is_known():

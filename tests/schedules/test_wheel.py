@@ -15,6 +15,7 @@ from armguard.schedules.wheel import (
     TURNING,
     WAITING,
     grow_wheel,
+    is_idle,
     make_due,
     make_wheel,
     most_urgent,
@@ -197,3 +198,22 @@ def test_an_empty_wheel_turns():
     turn(wheel, 3)
     assert wheel.numbers[TICK] == 7
     assert most_urgent(wheel) == NOBODY
+
+
+def test_a_wheel_is_idle_where_turning_it_brings_nothing():
+    rng = np.random.default_rng(6)
+    wheel = make_wheel(5)
+    seen = set()
+    for tick in range(1, 400):
+        for entry in range(5):
+            if rng.random() < 0.02:
+                put_off(wheel, entry, tick + int(rng.integers(1, 20)), 0.0)
+        idle = is_idle(wheel, tick)
+        turn(wheel, tick)
+        assert not (idle and wheel.numbers[WAITING])
+        if not idle:
+            assert wheel.numbers[WAITING] > 0
+        seen.add(idle)
+        while most_urgent(wheel) != NOBODY:
+            take_out(wheel, most_urgent(wheel))
+    assert seen == {True, False}
