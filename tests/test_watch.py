@@ -59,7 +59,7 @@ def test_without_obstacles_there_is_nothing_to_see(world):
     look = world.look()
     assert (look.pair, look.expiry, look.overdue, look.evaluated) == (NOBODY, math.inf, 0, 0)
     assert not look.broken
-    assert world.watch.find_unsafe(world.tick, 10.0) == NOBODY
+    assert world.watch.find_unsafe(world.tick, 10.0)[0] == NOBODY
     listing = world.list()
     assert len(listing.rows) == len(listing.pairs) == 0
     assert np.isinf(listing.sphere_expiry).all()
@@ -129,11 +129,11 @@ def test_what_touches_before_the_arm_rests_is_found(world):
     motion = world.watch.arm.motion
     motion.braking.tabulate(HOME, STILL, 0.0, 0.003)
     stop_time = float(motion.braking_table.time[-1])
-    assert world.watch.find_unsafe(world.tick, stop_time) == NOBODY
+    assert world.watch.find_unsafe(world.tick, stop_time)[0] == NOBODY
     inside = world.watch.arm.kinematics.centers[-1]
     world.see([inside], ["inside"])
     world.look()
-    pair = world.watch.find_unsafe(world.tick, stop_time)
+    pair, _ = world.watch.find_unsafe(world.tick, stop_time)
     assert world.obstacles.ids[pair // LINKS] == "inside"
 
 
