@@ -26,14 +26,16 @@ def watch_crowd(count, *, rate=1000.0, budget=BUDGET, duration=0.4):
     places, names = place_crowd(count), [f"ball {number}" for number in range(count)]
     # At first all are due at once, and that takes as long as it takes.
     backlog = math.ceil(count / budget)
-    verdicts = []
+    verdicts, spent = [], []
     for tick in range(backlog + round(duration * rate)):
         if tick % round(0.02 * rate) == 0:
             see(obstacles, tick / rate, places, names, velocity=np.zeros((count, 3)))
         verdicts.append(monitor.step(tick / rate, HOME, STILL))
+        # Closer looks before a stop are no part of what the budget is for.
+        spent.append(monitor._look.evaluated)
     late = verdicts[-round(0.3 * duration * rate) :]
     overdue = sum(ReasonKind.OVERDUE in kinds(verdict) for verdict in late)
-    evaluations = float(np.mean([verdict.evaluated for verdict in late]))
+    evaluations = float(np.mean(spent[-len(late) :]))
     return monitor.headroom(), overdue / len(late), evaluations
 
 
@@ -176,6 +178,6 @@ def test_other_schedules_answer_too(schedule):
     obstacles, monitor = make_monitor(schedule)
     see(obstacles, 0.0, [[1.0, 0.0, 0.5], [2.0, 0.0, 0.5]], ("near", "far"))
     for tick in range(3):
-        verdict = monitor.step(tick * PERIOD, HOME, STILL)
-    assert monitor.headroom().evaluations == verdict.evaluated
+        monitor.step(tick * PERIOD, HOME, STILL)
+    assert monitor.headroom().evaluations == monitor._look.evaluated
     assert [one.obstacle for one in monitor.attention()] == ["near", "far"]
