@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from skeleton import get_point
+from skeleton import get_point, rotated
 
 HUNT, SPEND, HOARD, EDGE, BANG, WANDER = range(6)
 """What a ball does: chases the arm; rushes after a look and looks harmless before the next; keeps
@@ -35,7 +35,7 @@ def push_towards(arm, rotations, origins, center, leaf, goal, push):
     k = arm.joint[leaf]
     dx, dy, dz = goal[0] - center[0], goal[1] - center[1], goal[2] - center[2]
     while k >= 0:
-        axis = rotations[k] @ arm.axis[k]
+        axis = rotated(rotations[k], arm.axis[k])
         if arm.slides[k]:
             along = axis[0] * dx + axis[1] * dy + axis[2] * dz
         else:

@@ -91,6 +91,17 @@ def _share_points(robot, leaves):
 
 
 @numba.njit(cache=True)
+def rotated(rotation, vector):
+    """R v: Numba's own product of matrices would need another package."""
+    product = np.empty(3)
+    for j in range(3):
+        product[j] = (
+            rotation[j, 0] * vector[0] + rotation[j, 1] * vector[1] + rotation[j, 2] * vector[2]
+        )
+    return product
+
+
+@numba.njit(cache=True)
 def place_leaves(arm, q, rotations, origins, centers):
     """Fill placements of the joints' frames and centres of the leaves."""
     column = np.empty(3)
@@ -113,8 +124,13 @@ def place_leaves(arm, q, rotations, origins, centers):
                     origins[k, j] += arm.rotation[k, j, i] * arm.axis[k, i] * q[k]
         up = arm.parent[k]
         if up >= 0:
-            rotations[k] = rotations[up] @ rotations[k]
-            origins[k] = rotations[up] @ origins[k] + origins[up]
+            for i in range(3):
+                column[:] = rotations[k, :, i]
+                rotations[k, :, i] = rotated(rotations[up], column)
+            column[:] = origins[k]
+            origins[k] = rotated(rotations[up], column)
+            for j in range(3):
+                origins[k, j] += origins[up, j]
     for leaf in range(arm.joint.shape[0]):
         k = arm.joint[leaf]
         for j in range(3):
