@@ -9,7 +9,7 @@ verdicts to the bit.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import pinocchio
@@ -170,6 +170,17 @@ class Monitor(MonitorAnswers):
                 read_number(stamp),
                 Reason(ReasonKind.INTERNAL_ERROR, type(error).__name__, str(error)),
             )
+
+    def run(self, source: Iterable[tuple[Any, ...]], sink: Callable[[Verdict], object]) -> None:
+        """Step through all joint states of a source, until it ends.
+
+        Args:
+            source: Arguments of `step`, one tuple a tick: stamp, q, v and, where it is not the
+                stamp, now. Whoever makes them may update the obstacles in between.
+            sink: Is called with each verdict.
+        """
+        for state in source:
+            sink(self.step(*state))
 
     def reset(self) -> None:
         """Forget latched faults and past joint states; every pair is looked at anew."""

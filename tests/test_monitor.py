@@ -252,3 +252,26 @@ def test_a_margin_counts_as_contact():
     for table in (obstacles, plain):
         see(table, 0.0, [2.5, 0.0, 0.5])
     assert steps(monitor, 0, 1)[0].contact_time < steps(other, 0, 1)[0].contact_time
+
+
+def test_a_run_is_a_step_for_each_state_of_its_source():
+    def states(obstacles):
+        for tick in range(20):
+            if tick % 5 == 0:
+                see(obstacles, tick * PERIOD, [3.0 - 0.1 * tick * PERIOD, 0.0, 0.5])
+            yield (
+                (tick * PERIOD, HOME, STILL)
+                if tick % 2
+                else (
+                    tick * PERIOD,
+                    HOME,
+                    STILL,
+                    tick * PERIOD + 1e-4,
+                )
+            )
+
+    (obstacles, monitor), (others, stepped) = make_monitor(), make_monitor()
+    verdicts = []
+    monitor.run(states(obstacles), verdicts.append)
+    assert verdicts == [stepped.step(*state) for state in states(others)]
+    assert len(verdicts) == 20
