@@ -17,12 +17,30 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import caching as numba_caching
 
+# Numba's functions are untyped: they are called as anything is.
+caching: Any = numba_caching
 config: Any = numba.config
 
 PACKAGE = Path(__file__).resolve().parent
 
 _IMPORT = re.compile(r"^\s*(?:from|import)\s+armguard\.([\w.]+)", re.MULTILINE)
+
+
+class TolerantCache(caching.FunctionCache):  # type: ignore[misc]  # a class of unknown type
+    """A cache that begins anew where it holds what this process cannot import.
+
+    Its index names all types that a kernel was ever compiled for, and so those of a script that was
+    run from elsewhere: to whoever comes after, that must be no more than a cache without an entry.
+    """
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super()._load_overload(sig, target_context)
+        except (ImportError, AttributeError):
+            self._cache_file.flush()
+            return None
 
 
 def kernel(function: Any = None, *, subject: str = "", **options: Any) -> Any:
@@ -39,7 +57,9 @@ def kernel(function: Any = None, *, subject: str = "", **options: Any) -> Any:
         config.CACHE_DIR = str(find_cache(Path(function.__code__.co_filename)) / subject)
         try:
             # Python's error model costs two to four times as much, and fastmath would drop NaN.
-            return numba.njit(error_model="numpy", cache=True, **options)(function)
+            compiled = numba.njit(error_model="numpy", cache=True, **options)(function)
+            compiled._cache = TolerantCache(function)
+            return compiled
         finally:
             config.CACHE_DIR = before
 

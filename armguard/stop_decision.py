@@ -123,10 +123,12 @@ class StopDecision:
         recent = self._recent
         while recent and recent[-1][1] >= scale:
             recent.pop()
-        recent.append((now, scale))
-        while recent[0][0] < now - self._hold:
+        if scale < 1.0:
+            # The whole need not be kept: it is what there is without anything less.
+            recent.append((now, scale))
+        while recent and recent[0][0] < now - self._hold:
             recent.popleft()
-        return recent[0][1]
+        return recent[0][1] if recent else 1.0
 
     def _is_safe(self, tick: Tick, scale: float) -> bool:
         table = self._watch.arm.motion.braking.tabulate(

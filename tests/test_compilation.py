@@ -1,3 +1,6 @@
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numba
@@ -78,3 +81,39 @@ def test_kernels_divide_as_numpy_does_and_keep_nan():
     assert np.isnan(divide(0.0, 0.0))
     assert np.isnan(subtract(np.inf, np.inf))
     assert find_cache(Path(__file__)) != find_cache(PACKAGE / "pairs.py")
+
+
+def test_a_cache_with_types_of_a_script_that_is_gone_is_an_empty_one(tmp_path):
+    """One process packs a tuple of its own, the next knows nothing of where it came from."""
+    (tmp_path / "lib.py").write_text(
+        "from armguard.compilation import kernel\n"
+        "@kernel\n"
+        "def first(content):\n"
+        "    return content[0]\n"
+    )
+    (tmp_path / "script").mkdir()
+    (tmp_path / "script" / "own.py").write_text(
+        "from typing import NamedTuple\nclass Own(NamedTuple):\n    number: float\n"
+    )
+    run = "import lib; print(lib.first({}), sum(lib.first.stats.cache_hits.values()))"
+    own = "import own; " + run.format("own.Own(2.0)")
+    plain = run.format("(3.0, 1)")
+    script = os.pathsep.join((str(tmp_path), str(tmp_path / "script")))
+    found = []
+    for code, path in (
+        (own, script),
+        (own, script),
+        (plain, str(tmp_path)),
+        (plain, str(tmp_path)),
+    ):
+        environment = {
+            **os.environ,
+            "PYTHONPATH": path + os.pathsep + os.environ.get("PYTHONPATH", ""),
+            "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        }
+        told = subprocess.run(
+            [sys.executable, "-c", code],
+            env=environment, capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        found.append(told.stdout.split())
+    assert found == [["2.0", "0"], ["2.0", "1"], ["3.0", "0"], ["3.0", "1"]]
