@@ -12,7 +12,7 @@ from armguard.streams import VerdictReader
 
 ARMGUARD = Path(sys.executable).with_name("armguard")
 PATIENCE = 60.0
-SOON = 5.0
+SOON = 10.0
 """How long an end may take on a busy machine, in [s]."""
 SIGNS = {
     "-m armguard run": "monitor",
