@@ -39,7 +39,7 @@ from armguard.witness import (
 
 
 @kernel(forceinline=True)
-def _turn(x, y, z, vx1, vy1, vz1, carry1, vx2, vy2, vz2, carry2):  # type: ignore[no-untyped-def]
+def _turn(x, y, z, vx1, vy1, vz1, carry1, vx2, vy2, vz2, carry2):
     return direction(
         x + vx2 * carry2 - vx1 * carry1,
         y + vy2 * carry2 - vy1 * carry1,
@@ -48,7 +48,7 @@ def _turn(x, y, z, vx1, vy1, vz1, carry1, vx2, vy2, vz2, carry2):  # type: ignor
 
 
 @kernel
-def _turn_aged(  # type: ignore[no-untyped-def]
+def _turn_aged(
     x, y, z,
     vx1, vy1, vz1, margin1, top1, accel1, age1,
     vx2, vy2, vz2, margin2, top2, accel2, age2,
@@ -69,7 +69,7 @@ def _turn_aged(  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def ball_contact_time(  # type: ignore[no-untyped-def]
+def ball_contact_time(
     x, y, z, contact_distance,
     vx1, vy1, vz1, accel1, speed1, velocity_error1, age1,
     vx2, vy2, vz2, accel2, speed2, velocity_error2, age2,
@@ -125,7 +125,7 @@ def ball_contact_time(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _far_ball_contact_time(  # type: ignore[no-untyped-def]
+def _far_ball_contact_time(
     x, y, z, contact_distance,
     vx1, vy1, vz1, accel1, speed1, velocity_error1, age1,
     vx2, vy2, vz2, accel2, speed2, velocity_error2, age2,
@@ -143,7 +143,7 @@ def _far_ball_contact_time(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _any_contact_time(  # type: ignore[no-untyped-def]
+def _any_contact_time(
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, count, accel2, speed2, velocity_error2, age2,
     contact_distance, advances, trace,
@@ -163,7 +163,7 @@ def _any_contact_time(  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def trace_contact_time(  # type: ignore[no-untyped-def]
+def trace_contact_time(
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, count, accel2, speed2, velocity_error2, age2,
     contact_distance, advances, trace,
@@ -189,7 +189,7 @@ def trace_contact_time(  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def pair_contact_time(  # type: ignore[no-untyped-def]
+def pair_contact_time(
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, count, accel2, speed2, velocity_error2, age2,
     contact_distance, advances,
@@ -216,7 +216,7 @@ def pair_contact_time(  # type: ignore[no-untyped-def]
 
 
 @kernel(inline="always")
-def row_contact_time(  # type: ignore[no-untyped-def]
+def row_contact_time(
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, row, count, accel2, speed2, velocity_error2, age2,
     contact_distance, advances,
@@ -243,7 +243,7 @@ def row_contact_time(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def pair_distance_time(  # type: ignore[no-untyped-def]
+def pair_distance_time(
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, count, accel2, speed2, velocity_error2, age2,
     contact_distance,

@@ -233,6 +233,7 @@ def _translate(
     steps = re.findall(r"\.(\w+)|\[(\d+)\]", place)
     value = raw
     for name, index in steps:
+        # msgspec names a place that it has been to, whatever its type.
         value = value[name] if name else value[int(index)]  # type: ignore[index]
     key = f"{path}{place.removeprefix('$')}".strip(".")
     field = re.search(r"(?:unknown|missing required) field `(.*)`", text)

@@ -73,7 +73,7 @@ class Certificate(NamedTuple):
 
 
 @kernel
-def _reach(  # type: ignore[no-untyped-def]
+def _reach(
     v1, a1, s1, e1, clock1, velocities, a2, s2, e2, clock2, contact_distance
 ):  # fmt: skip
     """`contact_distance`, and how far the bodies get in the time that their stamps may be off by.
@@ -96,7 +96,7 @@ def _reach(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _pair_loop(  # type: ignore[no-untyped-def]
+def _pair_loop(
     p1, v1, a1, s1, e1, age1, clock1, points, velocities, a2, s2, e2, age2, clock2, distance,
     advances, out,
 ):  # fmt: skip
@@ -114,7 +114,7 @@ def _pair_loop(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _trace_pair(  # type: ignore[no-untyped-def]
+def _trace_pair(
     p1, v1, a1, s1, e1, age1, clock1, points, velocities, a2, s2, e2, age2, clock2, distance,
     advances, trace,
 ):  # fmt: skip
@@ -130,7 +130,7 @@ def _trace_pair(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _relative_loop(position, velocity, distance, accel, speed, advances, out):  # type: ignore[no-untyped-def]
+def _relative_loop(position, velocity, distance, accel, speed, advances, out):
     for i in range(out.size):
         out[i] = ball_contact_time(
             position[i, 0], position[i, 1], position[i, 2], distance[i],

@@ -31,7 +31,7 @@ ROWS = 15
 
 
 @kernel
-def _copy(source, first, last, target, row):  # type: ignore[no-untyped-def]
+def _copy(source, first, last, target, row):
     # Views of their own, so that no index can be negative: the loop becomes a plain copy.
     part = source[first:last]
     room = target[row : row + part.size]
@@ -40,7 +40,7 @@ def _copy(source, first, last, target, row):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _prepare(buffer):  # type: ignore[no-untyped-def]
+def _prepare(buffer):
     """What does not change from advance to advance; a length of NaN keeps a pair out."""
     for i in range(BLOCK):
         x, y, z = buffer[X + i], buffer[Y + i], buffer[Z + i]
@@ -64,7 +64,7 @@ def _prepare(buffer):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _advance(buffer):  # type: ignore[no-untyped-def]
+def _advance(buffer):
     """One tangent advance of every pair of the block, as `witness.follow_forward` for one body."""
     for i in range(BLOCK):
         x, y, z = buffer[X + i], buffer[Y + i], buffer[Z + i]
@@ -115,7 +115,7 @@ def _advance(buffer):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def batch_contact_times(  # type: ignore[no-untyped-def]
+def batch_contact_times(
     x, y, z, vx, vy, vz, contact_distance, accel, speed, advances, times, before
 ):  # fmt: skip
     """Lower bounds on the contact times of many pairs, after exactly `advances` advances.
@@ -149,7 +149,7 @@ def batch_contact_times(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def finish_contact_times(  # type: ignore[no-untyped-def]
+def finish_contact_times(
     x, y, z, vx, vy, vz, contact_distance, accel, speed, advances, times, before
 ):  # fmt: skip
     """Settle by the scalar kernel what `batch_contact_times` left; returns how many pairs.

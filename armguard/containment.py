@@ -111,7 +111,7 @@ def _find_inside(points: Array, less: Array, centers: Array, radii: Array) -> ND
 
 
 @kernel
-def _compare(points, less, centers, radii, inside):  # type: ignore[no-untyped-def]
+def _compare(points, less, centers, radii, inside):
     for i in range(points.shape[0]):
         for k in range(points.shape[1]):
             for node in range(len(radii)):

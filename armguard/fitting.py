@@ -244,7 +244,7 @@ def _assign_pieces(pieces: Array, surface: Surface, centers: Array) -> list[Node
 
 
 @kernel
-def _farthest_corners(centers, pieces, distances):  # type: ignore[no-untyped-def]
+def _farthest_corners(centers, pieces, distances):
     for i in range(len(centers)):
         for j in range(len(pieces)):
             farthest = 0.0
@@ -257,7 +257,7 @@ def _farthest_corners(centers, pieces, distances):  # type: ignore[no-untyped-de
 
 
 @kernel
-def _choose_greedily(needed, limit, chosen):  # type: ignore[no-untyped-def]
+def _choose_greedily(needed, limit, chosen):
     """Fill `chosen` with the rows of a cover; return how many. Every column can be reached."""
     rows, columns = needed.shape
     is_open = np.ones(columns, dtype=np.bool_)
@@ -280,7 +280,7 @@ def _choose_greedily(needed, limit, chosen):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _reach(center, corners):  # type: ignore[no-untyped-def]
+def _reach(center, corners):
     farthest = 0.0
     for i in range(len(corners)):
         x, y, z = corners[i, 0] - center[0], corners[i, 1] - center[1], corners[i, 2] - center[2]
@@ -289,7 +289,7 @@ def _reach(center, corners):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _move_center(center, corners, surface):  # type: ignore[no-untyped-def]
+def _move_center(center, corners, surface):
     """Pattern search for the centre from which a ball around the corners sticks out least."""
     extent = 0.0
     for k in range(3):

@@ -19,7 +19,7 @@ TOLERANCE = 1e-13
 
 
 @kernel
-def _nearest_on_segment(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
+def _nearest_on_segment(ax, ay, az, bx, by, bz):
     """Weight of b in the point of segment a-b nearest to the origin."""
     dx, dy, dz = bx - ax, by - ay, bz - az
     square = dx * dx + dy * dy + dz * dz
@@ -29,7 +29,7 @@ def _nearest_on_segment(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):  # type: ignore[no-untyped-def]
+def _nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):
     """Weights of b and c in the point of triangle a-b-c nearest to the origin."""
     px, py, pz = bx - ax, by - ay, bz - az
     qx, qy, qz = cx - ax, cy - ay, cz - az
@@ -63,7 +63,7 @@ def _nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):  # type: ignore[no
 
 
 @kernel
-def _carried(j, ox, oy, oz, points, velocities, carry):  # type: ignore[no-untyped-def]
+def _carried(j, ox, oy, oz, points, velocities, carry):
     return (
         points[j, 0] - ox + velocities[j, 0] * carry,
         points[j, 1] - oy + velocities[j, 1] * carry,
@@ -72,7 +72,7 @@ def _carried(j, ox, oy, oz, points, velocities, carry):  # type: ignore[no-untyp
 
 
 @kernel
-def nearest_on_hull(ox, oy, oz, points, velocities, count, carry):  # type: ignore[no-untyped-def]
+def nearest_on_hull(ox, oy, oz, points, velocities, count, carry):
     """Vector from (ox, oy, oz) to the hull of points[:count], each carried for `carry` seconds.
 
     Arrays have the shape (k, 3), in [m] and [m/s]. The zero vector or a poor one where the origin

@@ -29,13 +29,13 @@ FAR = 1e100  # beyond, in [s], products with time may overflow
 
 
 @kernel(forceinline=True)
-def carry_time(s, bite):  # type: ignore[no-untyped-def]
+def carry_time(s, bite):
     """How long a body is carried along its velocity until `s`, given when its speed bound bites."""
     return min(s, bite) if s >= 0.0 else max(s, -bite)
 
 
 @kernel(forceinline=True)
-def turn_hull(  # type: ignore[no-untyped-def]
+def turn_hull(
     px, py, pz, vx, vy, vz, carry1, points, velocities, count, carry2
 ):  # fmt: skip
     """From the sphere to the hull, both carried along their velocities."""
@@ -46,7 +46,7 @@ def turn_hull(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def hull_contact_time(  # type: ignore[no-untyped-def]
+def hull_contact_time(
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, count, accel2, speed2, velocity_error2, age2,
     contact_distance, advances, trace, row, t, shortest, longest,
@@ -123,12 +123,12 @@ def hull_contact_time(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _scaled_bound(bound, exponent):  # type: ignore[no-untyped-def]
+def _scaled_bound(bound, exponent):
     return bound if bound == 0.0 else max(math.ldexp(bound, exponent), 2.0 * TINY)
 
 
 @kernel
-def far_contact_time(  # type: ignore[no-untyped-def]
+def far_contact_time(
     px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
     points, velocities, count, accel2, speed2, velocity_error2, age2,
     contact_distance, advances, trace, t,

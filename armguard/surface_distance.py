@@ -148,13 +148,13 @@ def _touch(
 
 
 @kernel
-def _distances(points, surface, distances):  # type: ignore[no-untyped-def]
+def _distances(points, surface, distances):
     for i in range(len(points)):
         distances[i] = measure_distance(points[i, 0], points[i, 1], points[i, 2], surface)
 
 
 @kernel
-def _signed_distances(points, surface, distances):  # type: ignore[no-untyped-def]
+def _signed_distances(points, surface, distances):
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         distance = measure_distance(x, y, z, surface)
@@ -162,7 +162,7 @@ def _signed_distances(points, surface, distances):  # type: ignore[no-untyped-de
 
 
 @kernel
-def measure_distance(px, py, pz, surface):  # type: ignore[no-untyped-def]
+def measure_distance(px, py, pz, surface):
     """Distance to the nearest triangle, for compiled callers."""
     triangles, starts, balls = surface.triangles, surface.starts, surface.balls
     farthest = math.inf  # some triangle is no farther than this
@@ -185,7 +185,7 @@ def measure_distance(px, py, pz, surface):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def is_inside(px, py, pz, surface):  # type: ignore[no-untyped-def]
+def is_inside(px, py, pz, surface):
     """Whether the surface winds around a point or closes it off, for compiled callers."""
     triangles, cells = surface.triangles, surface.is_cavity
     x = math.floor((px - surface.corner[0]) / surface.step)
@@ -214,7 +214,7 @@ def is_inside(px, py, pz, surface):  # type: ignore[no-untyped-def]
 
 
 @kernel(inline="always")
-def _segment_squared(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
+def _segment_squared(ax, ay, az, bx, by, bz):
     """Squared distance from the origin to segment ab."""
     ex, ey, ez = bx - ax, by - ay, bz - az
     length = ex * ex + ey * ey + ez * ez
@@ -226,7 +226,7 @@ def _segment_squared(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
 
 
 @kernel(inline="always")
-def _squared_distance(ax, ay, az, bx, by, bz, cx, cy, cz):  # type: ignore[no-untyped-def]
+def _squared_distance(ax, ay, az, bx, by, bz, cx, cy, cz):
     """Squared distance from the origin to triangle abc, degenerate ones included."""
     ux, uy, uz = bx - ax, by - ay, bz - az
     wx, wy, wz = cx - ax, cy - ay, cz - az
@@ -249,5 +249,5 @@ def _squared_distance(ax, ay, az, bx, by, bz, cx, cy, cz):  # type: ignore[no-un
 
 
 @kernel(inline="always")
-def _side(ax, ay, az, bx, by, bz, nx, ny, nz):  # type: ignore[no-untyped-def]
+def _side(ax, ay, az, bx, by, bz, nx, ny, nz):
     return nx * (ay * bz - az * by) + ny * (az * bx - ax * bz) + nz * (ax * by - ay * bx)

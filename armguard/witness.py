@@ -43,7 +43,7 @@ MAX_PIECES = 12  # seven, and a few for ends that rounding splits
 
 
 @kernel
-def _measured_speed(vx, vy, vz, speed, velocity_error):  # type: ignore[no-untyped-def]
+def _measured_speed(vx, vy, vz, speed, velocity_error):
     """The speed bound that holds: `speed`, or what was measured where that breaks it."""
     allowed = speed + velocity_error
     largest = max(abs(vx), abs(vy), abs(vz))
@@ -58,7 +58,7 @@ def _measured_speed(vx, vy, vz, speed, velocity_error):  # type: ignore[no-untyp
 
 
 @kernel(forceinline=True)
-def limits(vx, vy, vz, accel, speed, velocity_error):  # type: ignore[no-untyped-def]
+def limits(vx, vy, vz, accel, speed, velocity_error):
     """Top speed, and what is added to a measured closing speed: its error, and a few ulp of |v|.
 
     Without a bound on acceleration a body has its top speed at once: its margin is infinite.
@@ -78,7 +78,7 @@ def limits(vx, vy, vz, accel, speed, velocity_error):  # type: ignore[no-untyped
 
 
 @kernel
-def clock_drift(vx, vy, vz, accel, speed, velocity_error, clock_error):  # type: ignore[no-untyped-def]
+def clock_drift(vx, vy, vz, accel, speed, velocity_error, clock_error):
     """How far a body can get in the time that its stamp may be off by, rounded up."""
     if clock_error == 0.0:
         return 0.0
@@ -89,7 +89,7 @@ def clock_drift(vx, vy, vz, accel, speed, velocity_error, clock_error):  # type:
 
 
 @kernel(forceinline=True)
-def usable_accel(accel):  # type: ignore[no-untyped-def]
+def usable_accel(accel):
     """The acceleration to reckon with: none where `limits` sees to it, never a vanishing one."""
     if accel == math.inf:
         return 0.0
@@ -97,7 +97,7 @@ def usable_accel(accel):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def are_bounds(accel, speed, velocity_error, age):  # type: ignore[no-untyped-def]
+def are_bounds(accel, speed, velocity_error, age):
     """Whether bounds and age are usable, and hold the body back at all (NaN never does)."""
     return (
         accel >= 0.0
@@ -109,7 +109,7 @@ def are_bounds(accel, speed, velocity_error, age):  # type: ignore[no-untyped-de
 
 
 @kernel
-def _rescaled(x, y, z):  # type: ignore[no-untyped-def]
+def _rescaled(x, y, z):
     largest = max(abs(x), abs(y), abs(z))
     if not (0.0 < largest < math.inf):
         return math.nan, math.nan, math.nan, math.nan
@@ -119,7 +119,7 @@ def _rescaled(x, y, z):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def direction(x, y, z):  # type: ignore[no-untyped-def]
+def direction(x, y, z):
     """A vector along (x, y, z) and the inverse of its length; NaN for the zero vector.
 
     Kept apart so that products with the vector need not wait for the root and the quotient.
@@ -131,12 +131,12 @@ def direction(x, y, z):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _extreme_root(gap, slope, accel):  # type: ignore[no-untyped-def]
+def _extreme_root(gap, slope, accel):
     return math.hypot(slope, math.sqrt(accel) * math.sqrt(gap) * math.sqrt(2.0))
 
 
 @kernel(forceinline=True)
-def _step(gap, slope, accel):  # type: ignore[no-untyped-def]
+def _step(gap, slope, accel):
     """Largest h up to which gap - slope h - accel h^2 / 2 stays positive, for gap > 0."""
     square = slope * slope + 2.0 * accel * gap
     ordinary = 1e-280 < square < 1e300
@@ -155,14 +155,14 @@ def _step(gap, slope, accel):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def later(t, step):  # type: ignore[no-untyped-def]
+def later(t, step):
     """The time `step` after `t`, rounded down, but never before `t`."""
     after = (t + step) * (1.0 - SLACK)
     return after if after > t + SHORTEST else t
 
 
 @kernel(forceinline=True)
-def follow_forward(  # type: ignore[no-untyped-def]
+def follow_forward(
     along, length, t, start1, inverse1, top1, accel1, s1, start2, inverse2, top2, accel2, s2
 ):  # fmt: skip
     """`follow` where no stamp is newer than `t`: at most three pieces, chosen without branches.
@@ -224,7 +224,7 @@ def follow_forward(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def motion(closing, margin, top, accel, age, s):  # type: ignore[no-untyped-def]
+def motion(closing, margin, top, accel, age, s):
     """One body's advance along a direction, `s` seconds from its stamp, either way.
 
     Returns the advance; the largest speed in it; slope and curvature in time of what bounds it
@@ -254,7 +254,7 @@ def motion(closing, margin, top, accel, age, s):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def follow_backward(  # type: ignore[no-untyped-def]
+def follow_backward(
     along, length, t,
     closing1, margin1, inverse1, top1, accel1, age1,
     closing2, margin2, inverse2, top2, accel2, age2,
@@ -302,7 +302,7 @@ def follow_backward(  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def follow(  # type: ignore[no-untyped-def]
+def follow(
     along, length, t,
     closing1, margin1, inverse1, top1, accel1, age1,
     closing2, margin2, inverse2, top2, accel2, age2,
