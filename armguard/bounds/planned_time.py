@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from armguard.bounds.planned_course import BLOCK, ArmShape, PlannedCourse, deviation_along
 from armguard.bounds.sums import ROUNDING
-from armguard.bounds.table_time import _obstacle_room
+from armguard.bounds.table_time import obstacle_room
 from armguard.compilation import kernel
 from armguard.hull import nearest_on_hull
 from armguard.obstacle_table import Marks, States
@@ -62,7 +62,7 @@ def _look(
     x, y, z = nearest_on_hull(px, py, pz, points, velocities, count, carried)
     length = math.sqrt(x * x + y * y + z * z)
     nx, ny, nz = x / length, y / length, z / length
-    room = _obstacle_room(
+    room = obstacle_room(
         nx, ny, nz, px, py, pz, points, velocities, count,
         accel, speed, bodies.velocity_error[row], start, end,
     )  # fmt: skip

@@ -46,7 +46,7 @@ def _free_travel(closing: float, error: float, accel: float, top: float, s: floa
 
 
 @kernel
-def _obstacle_room(
+def obstacle_room(
     nx: float,
     ny: float,
     nz: float,
@@ -194,7 +194,7 @@ def table_contact_time(
             nx, ny, nz = _aim(
                 px, py, pz, lever, table, last, points, velocities, count, accel, speed, age
             )
-        room = _obstacle_room(
+        room = obstacle_room(
             nx, ny, nz, px, py, pz, points, velocities, count,
             accel, speed, velocity_error, age + time[first], age + end,
         )  # fmt: skip
