@@ -148,11 +148,14 @@ def test_memory_does_not_grow_while_ids_come_and_go(schedule):
     churn(0, 550)  # Past the number of removals that are remembered.
     tracemalloc.start()
     churn(550, 550)  # By now all that is remembered was allocated under the tracer's eyes.
-    before, _ = tracemalloc.get_traced_memory()
-    churn(1100, 150)
-    after, _ = tracemalloc.get_traced_memory()
+    held = []
+    for start in range(1100, 2300, 150):
+        held.append(tracemalloc.get_traced_memory()[0])
+        churn(start, 150)
+    held.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
-    assert after - before < 20_000
+    # What was allocated before the tracer looked is replaced bit by bit; a leak grows for ever.
+    assert min(np.diff(held)) < 5_000
 
 
 COMPILED_IN_A_TICK = """

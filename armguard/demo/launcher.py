@@ -27,7 +27,7 @@ from armguard.demo.watcher import Watcher
 from armguard.ending import COMPLAINT, complain
 from armguard.exceptions import ArmguardError
 from armguard.summary import draw_summary
-from armguard.view.process import launch
+from armguard.view.process import ViewProcess, launch
 
 END_TIMEOUT = 3.0
 """How long a process may take to end when asked to, in [s]."""
@@ -128,14 +128,16 @@ def run_demo(
         }
         for node in parts.values():
             resources.enter_context(_ending(node))
-        page = None
-        if view:
+
+        def open_page() -> ViewProcess:
             page = resources.enter_context(launch(frames, port))
             console.print(f"see it in the browser: {page.url}", soft_wrap=True)
             if open_browser:
                 webbrowser.open(page.url)
-        watcher = Watcher(monitor, parts, page, log, console, live=not as_json)
-        summary, problem = watcher.run(frames)
+            return page
+
+        watcher = Watcher(monitor, parts, log, console, live=not as_json)
+        summary, problem = watcher.run(frames, open_page if view else None)
     if summary is not None:
         if as_json:
             sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")

@@ -10,7 +10,7 @@ import contextlib
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ REFRESH = 0.1
 """Between two drawings of the table, in [s]."""
 
 END_TIMEOUT = 10.0
-"""How long the monitor may take to end when asked to, in [s]."""
+"""How long the monitor may take to end each time it is asked to, in [s]."""
 
 WAITING = "starting (the first start compiles for a minute)"
 
@@ -41,7 +41,6 @@ class Watcher:
     Args:
         monitor: `armguard run --json`, its standard output a pipe.
         parts: The other processes that the demo cannot do without, by name.
-        page: The view; the demo goes on without it.
         log: File that all of them write to when something is wrong.
         console: Where to show it.
         live: Show the live table.
@@ -51,7 +50,6 @@ class Watcher:
         self,
         monitor: subprocess.Popen[bytes],
         parts: Mapping[str, subprocess.Popen[bytes]],
-        page: ViewProcess | None,
         log: Path,
         console: Console,
         *,
@@ -59,14 +57,21 @@ class Watcher:
     ) -> None:
         self._monitor = monitor
         self._parts = parts
-        self._page = page
+        self._page: ViewProcess | None = None
         self._log = log
         self._told = 0
         self._console = console
         self._live = live
 
-    def run(self, frames: str) -> tuple[dict[str, Any] | None, str]:
+    def run(
+        self, frames: str, open_page: Callable[[], ViewProcess] | None = None
+    ) -> tuple[dict[str, Any] | None, str]:
         """Show what the feed at `frames` says until the end, or Ctrl-C.
+
+        Args:
+            frames: Address of the feed.
+            open_page: Starts the view, while a Ctrl-C is already answered by a summary. The demo
+                goes on without a view that ends.
 
         Returns:
             The monitor's summary, if it came to one, and what went wrong, empty if nothing did.
@@ -76,6 +81,8 @@ class Watcher:
         """
         interrupted, problem = False, ""
         try:
+            if open_page is not None:
+                self._page = open_page()
             problem = self._show(frames)
         except KeyboardInterrupt:
             interrupted = True
@@ -135,14 +142,17 @@ class Watcher:
         return ""
 
     def _end_monitor(self) -> bytes:
-        """Ask the monitor for its summary, and end it if it does not answer."""
-        if self._monitor.poll() is None:
-            self._monitor.terminate()
-        try:
-            return self._monitor.communicate(timeout=END_TIMEOUT)[0]
-        except subprocess.TimeoutExpired:
-            self._monitor.kill()
-            return self._monitor.communicate()[0]
+        """Ask the monitor for its summary, twice at most, and end it if it does not answer.
+
+        Twice, since Python loses an interrupt that meets it in a destructor or a callback.
+        """
+        for _ in range(2):
+            if self._monitor.poll() is None:
+                self._monitor.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                return self._monitor.communicate(timeout=END_TIMEOUT)[0]
+        self._monitor.kill()
+        return self._monitor.communicate()[0]
 
     def _tell_log(self) -> None:
         """Show what the processes wrote since the last look."""

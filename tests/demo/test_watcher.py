@@ -2,10 +2,15 @@ import json
 import os
 import re
 import signal
+import subprocess
+import sys
 import time
 
+import pytest
 from demo_processes import RunningDemo, finish, wait_until
+from rich.console import Console
 
+from armguard.demo.watcher import Watcher
 from armguard.streams import VerdictReader
 from armguard.verdict import Level
 
@@ -52,3 +57,36 @@ def test_an_interrupt_before_the_first_tick_is_one_line(tmp_path):
     # Either nothing had been seen yet, or, on a quick machine, a few ticks.
     assert (demo.process.returncode, "interrupted" in err) in [(130, True), (0, False)]
     assert time.monotonic() - begin < 20.0
+
+
+MONITOR = """
+import signal, sys
+asked = 0
+def end(*_):
+    global asked
+    asked += 1
+    if asked == {needed}:
+        print('{{"ticks": 7}}', flush=True)
+        sys.exit(0)
+signal.signal(signal.SIGTERM, end)
+print("ready", file=sys.stderr, flush=True)
+while True:
+    signal.pause()
+"""
+
+
+@pytest.mark.parametrize("needed", [1, 2])
+def test_an_interrupt_while_the_page_opens_ends_in_a_summary(tmp_path, monkeypatch, needed):
+    # An interpreter loses an interrupt that meets it in a destructor: it is asked a second time.
+    monkeypatch.setattr("armguard.demo.watcher.END_TIMEOUT", 1.0 if needed > 1 else 20.0)
+
+    def open_page():
+        assert monitor.stderr.readline() == b"ready\n"
+        raise KeyboardInterrupt
+
+    log = tmp_path / "log"
+    log.touch()
+    command = [sys.executable, "-c", MONITOR.format(needed=needed)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as monitor:
+        watcher = Watcher(monitor, {}, log, Console(quiet=True), live=False)
+        assert watcher.run(f"ipc://{tmp_path}/frames", open_page) == ({"ticks": 7}, "")
