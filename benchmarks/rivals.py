@@ -10,7 +10,6 @@ Where a package is missing or this armguard lacks a name, `UnavailableError` say
 
 from __future__ import annotations
 
-import copy
 import math
 
 import crowds
@@ -20,13 +19,10 @@ from crowds import Answer, UnavailableError
 from engines import CoalBroadPhase, MujocoContacts, MujocoDistances, PinocchioDistances
 
 from armguard.bounds import IsotropicMotion, ReachMotion
-from armguard.bounds.sums import velocity_error_terms
-from armguard.cover import Cover
 from armguard.exceptions import ArmguardError
 from armguard.kinematics import Kinematics
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.sphere_tree import SphereTree
 from armguard.verdict import Level
 
 
@@ -57,30 +53,36 @@ class Watch:
 
 
 class Sweep:
-    """One of the sweeps, over obstacles that keep their places."""
+    """One of the sweeps, over obstacles that keep their places.
+
+    Those over bounds and by reach see each link as its enclosing ball, the root of its tree; that
+    over spheres is the one over bounds with all leaves of the cover, the finest spheres that there
+    are, in place of these balls.
+    """
 
     def __init__(self, work: crowds.Work, count: int, rung: str) -> None:
         robot = work.robot
-        balls = _reduce_to_balls(robot)
         self._sweep = sweeps.SWEEPS[rung]
-        self._kinematics = Kinematics(balls)
+        self._kinematics = Kinematics(robot)
         spheres, placement = self._kinematics.spheres, self._kinematics.placement
-        motion, reach = IsotropicMotion(balls), ReachMotion(robot)
-        rate, floor = velocity_error_terms(motion.lever, robot.position_error, robot.velocity_error)
-        joint_count = len(robot.joints)
-        self._links = np.zeros((sweeps.RATE + 2 * joint_count, len(spheres)))
-        self._links[sweeps.LSIZE] = spheres.radius + motion.position_error
-        self._links[sweeps.LACCEL], self._links[sweeps.LSPEED] = motion.accel, motion.speed
-        self._links[sweeps.LOCAL : sweeps.LOCAL + 3] = spheres.local.T
-        self._links[sweeps.JOINT], self._links[sweeps.FLOOR] = spheres.joint, floor
+        chosen = np.flatnonzero(spheres.child_count == 0) if rung == "spheres" else spheres.root
+        motion, reach = IsotropicMotion(robot), ReachMotion(robot)
+        rate, floor = motion.velocity_errors.rate[chosen], motion.velocity_errors.floor[chosen]
+        joint_count, joint = len(robot.joints), spheres.joint[chosen]
+        self._links = np.zeros((sweeps.RATE + 2 * joint_count, len(chosen)))
+        self._links[sweeps.LSIZE] = (spheres.radius + motion.position_error)[chosen]
+        self._links[sweeps.LACCEL] = motion.accel[chosen]
+        self._links[sweeps.LSPEED] = motion.speed[chosen]
+        self._links[sweeps.LOCAL : sweeps.LOCAL + 3] = spheres.local[chosen].T
+        self._links[sweeps.JOINT], self._links[sweeps.FLOOR] = joint, floor
         self._links[sweeps.RATE : sweeps.RATE + joint_count] = rate.T
-        self._links[sweeps.RATE + joint_count :] = placement.moves[spheres.joint].T
-        self._reach = np.zeros((10, len(spheres) + 1))
+        self._links[sweeps.RATE + joint_count :] = placement.moves[joint].T
+        self._reach = np.zeros((10, len(reach.link_balls) + 1))
         still = np.vstack([reach.link_balls, reach.arm_ball])
         self._reach[[sweeps.LX, sweeps.LY, sweeps.LZ, sweeps.LSIZE]] = still.T
         self._bodies = np.zeros((11, count))
         single = rung == "reach32"
-        kept = 0 if rung == "bounds" else count
+        kept = count if rung in ("reach", "reach32") else 0
         self._near = np.zeros((6, kept), dtype=np.float32 if single else np.float64)
         self._answer = np.zeros(6)
         self._answer[sweeps.WIDEN] = sweeps.ROOM_SINGLE if single else sweeps.ROOM
@@ -109,20 +111,6 @@ class Sweep:
         return Answer(float(time), float(spent), bool(time > self._stop_time))
 
 
-def _reduce_to_balls(robot):
-    """The robot with one ball for each link, the root of its tree."""
-    nothing = np.zeros(1, dtype=np.int64)
-    reduced = copy.copy(robot)
-    reduced.cover = Cover(
-        {
-            link: SphereTree(robot.cover.tree(link).spheres[:1], nothing, nothing)
-            for link in robot.links
-        },
-        {link: robot.cover.digest(link) for link in robot.links},
-    )
-    return reduced
-
-
 # Name, what it is asked, the most obstacles that it is asked about unless somebody insists (beyond
 # that a tick or the making of it takes seconds or minutes), and how it is made.
 CONTESTANTS = (
@@ -133,6 +121,7 @@ CONTESTANTS = (
     ("full, joint", "contact times", 10_000, Watch, ("full", "joint")),
     ("full, isotropic", "contact times", math.inf, Watch, ("full", "isotropic")),
     ("distance, isotropic", "distance over speed", math.inf, Watch, ("distance", "isotropic")),
+    ("sweep, spheres", "contact times", math.inf, Sweep, ("spheres",)),
     ("sweep, bounds", "contact times", math.inf, Sweep, ("bounds",)),
     ("sweep, reach", "contact times", math.inf, Sweep, ("reach",)),
     ("sweep, reach32", "contact times", math.inf, Sweep, ("reach32",)),

@@ -1,12 +1,17 @@
 """The strongest sweeps over all pairs that we could write: what `deadline` has to beat.
 
-A sweep looks at every pair of link and obstacle in every tick. It keeps no certificates, so it
-needs no bookkeeping; all that it can save is the exact contact time where something cheap proves
-that a pair cannot decide. Obstacles lie in rows of one array, loops are free of branches so that
-they run several obstacles at a time, and a tick is one call of Pinocchio and one of Numba.
+A sweep looks at every pair of link, or of sphere, and obstacle in every tick. It keeps no
+certificates, so it needs no bookkeeping; all that it can save is the exact contact time where
+something cheap proves that a pair cannot decide. Obstacles lie in rows of one array, loops are free
+of branches so that they run several obstacles at a time, and a tick is one call of Pinocchio and
+one of Numba.
 
 - `bounds`: the line-of-centres bound of every pair of a link's ball and an obstacle, isotropic; the
-  exact time only where that bound beats the best so far, the least bound first.
+  exact time only where that bound beats the best so far, the obstacle with the least bound first.
+- `spheres`: the same, with all leaves of the cover, its finest spheres, in place of the links'
+  balls: the accuracy with which armguard itself sees what is near. There it answers later than
+  `bounds`. Far away it may answer a little earlier: the centre of a leaf can be further from the
+  axes than that of its link's ball, and so quicker; armguard takes the better of the two.
 - `reach`: the obstacle that decided last time is evaluated first. Of all others only those matter
   that could by then get into the ball which the arm cannot leave, or into the one around its links
   that these can fill by then: a comparison of squares, without root or quotient. A pair's time is
@@ -40,9 +45,10 @@ X, Y, Z, VX, VY, VZ, SIZE, ACCEL, SPEED, STAMP, LEAST = range(11)
 # stamp is, is FOLD + V t with FOLD = radius − V stamp; once it is up to speed, QUICK + V t, which
 # is (V − |v|)² / 2A less.
 NX, NY, NZ, PACE, FOLD, QUICK = range(6)
-# Rows of the links' array: their balls now; then what that is made of: centre in the joint's frame,
-# the joint, and from RATE on, for each joint, what its speed adds to the error, and whether it
-# moves the link. The balls that links and arm cannot leave are rows of the same kind that rest.
+# Rows of the links' array: their balls now, or the leaves in their place; then what that is made
+# of: centre in the joint's frame, the joint, and from RATE on, for each joint, what its speed adds
+# to the error, and whether it moves the link. The balls that links and arm cannot leave are rows of
+# the same kind that rest.
 LX, LY, LZ, LVX, LVY, LVZ, LSIZE, LACCEL, LSPEED, LERROR = range(10)
 LOCAL, JOINT, FLOOR, RATE = 10, 13, 14, 15
 # Entries of the answer: the earliest contact [s], whose it is, exact evaluations; then what `reach`
@@ -93,18 +99,11 @@ def _pair_time(links, i, bodies, j, now):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _try_links(links, bodies, j, now, answer):  # type: ignore[no-untyped-def]
-    """Take an obstacle's contact time into the answer, by links."""
-    for i in range(links.shape[1]):
-        answer[SPENT] += 1.0
-        time = _pair_time(links, i, bodies, j, now)
-        if time < answer[TIME]:
-            answer[TIME], answer[WINNER] = time, j
-
-
-@kernel
 def _try_reach(links, balls, bodies, j, now, answer):  # type: ignore[no-untyped-def]
-    """The same, each link after the reach of the arm and its own; the last ball is the arm's."""
+    """Take an obstacle's time into the answer, each link after the reach of the arm and its own.
+
+    The last of the balls is the arm's.
+    """
     answer[SPENT] += 1.0
     arm_time = _pair_time(balls, links.shape[1], bodies, j, now)
     for back in range(links.shape[1]):
@@ -194,6 +193,21 @@ def _bound_pairs(links, room, bodies, first, last):  # type: ignore[no-untyped-d
 
 
 @kernel
+def _try_links(links, room, bodies, j, now, answer):  # type: ignore[no-untyped-def]
+    """The same, isotropic: a look at those links whose bound beats the best so far."""
+    _bring_to_now(bodies, j, j + 1, now, room)
+    for back in range(links.shape[1]):
+        i = links.shape[1] - 1 - back  # the quickest first
+        _bound_pairs(links[:, i : i + 1], room, bodies, j, j + 1)
+        if bodies[LEAST, j] >= answer[TIME]:
+            continue
+        answer[SPENT] += 1.0
+        time = _pair_time(links, i, bodies, j, now)
+        if time < answer[TIME]:
+            answer[TIME], answer[WINNER] = time, j
+
+
+@kernel
 def sweep_bounds(rotation, translation, jacobian, v, links, balls, bodies, near, room, answer, now):  # type: ignore[no-untyped-def]
     """The earliest contact of all pairs: bounds for all, the least first, then what beats it."""
     _place_links(rotation, translation, jacobian, v, links)
@@ -209,10 +223,10 @@ def sweep_bounds(rotation, translation, jacobian, v, links, balls, bodies, near,
     for j in range(count):
         if bounds[j] < bounds[seed]:
             seed = j
-    _try_links(links, bodies, seed, now, answer)
+    _try_links(links, room, bodies, seed, now, answer)
     for j in range(count):
         if bounds[j] < answer[TIME] and j != seed:
-            _try_links(links, bodies, j, now, answer)
+            _try_links(links, room, bodies, j, now, answer)
 
 
 @kernel
@@ -309,6 +323,7 @@ def take_measurements(bodies, near, first, stamp, position, velocity, size, acce
 
 
 SWEEPS = {
+    "spheres": sweep_bounds,
     "bounds": sweep_bounds,
     "reach": sweep_reach,
     "reach32": sweep_reach,

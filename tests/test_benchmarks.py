@@ -10,7 +10,7 @@ import pytest
 from armguard.bounds import IsotropicMotion, ReachMotion
 from armguard.contact import earliest_contact_pair
 from armguard.exact import ExactGeometry
-from armguard.kinematics import Kinematics
+from armguard.kinematics import ArmSpheres, Kinematics
 from armguard.robot import Robot
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
@@ -58,37 +58,44 @@ def watch(contestant, balls, work, tick=100):
     return contestant.read()
 
 
-def compute_pair_times(panda, balls, work, tick=100):
-    """Isotropic contact times, and those to links' workspace balls. Shapes (links, balls)."""
+def compute_sphere_times(panda, balls, work, tick=100):
+    """Isotropic contact times of all spheres of the cover. Shape (spheres, balls)."""
     position, velocity, stamps = balls
-    kinematics, motion, reach = Kinematics(panda), IsotropicMotion(panda), ReachMotion(panda)
+    kinematics, motion = Kinematics(panda), IsotropicMotion(panda)
     kinematics.compute(work.q[tick], work.v[tick])
     motion.update(work.v[tick])
-    spheres, free, workspace = kinematics.spheres, [], []
-    for link, root in enumerate(spheres.root):
-        bounds = (velocity, ACCEL, SPEED)
-        free.append(
-            earliest_contact_pair(
-                kinematics.centers[root], kinematics.velocities[root],
-                motion.accel[root], motion.speed[root], position, *bounds,
-                spheres.radius[root] + motion.position_error[root] + RADIUS,
-                age2=0.1 - stamps, velocity_error1=motion.velocity_error[root],
-            )
-        )  # fmt: skip
-        ball = reach.link_balls[link]
-        workspace.append(
-            earliest_contact_pair(
-                ball[:3], np.zeros(3), 0.0, 0.0, position, *bounds, ball[3] + RADIUS,
-                age2=0.1 - stamps,
-            )
-        )  # fmt: skip
-    return np.array(free), np.array(workspace)
+    times = [
+        earliest_contact_pair(
+            kinematics.centers[i], kinematics.velocities[i], motion.accel[i], motion.speed[i],
+            position, velocity, ACCEL, SPEED,
+            kinematics.spheres.radius[i] + motion.position_error[i] + RADIUS,
+            age2=0.1 - stamps, velocity_error1=motion.velocity_error[i],
+        )
+        for i in range(len(kinematics.spheres))
+    ]  # fmt: skip
+    return np.array(times)
 
 
-def test_a_sweep_over_bounds_finds_the_earliest_pair(load, panda, work, balls):
-    rivals = load("rivals")
-    free, _ = compute_pair_times(panda, balls, work)
-    answer = watch(rivals.Sweep(work, len(balls[0]), "bounds"), balls, work)
+def compute_pair_times(panda, balls, work):
+    """Isotropic contact times, and those to links' workspace balls. Shapes (links, balls)."""
+    position, velocity, stamps = balls
+    workspace = [
+        earliest_contact_pair(
+            ball[:3], np.zeros(3), 0.0, 0.0, position, velocity, ACCEL, SPEED, ball[3] + RADIUS,
+            age2=0.1 - stamps,
+        )
+        for ball in ReachMotion(panda).link_balls
+    ]  # fmt: skip
+    free = compute_sphere_times(panda, balls, work)[ArmSpheres(panda).root]
+    return free, np.array(workspace)
+
+
+@pytest.mark.parametrize("rung", ["bounds", "spheres"])
+def test_a_sweep_over_bounds_finds_the_earliest_pair(load, panda, work, balls, rung):
+    rivals, spheres = load("rivals"), ArmSpheres(panda)
+    free = compute_sphere_times(panda, balls, work)
+    free = free[spheres.root if rung == "bounds" else spheres.child_count == 0]
+    answer = watch(rivals.Sweep(work, len(balls[0]), rung), balls, work)
     assert answer.time == pytest.approx(free.min(), rel=1e-9, abs=1e-12)
     assert answer.go == (answer.time > work.stop_time[100])
     assert answer.evaluations < free.size
@@ -106,7 +113,7 @@ def test_a_sweep_by_reach_finds_the_earliest_pair(load, panda, work, balls, rung
 
 def test_a_ball_of_unknown_place_is_a_contact(load, work, balls):
     rivals = load("rivals")
-    for rung in ("bounds", "reach", "reach32"):
+    for rung in ("spheres", "bounds", "reach", "reach32"):
         position, velocity, stamps = (array.copy() for array in balls)
         position[17] = np.nan
         answer = watch(rivals.Sweep(work, len(stamps), rung), (position, velocity, stamps), work)
