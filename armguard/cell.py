@@ -7,17 +7,15 @@ and a study start from.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
-import numpy as np
 import pinocchio
-from numpy.typing import ArrayLike, NDArray
 
-from armguard.cell_schema import CellTables, Quaternion, given, make_error, parse_cell
+from armguard.cell_frames import place_statics, read_rotation, resolve_frames
+from armguard.cell_schema import CellTables, given, make_error, parse_cell
 from armguard.cell_tool import SHAPES, attach_tool
 from armguard.exceptions import ArmguardError, CellError
 from armguard.monitor import Monitor
@@ -25,25 +23,7 @@ from armguard.obstacles import Frame, Obstacles, Source
 from armguard.robot import Robot
 from armguard.separation_margin import SeparationRule
 
-_UNIT_TOLERANCE = 1e-3
-
 _T = TypeVar("_T")
-
-
-class Placement(NamedTuple):
-    """A frame in the world, and how far points given in it may be off by."""
-
-    rotation: NDArray[np.float64]
-    """World from frame. Shape (3, 3)."""
-    translation: NDArray[np.float64]
-    """Origin of the frame in the world, in [m]. Shape (3,)."""
-    calibration_error: float
-    """In [m]; errors along a chain of frames add up."""
-
-    def apply(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Points of the frame in the world, in [m]. Shape (..., 3)."""
-        moved: NDArray[np.float64] = np.asarray(points, float) @ self.rotation.T + self.translation
-        return moved
 
 
 class Cell:
@@ -62,8 +42,8 @@ class Cell:
         self._check_robot()
         self._check_tool()
         self._check_sources()
-        self.frames = self._resolve_frames()
-        self._statics = self._place_statics()
+        self.frames = resolve_frames(tables, file)
+        self._statics = place_statics(tables, self.frames, file)
 
     @classmethod
     def load(cls, path: str | Path) -> Cell:
@@ -115,7 +95,7 @@ class Cell:
             _allow_clock_error(robot, self.tables.joint_state.clock_error)
         tool = self.tables.tool
         if tool is not None:
-            rotation = self._rotation("tool.quaternion", tool.quaternion)
+            rotation = read_rotation("tool.quaternion", tool.quaternion, self.file)
             self._attempt("tool", attach_tool, robot, tool, rotation, self._folder)
         return robot
 
@@ -221,7 +201,7 @@ class Cell:
         if len(found) != 1:
             problem = f"has {' and '.join(found)}" if found else "has no geometry"
             raise self._error("tool", problem, f"one of {', '.join(SHAPES)}")
-        self._rotation("tool.quaternion", tool.quaternion)
+        read_rotation("tool.quaternion", tool.quaternion, self.file)
 
     def _check_sources(self) -> None:
         for name, table in self.tables.sources.items():
@@ -248,69 +228,6 @@ class Cell:
                     f"is {table.timeout}",
                     f"longer than one period of its rate, {1.0 / table.rate:.4g} s",
                 )
-
-    def _resolve_frames(self) -> dict[str, Placement]:
-        base = self.tables.robot.base
-        rotation = self._rotation("robot.base.quaternion", base.quaternion)
-        resolved = {
-            "world": Placement(np.eye(3), np.zeros(3), 0.0),
-            "base": Placement(rotation, np.array(base.xyz), 0.0),
-        }
-        frames = self.tables.frames
-        for name in frames:
-            if name in resolved:
-                raise self._error(f"frames.{name}", "is a frame of its own", "another name")
-        for name in frames:
-            self._resolve(name, resolved, [])
-        return resolved
-
-    def _resolve(self, name: str, resolved: dict[str, Placement], below: list[str]) -> Placement:
-        if name in resolved:
-            return resolved[name]
-        child = below[-1] if below else name
-        if name not in self.tables.frames:
-            known = ", ".join(["world", "base", *self.tables.frames])
-            raise self._error(f"frames.{child}.parent", f"is {name!r}", f"one of {known}")
-        if name in below:
-            chain = " in ".join([*below[below.index(name) :], name])
-            raise self._error(f"frames.{child}.parent", f"makes a circle ({chain})", "a tree")
-        table = self.tables.frames[name]
-        parent = self._resolve(table.parent, resolved, [*below, name])
-        rotation = self._rotation(f"frames.{name}.quaternion", table.quaternion)
-        resolved[name] = Placement(
-            parent.rotation @ rotation,
-            parent.apply(table.xyz),
-            parent.calibration_error + table.calibration_error,
-        )
-        return resolved[name]
-
-    def _rotation(self, key: str, quaternion: Quaternion) -> NDArray[np.float64]:
-        norm = math.hypot(*quaternion)
-        if not abs(norm - 1.0) <= _UNIT_TOLERANCE:
-            raise self._error(
-                key, f"is {list(quaternion)}, of length {norm:.6g}", "x, y, z, w of length 1"
-            )
-        x, y, z, w = (value / norm for value in quaternion)
-        rotation: NDArray[np.float64] = pinocchio.Quaternion(w, x, y, z).toRotationMatrix()
-        return rotation
-
-    def _place_statics(self) -> dict[str, tuple[NDArray[np.float64], float]]:
-        placed = {}
-        for name, table in self.tables.statics.items():
-            if (table.position is None) == (table.points is None):
-                raise self._error(
-                    f"statics.{name}", "has not exactly one of position and points", "one of them"
-                )
-            if table.frame not in self.frames:
-                raise self._error(
-                    f"statics.{name}.frame",
-                    f"is {table.frame!r}",
-                    f"one of {', '.join(self.frames)}",
-                )
-            frame = self.frames[table.frame]
-            points = table.points if table.position is None else table.position
-            placed[name] = (frame.apply(np.array(points)), table.radius + frame.calibration_error)
-        return placed
 
     def _expand_ignore(self, robot: Robot) -> list[tuple[str, str]]:
         pairs = []

@@ -96,15 +96,6 @@ def test_a_cell_with_only_a_robot_has_the_defaults_of_the_library():
     assert monitor.period == 0.001
 
 
-def test_chains_of_frames_are_resolved_in_any_order():
-    frames = Cell.from_text(FRAMES).frames
-    # base: turned by a quarter about z; camera: turned over about x.
-    np.testing.assert_allclose(frames["camera"].translation, [1.0, 2.0, 0.0], atol=1e-15)
-    np.testing.assert_allclose(frames["lens"].translation, [1.0, 2.0, -0.5], atol=1e-15)
-    np.testing.assert_allclose(frames["lens"].apply([1.0, 2.0, 3.0]), [3.0, 3.0, -3.5], atol=1e-15)
-    assert frames["lens"].calibration_error == pytest.approx(0.012)
-
-
 def test_obstacles_in_a_frame_arrive_in_the_world_with_its_error():
     obstacles = Cell.from_text(FRAMES).make_obstacles()
     obstacles.update(["a"], 0.0, [[1.0, 2.0, 3.0]], radius=0.1, frame="lens", position_error=0.1)
@@ -128,13 +119,6 @@ def test_the_base_moves_the_robot_and_statics_follow_their_frame():
     assert contact_time([1.0, 2.0, 3.0], "world", [2.0, 2.0, 3.5]) == pytest.approx(here)
     assert contact_time([1.0, 2.0, 3.0], "base", [1.0, 0.0, 0.5]) == pytest.approx(here)
     assert contact_time([1.0, 2.0, 3.0], "world", [1.0, 0.0, 0.5]) != pytest.approx(here)
-
-
-def test_statics_grow_by_the_error_of_their_frame():
-    text = FRAMES + '[statics.lamp]\nframe = "lens"\nposition = [0, 0, 0]\nradius = 0.1\n'
-    obstacles = Cell.from_text(text).make_obstacles()
-    row = obstacles.row("lamp")
-    assert obstacles.table.accepted.radius[row] == pytest.approx(0.112)
 
 
 def test_settings_reach_obstacles_and_monitor():
@@ -239,10 +223,3 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
     for path in (tmp_path / "absent.toml", tmp_path):
         with pytest.raises(CellError, match="cannot be read"):
             Cell.load(path)
-
-
-@pytest.mark.parametrize("length", [1.0 + 0.9e-3, 1.0 - 0.9e-3])
-def test_quaternions_are_made_unit_when_nearly_so(length):
-    text = f"{ROBOT}[robot.base]\nquaternion = [0.0, 0.0, {0.6 * length}, {0.8 * length}]"
-    rotation = Cell.from_text(text).frames["base"].rotation
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)

@@ -48,7 +48,7 @@ FLOORS = [
     (6, 1, "monitor_answers"),
     (6, 2, "monitor"),
     (7, 1, "armguard cell_schema simulation streams tally"),
-    (7, 2, "cell_tool"),
+    (7, 2, "cell_frames cell_tool"),
     (7, 3, "cell"),
     (8, 1, "cover_command loop view"),
     (8, 2, "summary"),
