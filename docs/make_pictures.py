@@ -7,13 +7,16 @@ browser without a screen (Debian's Chromium, driven by Playwright, both from the
 from __future__ import annotations
 
 import io
+import itertools
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
+from armguard.exceptions import ArmguardError
 from armguard.kinematics import Kinematics
 from armguard.robot import Robot
 from armguard.robot_description import list_robots
@@ -26,6 +29,7 @@ from armguard.view import (
     compute_buckets,
     launch,
 )
+from armguard.view.arm import Arm
 
 FOLDER = Path(__file__).resolve().parent / "covers"
 CHROMIUM = "/usr/bin/chromium"
@@ -35,10 +39,26 @@ FLAGS = [
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
 ]
+# Nothing but the robot, and not greyed out while drawing takes longer than a feed may be silent.
+STYLE = "section.card, .dg { display: none !important } #pane { filter: none !important }"
 PERIOD = 1e-3
 COLOURS = 200  # in the file: keeps it small
 DIRECTION = np.array([0.8, -0.5, 0.35])  # from the robot to the camera
+PATIENCE = 300.0  # [s]: drawing by software may take minutes
 VISIBLE = 0.79, 0.69  # width and height of what is seen at a distance of 1
+
+# Whether the page has the cover and so many meshes, each with triangles; and: until both are drawn.
+IS_THERE = """(meshes) => {
+    const find = (...path) => viewer.scene_tree.find(["armguard", ...path]);
+    const isThere = (node) => {
+        let found = false;
+        node.children["<object>"]?.object.traverse((part) => { found ||= part.isMesh === true; });
+        return found;
+    };
+    const parts = Object.values(find("arm").children).filter(isThere);
+    return parts.length === meshes && isThere(find("cover"));
+}"""
+SETTLE = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
 
 # Postures in which an arm does not hide itself, in [rad] or [m]; others are drawn at rest.
 POSTURES = {
@@ -82,7 +102,7 @@ def take_picture(page: Page, name: str) -> None:
     try:
         with launch(publisher.address) as view:
             page.goto(view.url)
-            page.add_style_tag(content="section.card, .dg { display: none !important }")
+            page.add_style_tag(content=STYLE)
             page.evaluate(
                 "([camera, middle]) => {"
                 " viewer.camera.position.set(camera[0], camera[2], -camera[1]);"
@@ -90,7 +110,10 @@ def take_picture(page: Page, name: str) -> None:
                 " viewer.controls.update(); viewer.set_dirty(); }",
                 [camera.tolist(), middle.tolist()],
             )
-            for sequence in range(50):  # until the view has read the meshes and drawn them
+            meshes, end = len(Arm(scene).draw()), time.monotonic() + PATIENCE
+            for sequence in itertools.count():
+                if time.monotonic() > end:
+                    raise ArmguardError(name, f"is not drawn in full within {PATIENCE:g} s")
                 publisher.publish_scene(scene)
                 publisher.publish_frame(
                     FrameMessage(
@@ -102,6 +125,9 @@ def take_picture(page: Page, name: str) -> None:
                     )
                 )
                 page.wait_for_timeout(200)
+                if page.evaluate(IS_THERE, meshes):
+                    break
+            page.evaluate(SETTLE)
             picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
     finally:
         publisher.close()
