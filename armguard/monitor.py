@@ -100,6 +100,8 @@ class Monitor(MonitorAnswers):
         separation: SeparationRule | None = None,
     ) -> None:
         self.settings = settings = read_settings(
+            robot,
+            obstacles,
             rate=rate,
             schedule=schedule,
             motion=motion,

@@ -8,7 +8,7 @@ from __future__ import annotations
 from armguard.explain import Explanation, explain_pair
 from armguard.foresight import Attention, Headroom, predict_headroom, rank_attention
 from armguard.joint_states import JointStates
-from armguard.monitor_arguments import MonitorSettings
+from armguard.monitor_arguments import MonitorSettings, read_limit
 from armguard.obstacles import Obstacles
 from armguard.pair_reports import PairReport, report_pair
 from armguard.robot import Robot
@@ -38,12 +38,17 @@ class MonitorAnswers:
     _homeless: bool
 
     def pairs(self, limit: int = 64) -> list[PairReport]:
-        """The most imminent pairs as of the last tick, soonest first, at most `limit`."""
+        """The most imminent pairs as of the last tick, soonest first, at most `limit`.
+
+        Raises:
+            ArmguardError: The limit is no whole number.
+        """
+        limit = read_limit("limit", limit)
         if self._tick is None:
             return []
         self._watch.prepare(self._tick)
         time, arm = self._tick.time, self._watch.arm
-        listing = self._watch.list_imminent(time, row_limit=0, pair_limit=max(limit, 0))
+        listing = self._watch.list_imminent(time, row_limit=0, pair_limit=limit)
         return [
             report_pair(
                 listing, index, time, self.period, arm.names(int(pair)), arm.state, arm.exact
@@ -77,11 +82,15 @@ class MonitorAnswers:
 
         Args:
             limit: At most so many, first things first.
+
+        Raises:
+            ArmguardError: The limit is no whole number.
         """
+        limit = read_limit("limit", limit)
         if self._tick is None:
             return []
         self._watch.prepare(self._tick)
-        watch, tick, limit = self._watch, self._tick, max(limit, 0)
+        watch, tick = self._watch, self._tick
         listing = watch.list_imminent(tick.time, row_limit=limit + 1, pair_limit=0)
         watched, ids = watch.watched_pairs(), self.obstacles.ids
         return rank_attention(listing, watch.arm.state, watched, tick, ids, limit)
@@ -92,7 +101,12 @@ class MonitorAnswers:
         Args:
             pair_limit: At most so many pairs, the most imminent ones.
             row_limit: At most so many obstacles, likewise.
+
+        Raises:
+            ArmguardError: A limit is no whole number.
         """
+        pair_limit = read_limit("pair_limit", pair_limit)
+        row_limit = read_limit("row_limit", row_limit)
         watch, q, v = self._watch, self._states.q, self._states.v
         tick = self._tick or Tick(-1, 0.0, 0.0, q, v, 0.0, 0.0, 0.0)
         watch.prepare(tick)

@@ -10,6 +10,8 @@ import pinocchio
 
 from armguard.arm_motion import MOTIONS
 from armguard.exceptions import ArmguardError
+from armguard.obstacles import Obstacles
+from armguard.robot import Robot
 from armguard.schedules import DEADLINE, Schedule, make_schedule
 
 MOST_EVALUATIONS = 2**62
@@ -51,6 +53,8 @@ class MonitorSettings(NamedTuple):
 
 
 def read_settings(
+    robot: object,
+    obstacles: object,
     *,
     rate: float,
     schedule: str | Schedule,
@@ -64,8 +68,19 @@ def read_settings(
     """Check the arguments of a `Monitor`; `amounts` are its durations and lengths.
 
     Raises:
-        ArmguardError: One of them is out of range, no number, or names what does not exist.
+        ArmguardError: One of them is of another kind, out of range, no number, or names what does
+            not exist.
     """
+    if not isinstance(robot, Robot):
+        remedy = 'armguard.Robot.load("panda") makes one'
+        raise ArmguardError("robot", f"is {robot!r}", expected="an armguard.Robot", remedy=remedy)
+    if not isinstance(obstacles, Obstacles):
+        raise ArmguardError(
+            "obstacles",
+            f"is {obstacles!r}",
+            expected="an armguard.Obstacles",
+            remedy="an empty table if there are none",
+        )
     if not 0.0 < read_number(rate) < math.inf:
         raise ArmguardError("rate", f"is {rate!r}", expected="a finite number of hertz above 0")
     period = 1.0 / rate
@@ -100,6 +115,21 @@ def read_number(value: object) -> float:
     except Exception:
         # Whatever an object of somebody else's raises here, it is no number.
         return math.nan
+
+
+def read_limit(name: str, limit: object) -> int:
+    """How many somebody asks for; below 0 is none.
+
+    Args:
+        name: What to call it in errors.
+        limit: As it was given.
+
+    Raises:
+        ArmguardError: It is no whole number.
+    """
+    if isinstance(limit, bool) or not isinstance(limit, (int, np.integer)):
+        raise ArmguardError(name, f"is {limit!r}", expected="a whole number")
+    return max(int(limit), 0)
 
 
 def _read_budget(budget: object, *, by_deadline: bool) -> int | None:

@@ -2,6 +2,8 @@ import numpy as np
 import pytest
 from scenes import HOME, PERIOD, SCHEDULES, STILL, make_monitor, panda, see
 
+from armguard.exceptions import ArmguardError
+
 NAMES = [f"ball {number}" for number in range(12)]
 
 
@@ -22,6 +24,23 @@ def test_before_the_first_tick_there_is_nothing_to_tell():
     assert (why, first, pairs) == (None, [], [])
     assert headroom.obstacles == 0
     assert snapshot is not None
+
+
+def test_what_is_no_limit_is_refused_before_and_after_the_first_tick():
+    obstacles, monitor = make_monitor()
+    see(obstacles, 0.0, [1.0, 0.0, 0.5])
+    for tick in range(2):
+        for wrong in (None, "x", 1.5, True):
+            for ask in (monitor.pairs, monitor.attention):
+                with pytest.raises(ArmguardError, match=r"limit: is .*expected a whole number"):
+                    ask(wrong)
+            for name in ("pair_limit", "row_limit"):
+                with pytest.raises(ArmguardError, match=f"{name}: is "):
+                    monitor.snapshot(**{"pair_limit": 5, "row_limit": 5} | {name: wrong})
+        monitor.step(tick * PERIOD, HOME, STILL)
+    assert len(monitor.pairs(10**30)) == len(panda().links)
+    assert len(monitor.attention(10**30)) == 1
+    assert monitor.pairs(-1) == monitor.attention(-1) == []
 
 
 def test_all_of_them_tell_of_the_same_tick():

@@ -5,9 +5,13 @@ from fractions import Fraction
 import numpy as np
 import pinocchio
 import pytest
+from scenes import panda
 
 from armguard.exceptions import ArmguardError
-from armguard.monitor_arguments import read_number, read_settings
+from armguard.monitor import Monitor
+from armguard.monitor_arguments import read_limit, read_number, read_settings
+from armguard.obstacles import Obstacles
+from armguard.robot import Robot
 from armguard.schedules import make_schedule
 
 
@@ -74,7 +78,8 @@ def settings(**changes):
         "budget": None,
         "base_placement": None,
     }
-    return read_settings(**usual | changes)
+    made = {"robot": panda(), "obstacles": Obstacles()}
+    return read_settings(**made | usual | changes)
 
 
 def test_usual_settings_and_what_follows_from_them():
@@ -110,6 +115,8 @@ def test_durations_and_lengths_are_finite_and_not_negative(name):
 @pytest.mark.parametrize(
     ("name", "wrong"),
     [
+        ("robot", [None, "panda", Robot, Obstacles()]),
+        ("obstacles", [None, [], Obstacles, panda()]),
         ("rate", [0.0, -1.0, math.inf, math.nan, None, "1000", True]),
         ("freshness", [-0.1, 1.0, math.nan, None, True]),
         ("motion", ["hope", "", None, 3, "Joint", ["joint"], np.array(["joint"])]),
@@ -120,8 +127,25 @@ def test_durations_and_lengths_are_finite_and_not_negative(name):
 )
 def test_whatever_makes_no_sense_is_refused_by_name(name, wrong):
     for value in wrong:
-        with pytest.raises(ArmguardError, match=name):
+        with pytest.raises(ArmguardError, match=name) as caught:
             settings(**{name: value})
+        assert caught.value.offender == name
+        assert caught.value.expected
+
+
+def test_a_monitor_of_nothing_is_refused_before_anything_is_made():
+    for robot, obstacles, missing in ((None, Obstacles(), "robot"), (panda(), None, "obstacles")):
+        with pytest.raises(ArmguardError, match=f"^{missing}: is None; expected an armguard"):
+            Monitor(robot, obstacles)
+
+
+def test_a_limit_is_a_whole_number():
+    for given, meant in ((5, 5), (0, 0), (-3, 0), (np.int8(127), 127), (10**30, 10**30)):
+        assert read_limit("limit", given) == meant
+        assert type(read_limit("limit", given)) is int
+    for wrong in (None, "5", "x", 1.5, 2.0, math.inf, True, np.float64(3.0), [5]):
+        with pytest.raises(ArmguardError, match=r"limit: is .*expected a whole number"):
+            read_limit("limit", wrong)
 
 
 def test_a_budget_is_for_deadlines_alone():

@@ -27,7 +27,8 @@ def make(**changes):
     obstacles = Obstacles()
     obstacles.add_static("post", [1.0, 0.0, 0.0], 0.1)
     states = JointStates(panda(), 0.05)
-    return make_watch(panda(), obstacles, read_settings(**usual | changes), ignored, states)
+    settings = read_settings(panda(), obstacles, **usual | changes)
+    return make_watch(panda(), obstacles, settings, ignored, states)
 
 
 def test_obstacles_by_their_deadlines_unless_a_schedule_of_pairs_is_asked_for():
