@@ -8,55 +8,27 @@ reports the impossible is a robot about which nothing is known.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.compilation import kernel
-from armguard.handle import pack
-from armguard.plausibility import ALLOWED, JointHistory, accept_joints
+from armguard.handle import machine_code, pack
+from armguard.joint_glance import (
+    DOUBTFUL,
+    NOBODY,
+    Guard,
+    find_runaway,
+    glance_at,
+    stop_times_of,
+)
+from armguard.joint_history import JointHistory
+from armguard.plausibility import ALLOWED
 from armguard.robot import Robot
-from armguard.verdict import Reason, ReasonKind, compute_stop_time
+from armguard.verdict import Reason, ReasonKind
 
 FloatArray = NDArray[np.float64]
 FLOAT = np.dtype(np.float64)
-
-NOBODY = -1
-"""In place of a joint's index, where every joint is as it should be."""
-
-BELIEVED, RUNAWAY, FAST, DOUBTFUL = 0, 1, 2, 4
-"""What a glance at a state found, added up: a joint that runs into its stop, one that is faster
-than its limit, but within its error, or anything that calls for a closer look."""
-
-
-class Guard(NamedTuple):
-    """What a first look at a state needs, for compiled code."""
-
-    q: FloatArray
-    """Last believed joint positions, [rad] or [m]; written. Shape (nv,)."""
-    v: FloatArray
-    """Last believed joint velocities, alike; written. Shape (nv,)."""
-    lower: FloatArray
-    """Least positions, errors included. Shape (nv,)."""
-    upper: FloatArray
-    """Greatest positions, errors included. Shape (nv,)."""
-    fastest: FloatArray
-    """Greatest speeds, errors included. Shape (nv,)."""
-    velocity_limit: FloatArray
-    velocity_error: FloatArray
-    acceleration_limit: FloatArray
-    braking_deceleration: FloatArray
-    last_stamp: FloatArray
-    """Stamp of the last state; written. Shape (1,)."""
-    timeout: float
-    """Longest age of a state and longest step between two, in [s]."""
-    horizon: float
-    """Until the verdict after the present one is obeyed, in [s]."""
-    reaction_time: float
-    """From command to braking torque, in [s]."""
-    history: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
-    """What `accept_joints` works on."""
 
 
 class JointStates:
@@ -78,10 +50,8 @@ class JointStates:
         """Last well-formed joint velocities, [rad/s] or [m/s]. Shape (nv,)."""
         self._last_stamp = np.array([-math.inf])
         self._robot = robot
-        self._delays = float(horizon), float(reaction_time)
         self._timeout = joint_timeout
         self._read: FloatArray = np.zeros(len(robot.joints))
-        self._read_v: FloatArray = np.zeros(len(robot.joints))
         self._lower = robot.lower_position_limit - robot.position_error
         self._upper = robot.upper_position_limit + robot.position_error
         self._fastest = robot.velocity_limit + robot.velocity_error
@@ -94,23 +64,29 @@ class JointStates:
         )
         self._fresh = True
         self._shape = self.q.shape
-        self._guard = pack(
-            Guard(
-                self.q,
-                self.v,
-                self._lower,
-                self._upper,
-                self._fastest,
-                np.array(robot.velocity_limit),
-                np.array(robot.velocity_error),
-                np.array(robot.acceleration_limit),
-                np.array(robot.braking_deceleration),
-                self._last_stamp,
-                float(joint_timeout),
-                *self._delays,
-                self._history.arrays,
-            )
+        self.guard = Guard(
+            self.q,
+            self.v,
+            self._read,
+            np.zeros(len(robot.joints)),
+            self._lower,
+            self._upper,
+            self._fastest,
+            np.array(robot.velocity_limit),
+            np.array(robot.velocity_error),
+            np.array(robot.acceleration_limit),
+            np.array(robot.braking_deceleration),
+            self._last_stamp,
+            float(joint_timeout),
+            float(horizon),
+            float(reaction_time),
+            np.zeros(1),
+            self._history.arrays,
         )
+        self._handle = pack(self.guard)
+        strided = np.zeros((len(robot.joints), 2))[:, 0]
+        self._glance = machine_code(glance_at, self._handle, 0.0, strided, strided, 0.0)
+        self._stop_times = machine_code(stop_times_of, self._handle, self.v, 0.0)
         self._compile()
 
     def reset(self) -> None:
@@ -118,21 +94,31 @@ class JointStates:
         self._last_stamp[0] = -math.inf
         self._fresh = True
 
-    def stop_time(self, age: float) -> float:
-        """Time in which all joints surely rest, for a state that is `age` old, both in [s]."""
-        robot = self._robot
-        stop_time: float = compute_stop_time(
-            self.v,
-            robot.velocity_error,
-            robot.velocity_limit,
-            robot.acceleration_limit,
-            robot.braking_deceleration,
-            age,
-            *self._delays,
-        )
-        return stop_time
+    def delay_braking(self, delay: float) -> None:
+        """Say how much later than at once the second stop time lets braking begin, in [s]."""
+        self.guard.delay[0] = delay
 
-    def glance(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> tuple[int, float]:
+    def stop_times(self, age: float) -> tuple[float, float]:
+        """Times in which all joints surely rest, for a state that is `age` old, all in [s].
+
+        The first is of an arm that is told to brake now, the second after the delay.
+        """
+        times: tuple[float, float] = self._stop_times(self._handle, self.v, age)
+        return times
+
+    def is_plain(self, q: object, v: object) -> bool:
+        """Whether these are arrays that compiled code can be handed as they are."""
+        return (
+            type(q) is np.ndarray
+            and type(v) is np.ndarray
+            and q.dtype is FLOAT
+            and v.dtype is FLOAT
+            and q.shape == v.shape == self._shape
+        )
+
+    def glance(
+        self, stamp: float, q: ArrayLike, v: ArrayLike, now: float
+    ) -> tuple[int, float, float]:
         """Take the state of a tick if there is nothing to be said against it, in one compiled call.
 
         Args:
@@ -142,22 +128,12 @@ class JointStates:
             now: Time of the tick, in [s].
 
         Returns:
-            What was found, and the time in which all joints surely rest, in [s]. Where that is
-            DOUBTFUL, nothing was taken: `receive` says what there is against it.
+            What was found, and both stop times, in [s]. Where that is DOUBTFUL, nothing was taken:
+            `receive` says what there is against it.
         """
-        usual = (
-            type(q) is np.ndarray
-            and type(v) is np.ndarray
-            and q.dtype is FLOAT
-            and v.dtype is FLOAT
-            and q.shape == v.shape == self._shape
-        )
-        if self._fresh or not usual:
-            return DOUBTFUL, math.inf
-        # Whatever their strides are: compiled code is made for one kind of array.
-        self._read[:] = q
-        self._read_v[:] = v
-        found: tuple[int, float] = _glance(self._guard, stamp, self._read, self._read_v, now)
+        if not self.is_plain(q, v):
+            return DOUBTFUL, math.inf, math.inf
+        found: tuple[int, float, float] = self._glance(self._handle, stamp, q, v, now)
         return found
 
     def receive(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> Reason | None:
@@ -177,7 +153,7 @@ class JointStates:
     def stopping(self) -> Reason | None:
         """Why a joint cannot be kept from running into its stop; None if all can."""
         robot = self._robot
-        joint = _find_runaway(
+        joint = find_runaway(
             self.q, self.v, self._lower, self._upper, robot.velocity_error, robot.acceleration_limit
         )
         if joint == NOBODY:
@@ -254,53 +230,6 @@ class JointStates:
         _take_finite(self._read, self.q)
         self._check_limits()
         self.stopping()
-        _glance(self._guard, math.nan, self._read, self._read_v, 0.0)
-        self.stop_time(0.0)
-
-
-@kernel
-def _glance(
-    handle: Any,
-    stamp: float,
-    q: FloatArray,
-    v: FloatArray,
-    now: float,
-) -> tuple[int, float]:
-    """`JointStates.glance`."""
-    guard = handle.content
-    last = guard.last_stamp[0]
-    if not (0.0 <= stamp - last <= guard.timeout and abs(now - stamp) <= guard.timeout):
-        return DOUBTFUL, np.inf
-    found = BELIEVED
-    for j in range(q.shape[0]):
-        if not (guard.lower[j] <= q[j] <= guard.upper[j] and abs(v[j]) <= guard.fastest[j]):
-            return DOUBTFUL, np.inf
-        if not abs(q[j]) < np.inf:
-            return DOUBTFUL, np.inf
-        if not abs(v[j]) <= guard.velocity_limit[j]:
-            found |= FAST
-    limits, reachable, stamps, positions, velocities = guard.history
-    if accept_joints(limits, reachable, stamps, positions, velocities, stamp, q, v) != ALLOWED:
-        return DOUBTFUL, np.inf
-    guard.last_stamp[0] = stamp
-    guard.q[:] = q
-    guard.v[:] = v
-    runaway = _find_runaway(
-        guard.q, guard.v, guard.lower, guard.upper, guard.velocity_error, guard.acceleration_limit
-    )
-    if runaway != NOBODY:
-        found |= RUNAWAY
-    stop_time = compute_stop_time(
-        guard.v,
-        guard.velocity_error,
-        guard.velocity_limit,
-        guard.acceleration_limit,
-        guard.braking_deceleration,
-        now - stamp,
-        guard.horizon,
-        guard.reaction_time,
-    )
-    return found, stop_time
 
 
 @kernel
@@ -318,38 +247,5 @@ def _find_outside(values: FloatArray, lower: FloatArray, upper: FloatArray) -> i
     """First joint whose value is not between its limits."""
     for joint in range(values.shape[0]):
         if not lower[joint] <= values[joint] <= upper[joint]:
-            return joint
-    return NOBODY
-
-
-@kernel
-def _find_runaway(
-    q: FloatArray,
-    v: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    velocity_error: FloatArray,
-    acceleration_limit: FloatArray,
-) -> int:
-    """First joint that no allowed deceleration stops short of its limit, errors included.
-
-    (|v| + dv)^2 <= 2 a (distance + dq) towards either limit is what can be stopped.
-
-    Args:
-        q: Joint positions, [rad] or [m]. Shape (nv,).
-        v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
-        lower: Lower position limits less their errors, alike. Shape (nv,).
-        upper: Upper position limits plus their errors, alike. Shape (nv,).
-        velocity_error: What velocities may be off by, alike. Shape (nv,).
-        acceleration_limit: [rad/s²] or [m/s²]. Shape (nv,).
-    """
-    for joint in range(q.shape[0]):
-        up = max(v[joint] + velocity_error[joint], 0.0)
-        down = max(velocity_error[joint] - v[joint], 0.0)
-        reach = 2.0 * acceleration_limit[joint]
-        if not (
-            up * up <= reach * (upper[joint] - q[joint])
-            and down * down <= reach * (q[joint] - lower[joint])
-        ):
             return joint
     return NOBODY

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 from armguard.committed_plan import PlanVerdict, refuse_plan
 from armguard.exceptions import ArmguardError
 from armguard.ignored_pairs import IgnoredPairs
-from armguard.joint_states import DOUBTFUL, FAST, JointStates
+from armguard.joint_glance import DOUBTFUL, FAST
+from armguard.joint_states import JointStates
 from armguard.judgement import Judge
 from armguard.monitor_answers import MonitorAnswers
 from armguard.monitor_arguments import read_number, read_settings
@@ -27,7 +28,6 @@ from armguard.obstacles import Obstacles
 from armguard.plans import Plan
 from armguard.robot import Robot
 from armguard.schedules import Schedule
-from armguard.schedules.wheel import NOBODY
 from armguard.separation_margin import SeparationRule
 from armguard.verdict import (
     Level,
@@ -36,7 +36,7 @@ from armguard.verdict import (
     Verdict,
     VerdictRule,
 )
-from armguard.watch import Look, Tick
+from armguard.watch import NOTHING_FOUND, Look, Seen, Tick
 from armguard.watches import make_watch
 
 
@@ -132,9 +132,9 @@ class Monitor(MonitorAnswers):
         self._judge = Judge(
             robot, self._watch, self._states, self._rule, settings, separation, certify=certify
         )
-        self._tick = None
-        self._look = Look(NOBODY, math.inf, 0, 0)
-        self._epoch: float | None = None
+        self._last: tuple[Tick | None, Look] = None, NOTHING_FOUND
+        self._clear: tuple[int, float, float, float, Seen] | None = None
+        self._epoch = math.nan
         self._now = -math.inf
         self._quiet_until = -math.inf
         self._homeless = self._no_sources = False
@@ -190,9 +190,9 @@ class Monitor(MonitorAnswers):
         self._states.reset()
         self._watch.restart()
         self._judge.reset()
-        self._tick = None
+        self._last, self._clear = (None, NOTHING_FOUND), None
         self._now = -math.inf
-        self._epoch = None
+        self._epoch = math.nan
 
     def commit(self, plan: Plan) -> PlanVerdict:
         """Judge the next piece of the controller's trajectory: is it safe to commit?
@@ -209,14 +209,15 @@ class Monitor(MonitorAnswers):
         """
         if self._judge.plan is None:
             raise ArmguardError("commit", "needs plans", remedy='Monitor(..., motion="planned")')
-        if self._tick is None or self._rule.latched:
+        tick, _ = self._recall()
+        if tick is None or self._rule.latched:
             return refuse_plan("arm", "its state is not believed")
         if self.obstacles.homeless():
             return refuse_plan("obstacles", "some found no room, and could be anywhere")
         if self.obstacles.has_membership_news or self.obstacles.table.changed_count[0] > 0:
             detail = "have changed since the last step by more than it allowed for: step first"
             return refuse_plan("obstacles", detail)
-        return self._judge.plan.commit(plan, self._tick)
+        return self._judge.plan.commit(plan, tick)
 
     def _step(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> Verdict:
         if not (type(stamp) is float and type(now) is float):
@@ -228,16 +229,27 @@ class Monitor(MonitorAnswers):
             self._now = now
             return self._refuse(stamp, reason)
         self._now = now
-        if self._epoch is None:
+        if math.isnan(self._epoch):
             self._epoch = now
         watch, states, obstacles = self._watch, self._states, self.obstacles
         watch.follow()
-        found, stop_time = states.glance(stamp, q, v, now)
+        quiet = now < self._quiet_until and not self._homeless
+        quiet = quiet and obstacles.is_quiet(now, self.settings.source_timeout)
+        time = now - self._epoch
+        seen = watch.advance(stamp, q, v, now, self._epoch, self._sequence, may_look=quiet)
+        found, stop_time, late, _, row, link, expiry, overdue, evaluated, news = seen
+        if row >= 0 and not (overdue or news or self._no_sources):
+            verdict = self._judge.judge_clear(
+                stamp, self._sequence, now, expiry - time, stop_time, late, row, link, evaluated
+            )
+            if verdict is not None:
+                self._clear = self._sequence, stamp, now, time, seen
+                return verdict
         if found & DOUBTFUL:
             disbelief = states.receive(stamp, q, v, now)
             if disbelief is not None:
                 return self._refuse(stamp, disbelief)
-            stop_time = states.stop_time(now - stamp)
+            stop_time, late = states.stop_times(now - stamp)
             found = FAST
         reasons: list[Reason] = []
         if found:
@@ -246,21 +258,22 @@ class Monitor(MonitorAnswers):
                 reasons.append(stopping)
         if (found or watch.arm.motion.isotropic.is_widened) and watch.arm.follow_limits(states.v):
             watch.doubt()
-        quiet = now < self._quiet_until and not self._homeless
-        if not (quiet and obstacles.is_quiet(now, self.settings.source_timeout)):
+        if not quiet:
             reasons += self._read_obstacles(now)
-        self._tick = tick = Tick(
+        tick = Tick(
             self._sequence,
             now,
-            now - self._epoch,
+            time,
             states.q,
             states.v,
             now - stamp,
             stop_time,
             # Children are opened only where a closer look could still matter to the level.
             (stop_time + self._rule.aware_margin) / (1.0 - self.settings.freshness),
+            late,
         )
-        self._look = look = watch.look(tick)
+        look = watch.look(tick, seen)
+        self._last, self._clear = (tick, look), None
         if look.disturbed:
             self._judge.forget_proofs()
         if self._judge.plan is not None:
@@ -272,6 +285,28 @@ class Monitor(MonitorAnswers):
         if self._no_sources:
             reasons.append(Reason(ReasonKind.NO_SOURCES))
         return self._judge.judge(stamp, tick, look, reasons, homeless=self._homeless)
+
+    def _recall(self) -> tuple[Tick | None, Look]:
+        """The last tick whose state was believed, and what the last look found."""
+        if self._clear is not None:
+            number, stamp, now, time, seen = self._clear
+            _, stop_time, late, opening_time, row, link, expiry, _, evaluated, _ = seen
+            states = self._states
+            tick = Tick(
+                number,
+                now,
+                time,
+                states.q,
+                states.v,
+                now - stamp,
+                stop_time,
+                opening_time,
+                late,
+            )
+            pair = row * len(self._watch.arm.links) + link
+            self._last = tick, Look(pair, expiry, 0, evaluated, disturbed=False)
+            self._clear = None
+        return self._last
 
     def _read_obstacles(self, now: float) -> list[Reason]:
         """What is wrong with the obstacle table, and until when silence is no reason."""
@@ -286,7 +321,7 @@ class Monitor(MonitorAnswers):
     def _refuse(self, stamp: float, reason: Reason) -> Verdict:
         """The verdict of a tick whose arm state is not believed: the worst of everything."""
         self._disbelieved += 1
-        self._look = Look(NOBODY, math.inf, 0, 0)
+        self._last, self._clear = (self._recall()[0], NOTHING_FOUND), None
         self._watch.doubt()
         if self._judge.plan is not None:
             self._judge.plan.reset()

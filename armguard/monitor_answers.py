@@ -33,9 +33,11 @@ class MonitorAnswers:
     period: float
     _watch: Watch
     _states: JointStates
-    _tick: Tick | None
-    _look: Look
     _homeless: bool
+
+    def _recall(self) -> tuple[Tick | None, Look]:
+        """The last tick whose state was believed, and what the last look found."""
+        raise NotImplementedError
 
     def pairs(self, limit: int = 64) -> list[PairReport]:
         """The most imminent pairs as of the last tick, soonest first, at most `limit`.
@@ -44,10 +46,11 @@ class MonitorAnswers:
             ArmguardError: The limit is no whole number.
         """
         limit = read_limit("limit", limit)
-        if self._tick is None:
+        tick, _ = self._recall()
+        if tick is None:
             return []
-        self._watch.prepare(self._tick)
-        time, arm = self._tick.time, self._watch.arm
+        self._watch.prepare(tick)
+        time, arm = tick.time, self._watch.arm
         listing = self._watch.list_imminent(time, row_limit=0, pair_limit=limit)
         return [
             report_pair(
@@ -62,18 +65,19 @@ class MonitorAnswers:
         None where no pair decided it: there are none, or its reasons alone did. None as well where
         the obstacle was removed since, so that nothing is known of it any more.
         """
-        if self._tick is None or self._look.pair == NOBODY or self._homeless:
+        tick, look = self._recall()
+        if tick is None or look.pair == NOBODY or self._homeless:
             return None
-        row = self._look.pair // len(self._watch.arm.links)
+        row = look.pair // len(self._watch.arm.links)
         if row in self.obstacles.changed_rows():
             return None
-        self._watch.prepare(self._tick)
+        self._watch.prepare(tick)
         response_time = self.settings.horizon + self.settings.reaction_time
-        return explain_pair(self._watch, self.robot, self._tick, self._look.pair, response_time)
+        return explain_pair(self._watch, self.robot, tick, look.pair, response_time)
 
     def headroom(self) -> Headroom:
         """What looks cost now, and at how many obstacles or which rate the budget would break."""
-        watched = len(self.obstacles) if self._tick is not None else 0
+        watched = len(self.obstacles) if self._recall()[0] is not None else 0
         expected = self._watch.expect_evaluations()
         return predict_headroom(watched, expected, self.period, self.settings.budget)
 
@@ -87,10 +91,11 @@ class MonitorAnswers:
             ArmguardError: The limit is no whole number.
         """
         limit = read_limit("limit", limit)
-        if self._tick is None:
+        tick, _ = self._recall()
+        if tick is None:
             return []
-        self._watch.prepare(self._tick)
-        watch, tick = self._watch, self._tick
+        watch = self._watch
+        watch.prepare(tick)
         listing = watch.list_imminent(tick.time, row_limit=limit + 1, pair_limit=0)
         watched, ids = watch.watched_pairs(), self.obstacles.ids
         return rank_attention(listing, watch.arm.state, watched, tick, ids, limit)
@@ -108,7 +113,7 @@ class MonitorAnswers:
         pair_limit = read_limit("pair_limit", pair_limit)
         row_limit = read_limit("row_limit", row_limit)
         watch, q, v = self._watch, self._states.q, self._states.v
-        tick = self._tick or Tick(-1, 0.0, 0.0, q, v, 0.0, 0.0, 0.0)
+        tick = self._recall()[0] or Tick(-1, 0.0, 0.0, q, v, 0.0, 0.0, 0.0)
         watch.prepare(tick)
         listing = watch.list_imminent(tick.time, row_limit=row_limit, pair_limit=pair_limit)
         return take_snapshot(listing, watch.arm.state, q, tick.time)

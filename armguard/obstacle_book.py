@@ -9,9 +9,13 @@ from numpy.typing import NDArray
 
 from armguard.compilation import kernel
 from armguard.obstacle_table import News, States, extend_rows, make_states
+from armguard.records import make_records
 from armguard.scene import UNKNOWN, FloatArray, IntArray
 from armguard.schedules.wheel import Wheel, grow_wheel, make_due, make_wheel, take_out
 from armguard.soonest import find_least, grow_tournament, make_tournament, set_value
+
+UNSEEN, UNPLACED = -3, -2
+"""In place of a row, where nothing was looked at yet, or the arm must be placed first."""
 
 ACTIVE, PREPARED, STALE, LOOKS, SPENT, BROKEN = range(6)
 """Places in `Book.numbers`."""
@@ -47,34 +51,44 @@ class Book(NamedTuple):
 def make_book(links: int) -> Book:
     """A book without rows, for an arm of so many links."""
     return Book(
-        make_wheel(0),
-        make_tournament(1),
-        make_states(0),
-        News(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_), np.zeros(1, dtype=np.int64)),
-        np.zeros((0, links), dtype=np.bool_),
-        np.zeros(0),
-        np.zeros((0, links)),
-        np.zeros((0, links), dtype=np.int32),
-        np.zeros((0, links), dtype=np.int8),
-        np.zeros(0, dtype=np.int64),
-        np.array([0, -1, 0, 0, 0, 0]),
+        wheel=make_wheel(0),
+        soonest=make_tournament(1),
+        anchors=make_states(0),
+        news=News(
+            np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_), np.zeros(1, dtype=np.int64)
+        ),
+        **_make_rows(0, links),
+        broken=np.zeros(0, dtype=np.int64),
+        numbers=np.array([0, -1, 0, 0, 0, 0]),
     )
+
+
+def _make_rows(rows: int, links: int) -> dict[str, NDArray[Any]]:
+    """The fields of a book that are read together, without anything in them."""
+    fields: dict[str, tuple[type, tuple[int, ...]]] = {
+        "evaluated_at": (float, ()),
+        "pair_expiry": (float, (links,)),
+        "pair_sphere": (np.int32, (links,)),
+        "pair_bound": (np.int8, (links,)),
+        "watched": (np.bool_, (links,)),
+    }
+    return dict(zip(fields, make_records(rows, **fields), strict=True))
 
 
 def grow_book(book: Book, news: News, anchors: States) -> Book:
     """The same book for an obstacle table whose arrays are these, and may have more rows."""
     rows = len(anchors.stamp)
     leaves = len(book.soonest) // 2
+    grown = _make_rows(rows, book.watched.shape[1])
+    for name, array in grown.items():
+        before = getattr(book, name)
+        array[: len(before)] = before
     return book._replace(
         wheel=grow_wheel(book.wheel, rows),
         soonest=grow_tournament(book.soonest, max(leaves, 1 << (rows - 1).bit_length())),
         anchors=anchors,
         news=news,
-        watched=extend_rows(book.watched, rows),
-        evaluated_at=extend_rows(book.evaluated_at, rows),
-        pair_expiry=extend_rows(book.pair_expiry, rows),
-        pair_sphere=extend_rows(book.pair_sphere, rows),
-        pair_bound=extend_rows(book.pair_bound, rows),
+        **grown,
         broken=extend_rows(book.broken, rows),
     )
 

@@ -57,6 +57,7 @@ class FaultQueue:
     """Faults since they were last taken.
 
     Attributes:
+        waiting: Those that nobody has taken yet, oldest first.
         count: All faults so far.
         dropped: How many of them nobody will see, because the queue was full.
     """
@@ -64,7 +65,7 @@ class FaultQueue:
     def __init__(self) -> None:
         self.count = 0
         self.dropped = 0
-        self._faults: list[Fault] = []
+        self.waiting: list[Fault] = []
 
     def leave(
         self,
@@ -77,17 +78,14 @@ class FaultQueue:
     ) -> None:
         """Adds a fault, or only counts it if the queue is full."""
         self.count += 1
-        if len(self._faults) < CAPACITY:
-            self._faults.append(Fault(kind, source, name, field, value, stamp))
+        if len(self.waiting) < CAPACITY:
+            self.waiting.append(Fault(kind, source, name, field, value, stamp))
         else:
             self.dropped += 1
 
-    def __len__(self) -> int:
-        return len(self._faults)
-
     def take(self) -> list[Fault]:
         """The faults since the last call, oldest first; the queue is empty afterwards."""
-        taken, self._faults = self._faults, []
+        taken, self.waiting = self.waiting, []
         return taken
 
 
@@ -96,14 +94,19 @@ class Homeless:
 
     Only so many are known by name. Of a source with more of them, some stay missing until it sends
     a snapshot, which shows all that it sees.
+
+    Attributes:
+        some: Whether there are any.
     """
 
     def __init__(self) -> None:
+        self.some = False
         self._known: dict[str, tuple[int, float]] = {}
         self._nameless: set[int] = set()
 
     def add(self, name: str, source: int, stamp: float) -> None:
         """Notes an obstacle of the source with this number, seen at `stamp` [s]."""
+        self.some = True
         if name in self._known or len(self._known) < CAPACITY:
             _, seen = self._known.get(name, (source, stamp))
             self._known[name] = (source, max(stamp, seen))
@@ -127,6 +130,7 @@ class Homeless:
         if source not in (None, owner) or not (stamp is None or seen <= stamp):
             return False
         del self._known[name]
+        self.some = bool(self._known or self._nameless)
         return True
 
     def forget(self, source: int) -> None:
@@ -134,9 +138,7 @@ class Homeless:
         if self._known or self._nameless:
             self._known = {k: entry for k, entry in self._known.items() if entry[0] != source}
             self._nameless.discard(source)
-
-    def __bool__(self) -> bool:
-        return bool(self._known or self._nameless)
+            self.some = bool(self._known or self._nameless)
 
     def names(self) -> list[str]:
         """Those known by name, the oldest first, and "more obstacles" if there are others."""

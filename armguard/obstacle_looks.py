@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from armguard.anchors import allows_anchor, expire, keep_anchor
 from armguard.compilation import inlined_kernel, kernel
+from armguard.joint_glance import Guard
 from armguard.link_times import (
     arm_reach_time,
     is_known,
@@ -33,6 +34,7 @@ from armguard.obstacle_book import (
     PREPARED,
     SPENT,
     STALE,
+    UNPLACED,
     Book,
     first_link,
     void,
@@ -49,9 +51,6 @@ from armguard.schedules.wheel import (
     turn,
 )
 from armguard.soonest import find_least, set_value
-
-UNPLACED = -2
-"""In place of a row, where the arm must be placed first."""
 
 RECENT = 4096
 """Looks over which their price is averaged."""
@@ -207,14 +206,14 @@ class Watching(NamedTuple):
 
     scene: Scene
     book: Book
-    q: FloatArray
-    """Joint positions of the tick, [rad] or [m]. Shape (nv,)."""
-    v: FloatArray
-    """Joint velocities of the tick, [rad/s] or [m/s]. Shape (nv,)."""
+    guard: Guard
+    """What a first look at a joint state needs; holds the tick's positions and velocities."""
     horizon: float
     """Period plus latency plus reaction time, in [s]."""
     freshness: float
     """How stale an answer may look, as a fraction of itself."""
+    aware_margin: float
+    """Beyond the stopping time, in [s]: what could be touched within is looked at closer."""
     period: float
     """Of ticks, in [s]."""
     budget: int
@@ -305,7 +304,7 @@ def _look(
 ) -> tuple[int, int, float, int, int, int]:
     """`look` where there is something to be done: all arrays are taken in hand."""
     watching = handle.content
-    scene, book, q, v = watching.scene, watching.book, watching.q, watching.v
+    scene, book, q, v = watching.scene, watching.book, watching.guard.q, watching.guard.v
     horizon, freshness = watching.horizon, watching.freshness
     period, budget = watching.period, watching.budget
     wheel = book.wheel

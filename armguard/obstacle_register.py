@@ -67,6 +67,7 @@ class ObstacleRegister:
         What is drained is gone: only the watcher that came last learns of all rows.
         """
         self.watcher += 1
+        self.table.changes += 1
         self._removed.clear()
         self._added = set(self._rows.values())
         return self.watcher
@@ -139,13 +140,12 @@ class ObstacleRegister:
         No faults to take, nothing refused or homeless, no stamp more than `tolerance` [s] ahead,
         and `quiet_until` as it was when asked last, or later.
         """
-        newest = max(self._newest, self._book.newest, self._tombstones.newest)
+        book = self._book
         return (
-            newest - now <= tolerance
-            and not self._any_refused
-            and not self._faults
-            and not self._homeless
-            and not self._book.unsettled
+            not (self._any_refused or self._faults.waiting or book.unsettled or self._homeless.some)
+            and book.newest - now <= tolerance
+            and self._newest - now <= tolerance
+            and self._tombstones.newest - now <= tolerance
         )
 
     def homeless(self) -> list[str]:

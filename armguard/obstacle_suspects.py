@@ -48,7 +48,7 @@ def find_unsafe(
     """
     scene, book = handle.content.scene, handle.content.book
     if book.numbers[PREPARED] != tick:
-        prepare_arm(scene, handle.content.q, handle.content.v, arm_age)
+        prepare_arm(scene, handle.content.guard.q, handle.content.guard.v, arm_age)
         book.numbers[PREPARED] = tick
     latest = time + stop_time
     count = find_below(book.soonest, latest, rows)

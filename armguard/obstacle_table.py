@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.compilation import kernel
+from armguard.records import make_records
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -146,6 +147,8 @@ class ObstacleTable:
         self.accepted = make_states(0)
         self.anchors = make_states(0)
         """States that whoever watches has proved things from; no points where there is none."""
+        self.changes = 0
+        """Goes up whenever rows come or go, or arrays are replaced."""
         self.refused_states = make_states(0)
         self._grow(capacity)
         note_row(self.news, 0)  # compiles it
@@ -167,6 +170,7 @@ class ObstacleTable:
         self.point_count[row] = 1
         self.anchors.point_count[row] = 0
         self.revision[row] += 1
+        self.changes += 1
         note_row(self.news, row)
         return row
 
@@ -174,6 +178,7 @@ class ObstacleTable:
         """Gives a row back."""
         self.alive[row] = self.has_state[row] = self.refused[row] = False
         self._free.append(row)
+        self.changes += 1
         note_row(self.news, row)
 
     def place_static(self, row: int, points: FloatArray, radius: float) -> None:
@@ -216,6 +221,7 @@ class ObstacleTable:
         self._resize(capacity, self.accepted.points.shape[1])
 
     def _resize(self, capacity: int, width: int) -> None:
+        self.changes += 1
         self.accepted = resize_states(self.accepted, capacity, width)
         self.anchors = resize_states(self.anchors, capacity, width)
         # Most rows never have a refused sample: what is not written takes no memory.
@@ -247,9 +253,9 @@ def clear_news(news: News) -> None:
 
 def make_states(rows: int, width: int = 1) -> States:
     """Room for so many states of at most `width` points; as yet, they have none."""
-    shape = (rows, width, 3)
-    scalars = [np.zeros(rows) for _ in range(6)]
-    return States(np.zeros(shape), np.zeros(shape), np.zeros(rows, dtype=np.int64), *scalars)
+    fields: dict[str, tuple[type, tuple[int, ...]]] = dict.fromkeys(States._fields, (float, ()))
+    fields |= {"points": (float, (width, 3)), "velocities": (float, (width, 3))}
+    return States(*make_records(rows, **(fields | {"point_count": (int, ())})))
 
 
 def resize_states(states: States, rows: int, width: int, kept: IntArray | None = None) -> States:

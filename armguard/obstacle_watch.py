@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from armguard.exceptions import ArmguardError
-from armguard.handle import pack
+from armguard.handle import machine_code, pack
 from armguard.joint_states import JointStates
 from armguard.obstacle_book import (
     ACTIVE,
@@ -22,6 +22,8 @@ from armguard.obstacle_book import (
     PREPARED,
     SPENT,
     STALE,
+    UNPLACED,
+    UNSEEN,
     admit,
     dismiss,
     doubt_all,
@@ -29,14 +31,15 @@ from armguard.obstacle_book import (
     grow_book,
     make_book,
 )
-from armguard.obstacle_looks import UNPLACED, Watching, look
+from armguard.obstacle_looks import Watching, look
 from armguard.obstacle_suspects import find_near, find_unsafe
+from armguard.obstacle_tick import advance
 from armguard.obstacles import Obstacles
 from armguard.pairs import evaluate
 from armguard.robot import Robot
 from armguard.scene import FloatArray, IntArray
 from armguard.schedules.wheel import NOBODY, SLOTS
-from armguard.watch import CLOSE_LOOKS, Listing, Look, Recollection, Tick
+from armguard.watch import CLOSE_LOOKS, NOTHING_SEEN, Listing, Look, Recollection, Seen, Tick
 from armguard.watched_arm import WatchedArm
 
 UNLIMITED = 2**62
@@ -56,6 +59,8 @@ class ObstacleWatch:
         states: Where joint positions and velocities of each tick stand.
         horizon: Period plus latency plus reaction time, in [s].
         freshness: How stale an answer may look, as a fraction of itself.
+        aware_margin: Beyond the stopping time, in [s]: what could be touched within is looked at
+            closer.
         period: Of ticks, in [s].
         budget: Evaluations in a tick after which nothing further is begun; None: no limit.
     """
@@ -68,16 +73,20 @@ class ObstacleWatch:
         states: JointStates,
         horizon: float,
         freshness: float,
+        aware_margin: float,
         period: float,
         budget: int | None,
     ) -> None:
         self._robot = robot
         self._obstacles = obstacles
         self._make_arm = make_arm
-        self._q, self._v = states.q, states.v
-        self._pace = horizon, freshness, period, UNLIMITED if budget is None else budget
+        self._states = states
+        self._freshness, self._period = freshness, period
+        self._budget = UNLIMITED if budget is None else budget
+        self._pace = horizon, freshness, aware_margin, period, self._budget
         self._suspects = np.zeros(SUSPECTS, dtype=np.int64)
         self._placed = -2
+        self._changes = -1
         self._doubted = False
         self._culprit = NOBODY
         self._prepare()
@@ -89,6 +98,9 @@ class ObstacleWatch:
 
     def follow(self) -> None:
         """Take in what was attached to the robot, and obstacles that came or went."""
+        changes, revision = self._obstacles.table.changes, self._robot.revision
+        if changes == self._changes and revision == self.arm.revision:
+            return
         if self._obstacles.watcher != self._watcher:
             raise ArmguardError(
                 "obstacles",
@@ -100,14 +112,13 @@ class ObstacleWatch:
             self._doubted = True
         if self.arm.state.view_table():
             self._fit()
-        if not self._obstacles.has_membership_news:
-            return
         added, removed = self._obstacles.drain_membership()
         if len(removed):
             dismiss(self._handle, removed)
         if len(added):
             masks = np.array([self.arm.watched_links(int(row)) for row in added])
             admit(self._handle, added, masks)
+        self._changes = changes
 
     def restart(self) -> None:
         """Start again with all obstacles that are there, whatever happened before."""
@@ -118,24 +129,44 @@ class ObstacleWatch:
         """Let no certificate hold, from the next look on."""
         self._doubted = True
 
-    def look(self, tick: Tick) -> Look:
+    def advance(
+        self,
+        stamp: float,
+        q: ArrayLike,
+        v: ArrayLike,
+        now: float,
+        epoch: float,
+        number: int,
+        *,
+        may_look: bool,
+    ) -> Seen:
+        """Take a joint state that there is nothing to be said against, and look if that is all."""
+        if not self._states.is_plain(q, v):
+            return NOTHING_SEEN
+        may_look = may_look and not (self._doubted or self._isotropic.is_widened)
+        seen: Seen = self._advance(self._watching, stamp, q, v, now, epoch, number, may_look)
+        return seen
+
+    def look(self, tick: Tick, seen: Seen) -> Look:
         """Look at the obstacles that are due; the arm is placed only if one of them needs it."""
         doubted, self._doubted = self._doubted, False
         if doubted:
             doubt_all(self._handle)
-        row, link, expiry, overdue, evaluated, disturbed = self._look(tick, 0)
+        row, link, expiry, overdue, evaluated, disturbed = seen[4:]
+        if row == UNSEEN:
+            row, link, expiry, overdue, evaluated, disturbed = self._go_on(tick, 0)
         broken: tuple[int, ...] = ()
         if disturbed:
             # Read before the look goes on: by then there is no news any more.
             broken = tuple(self.book.broken[: self.book.numbers[BROKEN]].tolist())
         if row == UNPLACED:
             self._place(tick)
-            row, link, expiry, overdue, evaluated, _ = self._look(tick, evaluated)
+            row, link, expiry, overdue, evaluated, _ = self._go_on(tick, evaluated)
         pair = NOBODY if row == NOBODY else row * self._links + link
         return Look(pair, expiry, overdue, evaluated, broken, doubted or disturbed > 0)
 
-    def _look(self, tick: Tick, spent: int) -> tuple[int, int, float, int, int, int]:
-        found: tuple[int, int, float, int, int, int] = look(
+    def _go_on(self, tick: Tick, spent: int) -> tuple[int, int, float, int, int, int]:
+        found: tuple[int, int, float, int, int, int] = self._look(
             self._watching,
             self._placed == tick.number,
             spent,
@@ -178,7 +209,7 @@ class ObstacleWatch:
 
     def expect_evaluations(self) -> float:
         """How many evaluations a tick costs as imminent as all obstacles are now."""
-        book, (_, freshness, period, _) = self.book, self._pace
+        book, freshness, period = self.book, self._freshness, self._period
         rows = np.flatnonzero(book.watched.any(axis=1))
         looked_at = book.evaluated_at[rows]
         rows, looked_at = rows[np.isfinite(looked_at)], looked_at[np.isfinite(looked_at)]
@@ -192,7 +223,7 @@ class ObstacleWatch:
     def find_unsafe(self, tick: Tick, stop_time: float) -> tuple[int, int]:
         """A pair that might touch before the arm rests, NOBODY if there is none; evaluations."""
         self._place(tick)
-        row, link, spent = find_unsafe(
+        row, link, spent = self._find_unsafe(
             self._watching,
             tick.now,
             tick.time,
@@ -200,7 +231,7 @@ class ObstacleWatch:
             tick.arm_age,
             stop_time,
             self._culprit,
-            min(self._pace[-1], CLOSE_LOOKS),
+            min(self._budget, CLOSE_LOOKS),
             self._suspects,
         )
         if row == NOBODY:
@@ -228,17 +259,18 @@ class ObstacleWatch:
         rows = rows[~np.isin(rows, self._obstacles.changed_rows())]
         row_expiry = book.soonest[len(book.soonest) // 2 + rows]
         pairs = (rows[:, None] * links + np.arange(links))[book.watched[rows]]
-        expiry = book.pair_expiry.reshape(-1)[pairs]
+        expiry = book.pair_expiry[pairs // links, pairs % links]
         order = np.argsort(expiry, kind="stable")[:pair_limit]
         pairs = pairs[order]
+        places = pairs // links, pairs % links
         return Listing(
             rows=rows[:row_limit],
             row_expiry=row_expiry[:row_limit],
             pairs=pairs,
             expiry=expiry[order],
-            evaluated_at=book.evaluated_at[pairs // links],
-            sphere=book.pair_sphere.reshape(-1)[pairs].astype(np.int64),
-            bound=book.pair_bound.reshape(-1)[pairs].astype(np.int64),
+            evaluated_at=book.evaluated_at[places[0]],
+            sphere=book.pair_sphere[places].astype(np.int64),
+            bound=book.pair_bound[places].astype(np.int64),
             sphere_expiry=self._sphere_expiry(time, rows),
         )
 
@@ -260,6 +292,7 @@ class ObstacleWatch:
     def _prepare(self) -> None:
         """Lay out everything for the links that the robot has now."""
         self.arm = self._make_arm()
+        self._isotropic = self.arm.motion.isotropic
         self._links = len(self.arm.links)
         self._placed = -2
         self._watcher = self._obstacles.start_watching()
@@ -279,7 +312,17 @@ class ObstacleWatch:
         self.book = grow_book(self.book, table.news, table.anchors)
         self._handle = pack(self.book)
         scene = self.arm.state.scene
-        self._watching = pack(Watching(scene, self.book, self._q, self._v, *self._pace))
+        self._watching = pack(Watching(scene, self.book, self._states.guard, *self._pace))
+        self._bind()
+
+    def _bind(self) -> None:
+        """Have compiled what a tick runs, for the arrays that there are now."""
+        handle, some = self._watching, np.zeros((len(self._states.q), 2))[:, 0]
+        self._advance = machine_code(advance, handle, 0.0, some, some, 0.0, 0.0, 0, True)
+        self._look = machine_code(look, handle, True, 0, 0.0, 0.0, 0, 0.0, 0.0)
+        self._find_unsafe = machine_code(
+            find_unsafe, handle, 0.0, 0.0, 0, 0.0, 0.0, 0, 0, self._suspects
+        )
 
     def _compile(self) -> None:
         """Run every kernel once on nothing, so that none is compiled in a tick."""
@@ -289,7 +332,7 @@ class ObstacleWatch:
         doubt_all(self._handle)
         # Numbers of ticks begin at 1.
         tick = Tick(-1, 0.0, 0.0, zeros, zeros, 0.0, 0.0, 0.0)
-        self.look(tick)
+        self.look(tick, NOTHING_SEEN)
         self.find_unsafe(tick, 0.0)
         self.near_pairs(tick, 0.0)
         evaluate(self.arm.state, none, np.zeros(0), none, np.zeros(0, dtype=np.int8))

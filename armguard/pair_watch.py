@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.flagged import FlaggedCheck
+from armguard.joint_states import JointStates
 from armguard.ledger import NOBODY, PairLedger
 from armguard.obstacle_table import clear_news
 from armguard.obstacles import Obstacles
@@ -20,7 +21,7 @@ from armguard.pairs import evaluate, find_unsafe_pair
 from armguard.robot import Robot
 from armguard.scene import REACH, FloatArray, IntArray
 from armguard.schedules import Schedule
-from armguard.watch import CLOSE_LOOKS, Listing, Look, Recollection, Tick
+from armguard.watch import CLOSE_LOOKS, NOTHING_SEEN, Listing, Look, Recollection, Seen, Tick
 from armguard.watched_arm import WatchedArm
 
 
@@ -32,6 +33,7 @@ class PairWatch:
         obstacles: The table; this watch is the one that follows its rows from now on.
         schedule: Says which pairs to look at.
         make_arm: Lays out the arm as it is now.
+        states: Where joint positions and velocities of each tick stand.
     """
 
     def __init__(
@@ -40,11 +42,13 @@ class PairWatch:
         obstacles: Obstacles,
         schedule: Schedule,
         make_arm: Callable[[], WatchedArm],
+        states: JointStates,
     ) -> None:
         self._robot = robot
         self._obstacles = obstacles
         self.schedule = schedule
         self._make_arm = make_arm
+        self._states = states
         self._prepare()
 
     def follow(self) -> None:
@@ -84,7 +88,21 @@ class PairWatch:
         """Let no certificate hold: what they rest on beside their obstacles is gone."""
         self.ledger.doubt()
 
-    def look(self, tick: Tick) -> Look:
+    def advance(
+        self,
+        stamp: float,
+        q: ArrayLike,
+        v: ArrayLike,
+        now: float,
+        epoch: float,
+        number: int,
+        *,
+        may_look: bool,
+    ) -> Seen:
+        """Take a joint state that there is nothing to be said against; the look comes later."""
+        return (*self._states.glance(stamp, q, v, now), *NOTHING_SEEN[3:])
+
+    def look(self, tick: Tick, seen: Seen) -> Look:
         """Evaluate the pairs that are due and check the flagged ones exactly."""
         ledger, state, schedule = self.ledger, self.arm.state, self.schedule
         self.arm.kinematics.place(tick.q)

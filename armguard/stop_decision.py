@@ -130,6 +130,11 @@ class StopDecision:
             recent.popleft()
         return recent[0][1] if recent else 1.0
 
+    @property
+    def is_unheld(self) -> bool:
+        """Whether no lower scale is held, so that the whole is given out where it is safe."""
+        return not self._recent
+
     def _is_safe(self, tick: Tick, scale: float) -> bool:
         table = self._watch.arm.motion.braking.tabulate(
             tick.q, tick.v, tick.arm_age, self._obeyed_after, going_on=self._going_on, scale=scale

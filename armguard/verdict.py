@@ -189,6 +189,10 @@ class VerdictRule:
         """Hold STOP for `reason` until `reset()`; the first of a kind is the one kept."""
         self.latched.setdefault(reason.kind, reason)
 
+    def is_clear(self, now: float) -> bool:
+        """Whether at `now`, in [s], nothing keeps the level below what the tick itself earns."""
+        return self._settled and not self.latched and not now - self._low_at < self.hold
+
     def grade(self, contact_time: float, stop_time: float, *, rests: bool = False) -> Level:
         """The level that one contact time earns by itself.
 

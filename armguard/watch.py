@@ -6,13 +6,26 @@ and one that lets any schedule of pair numbers decide.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from armguard.joint_glance import DOUBTFUL
+from armguard.obstacle_book import UNSEEN
 from armguard.scene import FloatArray, IntArray
+from armguard.schedules.wheel import NOBODY
 from armguard.watched_arm import WatchedArm
+
+Seen = tuple[int, float, float, float, int, int, float, int, int, int]
+"""What an advance saw, as compiled code returns it: what a glance at the joint state found, both
+stop times in [s], and unless the row is UNSEEN the opening time in [s]; then row and link whose
+certificate ends first, that end in [s] since the epoch, how many obstacles are overdue,
+evaluations, and how many rows news have overtaken."""
+
+NOTHING_SEEN: Seen = (DOUBTFUL, math.inf, math.inf, 0.0, UNSEEN, 0, 0.0, 0, 0, 0)
+"""Of a joint state that calls for a closer look."""
 
 CLOSE_LOOKS = 1024
 """Evaluations by the table of braking at a time, so that a crowd cannot hold up a tick."""
@@ -36,6 +49,8 @@ class Tick(NamedTuple):
     """In which the arm surely rests."""
     opening_time: float
     """What could be touched before this is looked at closer."""
+    late_stop_time: float = math.inf
+    """In which the arm surely rests that brakes only when a speed scale has run out."""
 
 
 class Look(NamedTuple):
@@ -53,6 +68,10 @@ class Look(NamedTuple):
     """Rows of obstacles that broke the bounds behind their certificates."""
     disturbed: bool = True
     """Whether there may be news that proofs of earlier ticks do not allow for."""
+
+
+NOTHING_FOUND = Look(NOBODY, math.inf, 0, 0)
+"""By no look at all."""
 
 
 class Listing(NamedTuple):
@@ -110,8 +129,32 @@ class Watch(Protocol):
         """Let no certificate hold: what they rest on beside their obstacles is gone."""
         ...
 
-    def look(self, tick: Tick) -> Look:
-        """Look at the pairs that are due."""
+    def advance(
+        self,
+        stamp: float,
+        q: ArrayLike,
+        v: ArrayLike,
+        now: float,
+        epoch: float,
+        number: int,
+        *,
+        may_look: bool,
+    ) -> Seen:
+        """Take a joint state that there is nothing to be said against, and look if that is all.
+
+        Args:
+            stamp: When the state was measured, in [s].
+            q: Joint positions, [rad] or [m]. Shape (nv,).
+            v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
+            now: Time of the tick, in [s].
+            epoch: Since when the monitor counts time, in [s].
+            number: Of the tick.
+            may_look: Whether there is nothing to be seen to between state and look.
+        """
+        ...
+
+    def look(self, tick: Tick, seen: Seen) -> Look:
+        """Look at the pairs that are due, from where the tick's advance left off."""
         ...
 
     def prepare(self, tick: Tick) -> None:

@@ -46,7 +46,7 @@ def make_watch(
         )
 
     if schedule is not None:
-        return PairWatch(robot, obstacles, schedule, make_arm)
+        return PairWatch(robot, obstacles, schedule, make_arm, states)
     return ObstacleWatch(
         robot,
         obstacles,
@@ -54,6 +54,7 @@ def make_watch(
         states,
         settings.horizon + settings.reaction_time,
         settings.freshness,
+        settings.aware_margin,
         settings.period,
         settings.budget,
     )

@@ -1,11 +1,12 @@
 import gc
+import sys
 import weakref
 from typing import NamedTuple
 
 import numpy as np
 
 from armguard.compilation import kernel
-from armguard.handle import pack
+from armguard.handle import machine_code, pack
 
 
 class Inner(NamedTuple):
@@ -69,3 +70,31 @@ def test_arrays_live_as_long_as_their_handle():
     del handle, noise
     gc.collect()
     assert gone() is None
+
+
+@kernel
+def measure(handle, array, factor):
+    return factor * (array.sum() + handle.content.inner.array[0]), array.shape[0]
+
+
+def test_machine_code_does_what_the_kernel_does_for_arrays_of_any_strides():
+    content = make()
+    handle, table = pack(content), np.arange(12.0).reshape(4, 3)
+    run = machine_code(measure, handle, table[:, 0], 1.0)
+    for array in (table[:, 1], table[::-2, 2], np.ones(5)):
+        assert run(handle, array, 2.0) == (2.0 * array.sum(), len(array))
+    assert run(handle, table[:, 0], np.float64(0.5)) == (9.0, 4)
+    content.inner.array[0] = 3.0
+    assert run(handle, np.zeros(1), 1.0) == (3.0, 1)
+
+
+def test_what_is_borrowed_may_be_used_again_and_again():
+    """References that are counted wrongly would free the arrays, or keep them for ever."""
+    array = np.arange(3.0)
+    content = make()
+    handle = pack(content._replace(inner=content.inner._replace(array=array)))
+    before = sys.getrefcount(array)
+    for _ in range(1000):
+        add_up(handle, 0)
+    assert sys.getrefcount(array) == before
+    assert array[0] == 10_000.0

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import HOME, STILL, panda
 
-from armguard.joint_states import NOBODY, JointStates, _find_runaway
+from armguard.joint_glance import NOBODY, find_runaway
+from armguard.joint_states import JointStates
 from armguard.verdict import ReasonKind
 
 TIMEOUT = 0.05
@@ -240,4 +241,4 @@ def test_a_joint_that_cannot_stop_in_time_is_told(places, speeds):
 def test_a_joint_without_stops_runs_into_none():
     q, v = np.zeros(1), np.array([5.0])
     endless = np.full(1, np.inf)
-    assert _find_runaway(q, v, -endless, endless, np.zeros(1), np.ones(1)) == NOBODY
+    assert find_runaway(q, v, -endless, endless, np.zeros(1), np.ones(1)) == NOBODY

@@ -7,6 +7,7 @@ import pytest
 from scenes import HOME, STILL, kinds, make_monitor, see, steps
 
 from armguard import certificate
+from armguard.judgement import Judge
 from armguard.separation_margin import SeparationRule
 from armguard.verdict import Level, ReasonKind
 
@@ -94,3 +95,47 @@ def test_what_found_no_room_could_be_anywhere(monkeypatch):
     see(obstacles, 2e-3, FAR)
     # The other faults of that call were taken: what is left has room.
     assert steps(monitor, 2, 1)[0].separation > 0.0
+
+
+def live(motion, seed):
+    """Verdicts of a life with people who come near and go, hiccups, doubts and new faces."""
+    rng = np.random.default_rng(seed)
+    obstacles, monitor = make_monitor(motion=motion, rate=200.0, joint_timeout=0.2)
+    said, phase, pose = [], rng.uniform(0.0, 6.0, 3), rng.uniform(0.0, 6.0, 7)
+    for tick in range(1500):
+        now = 0.005 * tick
+        if tick % 4 == 0:
+            radius = 7.0 + 6.0 * np.sin(0.3 * now + phase)
+            bearing = 0.1 * now + phase
+            where = np.stack([radius * np.cos(bearing), radius * np.sin(bearing), 0.5 + 0 * radius])
+            names = ["ann", "bob", "cid" if tick % 400 < 200 else "dot"]
+            see(obstacles, now, where.T, ids=names, snapshot=True)
+        if tick % 333 == 332:
+            see(obstacles, now, [math.nan] * 3, ids=["ann"])
+        if tick == 900:
+            monitor.reset()
+        stamp = now - (0.003 if tick % 20 == 7 else 0.0)
+        q, v = HOME + 0.2 * np.sin(stamp + pose), 0.2 * np.cos(stamp + pose)
+        said.append(monitor.step(stamp, q, v, now))
+        if tick % 100 == 50:
+            said.append(monitor.pairs(3))
+            said.append(monitor.headroom())
+    return said
+
+
+@pytest.mark.parametrize("motion", ["joint", "isotropic"])
+def test_the_short_way_says_to_the_bit_what_the_long_one_does(motion, monkeypatch):
+    calls, short = [], Judge.judge_clear
+
+    def count(self, *arguments):
+        verdict = short(self, *arguments)
+        calls.append(verdict is not None)
+        return verdict
+
+    monkeypatch.setattr(Judge, "judge_clear", count)
+    by_both = live(motion, 1)
+    assert 200 < sum(calls) < len(calls) - 50
+    monkeypatch.setattr(Judge, "judge_clear", lambda *_: None)
+    by_long = live(motion, 1)
+    assert list(map(repr, by_both)) == list(map(repr, by_long))
+    assert len({v.level for v in by_long if hasattr(v, "level")}) == 4

@@ -198,7 +198,7 @@ def test_a_scale_that_is_given_out_is_safe_now_however_late_ticks_come(pace):
         if not verdict.speed_scale > 0.0 or verdict.speed_scale == 1.0:
             continue
         given += 1
-        tick = monitor._tick
+        tick = monitor._recall()[0]
         table = braking.tabulate(
             HOME, STILL, 0.0, PERIOD + LATENCY, going_on=SLOW, scale=verdict.speed_scale
         )

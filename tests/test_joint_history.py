@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armguard import ArmguardError
+from armguard.joint_history import JointHistory, _all_pass, _test_joint
 from armguard.plausibility import (
     ALLOWED,
     NOT_FINITE,
@@ -17,7 +18,6 @@ from armguard.plausibility import (
     TIME_BACKWARDS,
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
-    JointHistory,
 )
 
 INF = math.inf
@@ -194,3 +194,27 @@ def test_hostile_joint_states_never_raise(states):
         assert ALLOWED <= code <= TIME_BACKWARDS
         if code == ALLOWED:
             assert abs(v) <= 2.02 * (1 + 1e-14)
+
+
+@settings(max_examples=200)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1.0, 30.0]), st.sampled_from([0.0, 1e-3]))
+def test_all_at_once_is_judged_as_one_by_one(seed, wildness, position_error):
+    rng = np.random.default_rng(seed)
+    joints = history(position_error)
+    stamp, q, v = 0.0, np.zeros(3), np.zeros(3)
+    top, accel = LIMITS["velocity_limit"], LIMITS["acceleration_limit"]
+    for _ in range(30):
+        one_by_one = [_test_joint(*joints.arrays, stamp, j, q[j], v[j]) for j in range(3)]
+        assert _all_pass(*joints.arrays, stamp, q, v) == (one_by_one == [ALLOWED] * 3)
+        joints.accept(stamp, q, v)
+        period = rng.choice([0.0, 1e-3, 0.05])
+        stamp += period
+        change = rng.uniform(-1.0, 1.0, 3) * (accel * period + 0.02) * rng.choice([1.0, wildness])
+        q = q + v * period + rng.uniform(-1.0, 1.0, 3) * 1e-3
+        v = np.clip(v + change, -top, top)
+        if rng.random() < 0.1:
+            q[rng.integers(3)] = rng.choice([math.nan, INF, -INF, 1e300, q[0]])
+            v[rng.integers(3)] = rng.choice([math.nan, INF, -INF, 1e300, v[0]])
+        if not (np.isfinite(q).all() and np.isfinite(v).all()):
+            assert not _all_pass(*joints.arrays, stamp, q, v)
+            q, v = np.zeros(3), np.zeros(3)

@@ -1,0 +1,31 @@
+"""Arrays whose rows lie side by side in memory: what is read together is fetched together.
+
+Of ten thousand rows a tick reads ten, somewhere. From as many arrays as a row has fields that would
+be as many waits for memory; here a row is one record, which begins on a cache line of its own.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+CACHE_LINE = 64
+"""[bytes] on nearly every processor; another size would cost time only."""
+
+
+def make_records(rows: int, **fields: tuple[type, tuple[int, ...]]) -> list[NDArray[Any]]:
+    """An array of zeros for each field, with so many rows; what is not written takes no memory.
+
+    Args:
+        rows: How many.
+        fields: Kind of number of each, and shape within a row; the widest kinds first.
+    """
+    layout = np.dtype([(name, kind, shape) for name, (kind, shape) in fields.items()])
+    size = -(-layout.itemsize // CACHE_LINE) * CACHE_LINE
+    memory = np.zeros(rows * size + CACHE_LINE, dtype=np.uint8)
+    start = -memory.ctypes.data % CACHE_LINE
+    padded = np.dtype([*layout.descr, ("unused", np.uint8, (size - layout.itemsize,))])
+    records = memory[start : start + rows * size].view(padded)
+    return [records[name] for name in fields]
