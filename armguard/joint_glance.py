@@ -70,8 +70,9 @@ def glance(
     Args:
         guard: What it is compared with; the state becomes part of it.
         stamp: When it was measured, in [s].
-        q_given: Joint positions, [rad] or [m]; any strides. Shape (nv,).
-        v_given: Joint velocities, [rad/s] or [m/s]; any strides. Shape (nv,).
+        q_given: Joint positions, [rad] or [m]; any strides, and of any length, since shape (nv,)
+            is what is expected.
+        v_given: Joint velocities, [rad/s] or [m/s]; likewise.
         now: Time of the tick, in [s].
 
     Returns:
@@ -84,6 +85,8 @@ def glance(
         return DOUBTFUL, np.inf, np.inf
     found = BELIEVED
     q, v = guard.read_q, guard.read_v
+    if not (q_given.shape[0] == q.shape[0] == v_given.shape[0]):
+        return DOUBTFUL, np.inf, np.inf
     for j in range(q.shape[0]):
         q[j], v[j] = q_given[j], v_given[j]
         if not (guard.lower[j] <= q[j] <= guard.upper[j] and abs(v[j]) <= guard.fastest[j]):
@@ -117,7 +120,13 @@ def stop_times(guard: Guard, v: FloatArray, age: float) -> tuple[float, float]:
         age: Of these, in [s].
     """
     delay = guard.delay[0]
-    soon = compute_stop_time(
+    soon = _stop_time(guard, v, age)
+    return soon, _stop_time(guard, v, age + delay) + delay
+
+
+@kernel
+def _stop_time(guard: Guard, v: FloatArray, age: float) -> float:
+    stop_time: float = compute_stop_time(
         v,
         guard.velocity_error,
         guard.velocity_limit,
@@ -127,17 +136,7 @@ def stop_times(guard: Guard, v: FloatArray, age: float) -> tuple[float, float]:
         guard.horizon,
         guard.reaction_time,
     )
-    late = compute_stop_time(
-        v,
-        guard.velocity_error,
-        guard.velocity_limit,
-        guard.acceleration_limit,
-        guard.braking_deceleration,
-        age + delay,
-        guard.horizon,
-        guard.reaction_time,
-    )
-    return soon, late + delay
+    return stop_time
 
 
 @kernel

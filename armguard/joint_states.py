@@ -63,7 +63,6 @@ class JointStates:
             robot.velocity_error,
         )
         self._fresh = True
-        self._shape = self.q.shape
         self.guard = Guard(
             self.q,
             self.v,
@@ -107,13 +106,13 @@ class JointStates:
         return times
 
     def is_plain(self, q: object, v: object) -> bool:
-        """Whether these are arrays that compiled code can be handed as they are."""
+        """Whether these are arrays that compiled code can be handed as they are, of any length."""
         return (
             type(q) is np.ndarray
             and type(v) is np.ndarray
             and q.dtype is FLOAT
             and v.dtype is FLOAT
-            and q.shape == v.shape == self._shape
+            and q.ndim == 1 == v.ndim
         )
 
     def glance(

@@ -124,7 +124,7 @@ class Judge:
             and contact_time > stop_time + rule.aware_margin
             and self._is_plain
             and rule.is_clear(now)
-            and (stopping is None or stopping.is_unheld)
+            and (stopping is None or not stopping.held)
         ):
             return None
         arm = self._watch.arm

@@ -9,6 +9,7 @@ verdicts to the bit.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -38,6 +39,9 @@ from armguard.verdict import (
 )
 from armguard.watch import NOTHING_FOUND, Look, Seen, Tick
 from armguard.watches import make_watch
+
+NEVER = -sys.float_info.max
+"""Time of the last tick before the first one, in [s]."""
 
 
 class Monitor(MonitorAnswers):
@@ -122,6 +126,7 @@ class Monitor(MonitorAnswers):
         self.obstacles = obstacles
         self.base_placement = settings.base_placement
         self._horizon = settings.horizon
+        self._source_timeout = settings.source_timeout
         self._rule = VerdictRule(slow_margin, aware_margin, hold)
         self._states = JointStates(
             robot, settings.joint_timeout, settings.horizon, settings.reaction_time
@@ -133,9 +138,9 @@ class Monitor(MonitorAnswers):
             robot, self._watch, self._states, self._rule, settings, separation, certify=certify
         )
         self._last: tuple[Tick | None, Look] = None, NOTHING_FOUND
-        self._clear: tuple[int, float, float, float, Seen] | None = None
+        self._clear: tuple[int, float, float, Seen] | None = None
         self._epoch = math.nan
-        self._now = -math.inf
+        self._now = NEVER
         self._quiet_until = -math.inf
         self._homeless = self._no_sources = False
         self._sequence = 0
@@ -164,8 +169,10 @@ class Monitor(MonitorAnswers):
             now: Time of this tick, in [s]; the stamp unless given.
         """
         self._sequence += 1
+        if now is None:
+            now = stamp
         try:
-            return self._step(stamp, q, v, stamp if now is None else now)
+            return self._step(stamp, q, v, now)
         except Exception as error:
             # Whatever went wrong inside, the arm must stop.
             return self._refuse(
@@ -191,7 +198,7 @@ class Monitor(MonitorAnswers):
         self._watch.restart()
         self._judge.reset()
         self._last, self._clear = (None, NOTHING_FOUND), None
-        self._now = -math.inf
+        self._now = NEVER
         self._epoch = math.nan
 
     def commit(self, plan: Plan) -> PlanVerdict:
@@ -222,30 +229,27 @@ class Monitor(MonitorAnswers):
     def _step(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> Verdict:
         if not (type(stamp) is float and type(now) is float):
             stamp, now = read_number(stamp), read_number(now)
-        if not (math.isfinite(now) and math.isfinite(stamp)):
-            return self._refuse(stamp, Reason(ReasonKind.TIME_INVALID, f"stamp {stamp}, now {now}"))
-        if now < self._now:
-            reason = Reason(ReasonKind.TIME_BACKWARDS, "clock", f"{now!r} after {self._now!r}")
-            self._now = now
-            return self._refuse(stamp, reason)
+        if not self._now <= now < math.inf:
+            return self._refuse_time(stamp, now)
         self._now = now
-        if math.isnan(self._epoch):
-            self._epoch = now
-        watch, states, obstacles = self._watch, self._states, self.obstacles
+        watch, states, obstacles, number = self._watch, self._states, self.obstacles, self._sequence
         watch.follow()
-        quiet = now < self._quiet_until and not self._homeless
-        quiet = quiet and obstacles.is_quiet(now, self.settings.source_timeout)
-        time = now - self._epoch
-        seen = watch.advance(stamp, q, v, now, self._epoch, self._sequence, may_look=quiet)
+        quiet = now < self._quiet_until and obstacles.is_quiet(now, self._source_timeout)
+        epoch = self._epoch
+        seen = watch.advance(stamp, q, v, now, epoch, number, quiet)
         found, stop_time, late, _, row, link, expiry, overdue, evaluated, news = seen
         if row >= 0 and not (overdue or news or self._no_sources):
             verdict = self._judge.judge_clear(
-                stamp, self._sequence, now, expiry - time, stop_time, late, row, link, evaluated
+                stamp, number, now, expiry - (now - epoch), stop_time, late, row, link, evaluated
             )
             if verdict is not None:
-                self._clear = self._sequence, stamp, now, time, seen
+                self._clear = number, stamp, now, seen
                 return verdict
+        if math.isnan(epoch):
+            self._epoch = now
         if found & DOUBTFUL:
+            if not math.isfinite(stamp):
+                return self._refuse_time(stamp, now)
             disbelief = states.receive(stamp, q, v, now)
             if disbelief is not None:
                 return self._refuse(stamp, disbelief)
@@ -261,9 +265,9 @@ class Monitor(MonitorAnswers):
         if not quiet:
             reasons += self._read_obstacles(now)
         tick = Tick(
-            self._sequence,
+            number,
             now,
-            time,
+            now - self._epoch,
             states.q,
             states.v,
             now - stamp,
@@ -289,20 +293,10 @@ class Monitor(MonitorAnswers):
     def _recall(self) -> tuple[Tick | None, Look]:
         """The last tick whose state was believed, and what the last look found."""
         if self._clear is not None:
-            number, stamp, now, time, seen = self._clear
+            number, stamp, now, seen = self._clear
             _, stop_time, late, opening_time, row, link, expiry, _, evaluated, _ = seen
-            states = self._states
-            tick = Tick(
-                number,
-                now,
-                time,
-                states.q,
-                states.v,
-                now - stamp,
-                stop_time,
-                opening_time,
-                late,
-            )
+            time, age, q, v = now - self._epoch, now - stamp, self._states.q, self._states.v
+            tick = Tick(number, now, time, q, v, age, stop_time, opening_time, late)
             pair = row * len(self._watch.arm.links) + link
             self._last = tick, Look(pair, expiry, 0, evaluated, disturbed=False)
             self._clear = None
@@ -311,12 +305,22 @@ class Monitor(MonitorAnswers):
     def _read_obstacles(self, now: float) -> list[Reason]:
         """What is wrong with the obstacle table, and until when silence is no reason."""
         obstacles = self.obstacles
-        reasons = take_obstacle_reasons(obstacles, now, self.settings.source_timeout)
+        reasons = take_obstacle_reasons(obstacles, now, self._source_timeout)
         self._homeless = bool(obstacles.homeless())
         self._no_sources = not obstacles.has_sources
-        # Until then nobody can have been silent for too long; rounding is allowed for.
-        self._quiet_until = obstacles.quiet_until(self.settings.source_timeout) - self.period
+        self._quiet_until = -math.inf
+        if not self._homeless:
+            # Until then nobody can have been silent for too long; rounding is allowed for.
+            self._quiet_until = obstacles.quiet_until(self._source_timeout) - self.period
         return reasons
+
+    def _refuse_time(self, stamp: float, now: float) -> Verdict:
+        """The verdict of a tick at a time that is none, or before the one before it."""
+        if not (math.isfinite(now) and math.isfinite(stamp)):
+            return self._refuse(stamp, Reason(ReasonKind.TIME_INVALID, f"stamp {stamp}, now {now}"))
+        reason = Reason(ReasonKind.TIME_BACKWARDS, "clock", f"{now!r} after {self._now!r}")
+        self._now = now
+        return self._refuse(stamp, reason)
 
     def _refuse(self, stamp: float, reason: Reason) -> Verdict:
         """The verdict of a tick whose arm state is not believed: the worst of everything."""
@@ -327,7 +331,7 @@ class Monitor(MonitorAnswers):
             self._judge.plan.reset()
         self._judge.certificate_inputs = None
         self._rule.latch(reason)
-        now = self._now if math.isfinite(self._now) else 0.0
+        now = 0.0 if self._now == NEVER else self._now
         self._rule.decide(now, 0.0, math.inf, complete=False, standing=True)
         return Verdict(
             stamp=stamp,

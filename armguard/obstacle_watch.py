@@ -137,7 +137,6 @@ class ObstacleWatch:
         now: float,
         epoch: float,
         number: int,
-        *,
         may_look: bool,
     ) -> Seen:
         """Take a joint state that there is nothing to be said against, and look if that is all."""

@@ -96,7 +96,6 @@ class PairWatch:
         now: float,
         epoch: float,
         number: int,
-        *,
         may_look: bool,
     ) -> Seen:
         """Take a joint state that there is nothing to be said against; the look comes later."""

@@ -1,7 +1,7 @@
 """Arrays whose rows lie side by side in memory: what is read together is fetched together.
 
 Of ten thousand rows a tick reads ten, somewhere. From as many arrays as a row has fields that would
-be as many waits for memory; here a row is one record, which begins on a cache line of its own.
+be as many waits for memory; here a row is one record, on as few cache lines as it can be.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ def make_records(rows: int, **fields: tuple[type, tuple[int, ...]]) -> list[NDAr
     """
     layout = np.dtype([(name, kind, shape) for name, (kind, shape) in fields.items()])
     size = -(-layout.itemsize // CACHE_LINE) * CACHE_LINE
+    if layout.itemsize < CACHE_LINE:
+        # Several to a line, and none across two.
+        size = 1 << (layout.itemsize - 1).bit_length()
     memory = np.zeros(rows * size + CACHE_LINE, dtype=np.uint8)
     start = -memory.ctypes.data % CACHE_LINE
     padded = np.dtype([*layout.descr, ("unused", np.uint8, (size - layout.itemsize,))])

@@ -33,6 +33,8 @@ class StopDecision:
 
     Attributes:
         evaluated: Evaluations so far.
+        held: Scales below the whole that were found in the last `hold`, each with its time; the
+            least first.
         looks_ahead: How long from its tick on an arm goes on in the proof of a scale, in [s].
     """
 
@@ -60,7 +62,7 @@ class StopDecision:
 
     def reset(self) -> None:
         """Forget the speed scales found and given out so far."""
-        self._recent: deque[tuple[float, float]] = deque()
+        self.held: deque[tuple[float, float]] = deque()
         self.restart_search()
 
     def restart_search(self) -> None:
@@ -120,7 +122,7 @@ class StopDecision:
 
     def hold_scale(self, now: float, scale: float) -> float:
         """The scale to give out at `now`, in [s]: the least of those found in the last `hold`."""
-        recent = self._recent
+        recent = self.held
         while recent and recent[-1][1] >= scale:
             recent.pop()
         if scale < 1.0:
@@ -129,11 +131,6 @@ class StopDecision:
         while recent and recent[0][0] < now - self._hold:
             recent.popleft()
         return recent[0][1] if recent else 1.0
-
-    @property
-    def is_unheld(self) -> bool:
-        """Whether no lower scale is held, so that the whole is given out where it is safe."""
-        return not self._recent
 
     def _is_safe(self, tick: Tick, scale: float) -> bool:
         table = self._watch.arm.motion.braking.tabulate(

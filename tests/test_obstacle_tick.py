@@ -14,7 +14,7 @@ FAR, NEAR = [8.0, 0.0, 0.5], [0.9, 0.0, 0.5]
 def advance(monitor, number, q=HOME, v=STILL, *, now=None, may_look=True):
     stamp = number * 1e-3
     now = stamp if now is None else now
-    return monitor._watch.advance(stamp, q, v, now, 0.0, number + 1, may_look=may_look)
+    return monitor._watch.advance(stamp, q, v, now, 0.0, number + 1, may_look)
 
 
 def watched(position):

@@ -32,6 +32,12 @@ def test_a_row_is_one_record_on_cache_lines_of_its_own():
         assert first <= array.ctypes.data < first + used
 
 
+def test_small_records_share_a_line_and_none_lies_on_two():
+    one, other = make_records(100, one=(np.int32, ()), other=(np.int8, ()))
+    assert one.strides == other.strides == (8,)
+    assert one.ctypes.data % CACHE_LINE == 0
+
+
 def test_fields_do_not_overlap():
     arrays = make_records(3, **FIELDS)
     for number, array in enumerate(arrays):

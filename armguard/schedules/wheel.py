@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.compilation import kernel
+from armguard.records import make_records
 
 IntArray = NDArray[np.int64]
 Int32Array = NDArray[np.int32]
@@ -63,16 +64,19 @@ WAITING, TURNING, TICK = range(3)
 
 def make_wheel(capacity: int) -> Wheel:
     """An empty wheel."""
-    return Wheel(
-        first=np.full(SLOTS, NOBODY, dtype=np.int32),
-        load=np.zeros(SLOTS, dtype=np.int32),
-        slot=np.full(capacity, ABSENT, dtype=np.int32),
-        after=np.zeros(capacity, dtype=np.int32),
-        before=np.zeros(capacity, dtype=np.int32),
-        deadline=np.full(capacity, np.inf),
-        heap=np.zeros(capacity, dtype=np.int32),
-        numbers=np.zeros(3, dtype=np.int64),
+    first, load = make_records(SLOTS, first=(np.int32, ()), load=(np.int32, ()))
+    deadline, slot, after, before = make_records(
+        capacity,
+        deadline=(float, ()),
+        slot=(np.int32, ()),
+        after=(np.int32, ()),
+        before=(np.int32, ()),
     )
+    first[:] = NOBODY
+    deadline[:] = np.inf
+    slot[:] = ABSENT
+    heap, numbers = np.zeros(capacity, dtype=np.int32), np.zeros(3, dtype=np.int64)
+    return Wheel(first, load, slot, after, before, deadline, heap, numbers)
 
 
 def grow_wheel(wheel: Wheel, capacity: int) -> Wheel:
