@@ -63,7 +63,8 @@ class PairLedger:
         self.pairs: IntArray = np.zeros(0, dtype=np.int64)
         """The active pairs, ascending."""
         self._seen_revision: IntArray = np.zeros(0, dtype=np.int64)
-        self._anchors = make_states(0)
+        # Two rows at least: arrays of fewer would be of another type for compiled code.
+        self._anchors = make_states(2)
         self._outcomes: NDArray[np.int8] = np.zeros(0, dtype=np.int8)
         self._doubted = False
 

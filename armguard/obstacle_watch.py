@@ -146,7 +146,7 @@ class ObstacleWatch:
         seen: Seen = self._advance(self._watching, stamp, q, v, now, epoch, number, may_look)
         return seen
 
-    def look(self, tick: Tick, seen: Seen) -> Look:
+    def look(self, tick: Tick, seen: Seen = NOTHING_SEEN) -> Look:
         """Look at the obstacles that are due; the arm is placed only if one of them needs it."""
         doubted, self._doubted = self._doubted, False
         if doubted:
@@ -331,7 +331,7 @@ class ObstacleWatch:
         doubt_all(self._handle)
         # Numbers of ticks begin at 1.
         tick = Tick(-1, 0.0, 0.0, zeros, zeros, 0.0, 0.0, 0.0)
-        self.look(tick, NOTHING_SEEN)
+        self.look(tick)
         self.find_unsafe(tick, 0.0)
         self.near_pairs(tick, 0.0)
         evaluate(self.arm.state, none, np.zeros(0), none, np.zeros(0, dtype=np.int8))

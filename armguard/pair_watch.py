@@ -101,7 +101,7 @@ class PairWatch:
         """Take a joint state that there is nothing to be said against; the look comes later."""
         return (*self._states.glance(stamp, q, v, now), *NOTHING_SEEN[3:])
 
-    def look(self, tick: Tick, seen: Seen) -> Look:
+    def look(self, tick: Tick, seen: Seen = NOTHING_SEEN) -> Look:
         """Evaluate the pairs that are due and check the flagged ones exactly."""
         ledger, state, schedule = self.ledger, self.arm.state, self.schedule
         self.arm.kinematics.place(tick.q)

@@ -19,7 +19,7 @@ def make_records(rows: int, **fields: tuple[type, tuple[int, ...]]) -> list[NDAr
     """An array of zeros for each field, with so many rows; what is not written takes no memory.
 
     Args:
-        rows: How many.
+        rows: How many. Fewer than two are of another type for compiled code: contiguous.
         fields: Kind of number of each, and shape within a row; the widest kinds first.
     """
     layout = np.dtype([(name, kind, shape) for name, (kind, shape) in fields.items()])

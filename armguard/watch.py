@@ -152,7 +152,7 @@ class Watch(Protocol):
         """
         ...
 
-    def look(self, tick: Tick, seen: Seen) -> Look:
+    def look(self, tick: Tick, seen: Seen = NOTHING_SEEN) -> Look:
         """Look at the pairs that are due, from where the tick's advance left off."""
         ...
 

@@ -40,7 +40,7 @@ import time
 
 import numpy as np
 from crowds import RATE, REACTION_TIME, Work, publish
-from lookouts import FRESHNESS, Deadline, Full, PairSchedule, Walkers
+from lookouts import AWARE_MARGIN, FRESHNESS, Deadline, Full, PairSchedule, Walkers
 from schedules import describe_machine
 
 from armguard.ignored_pairs import IgnoredPairs
@@ -52,7 +52,6 @@ from armguard.watch import Tick
 from armguard.watched_arm import WatchedArm
 
 LADDER = (60, 600, 6_000, 60_000)  # pairs
-AWARE_MARGIN = 0.3  # the monitor's default, [s]
 EQUAL = 1.0 + 1e-9  # contact times within this factor are equal
 COLUMNS = (
     "pair %", "obstacle %", "off p99", "late med", "late max", "answer", "flagged", "most",

@@ -21,6 +21,7 @@ from armguard.watched_arm import WatchedArm
 GROUPS = 10  # of balls that are measured in turn, one in each tick
 CIRCLE, PACE = (0.5, 3.0), (0.3, 1.5)  # radii [m] and speeds [m/s] of the balls' walks
 FRESHNESS, JOINT_TIMEOUT = 0.25, 0.05  # the monitor's defaults
+AWARE_MARGIN = 0.3  # likewise, [s]
 HORIZON = 1.0 / RATE + LATENCY + REACTION_TIME  # [s]
 
 
@@ -129,7 +130,15 @@ class Deadline:
     def __init__(self, robot: Robot, obstacles: Obstacles, make_arm) -> None:
         self._states = JointStates(robot, JOINT_TIMEOUT)
         self._watch = ObstacleWatch(
-            robot, obstacles, make_arm, self._states, HORIZON, FRESHNESS, 1.0 / RATE, None
+            robot,
+            obstacles,
+            make_arm,
+            self._states,
+            HORIZON,
+            FRESHNESS,
+            AWARE_MARGIN,
+            1.0 / RATE,
+            None,
         )
 
     def step(self, tick: Tick) -> int:

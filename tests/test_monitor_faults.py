@@ -92,7 +92,7 @@ def test_an_error_inside_is_a_latched_stop(schedule, monkeypatch):
     obstacles, monitor = make_monitor(schedule)
     keep(obstacles, monitor, 0, 5)
     with monkeypatch.context() as patch:
-        patch.setattr(obstacle_watch, "look", lambda *_: 1 // 0)
+        patch.setattr(monitor._watch, "_advance", lambda *_: 1 // 0, raising=False)
         patch.setattr(pair_watch, "evaluate", lambda *_: 1 // 0)
         (verdict,) = keep(obstacles, monitor, 5, 1)
     assert (verdict.level, verdict.contact_time) == (Level.STOP, 0.0)
@@ -124,7 +124,7 @@ def test_an_error_in_a_schedule_loses_no_pair(schedule, method, monkeypatch):
     assert watched == {(link, name) for link in panda().links for name in ("stays", "comes")}
 
 
-@pytest.mark.parametrize("part", ["admit", "dismiss", "look"])
+@pytest.mark.parametrize("part", ["admit", "dismiss", "_advance", "_look"])
 def test_an_error_in_the_watch_by_deadlines_loses_no_obstacle(part, monkeypatch):
     """Likewise."""
     obstacles, monitor = make_monitor()
@@ -133,7 +133,8 @@ def test_an_error_in_the_watch_by_deadlines_loses_no_obstacle(part, monkeypatch)
     obstacles.remove(["goes"])
     see(obstacles, PERIOD, [0.6, 0.0, 0.5], ("comes",))
     with monkeypatch.context() as patch:
-        patch.setattr(obstacle_watch, part, lambda *_: 1 // 0)
+        place = monitor._watch if part.startswith("_") else obstacle_watch
+        patch.setattr(place, part, lambda *_: 1 // 0)
         (verdict,) = steps(monitor, 1, 1)
     assert ReasonKind.INTERNAL_ERROR in kinds(verdict)
     monitor.reset()
