@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cell_texts import FRAMES, ROBOT
 from msgspec import UNSET
 
 from armguard.cell import Cell
@@ -16,25 +17,7 @@ from armguard.separation import HUMAN_SPEED
 from armguard.separation_margin import SeparationRule
 
 EXAMPLE = Path(__file__).parents[1] / "demos" / "cell.toml"
-ROBOT = '[robot]\nname = "panda"\n'
 READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
-FRAMES = (
-    ROBOT
-    + """
-[robot.base]
-xyz = [1.0, 0.0, 0.0]
-quaternion = [0.0, 0.0, 0.7071067811865476, 0.7071067811865476]
-[frames.lens]
-parent = "camera"
-xyz = [0.0, 0.0, 0.5]
-calibration_error = 0.002
-[frames.camera]
-parent = "base"
-xyz = [2.0, 0.0, 0.0]
-quaternion = [1.0, 0.0, 0.0, 0.0]
-calibration_error = 0.01
-"""
-)
 
 
 @pytest.fixture(scope="module")
