@@ -72,7 +72,7 @@ def test_what_is_taken_is_a_copy(states):
         [10**400] * 7,
         [Fraction(1, 3)] * 7,
         {"q": 1.0},
-        object(),
+        pytest.param(object(), id="object"),
         np.array(["2026-01-01"] * 7, dtype="datetime64[D]"),
         np.ma.masked_array(np.zeros(7), mask=[0, 0, 1, 0, 0, 0, 0]),
         np.ma.masked_array([None] * 7),

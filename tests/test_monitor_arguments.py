@@ -37,7 +37,7 @@ def test_numbers_are_read_as_what_they_are(value):
         math.nan,
         10**400,
         -(10**400),
-        object(),
+        pytest.param(object(), id="object"),
     ],
     ids=repr,
 )
