@@ -90,6 +90,10 @@ def read_points(name: str, value: ArrayLike | list[ArrayLike], count: int) -> Fl
 
 def read_field(name: str, value: ArrayLike, count: int) -> FloatArray:
     """One number for all obstacles or one for each, copied. Shape (count,)."""
+    if type(value) is float:
+        same = np.empty(count)
+        same.fill(value)
+        return same
     array = _read_array(name, value)
     if array.shape == ():
         return np.full(count, array)

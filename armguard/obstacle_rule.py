@@ -8,13 +8,14 @@ in a row that agree with each other become the accepted track.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armguard.anchors import allows_anchor
 from armguard.compilation import kernel
-from armguard.obstacle_table import Marks, News, Samples, States, note_row
+from armguard.obstacle_table import Marks, Samples, States, note_row
 from armguard.plausibility import (
     ALLOWED,
     SHAPE,
@@ -222,11 +223,7 @@ def _set_aside(
 
 @kernel
 def take_samples(
-    accepted: States,
-    refused: States,
-    marks: Marks,
-    news: News,
-    anchors: States,
+    handle: Any,
     rows: IntArray,
     samples: Samples,
     stamp: float,
@@ -242,12 +239,7 @@ def take_samples(
     """Take or refuse the samples of one call.
 
     Args:
-        accepted: The table's accepted states; written.
-        refused: The table's refused samples; written.
-        marks: The table's marks; written.
-        news: Rows that changed; entered is whatever their anchors do not allow for.
-        anchors: By row, the states that somebody's certificates rest on; without points where there
-            are none.
+        handle: On the table's `Rows`; written. News are whatever anchors do not allow for.
         rows: Row of each sample, -1 to leave it alone. Shape (n,).
         samples: The samples; moved to the world frame in place.
         stamp: Of all of them, in [s].
@@ -263,6 +255,9 @@ def take_samples(
     Returns:
         How many samples were accepted.
     """
+    table = handle.content
+    accepted, refused, marks = table.accepted, table.refused, table.marks
+    news, anchors = table.news, table.anchors
     taken = 0
     for i in range(rows.shape[0]):
         if rows[i] < 0:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.compilation import kernel
+from armguard.handle import pack
 from armguard.records import make_records
 
 FloatArray = NDArray[np.float64]
@@ -83,6 +84,19 @@ class News(NamedTuple):
     """How many entries of `changed` are in use. Shape (1,)."""
 
 
+class Rows(NamedTuple):
+    """All arrays of a table, as compiled code is handed them."""
+
+    accepted: States
+    """Accepted states."""
+    refused: States
+    """Last refused samples."""
+    marks: Marks
+    news: News
+    anchors: States
+    """States that somebody's certificates rest on; without points where there are none."""
+
+
 class Samples(NamedTuple):
     """One call's samples, as measured in one frame, before they are judged."""
 
@@ -107,6 +121,7 @@ class ObstacleTable:
 
     The fields of `States`, `Marks` and `News` are attributes (`table.points`, `table.alive`,
     `table.changed`, …); those of the last refused samples are called `refused_points`, and so on.
+    All of them together, as `Rows`, cross to compiled code as `table.handle`.
     """
 
     points: FloatArray
@@ -138,6 +153,7 @@ class ObstacleTable:
     changed: IntArray
     is_changed: BoolArray
     changed_count: IntArray
+    handle: Any
 
     def __init__(self, capacity: int = 64) -> None:
         self._free: list[int] = []
@@ -232,6 +248,8 @@ class ObstacleTable:
                 setattr(self, name, array)
         for name, array in self.refused_states._asdict().items():
             setattr(self, f"refused_{name}", array)
+        rows = Rows(self.accepted, self.refused_states, self.marks, self.news, self.anchors)
+        self.handle = pack(rows)
 
 
 @kernel

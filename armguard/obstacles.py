@@ -19,6 +19,7 @@ from armguard import obstacle_rule as rule
 from armguard import plausibility
 from armguard.exceptions import ObstacleError
 from armguard.frames import Frame
+from armguard.handle import machine_code
 from armguard.obstacle_call import (
     read_bound,
     read_field,
@@ -77,9 +78,17 @@ class Obstacles(ObstacleRegister):
         for name, place in (frames or {}).items():
             if not isinstance(place, Frame):
                 raise ObstacleError(f"frame {name!r}", f"is {show(place)}", expected="a Frame")
-        self._frames = {**(frames or {}), WORLD: Frame(np.eye(3), np.zeros(3))}
+        world = Frame(np.eye(3), np.zeros(3))
+        self._frames = {
+            # Arrays of the one kind that compiled code is made for, whatever becomes of the frames.
+            name: (place.rotation.copy(), place.translation.copy(), float(place.position_error))
+            for name, place in {**(frames or {}), WORLD: world}.items()
+        }
         nothing = read_samples(0, (), None, 0.0, 0.0, 0.0, 0.0, 0.0)
-        self._run_rule(NO_ROWS, nothing, 0.0, NO_SOURCE, WORLD, True)  # compiles it
+        message = NO_ROWS, nothing, 0.0, NO_SOURCE, True, *self._frames[WORLD], True
+        self._take_samples = machine_code(
+            rule.take_samples, self.table.handle, *message, NO_ROWS, np.zeros(0)
+        )
 
     def update(
         self,
@@ -146,11 +155,13 @@ class Obstacles(ObstacleRegister):
         state = self._book.hear(source, time)
         if snapshot and not late:
             self._homeless.forget(state.index)
-        rows = np.fromiter(map(self._rows.get, names, repeat(-1)), np.int64, len(names))
-        for i in np.flatnonzero(rows < 0):
-            rows[i] = self._admit(names[i], time, state)
+        places = list(map(self._rows.get, names, repeat(-1)))
+        if -1 in places:
+            for i, name in enumerate(names):
+                places[i] = self._admit(name, time, state) if places[i] < 0 else places[i]
+        rows = np.array(places, dtype=np.int64)
         codes, values = self._run_rule(rows, samples, time, state.index, frame, velocity is None)
-        for i in np.flatnonzero(codes):
+        for i in codes.nonzero()[0]:
             if codes[i] == rule.LATE:
                 self.late_count += 1
             else:
@@ -252,20 +263,14 @@ class Obstacles(ObstacleRegister):
         values = np.zeros(len(rows))
         place = self._frames[frame]
         self.table.widen(samples.points.shape[1])
-        taken = rule.take_samples(
-            self.table.accepted,
-            self.table.refused_states,
-            self.table.marks,
-            self.table.news,
-            self.table.anchors,
+        taken = self._take_samples(
+            self.table.handle,
             rows,
             samples,
             time,
             source,
             speed_is_error,
-            place.rotation,
-            place.translation,
-            place.position_error,
+            *place,
             frame == WORLD,
             codes,
             values,

@@ -249,3 +249,11 @@ def test_hostile_calls_raise_nothing_but_obstacle_errors(arguments):
     with contextlib.suppress(ObstacleError):
         obstacles.add_static(*arguments[:3])
     check_invariants(obstacles)
+
+
+def test_a_frame_is_as_it_was_when_the_table_was_made():
+    camera = Frame(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 2.0]))
+    obstacles = Obstacles(frames={"camera": camera})
+    camera.rotation, camera.translation = np.zeros((1, 1)), np.asfortranarray(np.ones((3, 2)))
+    obstacles.update(["a"], 0.0, [[1.0, 2.0, 3.0]], radius=0.1, frame="camera")
+    assert obstacles.table.points[obstacles.row("a"), 0].tolist() == [1.0, -2.0, -1.0]
