@@ -23,8 +23,8 @@ IntArray = NDArray[np.int64]
 Int32Array = NDArray[np.int32]
 FloatArray = NDArray[np.float64]
 
-SLOTS = 2**15
-"""Ticks that a wheel reaches: half a minute at 1 kHz."""
+SLOTS = 2**13
+"""Ticks that a wheel reaches: eight seconds at 1 kHz."""
 
 EARLY = 4
 """An entry may come out early by this fraction of its way, so that ticks are loaded alike."""
