@@ -92,13 +92,21 @@ def explain_pair(
     row, link = divmod(pair, len(watch.arm.links))
     known = watch.recall(pair)
 
-    def stop_time(response: float) -> float:
-        time: float = compute_stop_time(
-            tick.v,
+    # Copies that can be written to are what this was compiled for.
+    limits = [
+        np.array(limit)
+        for limit in (
             robot.velocity_error,
             robot.velocity_limit,
             robot.acceleration_limit,
             robot.braking_deceleration,
+        )
+    ]
+
+    def stop_time(response: float) -> float:
+        time: float = compute_stop_time(
+            tick.v,
+            *limits,
             tick.arm_age,
             response,
             0.0,

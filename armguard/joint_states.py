@@ -25,7 +25,7 @@ from armguard.joint_glance import (
 from armguard.joint_history import JointHistory
 from armguard.plausibility import ALLOWED
 from armguard.robot import Robot
-from armguard.verdict import Reason, ReasonKind
+from armguard.verdict import Reason, ReasonKind, compute_stop_time
 
 FloatArray = NDArray[np.float64]
 FLOAT = np.dtype(np.float64)
@@ -110,8 +110,8 @@ class JointStates:
         return (
             type(q) is np.ndarray
             and type(v) is np.ndarray
-            and q.dtype is FLOAT
-            and v.dtype is FLOAT
+            and (q.dtype is FLOAT or q.dtype == FLOAT)
+            and (v.dtype is FLOAT or v.dtype == FLOAT)
             and q.ndim == 1 == v.ndim
         )
 
@@ -229,6 +229,10 @@ class JointStates:
         _take_finite(self._read, self.q)
         self._check_limits()
         self.stopping()
+        # Explanations ask for it by itself.
+        guard = self.guard
+        limits = guard.velocity_error, guard.velocity_limit, guard.acceleration_limit
+        compute_stop_time(self.v, *limits, guard.braking_deceleration, 0.0, 0.0, 0.0)
 
 
 @kernel

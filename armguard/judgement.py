@@ -11,6 +11,7 @@ from armguard.committed_plan import CommittedPlan
 from armguard.contact import Certificate
 from armguard.joint_states import JointStates
 from armguard.monitor_arguments import MonitorSettings
+from armguard.pair_proof import compile_proof
 from armguard.robot import Robot
 from armguard.scene import BOUND_NAMES
 from armguard.schedules.wheel import NOBODY
@@ -256,3 +257,5 @@ class Judge:
             self._stopping.reset()
         if self._separation is not None:
             self._separation.compile(self._watch.arm.state)
+        if self._certify:
+            compile_proof()

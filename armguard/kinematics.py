@@ -130,7 +130,8 @@ class Kinematics:
         # Its views do not keep `data` alive: whoever uses it holds on to this object.
         self.placement = ArmPlacement(
             *_view_data(self.data, self.model.njoints),
-            self.data.J,
+            # Pinocchio shows that of a single joint without its second axis.
+            self.data.J.reshape(6, -1),
             moves,
             self.spheres.joint,
             self.spheres.local,

@@ -200,6 +200,7 @@ class Monitor(MonitorAnswers):
         self._last, self._clear = (None, NOTHING_FOUND), None
         self._now = NEVER
         self._epoch = math.nan
+        self._quiet_until = -math.inf
 
     def commit(self, plan: Plan) -> PlanVerdict:
         """Judge the next piece of the controller's trajectory: is it safe to commit?

@@ -83,7 +83,7 @@ def read_settings(
         )
     if not 0.0 < read_number(rate) < math.inf:
         raise ArmguardError("rate", f"is {rate!r}", expected="a finite number of hertz above 0")
-    period = 1.0 / rate
+    period = 1.0 / float(rate)
     amounts["joint_timeout"] = max(0.05, 5.0 * period) if joint_timeout is None else joint_timeout
     for name, value in amounts.items():
         if not 0.0 <= read_number(value) < math.inf:
@@ -99,10 +99,10 @@ def read_settings(
         period=period,
         schedule=None if by_deadline else make_schedule(schedule, period),
         motion=motion,
-        freshness=freshness,
+        freshness=float(freshness),
         budget=_read_budget(budget, by_deadline=by_deadline),
         base_placement=base_placement or pinocchio.SE3.Identity(),
-        **amounts,
+        **{name: float(amount) for name, amount in amounts.items()},
     )
 
 

@@ -67,9 +67,9 @@ class ObstacleRegister:
         What is drained is gone: only the watcher that came last learns of all rows.
         """
         self.watcher += 1
-        self.table.changes += 1
         self._removed.clear()
         self._added = set(self._rows.values())
+        self.table.changes += 1
         return self.watcher
 
     @property
@@ -177,6 +177,7 @@ class ObstacleRegister:
         self.ids[row] = name
         self._rows[name] = row
         self._added.add(row)
+        self.table.changes += 1
         return row
 
     def _release(self, row: int, time: float | None) -> None:
@@ -197,5 +198,6 @@ class ObstacleRegister:
             self._added.discard(row)
         else:
             self._removed.add(row)
+        table.changes += 1
         if self._any_refused:
             self._any_refused = bool(table.refused.any())

@@ -164,11 +164,19 @@ class ObstacleTable:
         self.anchors = make_states(0)
         """States that whoever watches has proved things from; no points where there is none."""
         self.changes = 0
-        """Goes up whenever rows come or go, or arrays are replaced."""
+        """Goes up after rows came or went, arrays were replaced, or somebody began to watch."""
         self.refused_states = make_states(0)
         self._grow(capacity)
         note_row(self.news, 0)  # compiles it
         clear_news(self.news)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "handle"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        # Copied arrays lie each by itself, which is another type for compiled code.
+        self._resize(len(self.alive), self.points.shape[1])
 
     def take_row(self, owner: int) -> int:
         """A row for a new obstacle of this source, without a state; -1 if there is no room."""
@@ -186,7 +194,6 @@ class ObstacleTable:
         self.point_count[row] = 1
         self.anchors.point_count[row] = 0
         self.revision[row] += 1
-        self.changes += 1
         note_row(self.news, row)
         return row
 
@@ -194,7 +201,6 @@ class ObstacleTable:
         """Gives a row back."""
         self.alive[row] = self.has_state[row] = self.refused[row] = False
         self._free.append(row)
-        self.changes += 1
         note_row(self.news, row)
 
     def place_static(self, row: int, points: FloatArray, radius: float) -> None:
@@ -232,12 +238,11 @@ class ObstacleTable:
         self.marks = Marks(*(extend_rows(array, capacity) for array in self.marks))
         changed, is_changed, changed_count = self.news
         self.news = News(
-            extend_rows(changed, capacity), extend_rows(is_changed, capacity), changed_count
+            extend_rows(changed, capacity), extend_rows(is_changed, capacity), changed_count.copy()
         )
         self._resize(capacity, self.accepted.points.shape[1])
 
     def _resize(self, capacity: int, width: int) -> None:
-        self.changes += 1
         self.accepted = resize_states(self.accepted, capacity, width)
         self.anchors = resize_states(self.anchors, capacity, width)
         # Most rows never have a refused sample: what is not written takes no memory.
@@ -250,6 +255,7 @@ class ObstacleTable:
             setattr(self, f"refused_{name}", array)
         rows = Rows(self.accepted, self.refused_states, self.marks, self.news, self.anchors)
         self.handle = pack(rows)
+        self.changes += 1
 
 
 @kernel

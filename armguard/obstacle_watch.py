@@ -214,7 +214,11 @@ class ObstacleWatch:
         rows, looked_at = rows[np.isfinite(looked_at)], looked_at[np.isfinite(looked_at)]
         contact_time = book.soonest[len(book.soonest) // 2 + rows] - looked_at
         spare = book.wheel.deadline[rows] - looked_at
-        wait = np.maximum(np.minimum(spare, freshness * contact_time), period)
+        if freshness > 0.0:
+            spare = np.minimum(spare, freshness * contact_time)
+        else:
+            spare = np.zeros_like(spare)
+        wait = np.maximum(spare, period)
         looks = float(np.sum(period / np.minimum(wait, SLOTS * period)))
         price = book.numbers[SPENT] / max(book.numbers[LOOKS], 1)
         return looks * float(price)

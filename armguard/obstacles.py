@@ -54,7 +54,11 @@ for _field, _name in enumerate(rule.FIELDS):
 
 
 class Obstacles(ObstacleRegister):
-    """The table of obstacles, as sources and applications write to it."""
+    """The table of obstacles, as sources and applications write to it.
+
+    It belongs to the thread of the monitor that watches it: whoever measures in another thread
+    hands over what was measured, by a queue or a stream, and updates between two steps.
+    """
 
     def __init__(
         self,
@@ -84,6 +88,17 @@ class Obstacles(ObstacleRegister):
             name: (place.rotation.copy(), place.translation.copy(), float(place.position_error))
             for name, place in {**(frames or {}), WORLD: world}.items()
         }
+        self._bind()
+
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in self.__dict__.items() if name != "_take_samples"}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state)
+        self._bind()
+
+    def _bind(self) -> None:
+        """Have compiled what takes samples."""
         nothing = read_samples(0, (), None, 0.0, 0.0, 0.0, 0.0, 0.0)
         message = NO_ROWS, nothing, 0.0, NO_SOURCE, True, *self._frames[WORLD], True
         self._take_samples = machine_code(
@@ -161,7 +176,7 @@ class Obstacles(ObstacleRegister):
                 places[i] = self._admit(name, time, state) if places[i] < 0 else places[i]
         rows = np.array(places, dtype=np.int64)
         codes, values = self._run_rule(rows, samples, time, state.index, frame, velocity is None)
-        for i in codes.nonzero()[0]:
+        for i in codes.nonzero()[0].tolist():
             if codes[i] == rule.LATE:
                 self.late_count += 1
             else:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.handle import pack
-from armguard.obstacle_table import Marks, States
+from armguard.obstacle_table import Marks, States, make_states
 from armguard.pairs import TickState, evaluate_handle
 from armguard.scene import FloatArray
 
@@ -79,4 +79,8 @@ def contact_times(
 
 
 def _one_row(states: States, row: int) -> States:
-    return States._make(array[row : row + 1].copy() for array in states)
+    """A copy of one row; there is a second one, as arrays of one row are of another type."""
+    copied = make_states(2, states.points.shape[1])
+    for array, original in zip(copied, states, strict=True):
+        array[:] = original[row]
+    return copied

@@ -1,6 +1,7 @@
 import numpy as np
 import pinocchio
 import pytest
+from arms import limits_for, two_links
 
 from armguard.exceptions import ArmguardError
 from armguard.kinematics import ArmSpheres, Kinematics, _view_data
@@ -161,3 +162,15 @@ def test_nan_reaches_the_spheres_behind_it(robot):
     behind = kinematics.spheres.joint >= 4
     assert np.isnan(kinematics.centers[behind]).any(axis=1).all()
     assert np.isfinite(kinematics.centers[~behind]).all()
+
+
+def test_an_arm_of_one_joint(tmp_path):
+    robot = Robot.from_urdf(two_links(tmp_path), limits=limits_for("shoulder"))
+    kinematics, q, v, step = Kinematics(robot), np.array([0.3]), np.array([0.7]), 1e-6
+    kinematics.compute(q - step * v, v)
+    before = kinematics.centers.copy()
+    kinematics.compute(q + step * v, v)
+    moved = (kinematics.centers - before) / (2.0 * step)
+    kinematics.compute(q, v)
+    assert np.abs(moved).max() > 0.01
+    np.testing.assert_allclose(kinematics.velocities, moved, atol=1e-8)

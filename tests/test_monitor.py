@@ -1,6 +1,7 @@
 import itertools
 import math
 
+import numba
 import numpy as np
 import pinocchio
 import pytest
@@ -275,3 +276,14 @@ def test_a_run_is_a_step_for_each_state_of_its_source():
     monitor.run(states(obstacles), verdicts.append)
     assert verdicts == [stepped.step(*state) for state in states(others)]
     assert len(verdicts) == 20
+
+
+def test_whole_numbers_are_numbers_like_others():
+    """They would be another type for compiled code, and everything be compiled again."""
+    _, usual = make_monitor()
+    numbers = {"aware_margin": 1, "reaction_time": 0, "latency": 0, "freshness": 0, "margin": 0}
+    _, other = make_monitor(rate=np.float32(500.0), **numbers)
+    for handle in ("_watching", "_handle"):
+        kinds = [numba.typeof(getattr(monitor._watch, handle)) for monitor in (usual, other)]
+        assert kinds[0] == kinds[1]
+    assert other.headroom().evaluations == 0.0

@@ -361,3 +361,30 @@ def test_step_never_raises(calls):
 
 
 GARBAGE_SCENE = make_monitor()
+
+
+def test_who_comes_in_the_middle_of_a_step_is_watched_from_the_next_one():
+    obstacles, monitor = make_monitor(hold=0.0)
+    keep(obstacles, monitor, 0, 3)
+
+    class Interrupted(set):
+        def add(self, row):
+            steps(monitor, 3, 1)
+            super().add(row)
+
+    obstacles._added = Interrupted(obstacles._added)
+    see(obstacles, 3 * PERIOD, [0.55, 0.0, 0.6], ["near"])
+    (verdict,) = steps(monitor, 4, 1)
+    assert (verdict.level, verdict.obstacle) == (Level.STOP, "near")
+
+
+def test_after_a_reset_silence_that_another_monitor_heard_of_is_heard_again():
+    obstacles, monitor = make_monitor(hold=0.0)
+    see(obstacles, 1.0, FAR)
+    steps(monitor, 1000, 2)
+    _, other = make_monitor(obstacles=obstacles)
+    obstacles.update([], 0.7, source="late")
+    steps(other, 1002, 1)
+    monitor.reset()
+    (verdict,) = steps(monitor, 1003, 1)
+    assert subjects(verdict, ReasonKind.SOURCE_SILENT) == {"late"}

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import math
+import pickle
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -257,3 +260,20 @@ def test_a_frame_is_as_it_was_when_the_table_was_made():
     camera.rotation, camera.translation = np.zeros((1, 1)), np.asfortranarray(np.ones((3, 2)))
     obstacles.update(["a"], 0.0, [[1.0, 2.0, 3.0]], radius=0.1, frame="camera")
     assert obstacles.table.points[obstacles.row("a"), 0].tolist() == [1.0, -2.0, -1.0]
+
+
+@pytest.mark.parametrize("clone", [copy.deepcopy, lambda table: pickle.loads(pickle.dumps(table))])
+def test_a_copy_is_a_table_of_its_own(clone):
+    original = Obstacles()
+    see(original, 0.0, 1.0)
+    see(original, 0.0, 2.0, "b")
+    copied = clone(original)
+    for number, table in enumerate((original, copied)):
+        see(table, 0.1, 1.0 + 0.01 * number)
+        table.update(["box"], 0.1, np.full((1, 8, 3), 4.0), radius=0.1)
+        table.update([f"{k}" for k in range(100)], 0.1, np.zeros((100, 3)), radius=0.1)
+        assert table.table.points[table.row("a"), 0, 0] == 1.0 + 0.01 * number
+        assert not table.take_faults()
+        check_invariants(table)
+    kinds_of_arrays = [numba.typeof(array) for array in original.table.accepted]
+    assert [numba.typeof(array) for array in clone(copied).table.accepted] == kinds_of_arrays

@@ -172,8 +172,8 @@ def kernels():
         for key, value in vars(module).items() if isinstance(value, Dispatcher)
     }
 
-for schedule in SCHEDULES:
-    obstacles, monitor = make_monitor(schedule)
+for schedule, settings in [*((each, {}) for each in SCHEDULES), ("deadline", {"certify": True})]:
+    obstacles, monitor = make_monitor(schedule, **settings)
     before = kernels()
     with event.install_recorder("numba:compile") as recorder:
         for i in range(40):
@@ -201,6 +201,11 @@ for schedule in SCHEDULES:
                 see(obstacles, t, np.full((99, 3), 7.0), names)
             verdict = monitor.step(t, HOME, STILL, t + 1e-4)
             monitor.pairs()
+            if i == 15:
+                monitor.explain()
+                monitor.attention()
+                monitor.headroom()
+                monitor.snapshot(pair_limit=3, row_limit=3)
             assert not any("inside" in str(reason) for reason in verdict.reasons), verdict
     changed = {name for name, count in kernels().items() if before.get(name) != count}
     assert not recorder.buffer and not changed, (schedule, changed, recorder.buffer)
