@@ -192,6 +192,7 @@ def make_mujoco_model(robot, count: int):
     if mujoco is None:
         raise UnavailableError("the package mujoco is not installed: pip install 'armguard[bench]'")
     model, spec = robot.model, mujoco.MjSpec()
+    spec.memory = 2**26 + 2**17 * count  # [bytes]: more than its broad phase takes
     bodies = {0: spec.worldbody}
     for joint in range(1, model.njoints):
         place = model.jointPlacements[joint]
