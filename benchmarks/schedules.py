@@ -42,7 +42,7 @@ from armguard.robot import Robot
 
 MANY = 100_000
 UPDATE_RATE, UPDATE_RATE_OF_MANY = 100.0, 1.0  # [Hz]
-LEAD_IN = 20  # ticks at the beginning of a turn that do not count
+LEAD_IN = 100  # ticks at the beginning of a turn that do not count: then caches hold what is used
 TARGETS = {  # of "deadline, joint": median and 99 % of its ticks, [µs]
     10: (4.0, None),
     1_000: (8.0, 25.0),
