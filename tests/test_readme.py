@@ -88,7 +88,7 @@ def test_the_two_commands_are_there():
     assert first == (
         "python3 -m venv .venv && .venv/bin/pip install -e '.[test]' && .venv/bin/armguard demo"
     )
-    assert second == ".venv/bin/pytest -n 2 --dist loadfile"
+    assert second == ".venv/bin/pytest -n 2 --dist worksteal"
 
 
 def test_links_lead_somewhere():
