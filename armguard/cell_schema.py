@@ -234,7 +234,7 @@ def _translate(
     value = raw
     for name, index in steps:
         # msgspec names a place that it has been to, whatever its type.
-        value = value[name] if name else value[int(index)]  # type: ignore[index]
+        value = value[name] if name else value[int(index)]  # type: ignore[index]  # of unknown type
     key = f"{path}{place.removeprefix('$')}".strip(".")
     field = re.search(r"(?:unknown|missing required) field `(.*)`", text)
     if field is None:

@@ -167,6 +167,8 @@ def accept_joints(
             )
             if code != ALLOWED:
                 return code + 16 * joint
+        # Both ways are the same arithmetic; should they ever differ, the state is not believed.
+        return POSITION_BY_ACCEL
     # Rounded stamps add up exactly, so the slack for them belongs to the test alone.
     elapsed = stamp - anchor_stamps[0]
     for joint in range(joints):

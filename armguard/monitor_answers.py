@@ -37,7 +37,7 @@ class MonitorAnswers:
 
     def _recall(self) -> tuple[Tick | None, Look]:
         """The last tick whose state was believed, and what the last look found."""
-        raise NotImplementedError
+        raise NotImplementedError("the monitor, which makes ticks, recalls them")
 
     def pairs(self, limit: int = 64) -> list[PairReport]:
         """The most imminent pairs as of the last tick, soonest first, at most `limit`.

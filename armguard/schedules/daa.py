@@ -76,7 +76,7 @@ class Table(NamedTuple):
 
 
 @kernel
-def _add(members, index, counts, which, row):  # type: ignore[no-untyped-def]
+def _add(members, index, counts, which, row):
     if index[row] < 0:
         index[row] = counts[which]
         members[counts[which]] = row
@@ -84,7 +84,7 @@ def _add(members, index, counts, which, row):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _discard(members, index, counts, which, row):  # type: ignore[no-untyped-def]
+def _discard(members, index, counts, which, row):
     position = index[row]
     if position >= 0:
         counts[which] -= 1
@@ -95,13 +95,13 @@ def _discard(members, index, counts, which, row):  # type: ignore[no-untyped-def
 
 
 @kernel
-def _queue(table, rows):  # type: ignore[no-untyped-def]
+def _queue(table, rows):
     for row in rows:
         _add(table.queued, table.queue_index, table.counts, _QUEUED, row)
 
 
 @kernel
-def _remove(table, rows):  # type: ignore[no-untyped-def]
+def _remove(table, rows):
     """Close each hole with the last pair; that one is due, since its new turn may be far off."""
     for row in rows:
         _discard(table.flagged, table.flag_index, table.counts, _FLAGGED, row)
@@ -116,7 +116,7 @@ def _remove(table, rows):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _collect(table, partition, tick, places):  # type: ignore[no-untyped-def]
+def _collect(table, partition, tick, places):
     """Fill `places` with those in turn, ascending, then the queued ones; empty the queue."""
     found = compute_places_in_turn(partition, table.counts[_PAIRS], tick, places)
     for i in range(found):
@@ -132,7 +132,7 @@ def _collect(table, partition, tick, places):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _put_in_order(table, partition, rows, times, order, places, tick, period, stop_time):  # type: ignore[no-untyped-def]
+def _put_in_order(table, partition, rows, times, order, places, tick, period, stop_time):
     """Give the ascending `places` to `rows[order]`; flag whom the next visit would find too late.
 
     `times` are what is left of the contact times at this tick, in [s], row for row.

@@ -47,7 +47,7 @@ def make_partition(law: PartitionLaw) -> Partition:
 
 
 @kernel
-def compute_places_in_turn(partition, count, tick, places):  # type: ignore[no-untyped-def]
+def compute_places_in_turn(partition, count, tick, places):
     """The places to visit in a tick: bases[k] + tick mod sizes[k], where there is such a place.
 
     Args:
@@ -71,7 +71,7 @@ def compute_places_in_turn(partition, count, tick, places):  # type: ignore[no-u
 
 
 @kernel
-def compute_ticks_until_turn(base, size, place, tick):  # type: ignore[no-untyped-def]
+def compute_ticks_until_turn(base, size, place, tick):
     """Ticks after `tick` until a place comes round: 1 … size, and `size` for one just visited.
 
     Args:
