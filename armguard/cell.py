@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import TypeVar
 
 import pinocchio
+from msgspec import UNSET
 
 from armguard.cell_frames import place_statics, read_rotation, resolve_frames
-from armguard.cell_schema import CellTables, given, make_error, parse_cell
+from armguard.cell_schema import CellTables, SourceTable, given, make_error, parse_cell
 from armguard.cell_tool import SHAPES, attach_tool
 from armguard.exceptions import ArmguardError, CellError
 from armguard.monitor import Monitor
@@ -88,6 +89,11 @@ class Cell:
         folders = [str(self._folder / folder) for folder in table.package_dirs]
         return str(self._folder / table.urdf), folders
 
+    @property
+    def sources(self) -> dict[str, SourceTable]:
+        """The sources that the file names."""
+        return {} if self.tables.sources is UNSET else self.tables.sources
+
     def make_robot(self) -> Robot:
         """The robot that the file names, with its tool and what its clock adds to its errors."""
         robot = self._make_bare_robot()
@@ -119,10 +125,13 @@ class Cell:
         """The table of obstacles, with its sources, frames and statics."""
         bounds = given(self.tables.bounds)
         bounds.pop("margin", None)
-        sources = [
-            Source(name, table.timeout, table.required)
-            for name, table in self.tables.sources.items()
-        ]
+        # An empty table says that there are no sources; none at all, that nothing is known of them.
+        sources = None
+        if self.tables.sources is not UNSET:
+            sources = [
+                Source(name, table.timeout, table.required)
+                for name, table in self.sources.items()
+            ]
         frames = {
             name: Frame(placement.rotation, placement.translation, placement.calibration_error)
             for name, placement in self.frames.items()
@@ -204,7 +213,7 @@ class Cell:
         read_rotation("tool.quaternion", tool.quaternion, self.file)
 
     def _check_sources(self) -> None:
-        for name, table in self.tables.sources.items():
+        for name, table in self.sources.items():
             if table.clock == "arrival" and not table.latency > 0.0:
                 raise self._error(
                     f"sources.{name}.latency",

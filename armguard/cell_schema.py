@@ -113,6 +113,7 @@ class BoundsTable(_Table, frozen=True, kw_only=True):
     accel: NotNegative | UnsetType = UNSET
     speed: NotNegative | UnsetType = UNSET
     margin: NotNegative | UnsetType = UNSET
+    extent: Positive | UnsetType = UNSET
 
 
 class MonitorTable(_Table, frozen=True, kw_only=True):
@@ -152,7 +153,7 @@ class CellTables(_Table, frozen=True, kw_only=True):
     robot: RobotTable
     joint_state: StampTable = StampTable()
     frames: dict[Name, FrameTable] = {}
-    sources: dict[Name, SourceTable] = {}
+    sources: dict[Name, SourceTable] | UnsetType = UNSET
     statics: dict[Name, StaticTable] = {}
     tool: ToolTable | None = None
     ignore: list[tuple[Name, Name]] = []
@@ -161,6 +162,8 @@ class CellTables(_Table, frozen=True, kw_only=True):
     thresholds: ThresholdsTable = ThresholdsTable()
     separation: SeparationTable | None = None
 
+
+_MAY_BE_INFINITE = ("bounds.accel", "bounds.speed")
 
 _NAMED: dict[str, type[_Table]] = {
     "frames": FrameTable,
@@ -214,7 +217,8 @@ def _check_finite(value: object, path: str, file: str) -> None:
         for number, entry in enumerate(value):
             _check_finite(entry, f"{path}[{number}]", file)
     elif isinstance(value, float) and not math.isfinite(value):
-        raise make_error(file, path, f"is {value}", "a finite number")
+        if not (path in _MAY_BE_INFINITE and value == math.inf):
+            raise make_error(file, path, f"is {value}", "a finite number")
 
 
 def _convert(raw: object, kind: type[_T], path: str, file: str) -> _T:

@@ -229,12 +229,16 @@ def run(
             name: StampClock(
                 "monotonic" if recorded else source.clock, source.latency, source.clock_error
             )
-            for name, source in cell.tables.sources.items()
+            for name, source in cell.sources.items()
         },
         # What this clock is off by is in the robot's joint errors already.
         joint_clock=StampClock("monotonic" if recorded else joint_state.clock, joint_state.latency),
         reset_token=reset_token,
-        **{name: bound for name, bound in given(cell.tables.bounds).items() if name != "margin"},
+        **{
+            name: bound
+            for name, bound in given(cell.tables.bounds).items()
+            if name in ("accel", "speed")
+        },
     )
     opened: list[Input | VerdictPublisher] = []
     try:

@@ -24,7 +24,7 @@ from armguard.joint_states import JointStates
 from armguard.judgement import Judge
 from armguard.monitor_answers import MonitorAnswers
 from armguard.monitor_arguments import read_number, read_settings
-from armguard.obstacle_reasons import take_obstacle_reasons
+from armguard.obstacle_reasons import describe_no_sources, take_obstacle_reasons
 from armguard.obstacles import Obstacles
 from armguard.plans import Plan
 from armguard.robot import Robot
@@ -288,7 +288,7 @@ class Monitor(MonitorAnswers):
         for row in look.broken:
             reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
         if self._no_sources:
-            reasons.append(Reason(ReasonKind.NO_SOURCES))
+            reasons.append(describe_no_sources(obstacles))
         return self._judge.judge(stamp, tick, look, reasons, homeless=self._homeless)
 
     def _recall(self) -> tuple[Tick | None, Look]:

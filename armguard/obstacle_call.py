@@ -59,12 +59,19 @@ def read_time(name: str, value: object) -> float:
     return time
 
 
-def read_bound(name: str, value: object) -> float:
-    """A bound that may be infinite, not negative."""
+def read_bound(name: str, value: object, limit: float, unit: str) -> float:
+    """A bound that may be infinite, but finite only up to `limit`, and not negative."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
-        raise ObstacleError(name, f"is {show(value)}", expected="a number")
+        raise ObstacleError(name, f"is {show(value)}", expected=f"a number in [{unit}]")
     if not value >= 0:
         raise ObstacleError(name, f"is {show(value)}", expected="at least 0, or inf for none")
+    if not (value <= limit or value == math.inf):
+        raise ObstacleError(
+            name,
+            f"is {show(value)}",
+            expected=f"at most {limit:g} {unit}",
+            remedy="say inf where there is no bound",
+        )
     return float(value)
 
 

@@ -23,7 +23,9 @@ class FaultKind(enum.StrEnum):
     BEYOND_ACCEL = "beyond what its acceleration allows"
     BEYOND_SPEED = "beyond what its speed allows"
     SHAPE_CHANGED = "another number of points than before"
-    TWO_PUBLISHERS = "an id that belongs to another source"
+    BEYOND_EXTENT = "beyond the table's extent; positions are metres in the frame that is named"
+    BOUND_TOO_LARGE = "beyond what bodies do; bounds are m/s and m/s², inf where there is none"
+    SHARED_ID = "an id that another source uses, too; both are watched"
     LATE = "a new id with a stamp from before a removal"
     STALE_REMOVAL = "a removal older than the state it would remove"
     UNKNOWN_ID = "removal of an id that is not in the table"
@@ -101,15 +103,15 @@ class Homeless:
 
     def __init__(self) -> None:
         self.some = False
-        self._known: dict[str, tuple[int, float]] = {}
+        self._known: dict[tuple[int, str], float] = {}
         self._nameless: set[int] = set()
 
     def add(self, name: str, source: int, stamp: float) -> None:
         """Notes an obstacle of the source with this number, seen at `stamp` [s]."""
         self.some = True
-        if name in self._known or len(self._known) < CAPACITY:
-            _, seen = self._known.get(name, (source, stamp))
-            self._known[name] = (source, max(stamp, seen))
+        key = source, name
+        if key in self._known or len(self._known) < CAPACITY:
+            self._known[key] = max(stamp, self._known.get(key, stamp))
         else:
             self._nameless.add(source)
 
@@ -124,22 +126,26 @@ class Homeless:
         Returns:
             Whether it was forgotten.
         """
-        if name not in self._known:
-            return False
-        owner, seen = self._known[name]
-        if source not in (None, owner) or not (stamp is None or seen <= stamp):
-            return False
-        del self._known[name]
+        keys = [
+            key
+            for key, seen in self._known.items()
+            if key[1] == name and source in (None, key[0]) and (stamp is None or seen <= stamp)
+        ]
+        for key in keys:
+            del self._known[key]
         self.some = bool(self._known or self._nameless)
-        return True
+        return bool(keys)
 
     def forget(self, source: int) -> None:
         """Forgets all obstacles of a source, which is about to say anew what it sees."""
         if self._known or self._nameless:
-            self._known = {k: entry for k, entry in self._known.items() if entry[0] != source}
+            self._known = {key: seen for key, seen in self._known.items() if key[0] != source}
             self._nameless.discard(source)
             self.some = bool(self._known or self._nameless)
 
     def names(self) -> list[str]:
         """Those known by name, the oldest first, and "more obstacles" if there are others."""
-        return [*self._known, *(["more obstacles"] if self._nameless else [])]
+        return [
+            *dict.fromkeys(name for _, name in self._known),
+            *(["more obstacles"] if self._nameless else []),
+        ]

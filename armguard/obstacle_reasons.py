@@ -38,10 +38,20 @@ def take_obstacle_reasons(obstacles: Obstacles, now: float, timeout: float) -> l
     return reasons
 
 
+def describe_no_sources(obstacles: Obstacles) -> Reason:
+    """What it means that no source was named or heard: STOP, unless that was said."""
+    if not obstacles.expects_sources:
+        return Reason(ReasonKind.NO_SOURCES_EXPECTED)
+    detail = "none was named and none was heard; Obstacles(sources=[]) says that there is none"
+    return Reason(ReasonKind.NO_SOURCES, detail=detail)
+
+
 def _as_reason(fault: Fault) -> Reason:
     if fault.kind in (FaultKind.UNKNOWN_ID, FaultKind.STALE_REMOVAL):
         # Nothing was let go of, so nothing is known any worse than before.
         kind = ReasonKind.REMOVAL_IGNORED
+    elif fault.kind is FaultKind.SHARED_ID:
+        kind = ReasonKind.ID_SHARED
     elif fault.id:
         kind = ReasonKind.OBSTACLE_REFUSED
     else:

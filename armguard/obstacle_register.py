@@ -29,6 +29,7 @@ class ObstacleRegister:
         table: The arrays, by row; see `ObstacleTable`.
         ids: Id of each row; empty where the row is free.
         late_count: Late messages, by obstacle, that were ignored.
+        expects_sources: Whether sources are to come of which none was named.
         watcher: Number of whoever follows the rows; see `start_watching`.
     """
 
@@ -38,9 +39,10 @@ class ObstacleRegister:
         self.table = ObstacleTable()
         self.ids: list[str] = [""] * len(self.table.alive)
         self.late_count = 0
+        self.expects_sources = False
         self.watcher = 0
         self._book = SourceBook(sources)
-        self._rows: dict[str, int] = {}
+        self._rows: dict[int, dict[str, int]] = {NO_SOURCE: {}}
         self._tombstones = Tombstones()
         self._faults = FaultQueue()
         self._homeless = Homeless()
@@ -50,11 +52,27 @@ class ObstacleRegister:
         self._any_refused = False
 
     def __len__(self) -> int:
-        return len(self._rows)
+        return sum(map(len, self._rows.values()))
 
-    def row(self, id: str) -> int:
-        """Row of an obstacle; -1 if it is not in the table."""
-        return self._rows.get(id, -1)
+    def row(self, id: str, source: str | None = None) -> int:
+        """Row of an obstacle; -1 if it is not in the table.
+
+        Args:
+            id: Its name.
+            source: Whose obstacle it is; "" for one that stands still; None: any, those that stand
+                still and sources that came earlier first.
+        """
+        for rows in self._rows.values():
+            if id in rows and source in (None, self.source_of(rows[id])):
+                return rows[id]
+        return -1
+
+    def _rows_of(self, owner: int) -> dict[str, int]:
+        """Rows by id of the source with this number."""
+        rows = self._rows.get(owner)
+        if rows is None:
+            rows = self._rows[owner] = {}
+        return rows
 
     def source_of(self, row: int) -> str:
         """Name of the source that a row belongs to; empty for a static obstacle."""
@@ -68,7 +86,7 @@ class ObstacleRegister:
         """
         self.watcher += 1
         self._removed.clear()
-        self._added = set(self._rows.values())
+        self._added = {row for rows in self._rows.values() for row in rows.values()}
         self.table.changes += 1
         return self.watcher
 
@@ -172,10 +190,10 @@ class ObstacleRegister:
         if row < 0:
             self._homeless.add(name, owner, stamp)
             return row
-        self._homeless.discard(name)
+        self._homeless.discard(name, owner)
         self.ids.extend([""] * (len(self.table.alive) - len(self.ids)))
         self.ids[row] = name
-        self._rows[name] = row
+        self._rows_of(owner)[name] = row
         self._added.add(row)
         self.table.changes += 1
         return row
@@ -186,12 +204,12 @@ class ObstacleRegister:
         name = self.ids[row]
         if owner != NO_SOURCE:
             if time is None:
-                time = self._book.states[owner].stamp
+                time = self._book.states[owner].newest
                 if table.has_state[row]:
                     time = max(time, float(table.stamp[row]))
             self._tombstones.add(name, time, owner)
         table.free_row(row)
-        del self._rows[name]
+        del self._rows[owner][name]
         self.ids[row] = ""
         # A row that came and went between two looks of the monitor was never there for it.
         if row in self._added:

@@ -1,8 +1,10 @@
 """The compiled rule that takes or refuses samples of obstacles.
 
-It knows no names: it sees rows of the table, numbers, and the number of the source that speaks.
-What it refuses it keeps beside the accepted state, for both may be true; several refused samples
-in a row that agree with each other become the accepted track.
+It knows no names: it sees rows of the table and numbers. What it refuses it keeps beside the
+accepted state, for both may be true; several refused samples in a row that agree with each other
+become the accepted track, once they are newer than it. Of two samples the older one says what the
+newer one may be, whichever of them came first: a late sample that agrees changes nothing, and one
+that disagrees is refused as any other.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 
 from armguard.anchors import allows_anchor
 from armguard.compilation import kernel
-from armguard.obstacle_table import Marks, Samples, States, note_row
+from armguard.obstacle_table import Rows, Samples, States, Told, note_row
 from armguard.plausibility import (
     ALLOWED,
     SHAPE,
@@ -30,15 +32,30 @@ IntArray = NDArray[np.int64]
 TRACK_SAMPLES = 5
 """So many consecutive samples that agree with each other make another track believable."""
 
+TOLD_FOR = 0.2
+"""How long, in [s], bounds that were told of a body count in deciding whether its samples agree, at
+the least: a source may narrow them while messages are under way. That is leniency in what is
+refused, never in what is proved: each certificate is tested by the bounds that it rests on."""
+
+RESOLUTION = 1e-9
+"""What positions and velocities are off by at the least, in [m] and [m/s]: numbers that a source
+has summed up step by step are off by rounding, though it calls them exact. Smaller errors become
+this large, so that what is accepted is also reckoned with."""
+
+MAXIMUM_ACCEL = 1000.0
+MAXIMUM_SPEED = 100.0
+"""Finite bounds above these, in [m/s²] and [m/s], are another unit or no bounds: `inf` says so."""
+
 TAKEN = 0
 """Codes 1 to 5 are those of `plausibility.body_allows`; these are the rule's own."""
 LATE = 10
-FOREIGN = 11
 TRACK_CHANGED = 12
 TOO_FAST = 13
+TOO_FAR = 14
 NOT_FINITE = 20
-"""Plus the number of the field; NEGATIVE alike."""
+"""Plus the number of the field; NEGATIVE and TOO_LARGE alike."""
 NEGATIVE = 30
+TOO_LARGE = 40
 FIELDS = ("position", "velocity", "radius", "accel", "speed", "position_error", "velocity_error")
 
 
@@ -67,7 +84,12 @@ def _find_scalar_flaw(field: int, value: float, may_be_infinite: bool) -> int:
 
 
 @kernel
-def _find_flaw(samples: Samples, i: int, speed_is_error: bool) -> tuple[int, float]:
+def _is_too_large(bound: float, limit: float) -> bool:
+    return limit < bound < math.inf
+
+
+@kernel
+def _find_flaw(samples: Samples, i: int, speed_is_error: bool, extent: float) -> tuple[int, float]:
     """Code and value of the first field that cannot be used as it is; TAKEN if all can."""
     flaw = _find_scalar_flaw(2, samples.radius[i], False)
     if flaw != TAKEN:
@@ -84,6 +106,10 @@ def _find_flaw(samples: Samples, i: int, speed_is_error: bool) -> tuple[int, flo
     flaw = _find_scalar_flaw(6, samples.velocity_error[i], speed_is_error)
     if flaw != TAKEN:
         return flaw, samples.velocity_error[i]
+    if _is_too_large(samples.accel[i], MAXIMUM_ACCEL):
+        return TOO_LARGE + 3, samples.accel[i]
+    if _is_too_large(samples.speed[i], MAXIMUM_SPEED):
+        return TOO_LARGE + 4, samples.speed[i]
     top_speed = samples.speed[i] + samples.velocity_error[i]
     fastest = 0.0
     for k in range(samples.points.shape[1]):
@@ -95,6 +121,8 @@ def _find_flaw(samples: Samples, i: int, speed_is_error: bool) -> tuple[int, flo
                 return NOT_FINITE, position
             if not abs(velocity) < math.inf:
                 return NOT_FINITE + 1, velocity
+            if not abs(position) <= extent:
+                return TOO_FAR, position
             square += velocity * velocity
         fastest = max(fastest, math.sqrt(square))
     if not (fastest < math.inf and fastest <= top_speed * (1.0 + SLACK)):
@@ -138,30 +166,77 @@ def _widen(states: States, row: int, samples: Samples, i: int) -> bool:
 
 
 @kernel
-def _allows(states: States, row: int, samples: Samples, i: int, stamp: float) -> int:
-    """`body_allows` between a stored state and a sample.
+def _agrees(
+    states: States, row: int, samples: Samples, i: int, stamp: float, accel: float, speed: float
+) -> int:
+    """`body_allows` between a stored state and a sample, the older of which is record 0.
 
     A larger radius is a change of description, which a source may make at any time; it says
     nothing against the motion.
+
+    Args:
+        states: Where the stored state stands.
+        row: Its row.
+        samples: Where the sample stands.
+        i: Its place.
+        stamp: Of the sample, in [s].
+        accel: Bound on acceleration that was told of this body lately, in [m/s²].
+        speed: Bound on speed alike, in [m/s].
     """
+    points, velocities = states.points[row], states.velocities[row]
+    told_points, told_velocities = samples.points[i], samples.velocities[i]
+    radius = min(samples.radius[i], states.radius[row])
+    if stamp >= states.stamp[row]:
+        return body_allows(
+            points,
+            velocities,
+            states.point_count[row],
+            states.radius[row],
+            max(accel, states.accel[row]),
+            max(speed, states.speed[row]),
+            states.position_error[row],
+            states.velocity_error[row],
+            states.stamp[row],
+            told_points,
+            told_velocities,
+            told_points.shape[0],
+            radius,
+            samples.position_error[i],
+            samples.velocity_error[i],
+            stamp,
+        )
     return body_allows(
-        states.points[row],
-        states.velocities[row],
-        states.point_count[row],
-        states.radius[row],
-        states.accel[row],
-        states.speed[row],
-        states.position_error[row],
-        states.velocity_error[row],
-        states.stamp[row],
-        samples.points[i],
-        samples.velocities[i],
-        samples.points.shape[1],
-        min(samples.radius[i], states.radius[row]),
+        told_points,
+        told_velocities,
+        told_points.shape[0],
+        samples.radius[i],
+        max(accel, samples.accel[i]),
+        max(speed, samples.speed[i]),
         samples.position_error[i],
         samples.velocity_error[i],
         stamp,
+        points,
+        velocities,
+        states.point_count[row],
+        radius,
+        states.position_error[row],
+        states.velocity_error[row],
+        states.stamp[row],
     )
+
+
+@kernel
+def _remember_bounds(told: Told, row: int, samples: Samples, i: int, stamp: float) -> None:
+    """Let a sample's bounds count for the next `TOLD_FOR` seconds, whatever is told later."""
+    elapsed = stamp - told.since[row]
+    if not elapsed <= TOLD_FOR:
+        recent = elapsed <= 2.0 * TOLD_FOR
+        told.accel_before[row] = told.accel[row] if recent else 0.0
+        told.speed_before[row] = told.speed[row] if recent else 0.0
+        told.accel[row] = told.speed[row] = 0.0
+        told.since[row] = stamp
+    told.accel[row] = max(told.accel[row], samples.accel[i])
+    told.speed[row] = max(told.speed[row], samples.speed[i])
 
 
 @kernel
@@ -177,33 +252,30 @@ def _largest_step(before: FloatArray, after: FloatArray) -> float:
 
 @kernel
 def _set_aside(
-    accepted: States,
-    refused: States,
-    marks: Marks,
-    row: int,
-    samples: Samples,
-    i: int,
-    stamp: float,
-    code: int,
-    value: float,
+    table: Rows, row: int, samples: Samples, i: int, stamp: float, code: int, value: float
 ) -> tuple[int, float]:
     """Keep a sample beside the accepted state, unless it makes another track believable.
 
     Returns:
         Its final code, and the value that a fault would show.
     """
-    if code >= NOT_FINITE or code in (TOO_FAST, FOREIGN):
+    accepted, refused, marks = table.accepted, table.refused, table.marks
+    if code >= TOO_FAST:
         marks.streak[row] = 0
         marks.refused[row] = True
-        marks.refused_finite[row] = code < NOT_FINITE
+        marks.refused_finite[row] = code == TOO_FAST
         _write(refused, row, samples, i, stamp)
         return code, value
     known = marks.streak[row] > 0
-    follows = known and _allows(refused, row, samples, i, stamp) == ALLOWED
+    follows = (
+        known
+        and _agrees(refused, row, samples, i, stamp, samples.accel[i], samples.speed[i]) == ALLOWED
+    )
+    late = not stamp > accepted.stamp[row]
     if follows and stamp > refused.stamp[row]:
         marks.streak[row] += 1
         _write(refused, row, samples, i, stamp)
-    elif not follows and not (known and marks.refused[row] and code == LATE):
+    elif not follows and not (known and late):
         # A late message must not hide a track that is about to be believed.
         marks.streak[row] = 1
         _write(refused, row, samples, i, stamp)
@@ -213,11 +285,10 @@ def _set_aside(
         value = float(samples.points.shape[1])
     else:
         value = _largest_step(accepted.points[row], samples.points[i])
-    if marks.streak[row] >= TRACK_SAMPLES:
-        code = TRACK_CHANGED
-    elif code != LATE:
-        marks.refused[row] = True
-        marks.refused_finite[row] = True
+    if marks.streak[row] >= TRACK_SAMPLES and not late:
+        return TRACK_CHANGED, value
+    marks.refused[row] = True
+    marks.refused_finite[row] = True
     return code, value
 
 
@@ -227,7 +298,7 @@ def take_samples(
     rows: IntArray,
     samples: Samples,
     stamp: float,
-    source: int,
+    extent: float,
     speed_is_error: bool,
     rotation: FloatArray,
     translation: FloatArray,
@@ -243,7 +314,7 @@ def take_samples(
         rows: Row of each sample, -1 to leave it alone. Shape (n,).
         samples: The samples; moved to the world frame in place.
         stamp: Of all of them, in [s].
-        source: Number of the source that speaks.
+        extent: How far from the world's origin a coordinate may be, in [m].
         speed_is_error: Whether velocities were not measured, so that an error of inf is no flaw.
         rotation: R_WF of the samples' frame. Shape (3, 3).
         translation: p_WF, in [m]. Shape (3,).
@@ -256,32 +327,35 @@ def take_samples(
         How many samples were accepted.
     """
     table = handle.content
-    accepted, refused, marks = table.accepted, table.refused, table.marks
+    accepted, marks, told = table.accepted, table.marks, table.told
     news, anchors = table.news, table.anchors
     taken = 0
     for i in range(rows.shape[0]):
-        if rows[i] < 0:
+        row = rows[i]
+        if row < 0:
             continue
         if not in_world:
             _move_to_world(samples, i, rotation, translation)
             samples.position_error[i] += frame_error
-        row = rows[i]
-        code, value = _find_flaw(samples, i, speed_is_error)
-        if code == TAKEN and marks.owner[row] != source:
-            code = FOREIGN
-        elif code == TAKEN and marks.has_state[row]:
-            code = _allows(accepted, row, samples, i, stamp)
+        code, value = _find_flaw(samples, i, speed_is_error, extent)
+        if code == TAKEN:
+            samples.position_error[i] = max(samples.position_error[i], RESOLUTION)
+            samples.velocity_error[i] = max(samples.velocity_error[i], RESOLUTION)
+        if code == TAKEN and marks.has_state[row]:
+            accel = max(told.accel[row], told.accel_before[row])
+            speed = max(told.speed[row], told.speed_before[row])
+            code = _agrees(accepted, row, samples, i, stamp, accel, speed)
             if code == ALLOWED and not stamp > accepted.stamp[row]:
+                # It changes nothing, unless it describes the very moment of the accepted state.
                 code = LATE
                 if stamp == accepted.stamp[row] and _widen(accepted, row, samples, i):
                     marks.revision[row] += 1
                     note_row(news, row)
-        if code != TAKEN:
-            code, value = _set_aside(accepted, refused, marks, row, samples, i, stamp, code, value)
-        # A late sample that agrees is no news, unless it became the refused one that counts.
-        is_news = marks.refused[row] if code == LATE else True
+        if code not in (TAKEN, LATE):
+            code, value = _set_aside(table, row, samples, i, stamp, code, value)
         codes[i] = code
         values[i] = value
+        is_news = code != LATE
         if code == TAKEN and not marks.refused[row]:
             _write(accepted, row, samples, i, stamp)
             marks.has_state[row] = True
@@ -297,6 +371,8 @@ def take_samples(
             marks.streak[row] = 0
             marks.revision[row] += 1
             taken += 1
+        if code in (TAKEN, LATE, TRACK_CHANGED):
+            _remember_bounds(told, row, samples, i, stamp)
         if is_news:
             note_row(news, row)
     return taken

@@ -73,6 +73,21 @@ class Marks(NamedTuple):
     """Consecutive samples beside the accepted track that agree with each other. Shape (rows,)."""
 
 
+class Told(NamedTuple):
+    """The largest bounds that were told of each body lately; see `obstacle_rule.TOLD_FOR`."""
+
+    accel: FloatArray
+    """Since `since`, [m/s²]. Shape (rows,)."""
+    speed: FloatArray
+    """Since `since`, [m/s]. Shape (rows,)."""
+    accel_before: FloatArray
+    """In the time of equal length before, [m/s²]. Shape (rows,)."""
+    speed_before: FloatArray
+    """In the time of equal length before, [m/s]. Shape (rows,)."""
+    since: FloatArray
+    """Stamp of a sample, [s]. Shape (rows,)."""
+
+
 class News(NamedTuple):
     """Rows that changed since whoever watches looked last, by more than their anchors allow for."""
 
@@ -92,6 +107,7 @@ class Rows(NamedTuple):
     refused: States
     """Last refused samples."""
     marks: Marks
+    told: Told
     news: News
     anchors: States
     """States that somebody's certificates rest on; without points where there are none."""
@@ -160,6 +176,7 @@ class ObstacleTable:
         nothing = np.zeros(0, dtype=np.int64)
         self.news = News(nothing, np.zeros(0, dtype=bool), np.zeros(1, dtype=np.int64))
         self.marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 3))
+        self._told = Told(*([np.zeros(0)] * 5))
         self.accepted = make_states(0)
         self.anchors = make_states(0)
         """States that whoever watches has proved things from; no points where there is none."""
@@ -191,6 +208,7 @@ class ObstacleTable:
         self.alive[row] = True
         self.owner[row] = owner
         self.streak[row] = 0
+        self._told.since[row] = -np.inf
         self.point_count[row] = 1
         self.anchors.point_count[row] = 0
         self.revision[row] += 1
@@ -236,6 +254,7 @@ class ObstacleTable:
         first = len(self.marks.alive)
         self._free.extend(range(capacity - 1, first - 1, -1))
         self.marks = Marks(*(extend_rows(array, capacity) for array in self.marks))
+        self._told = Told(*(extend_rows(array, capacity) for array in self._told))
         changed, is_changed, changed_count = self.news
         self.news = News(
             extend_rows(changed, capacity), extend_rows(is_changed, capacity), changed_count.copy()
@@ -246,15 +265,23 @@ class ObstacleTable:
         self.accepted = resize_states(self.accepted, capacity, width)
         self.anchors = resize_states(self.anchors, capacity, width)
         # Most rows never have a refused sample: what is not written takes no memory.
-        aside = np.flatnonzero(self.marks.refused | (self.marks.streak > 0))
+        aside = np.flatnonzero(self.marks.refused)
         self.refused_states = resize_states(self.refused_states, capacity, width, aside)
         for group in (self.accepted, self.marks, self.news):
             for name, array in group._asdict().items():
                 setattr(self, name, array)
         for name, array in self.refused_states._asdict().items():
             setattr(self, f"refused_{name}", array)
-        rows = Rows(self.accepted, self.refused_states, self.marks, self.news, self.anchors)
-        self.handle = pack(rows)
+        self.handle = pack(
+            Rows(
+                self.accepted,
+                self.refused_states,
+                self.marks,
+                self._told,
+                self.news,
+                self.anchors,
+            )
+        )
         self.changes += 1
 
 

@@ -45,12 +45,13 @@ _KINDS = {
     plausibility.VELOCITY_BY_SPEED: (FaultKind.BEYOND_SPEED, "velocity"),
     plausibility.SHAPE: (FaultKind.SHAPE_CHANGED, "position"),
     rule.TOO_FAST: (FaultKind.BEYOND_SPEED, "velocity"),
-    rule.FOREIGN: (FaultKind.TWO_PUBLISHERS, "id"),
+    rule.TOO_FAR: (FaultKind.BEYOND_EXTENT, "position"),
     rule.TRACK_CHANGED: (FaultKind.TRACK_CHANGED, "position"),
 }
 for _field, _name in enumerate(rule.FIELDS):
     _KINDS[rule.NOT_FINITE + _field] = (FaultKind.NOT_FINITE, _name)
     _KINDS[rule.NEGATIVE + _field] = (FaultKind.NEGATIVE, _name)
+    _KINDS[rule.TOO_LARGE + _field] = (FaultKind.BOUND_TOO_LARGE, _name)
 
 
 class Obstacles(ObstacleRegister):
@@ -64,21 +65,32 @@ class Obstacles(ObstacleRegister):
         self,
         accel: float = 10.0,
         speed: float = 2.0,
-        sources: Iterable[str | Source] = (),
+        sources: Iterable[str | Source] | None = None,
         *,
         frames: Mapping[str, Frame] | None = None,
+        extent: float = 100.0,
     ) -> None:
         """Makes an empty table.
 
         Args:
-            accel: Bound on acceleration where a message gives none, in [m]/[s]^2; inf for none.
-            speed: Bound on speed where a message gives none, in [m]/[s]; inf for none.
-            sources: Those that must be heard: while one is not, the monitor says STOP.
+            accel: Bound on acceleration where a message gives none, in [m]/[s]^2, at most 1000 or
+                inf for none.
+            speed: Bound on speed where a message gives none, in [m]/[s], at most 100 or inf for
+                none.
+            sources: Those that must be heard: while one is not, the monitor says STOP. None: not
+                known yet, and STOP until one is heard. An empty list says that there is none.
             frames: By name, those that messages may refer to; "world" is always there.
+            extent: How far from the world's origin a coordinate of an obstacle may be, in [m]; what
+                is farther is in another unit, or in another frame, and is refused.
+
+        Raises:
+            ObstacleError: A bound, the extent, a source or a frame is malformed.
         """
-        super().__init__(sources)
-        self._accel = read_bound("accel", accel)
-        self._speed = read_bound("speed", speed)
+        super().__init__(() if sources is None else sources)
+        self.expects_sources = sources is None
+        self._accel = read_bound("accel", accel, rule.MAXIMUM_ACCEL, "m/s²")
+        self._speed = read_bound("speed", speed, rule.MAXIMUM_SPEED, "m/s")
+        self._extent = read_bound("extent", extent, math.inf, "m")
         for name, place in (frames or {}).items():
             if not isinstance(place, Frame):
                 raise ObstacleError(f"frame {name!r}", f"is {show(place)}", expected="a Frame")
@@ -100,7 +112,7 @@ class Obstacles(ObstacleRegister):
     def _bind(self) -> None:
         """Have compiled what takes samples."""
         nothing = read_samples(0, (), None, 0.0, 0.0, 0.0, 0.0, 0.0)
-        message = NO_ROWS, nothing, 0.0, NO_SOURCE, True, *self._frames[WORLD], True
+        message = NO_ROWS, nothing, 0.0, self._extent, True, *self._frames[WORLD], True
         self._take_samples = machine_code(
             rule.take_samples, self.table.handle, *message, NO_ROWS, np.zeros(0)
         )
@@ -126,7 +138,7 @@ class Obstacles(ObstacleRegister):
         Fields may be one number for all obstacles or one for each.
 
         Args:
-            ids: Names of the obstacles, unique across sources. Length n.
+            ids: Names of the obstacles, unique within their source. Length n.
             stamp: When they were measured, in [s].
             position: Balls' centres, or up to eight points whose hull each obstacle is, in [m].
                 Shape (n, 3) or (n, k, 3).
@@ -166,23 +178,22 @@ class Obstacles(ObstacleRegister):
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
         known = self._book.find(source)
-        late = known is not None and time < known.stamp
+        late = known is not None and time < known.newest
         state = self._book.hear(source, time)
         if snapshot and not late:
             self._homeless.forget(state.index)
-        places = list(map(self._rows.get, names, repeat(-1)))
+        places = list(map(self._rows_of(state.index).get, names, repeat(-1)))
         if -1 in places:
             for i, name in enumerate(names):
                 places[i] = self._admit(name, time, state) if places[i] < 0 else places[i]
         rows = np.array(places, dtype=np.int64)
-        codes, values = self._run_rule(rows, samples, time, state.index, frame, velocity is None)
+        codes, values = self._run_rule(rows, samples, time, frame, velocity is None)
         for i in codes.nonzero()[0].tolist():
             if codes[i] == rule.LATE:
                 self.late_count += 1
             else:
                 kind, field = _KINDS[int(codes[i])]
-                value = self.source_of(rows[i]) if codes[i] == rule.FOREIGN else float(values[i])
-                self._faults.leave(kind, source, names[i], field, value, time)
+                self._faults.leave(kind, source, names[i], field, float(values[i]), time)
         if snapshot:
             self._remove_absent(rows, time, state, late)
 
@@ -190,7 +201,7 @@ class Obstacles(ObstacleRegister):
         """Adds an obstacle that stands still for ever and never ages.
 
         Args:
-            id: Its name, unique across sources.
+            id: Its name, unique among obstacles that stand still.
             position: Its centre, or up to eight points whose hull it is, in [m]. Shape (3,) or
                 (k, 3).
             radius: Around the hull, in [m].
@@ -200,7 +211,7 @@ class Obstacles(ObstacleRegister):
         """
         try:
             (name,) = read_ids([id])
-            if name in self._rows:
+            if name in self._rows_of(NO_SOURCE):
                 raise ObstacleError(f"id {name!r}", "is in the table already")
             points = read_points("position", [position], 1)[0]
             (size,) = read_field("radius", radius, 1)
@@ -209,6 +220,13 @@ class Obstacles(ObstacleRegister):
                     f"static obstacle {name!r}",
                     f"is at {points.tolist()} with radius {size}",
                     expected="finite numbers and a radius of at least 0",
+                )
+            if not max(np.abs(points).max(), size) <= self._extent:
+                raise ObstacleError(
+                    f"static obstacle {name!r}",
+                    f"is at {points.tolist()} with radius {size}",
+                    expected=f"metres, within the extent of {self._extent:g} m",
+                    remedy="Obstacles(extent=…) allows for more",
                 )
             row = self._take_row(name, NO_SOURCE, -math.inf)
             if row < 0:
@@ -244,7 +262,12 @@ class Obstacles(ObstacleRegister):
         if source is not None and time is not None:
             state = self._book.hear(source, time)
         for name in names:
-            self._remove_one(name, time, state, source)
+            if source is None:
+                # The application itself knows of whom it speaks: of all that bear the name.
+                owners = [owner for owner, rows in self._rows.items() if name in rows]
+            else:
+                owners = [] if state is None else [state.index]
+            self._remove_one(name, time, owners, source)
 
     def _check_source(self, source: object) -> None:
         if not isinstance(source, str) or not source:
@@ -270,7 +293,6 @@ class Obstacles(ObstacleRegister):
         rows: IntArray,
         samples: Samples,
         time: float,
-        source: int,
         frame: str,
         speed_is_error: bool,
     ) -> tuple[IntArray, NDArray[np.float64]]:
@@ -283,7 +305,7 @@ class Obstacles(ObstacleRegister):
             rows,
             samples,
             time,
-            source,
+            self._extent,
             speed_is_error,
             *place,
             frame == WORLD,
@@ -298,7 +320,7 @@ class Obstacles(ObstacleRegister):
 
     def _admit(self, name: str, time: float, state: SourceState) -> int:
         """Row for an id that is not in the table; -1 if it may not come in."""
-        if self._tombstones.covers(name, time):
+        if self._tombstones.covers(name, state.index, time):
             self.late_count += 1
             return -1
         source = state.source.name
@@ -308,8 +330,13 @@ class Obstacles(ObstacleRegister):
         row = self._take_row(name, state.index, time)
         if row < 0:
             self._faults.leave(FaultKind.TABLE_FULL, source, name, "id", name, time)
-        else:
-            self._tombstones.lift(name)
+            return row
+        self._tombstones.lift(name, state.index)
+        for other, rows in self._rows.items():
+            if other != state.index and name in rows:
+                value = self.source_of(rows[name]) or "a static obstacle"
+                self._faults.leave(FaultKind.SHARED_ID, source, name, "id", value, time)
+                break
         return row
 
     def _remove_absent(self, rows: IntArray, time: float, state: SourceState, late: bool) -> None:
@@ -322,29 +349,25 @@ class Obstacles(ObstacleRegister):
             self._release(int(row), time)
 
     def _remove_one(
-        self, name: str, time: float | None, state: SourceState | None, source: str | None
+        self, name: str, time: float | None, owners: list[int], source: str | None
     ) -> None:
+        """Removes an id of the sources with these numbers; see `remove`."""
         table = self.table
-        row = self._rows.get(name, -1)
         speaker = source or ""
         stamp = math.nan if time is None else time
-        if row < 0:
-            if time is not None and state is not None:
-                # Its last states may still be under way.
-                self._tombstones.add(name, time, state.index)
-            speaks = NO_SOURCE if state is None else state.index
-            if not self._homeless.discard(name, None if source is None else speaks, time):
+        rows = [row for owner in owners if (row := self._rows_of(owner).get(name, -1)) >= 0]
+        if not rows:
+            if time is not None and source is not None:
+                for owner in owners:
+                    # Its last states may still be under way.
+                    self._tombstones.add(name, time, owner)
+            whose = None if source is None else (owners or [NO_SOURCE])[0]
+            if not self._homeless.discard(name, whose, time):
                 self._faults.leave(FaultKind.UNKNOWN_ID, speaker, name, "id", name, stamp)
-        elif source is not None and (state is None or table.owner[row] != state.index):
-            owner = self.source_of(row)
-            self._faults.leave(FaultKind.TWO_PUBLISHERS, speaker, name, "id", owner, stamp)
-        elif (
-            time is not None
-            and table.has_state[row]
-            and not table.static[row]
-            and not time >= table.stamp[row]
-        ):
-            newer = float(table.stamp[row])
-            self._faults.leave(FaultKind.STALE_REMOVAL, speaker, name, "stamp", newer, stamp)
-        else:
-            self._release(row, time)
+        for row in rows:
+            moves = table.has_state[row] and not table.static[row]
+            if time is not None and moves and not time >= table.stamp[row]:
+                newer = float(table.stamp[row])
+                self._faults.leave(FaultKind.STALE_REMOVAL, speaker, name, "stamp", newer, stamp)
+            else:
+                self._release(row, time)

@@ -53,12 +53,15 @@ class SourceState:
         index: Its number, in order of appearance.
         heard: Whether it has ever spoken.
         stamp: Of the last message received, in [s]; -inf before the first.
+        newest: Latest of all such stamps, unless that was found to be ahead of the clock, in [s]:
+            a late message does not make its source look silent.
     """
 
     source: Source
     index: int
     heard: bool = False
     stamp: float = -math.inf
+    newest: float = -math.inf
 
     @property
     def required(self) -> bool:
@@ -93,11 +96,12 @@ class SourceBook:
     def hear(self, name: str, stamp: float) -> SourceState:
         """Notes a message with this stamp, of a source known or new."""
         state = self._by_name.get(name) or self._add(Source(name))
-        if not (state.heard and stamp >= state.stamp):
+        if not state.heard:
             self.unsettled = True
         self.newest = max(self.newest, stamp)
         state.heard = True
         state.stamp = stamp
+        state.newest = max(state.newest, stamp)
         return state
 
     def check_room(self, name: str) -> None:
@@ -113,7 +117,7 @@ class SourceBook:
         for state in self.states:
             if state.required:
                 timeout = state.source.timeout
-                if not now - state.stamp <= (default_timeout if timeout is None else timeout):
+                if not now - state.newest <= (default_timeout if timeout is None else timeout):
                     names.append(state.source.name)
         return names
 
@@ -121,7 +125,7 @@ class SourceBook:
         """When the first required source will have kept silent for its timeout, in [s]."""
         self.unsettled = False
         ends = [
-            state.stamp
+            state.newest
             + (default_timeout if state.source.timeout is None else state.source.timeout)
             for state in self.states
             if state.required
@@ -129,7 +133,15 @@ class SourceBook:
         return min(ends, default=math.inf)
 
     def ahead(self, now: float, tolerance: float) -> list[str]:
-        """Sources whose last stamp is more than `tolerance` [s] ahead of `now`."""
+        """Sources whose last stamp is more than `tolerance` [s] ahead of `now`.
+
+        A message stamped so far ahead counts as heard now: else its source could keep silent for
+        as long unnoticed.
+        """
+        for state in self.states:
+            if not state.newest - now <= tolerance:
+                state.newest = now
+                self.unsettled = True
         self.newest = max((state.stamp for state in self.states), default=-math.inf)
         return [
             state.source.name
@@ -156,38 +168,38 @@ class Tombstones:
 
     def __init__(self) -> None:
         self.newest = -math.inf
-        self._stones: OrderedDict[str, tuple[float, int]] = OrderedDict()
+        self._stones: OrderedDict[tuple[int, str], float] = OrderedDict()
         self._floors: dict[int, float] = {}
 
     def add(self, name: str, stamp: float, source: int) -> None:
         """Notes that `name` of the source with this number was removed, at `stamp` [s]."""
-        earlier = self._stones.pop(name, None)
-        if earlier is not None:
-            stamp = max(stamp, earlier[0])
-        self._stones[name] = (stamp, source)
+        key = source, name
+        stamp = max(stamp, self._stones.pop(key, stamp))
+        self._stones[key] = stamp
         self.newest = max(self.newest, stamp)
         if len(self._stones) > MAXIMUM_TOMBSTONES:
-            _, (given_up, owner) = self._stones.popitem(last=False)
+            (owner, _), given_up = self._stones.popitem(last=False)
             self._floors[owner] = max(self._floors.get(owner, -math.inf), given_up)
 
-    def covers(self, name: str, stamp: float) -> bool:
-        """Whether `name` was removed at `stamp` [s] or later."""
-        stone = self._stones.get(name)
-        return stone is not None and not stamp > stone[0]
+    def covers(self, name: str, source: int, stamp: float) -> bool:
+        """Whether `name` of this source was removed after `stamp`, in [s].
+
+        What is told of the moment of a removal counts: an obstacle that is there is not gone.
+        """
+        return not stamp >= self._stones.get((source, name), -math.inf)
 
     def below_floor(self, source: int, stamp: float) -> bool:
         """Whether a source may no longer introduce ids at `stamp` [s]."""
-        return bool(self._floors) and not stamp > self._floors.get(source, -math.inf)
+        return bool(self._floors) and not stamp >= self._floors.get(source, -math.inf)
 
-    def lift(self, name: str) -> None:
+    def lift(self, name: str, source: int) -> None:
         """Forgets the tombstone of an id that has come back."""
-        self._stones.pop(name, None)
+        self._stones.pop((source, name), None)
 
     def limit(self, now: float) -> None:
         """Lets no tombstone lie ahead of `now` [s]: its stamp was wrong, and would hide an id."""
-        for name, (stamp, source) in self._stones.items():
-            if stamp > now:
-                self._stones[name] = (now, source)
+        for key, stamp in self._stones.items():
+            self._stones[key] = min(stamp, now)
         for source, floor in self._floors.items():
             self._floors[source] = min(floor, now)
         self.newest = now

@@ -9,7 +9,7 @@ def see(obstacles, stamp, x=0.0, id="a", **fields):
     """One ball on the x axis, at rest unless told otherwise."""
     fields = {"velocity": [[0.0, 0.0, 0.0]], "radius": 0.1, **fields}
     obstacles.update([id], stamp, [[x, 0.0, 0.0]], **fields)
-    return obstacles.row(id)
+    return obstacles.row(id, fields.get("source", "default"))
 
 
 def kinds(obstacles):
@@ -22,7 +22,7 @@ def check_invariants(obstacles):
     assert len(obstacles) == len(alive)
     assert len(obstacles.ids) == len(table.alive)
     for row in alive:
-        assert obstacles.row(obstacles.ids[row]) == row
+        assert obstacles.row(obstacles.ids[row], obstacles.source_of(row)) == row
         assert 1 <= table.point_count[row] <= 8
         assert table.has_state[row] or table.refused[row]
     assert sum(name != "" for name in obstacles.ids) == len(alive)

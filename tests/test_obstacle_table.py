@@ -194,11 +194,10 @@ def test_room_for_points_is_made_for_refused_samples_and_statics_too():
 
 
 def test_a_track_about_to_be_believed_survives_a_larger_table():
-    """Also where a late sample began it, so that none stands refused beside the state."""
     obstacles = Obstacles()
     row = see(obstacles, 1.0)
-    see(obstacles, 0.99)
-    assert not obstacles.table.refused[row]
+    see(obstacles, 1.01, x=1.0)
+    assert obstacles.table.refused[row]
     kept = [array[row].copy() for array in obstacles.table.refused_states]
     assert obstacles.table.streak[row] == 1
     names = [f"n{i}" for i in range(300)]

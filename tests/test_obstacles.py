@@ -75,13 +75,21 @@ def test_statics_stand_still_and_belong_to_nobody():
     assert obstacles.source_of(row) == ""
     assert not obstacles.has_sources
     see(obstacles, 1.0, id="table")
-    assert kinds(obstacles) == [FaultKind.TWO_PUBLISHERS]
+    assert kinds(obstacles) == [FaultKind.SHARED_ID]
+    assert obstacles.row("table") == obstacles.row("table", "") == row
+    assert table.points[obstacles.row("table", "default"), 0].tolist() == [0, 0, 0]
+    obstacles.update([], 1.5, snapshot=True)
     assert table.points[row, 0].tolist() == [1, 2, 3]
     obstacles.update([], 2.0, snapshot=True)
     assert obstacles.row("table") == row
     obstacles.remove(["table"])
     obstacles.add_static("table", [0, 0, 0], 0.5)
-    for bad in [("table", [0, 0, 0], 1.0), ("x", [0, 0, math.nan], 1.0), ("x", [0, 0, 0], -1.0)]:
+    for bad in [
+        ("table", [0, 0, 0], 1.0),
+        ("x", [0, 0, 1500.0], 1.0),
+        ("x", [0, 0, math.nan], 1.0),
+        ("x", [0, 0, 0], -1.0),
+    ]:
         with pytest.raises(ObstacleError):
             obstacles.add_static(*bad)
     with pytest.raises(ObstacleError):
@@ -98,7 +106,7 @@ def test_removal_outlives_older_messages():
     obstacles.remove(["a"], stamp=1.5)
     assert obstacles.row("a") == -1
     assert obstacles.ids[row] == ""
-    for stamp in (1.1, 1.2, 1.3, 1.4, 1.45, 1.5):
+    for stamp in (1.1, 1.2, 1.3, 1.4, 1.45, 1.4999):
         see(obstacles, stamp)
         assert obstacles.row("a") == -1
     assert obstacles.late_count == 6
@@ -106,9 +114,52 @@ def test_removal_outlives_older_messages():
     see(obstacles, 1.51)
     assert obstacles.row("a") >= 0
     obstacles.remove(["a"])
-    see(obstacles, 1.51)
+    see(obstacles, 1.505)
     assert obstacles.row("a") == -1
+    assert obstacles.late_count == 7
     check_invariants(obstacles)
+
+
+@pytest.mark.parametrize("stamp", [None, 1.0])
+def test_what_is_told_of_the_moment_of_its_removal_is_there(stamp):
+    obstacles = Obstacles()
+    see(obstacles, 1.0)
+    obstacles.remove(["a"], stamp=stamp)
+    row = see(obstacles, 1.0, x=0.5)
+    assert row >= 0
+    assert obstacles.table.points[row, 0, 0] == 0.5
+    assert (obstacles.late_count, obstacles.take_faults()) == (0, [])
+
+
+def test_ids_belong_to_their_sources():
+    obstacles = Obstacles()
+    first = see(obstacles, 1.0, x=1.0, source="cam0")
+    obstacles.update(["a"], 1.0, [[5.0, 0.0, 0.0]], radius=0.2, source="cam1")
+    second = obstacles.row("a", "cam1")
+    assert (first, len(obstacles)) == (obstacles.row("a", "cam0"), 2)
+    assert second not in (-1, first)
+    assert obstacles.table.points[[first, second], 0, 0].tolist() == [1.0, 5.0]
+    (fault,) = obstacles.take_faults()
+    assert (fault.kind, fault.source, fault.value) == (FaultKind.SHARED_ID, "cam1", "cam0")
+    obstacles.remove(["a"], 1.0, source="cam1")
+    assert [obstacles.row("a", source) for source in ("cam0", "cam1")] == [first, -1]
+    obstacles.update(["a"], 1.1, [[5.0, 0.0, 0.0]], radius=0.2, source="cam1")
+    obstacles.update([], 1.2, source="cam0", snapshot=True)
+    assert obstacles.row("a", "cam0") == -1
+    assert obstacles.row("a", "cam1") >= 0
+    see(obstacles, 1.3, source="cam0")
+    obstacles.remove(["a"])
+    assert len(obstacles) == 0
+
+
+@pytest.mark.parametrize(
+    "bound", [{"speed": 2000.0}, {"accel": 10_000.0}, {"speed": 100.1}, {"extent": math.nan}]
+)
+def test_bounds_that_no_body_needs_are_refused_unless_there_is_none(bound):
+    (name,) = bound
+    with pytest.raises(ObstacleError, match=name):
+        Obstacles(**bound)
+    Obstacles(**{name: math.inf})
 
 
 def test_removals_that_are_refused():
@@ -121,8 +172,8 @@ def test_removals_that_are_refused():
     obstacles.remove(["ghost"])
     assert kinds(obstacles) == [
         FaultKind.STALE_REMOVAL,
-        FaultKind.TWO_PUBLISHERS,
-        FaultKind.TWO_PUBLISHERS,
+        FaultKind.UNKNOWN_ID,
+        FaultKind.UNKNOWN_ID,
         FaultKind.UNKNOWN_ID,
     ]
     assert obstacles.row("a") == row

@@ -42,24 +42,25 @@ def test_a_book_of_sources_is_bounded():
         book.check_room("another")
 
 
-def test_a_tombstone_covers_what_is_not_newer():
+def test_a_tombstone_covers_what_is_older():
     stones = Tombstones()
     stones.add("ball", 2.0, 0)
     stones.add("ball", 1.0, 0)
-    assert stones.covers("ball", 2.0)
-    assert not stones.covers("ball", math.nextafter(2.0, math.inf))
-    assert not stones.covers("box", 0.0)
-    stones.lift("ball")
-    assert not stones.covers("ball", 0.0)
+    assert stones.covers("ball", 0, math.nextafter(2.0, -math.inf))
+    assert not stones.covers("ball", 0, 2.0)
+    assert not stones.covers("ball", 1, 0.0)
+    assert not stones.covers("box", 0, 0.0)
+    stones.lift("ball", 0)
+    assert not stones.covers("ball", 0, 0.0)
 
 
 def test_tombstones_given_up_leave_a_floor_for_their_source():
     stones = Tombstones()
     for k in range(MAXIMUM_TOMBSTONES + 1):
         stones.add(f"{k}", 5.0, source=k % 2)
-    assert not stones.covers("0", 5.0)
-    assert stones.below_floor(0, 5.0)
-    assert not stones.below_floor(0, 5.1)
+    assert not stones.covers("0", 0, 4.9)
+    assert stones.below_floor(0, 4.9)
+    assert not stones.below_floor(0, 5.0)
     assert not stones.below_floor(1, 0.0)
 
 
@@ -69,6 +70,31 @@ def test_no_tombstone_stays_ahead_of_the_clock():
         stones.add(f"{k}", 1e9, 0)
     stones.limit(3.0)
     assert stones.newest == 3.0
-    assert stones.covers("7", 3.0)
-    assert not stones.covers("7", 3.1)
-    assert not stones.below_floor(0, 3.1)
+    assert stones.covers("7", 0, 2.9)
+    assert not stones.covers("7", 0, 3.0)
+    assert not stones.below_floor(0, 3.0)
+
+
+def test_a_late_message_does_not_make_its_source_look_silent():
+    book = SourceBook([])
+    book.hear("cam", 1.0)
+    assert book.quiet_until(0.2) == 1.2
+    book.hear("cam", 0.5)
+    assert not book.unsettled
+    assert book.silent(1.1, 0.2) == []
+    assert book.silent(1.3, 0.2) == ["cam"]
+
+
+def test_a_stamp_far_ahead_hides_no_silence():
+    book = SourceBook([])
+    book.hear("cam", 1000.0)
+    assert book.ahead(1.0, 0.2) == ["cam"]
+    book.hear("cam", 1.01)
+    assert book.ahead(1.02, 0.2) == []
+    assert book.silent(1.1, 0.2) == []
+    assert book.silent(1.3, 0.2) == ["cam"]
+    # Also where it was put right before anything asked.
+    book.hear("cam", 1000.0)
+    book.hear("cam", 1.5)
+    assert book.ahead(1.5, 0.2) == []
+    assert book.silent(1.8, 0.2) == ["cam"]
