@@ -217,8 +217,9 @@ def _check_finite(value: object, path: str, file: str) -> None:
         for number, entry in enumerate(value):
             _check_finite(entry, f"{path}[{number}]", file)
     elif isinstance(value, float) and not math.isfinite(value):
-        if not (path in _MAY_BE_INFINITE and value == math.inf):
-            raise make_error(file, path, f"is {value}", "a finite number")
+        if path in _MAY_BE_INFINITE and value == math.inf:
+            return
+        raise make_error(file, path, f"is {value}", "a finite number")
 
 
 def _convert(raw: object, kind: type[_T], path: str, file: str) -> _T:
