@@ -24,7 +24,7 @@ def panda():
 
 def make_monitor(schedule="deadline", *, obstacles=None, **settings):
     """A table and a monitor on it; a pair of DAA's laws stands for that schedule."""
-    obstacles = Obstacles() if obstacles is None else obstacles
+    obstacles = Obstacles(sources=[]) if obstacles is None else obstacles
     if isinstance(schedule, tuple):
         schedule = DaaSchedule(1.0 / settings.get("rate", 1000.0), *schedule)
     return obstacles, Monitor(panda(), obstacles, schedule=schedule, **settings)

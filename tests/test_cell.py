@@ -206,3 +206,32 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
     for path in (tmp_path / "absent.toml", tmp_path):
         with pytest.raises(CellError, match="cannot be read"):
             Cell.load(path)
+
+
+def test_a_file_says_whether_there_are_sources():
+    silent = Cell.from_text('[robot]\nname = "panda"\n').make_obstacles()
+    assert silent.expects_sources
+    none = Cell.from_text('[robot]\nname = "panda"\n[sources]\n').make_obstacles()
+    assert not none.expects_sources
+    assert not none.has_sources
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("speed = 2000.0", "bounds.speed.*2000.0.*at most 100 m/s.*inf"),
+        ("accel = 9810.0", "bounds.accel.*9810.0.*at most 1000 m/s²"),
+        ("speed = nan", "bounds.speed: is nan"),
+        ("extent = inf", "bounds.extent: is inf"),
+    ],
+)
+def test_bounds_in_other_units_are_refused(line, message):
+    with pytest.raises(CellError, match=message):
+        Cell.from_text(f'[robot]\nname = "panda"\n[bounds]\n{line}\n').make_obstacles()
+
+
+def test_a_bound_that_there_is_not_is_inf():
+    cell = Cell.from_text('[robot]\nname = "panda"\n[bounds]\nspeed = inf\naccel = inf\n')
+    obstacles = cell.make_obstacles()
+    obstacles.update(["a"], 0.0, [[1.0, 0.0, 0.0]], radius=0.1)
+    assert (obstacles.table.speed[0], obstacles.table.accel[0]) == (math.inf, math.inf)

@@ -119,7 +119,7 @@ def test_obstacles_in_millimetres_are_a_stop_that_says_so(change, field):
 
 
 def test_no_source_at_all_is_a_stop_until_one_speaks_or_none_is_said_to_come():
-    obstacles, monitor = make_monitor()
+    obstacles, monitor = make_monitor(obstacles=Obstacles())
     obstacles.add_static("table", [0.0, 0.0, -3.0], 0.1)
     for tick in range(400):
         verdict = monitor.step(0.001 * tick, HOME, STILL)
@@ -131,7 +131,7 @@ def test_no_source_at_all_is_a_stop_until_one_speaks_or_none_is_said_to_come():
         levels.append(monitor.step(0.001 * tick, HOME, STILL).level)
     assert levels[0] is Level.STOP
     assert levels[-1] is Level.CLEAR
-    obstacles, monitor = make_monitor(obstacles=Obstacles(sources=[]))
+    _, monitor = make_monitor()
     verdict = monitor.step(0.0, HOME, STILL)
     assert (verdict.level, kinds(verdict)) == (Level.CLEAR, {ReasonKind.NO_SOURCES_EXPECTED})
 
@@ -177,7 +177,10 @@ def place_surface(robot):
     pinocchio.forwardKinematics(robot.model, data, HOME)
     joints = np.repeat(arm.joint, np.diff(arm.first))
     return np.array(
-        [data.oMi[int(joint) + 1].act(point) for joint, point in zip(joints, arm.points, strict=True)]
+        [
+            data.oMi[int(joint) + 1].act(point)
+            for joint, point in zip(joints, arm.points, strict=True)
+        ]
     )
 
 
