@@ -314,6 +314,24 @@ def test_mutilated_certificates_are_refused():
     assert refused > 0.9 * 2 * tried  # by chance another witness may do as well
 
 
+def test_every_witness_takes_over_before_the_time_that_is_claimed():
+    """One that comes later has no part in the proof: such a certificate is malformed."""
+    rng = np.random.default_rng(17)
+    tried = 0
+    while tried < 100:
+        case = ordinary_case(rng, 1 + tried % 3)
+        certificate = certify(**case, advances=40)
+        time, times, witnesses = certificate
+        if not 0.0 < time < math.inf or len(times) < 3:
+            continue
+        tried += 1
+        for claimed in (times[-1], 0.5 * (times[-2] + times[-1]), times[1], 0.5 * times[1]):
+            assert not verify(Certificate(claimed, times, witnesses), **case)
+            # Without what comes too late, the claim is as good as the greater one.
+            kept = times < claimed
+            assert verify(Certificate(claimed, times[kept], witnesses[kept]), **case)
+
+
 def test_length_of_a_witness_does_not_matter():
     case = _filled(HOSTILE["old and new"])
     time, times, witnesses = certify(**case)
