@@ -1,5 +1,7 @@
 """How far one coordinate gets, against motions integrated step by step."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
@@ -36,6 +38,28 @@ def test_nothing_arrives_early_and_nothing_much_later(start, accel, top, room):
     time = arrival(start, accel, top, room)
     assert travel(start, accel, top, time) <= room * (1.0 + 1e-9) + 1e-9 * top * time
     assert travel(start, accel, top, time * (1.0 + 1e-6) + 1e-9) >= room * (1.0 - 1e-5)
+
+
+def exact_way(start, accel, top, s):
+    """Of the fastest body, as rational numbers."""
+    start, accel, top, s = (Fraction(float(part)) for part in (start, accel, top, s))
+    start = min(start, top)
+    ramp = min((top - start) / accel, s)
+    return start * ramp + accel * ramp**2 / 2 + top * (s - ramp)
+
+
+def test_ways_are_rounded_up_and_arrivals_down():
+    """In exact arithmetic, and by no more than rounding needs."""
+    random = np.random.default_rng(0)
+    for _ in range(3000):
+        accel, top, room, s = 10.0 ** random.uniform(-3.0, 3.0, 4)
+        start = top * random.choice([-3.0, -1e-6, 0.0, 0.3, 1.0, 2.0])
+        exact, way = exact_way(start, accel, top, s), travel(start, accel, top, s)
+        size = (abs(start) + top + accel * s) * s
+        assert exact <= way <= exact + 1e-11 * Fraction(size)
+        time = arrival(start, accel, top, room)
+        assert exact_way(start, accel, top, time) <= room
+        assert exact_way(start, accel, top, time * (1.0 + 1e-11)) >= room * (1.0 - 1e-9)
 
 
 def test_what_has_no_room_is_there_and_what_has_no_end_never_is():
