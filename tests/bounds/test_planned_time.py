@@ -1,3 +1,5 @@
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from plan_cases import all_pairs
@@ -228,6 +230,21 @@ def test_time_goes_on_along_the_course(arm):
         after = ask(arm, obstacles, now=NOW + 0.03).time
         if before < np.inf and before > 0.04:
             assert after == pytest.approx(before - 0.03, abs=6e-3)
+
+
+def test_a_contact_time_is_when_a_slab_begins_rounded_down(arm):
+    """In exact arithmetic, counted from any time on the course."""
+    random, course, found = np.random.default_rng(4), arm[2], 0
+    begins = [Fraction(float(start)) + Fraction(course.epoch) for start in course.start]
+    for _ in range(60):
+        obstacles = crowd(random_place(random, 0.5, 1.0), accel=2.0)
+        now = NOW + random.uniform(0.0, 0.05)
+        time = ask(arm, obstacles, now=now).time
+        if 0.0 < time < np.inf:
+            found += 1
+            late = [Fraction(now) + Fraction(time) - begin for begin in begins]
+            assert -1e-11 < max(part for part in late if part < 1e-9) < 0.0
+    assert found > 10
 
 
 @pytest.mark.parametrize("now", [NOW - 1e-6, NOW + 10.0, np.nan, np.inf, -np.inf])
