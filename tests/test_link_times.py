@@ -98,7 +98,7 @@ class World:
         names = [f"b{k}" for k in range(count)]
         self.obstacles.update(
             names, NOW - self.age, self.position, self.velocity, radius=0.05,
-            velocity_error=0.02 if errors else 0.0,
+            velocity_error=0.02 if errors else 0.0, position_error=0.03 if errors else 0.0,
         )  # fmt: skip
         self.rows = [self.obstacles.row(name) for name in names]
         self.motion = ArmMotion(robot, 0.02)
