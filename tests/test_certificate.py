@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+from fractions import Fraction
 
 import mpmath
 import numpy as np
@@ -15,7 +16,7 @@ from contact_cases import grazing_case, mixed_case, ordinary_case
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard.certificate import verify
+from armguard.certificate import _floor, _root_bounds, verify
 from armguard.contact import Certificate, certify, earliest_contact_hull
 
 CASES = int(os.environ.get("ARMGUARD_CASES", "8000"))
@@ -294,6 +295,22 @@ def test_the_checker_is_sharp_to_the_last_bit():
             assert not verify(certificate._replace(contact_time=high), **case)
 
 
+def test_roots_and_quotients_are_between_their_bounds():
+    """Of all magnitudes, squares among them: on the right side, and by no more than 2**-150 off."""
+    rng = np.random.default_rng(18)
+    close = Fraction(1, 2**150)
+    assert _root_bounds(Fraction(0)) == (0, 0)
+    for _ in range(2000):
+        parts = [int(part) + 1 for part in rng.integers(0, 2**62, 2)]
+        value = Fraction(*parts) * Fraction(2) ** int(rng.integers(-900, 900))
+        value = value**2 if rng.random() < 0.3 else value
+        low, high = _root_bounds(value)
+        assert low**2 <= value <= high**2
+        assert high <= low * (1 + close)
+        for quotient in (value, -value):
+            assert quotient - close * value <= _floor(quotient) <= quotient
+
+
 def test_mutilated_certificates_are_refused():
     rng = np.random.default_rng(16)
     refused = tried = 0
@@ -312,6 +329,24 @@ def test_mutilated_certificates_are_refused():
         refused += not verify(Certificate(time, times, turned), **case)
         refused += not verify(Certificate(time, times, np.roll(witnesses, 1, axis=0)), **case)
     assert refused > 0.9 * 2 * tried  # by chance another witness may do as well
+
+
+def test_every_witness_takes_over_before_the_time_that_is_claimed():
+    """One that comes later has no part in the proof: such a certificate is malformed."""
+    rng = np.random.default_rng(17)
+    tried = 0
+    while tried < 100:
+        case = ordinary_case(rng, 1 + tried % 3)
+        certificate = certify(**case, advances=40)
+        time, times, witnesses = certificate
+        if not 0.0 < time < math.inf or len(times) < 3:
+            continue
+        tried += 1
+        for claimed in (times[-1], 0.5 * (times[-2] + times[-1]), times[1], 0.5 * times[1]):
+            assert not verify(Certificate(claimed, times, witnesses), **case)
+            # Without what comes too late, the claim is as good as the greater one.
+            kept = times < claimed
+            assert verify(Certificate(claimed, times[kept], witnesses[kept]), **case)
 
 
 def test_length_of_a_witness_does_not_matter():

@@ -103,6 +103,39 @@ def test_a_piece_into_an_obstacle_is_unsafe_and_one_away_from_it_is_safe():
     assert monitor.commit(make_plan(-TURN)).safe
 
 
+def test_a_stop_on_a_plan_is_in_time_though_it_is_obeyed_late():
+    """A post is put in the way after the commit: the arm goes on along its plan until the verdict
+    is obeyed and the brakes bite, and brakes by no more than is guaranteed."""
+    period, latency, reaction, duration = 0.01, 0.08, 0.02, 0.6
+    times = period * np.arange(round(duration / period) + 1)
+    angle = np.pi * times / duration
+    q, v = np.tile(HOME, (len(times), 1)), np.zeros((len(times), 7))
+    q[:, 0] += 0.3 * (1.0 - np.cos(angle))
+    v[:, 0] = 0.3 * np.pi / duration * np.sin(angle)
+    plan = Plan(0.0, times, q, v, np.full(7, ERROR), np.full(7, SPEED_ERROR))
+    braking, let_go = panda().braking_deceleration[0], 0
+    for bearing in (0.5, 0.6, 0.7, 0.8, 0.9):
+        obstacles, monitor = make_monitor(
+            motion="planned", rate=1.0 / period, latency=latency, reaction_time=reaction
+        )
+        monitor.step(0.0, HOME, STILL)
+        assert monitor.commit(plan).safe
+        place = put_post(obstacles, bearing, distance=0.45)
+        levels = [monitor.step(times[k], q[k], v[k]).level for k in range(1, len(times))]
+        stop = levels.index(Level.STOP) + 1
+        let_go += stop > 1
+        bite = times[stop] + latency + reaction
+        pace, turned = np.interp(bite, times, v[:, 0]), np.interp(bite, times, q[:, 0])
+        way = np.tile(HOME, (400, 1))
+        at = np.linspace(times[stop], bite + pace / braking, len(way))
+        slowing = np.maximum(at - bite, 0.0)
+        after = turned + slowing * (pace - 0.5 * braking * slowing)
+        way[:, 0] = np.where(at < bite, np.interp(at, times, q[:, 0]), after)
+        path = plan._replace(times=at, q=way)
+        assert first_touch(path, place, 0.03) == math.inf
+    assert let_go > 3
+
+
 def test_what_could_walk_into_the_way_makes_a_piece_unsafe():
     """The same piece, a person farther and farther away: once it is safe, it stays so."""
     safe, times = [], []

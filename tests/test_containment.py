@@ -88,6 +88,17 @@ def test_no_ball_of_a_tightened_tree_could_be_smaller():
         assert not is_contained(triangles, tight._replace(spheres=spheres))
 
 
+def test_a_proof_that_gives_up_is_none():
+    """Whatever pieces it may look at: what sticks out is never proved, and what does not, once."""
+    for leaf, covers in ((0.301, True), (0.2995, False)):
+        leaves = [0.2, 0, 0, leaf], [0.8, 0, 0, leaf]
+        edge = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.7, 1e-4, 0.0]]])
+        proved = [is_contained(edge, family(ROOT, *leaves), most) for most in range(60)]
+        assert proved[-1] == covers
+        assert proved == sorted(proved)
+        assert not any(proved[:3])
+
+
 @pytest.mark.parametrize(
     ("first_child", "child_count", "parents"),
     [

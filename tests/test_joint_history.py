@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armguard import ArmguardError
-from armguard.joint_history import JointHistory, _all_pass, _test_joint
+from armguard.joint_history import ANCHOR_AGES, JointHistory, _all_pass, _test_joint
 from armguard.plausibility import (
     ALLOWED,
     NOT_FINITE,
@@ -153,6 +153,32 @@ def test_the_running_form_equals_a_look_at_the_whole_history():
             v = float(np.clip(v0 + change, -top, top))
             q = q0 + (v0 + v) / 2 * (stamp - before) + rng.uniform(-1.5e-3, 1.5e-3)
     assert min(decided.values()) > 100
+
+
+@pytest.mark.parametrize("age", ANCHOR_AGES[1:])
+def test_a_creep_is_found_as_soon_after_a_long_rest_as_after_a_short_one(age):
+    """A joint that says it rests and moves all the same; only a look that far back can tell.
+
+    Within acceleration and errors it may seem to be off its rest by 2 e + (A s / 2 + d) s after a
+    time s, and the limit is chosen such that this, per time, is least at the age in question.
+    """
+    period, position_error, velocity_error = age / 50.0, 1e-3, 1e-4
+    accel = 4.0 * position_error / age**2
+    pace = 1.02 * (2.0 * position_error / age + 0.5 * accel * age + velocity_error)
+    joints = JointHistory([10.0 * pace], [accel], [position_error], [velocity_error])
+    for rest in (0, 20, 500, 517, 531):
+        joints.clear()
+        for k in range(rest):
+            assert joints.accept(k * period, np.zeros(1), np.zeros(1)) == ALLOWED
+        found = []
+        for k in range(200):
+            q = np.array([k * period * pace])
+            found.append(joints.accept((rest + k) * period, q, np.zeros(1)))
+            if found[-1] != ALLOWED:
+                break
+        assert found[-1] == POSITION_BY_ACCEL
+        # No state can be older than twice the age when its place is taken.
+        assert len(found) * period <= 2.0 * age + 2.0 * period
 
 
 def test_states_that_are_no_states():

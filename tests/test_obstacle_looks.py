@@ -8,6 +8,7 @@ from scenes import HOME, PERIOD, STILL, make_monitor, panda, see, steps
 
 from armguard.obstacle_looks import CROWD, time_to_spare
 from armguard.pairs import evaluate
+from armguard.schedules.wheel import take_out
 from armguard.verdict import Level, ReasonKind, compute_stop_time
 
 HORIZON = PERIOD + 0.002 + 0.02
@@ -26,11 +27,14 @@ def test_a_fresh_look_finds_what_a_look_at_every_pair_finds():
         obstacles, monitor = make_monitor("deadline")
         names = [f"b{k}" for k in range(40)]
         see(obstacles, 0.0, scatter(rng, 40), names, velocity=rng.uniform(-1, 1, (40, 3)))
+        # Some are seen elsewhere meanwhile: they may be at either place.
+        see(obstacles, 0.5 * PERIOD, scatter(rng, 10), names[:10])
+        assert obstacles.table.refused.sum() == 10
         v = rng.uniform(-0.3, 0.3, 7) * panda().velocity_limit
-        verdict = monitor.step(0.0, HOME, v)
+        verdict = monitor.step(PERIOD, HOME, v)
         watch = monitor._watch
         state, book = watch.arm.state, watch.book
-        state.begin(0.0, 0.0, verdict.stop_time + 10.0)
+        state.begin(PERIOD, 0.0, verdict.stop_time + 10.0)
         state.prepare_arm(HOME, v)
         pairs = np.arange(40 * links)
         times, nodes = np.zeros(len(pairs)), np.zeros(len(pairs), dtype=np.int64)
@@ -125,6 +129,22 @@ def test_a_crowd_that_waits_is_looked_at_before_the_arm_may_go_on():
         book = monitor._watch.book
         if verdict.level > Level.STOP:
             assert np.isfinite(book.evaluated_at[book.watched.any(axis=1)]).all()
+
+
+@pytest.mark.parametrize("others", [0, 5])
+def test_one_that_nobody_would_look_at_is_overdue(others):
+    """Whether there is anything else to look at in the tick or not."""
+    obstacles, monitor = make_monitor("deadline", source_timeout=10.0)
+    see(obstacles, 0.0, [9.0, 0.0, 0.5], ["lost"])
+    assert all(one.level is Level.CLEAR for one in steps(monitor, 0, 5))
+    take_out(monitor._watch.book.wheel, obstacles.row("lost"))
+    for k in range(5, 10):
+        if others:
+            places = np.tile([12.0, 0.0, 0.5], (others, 1))
+            see(obstacles, k * PERIOD, places, [f"b{k}-{i}" for i in range(others)])
+        (verdict,) = steps(monitor, k, 1)
+        assert (verdict.level, verdict.complete) == (Level.STOP, False)
+        assert ReasonKind.OVERDUE in {reason.kind for reason in verdict.reasons}
 
 
 def test_nothing_at_all_and_things_that_stand_still():

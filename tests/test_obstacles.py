@@ -204,6 +204,18 @@ def test_a_snapshot_removes_what_its_source_no_longer_sees():
     check_invariants(obstacles)
 
 
+def test_a_snapshot_is_the_whole_cell_at_its_stamp():
+    """What the same source has told of the same moment is over too, if it is not in it."""
+    obstacles = Obstacles()
+    see(obstacles, 1.0, id="other", source="cam1")
+    obstacles.update(["a", "b"], 1.0, np.zeros((2, 3)), radius=0.1, source="cam0")
+    obstacles.update(["a"], 1.0, [[0, 0, 0]], radius=0.1, source="cam0", snapshot=True)
+    assert sorted(name for name in obstacles.ids if name) == ["a", "other"]
+    obstacles.update([], 1.0, source="cam0", snapshot=True)
+    assert [name for name in obstacles.ids if name] == ["other"]
+    check_invariants(obstacles)
+
+
 def test_a_removal_stamped_far_ahead_does_not_hide_an_id_for_ever():
     obstacles = Obstacles()
     see(obstacles, 1.0)

@@ -206,6 +206,30 @@ def test_a_scale_that_is_given_out_is_safe_now_however_late_ticks_come(pace):
     assert given > 10
 
 
+def test_a_scale_found_before_there_were_news_is_not_given_out_after():
+    """Somebody nearer comes into sight: every scale is proved anew against both of them."""
+    tightened = 0
+    for nearer in (1.25, 1.35, 1.45, 1.55):
+        obstacles, monitor = make_monitor("deadline", hold=0.0, latency=LATENCY)
+        braking, given = monitor._watch.arm.motion.braking, []
+        for k in range(90):
+            now, seen = k * PERIOD, {"near": [1.9, 0.0, 0.6], "nearer": [nearer, 0.0, 0.6]}
+            if k < 60:
+                del seen["nearer"]
+            see(obstacles, now, list(seen.values()), list(seen))
+            verdict = monitor.step(now, HOME, STILL)
+            given.append(verdict.speed_scale)
+            if 0.0 < verdict.speed_scale < 1.0:
+                tick = monitor._recall()[0]
+                table = braking.tabulate(
+                    HOME, STILL, 0.0, PERIOD + LATENCY, going_on=SLOW, scale=verdict.speed_scale
+                )
+                unsafe, _ = monitor._watch.find_unsafe(tick, float(table.time[-1]))
+                assert unsafe == -1, (nearer, k, verdict)
+        tightened += 0.0 < given[-1] < given[59] < 1.0
+    assert tightened > 1
+
+
 @functools.cache
 def govern(distance, seconds=4.0):
     """An arm that sweeps to and fro, as fast as its scale lets it, beside a post.

@@ -1,11 +1,21 @@
 """How long one witness keeps two bodies apart, against motions taken step by step."""
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
-from armguard.witness import are_bounds, clock_drift, direction, follow, later, limits, usable_accel
+from armguard.witness import (
+    _step,
+    are_bounds,
+    clock_drift,
+    direction,
+    follow,
+    later,
+    limits,
+    usable_accel,
+)
 
 
 def advance(closing, margin, top, accel, age, t):
@@ -106,3 +116,25 @@ def test_time_never_runs_backwards_and_is_rounded_down():
     assert later(1.0, 0.0) == 1.0
     assert later(1.0, 1e-30) == 1.0
     assert 1.5 * (1.0 - 1e-14) < later(1.0, 0.5) < 1.5
+
+
+@pytest.mark.parametrize("decades", [0.0, 3.0, 100.0])
+def test_a_step_to_the_root_is_rounded_down(decades):
+    """In exact arithmetic: the gap is still open where the step ends, and shut soon after."""
+    random = np.random.default_rng(1)
+
+    def is_open(gap, slope, accel, h):
+        return gap - slope * h - accel * h * h / 2 > 0
+
+    for _ in range(4000):
+        gap, accel = 10.0 ** random.uniform(-decades, decades, 2) * random.uniform(1.0, 10.0, 2)
+        slope = random.choice([-1.0, 0.0, 1.0]) * 10.0 ** random.uniform(-decades, decades)
+        if random.random() < 0.2:
+            accel, slope = 0.0, abs(slope)
+        step = _step(gap, slope, accel)
+        if step == math.inf:
+            assert accel == slope == 0.0
+            continue
+        exact = [Fraction(part) for part in (gap, slope, accel, step)]
+        assert is_open(*exact)
+        assert step > 1e300 or not is_open(*exact[:3], exact[3] * (1 + Fraction(1, 10**14)))

@@ -30,6 +30,33 @@ def test_stop_time_is_that_of_the_slowest_joint(robot, models):
     assert models["braking"].stop_time(q, v, 0.002, 0.003) == pytest.approx(expected)
 
 
+def test_a_table_ends_no_sooner_than_the_slowest_joint_rests(robot, models):
+    """One that speeds up until it brakes, and one that was seen in motion later than that."""
+    random, braking = np.random.default_rng(7), models["braking"]
+    top, accel, slows = robot.velocity_limit, robot.acceleration_limit, robot.braking_deceleration
+    for _ in range(50):
+        q, v = moderate_state(robot, random)
+        age, horizon = random.choice([-0.5, -0.2, 0.0, 0.01, 0.1]), random.uniform(0.0, 0.02)
+        free = horizon + 0.02
+        seen = np.abs(v) + robot.velocity_error
+        if age < 0.0:
+            rest = -age + (np.minimum(seen, top) / slows).max()
+            assert braking.tabulate(q, v, age, horizon).time[-1] >= rest
+            continue
+        rest = free + (np.minimum(seen + accel * (age + free), top) / slows).max()
+        assert braking.tabulate(q, v, age, horizon).time[-1] == pytest.approx(rest, rel=1e-12)
+        # Kept to its pace, it brakes from no more than that.
+        for scale in (0.1, 1.0):
+            on = braking.tabulate(q, v, age, horizon, going_on=0.1, scale=scale).time[-1]
+            pace = np.minimum(seen + accel * (age + free), top)
+            eased = np.where(
+                pace > scale * top,
+                np.maximum(pace - 0.1 * slows, scale * top),
+                np.minimum(pace + 0.1 * accel, scale * top),
+            )
+            assert on == pytest.approx(free + 0.1 + (eased / slows).max(), rel=1e-12)
+
+
 def test_stopping_volume_contains_what_brakes(robot, models):
     random, braking = np.random.default_rng(6), models["braking"]
     kinematics = Kinematics(robot)

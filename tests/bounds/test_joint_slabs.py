@@ -5,7 +5,7 @@ from plan_cases import Waves, follow, make_plan
 
 from armguard.bounds.joint_limits import read_limits
 from armguard.bounds.joint_slabs import make_slabs
-from armguard.plans import CheckedPlan, check_plan
+from armguard.plans import CheckedPlan, Plan, check_plan
 from armguard.robot import Robot
 
 REACTION = 0.02
@@ -110,6 +110,23 @@ def test_slabs_on_the_curve_are_as_wide_as_the_motion_and_the_deviation():
         within = waves.position(np.linspace(slabs.start[k], slabs.end[k], 100))
         half = 0.5 * np.ptp(within, axis=0) + checked.deviation
         assert slabs.half[k] == pytest.approx(half, rel=1e-3)
+
+
+def test_at_its_end_joints_may_be_as_far_and_as_fast_off_a_plan_as_it_says():
+    """One is, goes on as hard as it can until it reacts, and then brakes as late as it may."""
+    robot = Robot.load("panda")
+    q, still = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]), np.zeros(7)
+    times, off, speed = np.linspace(0.0, 0.5, 6), np.full(7, 1e-2), np.full(7, 0.1)
+    plan = Plan(0.0, times, np.tile(q, (6, 1)), np.zeros((6, 7)), off, speed)
+    slabs = make_slabs(check(robot, plan, 0.0, q, still, 0.0), read_limits(robot), REACTION)
+    fast = speed + robot.velocity_error
+    way = off + robot.position_error + fast * REACTION
+    way += 0.5 * robot.acceleration_limit * REACTION**2
+    fast = fast + robot.acceleration_limit * REACTION
+    way += 0.5 * fast**2 / robot.braking_deceleration
+    assert (slabs.middle[-1] + slabs.half[-1] >= q + way - 1e-12).all()
+    assert (slabs.middle[-1] - slabs.half[-1] <= q - way + 1e-12).all()
+    assert slabs.end[-1] >= 0.5 + REACTION + (fast / robot.braking_deceleration).max() - 1e-12
 
 
 def test_a_long_plan_gets_longer_slabs_but_no_gaps():

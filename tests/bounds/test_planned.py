@@ -8,8 +8,9 @@ from plan_cases import Attack, Skin, Waves, all_pairs, follow, make_plan
 from armguard.bounds import JointMotion, table_contact_time
 from armguard.bounds.planned import PlannedMotion
 from armguard.exceptions import ArmguardError
+from armguard.kinematics import Kinematics
 from armguard.obstacles import Obstacles
-from armguard.plans import CheckedPlan, check_plan
+from armguard.plans import CheckedPlan, Plan, check_plan
 from armguard.robot import Robot
 
 REACTION = 0.02
@@ -119,6 +120,27 @@ def test_under_a_plan_contact_is_later_than_under_joint_bounds(robot, motion):
         never += planned == np.inf
     assert later > 30
     assert never > 3
+
+
+def test_balls_around_a_lift_hold_all_that_it_carries_at_both_ends():
+    """Tiago rests, but for its lift, which may be off by as much as its deviation."""
+    robot = Robot.load("tiago")
+    motion, lift = PlannedMotion(robot, REACTION), robot.joints.index("torso_lift_joint")
+    q = 0.5 * (robot.lower_position_limit + robot.upper_position_limit)
+    still, errors = np.zeros(len(q)), np.full(len(q), 1e-6)
+    errors[lift] = 0.1
+    plan = Plan(0.0, np.array([0.0, 0.3]), np.array([q, q]), np.array([still, still]), errors)
+    checked = check_plan(plan, robot, 0.0, q, still, 0.0)
+    course, kinematics = motion.lay_out(checked), Kinematics(robot)
+    spheres = kinematics.spheres
+    for way in (-1.0, 1.0):
+        off = q.copy()
+        off[lift] += way * checked.deviation[lift]
+        kinematics.compute(off, still)
+        for ball in (*course.block_balls[:3], np.tile(course.arm_ball, (len(robot.links), 1))):
+            away = np.linalg.norm(kinematics.centers - ball[spheres.link, :3], axis=1)
+            used = (away + spheres.radius)[spheres.root]
+            assert (used <= ball[:, 3]).all()
 
 
 def test_a_moved_base_moves_everything(robot, motion):

@@ -1,9 +1,12 @@
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from plan_cases import all_pairs
 
 from armguard.bounds.planned import PlannedMotion
-from armguard.bounds.planned_time import NOBODY
+from armguard.bounds.planned_course import ArmShape, PlannedCourse
+from armguard.bounds.planned_time import NOBODY, find_planned_contact
 from armguard.obstacles import Obstacles
 from armguard.plans import Plan, check_plan
 from armguard.robot import Robot
@@ -42,6 +45,57 @@ def ask(arm, obstacles, *, now=NOW, margin=0.0, pairs=None):
     return motion.contact_time(
         course, pairs, now, margin, table.accepted, table.refused_states, table.marks
     )
+
+
+def make_slide(along, center, radius, half):
+    """An arm of one sphere that a single slide moves, and a course of one slab."""
+
+    def frozen(values):
+        array = np.array(values)
+        array.flags.writeable = False
+        return array
+
+    arm = ArmShape(
+        frozen([radius]), frozen([-1]), frozen([0]), frozen([0]),
+        np.ones((1, 1)), np.array([False]), np.zeros(1, dtype=np.int64),
+    )  # fmt: skip
+    jacobian = np.append(along, np.zeros(3)).reshape(1, 6, 1)
+    ball = np.append(center, radius + half)
+    course = PlannedCourse(
+        NOW, np.zeros(1), np.ones(1), np.zeros((1, 1)), np.full((1, 1), half),
+        center.reshape(1, 1, 3).copy(), jacobian, ball.reshape(1, 1, 4).copy(), ball,
+    )  # fmt: skip
+    return arm, course
+
+
+@pytest.mark.parametrize("share", ["half", "radius", "body", "margin", "error"])
+def test_what_a_sphere_is_off_and_all_errors_count_in_full(share):
+    """A sphere on a slide is off its place by half the slab's width, one way or the other."""
+    random = np.random.default_rng(3)
+    for _ in range(40):
+        along = random.normal(size=3)
+        along /= np.linalg.norm(along)
+        center = random.uniform(-1.0, 1.0, 3)
+        parts = dict.fromkeys(["half", "radius", "body", "margin", "error"], 0.01)
+        parts[share] = random.uniform(0.1, 0.5)
+        arm, course = make_slide(along, center, parts["radius"], parts["half"])
+        across = np.cross(along, random.normal(size=3))
+        across /= np.linalg.norm(across)
+        for way, needed in (
+            (random.choice([-1.0, 1.0]) * along, sum(parts.values())),
+            (across, sum(parts.values()) - parts["half"]),
+        ):
+            for factor in (1.0 - 1e-9, 1.0 + 1e-9):
+                rest = crowd(
+                    center + factor * needed * way,
+                    radius=parts["body"], position_error=parts["error"], accel=0.0, speed=0.0,
+                )  # fmt: skip
+                table = rest.table
+                time, *_ = find_planned_contact(
+                    all_pairs(rest, 1), NOW, parts["margin"], course, arm,
+                    table.accepted, table.refused_states, table.marks,
+                )  # fmt: skip
+                assert time == (np.inf if factor > 1.0 else 0.0)
 
 
 def random_place(random, least=0.3, most=1.5):
@@ -176,6 +230,21 @@ def test_time_goes_on_along_the_course(arm):
         after = ask(arm, obstacles, now=NOW + 0.03).time
         if before < np.inf and before > 0.04:
             assert after == pytest.approx(before - 0.03, abs=6e-3)
+
+
+def test_a_contact_time_is_when_a_slab_begins_rounded_down(arm):
+    """In exact arithmetic, counted from any time on the course."""
+    random, course, found = np.random.default_rng(4), arm[2], 0
+    begins = [Fraction(float(start)) + Fraction(course.epoch) for start in course.start]
+    for _ in range(60):
+        obstacles = crowd(random_place(random, 0.5, 1.0), accel=2.0)
+        now = NOW + random.uniform(0.0, 0.05)
+        time = ask(arm, obstacles, now=now).time
+        if 0.0 < time < np.inf:
+            found += 1
+            late = [Fraction(now) + Fraction(time) - begin for begin in begins]
+            assert -1e-11 < max(part for part in late if part < 1e-9) < 0.0
+    assert found > 10
 
 
 @pytest.mark.parametrize("now", [NOW - 1e-6, NOW + 10.0, np.nan, np.inf, -np.inf])

@@ -13,6 +13,7 @@ from joint_motions import (
 from other_arms import load_arm
 
 from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, table_contact_time
+from armguard.bounds.table_time import obstacle_room
 from armguard.contact import pair_contact_time
 from armguard.exceptions import ArmguardError
 from armguard.kinematics import Kinematics
@@ -167,6 +168,31 @@ def test_joint_bounds_are_later_than_those_of_a_free_point(robot, joint_motion):
         ratio.append(joint / free)
     assert later > 290
     assert np.median(ratio) > 1.3
+
+
+@pytest.mark.parametrize("accel", [0.0, 5.0, np.inf])
+def test_a_body_that_breaks_its_speed_bound_may_go_on_as_fast_as_it_was_seen(accel):
+    """In straight lines at its measured speed and its error, from before its stamp on."""
+    random, closest = np.random.default_rng(3), np.inf
+    for _ in range(300):
+        speed, error = random.uniform(0.0, 1.0), random.choice([0.0, 0.1])
+        point, heading = random.uniform(-1.0, 1.0, 3), random.normal(size=3)
+        heading /= np.linalg.norm(heading)
+        pace = (speed + error) * random.uniform(1.01, 4.0)
+        normal = -heading if random.random() < 0.5 else random.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        start = random.uniform(-0.5, 0.5)
+        end = start + random.uniform(0.0, 1.0)
+        room = obstacle_room(
+            *normal, 0.0, 0.0, 0.0, pad([point]), pad([pace * heading]), 1,
+            accel, speed, error, start, end,
+        )  # fmt: skip
+        for t in (start, 0.5 * (start + end), end):
+            for truth in ((pace + error) * heading, pace * heading - error * normal):
+                along = normal @ (point + truth * t)
+                assert room <= along
+                closest = min(closest, along - room)
+    assert closest < 1e-9
 
 
 def far_question(robot, motion, **changes):

@@ -1,9 +1,12 @@
 """How far one coordinate gets, against motions integrated step by step."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
-from armguard.bounds.travel import arrival, brake, travel
+from armguard.bounds.joint_limits import JointLimits
+from armguard.bounds.travel import arrival, brake, fill_eased_displacements, travel
 
 CASES = [
     (start, accel, top)
@@ -38,6 +41,28 @@ def test_nothing_arrives_early_and_nothing_much_later(start, accel, top, room):
     assert travel(start, accel, top, time * (1.0 + 1e-6) + 1e-9) >= room * (1.0 - 1e-5)
 
 
+def exact_way(start, accel, top, s):
+    """Of the fastest body, as rational numbers."""
+    start, accel, top, s = (Fraction(float(part)) for part in (start, accel, top, s))
+    start = min(start, top)
+    ramp = min((top - start) / accel, s)
+    return start * ramp + accel * ramp**2 / 2 + top * (s - ramp)
+
+
+def test_ways_are_rounded_up_and_arrivals_down():
+    """In exact arithmetic, and by no more than rounding needs."""
+    random = np.random.default_rng(0)
+    for _ in range(3000):
+        accel, top, room, s = 10.0 ** random.uniform(-3.0, 3.0, 4)
+        start = top * random.choice([-3.0, -1e-6, 0.0, 0.3, 1.0, 2.0])
+        exact, way = exact_way(start, accel, top, s), travel(start, accel, top, s)
+        size = (abs(start) + top + accel * s) * s
+        assert exact <= way <= exact + 1e-11 * Fraction(size)
+        time = arrival(start, accel, top, room)
+        assert exact_way(start, accel, top, time) <= room
+        assert exact_way(start, accel, top, time * (1.0 + 1e-11)) >= room * (1.0 - 1e-9)
+
+
 def test_what_has_no_room_is_there_and_what_has_no_end_never_is():
     assert arrival(1.0, 1.0, 1.0, 0.0) == arrival(1.0, 1.0, 1.0, -3.0) == 0.0
     assert arrival(1.0, 1.0, 1.0, np.inf) == np.inf
@@ -52,3 +77,87 @@ def test_braking_is_slow_forwards_and_hard_backwards(velocity):
     found = [brake(velocity, accel, deceleration, s) for s in times[::500]]
     assert found == pytest.approx(integrate(rates, times[1])[::500], abs=1e-6)
     assert brake(velocity, accel, deceleration, 1e6) == pytest.approx(found[-1])
+
+
+DT = 1e-3
+
+
+def random_joints(random, count):
+    """Limits and errors of joints, half of them near a stop, and how they truly are."""
+    top, accel = random.uniform(0.3, 2.0, count), random.uniform(2.0, 20.0, count)
+    room = random.uniform(0.02, 1.0, (2, count)) * random.choice([0.1, 1.0, np.inf], (2, count))
+    limits = JointLimits(
+        -room[0], room[1], top, accel, accel * random.uniform(0.2, 1.0, count),
+        random.choice([0.0, 1e-3, 0.02], count), random.choice([0.0, 0.02, 0.2], count),
+    )  # fmt: skip
+    return limits, np.zeros(count), top * random.uniform(-1.0, 1.0, count)
+
+
+def move(random, limits, q, v, phases, steps):
+    """Displacements of joints that do as they like, and stop dead at their stops: (steps, n).
+
+    They are free at first, then keep to a pace or slow down to it, and brake at last.
+    """
+    free, going_on, pace = phases
+    top, accel, start = limits.velocity, limits.acceleration, q
+    pushes = random.choice([-1.0, 1.0, 0.0], (3, len(q)), p=[0.45, 0.45, 0.1])
+    turns = np.sort(random.uniform(0.0, 0.4, (2, len(q))), axis=0)
+    rate = limits.braking + random.choice([0.0, 1.0], len(q)) * (accel - limits.braking)
+    ways = [np.zeros(len(q))]
+    for k in range(steps - 1):
+        push = pushes[(k * DT > turns).sum(axis=0), np.arange(len(q))] * accel * DT
+        slowed = np.sign(v) * np.maximum(np.abs(v) - rate * DT, 0.0)
+        if k * DT < free - 1e-9:
+            after = np.clip(v + push, -top, top)
+        elif k * DT < free + going_on - 1e-9:
+            eased = np.sign(v) * np.maximum(np.abs(slowed), pace)
+            after = np.where(np.abs(v) > pace, eased, np.clip(v + push, -pace, pace))
+        else:
+            after = slowed
+        moved = q + 0.5 * DT * (v + after)
+        q = np.clip(moved, limits.lower, limits.upper)
+        v = np.where(q == moved, after, 0.0)
+        ways.append(q - start)
+    return np.array(ways)
+
+
+@pytest.mark.parametrize("age", [-0.05, 0.0, 0.03])
+@pytest.mark.parametrize(
+    ("free", "going_on", "scale"),
+    [(np.inf, 0.0, 1.0), (0.1, 0.0, 1.0), (0.2, 0.1, 0.4), (0.1, 0.2, 1.0), (0.05, 0.2, 0.0)],
+)
+def test_no_joint_gets_further_whatever_stop_it_comes_back_from(age, free, going_on, scale):
+    random, closest = np.random.default_rng(2), np.zeros(2)
+    time = 0.01 * np.arange(61)
+    for _ in range(3):
+        limits, true_q, true_v = random_joints(random, 1500)
+        q = true_q + limits.position_error * random.choice([-1.0, 1.0], 1500)
+        v = true_v + limits.velocity_error * random.choice([-1.0, 1.0], 1500)
+        high, low = np.empty((2, len(time), 1500))
+        highest, lowest = np.empty((2, 1500))
+        fill_eased_displacements(
+            q, v, age, free, going_on, scale, limits, time, high, low, highest, lowest
+        )
+        high, low = np.minimum(high, highest), np.maximum(low, lowest)
+        slack = 1e-9 + limits.acceleration * DT**2
+        # What was measured beyond a limit, by no more than its error, may be so.
+        truly = limits._replace(
+            lower=np.minimum(limits.lower, q),
+            upper=np.maximum(limits.upper, q),
+            velocity=np.maximum(limits.velocity, np.abs(v)),
+        )
+        at = np.rint((age + time) / DT).astype(int)
+        after, before = at >= 0, at < 0
+        for _ in range(5):
+            phases = free, going_on, scale * limits.velocity
+            ways = move(random, truly, true_q, true_v, phases, at[-1] + 1)[at[after]]
+            assert (ways <= high[after] + slack).all()
+            assert (ways >= low[after] - slack).all()
+            closest[0] = max(closest[0], (ways[-1] / np.maximum(high[-1], 0.05)).max())
+            closest[1] = max(closest[1], (ways[-1] / np.minimum(low[-1], -0.05)).max())
+        # As it may have come to where it was measured.
+        came = true_v * (age + time[before])[:, None]
+        inside = (truly.lower <= true_q + came) & (true_q + came <= truly.upper)
+        assert (came <= high[before] + slack)[inside].all()
+        assert (came >= low[before] - slack)[inside].all()
+    assert (closest > 0.95).all()
