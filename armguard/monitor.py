@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from armguard.committed_plan import PlanVerdict, refuse_plan
 from armguard.exceptions import ArmguardError
 from armguard.ignored_pairs import IgnoredPairs
-from armguard.joint_glance import DOUBTFUL, FAST
+from armguard.joint_acceptance import BELIEVED
 from armguard.joint_states import JointStates
 from armguard.judgement import Judge
 from armguard.monitor_answers import MonitorAnswers
@@ -129,7 +129,11 @@ class Monitor(MonitorAnswers):
         self._source_timeout = settings.source_timeout
         self._rule = VerdictRule(slow_margin, aware_margin, hold)
         self._states = JointStates(
-            robot, settings.joint_timeout, settings.horizon, settings.reaction_time
+            robot,
+            settings.joint_timeout,
+            settings.horizon,
+            settings.reaction_time,
+            settings.period,
         )
         self._watch = make_watch(
             robot, obstacles, settings, IgnoredPairs(ignore, robot), self._states
@@ -227,18 +231,27 @@ class Monitor(MonitorAnswers):
             return refuse_plan("obstacles", detail)
         return self._judge.plan.commit(plan, tick)
 
-    def _step(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> Verdict:
+    def _step(self, stamp: float, q: Any, v: Any, now: float) -> Verdict:
         if not (type(stamp) is float and type(now) is float):
             stamp, now = read_number(stamp), read_number(now)
-        if not self._now <= now < math.inf:
+        if not (self._now <= now < math.inf and -math.inf < stamp < math.inf):
             return self._refuse_time(stamp, now)
         self._now = now
         watch, states, obstacles, number = self._watch, self._states, self.obstacles, self._sequence
         watch.follow()
-        quiet = now < self._quiet_until and obstacles.is_quiet(now, self._source_timeout)
+        if math.isnan(self._epoch):
+            self._epoch = now
         epoch = self._epoch
+        if not states.is_plain(q, v):
+            read = states.read(q, v)
+            if isinstance(read, Reason):
+                return self._refuse(stamp, read)
+            q, v = read
+        quiet = now < self._quiet_until and obstacles.is_quiet(now, self._source_timeout)
         seen = watch.advance(stamp, q, v, now, epoch, number, quiet)
-        found, stop_time, late, _, row, link, expiry, overdue, evaluated, news = seen
+        found, joint, stop_time, late, _, row, link, expiry, overdue, evaluated, news = seen
+        if found < BELIEVED:
+            return self._refuse(stamp, states.describe(found, joint, stamp, q, v))
         if row >= 0 and not (overdue or news or self._no_sources):
             verdict = self._judge.judge_clear(
                 stamp, number, now, expiry - (now - epoch), stop_time, late, row, link, evaluated
@@ -246,16 +259,6 @@ class Monitor(MonitorAnswers):
             if verdict is not None:
                 self._clear = number, stamp, now, seen
                 return verdict
-        if math.isnan(epoch):
-            self._epoch = now
-        if found & DOUBTFUL:
-            if not math.isfinite(stamp):
-                return self._refuse_time(stamp, now)
-            disbelief = states.receive(stamp, q, v, now)
-            if disbelief is not None:
-                return self._refuse(stamp, disbelief)
-            stop_time, late = states.stop_times(now - stamp)
-            found = FAST
         reasons: list[Reason] = []
         if found:
             stopping = states.stopping()
@@ -295,7 +298,7 @@ class Monitor(MonitorAnswers):
         """The last tick whose state was believed, and what the last look found."""
         if self._clear is not None:
             number, stamp, now, seen = self._clear
-            _, stop_time, late, opening_time, row, link, expiry, _, evaluated, _ = seen
+            _, _, stop_time, late, opening_time, row, link, expiry, _, evaluated, _ = seen
             time, age, q, v = now - self._epoch, now - stamp, self._states.q, self._states.v
             tick = Tick(number, now, time, q, v, age, stop_time, opening_time, late)
             pair = row * len(self._watch.arm.links) + link

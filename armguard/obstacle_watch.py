@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.handle import machine_code, pack
@@ -132,16 +132,14 @@ class ObstacleWatch:
     def advance(
         self,
         stamp: float,
-        q: ArrayLike,
-        v: ArrayLike,
+        q: FloatArray,
+        v: FloatArray,
         now: float,
         epoch: float,
         number: int,
         may_look: bool,
     ) -> Seen:
         """Take a joint state that there is nothing to be said against, and look if that is all."""
-        if not self._states.is_plain(q, v):
-            return NOTHING_SEEN
         may_look = may_look and not (self._doubted or self._isotropic.is_widened)
         seen: Seen = self._advance(self._watching, stamp, q, v, now, epoch, number, may_look)
         return seen
@@ -151,7 +149,7 @@ class ObstacleWatch:
         doubted, self._doubted = self._doubted, False
         if doubted:
             doubt_all(self._handle)
-        row, link, expiry, overdue, evaluated, disturbed = seen[4:]
+        row, link, expiry, overdue, evaluated, disturbed = seen[5:]
         if row == UNSEEN:
             row, link, expiry, overdue, evaluated, disturbed = self._go_on(tick, 0)
         broken: tuple[int, ...] = ()

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.flagged import FlaggedCheck
@@ -91,15 +91,15 @@ class PairWatch:
     def advance(
         self,
         stamp: float,
-        q: ArrayLike,
-        v: ArrayLike,
+        q: FloatArray,
+        v: FloatArray,
         now: float,
         epoch: float,
         number: int,
         may_look: bool,
     ) -> Seen:
         """Take a joint state that there is nothing to be said against; the look comes later."""
-        return (*self._states.glance(stamp, q, v, now), *NOTHING_SEEN[3:])
+        return (*self._states.accept(stamp, q, v, now), *NOTHING_SEEN[4:])
 
     def look(self, tick: Tick, seen: Seen = NOTHING_SEEN) -> Look:
         """Evaluate the pairs that are due and check the flagged ones exactly."""

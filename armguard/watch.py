@@ -10,22 +10,24 @@ import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from armguard.joint_glance import DOUBTFUL
+from armguard.joint_acceptance import BELIEVED
+from armguard.joint_acceptance import NOBODY as NO_JOINT
 from armguard.obstacle_book import UNSEEN
 from armguard.scene import FloatArray, IntArray
 from armguard.schedules.wheel import NOBODY
 from armguard.watched_arm import WatchedArm
 
-Seen = tuple[int, float, float, float, int, int, float, int, int, int]
-"""What an advance saw, as compiled code returns it: what a glance at the joint state found, both
-stop times in [s], and unless the row is UNSEEN the opening time in [s]; then row and link whose
-certificate ends first, that end in [s] since the epoch, how many obstacles are overdue,
-evaluations, and how many rows news have overtaken."""
+Seen = tuple[int, int, float, float, float, int, int, float, int, int, int]
+"""What an advance saw, as compiled code returns it: what was found of the joint state, below 0
+where it is refused, and the joint that it is refused for, both stop times in [s], and unless the
+row is UNSEEN the opening time in [s]; then row and link whose certificate ends first, that end in
+[s] since the epoch, how many obstacles are overdue, evaluations, and how many rows news have
+overtaken."""
 
-NOTHING_SEEN: Seen = (DOUBTFUL, math.inf, math.inf, 0.0, UNSEEN, 0, 0.0, 0, 0, 0)
-"""Of a joint state that calls for a closer look."""
+NOTHING_SEEN: Seen = (BELIEVED, NO_JOINT, math.inf, math.inf, 0.0, UNSEEN, 0, 0.0, 0, 0, 0)
+"""By an advance that looked at no obstacle."""
 
 CLOSE_LOOKS = 1024
 """Evaluations by the table of braking at a time, so that a crowd cannot hold up a tick."""
@@ -132,8 +134,8 @@ class Watch(Protocol):
     def advance(
         self,
         stamp: float,
-        q: ArrayLike,
-        v: ArrayLike,
+        q: FloatArray,
+        v: FloatArray,
         now: float,
         epoch: float,
         number: int,
@@ -143,8 +145,8 @@ class Watch(Protocol):
 
         Args:
             stamp: When the state was measured, in [s].
-            q: Joint positions, [rad] or [m]. Shape (nv,).
-            v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
+            q: Joint positions, [rad] or [m]; plain, see `JointStates.is_plain`. Shape (nv,).
+            v: Joint velocities, [rad/s] or [m/s]; plain. Shape (nv,).
             now: Time of the tick, in [s].
             epoch: Since when the monitor counts time, in [s].
             number: Of the tick.
