@@ -34,6 +34,18 @@ def nearest_turn(position: float, reference: float) -> float:
     return position + turns * TURN
 
 
+def align_turns(
+    positions: NDArray[np.float64],
+    references: NDArray[np.float64],
+    continuous: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Positions, those of continuous joints whole turns nearest to references; all (nv,)."""
+    aligned = positions.copy()
+    for joint in np.flatnonzero(continuous):
+        aligned[joint] = nearest_turn(positions[joint], references[joint])
+    return aligned
+
+
 def find_continuous(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which joints are continuous, by their position limits, inf where there are none. (nv,)."""
     return np.isinf(lower) & np.isinf(upper)
