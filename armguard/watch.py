@@ -29,9 +29,6 @@ overtaken."""
 NOTHING_SEEN: Seen = (BELIEVED, NO_JOINT, math.inf, math.inf, 0.0, UNSEEN, 0, 0.0, 0, 0, 0)
 """By an advance that looked at no obstacle."""
 
-CLOSE_LOOKS = 1024
-"""Evaluations by the table of braking at a time, so that a crowd cannot hold up a tick."""
-
 
 class Tick(NamedTuple):
     """One tick, as a watch is told of it; times in [s]."""
@@ -95,6 +92,17 @@ class Listing(NamedTuple):
     """What each certificate rests on, an index of `BOUND_NAMES`. Shape (m,)."""
     sphere_expiry: FloatArray
     """Soonest contact of each finest sphere of the arm. Shape (s,)."""
+
+
+class Unsafe(NamedTuple):
+    """Answer to the question whether the arm surely rests before contact."""
+
+    pair: int
+    """A pair that might touch before, row × links + link; NOBODY if there is none."""
+    evaluated: int
+    """Evaluations spent."""
+    left: int
+    """Obstacles that were not decided about when the budget was spent; 0 if it was not."""
 
 
 class Recollection(NamedTuple):
@@ -162,8 +170,8 @@ class Watch(Protocol):
         """Place the arm and fill its bounds for a tick, whether its look needed that or not."""
         ...
 
-    def near_pairs(self, tick: Tick, duration: float) -> IntArray | None:
-        """Pairs that could touch within `duration`, in [s]; None if there are too many. (m,)."""
+    def near_pairs(self, tick: Tick, duration: float) -> IntArray:
+        """Pairs that could touch within `duration`, in [s]. Shape (m,)."""
         ...
 
     def watched_pairs(self) -> NDArray[np.bool_]:
@@ -174,11 +182,11 @@ class Watch(Protocol):
         """How many evaluations a tick costs as imminent as all pairs are now."""
         ...
 
-    def find_unsafe(self, tick: Tick, stop_time: float) -> tuple[int, int]:
-        """A pair that might touch before the arm rests, NOBODY if there is none; evaluations.
+    def find_unsafe(self, tick: Tick, stop_time: float) -> Unsafe:
+        """A pair that might touch before the arm rests, if there is one.
 
-        Judged by the arm's table of braking, for whatever could be touched within `stop_time`. No
-        more than `CLOSE_LOOKS` are spent: where they do not suffice, a pair counts as unsafe.
+        Judged by the arm's table of braking, for whatever could be touched within `stop_time`.
+        Where the user's budget does not suffice, a pair counts as unsafe.
         """
         ...
 
