@@ -237,9 +237,9 @@ class Cell:
                     f"longer than one period of its rate, {1.0 / table.rate:.4g} s",
                 )
 
-    def _expand_ignore(self, robot: Robot) -> list[tuple[str, str]]:
+    def _expand_ignore(self, robot: Robot) -> list[tuple[str, ...]]:
         pairs = []
-        for number, (pattern, obstacle) in enumerate(self.tables.ignore):
+        for number, (pattern, *rest) in enumerate(self.tables.ignore):
             links = [link for link in robot.links if fnmatchcase(link, pattern)]
             if not links:
                 raise self._error(
@@ -247,7 +247,7 @@ class Cell:
                     f"names the link {pattern!r}",
                     f"a pattern that fits one of {', '.join(robot.links)}",
                 )
-            pairs += [(link, obstacle) for link in links]
+            pairs += [(link, *rest) for link in links]
         return pairs
 
     def _attempt(self, key: str, make: Callable[..., _T], *arguments: object) -> _T:
@@ -266,6 +266,8 @@ class Cell:
 
     def _find_key(self, offender: str) -> str:
         """The key behind a setting that a constructor refused, if it is one of this file's."""
+        if offender.startswith("ignore"):
+            return "ignore"
         for table in ("monitor", "thresholds", "bounds"):
             if offender in given(getattr(self.tables, table)):
                 return f"{table}.{offender}"

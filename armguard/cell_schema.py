@@ -23,6 +23,8 @@ NotNegative = Annotated[float, Meta(ge=0.0)]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Name = Annotated[str, Meta(min_length=1)]
+IgnoreEntry = Annotated[list[Name], Meta(min_length=2, max_length=3)]
+"""Pattern of links, pattern of obstacle ids, and perhaps the source that reports these."""
 
 
 class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -156,7 +158,7 @@ class CellTables(_Table, frozen=True, kw_only=True):
     sources: dict[Name, SourceTable] | UnsetType = UNSET
     statics: dict[Name, StaticTable] = {}
     tool: ToolTable | None = None
-    ignore: list[tuple[Name, Name]] = []
+    ignore: list[IgnoreEntry] = []
     bounds: BoundsTable = BoundsTable()
     monitor: MonitorTable = MonitorTable()
     thresholds: ThresholdsTable = ThresholdsTable()

@@ -118,9 +118,6 @@ class CommittedPlan:
         watch = self._watch
         rest = course.epoch + float(course.end[-1])
         pairs = watch.near_pairs(tick, rest - tick.now)
-        if pairs is None:
-            detail = "too many obstacles are near to look at each"
-            return _find_fault(Reason(ReasonKind.PLAN_UNSAFE, "plan", detail))
         state = watch.arm.state
         found = motion.contact_time(
             course, pairs, tick.now, self._margin, state.bodies, state.refused_bodies, state.marks

@@ -1,9 +1,10 @@
-"""Which pairs of link and obstacle nobody is to watch: a table that the arm stands on, say."""
+"""Which pairs of link and obstacle are not to be watched: a table that the arm stands on, say."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,48 +14,137 @@ from armguard.robot import Robot
 
 ANY = "*"
 
+MOST_NAMED = 5
+"""Ids of obstacles that are named beside a pattern that fits none of them."""
+
+
+class IgnoredPair(NamedTuple):
+    """One entry: links and obstacles that are not watched against each other."""
+
+    link: str
+    """Name of a link; "*" is any."""
+    ids: str
+    """Pattern of obstacle ids."""
+    source: str | None
+    """Whose obstacles alone are meant; None: everybody's, and what never moves."""
+
 
 class IgnoredPairs:
-    """Pairs to ignore, as (link, pattern of obstacle ids); the link "*" is any.
+    """Pairs to ignore, as (link, pattern of obstacle ids) or (link, pattern, source).
+
+    A pattern without a source that fits no obstacle is most likely misspelt, and what it was meant
+    for is watched, or worse, not what is ignored: `unmatched` names it until an obstacle was seen
+    that it fits. Obstacles that come later are acknowledged by naming the source that reports them;
+    then theirs alone are ignored.
 
     Args:
-        ignore: Such pairs.
+        ignore: Such entries; the link "*" is any.
         robot: Whose links they name.
+        sources: Names of the obstacles' sources.
+
+    Attributes:
+        unmatched: Patterns that have fitted no obstacle so far, and name no source.
 
     Raises:
-        ArmguardError: A link that is not watched, or no pair of strings.
+        ArmguardError: An entry is malformed, names a link that is not watched or a source that does
+            not exist, or leaves no pair that could ever be watched.
     """
 
-    def __init__(self, ignore: Iterable[tuple[str, str]], robot: Robot) -> None:
+    def __init__(
+        self, ignore: Iterable[Sequence[str]], robot: Robot, sources: Sequence[str] = ()
+    ) -> None:
         self._links = robot.links
         if not isinstance(ignore, Iterable):
             raise ArmguardError("ignore", f"is {ignore!r}", expected="a list of pairs")
-        self._patterns = [_read_pair(pair, robot) for pair in ignore]
+        self._entries = [_read_entry(entry, robot, sources) for entry in ignore]
+        self._check_something_is_left()
+        self.unmatched = list(
+            dict.fromkeys(
+                entry.ids
+                for entry in self._entries
+                if entry.source is None and not _fits_all(entry.ids)
+            )
+        )
 
     def follow(self, robot: Robot) -> None:
         """Take the links that the robot has now; what names a detached one waits for its return."""
         self._links = robot.links
 
-    def watched_links(self, obstacle: str) -> NDArray[np.bool_]:
-        """Which links are watched against the obstacle of this id. Shape (links,)."""
-        ignored = {link for link, ids in self._patterns if fnmatchcase(obstacle, ids)}
+    def watched_links(self, obstacle: str, source: str = "") -> NDArray[np.bool_]:
+        """Which links are watched against an obstacle. Shape (links,).
+
+        Args:
+            obstacle: Its id.
+            source: Name of its source; empty for one that never moves.
+        """
+        if self.unmatched:
+            self.unmatched = [ids for ids in self.unmatched if not fnmatchcase(obstacle, ids)]
+        ignored = {
+            entry.link
+            for entry in self._entries
+            if fnmatchcase(obstacle, entry.ids) and entry.source in (None, source)
+        }
         return np.array([not ignored & {link, ANY} for link in self._links])
 
+    def describe_unmatched(self, ids: Iterable[str]) -> str:
+        """What to say of patterns that have fitted no obstacle.
 
-def _read_pair(pair: object, robot: Robot) -> tuple[str, str]:
+        Args:
+            ids: Of the obstacles that there are; empty ones do not count.
+        """
+        named: list[str] = []
+        for name in ids:
+            if name and len(named) == MOST_NAMED:
+                named.append("…")
+                break
+            if name:
+                named.append(name)
+        there = f"there are {', '.join(named)}" if named else "there are no obstacles"
+        return f"{there}; correct it, or name the source that will report it as third element"
+
+    def _check_something_is_left(self) -> None:
+        """Refuse entries by which every link is ignored against every obstacle."""
+        blind: set[str] = set()
+        for entry in self._entries:
+            if entry.source is None and _fits_all(entry.ids):
+                blind.add(entry.link)
+            if ANY in blind or blind >= set(self._links):
+                raise ArmguardError(
+                    f"ignore: {[entry.link, entry.ids]}",
+                    "leaves nothing to watch: each link is ignored against every obstacle",
+                    expected="a pattern of the ids that the link may touch",
+                    remedy="name those obstacles, or the source that reports them as third element",
+                )
+
+
+def _fits_all(ids: str) -> bool:
+    """Whether a pattern fits every id there can be; none is empty."""
+    return set(ids) <= {"*", "?"} and "*" in ids and ids.count("?") <= 1
+
+
+def _read_entry(entry: object, robot: Robot, sources: Sequence[str]) -> IgnoredPair:
     if not (
-        isinstance(pair, (tuple, list))
-        and len(pair) == 2
-        and all(isinstance(part, str) for part in pair)
+        isinstance(entry, (tuple, list))
+        and len(entry) in (2, 3)
+        and all(isinstance(part, str) for part in entry)
     ):
         raise ArmguardError(
-            "ignore", f"holds {pair!r}", expected="pairs of a link and a pattern of obstacle ids"
+            "ignore",
+            f"holds {entry!r}",
+            expected="pairs of a link and a pattern of obstacle ids, perhaps with a source",
         )
-    link, ids = pair
+    link, ids, source = (*entry, None)[:3]
     if link not in (ANY, *robot.links):
         raise ArmguardError(
             f"ignore: link {link!r}",
             "is not watched",
             expected=f'one of {", ".join(robot.links)} or "{ANY}"',
         )
-    return link, ids
+    if source is not None and source not in sources:
+        raise ArmguardError(
+            f"ignore: source {source!r}",
+            "is none of the obstacles' sources",
+            expected=f"one of {', '.join(sources)}" if sources else "a source, and there is none",
+            remedy="name it in Obstacles(sources=…)",
+        )
+    return IgnoredPair(link, ids, source)

@@ -1,8 +1,8 @@
-"""Which joint states the monitor believes.
+"""Which joint states the monitor believes, and why not the others, in words.
 
 A state is believed when it is well formed, inside the robot's limits and errors, fresh, and
 reachable from every state believed before. The first that is not latches a STOP: a robot that
-reports the impossible is a robot about which nothing is known.
+reports the impossible is a robot about which nothing is known. `joint_acceptance` decides.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armguard.compilation import kernel
+from armguard import joint_acceptance as acceptance
 from armguard.handle import machine_code, pack
-from armguard.joint_glance import (
-    DOUBTFUL,
-    NOBODY,
-    Guard,
-    find_runaway,
-    glance_at,
-    stop_times_of,
+from armguard.joint_acceptance import NOBODY, Guard, accept_at, find_runaway
+from armguard.joint_history import make_history
+from armguard.levers import is_prismatic
+from armguard.plausibility import (
+    POSITION_BY_ACCEL,
+    POSITION_BY_SPEED,
+    VELOCITY_BY_ACCEL,
+    VELOCITY_BY_SPEED,
 )
-from armguard.joint_history import JointHistory
-from armguard.plausibility import ALLOWED
 from armguard.robot import Robot
+from armguard.turns import find_continuous
 from armguard.verdict import Reason, ReasonKind, compute_stop_time
 
 FloatArray = NDArray[np.float64]
@@ -36,74 +36,70 @@ class JointStates:
 
     Args:
         robot: Whose limits and errors apply.
-        joint_timeout: Longest age of a state and longest step between two, in [s].
+        joint_timeout: Longest age of a state, longest step between two, and how long one stamp may
+            stand, in [s].
         horizon: Until the verdict after the present one is obeyed, in [s].
         reaction_time: From command to braking torque, in [s].
+        period: Of ticks, in [s]; what passes in each where their time stands.
     """
 
     def __init__(
-        self, robot: Robot, joint_timeout: float, horizon: float = 0.0, reaction_time: float = 0.0
+        self,
+        robot: Robot,
+        joint_timeout: float,
+        horizon: float = 0.0,
+        reaction_time: float = 0.0,
+        period: float = 0.0,
     ) -> None:
-        self.q: FloatArray = np.zeros(len(robot.joints))
-        """Last well-formed joint positions, [rad] or [m]. Shape (nv,)."""
-        self.v: FloatArray = np.zeros(len(robot.joints))
-        """Last well-formed joint velocities, [rad/s] or [m/s]. Shape (nv,)."""
-        self._last_stamp = np.array([-math.inf])
+        joints = len(robot.joints)
+        self.q: FloatArray = np.zeros(joints)
+        """Joint positions believed last, [rad] or [m]; of a continuous joint whole turns nearest to
+        those before, whatever its driver says. Shape (nv,)."""
+        self.v: FloatArray = np.zeros(joints)
+        """Joint velocities believed last, [rad/s] or [m/s]. Shape (nv,)."""
         self._robot = robot
-        self._timeout = joint_timeout
-        self._read: FloatArray = np.zeros(len(robot.joints))
-        self._lower = robot.lower_position_limit - robot.position_error
-        self._upper = robot.upper_position_limit + robot.position_error
-        self._fastest = robot.velocity_limit + robot.velocity_error
-        self._slowest = -self._fastest
-        self._history = JointHistory(
-            robot.velocity_limit,
-            robot.acceleration_limit,
-            robot.position_error,
-            robot.velocity_error,
-        )
-        self._fresh = True
+        slides = [is_prismatic(robot.model, 1 + joint) for joint in range(joints)]
+        self._units = ["m" if sliding else "rad" for sliding in slides]
         self.guard = Guard(
-            self.q,
-            self.v,
-            self._read,
-            np.zeros(len(robot.joints)),
-            self._lower,
-            self._upper,
-            self._fastest,
-            np.array(robot.velocity_limit),
-            np.array(robot.velocity_error),
-            np.array(robot.acceleration_limit),
-            np.array(robot.braking_deceleration),
-            self._last_stamp,
-            float(joint_timeout),
-            float(horizon),
-            float(reaction_time),
-            np.zeros(1),
-            self._history.arrays,
+            q=self.q,
+            v=self.v,
+            read_q=np.zeros(joints),
+            read_v=np.zeros(joints),
+            lower=robot.lower_position_limit - robot.position_error,
+            upper=robot.upper_position_limit + robot.position_error,
+            fastest=robot.velocity_limit + robot.velocity_error,
+            continuous=find_continuous(robot.lower_position_limit, robot.upper_position_limit),
+            velocity_limit=np.array(robot.velocity_limit),
+            velocity_error=np.array(robot.velocity_error),
+            acceleration_limit=np.array(robot.acceleration_limit),
+            braking_deceleration=np.array(robot.braking_deceleration),
+            heard=np.array([-math.inf]),
+            standing=np.zeros(3),
+            numbers=np.zeros(3),
+            timeout=float(joint_timeout),
+            period=float(period),
+            horizon=float(horizon),
+            reaction_time=float(reaction_time),
+            delay=np.zeros(1),
+            history=make_history(
+                robot.velocity_limit,
+                robot.acceleration_limit,
+                robot.position_error,
+                robot.velocity_error,
+            ),
         )
         self._handle = pack(self.guard)
-        strided = np.zeros((len(robot.joints), 2))[:, 0]
-        self._glance = machine_code(glance_at, self._handle, 0.0, strided, strided, 0.0)
-        self._stop_times = machine_code(stop_times_of, self._handle, self.v, 0.0)
+        strided = np.zeros((joints, 2))[:, 0]
+        self._accept = machine_code(accept_at, self._handle, 0.0, strided, strided, 0.0)
         self._compile()
 
     def reset(self) -> None:
         """Forget all states; the next one starts a new history."""
-        self._last_stamp[0] = -math.inf
-        self._fresh = True
+        self.guard.heard[0] = -math.inf
 
     def delay_braking(self, delay: float) -> None:
         """Say how much later than at once the second stop time lets braking begin, in [s]."""
         self.guard.delay[0] = delay
-
-    def stop_times(self, age: float) -> tuple[float, float]:
-        """Times in which all joints surely rest, for a state that is `age` old, all in [s].
-
-        The first is of an arm that is told to brake now, the second after the delay.
-        """
-        times: tuple[float, float] = self._stop_times(self._handle, self.v, age)
-        return times
 
     def is_plain(self, q: object, v: object) -> bool:
         """Whether these are arrays that compiled code can be handed as they are, of any length."""
@@ -115,45 +111,102 @@ class JointStates:
             and q.ndim == 1 == v.ndim
         )
 
-    def glance(
-        self, stamp: float, q: ArrayLike, v: ArrayLike, now: float
-    ) -> tuple[int, float, float]:
-        """Take the state of a tick if there is nothing to be said against it, in one compiled call.
+    def read(self, q: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray] | Reason:
+        """Plain arrays of whatever was given for positions and velocities, or what is wrong."""
+        read_q = self._read("q", q)
+        if isinstance(read_q, Reason):
+            return read_q
+        read_v = self._read("v", v)
+        return read_v if isinstance(read_v, Reason) else (read_q, read_v)
 
-        Args:
-            stamp: When the state was measured, in [s].
-            q: Joint positions, [rad] or [m]. Shape (nv,).
-            v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
-            now: Time of the tick, in [s].
-
-        Returns:
-            What was found, and both stop times, in [s]. Where that is DOUBTFUL, nothing was taken:
-            `receive` says what there is against it.
-        """
-        if not self.is_plain(q, v):
-            return DOUBTFUL, math.inf, math.inf
-        found: tuple[int, float, float] = self._glance(self._handle, stamp, q, v, now)
-        return found
-
-    def receive(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> Reason | None:
-        """Take the state of a tick; None if it is believed, otherwise why not.
+    def accept(
+        self, stamp: float, q: FloatArray, v: FloatArray, now: float
+    ) -> tuple[int, int, float, float]:
+        """Take the state of a tick if there is nothing to be said against it.
 
         Args:
             stamp: When the state was measured, in [s]; finite.
-            q: Joint positions, [rad] or [m]. Shape (nv,).
-            v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
+            q: Joint positions, [rad] or [m]; plain. Shape (nv,).
+            v: Joint velocities, [rad/s] or [m/s]; plain. Shape (nv,).
             now: Time of the tick, in [s]; finite.
+
+        Returns:
+            What was found, below 0 where the state is refused, the joint that it is refused for,
+            and both stop times, in [s]: see `joint_acceptance.accept`.
         """
-        malformed = self._copy("q", q, self.q) or self._copy("v", v, self.v)
-        if malformed:
-            return malformed
-        return self._check_limits() or self._check_time(stamp, now) or self._check_history(stamp)
+        found: tuple[int, int, float, float] = self._accept(self._handle, stamp, q, v, now)
+        return found
+
+    def describe(
+        self, found: int, joint: int, stamp: float, q: FloatArray, v: FloatArray
+    ) -> Reason:
+        """Why the state handed over last was refused.
+
+        Args:
+            found: As it was found, below 0.
+            joint: For which it was refused.
+            stamp: Of the state, in [s].
+            q: Its positions, [rad] or [m].
+            v: Its velocities, [rad/s] or [m/s].
+        """
+        code, guard = -found, self.guard
+        value, allowed, duration = guard.numbers.tolist()
+        if code == acceptance.WRONG_LENGTH:
+            name, array = ("q", q) if q.shape != self.q.shape else ("v", v)
+            detail = f"shape {array.shape}, expected {self.q.shape}"
+            return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, detail)
+        at_most = f"expected at most {guard.timeout:.3g} s"
+        about_time = {
+            acceptance.STAMP_BACKWARDS: (
+                ReasonKind.TIME_BACKWARDS,
+                f"{stamp!r} after {float(guard.heard[0])!r}",
+            ),
+            acceptance.TOO_OLD: (ReasonKind.JOINT_STATE_GAP, f"{value:.3g} s old, {at_most}"),
+            acceptance.GAP: (
+                ReasonKind.JOINT_STATE_GAP,
+                f"{value:.3g} s between two, {at_most}",
+            ),
+            acceptance.STAMP_STANDS: (
+                ReasonKind.JOINT_STATE_GAP,
+                f"stamp {stamp!r} has not changed for {value:.3g} s, {at_most}",
+            ),
+        }
+        if code in about_time:
+            kind, detail = about_time[code]
+            return Reason(kind, "joint states", detail)
+        subject = self._robot.joints[joint]
+        unit = self._units[joint]
+        if code in (acceptance.POSITION_NOT_FINITE, acceptance.VELOCITY_NOT_FINITE):
+            name = "q" if code == acceptance.POSITION_NOT_FINITE else "v"
+            return Reason(ReasonKind.JOINT_STATE_MALFORMED, subject, f"{name} is {value}")
+        if code in (acceptance.POSITION_BEYOND_LIMITS, acceptance.VELOCITY_BEYOND_LIMITS):
+            name, lower, upper = "v", -allowed, allowed
+            unit = f"{unit}/s"
+            if code == acceptance.POSITION_BEYOND_LIMITS:
+                name, lower, upper = "q", float(guard.lower[joint]), float(guard.upper[joint])
+                unit = self._units[joint]
+            found_text, lower_text, upper_text = _spell(value, lower, upper, digits=6)
+            detail = f"{name} is {found_text} {unit}, limits with errors are "
+            detail += f"{lower_text} to {upper_text} {unit}"
+            return Reason(ReasonKind.JOINT_STATE_BEYOND_LIMITS, subject, detail)
+        text, rate = {
+            POSITION_BY_ACCEL: ("moved off its course by", ""),
+            POSITION_BY_SPEED: ("moved by", ""),
+            VELOCITY_BY_ACCEL: ("changed its velocity by", "/s"),
+            VELOCITY_BY_SPEED: ("moved at", "/s"),
+        }[code]
+        found_text, limit_text = _spell(value, allowed, digits=3)
+        detail = (
+            f"{text} {found_text} {unit}{rate} in {_spell_time(duration)}, "
+            f"limit {limit_text} {unit}{rate}"
+        )
+        return Reason(ReasonKind.JOINT_STATE_JUMPED, subject, detail)
 
     def stopping(self) -> Reason | None:
         """Why a joint cannot be kept from running into its stop; None if all can."""
-        robot = self._robot
+        robot, guard = self._robot, self.guard
         joint = find_runaway(
-            self.q, self.v, self._lower, self._upper, robot.velocity_error, robot.acceleration_limit
+            self.q, self.v, guard.lower, guard.upper, robot.velocity_error, robot.acceleration_limit
         )
         if joint == NOBODY:
             return None
@@ -165,69 +218,28 @@ class JointStates:
             f"between stops at {limits[0]:.6g} and {limits[1]:.6g}",
         )
 
-    def _copy(self, name: str, values: ArrayLike, into: FloatArray) -> Reason | None:
+    def _read(self, name: str, values: ArrayLike) -> FloatArray | Reason:
         try:
             if isinstance(values, np.ma.MaskedArray):
                 # What was masked out was not measured.
                 values = np.ma.filled(values.astype(np.float64), np.nan)
             array = np.asarray(values)
+            # NumPy would read strings of digits as numbers, and drop imaginary parts.
+            if array.dtype.kind not in "fiu":
+                detail = f"array of {array.dtype}, expected numbers"
+                return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, detail)
+            if array.shape != self.q.shape:
+                detail = f"shape {array.shape}, expected {self.q.shape}"
+                return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, detail)
+            with np.errstate(all="ignore"):
+                # What is too large for a float becomes infinite, and is refused as that.
+                return np.array(array, dtype=np.float64)
         except Exception:
             # Whatever an object of somebody else's raises here, it is no array.
             return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, "not an array of numbers")
-        # NumPy would read strings of digits as numbers, and drop imaginary parts.
-        if array.dtype.kind not in "fiu":
-            detail = f"array of {array.dtype}, expected numbers"
-            return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, detail)
-        if array.shape != into.shape:
-            detail = f"shape {array.shape}, expected {into.shape}"
-            return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, detail)
-        self._read[:] = array
-        joint = _take_finite(self._read, into)
-        if joint == NOBODY:
-            return None
-        detail = f"{name} is {self._read[joint]}"
-        return Reason(ReasonKind.JOINT_STATE_MALFORMED, self._robot.joints[joint], detail)
-
-    def _check_limits(self) -> Reason | None:
-        for name, value, lower, upper in (
-            ("q", self.q, self._lower, self._upper),
-            ("v", self.v, self._slowest, self._fastest),
-        ):
-            joint = _find_outside(value, lower, upper)
-            if joint != NOBODY:
-                detail = (
-                    f"{name} is {value[joint]:.6g}, limits with errors are "
-                    f"{lower[joint]:.6g} to {upper[joint]:.6g}"
-                )
-                return Reason(
-                    ReasonKind.JOINT_STATE_BEYOND_LIMITS, self._robot.joints[joint], detail
-                )
-        return None
-
-    def _check_time(self, stamp: float, now: float) -> Reason | None:
-        last, self._last_stamp[0] = float(self._last_stamp[0]), stamp
-        if stamp < last:
-            return Reason(ReasonKind.TIME_BACKWARDS, "joint states", f"{stamp!r} after {last!r}")
-        if not stamp - last <= self._timeout and not self._fresh:
-            detail = f"{stamp - last:.3g} s between two, expected at most {self._timeout:.3g} s"
-            return Reason(ReasonKind.JOINT_STATE_GAP, "joint states", detail)
-        if not abs(now - stamp) <= self._timeout:
-            detail = f"{now - stamp:.3g} s old, expected at most {self._timeout:.3g} s"
-            return Reason(ReasonKind.JOINT_STATE_GAP, "joint states", detail)
-        return None
-
-    def _check_history(self, stamp: float) -> Reason | None:
-        history = self._history
-        receive = history.restart if self._fresh else history.accept
-        if receive(stamp, self.q, self.v) == ALLOWED:
-            self._fresh = False
-            return None
-        return Reason(ReasonKind.JOINT_STATE_JUMPED, *history.describe(self._robot.joints))
 
     def _compile(self) -> None:
         """Run every kernel once, so that none is compiled in a tick."""
-        _take_finite(self._read, self.q)
-        self._check_limits()
         self.stopping()
         # Explanations ask for it by itself.
         guard = self.guard
@@ -235,20 +247,16 @@ class JointStates:
         compute_stop_time(self.v, *limits, guard.braking_deceleration, 0.0, 0.0, 0.0)
 
 
-@kernel
-def _take_finite(values: FloatArray, into: FloatArray) -> int:
-    """Copy the values if all are finite; otherwise the joint of the first that is not."""
-    for joint in range(values.shape[0]):
-        if not abs(values[joint]) < np.inf:
-            return joint
-    into[:] = values
-    return NOBODY
+def _spell(value: float, *limits: float, digits: int) -> list[str]:
+    """A value and its limits with at least so many digits, and as many as tell it from them."""
+    while digits < 17:
+        texts = [f"{number:.{digits}g}" for number in (value, *limits)]
+        if texts[0] not in texts[1:]:
+            break
+        digits += 3
+    return texts
 
 
-@kernel
-def _find_outside(values: FloatArray, lower: FloatArray, upper: FloatArray) -> int:
-    """First joint whose value is not between its limits."""
-    for joint in range(values.shape[0]):
-        if not lower[joint] <= values[joint] <= upper[joint]:
-            return joint
-    return NOBODY
+def _spell_time(duration: float) -> str:
+    """A duration in [s], in words."""
+    return f"{1e3 * duration:.3g} ms" if duration < 1.0 else f"{duration:.3g} s"

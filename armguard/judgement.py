@@ -52,6 +52,7 @@ class Judge:
         self._watch = watch
         self._rule = rule
         self._certify = certify
+        self._budget = settings.budget
         self._horizon = settings.horizon
         self._until_braking = settings.horizon + settings.reaction_time
         self._braking_scale = float(np.min(robot.braking_deceleration / robot.velocity_limit))
@@ -163,6 +164,8 @@ class Judge:
             homeless: Whether there are obstacles that found no room, and could be anywhere.
         """
         pair, contact_time = look.pair, max(0.0, look.expiry - tick.time)
+        if self._stopping is not None:
+            self._stopping.left = 0
         spent_before = self._spent
         if homeless:
             pair, contact_time = NOBODY, 0.0
@@ -195,6 +198,8 @@ class Judge:
         if held:
             reasons.append(Reason(ReasonKind.HOLD))
         scale = self._scale(tick, level, contact_time)
+        if self._stopping is not None and self._stopping.left:
+            reasons.append(self._tell_spent(self._stopping))
         # By position: names would cost as much as the whole tuple.
         return Verdict(
             stamp,
@@ -212,6 +217,12 @@ class Judge:
             None if self._separation is None else self._measure_separation(tick, homeless=homeless),
             self._prove(tick, pair) if self._certify else None,
         )
+
+    def _tell_spent(self, stopping: StopDecision) -> Reason:
+        """That the user's budget did not suffice to find out whether the arm rests in time."""
+        some = "1 obstacle" if stopping.left == 1 else f"{stopping.left} obstacles"
+        detail = f"{some} not decided about after {self._budget} evaluations"
+        return Reason(ReasonKind.BUDGET_SPENT, f"budget={self._budget}", detail)
 
     def _scale(self, tick: Tick, level: Level, contact_time: float) -> float:
         """The speed scale of a tick: 0 in STOP, and else what is proved."""

@@ -274,8 +274,12 @@ def is_known(scene: Scene, row: int) -> bool:
     return bool(scene.marks.has_state[row])
 
 
+RESTS, TOUCHES, UNDECIDED = range(3)
+"""Answers of `rests_in_time`."""
+
+
 @kernel
-def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) -> tuple[bool, int]:
+def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) -> tuple[int, int]:
     """Whether a link surely rests before contact, though the arm brakes only after the next tick.
 
     Descends to the spheres that fail; `scene.braking` ends when the arm rests.
@@ -285,13 +289,14 @@ def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) ->
         link: Of the arm.
         row: Of the obstacle.
         now: Time of the tick on the obstacles' clock, in [s].
-        budget: Evaluations after which the answer is no.
+        budget: Evaluations after which there is no answer.
 
     Returns:
-        Whether it does, and evaluations.
+        RESTS if it does, TOUCHES if it might not, UNDECIDED if the budget did not suffice to know,
+        and evaluations.
     """
     if not is_known(scene, row):
-        return False, 0
+        return TOUCHES, 0
     marks, tree, table = scene.marks, scene.tree, scene.braking
     rest = table.time[table.time.shape[0] - 1] * (1.0 - 1e-11)
     evaluations = 0
@@ -303,7 +308,7 @@ def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) ->
         node = tree.root[link]
         while node >= 0:
             if not evaluations < budget:
-                return False, evaluations
+                return UNDECIDED, evaluations
             evaluations += 1
             reached = table_contact_time(
                 scene.arm.centers[node, 0], scene.arm.centers[node, 1], scene.arm.centers[node, 2],
@@ -317,5 +322,5 @@ def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) ->
             elif tree.first_child[node] >= 0:
                 node = tree.first_child[node]
             else:
-                return False, evaluations
-    return True, evaluations
+                return TOUCHES, evaluations
+    return RESTS, evaluations

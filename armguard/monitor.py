@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import pinocchio
@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from armguard.committed_plan import PlanVerdict, refuse_plan
 from armguard.exceptions import ArmguardError
 from armguard.ignored_pairs import IgnoredPairs
-from armguard.joint_glance import DOUBTFUL, FAST
+from armguard.joint_acceptance import BELIEVED
 from armguard.joint_states import JointStates
 from armguard.judgement import Judge
 from armguard.monitor_answers import MonitorAnswers
@@ -31,6 +31,7 @@ from armguard.robot import Robot
 from armguard.schedules import Schedule
 from armguard.separation_margin import SeparationRule
 from armguard.verdict import (
+    Effect,
     Level,
     Reason,
     ReasonKind,
@@ -58,18 +59,24 @@ class Monitor(MonitorAnswers):
             only where braking after the next tick could be too late), "planned" (the same, and the
             controller tells what it is about to do by `commit`), or "isotropic" (points of the arm
             as free bodies; cheaper, and far more cautious).
-        ignore: Pairs not to be watched, as (link, pattern of obstacle ids); "*" is any.
+        ignore: Pairs not to be watched, as (link, pattern of obstacle ids); "*" is any. A pattern
+            that has fitted no obstacle yet is a STOP that names it. With a third element, the name
+            of one of the obstacles' sources, only what that source reports is ignored, and may come
+            later: ("panda_hand", "workpiece*", "camera").
         reaction_time: From a STOP to braking torque, [s].
         latency: Of computing and transporting a verdict, lateness of a tick included, [s].
         slow_margin: Beyond the stopping time, [s]: SLOW below.
         aware_margin: Beyond the stopping time, [s]: AWARE below.
-        hold: Evidence needed before a level rises, [s].
+        hold: Evidence needed before a level rises, [s]; after `reset` as well.
         source_timeout: Silence that a source may keep, and lead of its stamps, [s].
-        joint_timeout: Longest step between joint states, [s]; default max(0.05, 5 periods).
+        joint_timeout: Longest step between joint states, their longest age, and the longest time
+            for which one stamp may stand, [s]; default max(0.05, 5 periods).
         margin: Distance that counts as contact already, [m].
         freshness: How stale an answer may look, as a fraction of itself, in [0, 1).
         budget: Evaluations in a tick after which no further obstacle is begun; what misses its
-            deadline is a STOP. For "deadline" only; default: no limit.
+            deadline is a STOP. Each question of the stop decision may spend as many; where they do
+            not suffice, the answer is the cautious one, and a reason says so. For "deadline" only;
+            default: no limit.
         base_placement: Of the robot's base in the world; default at the origin.
         certify: Attach to each verdict a certificate of the pair that decides it, by free bodies;
             takes a fraction of a millisecond a tick.
@@ -88,7 +95,7 @@ class Monitor(MonitorAnswers):
         rate: float = 1000.0,
         schedule: str | Schedule = "deadline",
         motion: str = "joint",
-        ignore: Iterable[tuple[str, str]] = (),
+        ignore: Iterable[Sequence[str]] = (),
         reaction_time: float = 0.02,
         latency: float = 0.002,
         slow_margin: float = 0.1,
@@ -129,11 +136,15 @@ class Monitor(MonitorAnswers):
         self._source_timeout = settings.source_timeout
         self._rule = VerdictRule(slow_margin, aware_margin, hold)
         self._states = JointStates(
-            robot, settings.joint_timeout, settings.horizon, settings.reaction_time
+            robot,
+            settings.joint_timeout,
+            settings.horizon,
+            settings.reaction_time,
+            settings.period,
         )
-        self._watch = make_watch(
-            robot, obstacles, settings, IgnoredPairs(ignore, robot), self._states
-        )
+        sources = [state.source.name for state in obstacles._book.states]
+        self._ignored = IgnoredPairs(ignore, robot, sources)
+        self._watch = make_watch(robot, obstacles, settings, self._ignored, self._states)
         self._judge = Judge(
             robot, self._watch, self._states, self._rule, settings, separation, certify=certify
         )
@@ -143,6 +154,8 @@ class Monitor(MonitorAnswers):
         self._now = NEVER
         self._quiet_until = -math.inf
         self._homeless = self._no_sources = False
+        self._standing: Reason | None = None
+        self._unmatched: tuple[int, list[Reason]] = -1, []
         self._sequence = 0
         self._disbelieved = 0
         self._faults_before = obstacles.fault_count
@@ -192,7 +205,11 @@ class Monitor(MonitorAnswers):
             sink(self.step(*state))
 
     def reset(self) -> None:
-        """Forget latched faults and past joint states; every pair is looked at anew."""
+        """Forget latched faults and past joint states; every pair is looked at anew.
+
+        Levels rise only after `hold` seconds of evidence, counted from the next tick on; its time
+        may be earlier than that of the ticks before.
+        """
         self._rule.reset()
         self._states.reset()
         self._watch.restart()
@@ -201,13 +218,15 @@ class Monitor(MonitorAnswers):
         self._now = NEVER
         self._epoch = math.nan
         self._quiet_until = -math.inf
+        self._standing = None
 
     def commit(self, plan: Plan) -> PlanVerdict:
         """Judge the next piece of the controller's trajectory: is it safe to commit?
 
-        Judged on what the last step saw, so commit after a step. A safe piece is what the arm is
-        taken to follow from now on, until another one is safe, it strays from it by more than its
-        tracking error, or it rests. Nothing in a plan makes this raise.
+        Judged on what the last step saw, so commit after a step: where something is not as it was
+        then, or was not as it should be, the piece is refused and the reason told. A safe piece is
+        what the arm is taken to follow from now on, until another one is safe, it strays from it by
+        more than its tracking error, or it rests. Nothing in a plan makes this raise.
 
         Args:
             plan: The piece, on the clock of the joint states' stamps.
@@ -218,44 +237,55 @@ class Monitor(MonitorAnswers):
         if self._judge.plan is None:
             raise ArmguardError("commit", "needs plans", remedy='Monitor(..., motion="planned")')
         tick, _ = self._recall()
-        if tick is None or self._rule.latched:
-            return refuse_plan("arm", "its state is not believed")
-        if self.obstacles.homeless():
+        obstacles, latched = self.obstacles, self._rule.latched
+        if tick is None:
+            return refuse_plan("arm", "its state is not known: step first")
+        if latched:
+            return refuse_plan("arm", f"its state is not believed: {next(iter(latched.values()))}")
+        if obstacles.homeless():
             return refuse_plan("obstacles", "some found no room, and could be anywhere")
-        if self.obstacles.has_membership_news or self.obstacles.table.changed_count[0] > 0:
+        if self._standing is not None:
+            return refuse_plan("last step", f"was a STOP: {self._standing}")
+        if self.robot.revision != self._watch.arm.revision:
+            return refuse_plan("tool", "was attached or detached since the last step: step first")
+        if obstacles.has_membership_news or obstacles.table.changed_count[0] > 0:
             detail = "have changed since the last step by more than it allowed for: step first"
             return refuse_plan("obstacles", detail)
+        if not obstacles.is_quiet(self._now, self._source_timeout):
+            return refuse_plan("obstacles", "were refused, or a source is new: step first")
         return self._judge.plan.commit(plan, tick)
 
-    def _step(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float) -> Verdict:
+    def _step(self, stamp: float, q: Any, v: Any, now: float) -> Verdict:
         if not (type(stamp) is float and type(now) is float):
             stamp, now = read_number(stamp), read_number(now)
         if not self._now <= now < math.inf:
             return self._refuse_time(stamp, now)
         self._now = now
+        if not -math.inf < stamp < math.inf:
+            return self._refuse_time(stamp, now)
         watch, states, obstacles, number = self._watch, self._states, self.obstacles, self._sequence
         watch.follow()
-        quiet = now < self._quiet_until and obstacles.is_quiet(now, self._source_timeout)
+        if math.isnan(self._epoch):
+            self._epoch = now
         epoch = self._epoch
+        if not states.is_plain(q, v):
+            read = states.read(q, v)
+            if isinstance(read, Reason):
+                return self._refuse(stamp, read)
+            q, v = read
+        quiet = now < self._quiet_until and obstacles.is_quiet(now, self._source_timeout)
         seen = watch.advance(stamp, q, v, now, epoch, number, quiet)
-        found, stop_time, late, _, row, link, expiry, overdue, evaluated, news = seen
-        if row >= 0 and not (overdue or news or self._no_sources):
+        found, joint, stop_time, late, _, row, link, expiry, overdue, evaluated, news = seen
+        if found < BELIEVED:
+            return self._refuse(stamp, states.describe(found, joint, stamp, q, v))
+        if row >= 0 and not (overdue or news or self._no_sources or self._ignored.unmatched):
             verdict = self._judge.judge_clear(
                 stamp, number, now, expiry - (now - epoch), stop_time, late, row, link, evaluated
             )
             if verdict is not None:
                 self._clear = number, stamp, now, seen
+                self._standing = None
                 return verdict
-        if math.isnan(epoch):
-            self._epoch = now
-        if found & DOUBTFUL:
-            if not math.isfinite(stamp):
-                return self._refuse_time(stamp, now)
-            disbelief = states.receive(stamp, q, v, now)
-            if disbelief is not None:
-                return self._refuse(stamp, disbelief)
-            stop_time, late = states.stop_times(now - stamp)
-            found = FAST
         reasons: list[Reason] = []
         if found:
             stopping = states.stopping()
@@ -289,13 +319,28 @@ class Monitor(MonitorAnswers):
             reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
         if self._no_sources:
             reasons.append(describe_no_sources(obstacles))
-        return self._judge.judge(stamp, tick, look, reasons, homeless=self._homeless)
+        if self._ignored.unmatched:
+            reasons += self._tell_unmatched()
+        verdict = self._judge.judge(stamp, tick, look, reasons, homeless=self._homeless)
+        standing = (one for one in reasons if one.kind.effect is Effect.STANDING)
+        self._standing = next(standing, None)
+        return verdict
+
+    def _tell_unmatched(self) -> list[Reason]:
+        """Reasons about patterns to ignore that have fitted no obstacle; only news change them."""
+        changes = self.obstacles.table.changes
+        if self._unmatched[0] != changes:
+            detail = self._ignored.describe_unmatched(self.obstacles.ids)
+            kind = ReasonKind.IGNORE_UNMATCHED
+            named = [Reason(kind, repr(ids), detail) for ids in self._ignored.unmatched]
+            self._unmatched = changes, named
+        return self._unmatched[1]
 
     def _recall(self) -> tuple[Tick | None, Look]:
         """The last tick whose state was believed, and what the last look found."""
         if self._clear is not None:
             number, stamp, now, seen = self._clear
-            _, stop_time, late, opening_time, row, link, expiry, _, evaluated, _ = seen
+            _, _, stop_time, late, opening_time, row, link, expiry, _, evaluated, _ = seen
             time, age, q, v = now - self._epoch, now - stamp, self._states.q, self._states.v
             tick = Tick(number, now, time, q, v, age, stop_time, opening_time, late)
             pair = row * len(self._watch.arm.links) + link
@@ -331,8 +376,9 @@ class Monitor(MonitorAnswers):
         if self._judge.plan is not None:
             self._judge.plan.reset()
         self._judge.certificate_inputs = None
-        self._rule.latch(reason)
-        now = 0.0 if self._now == NEVER else self._now
+        is_known = self._now != NEVER
+        now = self._now if is_known else 0.0
+        self._rule.latch(reason, f"{now:.3f} s" if is_known else "before the first tick")
         self._rule.decide(now, 0.0, math.inf, complete=False, standing=True)
         return Verdict(
             stamp=stamp,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from armguard.anchors import allows_anchor, expire, keep_anchor
 from armguard.compilation import inlined_kernel, kernel
-from armguard.joint_glance import Guard
+from armguard.joint_acceptance import Guard
 from armguard.link_times import (
     arm_reach_time,
     is_known,
@@ -207,7 +207,7 @@ class Watching(NamedTuple):
     scene: Scene
     book: Book
     guard: Guard
-    """What a first look at a joint state needs; holds the tick's positions and velocities."""
+    """What joint states are compared with; holds the positions and velocities believed last."""
     horizon: float
     """Period plus latency plus reaction time, in [s]."""
     freshness: float

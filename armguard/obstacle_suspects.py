@@ -5,14 +5,18 @@ Asked where a contact time alone would stop the arm, or hold down its speed.
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 from armguard.compilation import kernel
-from armguard.link_times import rests_in_time
+from armguard.link_times import RESTS, UNDECIDED, rests_in_time
 from armguard.obstacle_book import PREPARED
 from armguard.scene import IntArray, prepare_arm
 from armguard.schedules.wheel import NOBODY
 from armguard.soonest import find_below
+
+LATEST = sys.float_info.max
+"""Latest time that is asked for: what nobody watches has no end, nor has what never moves near."""
 
 
 @kernel
@@ -26,11 +30,11 @@ def find_unsafe(
     culprit: int,
     budget: int,
     rows: IntArray,
-) -> tuple[int, int, int]:
+) -> tuple[int, int, int, int]:
     """The first pair that might touch before the arm rests, by the scene's table of braking.
 
-    Only what could be touched within `stop_time` is looked at. Where more obstacles than fit into
-    `rows` are as near as that, or the budget is spent, one of them counts as unsafe without a look.
+    Only what could be touched within `stop_time` is looked at. Where the budget is spent, the
+    obstacle at hand counts as unsafe.
 
     Args:
         handle: On what a look is handed, `obstacle_looks.Watching`.
@@ -41,19 +45,18 @@ def find_unsafe(
         stop_time: When the table of braking ends, in [s].
         culprit: Row to look at first if it is as near: who was unsafe lately likely is again.
         budget: Evaluations that may be spent.
-        rows: Room to work in.
+        rows: Room to work in, for all rows of the obstacle table.
 
     Returns:
-        Row and link, NOBODY if the arm surely rests before it touches anything; evaluations.
+        Row and link, NOBODY if the arm surely rests before it touches anything; evaluations, and
+        how many obstacles were not decided about when the budget was spent, 0 if it was not.
     """
     scene, book = handle.content.scene, handle.content.book
     if book.numbers[PREPARED] != tick:
         prepare_arm(scene, handle.content.guard.q, handle.content.guard.v, arm_age)
         book.numbers[PREPARED] = tick
     latest = time + stop_time
-    count = find_below(book.soonest, latest, rows)
-    if count == rows.shape[0]:
-        return rows[0], 0, 0
+    count = find_below(book.soonest, min(latest, LATEST), rows)
     for i in range(count):
         if rows[i] == culprit:
             rows[0], rows[i] = rows[i], rows[0]
@@ -63,15 +66,15 @@ def find_unsafe(
         for link in range(book.watched.shape[1]):
             if not book.watched[row, link] or book.pair_expiry[row, link] > latest:
                 continue
-            rests, spent = rests_in_time(scene, link, row, now, budget - evaluations)
+            answer, spent = rests_in_time(scene, link, row, now, budget - evaluations)
             evaluations += spent
-            if not rests:
-                return row, link, evaluations
-    return NOBODY, NOBODY, evaluations
+            if answer != RESTS:
+                return row, link, evaluations, count - i if answer == UNDECIDED else 0
+    return NOBODY, NOBODY, evaluations, 0
 
 
 @kernel
 def find_near(handle: Any, latest: float, rows: IntArray) -> int:
-    """Fill `rows` with those whose certificates end by `latest`, as far as they fit; how many."""
-    count: int = find_below(handle.content.book.soonest, latest, rows)
+    """Fill `rows`, which has room for all, with those whose certificates end by `latest`."""
+    count: int = find_below(handle.content.book.soonest, min(latest, LATEST), rows)
     return count

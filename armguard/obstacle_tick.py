@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from armguard.compilation import kernel
-from armguard.joint_glance import BELIEVED, glance
+from armguard.joint_acceptance import BELIEVED, accept
 from armguard.obstacle_book import UNSEEN
 from armguard.obstacle_looks import look
 from armguard.scene import FloatArray
@@ -21,7 +21,7 @@ def advance(
     epoch: float,
     number: int,
     may_look: bool,
-) -> tuple[int, float, float, float, int, int, float, int, int, int]:
+) -> tuple[int, int, float, float, float, int, int, float, int, int, int]:
     """Take a joint state if there is nothing to be said against it, and then look.
 
     Args:
@@ -37,15 +37,16 @@ def advance(
     Returns:
         See `watch.Seen`.
     """
-    found, stop_time, late_stop_time = glance(handle.content.guard, stamp, q, v, now)
+    found, joint, stop_time, late_stop_time = accept(handle.content.guard, stamp, q, v, now)
     if found != BELIEVED or not may_look:
-        return found, stop_time, late_stop_time, 0.0, UNSEEN, 0, 0.0, 0, 0, 0
+        return found, joint, stop_time, late_stop_time, 0.0, UNSEEN, 0, 0.0, 0, 0, 0
     opening_time = (stop_time + handle.content.aware_margin) / (1.0 - handle.content.freshness)
     row, link, expiry, overdue, evaluated, overtaken = look(
         handle, False, 0, now, now - epoch, number, now - stamp, opening_time
     )
     return (
         found,
+        joint,
         stop_time,
         late_stop_time,
         opening_time,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.handle import machine_code, pack
@@ -39,14 +39,11 @@ from armguard.pairs import evaluate
 from armguard.robot import Robot
 from armguard.scene import FloatArray, IntArray
 from armguard.schedules.wheel import NOBODY, SLOTS
-from armguard.watch import CLOSE_LOOKS, NOTHING_SEEN, Listing, Look, Recollection, Seen, Tick
+from armguard.watch import NOTHING_SEEN, Listing, Look, Recollection, Seen, Tick, Unsafe
 from armguard.watched_arm import WatchedArm
 
 UNLIMITED = 2**62
 """A budget that nothing exceeds."""
-
-SUSPECTS = 1024
-"""Obstacles that are looked at more closely before a STOP; more of them are a STOP."""
 
 
 class ObstacleWatch:
@@ -62,7 +59,8 @@ class ObstacleWatch:
         aware_margin: Beyond the stopping time, in [s]: what could be touched within is looked at
             closer.
         period: Of ticks, in [s].
-        budget: Evaluations in a tick after which nothing further is begun; None: no limit.
+        budget: Evaluations in a tick after which nothing further is begun, and those of a question
+            by the stop decision; None: no limit.
     """
 
     def __init__(
@@ -84,7 +82,7 @@ class ObstacleWatch:
         self._freshness, self._period = freshness, period
         self._budget = UNLIMITED if budget is None else budget
         self._pace = horizon, freshness, aware_margin, period, self._budget
-        self._suspects = np.zeros(SUSPECTS, dtype=np.int64)
+        self._suspects = np.zeros(0, dtype=np.int64)
         self._placed = -2
         self._changes = -1
         self._doubted = False
@@ -132,16 +130,14 @@ class ObstacleWatch:
     def advance(
         self,
         stamp: float,
-        q: ArrayLike,
-        v: ArrayLike,
+        q: FloatArray,
+        v: FloatArray,
         now: float,
         epoch: float,
         number: int,
         may_look: bool,
     ) -> Seen:
         """Take a joint state that there is nothing to be said against, and look if that is all."""
-        if not self._states.is_plain(q, v):
-            return NOTHING_SEEN
         may_look = may_look and not (self._doubted or self._isotropic.is_widened)
         seen: Seen = self._advance(self._watching, stamp, q, v, now, epoch, number, may_look)
         return seen
@@ -151,7 +147,7 @@ class ObstacleWatch:
         doubted, self._doubted = self._doubted, False
         if doubted:
             doubt_all(self._handle)
-        row, link, expiry, overdue, evaluated, disturbed = seen[4:]
+        row, link, expiry, overdue, evaluated, disturbed = seen[5:]
         if row == UNSEEN:
             row, link, expiry, overdue, evaluated, disturbed = self._go_on(tick, 0)
         broken: tuple[int, ...] = ()
@@ -191,12 +187,10 @@ class ObstacleWatch:
             state.prepare_arm(tick.q, tick.v)
             numbers[PREPARED] = tick.number
 
-    def near_pairs(self, tick: Tick, duration: float) -> IntArray | None:
-        """Pairs that could touch within `duration`, in [s]; None if there are too many."""
+    def near_pairs(self, tick: Tick, duration: float) -> IntArray:
+        """Pairs that could touch within `duration`, in [s]."""
         latest = tick.time + duration
         count = find_near(self._watching, latest, self._suspects)
-        if count == SUSPECTS:
-            return None
         rows = self._suspects[:count]
         near = self.book.watched[rows] & ~(self.book.pair_expiry[rows] > latest)
         pairs: IntArray = (rows[:, None] * self._links + np.arange(self._links))[near]
@@ -223,10 +217,10 @@ class ObstacleWatch:
         price = book.numbers[SPENT] / max(book.numbers[LOOKS], 1)
         return looks * float(price)
 
-    def find_unsafe(self, tick: Tick, stop_time: float) -> tuple[int, int]:
-        """A pair that might touch before the arm rests, NOBODY if there is none; evaluations."""
+    def find_unsafe(self, tick: Tick, stop_time: float) -> Unsafe:
+        """A pair that might touch before the arm rests, if there is one."""
         self._place(tick)
-        row, link, spent = self._find_unsafe(
+        row, link, spent, left = self._find_unsafe(
             self._watching,
             tick.now,
             tick.time,
@@ -234,13 +228,13 @@ class ObstacleWatch:
             tick.arm_age,
             stop_time,
             self._culprit,
-            min(self._budget, CLOSE_LOOKS),
+            self._budget,
             self._suspects,
         )
         if row == NOBODY:
-            return NOBODY, spent
+            return Unsafe(NOBODY, spent, 0)
         self._culprit = row
-        return row * self._links + link, spent
+        return Unsafe(row * self._links + link, spent, left)
 
     def recall(self, pair: int) -> Recollection:
         """What is known of one pair."""
@@ -313,6 +307,7 @@ class ObstacleWatch:
         """Follow the obstacle table's size."""
         table = self._obstacles.table
         self.book = grow_book(self.book, table.news, table.anchors)
+        self._suspects = np.zeros(len(self.book.watched), dtype=np.int64)
         self._handle = pack(self.book)
         scene = self.arm.state.scene
         self._watching = pack(Watching(scene, self.book, self._states.guard, *self._pace))

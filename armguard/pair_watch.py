@@ -9,19 +9,19 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.flagged import FlaggedCheck
 from armguard.joint_states import JointStates
-from armguard.ledger import NOBODY, PairLedger
+from armguard.ledger import PairLedger
 from armguard.obstacle_table import clear_news
 from armguard.obstacles import Obstacles
 from armguard.pairs import evaluate, find_unsafe_pair
 from armguard.robot import Robot
 from armguard.scene import REACH, FloatArray, IntArray
 from armguard.schedules import Schedule
-from armguard.watch import CLOSE_LOOKS, NOTHING_SEEN, Listing, Look, Recollection, Seen, Tick
+from armguard.watch import NOTHING_SEEN, Listing, Look, Recollection, Seen, Tick, Unsafe
 from armguard.watched_arm import WatchedArm
 
 
@@ -91,15 +91,15 @@ class PairWatch:
     def advance(
         self,
         stamp: float,
-        q: ArrayLike,
-        v: ArrayLike,
+        q: FloatArray,
+        v: FloatArray,
         now: float,
         epoch: float,
         number: int,
         may_look: bool,
     ) -> Seen:
         """Take a joint state that there is nothing to be said against; the look comes later."""
-        return (*self._states.glance(stamp, q, v, now), *NOTHING_SEEN[3:])
+        return (*self._states.accept(stamp, q, v, now), *NOTHING_SEEN[4:])
 
     def look(self, tick: Tick, seen: Seen = NOTHING_SEEN) -> Look:
         """Evaluate the pairs that are due and check the flagged ones exactly."""
@@ -134,8 +134,8 @@ class PairWatch:
         self.arm.state.now, self.arm.state.arm_age = tick.now, tick.arm_age
         self.arm.state.prepare_arm(tick.q, tick.v)
 
-    def near_pairs(self, tick: Tick, duration: float) -> IntArray | None:
-        """Pairs that could touch within `duration`, in [s]; they are never too many."""
+    def near_pairs(self, tick: Tick, duration: float) -> IntArray:
+        """Pairs that could touch within `duration`, in [s]."""
         pairs = self.ledger.pairs
         return pairs[~(self.ledger.expiry[pairs] > tick.time + duration)]
 
@@ -147,12 +147,10 @@ class PairWatch:
         """How many evaluations a tick costs: as many as the last one."""
         return float(self._evaluated)
 
-    def find_unsafe(self, tick: Tick, stop_time: float) -> tuple[int, int]:
-        """A pair that might touch before the arm rests, NOBODY if there is none; evaluations."""
+    def find_unsafe(self, tick: Tick, stop_time: float) -> Unsafe:
+        """A pair that might touch before the arm rests; all pairs that are near are looked at."""
         near = self.near_pairs(tick, stop_time)
-        if near is None or not len(near):
-            return NOBODY, 0
-        return find_unsafe_pair(self.arm.state, near, CLOSE_LOOKS)
+        return Unsafe(*find_unsafe_pair(self.arm.state, near), left=0)
 
     def recall(self, pair: int) -> Recollection:
         """What is known of one pair."""
@@ -229,5 +227,5 @@ class PairWatch:
         state.begin(0.0, 0.0, 0.0)
         state.prepare_arm(zeros, zeros)
         evaluate(state, none, self._contact_times, self._spheres, self._bounds)
-        find_unsafe_pair(state, none, 0)
+        find_unsafe_pair(state, none)
         self.ledger.compile(state, self._obstacles.table.revision)

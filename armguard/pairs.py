@@ -16,7 +16,7 @@ from armguard.arm_motion import ArmMotion
 from armguard.compilation import kernel
 from armguard.handle import pack
 from armguard.kinematics import Kinematics
-from armguard.link_times import arm_reach_time, is_known, pair_time, rests_in_time
+from armguard.link_times import RESTS, arm_reach_time, is_known, pair_time, rests_in_time
 from armguard.obstacle_table import States
 from armguard.obstacles import Obstacles
 from armguard.scene import (
@@ -29,6 +29,9 @@ from armguard.scene import (
     prepare_arm,
     thread_tree,
 )
+
+NO_LIMIT = 2**62
+"""A number of evaluations that is never reached."""
 
 
 class TickState:
@@ -227,23 +230,22 @@ def evaluate(
 
 
 @kernel
-def _find_unsafe(handle: Any, pairs: IntArray, now: float, budget: int) -> tuple[int, int]:
+def _find_unsafe(handle: Any, pairs: IntArray, now: float) -> tuple[int, int]:
     scene = handle.content
     links = scene.tree.root.shape[0]
     evaluations = 0
     for pair in pairs:
-        rests, spent = rests_in_time(scene, pair % links, pair // links, now, budget - evaluations)
+        answer, spent = rests_in_time(scene, pair % links, pair // links, now, NO_LIMIT)
         evaluations += spent
-        if not rests:
+        if answer != RESTS:
             return pair, evaluations
     return -1, evaluations
 
 
-def find_unsafe_pair(state: TickState, pairs: IntArray, budget: int) -> tuple[int, int]:
+def find_unsafe_pair(state: TickState, pairs: IntArray) -> tuple[int, int]:
     """The first of the pairs (m,) that might touch before the arm rests; -1 if there is none.
 
-    Judged by the scene's table of braking. Returns the evaluations as well; where they reach the
-    budget, the pair at hand counts as unsafe.
+    Judged by the scene's table of braking. Returns the evaluations as well.
     """
-    unsafe: tuple[int, int] = _find_unsafe(state.handle, pairs, state.now, budget)
+    unsafe: tuple[int, int] = _find_unsafe(state.handle, pairs, state.now)
     return unsafe

@@ -21,7 +21,8 @@ class Plan(NamedTuple):
     times: ArrayLike
     """Of the samples, counted from `stamp`, in [s]; rising from 0. Shape (k,), k >= 2."""
     q: ArrayLike
-    """Joint positions in the order of `robot.joints`, in [rad] or [m]. Shape (k, nv)."""
+    """Joint positions in the order of `robot.joints`, in [rad] or [m]; those of continuous joints
+    may wrap. Shape (k, nv)."""
     v: ArrayLike
     """Joint velocities, in [rad]/[s] or [m]/[s]. Shape (k, nv)."""
     tracking_error: ArrayLike

@@ -20,6 +20,7 @@ from armguard import plan_curve
 from armguard.plan_curve import evaluate_curve, find_excess
 from armguard.plan_reading import Plan, Refusal, read_plan
 from armguard.robot import Robot
+from armguard.turns import MOST_TURNS, TURN, align_turns, find_continuous
 
 __all__ = [
     "CheckedPlan",
@@ -115,6 +116,7 @@ def _check_read(
     refusal = _check_time(read, now, longest_lead, longest_lag)
     if refusal is not None:
         return refusal
+    read = _align(read, robot, position, velocity, stamp)
     peak = np.empty(len(robot.joints))
     refusal = _check_curve(read, robot, peak) or _check_end(read, robot)
     if refusal is not None:
@@ -168,7 +170,7 @@ def check_following(
     # Until the plan begins, a joint goes on as it was measured, more or less.
     wait = max(-along, 0.0)
     reach = wait * (robot.velocity_error + 0.5 * robot.acceleration_limit * wait)
-    found = q + wait * v
+    found = align_turns(q + wait * v, position, _find_continuous(robot))
     allowed = plan.deviation + reach + SLACK + (wait > 0.0) * robot.position_error
     off = np.flatnonzero(~(np.abs(found - position) <= allowed))
     when = f"when it begins, {wait:.3g} s on," if wait > 0.0 else f"{along:.3g} s into the plan"
@@ -241,6 +243,35 @@ def deviation_speed(deviation: Floats, acceleration: Floats, time: float) -> Flo
         span = np.minimum(2.0 * np.sqrt(deviation / acceleration), time)
         speed: Floats = (2.0 * deviation / span + 0.5 * acceleration * span) * (1.0 + SLACK)
     return speed
+
+
+def _find_continuous(robot: Robot) -> NDArray[np.bool_]:
+    return find_continuous(robot.lower_position_limit, robot.upper_position_limit)
+
+
+def _align(plan: Plan, robot: Robot, q: Floats, v: Floats, stamp: float) -> Plan:
+    """The same plan with its continuous joints' positions whole turns nearest to each other.
+
+    So a planner may wrap. From sample to sample only where the joint's velocity limit does not let
+    it go half a turn in that time: then no other number of turns is a motion within limits, and
+    nothing is guessed. A longer step is taken as it was written. The whole is shifted by whole
+    turns to where the joint state is; see `turns` for why that changes nothing.
+    """
+    continuous = _find_continuous(robot)
+    if not continuous.any():
+        return plan
+    times, positions = np.asarray(plan.times), np.array(plan.q)
+    fastest = robot.velocity_limit + robot.velocity_error + SLACK
+    for j in np.flatnonzero(continuous):
+        with np.errstate(over="ignore"):
+            turns = -np.floor(np.diff(positions[:, j]) / TURN + 0.5)
+        is_sure = (fastest[j] * np.diff(times) < 0.5 * TURN) & (np.abs(turns) <= MOST_TURNS)
+        positions[1:, j] += TURN * np.cumsum(np.where(is_sure, turns, 0.0))
+    along = stamp - plan.stamp
+    place, pace = np.empty(len(q)), np.empty(len(q))
+    evaluate_curve(times, positions, np.asarray(plan.v), along, place, pace)
+    positions += align_turns(place, q + max(-along, 0.0) * v, continuous) - place
+    return plan._replace(q=positions)
 
 
 def _check_time(plan: Plan, now: float, longest_lead: float, longest_lag: float) -> Refusal | None:

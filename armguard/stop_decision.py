@@ -33,6 +33,8 @@ class StopDecision:
 
     Attributes:
         evaluated: Evaluations so far.
+        left: Obstacles that were not decided about, where the user's budget was spent since this
+            was set to 0 last.
         held: Scales below the whole that were found in the last `hold`, each with its time; the
             least first.
         looks_ahead: How long from its tick on an arm goes on in the proof of a scale, in [s].
@@ -41,7 +43,7 @@ class StopDecision:
     def __init__(
         self, watch: Watch, period: float, horizon: float, going_on: float, hold: float
     ) -> None:
-        self.evaluated = 0
+        self.evaluated = self.left = 0
         self._watch = watch
         self._horizon = horizon
         self._hold = hold
@@ -139,6 +141,7 @@ class StopDecision:
         return self._is_free(tick, float(table.time[-1]))
 
     def _is_free(self, tick: Tick, stop_time: float) -> bool:
-        pair, spent = self._watch.find_unsafe(tick, stop_time)
-        self.evaluated += spent
-        return pair == NOBODY
+        unsafe = self._watch.find_unsafe(tick, stop_time)
+        self.evaluated += unsafe.evaluated
+        self.left = max(self.left, unsafe.left)
+        return unsafe.pair == NOBODY

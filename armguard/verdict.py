@@ -55,6 +55,7 @@ class ReasonKind(enum.Enum):
     PLAN_REFUSED = ("plan refused", Effect.NOTE)
     PLAN_UNSAFE = ("plan unsafe", Effect.NOTE)
     PLAN_VOID = ("plan not followed any more", Effect.NOTE)
+    BUDGET_SPENT = ("budget spent before the stop decision was made", Effect.NOTE)
     NO_SOURCES = ("no sources", Effect.STANDING)
     SOURCE_SILENT = ("source silent", Effect.STANDING)
     STAMP_AHEAD = ("stamp ahead of the clock", Effect.STANDING)
@@ -62,6 +63,7 @@ class ReasonKind(enum.Enum):
     CALL_REFUSED = ("malformed obstacle call", Effect.STANDING)
     BOUND_BROKEN = ("obstacle broke its bounds", Effect.STANDING)
     OVERDUE = ("pair overdue", Effect.STANDING)
+    IGNORE_UNMATCHED = ("ignored pair matches nothing", Effect.STANDING)
     JOINT_STOP_AHEAD = ("joint runs into its stop", Effect.STANDING)
     JOINT_STATE_MALFORMED = ("joint state malformed", Effect.LATCHED)
     JOINT_STATE_BEYOND_LIMITS = ("joint state beyond its limits", Effect.LATCHED)
@@ -163,7 +165,8 @@ class VerdictRule:
     """From contact time and faults to a level, with memory for `hold` and latched faults.
 
     The level given out is the lowest raw level of the last `hold` seconds: it falls at once, and
-    rises when the whole of that time spoke for it.
+    rises when the whole of that time spoke for it. The first complete verdict after construction
+    stands at once.
 
     Args:
         slow_margin: Below stop time plus this, in [s], the level is SLOW.
@@ -177,19 +180,32 @@ class VerdictRule:
         self.hold = hold
         self.latched: dict[ReasonKind, Reason] = {}
         self._settled = False
+        self._was_reset = False
         self._last_at: list[float] = [-math.inf] * len(Level)
         self._low_at = -math.inf
 
     def reset(self) -> None:
-        """Forget latched faults and held levels; the next complete verdict stands at once."""
-        self.latched.clear()
-        self._settled = False
-        self._last_at = [-math.inf] * len(Level)
-        self._low_at = -math.inf
+        """Forget latched faults and held levels; the next tick counts as evidence for STOP.
 
-    def latch(self, reason: Reason) -> None:
-        """Hold STOP for `reason` until `reset()`; the first of a kind is the one kept."""
-        self.latched.setdefault(reason.kind, reason)
+        What latched was no passing thing, so levels rise only when there was evidence for `hold`
+        seconds again. Time may start anew.
+        """
+        self.latched.clear()
+        self._settled = self._was_reset = True
+        self._last_at = [-math.inf] * len(Level)
+        # Until then nothing is clear, whatever the time is.
+        self._low_at = math.inf
+
+    def latch(self, reason: Reason, since: str) -> None:
+        """Hold STOP for a reason until `reset()`; the first of a kind is the one kept.
+
+        Args:
+            reason: Why.
+            since: When, in words; becomes part of its detail.
+        """
+        if reason.kind not in self.latched:
+            detail = f"{reason.detail}; latched since {since}".removeprefix("; ")
+            self.latched[reason.kind] = reason._replace(detail=detail)
 
     def is_clear(self, now: float) -> bool:
         """Whether at `now`, in [s], nothing keeps the level below what the tick itself earns."""
@@ -241,6 +257,9 @@ class VerdictRule:
             self._settled = True
             self._last_at = [-math.inf] * len(Level)
             self._low_at = -math.inf
+        if self._was_reset:
+            self._was_reset = False
+            self._last_at[Level.STOP] = self._low_at = now
         self._last_at[raw] = now
         if raw is not Level.CLEAR:
             self._low_at = now

@@ -10,25 +10,24 @@ import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from armguard.joint_glance import DOUBTFUL
+from armguard.joint_acceptance import BELIEVED
+from armguard.joint_acceptance import NOBODY as NO_JOINT
 from armguard.obstacle_book import UNSEEN
 from armguard.scene import FloatArray, IntArray
 from armguard.schedules.wheel import NOBODY
 from armguard.watched_arm import WatchedArm
 
-Seen = tuple[int, float, float, float, int, int, float, int, int, int]
-"""What an advance saw, as compiled code returns it: what a glance at the joint state found, both
-stop times in [s], and unless the row is UNSEEN the opening time in [s]; then row and link whose
-certificate ends first, that end in [s] since the epoch, how many obstacles are overdue,
-evaluations, and how many rows news have overtaken."""
+Seen = tuple[int, int, float, float, float, int, int, float, int, int, int]
+"""What an advance saw, as compiled code returns it: what was found of the joint state, below 0
+where it is refused, and the joint that it is refused for, both stop times in [s], and unless the
+row is UNSEEN the opening time in [s]; then row and link whose certificate ends first, that end in
+[s] since the epoch, how many obstacles are overdue, evaluations, and how many rows news have
+overtaken."""
 
-NOTHING_SEEN: Seen = (DOUBTFUL, math.inf, math.inf, 0.0, UNSEEN, 0, 0.0, 0, 0, 0)
-"""Of a joint state that calls for a closer look."""
-
-CLOSE_LOOKS = 1024
-"""Evaluations by the table of braking at a time, so that a crowd cannot hold up a tick."""
+NOTHING_SEEN: Seen = (BELIEVED, NO_JOINT, math.inf, math.inf, 0.0, UNSEEN, 0, 0.0, 0, 0, 0)
+"""By an advance that looked at no obstacle."""
 
 
 class Tick(NamedTuple):
@@ -95,6 +94,17 @@ class Listing(NamedTuple):
     """Soonest contact of each finest sphere of the arm. Shape (s,)."""
 
 
+class Unsafe(NamedTuple):
+    """Answer to the question whether the arm surely rests before contact."""
+
+    pair: int
+    """A pair that might touch before, row × links + link; NOBODY if there is none."""
+    evaluated: int
+    """Evaluations spent."""
+    left: int
+    """Obstacles that were not decided about when the budget was spent; 0 if it was not."""
+
+
 class Recollection(NamedTuple):
     """What is known of one pair; times in [s] since the monitor's epoch."""
 
@@ -132,8 +142,8 @@ class Watch(Protocol):
     def advance(
         self,
         stamp: float,
-        q: ArrayLike,
-        v: ArrayLike,
+        q: FloatArray,
+        v: FloatArray,
         now: float,
         epoch: float,
         number: int,
@@ -143,8 +153,8 @@ class Watch(Protocol):
 
         Args:
             stamp: When the state was measured, in [s].
-            q: Joint positions, [rad] or [m]. Shape (nv,).
-            v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
+            q: Joint positions, [rad] or [m]; plain, see `JointStates.is_plain`. Shape (nv,).
+            v: Joint velocities, [rad/s] or [m/s]; plain. Shape (nv,).
             now: Time of the tick, in [s].
             epoch: Since when the monitor counts time, in [s].
             number: Of the tick.
@@ -160,8 +170,8 @@ class Watch(Protocol):
         """Place the arm and fill its bounds for a tick, whether its look needed that or not."""
         ...
 
-    def near_pairs(self, tick: Tick, duration: float) -> IntArray | None:
-        """Pairs that could touch within `duration`, in [s]; None if there are too many. (m,)."""
+    def near_pairs(self, tick: Tick, duration: float) -> IntArray:
+        """Pairs that could touch within `duration`, in [s]. Shape (m,)."""
         ...
 
     def watched_pairs(self) -> NDArray[np.bool_]:
@@ -172,11 +182,11 @@ class Watch(Protocol):
         """How many evaluations a tick costs as imminent as all pairs are now."""
         ...
 
-    def find_unsafe(self, tick: Tick, stop_time: float) -> tuple[int, int]:
-        """A pair that might touch before the arm rests, NOBODY if there is none; evaluations.
+    def find_unsafe(self, tick: Tick, stop_time: float) -> Unsafe:
+        """A pair that might touch before the arm rests, if there is one.
 
-        Judged by the arm's table of braking, for whatever could be touched within `stop_time`. No
-        more than `CLOSE_LOOKS` are spent: where they do not suffice, a pair counts as unsafe.
+        Judged by the arm's table of braking, for whatever could be touched within `stop_time`.
+        Where the user's budget does not suffice, a pair counts as unsafe.
         """
         ...
 

@@ -95,7 +95,7 @@ class WatchedArm:
 
     def watched_links(self, row: int) -> NDArray[np.bool_]:
         """Which links are watched against the obstacle in `row`. Shape (links,)."""
-        return self._ignored.watched_links(self.obstacles.ids[row])
+        return self._ignored.watched_links(self.obstacles.ids[row], self.obstacles.source_of(row))
 
     def names(self, pair: int) -> tuple[str, str]:
         """Of the link and the obstacle of a pair, row × links + link."""

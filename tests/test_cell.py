@@ -194,6 +194,13 @@ def test_a_urdf_and_what_belongs_to_it_are_found_beside_the_file(tmp_path, monke
         (ROBOT + '[monitor]\nschedule = "full"\nbudget = 5', "monitor.budget", "deadline"),
         (ROBOT + '[monitor]\nmotion = "slow"', "monitor.motion", "'slow'"),
         ("ignore = [['arm*', '*']]\n" + ROBOT, "ignore[0]", "'arm.*panda_link1"),
+        ("ignore = [['panda_*', '*']]\n" + ROBOT, "ignore", "panda_.*leaves nothing to watch"),
+        ("ignore = [['*', 'a', 'eye']]\n" + ROBOT, "ignore", "'eye'"),
+        (
+            "ignore = [['*', 'a', 'eye']]\n" + ROBOT + "[sources.cam]\n",
+            "ignore",
+            "'eye'.*expected one of cam",
+        ),
     ],
 )
 def test_what_shows_only_when_built_names_its_key_too(text, key, pattern):

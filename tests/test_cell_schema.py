@@ -85,7 +85,8 @@ MISTAKES = [
     (ROBOT + "[thresholds]\nhold = true", "thresholds.hold", "is True; expected float"),
     (ROBOT + "[thresholds]\nhold = 1\n[treshold]\na = 1", "treshold", "is no key"),
     ("ignore = 'all'\n" + ROBOT, "ignore", "is 'all'; expected array"),
-    ("ignore = [['a']]\n" + ROBOT, "ignore[0]", "length 2"),
+    ("ignore = [['a']]\n" + ROBOT, "ignore[0]", "length >= 2"),
+    ("ignore = [['a', 'b', 'c', 'd']]\n" + ROBOT, "ignore[0]", "length <= 3"),
     ("[gripper]\nmass = 1\n" + ROBOT, "gripper", "is no key"),
 ]
 

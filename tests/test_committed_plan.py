@@ -309,6 +309,7 @@ def test_while_its_state_is_not_believed_an_arm_can_commit_to_nothing():
     monitor.step(PERIOD, np.full(7, np.nan), STILL)
     (reason,) = monitor.commit(make_plan()).reasons
     assert (reason.kind, reason.subject) == (ReasonKind.PLAN_REFUSED, "arm")
+    assert "latched since" in reason.detail
     monitor.reset()
     monitor.step(2.0 * PERIOD, HOME, STILL)
     assert monitor.commit(make_plan()).safe
@@ -337,15 +338,171 @@ def test_only_a_monitor_of_planned_motion_takes_plans(motion):
         monitor.commit(make_plan())
 
 
-def test_a_crowd_that_is_too_near_to_look_at_is_no_way_to_go():
-    obstacles, monitor = make_monitor(motion="planned")
-    turn = np.linspace(0.0, 2.0 * np.pi, 1100)
-    places = np.column_stack([1.5 * np.cos(turn), 1.5 * np.sin(turn), np.full(1100, 0.5)])
-    see(obstacles, 0.0, places, [f"person {number}" for number in range(1100)])
+@pytest.mark.parametrize("distance", [0.9, 1.5])
+def test_a_crowd_is_looked_at_however_many_they_are(distance):
+    """As safe as one of them at each place is."""
+    answers = []
+    for copies in (1, 1500):
+        obstacles, monitor = make_monitor(motion="planned")
+        places = np.tile([distance, 0.0, 0.5], (copies, 1))
+        see(obstacles, 0.0, places, [f"person {number}" for number in range(copies)])
+        monitor.step(0.0, HOME, STILL)
+        answers.append(monitor.commit(make_plan()))
+    assert answers[0].safe == answers[1].safe == (distance > 1.2)
+    assert answers[0].contact_time == pytest.approx(answers[1].contact_time)
+    assert all(one.link is not None or one.safe for one in answers)
+
+
+def refusal(monitor):
+    answer = monitor.commit(make_plan(stamp=monitor._now))
+    assert (answer.safe, answer.contact_time) == (False, 0.0)
+    (reason,) = answer.reasons
+    assert reason.kind is ReasonKind.PLAN_REFUSED
+    return reason
+
+
+def test_a_required_source_that_was_never_heard_lets_nothing_be_committed():
+    obstacles = Obstacles(sources=["camera"])
+    _, monitor = make_monitor(motion="planned", obstacles=obstacles)
     monitor.step(0.0, HOME, STILL)
-    found = monitor.commit(make_plan())
-    assert (found.safe, found.contact_time) == (False, 0.0)
-    assert found.reasons[0].kind is ReasonKind.PLAN_UNSAFE
+    reason = refusal(monitor)
+    assert "source silent: camera" in reason.detail
+    obstacles.update([], PERIOD, source="camera")
+    assert refusal(monitor)
+    monitor.step(PERIOD, HOME, STILL)
+    assert monitor.commit(make_plan(stamp=PERIOD)).safe
+
+
+def test_a_source_that_falls_silent_lets_nothing_more_be_committed():
+    obstacles, monitor = start()
+    obstacles.update(["far"], 0.0, [[40.0, 0.0, 0.5]], radius=0.1, source="camera")
+    monitor.step(0.0, HOME, STILL)
+    assert monitor.commit(make_plan()).safe
+    for tick in range(1, 5000):
+        now = tick * PERIOD
+        verdict = monitor.step(now, HOME, STILL)
+        silent = ReasonKind.SOURCE_SILENT in kinds(verdict)
+        assert silent == (now > 0.2)
+        if tick in (202, 2000, 4999):
+            assert "source silent: camera" in refusal(monitor).detail
+
+
+def test_a_tool_that_no_step_has_seen_lets_nothing_be_committed():
+    """Either way: judged without the tool, the piece would have it hit what only it can reach."""
+    robot = Robot.load("panda")
+    monitor = Monitor(robot, Obstacles(), motion="planned")
+    monitor.step(0.0, HOME, STILL)
+    assert monitor.commit(make_plan()).safe
+    for tick, change in enumerate(
+        (
+            lambda: robot.attach("rod", "panda_hand", Sphere(0.02)),
+            lambda: robot.detach("rod"),
+        ),
+        start=1,
+    ):
+        change()
+        assert refusal(monitor).subject == "tool"
+        monitor.step(tick * PERIOD, HOME, STILL)
+        assert monitor.commit(make_plan(stamp=tick * PERIOD)).safe
+
+
+def refuse_a_row(obstacles):
+    see(obstacles, PERIOD, [math.nan, 0.0, 0.0])
+
+
+def refuse_a_call(obstacles):
+    with pytest.raises(ArmguardError):
+        obstacles.update(["ball"], PERIOD, [[1.0, 2.0]], radius=0.1)
+
+
+def hurry(obstacles):
+    obstacles.update([], 9.0, source="camera")
+
+
+def break_a_bound(obstacles):
+    see(obstacles, PERIOD, [FAR[0] + 0.5, 0.0, 0.5])
+
+
+@pytest.mark.parametrize("act", [refuse_a_row, refuse_a_call, hurry, break_a_bound])
+def test_what_no_step_has_seen_yet_and_what_was_wrong_then_lets_nothing_be_committed(act):
+    obstacles, monitor = start()
+    see(obstacles, 0.0, FAR)
+    monitor.step(0.0, HOME, STILL)
+    assert monitor.commit(make_plan()).safe
+    act(obstacles)
+    assert refusal(monitor)
+    verdict = monitor.step(PERIOD, HOME, STILL)
+    assert verdict.level is Level.STOP
+    assert "was a STOP" in str(refusal(monitor))
+
+
+def test_a_joint_that_runs_into_its_stop_and_a_budget_that_is_spent_commit_to_nothing():
+    _, monitor = make_monitor(motion="planned")
+    q, v = HOME.copy(), STILL.copy()
+    q[6], v[6] = 2.88, 1.5
+    monitor.step(0.0, q, v)
+    assert "joint runs into its stop" in refusal(monitor).detail
+    obstacles, monitor = make_monitor(motion="planned", budget=1)
+    places = np.array([[1.2 + 0.2 * k, 0.0, 0.5] for k in range(40)])
+    see(obstacles, 0.0, places, [f"ball {k}" for k in range(40)])
+    for tick in range(5):
+        verdict = monitor.step(tick * PERIOD, HOME, STILL)
+        if not verdict.complete:
+            assert "overdue" in refusal(monitor).detail
+            break
+    assert not verdict.complete
+
+
+def test_an_ignored_pair_that_matches_nothing_commits_to_nothing():
+    _, monitor = make_monitor(motion="planned", ignore=[("panda_hand", "tabel")])
+    monitor.step(0.0, HOME, STILL)
+    assert "'tabel'" in refusal(monitor).detail
+
+
+def wrap(angle):
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("whose", ["driver", "planner", "both", "neither"])
+def test_a_continuous_joint_may_wrap_under_a_plan(side, whose):
+    """Driver and planner, each in its own way: the arm is followed all the same."""
+    robot = Robot.load("kinova")
+    monitor = Monitor(robot, Obstacles(), motion="planned")
+    lower, upper = robot.lower_position_limit, robot.upper_position_limit
+    turning = np.flatnonzero(np.isinf(lower))
+    start = np.array(
+        [0.5 * (a + b) if np.isfinite(a) else 0.0 for a, b in zip(lower, upper, strict=True)]
+    )
+    start[turning] = side * (np.pi - 0.02)
+    pace = side * 0.4
+    drives = wrap if whose in ("driver", "both") else np.array
+    plans = wrap if whose in ("planner", "both") else lambda angle: angle + 6.0 * np.pi
+
+    def true(now):
+        swing = 0.5 * DURATION / np.pi * pace
+        q, v = start.copy(), np.zeros(6)
+        q[turning] += swing * (1.0 - np.cos(np.pi * now / DURATION))
+        v[turning] = 0.5 * pace * np.sin(np.pi * now / DURATION)
+        return q, v
+
+    def drive(now):
+        q, v = true(now)
+        q[turning] = drives(q[turning])
+        return monitor.step(now, q, v)
+
+    drive(0.0)
+    states = [true(float(now)) for now in TIMES]
+    q, v = np.array([q for q, _ in states]), np.array([v for _, v in states])
+    assert np.abs(q[-1, turning]).min() > np.pi
+    q[:, turning] = plans(q[:, turning])
+    plan = Plan(0.0, TIMES.copy(), q, v, np.full(6, ERROR), np.full(6, SPEED_ERROR))
+    answer = monitor.commit(plan)
+    assert answer.safe, answer
+    for now in TIMES[1:]:
+        assert ReasonKind.PLAN_VOID not in kinds(drive(float(now)))
+    # It is followed, not let go.
+    assert monitor._judge.plan._checked is not None
 
 
 def test_what_is_handed_over_is_a_copy():

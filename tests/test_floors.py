@@ -19,7 +19,7 @@ PACKAGE = ROOT / "armguard"
 FLOORS = [
     (0, 1, "exceptions clock compilation ending latency plan_reading"),
     (0, 2, "garbage realtime separation enclosing_ball handle hull patches plan_curve records"),
-    (0, 2, "soonest"),
+    (0, 2, "soonest turns"),
     (0, 2, "surface_distance witness"),
     (0, 3, "hull_advancement plausibility sphere_tree"),
     (0, 4, "advancement contact_arguments fitting joint_history"),
@@ -34,7 +34,7 @@ FLOORS = [
     (2, 3, "attached_bodies urdf_links watched_joints"),
     (2, 4, "robot"),
     (2, 5, "lever_report"),
-    (3, 1, "ignored_pairs joint_glance kinematics plans"),
+    (3, 1, "ignored_pairs joint_acceptance kinematics plans"),
     (3, 2, "bounds joint_states"),
     (4, 1, "arm_motion exact scene"),
     (4, 2, "link_times"),

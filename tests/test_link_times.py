@@ -13,6 +13,7 @@ from armguard.contact import earliest_contact_pair
 from armguard.exact import ExactGeometry
 from armguard.kinematics import Kinematics
 from armguard.link_times import (
+    RESTS,
     arm_reach_time,
     contact_distance,
     is_known,
@@ -62,7 +63,7 @@ def ask_known(handle, row):
 
 @kernel
 def ask_rest(handle, link, row, now):
-    return rests_in_time(handle.content, link, row, now, 10**6)[0]
+    return rests_in_time(handle.content, link, row, now, 10**6)[0] == RESTS
 
 
 @kernel

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from scenes import HOME, PERIOD, SCHEDULES, STILL, make_monitor, panda, see
+from scenes import HOME, PERIOD, SCHEDULES, STILL, make_monitor, panda, see, steps
 
 from armguard.exceptions import ArmguardError
 
@@ -93,3 +93,19 @@ def test_after_a_reset_and_while_stopped_they_answer_still():
     assert (why, first, pairs) == (None, [], [])
     monitor.step(2.0 * PERIOD, HOME, STILL)
     assert monitor.explain().obstacle == "ball"
+
+
+@pytest.mark.parametrize("schedule", ["deadline", "full"])
+def test_observers_see_the_state_that_was_believed(schedule):
+    """A refused state is nowhere to be seen, however well formed it is."""
+    obstacles, monitor = make_monitor(schedule)
+    see(obstacles, 0.0, [1.2, 0.0, 0.5])
+    steps(monitor, 0, 3)
+    before = monitor.pairs(), monitor.snapshot(pair_limit=5, row_limit=5)
+    for q, v in ((HOME + 0.3, STILL), (HOME, STILL + 1.5), (HOME + 9.0, STILL)):
+        monitor.step(0.003, q, v)
+        assert (monitor._recall()[0].q == HOME).all()
+        after = monitor.pairs(), monitor.snapshot(pair_limit=5, row_limit=5)
+        for one, other in zip(before[0], after[0], strict=True):
+            np.testing.assert_array_equal(one.point_on_link, other.point_on_link)
+        assert (after[1].q == before[1].q).all()

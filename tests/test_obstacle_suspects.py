@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from scenes import HOME, PERIOD, make_monitor, panda, see
+from scenes import HOME, PERIOD, STILL, kinds, make_monitor, panda, see
 
 from armguard.pairs import find_unsafe_pair
 from armguard.schedules.wheel import NOBODY
-from armguard.verdict import Level
-from armguard.watch import CLOSE_LOOKS, Tick
+from armguard.verdict import Level, ReasonKind
+from armguard.watch import Tick
 
 
 def scatter(rng, count, nearest, farthest):
@@ -32,9 +32,10 @@ def test_unsafe_pairs_are_those_that_brute_force_finds():
         table = watch.arm.motion.braking.tabulate(HOME, v, 0.0, PERIOD + 0.002)
         end = float(table.time[-1])
         tick = Tick(1, 0.0, 0.0, HOME, v, 0.0, verdict.stop_time, end)
-        pair, spent = watch.find_unsafe(tick, end)
-        assert 0 <= spent <= CLOSE_LOOKS
-        truth, _ = find_unsafe_pair(watch.arm.state, np.arange(25 * links), 10**9)
+        pair, spent, left = watch.find_unsafe(tick, end)
+        assert spent >= 0
+        assert left == 0
+        truth, _ = find_unsafe_pair(watch.arm.state, np.arange(25 * links))
         if truth == NOBODY:
             assert pair == NOBODY
         elif pair == NOBODY:
@@ -47,17 +48,43 @@ def test_unsafe_pairs_are_those_that_brute_force_finds():
     assert not all(found)
 
 
-def test_a_crowd_of_suspects_has_its_price_and_counts_in_the_verdict():
-    obstacles, monitor = make_monitor("deadline")
-    rng = np.random.default_rng(1)
-    for k, place in enumerate(scatter(rng, 600, 0.9, 1.0)):
-        obstacles.add_static(f"post{k}", place, 0.01)
-    for tick in range(30):
-        verdict = monitor.step(tick * PERIOD, HOME, np.zeros(7))
-        # The first tick looks at all that came; from then on a stop may take a closer look, and
-        # the speed scale searches.
-        if tick:
-            assert verdict.evaluated <= 8 * CLOSE_LOOKS
+def levels_beside(copies, place, *, schedule="deadline", **settings):
+    """Verdicts of an arm that stands still beside so many of one and the same thing."""
+    obstacles, monitor = make_monitor(schedule, hold=0.0, **settings)
+    for k in range(copies):
+        obstacles.add_static(f"post{k}", place, 0.05)
+    return [monitor.step(tick * PERIOD, HOME, STILL) for tick in range(12)]
+
+
+@pytest.mark.parametrize(("schedule", "copies"), [("deadline", 3000), ("daa", 160)])
+def test_many_copies_of_one_thing_are_as_good_as_one(schedule, copies):
+    """How many things are near is no reason for a STOP: nobody set a limit to that."""
+    rng, decided = np.random.default_rng(3), set()
+    for place in scatter(rng, 12, 0.6, 1.1):
+        one = levels_beside(1, place, schedule=schedule)
+        many = levels_beside(copies, place, schedule=schedule)
+        assert [v.level for v in many] == [v.level for v in one]
+        assert [v.speed_scale for v in many] == [v.speed_scale for v in one]
+        assert not any(ReasonKind.BUDGET_SPENT in kinds(v) for v in many)
+        decided.add(one[-1].level)
+    assert Level.STOP in decided
+    assert len(decided) > 1
+
+
+def test_a_budget_that_is_spent_is_told_with_its_numbers():
+    rng, told = np.random.default_rng(3), 0
+    for place in scatter(rng, 12, 0.6, 1.1):
+        free = levels_beside(60, place)
+        for verdict in levels_beside(60, place, budget=60 * len(panda().links))[2:]:
+            assert verdict.level <= free[-1].level
+            reasons = [r for r in verdict.reasons if r.kind is ReasonKind.BUDGET_SPENT]
+            if verdict.level is not free[-1].level or verdict.speed_scale < free[-1].speed_scale:
+                assert reasons or not verdict.complete or verdict.speed_scale > 0.0
+            for reason in reasons:
+                told += 1
+                assert "obstacle" in reason.detail
+                assert str(60 * len(panda().links)) in reason.detail
+    assert told
 
 
 @pytest.mark.parametrize("budget", [1, 20])
@@ -69,3 +96,4 @@ def test_without_a_budget_for_a_closer_look_near_is_a_stop(budget):
     verdict = monitor.step(0.0, HOME, np.zeros(7))
     assert verdict.level is Level.STOP
     assert verdict.speed_scale == 0.0
+    assert ReasonKind.BUDGET_SPENT in kinds(verdict) or not verdict.complete

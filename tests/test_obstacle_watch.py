@@ -245,7 +245,7 @@ def test_ticks_may_come_late_but_clocks_may_not_jump():
     monitor.reset()
     see(obstacles, now, [6.0, 0.0, 0.5], velocity=[[0.0, 0.0, 0.0]], speed=0.1)
     verdict = monitor.step(now, HOME, np.zeros(7))
-    assert (verdict.level > Level.STOP, verdict.complete) == (True, True)
+    assert (verdict.contact_time > 1.0, verdict.complete) == (True, True)
     check_book(obstacles, monitor)
 
 

@@ -210,3 +210,67 @@ def test_velocities_are_no_further_off_than_measured_ones_can_have_come(robot):
     assert bound_velocity_deviation(plan, robot.velocity_error, 0.0, 0.0) == pytest.approx(
         0.1 + robot.velocity_error
     )
+
+
+def kinova_plan(robot, angles, times, pace):
+    """A plan whose first joint, which is continuous, is at these angles."""
+    lower, upper = robot.lower_position_limit, robot.upper_position_limit
+    middle = [0.5 * (a + b) if np.isfinite(a) else 0.0 for a, b in zip(lower, upper, strict=True)]
+    q, v = np.tile(middle, (len(times), 1)), np.zeros((len(times), 6))
+    q[:, 0], v[:, 0] = angles, pace
+    return Plan(NOW, np.asarray(times), q, v, np.full(6, 2e-3))
+
+
+@pytest.mark.parametrize("turns", [0, 1, -1, 40])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_positions_of_a_continuous_joint_are_whole_turns_nearest_to_the_joint_state(turns, side):
+    robot = Robot.load("kinova")
+    true = side * (3.0 + 0.5 * TIMES)
+    plain = kinova_plan(robot, true, TIMES, 0.5 * side)
+    wrapped = (true + np.pi) % (2.0 * np.pi) - np.pi
+    q, v = np.array(plain.q)[0], np.array(plain.v)[0]
+    for angles in (true, wrapped, true + 8.0 * np.pi):
+        plan = kinova_plan(robot, angles, TIMES, 0.5 * side)
+        there = q + np.eye(6)[0] * 2.0 * np.pi * turns
+        checked = check(robot, plan, q=there, v=v)
+        assert isinstance(checked, CheckedPlan), checked
+        np.testing.assert_allclose(checked.q[:, 0], true + 2.0 * np.pi * turns, atol=1e-12)
+        np.testing.assert_array_equal(checked.q[:, 1:], np.asarray(plan.q)[:, 1:])
+        # And what is measured later may be told in any turn.
+        for k in (5, 20):
+            for more in (0, 3, -7):
+                later = checked.q[k] + np.eye(6)[0] * 2.0 * np.pi * more
+                assert check_following(checked, robot, later, v, NOW + TIMES[k]) is None
+                off = later + np.eye(6)[0] * 0.1
+                assert check_following(checked, robot, off, v, NOW + TIMES[k]) is not None
+
+
+def test_a_step_that_could_be_more_than_half_a_turn_is_taken_as_it_was_written():
+    """Nothing is guessed: a joint that takes its time may well go four radians at a time."""
+    robot = Robot.load("kinova")
+    assert robot.velocity_limit[0] < 0.7
+    times = [0.0, 10.0, 10.1]
+    plan = kinova_plan(robot, [0.0, 4.0, 4.0], times, [0.0, 0.0, 0.0])
+    q = np.array(plan.q)[0]
+    checked = check(robot, plan, q=q, v=np.zeros(6))
+    assert isinstance(checked, CheckedPlan), checked
+    assert checked.q[:, 0].tolist() == [0.0, 4.0, 4.0]
+
+
+def test_what_is_no_wrap_is_still_refused():
+    robot = Robot.load("kinova")
+    true = 0.5 * TIMES
+    jumps = np.where(TIMES > 0.1, true + 3.0, true)
+    plan = kinova_plan(robot, jumps, TIMES, 0.5)
+    assert isinstance(check(robot, plan), Refusal)
+    # A joint with limits does not wrap, whatever they are.
+    ur5 = Robot.load("ur5")
+    q, v = np.zeros((21, 6)), np.zeros((21, 6))
+    q[:, 5], v[:, 5] = 3.1 + 0.5 * TIMES, 0.5
+    wrapped = q.copy()
+    wrapped[:, 5] = (q[:, 5] + np.pi) % (2.0 * np.pi) - np.pi
+    errors = np.full(6, 2e-3)
+    assert isinstance(check(ur5, Plan(NOW, TIMES, q, v, errors)), CheckedPlan)
+    assert isinstance(check(ur5, Plan(NOW, TIMES, wrapped, v, errors)), Refusal)
+    far = Plan(NOW, TIMES, q - 2.0 * np.pi, v, errors)
+    assert isinstance(check(ur5, far, q=q[0], v=v[0]), Refusal)

@@ -29,6 +29,10 @@ def decide(rule, now, contact_time, stop_time=1.0, *, complete=True, standing=Fa
     return rule.decide(now, contact_time, stop_time, complete=complete, standing=standing)
 
 
+def latch(rule, reason, since="0.000 s"):
+    rule.latch(reason, since)
+
+
 def test_levels_are_ordered():
     assert list(Level) == [Level.STOP, Level.SLOW, Level.AWARE, Level.CLEAR]
     assert Level.STOP < Level.SLOW < Level.AWARE < Level.CLEAR
@@ -105,19 +109,43 @@ def test_a_passing_fault_stops_and_is_held(fault):
     assert decide(rule, 0.41, 9.0) == (Level.CLEAR, False)
 
 
-def test_a_latched_fault_stays_until_reset_and_then_recovers_at_once():
+@pytest.mark.parametrize("then", [1e6 + 0.001, 0.0, -50.0])
+def test_a_latched_fault_stays_until_reset_and_then_there_must_be_evidence(then):
+    """Time may start anew."""
     rule = make_rule()
     decide(rule, 0.0, 9.0)
-    rule.latch(LATCHED)
+    latch(rule, LATCHED)
     for now in (0.1, 5.0, 1e6):
         assert decide(rule, now, 9.0)[0] is Level.STOP
+        assert not rule.is_clear(now)
     rule.reset()
-    assert decide(rule, 1e6 + 0.001, 9.0) == (Level.CLEAR, False)
+    assert not rule.is_clear(then)
+    assert decide(rule, then, 9.0) == (Level.STOP, True)
+    assert decide(rule, then + 0.99 * HOLD, 9.0) == (Level.STOP, True)
+    assert decide(rule, then + 1.01 * HOLD, 9.0) == (Level.CLEAR, False)
+    assert rule.is_clear(then + 1.01 * HOLD)
+
+
+def test_evidence_after_a_reset_is_counted_from_the_first_tick():
+    """Whatever that tick saw; one that is not complete is no evidence either."""
+    rule = make_rule()
+    rule.reset()
+    assert decide(rule, 5.0, 9.0, complete=False) == (Level.STOP, False)
+    assert decide(rule, 5.1, 9.0, complete=False) == (Level.STOP, False)
+    assert decide(rule, 5.1 + 0.99 * HOLD, 9.0) == (Level.STOP, True)
+    assert decide(rule, 5.1 + 1.01 * HOLD, 9.0) == (Level.CLEAR, False)
+
+
+def test_without_hold_a_reset_recovers_at_once():
+    rule = make_rule(hold=0.0)
+    decide(rule, 0.0, 9.0)
+    rule.reset()
+    assert decide(rule, 0.0, 9.0) == (Level.CLEAR, False)
 
 
 def test_a_latched_fault_before_the_first_verdict():
     rule = make_rule()
-    rule.latch(LATCHED)
+    latch(rule, LATCHED)
     assert decide(rule, 0.0, 9.0)[0] is Level.STOP
     rule.reset()
     assert decide(rule, 0.001, 9.0, complete=False)[0] is Level.STOP
@@ -125,23 +153,18 @@ def test_a_latched_fault_before_the_first_verdict():
     assert decide(rule, 0.003, 9.0) == (Level.STOP, True)
 
 
-def test_time_may_start_anew_after_a_reset():
-    rule = make_rule()
-    decide(rule, 100.0, 0.5)
-    rule.reset()
-    assert decide(rule, 1.0, 9.0) == (Level.CLEAR, False)
-
-
 def test_the_first_of_a_kind_is_kept():
     rule = make_rule()
-    rule.latch(LATCHED)
-    rule.latch(Reason(ReasonKind.TIME_BACKWARDS, "joint states"))
-    rule.latch(Reason(ReasonKind.TIME_INVALID))
+    latch(rule, LATCHED, "1.000 s")
+    latch(rule, Reason(ReasonKind.TIME_BACKWARDS, "joint states"), "2.000 s")
+    latch(rule, Reason(ReasonKind.TIME_INVALID, detail="stamp nan"), "3.000 s")
     assert [reason.kind for reason in rule.latched.values()] == [
         ReasonKind.TIME_BACKWARDS,
         ReasonKind.TIME_INVALID,
     ]
-    assert rule.latched[ReasonKind.TIME_BACKWARDS] is LATCHED
+    first, second = rule.latched.values()
+    assert str(first) == f"{LATCHED.kind.text}: clock (latched since 1.000 s)"
+    assert second.detail == "stamp nan; latched since 3.000 s"
 
 
 events = st.lists(
@@ -163,11 +186,11 @@ def test_the_level_is_the_lowest_of_the_last_hold(history):
     for wait, contact_time, event in history:
         now += wait
         if event == "latch":
-            rule.latch(LATCHED)
+            latch(rule, LATCHED)
             latched = True
         if event == "reset":
             rule.reset()
-            raw, latched, settled = [], False, False
+            raw, latched, settled = [(now, Level.STOP)], False, True
         complete, standing = event != "incomplete", event == "standing"
         level, held = decide(rule, now, contact_time, complete=complete, standing=standing)
         earned = rule.grade(contact_time, 1.0)

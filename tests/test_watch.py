@@ -133,7 +133,7 @@ def test_what_touches_before_the_arm_rests_is_found(world):
     inside = world.watch.arm.kinematics.centers[-1]
     world.see([inside], ["inside"])
     world.look()
-    pair, _ = world.watch.find_unsafe(world.tick, stop_time)
+    pair = world.watch.find_unsafe(world.tick, stop_time).pair
     assert world.obstacles.ids[pair // LINKS] == "inside"
 
 

@@ -1,0 +1,51 @@
+"""Positions of continuous joints, which mean the same whole turns apart.
+
+Drivers and planners count turns or wrap at ±pi, as they like. A joint whose position has no limits
+is where it is at q + 2 pi k for every whole k: forward kinematics, Jacobians and bounds on motion
+depend on its sine and cosine alone. So a position may be replaced by the one of these that lies
+nearest to another, and neither where the arm is nor what it could do changes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.compilation import kernel
+
+TURN = 2.0 * math.pi
+"""One turn, in [rad]; less than 3e-16 rad off."""
+
+MOST_TURNS = 2.0**24
+"""Beyond this a position stays as it is. Up to here all rounding of it stays below 1e-7 rad."""
+
+
+@kernel
+def nearest_turn(position: float, reference: float) -> float:
+    """The position, whole turns aside, that lies nearest to another one; both in [rad].
+
+    A position that is no such number of turns away, or no number, comes back as it is.
+    """
+    turns = np.floor((reference - position) / TURN + 0.5)
+    if turns == 0.0 or not abs(turns) <= MOST_TURNS:
+        return position
+    return position + turns * TURN
+
+
+def align_turns(
+    positions: NDArray[np.float64],
+    references: NDArray[np.float64],
+    continuous: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Positions, those of continuous joints whole turns nearest to references; all (nv,)."""
+    aligned = positions.copy()
+    for joint in np.flatnonzero(continuous):
+        aligned[joint] = nearest_turn(positions[joint], references[joint])
+    return aligned
+
+
+def find_continuous(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which joints are continuous, by their position limits, inf where there are none. (nv,)."""
+    return np.isinf(lower) & np.isinf(upper)
