@@ -8,6 +8,7 @@ in thirty late.
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -19,6 +20,7 @@ from armguard.ending import complain
 from armguard.garbage import IdleCollector
 from armguard.latency import Durations
 from armguard.monitor import Monitor
+from armguard.obstacles import Obstacles
 from armguard.realtime import Realtime, request_realtime
 from armguard.streams import (
     JOINTS_ADDRESS,
@@ -234,7 +236,8 @@ def run(
         # What this clock is off by is in the robot's joint errors already.
         joint_clock=StampClock("monotonic" if recorded else joint_state.clock, joint_state.latency),
         reset_token=reset_token,
-        **{name: bound for name, bound in given(cell.tables.bounds).items() if name != "margin"},
+        speed=_read_bound(cell, "speed"),
+        accel=_read_bound(cell, "accel"),
     )
     opened: list[Input | VerdictPublisher] = []
     try:
@@ -242,7 +245,8 @@ def run(
         for address in dict.fromkeys(_inputs(obstacles_address, joints_address)):
             inputs.append(_open_input(address, recorded))
             opened.append(inputs[-1])
-        publisher = VerdictPublisher(verdicts_address, edge.offset)
+        # Verdicts must not be valid for longer than they are.
+        publisher = VerdictPublisher(verdicts_address, edge.offset - edge.offset_error)
         opened.append(publisher)
         loop = RateLoop(monitor, edge, inputs, clock, publisher.publish, observe)
         if not realtime:
@@ -254,6 +258,12 @@ def run(
     finally:
         for resource in opened:
             resource.close()
+
+
+def _read_bound(cell: Cell, name: str) -> float:
+    """What obstacles that bring no bound can do, as their table takes it, [m/s] or [m/s²]."""
+    default = inspect.signature(Obstacles).parameters[name].default
+    return float(given(cell.tables.bounds).get(name, default))
 
 
 def _open_input(address: str, recorded: bool) -> Input:
