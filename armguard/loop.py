@@ -147,14 +147,14 @@ class RateLoop:
     def tick(self) -> Verdict:
         """Drain, step, publish."""
         edge = self._edge
-        edge.drain(self._inputs)
+        # The end of the drain is the tick's time: a state that was fresh then is not stale in it.
+        now = edge.drain(self._inputs)
         if edge.reset_requested:
             edge.reset_requested = False
             self.monitor.reset()
         state = edge.joint_state
-        now = self.clock.now()
         if state is None:
-            verdict = _wait_for_joints(now)
+            verdict = _wait_for_joints(now, edge.dropped_age)
         else:
             verdict = self.monitor.step(state.stamp, state.q, state.v, now)
         self._publish(verdict)
@@ -235,6 +235,7 @@ def run(
         },
         # What this clock is off by is in the robot's joint errors already.
         joint_clock=StampClock("monotonic" if recorded else joint_state.clock, joint_state.latency),
+        joint_timeout=monitor.settings.joint_timeout,
         reset_token=reset_token,
         speed=_read_bound(cell, "speed"),
         accel=_read_bound(cell, "accel"),
@@ -278,9 +279,17 @@ def _inputs(obstacles_address: str, joints_address: str | None) -> list[str]:
     return [obstacles_address, joints_address]
 
 
-def _wait_for_joints(now: float) -> Verdict:
-    """The verdict while no joint state has ever come: nothing is known, so STOP."""
-    reason = Reason(ReasonKind.NOT_YET_COMPLETE, "joints", "no joint state has arrived yet")
+def _wait_for_joints(now: float, dropped_age: float) -> Verdict:
+    """The verdict while no fresh joint state has come: nothing is known, so STOP.
+
+    Args:
+        now: Time of the tick, in [s].
+        dropped_age: How old the last one was that was dropped, in [s]; nan: none was.
+    """
+    detail = "no joint state has arrived yet"
+    if not math.isnan(dropped_age):
+        detail = f"no fresh joint state has arrived yet, the last one was {dropped_age:.3g} s old"
+    reason = Reason(ReasonKind.NOT_YET_COMPLETE, "joints", detail)
     return Verdict(
         stamp=now,
         sequence=0,

@@ -92,6 +92,8 @@ class Edge:
         faults: Where faults are counted.
         stamp_clocks: How sources stamp; those not named here, with the monotonic clock.
         joint_clock: How joint states are stamped; not by arrival.
+        joint_timeout: At the start, joint states older than this, in [s], are dropped: a sender
+            that was there before hands over what has waited.
         speed: Speed bound of obstacles that bring none, in [m/s]; for sources without a clock.
         accel: Acceleration bound of obstacles that bring none, in [m/s²]; alike.
         reset_token: What a reset message must carry; without one, none is obeyed.
@@ -108,6 +110,7 @@ class Edge:
         *,
         stamp_clocks: Mapping[str, StampClock] | None = None,
         joint_clock: StampClock = MONOTONIC,
+        joint_timeout: float = math.inf,
         speed: float = math.inf,
         accel: float = math.inf,
         reset_token: str | None = None,
@@ -118,7 +121,9 @@ class Edge:
         self.received = 0
         """Messages taken, good and bad."""
         self.joint_state: JointState | None = None
-        """The newest joint state that could be read; None before the first."""
+        """The newest joint state that could be read; None before the first that is fresh."""
+        self.dropped_age = math.nan
+        """How old the last joint state was that was dropped as a backlog, in [s]; nan: none was."""
         self.reset_requested = False
         """Whether a reset with the right token came; whoever obeys it sets it back."""
         start, machine, gap = _compare(clock, monotonic, 0.0)
@@ -145,23 +150,34 @@ class Edge:
         self._arrived_after = start
         self._now = start
         self._keeps_joint_state = False
+        self._joint_timeout = joint_timeout
+        self._newest: JointState | None = None
+        self._awaits_fresh = True
+        self._has_joints = False
 
-    def drain(self, inputs: Iterable[Input]) -> None:
+    def drain(self, inputs: Iterable[Input]) -> float:
         """Take what has arrived, up to a bound on the work of one tick; never blocks or raises.
 
         Inputs must be opened after the edge is made: arrival is counted from then on.
+
+        Returns:
+            When this ended, in [s] of the monitor's clock; at the start, the joint state is fresh
+            at this time.
         """
+        is_emptied = False
         self._now = self._clock.now()
         self._keeps_joint_state = False
         for source in inputs:
             # Whatever is taken now arrived since this input was last found empty.
             self._arrived_after = self._emptied.get(source, self._start)
             size = 0
+            self._has_joints = False
             for _ in range(_MESSAGES_A_DRAIN):
                 try:
                     data = source.receive()
                     if data is None:
                         self._arrived_after = self._now
+                        is_emptied = is_emptied or self._has_joints
                         break
                     self.received += 1
                     size += len(data)
@@ -171,6 +187,40 @@ class Edge:
                 if size > BYTE_LIMIT:
                     break
             self._emptied[source] = self._arrived_after
+        now = self._clock.now()
+        self._settle_joint_state(now, is_emptied=is_emptied)
+        return now
+
+    def _settle_joint_state(self, now: float, *, is_emptied: bool) -> None:
+        """Decide whether the newest joint state is one to go by, or part of a backlog.
+
+        Args:
+            now: The present, in [s].
+            is_emptied: Whether joint states came in this drain, and nothing waits behind them. In
+                the middle of a backlog a first one would leave a gap to the next.
+        """
+        newest = self._newest
+        # What is not finite is no backlog: the monitor refuses it by its name.
+        is_stale = newest is not None and now - newest.stamp > self._joint_timeout
+        if self.reset_requested and is_stale:
+            # A reset would be void at once: whoever comes next begins anew.
+            self._awaits_fresh, self._newest = True, None
+        elif self._awaits_fresh and is_emptied and newest is not None:
+            if is_stale:
+                self._drop(newest.stamp, now, None)
+                self._newest = None
+            else:
+                self._awaits_fresh = False
+        self.joint_state = None if self._awaits_fresh else self._newest
+
+    def _drop(self, stamp: float, now: float, sequence: int | None) -> None:
+        """Count a joint state that waited for the start, or was sent late, in [s]."""
+        self.dropped_age = now - stamp
+        problem = (
+            f"joint state is {self.dropped_age:.3g} s old, expected at most "
+            f"{self._joint_timeout:.3g} s; dropped until one is fresh"
+        )
+        self.faults.add("backlog", "joints", sequence, problem)
 
     def _take(self, message: AnyMessage) -> None:
         if isinstance(message, JointsMessage):
@@ -254,12 +304,18 @@ class Edge:
             problem = f"clocks were compared within {gap:.3g} s; expected {HELD_UP:.3g} s at most"
             self.faults.add("clocks held up", "joints", message.seq, problem)
             return
-        last = self.joint_state
+        self._has_joints = True
+        if self._awaits_fresh:
+            now = self._clock.now()
+            if now - stamp > self._joint_timeout:
+                self._drop(stamp, now, message.seq)
+                return
+        last = self._newest
         if last is not None and stamp < last.stamp:
             problem = f"stamp is {message.stamp!r}, {last.stamp - stamp:.3g} s before the last one"
             self.faults.add("stamp went back", "joints", message.seq, problem)
         if not self._keeps_joint_state:
-            self.joint_state = JointState(stamp, q, v)
+            self._newest = JointState(stamp, q, v)
         # An impossible state must be seen by the monitor, even if a good one follows at once.
         self._keeps_joint_state = self._keeps_joint_state or not usable
 
