@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from armguard.cell import Cell
@@ -194,6 +194,8 @@ def run(
     realtime: bool = False,
     observe: Callable[[RateLoop, Verdict], None] | None = None,
     prepared: Callable[[Monitor], None] | None = None,
+    listening: Callable[[Mapping[str, str]], None] | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> LoopReport:
     """Supervise a cell from streams until interrupted, or the end of standard input.
 
@@ -212,6 +214,10 @@ def run(
             refuses is told on standard error.
         observe: Sees each verdict, with the loop, after it was published; must not block.
         prepared: Called with the monitor when everything is compiled, before the first tick.
+        listening: Called with the addresses that were bound ("obstacles", "joints", "verdicts"),
+            before the first tick.
+        tell: Takes a line about a faulty message; must not block. Default: the log
+            `armguard.streams`, which may.
 
     Raises:
         StreamError: If an address cannot be used.
@@ -226,7 +232,7 @@ def run(
         obstacles,
         robot.joints,
         clock,
-        FaultLog(clock.now),
+        FaultLog(clock.now) if tell is None else FaultLog(clock.now, tell),
         stamp_clocks={
             name: StampClock(
                 "monotonic" if recorded else source.clock, source.latency, source.clock_error
@@ -243,12 +249,24 @@ def run(
     opened: list[Input | VerdictPublisher] = []
     try:
         inputs: list[Input] = []
-        for address in dict.fromkeys(_inputs(obstacles_address, joints_address)):
-            inputs.append(_open_input(address, recorded))
-            opened.append(inputs[-1])
+        bound: dict[str, str] = {}
+        addresses = _inputs(obstacles_address, joints_address)
+        for address in dict.fromkeys(addresses):
+            source, bound[address] = _open_input(address, recorded)
+            inputs.append(source)
+            opened.append(source)
         # Verdicts must not be valid for longer than they are.
         publisher = VerdictPublisher(verdicts_address, edge.offset - edge.offset_error)
         opened.append(publisher)
+        if listening is not None:
+            obstacles_bound, joints_bound = (bound[address] for address in addresses)
+            listening(
+                {
+                    "obstacles": obstacles_bound,
+                    "joints": joints_bound,
+                    "verdicts": publisher.address,
+                }
+            )
         loop = RateLoop(monitor, edge, inputs, clock, publisher.publish, observe)
         if not realtime:
             return loop.run(duration)
@@ -267,16 +285,19 @@ def _read_bound(cell: Cell, name: str) -> float:
     return float(given(cell.tables.bounds).get(name, default))
 
 
-def _open_input(address: str, recorded: bool) -> Input:
+def _open_input(address: str, recorded: bool) -> tuple[Input, str]:
+    """An input, and the address that it is bound to: that which the system chose, if it did."""
     if address != "-":
-        return SocketInput(address)
-    return PacedInput(LineInput()) if recorded else LineInput()
+        source = SocketInput(address)
+        return source, source.address
+    return PacedInput(LineInput()) if recorded else LineInput(), address
 
 
-def _inputs(obstacles_address: str, joints_address: str | None) -> list[str]:
+def _inputs(obstacles_address: str, joints_address: str | None) -> tuple[str, str]:
+    """Where obstacles and joint states come from."""
     if joints_address is None:
-        return ["-"] if obstacles_address == "-" else [obstacles_address, JOINTS_ADDRESS]
-    return [obstacles_address, joints_address]
+        joints_address = "-" if obstacles_address == "-" else JOINTS_ADDRESS
+    return obstacles_address, joints_address
 
 
 def _wait_for_joints(now: float, dropped_age: float) -> Verdict:
