@@ -135,7 +135,7 @@ def describe_remedy(addresses: Mapping[str, str], reset_token: str | None) -> st
         way = f"a line {msgspec.json.encode({'type': 'reset', 'token': token}).decode()}"
     if reset_token is not None:
         return f"to end it: {way}"
-    return f"this run obeys no reset: start it anew, with --reset-token TOKEN for {way}"
+    return f"this run obeys no reset: start it anew; with --reset-token TOKEN this ends it: {way}"
 
 
 def send_reset(address: str, token: str) -> int:
