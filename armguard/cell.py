@@ -23,6 +23,7 @@ from armguard.monitor import Monitor
 from armguard.obstacles import Frame, Obstacles, Source
 from armguard.robot import Robot
 from armguard.separation_margin import SeparationRule
+from armguard.streams.edge import HELD_UP
 
 _T = TypeVar("_T")
 
@@ -97,8 +98,11 @@ class Cell:
     def make_robot(self) -> Robot:
         """The robot that the file names, with its tool and what its clock adds to its errors."""
         robot = self._make_bare_robot()
-        if self.tables.joint_state.clock_error > 0.0:
-            _allow_clock_error(robot, self.tables.joint_state.clock_error)
+        joint_state = self.tables.joint_state
+        # Comparing two clocks takes a moment, within which a stamp may be off.
+        clock_error = joint_state.clock_error + HELD_UP * (joint_state.clock == "unix")
+        if clock_error > 0.0:
+            _allow_clock_error(robot, clock_error)
         tool = self.tables.tool
         if tool is not None:
             rotation = read_rotation("tool.quaternion", tool.quaternion, self.file)

@@ -94,7 +94,7 @@ class Run:
     view: str | None = None
     """Address to bind for views to attach to, as `armguard view` does."""
     reset_token: str | None = None
-    """What a reset message must carry; without one, none is obeyed."""
+    """What `armguard reset` must bring to end a latched STOP; without one, none is obeyed."""
     recorded: Flag = False
     """Standard input is a recording: its first stamp is now, and later lines wait their turn."""
     no_realtime: Flag = False
@@ -103,6 +103,8 @@ class Run:
     """How long to run, in seconds."""
     json: Flag = False
     """Print the summary as one JSON object."""
+    quiet: Flag = False
+    """Tell neither addresses nor changes of level, but only what is wrong with messages."""
     parent: int | None = None
     """End when this process is no longer the one that started this command."""
 
@@ -123,7 +125,27 @@ class Run:
             realtime=not self.no_realtime,
             duration=self.duration,
             as_json=self.json,
+            quiet=self.quiet,
         )
+
+
+@dataclasses.dataclass(frozen=True)
+class Reset:
+    """End a latched STOP of a running monitor, once its cause has gone.
+
+    Example: armguard reset tcp://127.0.0.1:5702 --token sesame
+    """
+
+    address: Annotated[str, tyro.conf.Positional]
+    """Where the monitor takes obstacles or joint states; `armguard run` prints it."""
+    token: str
+    """What `armguard run --reset-token` was given."""
+
+    def run(self) -> int:
+        """Send the reset."""
+        from armguard.supervision import send_reset
+
+        return send_reset(self.address, self.token)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -230,6 +252,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                 tyro.conf.OmitSubcommandPrefixes[  # type: ignore[misc]  # a type made by a call
                     Annotated[Demo, tyro.conf.subcommand("demo")]
                     | Annotated[Run, tyro.conf.subcommand("run")]
+                    | Annotated[Reset, tyro.conf.subcommand("reset")]
                     | Annotated[View, tyro.conf.subcommand("view")]
                     | Annotated[Cover, tyro.conf.subcommand("cover")]
                     | Annotated[Robots, tyro.conf.subcommand("robots")]

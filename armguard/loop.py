@@ -8,8 +8,9 @@ in thirty late.
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from armguard.cell import Cell
@@ -19,6 +20,7 @@ from armguard.ending import complain
 from armguard.garbage import IdleCollector
 from armguard.latency import Durations
 from armguard.monitor import Monitor
+from armguard.obstacles import Obstacles
 from armguard.realtime import Realtime, request_realtime
 from armguard.streams import (
     JOINTS_ADDRESS,
@@ -145,14 +147,14 @@ class RateLoop:
     def tick(self) -> Verdict:
         """Drain, step, publish."""
         edge = self._edge
-        edge.drain(self._inputs)
+        # The end of the drain is the tick's time: a state that was fresh then is not stale in it.
+        now = edge.drain(self._inputs)
         if edge.reset_requested:
             edge.reset_requested = False
             self.monitor.reset()
         state = edge.joint_state
-        now = self.clock.now()
         if state is None:
-            verdict = _wait_for_joints(now)
+            verdict = _wait_for_joints(now, edge.dropped_age)
         else:
             verdict = self.monitor.step(state.stamp, state.q, state.v, now)
         self._publish(verdict)
@@ -192,6 +194,8 @@ def run(
     realtime: bool = False,
     observe: Callable[[RateLoop, Verdict], None] | None = None,
     prepared: Callable[[Monitor], None] | None = None,
+    listening: Callable[[Mapping[str, str]], None] | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> LoopReport:
     """Supervise a cell from streams until interrupted, or the end of standard input.
 
@@ -210,6 +214,10 @@ def run(
             refuses is told on standard error.
         observe: Sees each verdict, with the loop, after it was published; must not block.
         prepared: Called with the monitor when everything is compiled, before the first tick.
+        listening: Called with the addresses that were bound ("obstacles", "joints", "verdicts"),
+            before the first tick.
+        tell: Takes a line about a faulty message; must not block. Default: the log
+            `armguard.streams`, which may.
 
     Raises:
         StreamError: If an address cannot be used.
@@ -224,7 +232,7 @@ def run(
         obstacles,
         robot.joints,
         clock,
-        FaultLog(clock.now),
+        FaultLog(clock.now) if tell is None else FaultLog(clock.now, tell),
         stamp_clocks={
             name: StampClock(
                 "monotonic" if recorded else source.clock, source.latency, source.clock_error
@@ -233,21 +241,32 @@ def run(
         },
         # What this clock is off by is in the robot's joint errors already.
         joint_clock=StampClock("monotonic" if recorded else joint_state.clock, joint_state.latency),
+        joint_timeout=monitor.settings.joint_timeout,
         reset_token=reset_token,
-        **{
-            name: bound
-            for name, bound in given(cell.tables.bounds).items()
-            if name in ("accel", "speed")
-        },
+        speed=_read_bound(cell, "speed"),
+        accel=_read_bound(cell, "accel"),
     )
     opened: list[Input | VerdictPublisher] = []
     try:
         inputs: list[Input] = []
-        for address in dict.fromkeys(_inputs(obstacles_address, joints_address)):
-            inputs.append(_open_input(address, recorded))
-            opened.append(inputs[-1])
-        publisher = VerdictPublisher(verdicts_address, edge.offset)
+        bound: dict[str, str] = {}
+        addresses = _inputs(obstacles_address, joints_address)
+        for address in dict.fromkeys(addresses):
+            source, bound[address] = _open_input(address, recorded)
+            inputs.append(source)
+            opened.append(source)
+        # Verdicts must not be valid for longer than they are.
+        publisher = VerdictPublisher(verdicts_address, edge.offset - edge.offset_error)
         opened.append(publisher)
+        if listening is not None:
+            obstacles_bound, joints_bound = (bound[address] for address in addresses)
+            listening(
+                {
+                    "obstacles": obstacles_bound,
+                    "joints": joints_bound,
+                    "verdicts": publisher.address,
+                }
+            )
         loop = RateLoop(monitor, edge, inputs, clock, publisher.publish, observe)
         if not realtime:
             return loop.run(duration)
@@ -260,21 +279,38 @@ def run(
             resource.close()
 
 
-def _open_input(address: str, recorded: bool) -> Input:
+def _read_bound(cell: Cell, name: str) -> float:
+    """What obstacles that bring no bound can do, as their table takes it, [m/s] or [m/s²]."""
+    default = inspect.signature(Obstacles).parameters[name].default
+    return float(given(cell.tables.bounds).get(name, default))
+
+
+def _open_input(address: str, recorded: bool) -> tuple[Input, str]:
+    """An input, and the address that it is bound to: that which the system chose, if it did."""
     if address != "-":
-        return SocketInput(address)
-    return PacedInput(LineInput()) if recorded else LineInput()
+        source = SocketInput(address)
+        return source, source.address
+    return PacedInput(LineInput()) if recorded else LineInput(), address
 
 
-def _inputs(obstacles_address: str, joints_address: str | None) -> list[str]:
+def _inputs(obstacles_address: str, joints_address: str | None) -> tuple[str, str]:
+    """Where obstacles and joint states come from."""
     if joints_address is None:
-        return ["-"] if obstacles_address == "-" else [obstacles_address, JOINTS_ADDRESS]
-    return [obstacles_address, joints_address]
+        joints_address = "-" if obstacles_address == "-" else JOINTS_ADDRESS
+    return obstacles_address, joints_address
 
 
-def _wait_for_joints(now: float) -> Verdict:
-    """The verdict while no joint state has ever come: nothing is known, so STOP."""
-    reason = Reason(ReasonKind.NOT_YET_COMPLETE, "joints", "no joint state has arrived yet")
+def _wait_for_joints(now: float, dropped_age: float) -> Verdict:
+    """The verdict while no fresh joint state has come: nothing is known, so STOP.
+
+    Args:
+        now: Time of the tick, in [s].
+        dropped_age: How old the last one was that was dropped, in [s]; nan: none was.
+    """
+    detail = "no joint state has arrived yet"
+    if not math.isnan(dropped_age):
+        detail = f"no fresh joint state has arrived yet, the last one was {dropped_age:.3g} s old"
+    reason = Reason(ReasonKind.NOT_YET_COMPLETE, "joints", detail)
     return Verdict(
         stamp=now,
         sequence=0,

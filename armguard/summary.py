@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from rich.markup import escape
 from rich.table import Table
 
 from armguard.loop import LoopReport
 from armguard.realtime import Realtime
 from armguard.tally import Tally
+
+REASONS_SHOWN = 8
+"""Most reasons of stops in the table; `--json` has all that are told apart."""
 
 COLORS = {"STOP": "red", "SLOW": "yellow", "AWARE": "cyan", "CLEAR": "green"}
 
@@ -22,6 +26,7 @@ def summarise(report: LoopReport, tally: Tally) -> dict[str, Any]:
         "ticks": report.ticks - tally.waiting,
         "waiting": tally.waiting,
         "stops": tally.stops,
+        "stop_reasons": dict(tally.reasons.most_common()),
         "levels": {level.name: count for level, count in tally.levels.items()},
         "min_contact_time": soonest if math.isfinite(soonest) else None,
         "tick_us": {
@@ -40,15 +45,25 @@ def summarise(report: LoopReport, tally: Tally) -> dict[str, Any]:
 def draw_summary(summary: dict[str, Any]) -> Table:
     """The table at the end of a run."""
     table = Table(title="summary", show_header=False)
-    ticks = max(summary["ticks"], 1)
     spent = summary["tick_us"]
-    soonest = summary["min_contact_time"]
     table.add_row("ticks", f"{summary['ticks']} ({summary['late']} late)")
-    table.add_row("waited for joint states", f"{summary['waiting']} ticks")
-    for name, count in summary["levels"].items():
-        table.add_row(f"[{COLORS[name]}]{name}[/]", f"{100.0 * count / ticks:.1f} % of the time")
+    table.add_row("waited for joint states", f"{summary['waiting']} ticks, told to STOP")
+    if summary["ticks"]:
+        for name, count in summary["levels"].items():
+            share = f"{100.0 * count / summary['ticks']:.1f} % of the time"
+            table.add_row(f"[{COLORS[name]}]{name}[/]", share)
+    elif summary["waiting"]:
+        table.add_row(
+            f"[{COLORS['STOP']}]STOP[/]", "all the time: no joint state came that could be judged"
+        )
     table.add_row("stops", str(summary["stops"]))
-    table.add_row("soonest contact", "none possible" if soonest is None else f"{soonest:.3f} s")
+    told = list(summary["stop_reasons"].items())
+    for reason, count in told[:REASONS_SHOWN]:
+        table.add_row("", f"{count} × {escape(reason)}")
+    if len(told) > REASONS_SHOWN:
+        rest = sum(count for _, count in told[REASONS_SHOWN:])
+        table.add_row("", f"{rest} × {len(told) - REASONS_SHOWN} further reasons")
+    table.add_row("soonest contact", _tell_contact(summary))
     names = ("p50", "p99", "p99.9", "max")
     times = ["–" if spent[name] is None else f"{spent[name]:.0f}" for name in names]
     table.add_row("tick " + " / ".join(names), " / ".join(times) + " µs")
@@ -56,6 +71,13 @@ def draw_summary(summary: dict[str, Any]) -> Table:
     table.add_row("incomplete ticks", str(summary["incomplete"]))
     table.add_row("faults", str(summary["faults"]))
     return table
+
+
+def _tell_contact(summary: dict[str, Any]) -> str:
+    soonest = summary["min_contact_time"]
+    if soonest is not None:
+        return f"{soonest:.3f} s"
+    return "none possible" if summary["levels"]["CLEAR"] else "unknown"
 
 
 def _describe_realtime(realtime: Realtime | None) -> dict[str, Any] | None:

@@ -1,21 +1,24 @@
-"""`armguard run` and `armguard view`: a cell supervised from streams, and a look at it."""
+"""`armguard run`, `reset` and `view`: a cell supervised from streams, and a look at it."""
 
 from __future__ import annotations
 
 import contextlib
+import shlex
 import sys
 import time
 import webbrowser
+from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
 from rich.console import Console
 
+from armguard.announcer import Announcer
 from armguard.cell import Cell
 from armguard.ending import COMPLAINT, complain
-from armguard.exceptions import ArmguardError
+from armguard.exceptions import ArmguardError, StreamError
 from armguard.loop import RateLoop, run
-from armguard.streams import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
+from armguard.streams import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS, Publisher
 from armguard.streams.addresses import check_address, check_free
 from armguard.summary import draw_summary, summarise
 from armguard.tally import Tally
@@ -23,6 +26,9 @@ from armguard.verdict import Verdict
 from armguard.view.monitor_feed import MonitorFeed
 from armguard.view.process import launch
 from armguard.view.publisher import FramePublisher
+
+REACH_TIMEOUT = 3.0
+"""How long `armguard reset` waits for the monitor to answer, in [s]."""
 
 PAGE_CHECK_INTERVAL = 0.25
 """Between two looks at whether the page is still served, in [s]."""
@@ -40,6 +46,7 @@ def supervise(
     realtime: bool,
     duration: float,
     as_json: bool,
+    quiet: bool = False,
 ) -> int:
     """Supervise a cell until the end, and print the summary.
 
@@ -49,11 +56,12 @@ def supervise(
         joints_address: Bound for joint states; None: the default, or standard input.
         verdicts_address: Bound for verdicts; None: the default.
         view_address: Bound for views; None: no feed.
-        reset_token: What a reset message must carry.
+        reset_token: What a reset message must carry; None: none is obeyed.
         recorded: Whether standard input is a recording.
         realtime: Whether to ask the system for real-time scheduling and locked memory.
         duration: How long, in [s].
         as_json: Print one JSON object instead of a table.
+        quiet: Tell neither addresses nor changes of level on standard error.
 
     Returns:
         The exit code.
@@ -76,7 +84,18 @@ def supervise(
         publisher = None
         if view_address is not None:
             publisher = resources.enter_context(FramePublisher(view_address))
-        observer = _Observer(cell, publisher)
+        # Its thread starts before real-time scheduling is asked for.
+        announcer = resources.enter_context(Announcer(quiet=quiet))
+        observer = _Observer(cell, publisher, announcer)
+
+        def tell_addresses(addresses: Mapping[str, str]) -> None:
+            announcer.remedy = describe_remedy(addresses, reset_token)
+            if quiet:
+                return
+            views = {} if publisher is None else {"view": publisher.address}
+            for name, address in {**addresses, **views}.items():
+                announcer.tell(f"{name} at {'standard input' if address == '-' else address}")
+
         waiting = console.status("compiling the kernels (once; kept for the next start)")
         with waiting:
             report = run(
@@ -90,12 +109,57 @@ def supervise(
                 realtime=realtime,
                 observe=observer.observe,
                 prepared=lambda _: waiting.stop(),
+                listening=tell_addresses,
+                tell=announcer.tell,
             )
     summary = summarise(report, observer.tally)
     if as_json:
         sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
     else:
         Console().print(draw_summary(summary))
+    return 0
+
+
+def describe_remedy(addresses: Mapping[str, str], reset_token: str | None) -> str:
+    """What ends a latched STOP, as a command that can be copied.
+
+    Args:
+        addresses: Of "joints" and "obstacles"; "-" is standard input.
+        reset_token: What a reset must carry; None: none is obeyed.
+    """
+    sockets = [one for one in (addresses["joints"], addresses["obstacles"]) if one != "-"]
+    token = "TOKEN" if reset_token is None else reset_token
+    if sockets:
+        way = shlex.join(["armguard", "reset", sockets[0], "--token", token])
+    else:
+        way = f"a line {msgspec.json.encode({'type': 'reset', 'token': token}).decode()}"
+    if reset_token is not None:
+        return f"to end it: {way}"
+    return f"this run obeys no reset: start it anew; with --reset-token TOKEN this ends it: {way}"
+
+
+def send_reset(address: str, token: str) -> int:
+    """Send a reset to a running monitor; the exit code.
+
+    Args:
+        address: Where it takes obstacles or joint states.
+        token: What its run was started with.
+
+    Raises:
+        StreamError: The address cannot be used, or no monitor listens there.
+    """
+    with Publisher(address) as publisher:
+        if not publisher.wait(REACH_TIMEOUT):
+            raise StreamError(
+                address,
+                f"no monitor listens there (waited {REACH_TIMEOUT:g} s)",
+                expected="an address of obstacles or joint states",
+                remedy="`armguard run` prints both",
+            )
+        publisher.reset(token)
+    Console().print(
+        f"reset sent to {address}; the monitor tells whether it obeys", soft_wrap=True, markup=False
+    )
     return 0
 
 
@@ -119,10 +183,11 @@ def show(address: str, port: int, *, open_browser: bool) -> int:
 
 
 class _Observer:
-    """Counts every verdict, and feeds the views if there is an address for them."""
+    """Counts and announces every verdict, and feeds the views if there is an address for them."""
 
-    def __init__(self, cell: Cell, publisher: FramePublisher | None) -> None:
+    def __init__(self, cell: Cell, publisher: FramePublisher | None, announcer: Announcer) -> None:
         self.tally = Tally()
+        self._announcer = announcer
         self._cell = cell
         self._publisher = publisher
         self._feed: MonitorFeed | None = None
@@ -130,6 +195,7 @@ class _Observer:
     def observe(self, loop: RateLoop, verdict: Verdict) -> None:
         """Called after each verdict was published."""
         self.tally.count(verdict)
+        self._announcer.observe(loop.clock.now(), verdict)
         if self._publisher is None:
             return
         if self._feed is None:

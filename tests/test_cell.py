@@ -15,6 +15,7 @@ from armguard.monitor import Monitor
 from armguard.robot import Robot
 from armguard.separation import HUMAN_SPEED
 from armguard.separation_margin import SeparationRule
+from armguard.streams.edge import HELD_UP
 
 EXAMPLE = Path(__file__).parents[1] / "demos" / "cell.toml"
 READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
@@ -162,6 +163,14 @@ def test_a_clock_error_of_the_joints_widens_their_errors():
     assert (
         monitor.step(0.0, READY, np.zeros(7)).level == monitor.step(1e-3, moved, np.zeros(7)).level
     )
+
+
+def test_comparing_dates_widens_the_errors_of_the_joints_a_little():
+    known = Cell.from_text(ROBOT).make_robot()
+    robot = Cell.from_text(ROBOT + '[joint_state]\nclock = "unix"').make_robot()
+    wider = robot.position_error - known.position_error
+    assert (wider >= 0.999 * HELD_UP * known.velocity_limit).all()
+    assert (wider < 2e-4).all()
 
 
 def test_a_urdf_and_what_belongs_to_it_are_found_beside_the_file(tmp_path, monkeypatch):

@@ -46,6 +46,29 @@ def test_ticks_are_those_that_judged_an_arm():
     assert summarise(make_report(), tally)["ticks"] == 7
 
 
+def test_a_run_without_joint_states_was_a_stop_all_the_time():
+    tally = Tally()
+    tally.waiting = 12
+    shown = show(summarise(make_report(), tally), 80)
+    assert "%" not in shown
+    assert "all the time: no joint state came" in shown
+    assert "none possible" not in shown
+
+
+def test_stops_are_listed_with_their_reasons_the_most_frequent_first():
+    tally = Tally()
+    tally.stops = 13
+    tally.reasons.update({"gap in joint states": 1, "source silent: [bold]cam": 9})
+    tally.reasons.update({f"obstacle refused: {n}": 1 for n in range(10)})
+    summary = summarise(make_report(), tally)
+    assert next(iter(summary["stop_reasons"].items())) == ("source silent: [bold]cam", 9)
+    assert len(summary["stop_reasons"]) == 12
+    shown = show(summary, 80)
+    assert "9 × source silent: [bold]cam" in shown
+    assert "4 × 4 further reasons" in shown
+    assert shown.index("9 ×") < shown.index("1 × gap in joint states")
+
+
 def test_a_run_without_a_single_tick_has_a_summary():
     nothing = make_report(ticks=0, p50=math.nan, p99=math.nan, p999=math.nan, longest=0.0)
     summary = summarise(nothing, Tally())

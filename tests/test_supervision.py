@@ -14,6 +14,8 @@ import pytest
 
 from armguard.cli import main
 from armguard.streams import VerdictReader
+from armguard.supervision import describe_remedy
+from armguard.verdict import Level
 
 ARMGUARD = Path(sys.executable).with_name("armguard")
 CELL = '[robot]\nname = "panda"\n'
@@ -160,3 +162,132 @@ def is_alive(pid):
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except FileNotFoundError:
         return False
+
+
+def test_a_reset_where_no_monitor_listens_is_a_mistake(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("armguard.supervision.REACH_TIMEOUT", 0.1)
+    check_mistake(capsys, ["reset", f"ipc://{tmp_path}/nobody", "--token", "x"], "no monitor")
+    check_mistake(capsys, ["reset", "tcp://10.0.0.1:5702", "--token", "x"], "tcp://10.0.0.1:5702")
+
+
+@pytest.mark.parametrize(
+    ("joints", "obstacles", "token", "words"),
+    [
+        ("ipc:///a b", "ipc:///o", "x y", "to end it: armguard reset 'ipc:///a b' --token 'x y'"),
+        ("-", "ipc:///o", "x", "to end it: armguard reset ipc:///o --token x"),
+        ("-", "-", "x", 'to end it: a line {"type":"reset","token":"x"}'),
+        ("ipc:///j", "-", None, "obeys no reset: start it anew; with --reset-token TOKEN "),
+    ],
+)
+def test_the_remedy_is_a_command_that_can_be_copied(joints, obstacles, token, words):
+    remedy = describe_remedy({"joints": joints, "obstacles": obstacles}, token)
+    assert words in remedy
+
+
+class Node:
+    """A controller that rests, and perception that sees a ball far away, in another process."""
+
+    CODE = """
+import sys, time
+from armguard.streams import Publisher
+kind, address = sys.argv[1:3]
+q, v = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785], [0.0] * 7
+names = [f"panda_joint{n}" for n in range(1, 8)]
+with Publisher(address, "camera") as publisher:
+    while True:
+        now = time.monotonic()
+        if kind == "joints":
+            publisher.joints(now, names, q, v)
+        else:
+            publisher.update(["ball"], now, [[9.0, 0.0, 0.5]], [[0.0] * 3], radius=0.1)
+        time.sleep(0.004)
+"""
+
+    def __init__(self, kind, address):
+        self._command = [sys.executable, "-c", self.CODE, kind, address]
+        self.process = subprocess.Popen(self._command)
+
+    def restart(self):
+        self.kill()
+        self.process = subprocess.Popen(self._command)
+
+    def kill(self):
+        self.process.kill()
+        self.process.wait()
+
+
+def test_any_process_may_be_killed_and_started_again(tmp_path):
+    """Only a controller that was away latches, and a reset ends it."""
+    where = {name: f"ipc://{tmp_path}/{name}" for name in ("obstacles", "joints", "verdicts")}
+    (tmp_path / "cell.toml").write_text(
+        CELL
+        + "[sources.camera]\ntimeout = 1.0\n[monitor]\nrate = 200.0\n"
+        # A busy machine must not look like a process that has gone.
+        + "[thresholds]\nlatency = 0.05\njoint_timeout = 1.0\n"
+    )
+    errors = tmp_path / "errors"
+    command = [ARMGUARD, "run", str(tmp_path / "cell.toml"), "--reset-token", "sesame"]
+    command += [word for name, address in where.items() for word in (f"--{name}", address)]
+
+    def start_monitor():
+        with errors.open("ab") as file:
+            return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=file)
+
+    def wait_for(text, before=0):
+        deadline = time.monotonic() + PATIENCE
+        while text not in errors.read_text()[before:]:
+            assert time.monotonic() < deadline, errors.read_text()
+            time.sleep(0.02)
+        return len(errors.read_text())
+
+    reader = VerdictReader(where["verdicts"])
+
+    def wait_until_clear(after):
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            verdict = reader.latest(0.1)
+            if verdict is not None and verdict.stamp > after and verdict.level is Level.CLEAR:
+                return
+            assert time.monotonic() < deadline, errors.read_text()
+
+    monitor = start_monitor()
+    controller, camera = Node("joints", where["joints"]), Node("obstacles", where["obstacles"])
+    try:
+        wait_until_clear(time.monotonic())
+        place = len(errors.read_text())
+        for address in where.values():
+            assert f" at {address}\n" in errors.read_text()
+        # Perception: silence is a STOP that ends by itself.
+        camera.kill()
+        wait_for("STOP  source silent: camera")
+        camera.restart()
+        wait_until_clear(time.monotonic())
+        assert "latched" not in errors.read_text()[place:]
+        # The controller: a gap, which is told with what ends it.
+        controller.kill()
+        place = wait_for("latched: gap in joint states")
+        remedy = errors.read_text().split("to end it: armguard ")[1].split("\n")[0].split()
+        # Reset before the controller is back: there is no joint state, and nothing latches anew.
+        assert subprocess.run([ARMGUARD, *remedy], capture_output=True, check=False).returncode == 0
+        place = wait_for("reset: nothing is latched", place - 1)
+        controller.restart()
+        wait_until_clear(time.monotonic())
+        # The monitor under a live controller, and with it whoever reads verdicts, and perception:
+        # what is sent meanwhile is not handed over, or it is dropped.
+        monitor.kill()
+        monitor.wait()
+        reader.close()
+        reader = VerdictReader(where["verdicts"])
+        camera.restart()
+        time.sleep(1.5)
+        place = len(errors.read_text())
+        monitor = start_monitor()
+        wait_until_clear(time.monotonic())
+        assert "latched:" not in errors.read_text()[place:]
+        monitor.send_signal(signal.SIGINT)
+        assert monitor.wait(PATIENCE) == 0
+    finally:
+        reader.close()
+        for process in (monitor, controller.process, camera.process):
+            process.kill()
+            process.wait()

@@ -1,7 +1,7 @@
 import math
 
-from armguard.tally import Tally
-from armguard.verdict import Level, Verdict
+from armguard.tally import REASON_LIMIT, Tally
+from armguard.verdict import Level, Reason, ReasonKind, Verdict
 
 
 def verdict(level, contact_time=1.0, **changes):
@@ -57,3 +57,46 @@ def test_the_soonest_contact_is_of_a_pair():
     tally = count(verdict(Level.CLEAR, math.inf, link=None), unknown, verdict(Level.SLOW, 0.25))
     assert tally.min_contact_time == 0.25
     assert tally.incomplete == 1
+
+
+def test_stops_are_counted_by_their_weightiest_reason():
+    silent = Reason(ReasonKind.SOURCE_SILENT, "cam", "0.3 s")
+    later = silent._replace(detail="0.4 s")
+    contact = Reason(ReasonKind.CONTACT, "hand and ball", "in 0.1 s")
+    hold = Reason(ReasonKind.HOLD)
+    stops = [(silent, contact), (later,), (later, hold), (hold, contact), ()]
+    clear = verdict(Level.CLEAR)
+    tally = Tally()
+    for reasons in stops:
+        for one in (verdict(Level.STOP, reasons=reasons), verdict(Level.STOP), clear):
+            tally.count(one)
+    assert tally.reasons == {
+        "source silent: cam": 3,
+        "contact possible: hand and ball": 1,
+        "no reason": 1,
+    }
+    assert tally.reasons.total() == tally.stops
+
+
+def test_names_made_up_from_outside_neither_fill_the_memory_nor_move_the_cursor():
+    tally = Tally()
+    for number in range(1000):
+        reason = Reason(ReasonKind.SOURCE_SILENT, f"\x1b[2J{number}" + "x" * 10_000)
+        tally.count(verdict(Level.STOP, reasons=(reason,)))
+        tally.count(verdict(Level.CLEAR))
+    assert len(tally.reasons) == REASON_LIMIT + 1
+    assert tally.reasons["other reasons"] == 1000 - REASON_LIMIT
+    assert all(reason.isprintable() and len(reason) < 300 for reason in tally.reasons)
+
+
+def test_ticks_that_knew_nothing_have_no_contact():
+    silent = Reason(ReasonKind.SOURCE_SILENT, "cam")
+    contact = Reason(ReasonKind.CONTACT, "hand and ball")
+    # Where a source was silent for long, its obstacle could be anywhere.
+    tally = count(verdict(Level.STOP, 0.0, reasons=(silent, contact)))
+    assert tally.min_contact_time == math.inf
+    assert count(verdict(Level.STOP, 0.0, complete=False)).min_contact_time == math.inf
+    assert count(verdict(Level.STOP, math.nan, link=None)).min_contact_time == math.inf
+    # Touching is a contact, and so is what is possible soon, whatever else is wrong.
+    assert count(verdict(Level.STOP, 0.0, reasons=(contact,))).min_contact_time == 0.0
+    assert count(verdict(Level.STOP, 0.1, reasons=(silent,))).min_contact_time == 0.1

@@ -102,6 +102,7 @@ def run_demo(
         cell.write_text(CELL.format(robot=nodes.ROBOT, sources=tables, schedule=schedule))
         errors = resources.enter_context(log.open("ab"))
         command = [sys.executable, "-m", "armguard", "run", str(cell), "--json", "--no-realtime"]
+        command += ["--quiet"]  # the table says what it would
         command += ["--obstacles", obstacles, "--joints", joints, "--verdicts", verdicts]
         command += ["--view", frames, "--duration", str(duration), "--parent", str(os.getpid())]
         # The monitor first: it has the longest way to go.

@@ -44,6 +44,12 @@ _SOURCES = 256
 
 _NANOSECOND = 1e-9
 
+HELD_UP = 50e-6
+"""Two clocks are compared anew if that took longer, in [s]; usually it takes a few hundred ns."""
+
+_COMPARISONS = 8
+"""How often two clocks are compared at most, before the best comparison must do."""
+
 _FIELDS = (
     "position",
     "velocity",
@@ -86,6 +92,8 @@ class Edge:
         faults: Where faults are counted.
         stamp_clocks: How sources stamp; those not named here, with the monotonic clock.
         joint_clock: How joint states are stamped; not by arrival.
+        joint_timeout: At the start, joint states older than this, in [s], are dropped: a sender
+            that was there before hands over what has waited.
         speed: Speed bound of obstacles that bring none, in [m/s]; for sources without a clock.
         accel: Acceleration bound of obstacles that bring none, in [m/s²]; alike.
         reset_token: What a reset message must carry; without one, none is obeyed.
@@ -102,6 +110,7 @@ class Edge:
         *,
         stamp_clocks: Mapping[str, StampClock] | None = None,
         joint_clock: StampClock = MONOTONIC,
+        joint_timeout: float = math.inf,
         speed: float = math.inf,
         accel: float = math.inf,
         reset_token: str | None = None,
@@ -112,13 +121,17 @@ class Edge:
         self.received = 0
         """Messages taken, good and bad."""
         self.joint_state: JointState | None = None
-        """The newest joint state that could be read; None before the first."""
+        """The newest joint state that could be read; None before the first that is fresh."""
+        self.dropped_age = math.nan
+        """How old the last joint state was that was dropped as a backlog, in [s]; nan: none was."""
         self.reset_requested = False
         """Whether a reset with the right token came; whoever obeys it sets it back."""
-        # The monitor's clock is read first: an error makes stamps older, never newer.
-        start = clock.now()
-        self.offset = monotonic() - start
-        """Machine's monotonic clock minus the monitor's, in [s]."""
+        start, machine, gap = _compare(clock, monotonic, 0.0)
+        self.offset = machine - start
+        """Machine's monotonic clock minus the monitor's, in [s]; never too small."""
+        # Of one process's own clock the closest of many tries is off by the reading itself.
+        self.offset_error = gap if gap > HELD_UP else 0.0
+        """What `offset` is too large by, in [s], where the process was held up at every try."""
         self._obstacles = obstacles
         self._joints = list(joints)
         self._clock = clock
@@ -137,23 +150,34 @@ class Edge:
         self._arrived_after = start
         self._now = start
         self._keeps_joint_state = False
+        self._joint_timeout = joint_timeout
+        self._newest: JointState | None = None
+        self._awaits_fresh = True
+        self._has_joints = False
 
-    def drain(self, inputs: Iterable[Input]) -> None:
+    def drain(self, inputs: Iterable[Input]) -> float:
         """Take what has arrived, up to a bound on the work of one tick; never blocks or raises.
 
         Inputs must be opened after the edge is made: arrival is counted from then on.
+
+        Returns:
+            When this ended, in [s] of the monitor's clock; at the start, the joint state is fresh
+            at this time.
         """
+        is_emptied = False
         self._now = self._clock.now()
         self._keeps_joint_state = False
         for source in inputs:
             # Whatever is taken now arrived since this input was last found empty.
             self._arrived_after = self._emptied.get(source, self._start)
             size = 0
+            self._has_joints = False
             for _ in range(_MESSAGES_A_DRAIN):
                 try:
                     data = source.receive()
                     if data is None:
                         self._arrived_after = self._now
+                        is_emptied = is_emptied or self._has_joints
                         break
                     self.received += 1
                     size += len(data)
@@ -163,6 +187,40 @@ class Edge:
                 if size > BYTE_LIMIT:
                     break
             self._emptied[source] = self._arrived_after
+        now = self._clock.now()
+        self._settle_joint_state(now, is_emptied=is_emptied)
+        return now
+
+    def _settle_joint_state(self, now: float, *, is_emptied: bool) -> None:
+        """Decide whether the newest joint state is one to go by, or part of a backlog.
+
+        Args:
+            now: The present, in [s].
+            is_emptied: Whether joint states came in this drain, and nothing waits behind them. In
+                the middle of a backlog a first one would leave a gap to the next.
+        """
+        newest = self._newest
+        # What is not finite is no backlog: the monitor refuses it by its name.
+        is_stale = newest is not None and now - newest.stamp > self._joint_timeout
+        if self.reset_requested and is_stale:
+            # A reset would be void at once: whoever comes next begins anew.
+            self._awaits_fresh, self._newest = True, None
+        elif self._awaits_fresh and is_emptied and newest is not None:
+            if is_stale:
+                self._drop(newest.stamp, now, None)
+                self._newest = None
+            else:
+                self._awaits_fresh = False
+        self.joint_state = None if self._awaits_fresh else self._newest
+
+    def _drop(self, stamp: float, now: float, sequence: int | None) -> None:
+        """Count a joint state that waited for the start, or was sent late, in [s]."""
+        self.dropped_age = now - stamp
+        problem = (
+            f"joint state is {self.dropped_age:.3g} s old, expected at most "
+            f"{self._joint_timeout:.3g} s; dropped until one is fresh"
+        )
+        self.faults.add("backlog", "joints", sequence, problem)
 
     def _take(self, message: AnyMessage) -> None:
         if isinstance(message, JointsMessage):
@@ -196,12 +254,12 @@ class Edge:
         source, sequence = message.source, message.seq
         fields = {field: getattr(message, field) for field in _FIELDS}
         clock = self._stamp_clocks.get(source, MONOTONIC)
-        stamp = self._to_monitor_time(message.stamp, clock)
+        stamp, gap = self._to_monitor_time(message.stamp, clock)
         counted = False
         try:
             fields = _unpack(fields, len(message.ids))
             self._name_unusable(source, sequence, {"stamp": message.stamp, **fields})
-            window = clock.error + (self._now - stamp if clock.clock == "arrival" else 0.0)
+            window = clock.error + gap
             if window > 0.0:
                 self._widen(fields, window)
         except MessageError as error:
@@ -223,7 +281,8 @@ class Edge:
 
     def _take_removal(self, message: RemoveMessage) -> None:
         clock = self._stamp_clocks.get(message.source, MONOTONIC)
-        stamp = self._to_monitor_time(message.stamp, clock)
+        # A removal that looks older than it is removes less.
+        stamp, _ = self._to_monitor_time(message.stamp, clock)
         try:
             self._obstacles.remove(message.ids, stamp=stamp, source=message.source)
         except ArmguardError as error:
@@ -239,13 +298,24 @@ class Edge:
             return
         named = {"stamp": message.stamp, "q": q, "v": v}
         usable = self._name_unusable("joints", message.seq, named)
-        stamp = self._to_monitor_time(message.stamp, self._joint_clock)
-        last = self.joint_state
+        stamp, gap = self._to_monitor_time(message.stamp, self._joint_clock)
+        if not gap <= HELD_UP:
+            # Joint states have no errors of their own that could be widened.
+            problem = f"clocks were compared within {gap:.3g} s; expected {HELD_UP:.3g} s at most"
+            self.faults.add("clocks held up", "joints", message.seq, problem)
+            return
+        self._has_joints = True
+        if self._awaits_fresh:
+            now = self._clock.now()
+            if now - stamp > self._joint_timeout:
+                self._drop(stamp, now, message.seq)
+                return
+        last = self._newest
         if last is not None and stamp < last.stamp:
             problem = f"stamp is {message.stamp!r}, {last.stamp - stamp:.3g} s before the last one"
             self.faults.add("stamp went back", "joints", message.seq, problem)
         if not self._keeps_joint_state:
-            self.joint_state = JointState(stamp, q, v)
+            self._newest = JointState(stamp, q, v)
         # An impossible state must be seen by the monitor, even if a good one follows at once.
         self._keeps_joint_state = self._keeps_joint_state or not usable
 
@@ -280,15 +350,20 @@ class Edge:
             usable = False
         return usable
 
-    def _to_monitor_time(self, stamp: float, clock: StampClock) -> float:
+    def _to_monitor_time(self, stamp: float, clock: StampClock) -> tuple[float, float]:
+        """A stamp in the monitor's time, never too new, and what it may be too old by, in [s]."""
         if clock.clock == "monotonic":
-            return stamp - self.offset - clock.latency
+            return stamp - self.offset - clock.latency, self.offset_error
         if clock.clock == "unix":
-            # Read anew each time: the machine's date may be set while we run.
-            return stamp - (self._unix() - self._clock.now()) - clock.latency
+            # Compared anew each time: the machine's date may be set while we run.
+            now, unix, gap = _compare(self._clock, self._unix, HELD_UP)
+            # The difference of two dates first: it is exact, as that of a date and `now` is not.
+            return now + (stamp - unix) - clock.latency, gap
         # Of several that arrived together the later ones must not look simultaneous.
         self._arrived_after += _NANOSECOND
-        return self._arrived_after - clock.latency
+        arrival = self._arrived_after - clock.latency
+        # It may have arrived since the drain began, which takes its time.
+        return arrival, self._clock.now() - arrival
 
     def _widen(self, fields: dict[str, Any], window: float) -> None:
         """Add what a body can do between its stamp and the measurement, `window` [s] at most."""
@@ -301,6 +376,9 @@ class Edge:
         if velocity is not None:
             fastest = np.linalg.norm(velocity, axis=-1)
             fastest = fastest.max(axis=-1) if fastest.ndim > 1 else fastest
+            # Without a bound on speed it is as fast as it was measured, and what it gains.
+            gained = fastest + velocity_error + np.where(accel < math.inf, accel, 0.0) * window
+            speed = np.where((speed == math.inf) & (accel < math.inf), gained, speed)
             # A speed that breaks its bound must not pass because of the wider error.
             is_broken = fastest - velocity_error > speed  # NaN is for the table to refuse
             speed = np.where(is_broken, fastest + velocity_error, speed)
@@ -314,6 +392,32 @@ class Edge:
             fields["velocity_error"] = np.where(
                 is_wider, velocity_error + accel * window, velocity_error
             )
+
+
+def _compare(
+    clock: Clock, other: Callable[[], float], good_enough: float
+) -> tuple[float, float, float]:
+    """Read two clocks together: the monitor's, the other, and what the first may be too early by.
+
+    Whatever holds this process up between two readings makes them differ. The monitor's clock is
+    read before the other and after it: the earlier reading makes stamps older, never newer, and
+    older by the gap at most. Of several tries the closest counts.
+
+    Args:
+        clock: The monitor's.
+        other: Reads the other one, in [s].
+        good_enough: A gap, in [s], that needs no further try.
+    """
+    closest = 0.0, 0.0, math.inf
+    for _ in range(_COMPARISONS):
+        before = clock.now()
+        reading = other()
+        gap = clock.now() - before
+        if gap < closest[2]:
+            closest = before, reading, gap
+        if gap <= good_enough:
+            break
+    return closest
 
 
 def _unpack(fields: Mapping[str, Any], count: int) -> dict[str, Any]:

@@ -75,7 +75,7 @@ class FaultLog:
             problem: Field, value found, and what was expected.
             times: How many faults of the kind this is.
         """
-        key = FaultKey(kind, _quote(source))
+        key = FaultKey(kind, quote(source))
         if key not in self.counts and len(self.counts) >= _KEYS:
             key = FaultKey("other", "other sources")
         self.counts[key] += times
@@ -87,11 +87,11 @@ class FaultLog:
         unsaid = self.counts[key] - told - times
         more = f" ({unsaid} more since the last such line)" if unsaid else ""
         self._told[key] = (now, self.counts[key])
-        self._emit(f"{key.kind}: {_quote(source)}{number}: {_quote(problem)}{more}")
+        self._emit(f"{key.kind}: {quote(source)}{number}: {quote(problem)}{more}")
 
 
-def _quote(text: str) -> str:
-    """Printable and of bounded length, whatever it was."""
-    start = text[:_WIDTH]
+def quote(text: str, width: int = _WIDTH) -> str:
+    """Printable and at most `width` characters long, whatever it was."""
+    start = text[:width]
     printable = start if start.isprintable() else start.encode("unicode_escape").decode("ascii")
-    return printable if len(printable) <= _WIDTH else printable[:_WIDTH] + "…"
+    return printable if len(printable) <= width else printable[:width] + "…"

@@ -23,6 +23,7 @@ from armguard.streams.messages import (
     MessageError,
     ObstaclesMessage,
     RemoveMessage,
+    ResetMessage,
     Values,
     decode_verdict,
     encode,
@@ -40,6 +41,9 @@ def _connect(address: str, kind: int) -> zmq.Socket[bytes]:
     connection.set(zmq.SNDHWM, QUEUE_LIMIT)
     connection.set(zmq.RCVHWM, QUEUE_LIMIT)
     connection.set(zmq.LINGER, _LINGER)
+    if kind == zmq.XPUB:
+        # Nothing waits for a monitor that is not there: it would be old when it arrives.
+        connection.set(zmq.IMMEDIATE, 1)
     connection.set(zmq.RECONNECT_IVL, 20)
     connection.set(zmq.RECONNECT_IVL_MAX, 200)
     try:
@@ -146,6 +150,13 @@ class Publisher:
         self._send(
             JointsMessage(float(stamp), list(names), positions, velocities, self._joints_sequence)
         )
+
+    def reset(self, token: str) -> None:
+        """Ask the monitor to release a latched STOP; it obeys only the token of its run.
+
+        A cause that persists latches again at once.
+        """
+        self._send(ResetMessage(token))
 
     def _send(self, message: AnyMessage) -> None:
         self._socket.send(encode(message), zmq.NOBLOCK)

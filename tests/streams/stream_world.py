@@ -29,22 +29,18 @@ class Messages:
 class World:
     """An edge between messages and a table, with clocks that the test sets."""
 
-    def __init__(self, **options):
-        self.clock = ManualClock(5.0)
+    def __init__(self, clock=None, **options):
+        self.clock = ManualClock(5.0) if clock is None else clock
         self.lines = []
         self.faults = FaultLog(self.clock.now, self.lines.append)
         frames = {"camera": Frame(np.eye(3), [1.0, 0.0, 0.0], 0.01)}
         self.obstacles = Obstacles(frames=frames)
         self.input = Messages()
-        self.edge = Edge(
-            self.obstacles,
-            JOINTS,
-            self.clock,
-            self.faults,
-            monotonic=lambda: self.clock.now() + MONOTONIC,
-            unix=lambda: self.clock.now() + UNIX,
-            **options,
-        )
+        clocks = {
+            "monotonic": lambda: self.clock.now() + MONOTONIC,
+            "unix": lambda: self.clock.now() + UNIX,
+        }
+        self.edge = Edge(self.obstacles, JOINTS, self.clock, self.faults, **(clocks | options))
 
     def send(self, *messages):
         self.input.waiting += [pack(message) for message in messages]

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from stream_world import JOINTS, MONOTONIC, UNIX, World, joints, obstacles, pack
 
+from armguard.clock import ManualClock
 from armguard.exceptions import ObstacleError
 from armguard.obstacles import FaultKind, Obstacles
 from armguard.streams import StampClock
@@ -75,6 +76,118 @@ def test_a_clock_error_needs_no_acceleration_bound():
     accepted, row = world.obstacles.table.accepted, world.obstacles.row("a")
     assert world.obstacles.take_faults() == []
     assert accepted.velocity_error[row] == 0.1
+
+
+class HeldUpClock(ManualClock):
+    """The process is held up after each reading, as long as is written down; then not at all."""
+
+    def __init__(self, *holds):
+        super().__init__(5.0)
+        self.holds = list(holds)
+        self.readings = []
+
+    def now(self):
+        reading = super().now()
+        self.readings.append(reading)
+        if self.holds:
+            self.sleep_until(reading + self.holds.pop(0))
+        return reading
+
+
+def make_held_up_world(**options):
+    clock = HeldUpClock()
+    true_time = lambda: ManualClock.now(clock)  # noqa: E731  # the readings of others take no time
+    offsets = {"monotonic": lambda: true_time() + MONOTONIC, "unix": lambda: true_time() + UNIX}
+    world = World(clock, **(offsets | options))
+    clock.readings.clear()
+    return world
+
+
+@pytest.mark.parametrize("holds", [[0.008] * 100, [0.0, 0.008], [0.001, 0.008, 0.0005], [0.008]])
+def test_a_hold_up_between_two_clocks_makes_nothing_newer_and_is_an_error(holds):
+    options = {"speed": 2.0, "accel": 10.0}
+    world = make_held_up_world(stamp_clocks={"cam0": StampClock("unix")}, **options)
+    world.clock.holds = list(holds)
+    world.send(obstacles(stamp=UNIX + 4.9))
+    accepted, row = world.obstacles.table.accepted, world.obstacles.row("a")
+    # Dates near 2^31 s are rounded to a quarter of a microsecond.
+    late = 4.9 - world.stamp()
+    assert -3e-7 <= late <= 0.008 + 3e-7
+    # A body at 2 m/s, where it was at its true stamp, is within what is allowed around the old one.
+    assert accepted.position_error[row] >= 2.0 * (late - 3e-7)
+    assert accepted.velocity_error[row] >= 10.0 * (late - 3e-7)
+    if len(holds) < 100:
+        assert accepted.position_error[row] == pytest.approx(0.0, abs=1e-6)
+    assert len(world.clock.readings) < 30
+
+
+def test_the_monitors_clock_is_read_before_and_after_the_other():
+    readings = []
+
+    class Told(ManualClock):
+        def now(self):
+            readings.append("monitor")
+            return super().now()
+
+    def read(name, base):
+        readings.append(name)
+        return base + 5.0
+
+    world = World(
+        Told(5.0),
+        stamp_clocks={"cam0": StampClock("unix")},
+        unix=lambda: read("unix", UNIX),
+        monotonic=lambda: read("monotonic", MONOTONIC),
+    )
+    assert readings == ["monitor", "monotonic", "monitor"]
+    world.send(obstacles(stamp=UNIX + 4.9))
+    place = readings.index("unix")
+    assert readings[place - 1] == readings[place + 1] == "monitor"
+
+
+@pytest.mark.parametrize("holds", [[0.008], [0.001, 0.0, 0.002]])
+def test_a_hold_up_at_the_start_does_not_stay(holds):
+    clock = HeldUpClock(*holds)
+    true_time = lambda: ManualClock.now(clock)  # noqa: E731  # the readings of others take no time
+    edge = World(clock, monotonic=lambda: true_time() + MONOTONIC).edge
+    assert edge.offset == pytest.approx(MONOTONIC)
+    assert edge.offset_error == 0.0
+    # Where it is held up each time, stamps are too old by no more than it says.
+    clock.holds = [0.008] * 100
+    edge = World(clock, monotonic=lambda: true_time() + MONOTONIC, speed=2.0, accel=10.0).edge
+    assert MONOTONIC <= edge.offset - 1e-9 <= MONOTONIC + edge.offset_error
+    assert edge.offset_error == pytest.approx(0.008)
+
+
+@pytest.mark.parametrize(("holds", "is_taken"), [([0.008] * 100, False), ([0.008] * 3, True)])
+def test_a_joint_state_is_dated_to_microseconds_or_refused(holds, is_taken):
+    world = make_held_up_world(joint_clock=StampClock("unix"))
+    world.clock.holds = [0.0, *holds]
+    world.send(joints(stamp=UNIX + 4.999))
+    if is_taken:
+        assert 4.999 - 60e-6 <= world.edge.joint_state.stamp <= 4.999 + 3e-7
+        assert world.faults.total == 0
+    else:
+        assert world.edge.joint_state is None
+        assert world.kinds() == ["clocks held up"]
+    assert len(world.clock.readings) < 30
+
+
+def test_what_arrives_during_a_drain_may_be_as_new_as_its_end():
+    world = make_held_up_world(stamp_clocks={"cam0": StampClock("arrival")}, speed=2.0, accel=10.0)
+    world.clock.holds = [0.008]  # after the drain has read the time, before its first message
+    world.send(obstacles(stamp=0.0))
+    accepted, row = world.obstacles.table.accepted, world.obstacles.row("a")
+    latest = world.stamp() + accepted.position_error[row] / 2.0
+    assert latest >= ManualClock.now(world.clock) - 1e-12
+
+
+def test_a_clock_error_needs_no_speed_bound_where_velocity_and_acceleration_are_known():
+    world = World(stamp_clocks={"cam0": StampClock("monotonic", 0.0, 0.1)}, accel=10.0)
+    world.send(obstacles(velocity_error=0.1))
+    accepted, row = world.obstacles.table.accepted, world.obstacles.row("a")
+    assert world.obstacles.take_faults() == []
+    assert accepted.position_error[row] == pytest.approx((0.5 + 0.1 + 10.0 * 0.1) * 0.1)
 
 
 def test_stamps_by_arrival_grow_over_drains_that_were_cut_short():
@@ -223,7 +336,85 @@ def test_joint_stamps_that_go_back_are_told():
     assert world.kinds() == ["stamp went back"]
 
 
+def test_a_backlog_at_the_start_is_dropped_and_counted():
+    world = World(joint_timeout=0.05)
+    old = [joints(stamp=MONOTONIC + 5.0 - age, seq=n) for n, age in enumerate([8.0, 0.2, 0.051])]
+    world.send(*old)
+    assert world.edge.joint_state is None
+    assert world.edge.dropped_age == pytest.approx(0.051)
+    assert world.faults.count("backlog") == 3
+    assert "joints message 0: joint state is 8 s old, expected at most 0.05 s" in world.lines[0]
+    # Obstacles of a backlog are states of some time ago, and go through.
+    world.send(obstacles(stamp=MONOTONIC + 1.0))
+    assert world.stamp() == pytest.approx(1.0)
+    world.send(joints(stamp=MONOTONIC + 4.96, seq=3))
+    assert world.edge.joint_state.stamp == pytest.approx(4.96)
+    # From here on a state that is old is the monitor's business, whatever it says.
+    world.clock.sleep_until(5.5)
+    world.send(joints(stamp=MONOTONIC + 4.97, seq=4))
+    assert world.edge.joint_state.stamp == pytest.approx(4.97)
+    assert world.faults.total == 3
+
+
+@pytest.mark.parametrize("rate", [1000.0, 500.0, 250.0])
+@pytest.mark.parametrize("seconds", [0.055, 0.2, 8.0])
+def test_the_first_joint_states_after_a_backlog_leave_no_gap(rate, seconds):
+    """The first that is taken is fresh, and none after it is a gap: both would latch."""
+    world = World(joint_timeout=0.05)
+    waiting, number = int(seconds * rate), 0
+    taken = []
+    for tick in range(400):
+        now = 5.0 + 0.001 * tick
+        world.clock.sleep_until(now)
+        while number / rate <= seconds + 0.001 * tick:
+            stamp = MONOTONIC + 5.0 - seconds + number / rate
+            world.input.waiting.append(pack(joints(stamp=stamp, seq=number)))
+            number += 1
+        before = world.edge.received
+        end = world.edge.drain([world.input])
+        assert world.edge.received - before <= 64
+        if world.edge.joint_state is not None:
+            taken.append(world.edge.joint_state.stamp)
+            assert end - taken[-1] <= 0.05
+    assert len(taken) > 100
+    assert np.diff(taken).max() <= 0.05
+    # Those that were sent while the backlog was worked off may have grown old, too.
+    assert waiting - 51 <= world.faults.count("backlog") <= waiting + 150
+
+
+def test_a_state_that_becomes_stale_in_its_drain_is_no_beginning():
+    world = make_held_up_world(joint_timeout=0.05)
+    world.clock.holds = [0.0, 0.2]  # between its message and the end of the drain
+    world.send(joints(stamp=MONOTONIC + 4.999))
+    assert world.edge.joint_state is None
+    assert world.kinds() == ["backlog"]
+    world.send(joints(stamp=MONOTONIC + 5.2))
+    assert world.edge.joint_state.stamp == pytest.approx(5.2)
+
+
+def test_a_joint_state_at_the_start_whose_time_is_no_number_is_for_the_monitor_to_refuse():
+    world = World(joint_timeout=0.05)
+    world.send(joints(stamp=math.nan))
+    assert math.isnan(world.edge.joint_state.stamp)
+    assert world.kinds() == ["not finite"]
+
+
 # Resets
+
+
+@pytest.mark.parametrize("age", [0.01, 3.0])
+def test_after_a_reset_a_stale_joint_state_is_none(age):
+    """The controller may come back after the reset: what it said before would latch again."""
+    world = World(joint_timeout=0.05, reset_token="sesame")
+    world.send(joints())
+    world.clock.sleep_until(5.0 + age)
+    world.send({"type": "reset", "token": "sesame"})
+    assert world.edge.reset_requested
+    assert (world.edge.joint_state is None) == (age > 0.05)
+    world.edge.reset_requested = False
+    world.send(joints(stamp=MONOTONIC + 5.0 + age))
+    assert world.edge.joint_state.stamp == pytest.approx(5.0 + age)
+    assert world.faults.total == 0
 
 
 def test_a_reset_needs_the_token_of_the_run():

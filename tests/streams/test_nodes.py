@@ -19,6 +19,7 @@ from armguard.streams import (
     VerdictPublisher,
     VerdictReader,
 )
+from armguard.streams.messages import decode
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
 
 
@@ -93,6 +94,57 @@ def test_publishing_to_nobody_neither_waits_nor_fails(address):
         assert not publisher.wait(0.0)
         for _ in range(10_000):
             publisher.update([], 0.0, [])
+
+
+def test_nothing_waits_for_a_monitor_that_is_not_there(address):
+    """A monitor that is restarted hears what is sent from then on, and nothing older."""
+    source = SocketInput(address)
+    bound = source.address
+    with Publisher(bound, "cam0") as publisher:
+        attend(source, lambda: publisher.wait(0.001))
+        source.close()
+        end = time.monotonic() + 0.5  # by then the publisher knows that it has gone
+        sent = 0
+        while time.monotonic() < end:
+            publisher.joints(0.0, ["a"], [0.0], [0.0])
+            sent += 1
+            time.sleep(0.001)
+        source = bind_again(bound)
+        end = time.monotonic() + PATIENCE
+        received = None
+        while received is None and time.monotonic() < end:
+            publisher.joints(1.0, ["a"], [0.0], [0.0])
+            sent += 1
+            received = source.receive()
+            time.sleep(0.001)
+        source.close()
+    assert sent > 100
+    assert decode(received).stamp == 1.0
+
+
+def bind_again(address):
+    """The input of a monitor that was restarted; its address may take a moment to be free."""
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return SocketInput(address)
+        except StreamError:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+
+
+def test_a_reset_is_sent_as_the_edge_expects_it(address):
+    clock = MonotonicClock()
+    edge = Edge(Obstacles(), [], clock, FaultLog(clock.now), reset_token="sesame")
+    source = SocketInput(address)
+    with Publisher(source.address) as publisher:
+        attend(source, lambda: publisher.wait(0.001))
+        publisher.reset("sesame")
+        end = time.monotonic() + PATIENCE
+        while not edge.reset_requested and time.monotonic() < end:
+            edge.drain([source])
+    source.close()
+    assert edge.reset_requested
 
 
 # Verdicts
