@@ -50,7 +50,8 @@ def test_the_example_says_what_the_library_would_do_anyway():
         for key in table.__struct_fields__:
             if key not in ("joint_timeout", "budget"):
                 assert getattr(table, key) == defaults[key], key
-    assert tables.thresholds.joint_timeout == max(0.05, 5.0 / tables.monitor.rate)
+    # This one alone is longer, for a desktop, and the file says what that costs.
+    assert tables.thresholds.joint_timeout == 0.25 > max(0.05, 5.0 / tables.monitor.rate)
     # What no number says, a file says by leaving it out.
     assert (tables.monitor.budget, defaults["budget"]) == (UNSET, None)
 
