@@ -8,10 +8,10 @@ kernels are kept under a digest of its source and of all of armguard's sources t
 
 from __future__ import annotations
 
+import ast
 import functools
 import hashlib
 import os
-import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,6 @@ caching: Any = numba_caching
 config: Any = numba.config
 
 PACKAGE = Path(__file__).resolve().parent
-
-_IMPORT = re.compile(r"^\s*(?:from|import)\s+armguard\.([\w.]+)", re.MULTILINE)
 
 
 class TolerantCache(caching.FunctionCache):  # type: ignore[misc]  # a class of unknown type
@@ -110,14 +108,44 @@ def digest_sources(source: Path, package: Path) -> str:
     waiting = [source]
     while waiting:
         path = waiting.pop()
-        if path in sources:
-            continue
-        sources[path] = path.read_bytes()
-        for name in _IMPORT.findall(sources[path].decode()):
-            module = package.joinpath(*name.split("."))
-            found = (module.with_suffix(".py"), module / "__init__.py")
-            waiting.extend(path for path in found if path.is_file())
+        if path not in sources:
+            sources[path] = path.read_bytes()
+            waiting.extend(find_imported(path, sources[path], package))
     digest = hashlib.sha256()
     for path in sorted(sources):
         digest.update(hashlib.sha256(sources[path]).digest())
     return digest.hexdigest()[:16]
+
+
+@functools.cache
+def find_imported(source: Path, content: bytes, package: Path) -> tuple[Path, ...]:
+    """Files of the package that a module's imports could take anything from.
+
+    A name that is taken from a package can be the package's own or one of its modules, so both
+    count. The packages around a module, which Python imports along with it, do not: nothing of
+    them gets into a kernel unless it is named.
+
+    Args:
+        source: The module's file.
+        content: What stands in it.
+        package: The folder of the package `armguard`.
+    """
+    modules: list[Path] = []
+    for node in ast.walk(ast.parse(content)):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                name, *parts = alias.name.split(".")
+                if name == "armguard":
+                    # `import armguard.a.b` makes armguard and armguard.a accessible as well.
+                    modules += [package.joinpath(*parts[:k]) for k in range(len(parts) + 1)]
+        elif isinstance(node, ast.ImportFrom):
+            parts = node.module.split(".") if node.module else []
+            if node.level:
+                module = source.parents[node.level - 1].joinpath(*parts)
+            elif parts[0] == "armguard":
+                module = package.joinpath(*parts[1:])
+            else:
+                continue
+            modules += [module, *(module / alias.name for alias in node.names)]
+    files = [file for one in modules for file in (Path(f"{one}.py"), one / "__init__.py")]
+    return tuple(file for file in files if file.is_file())

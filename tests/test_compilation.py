@@ -7,26 +7,92 @@ import numba
 import numpy as np
 import pytest
 
+import armguard
 from armguard import compilation
 from armguard.compilation import PACKAGE, digest_sources, find_cache, kernel
 
 
 @pytest.fixture
 def package(tmp_path):
-    (tmp_path / "deep").mkdir()
-    (tmp_path / "top.py").write_text("from armguard.middle import half\n")
-    (tmp_path / "middle.py").write_text("import armguard.deep.bottom\n")
-    (tmp_path / "deep" / "bottom.py").write_text("from armguard.middle import half\nHALF = 0.5\n")
-    (tmp_path / "other.py").write_text("THIRD = 1 / 3\n")
-    return tmp_path
+    package = tmp_path / "armguard"
+    (package / "deep").mkdir(parents=True)
+    (package / "top.py").write_text("from armguard.middle import half\n")
+    (package / "middle.py").write_text("import armguard.deep.bottom\n")
+    (package / "deep" / "bottom.py").write_text("from armguard.middle import half\nHALF = 0.5\n")
+    (package / "other.py").write_text("THIRD = 1 / 3\n")
+    return package
+
+
+def is_followed(package, changed):
+    """Whether the digest of `top.py` depends on a file."""
+    before = digest_sources(package / "top.py", package)
+    with (package / changed).open("a") as file:
+        file.write("# changed\n")
+    return digest_sources(package / "top.py", package) != before
 
 
 @pytest.mark.parametrize("changed", ["top.py", "middle.py", "deep/bottom.py"])
 def test_a_change_of_anything_imported_changes_the_digest(package, changed):
-    before = digest_sources(package / "top.py", package)
-    with (package / changed).open("a") as file:
-        file.write("# changed\n")
-    assert digest_sources(package / "top.py", package) != before
+    assert is_followed(package, changed)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "from armguard.room import door",
+        "from armguard.room import window, door as entry",
+        "from armguard.room import (\n    window,\n    door,\n)",
+        "from armguard.room.door import HANDLE",
+        "from armguard.room.door import *",
+        "import armguard.room.door",
+        "import numpy, armguard.room.door as entry",
+        "def late():\n    from armguard.room import door",
+        "try:\n    import numpy\nfinally:\n    from armguard.room import \\\n        door",
+        "from .room import door",
+        "from .room.door import HANDLE",
+        "from . import room",
+        "from armguard import room",
+    ],
+)
+def test_modules_of_packages_are_followed_however_they_are_imported(package, statement):
+    (package / "room").mkdir()
+    (package / "room" / "__init__.py").write_text("from armguard.room.door import HANDLE\n")
+    (package / "room" / "door.py").write_text("from ..hinge import ANGLE\nHANDLE = 1\n")
+    (package / "room" / "window.py").write_text("")
+    (package / "hinge.py").write_text("ANGLE = 0.5\n")
+    (package / "top.py").write_text(statement + "\n")
+    for changed in ("room/door.py", "hinge.py"):
+        assert is_followed(package, changed)
+    assert not is_followed(package, "other.py")
+
+
+def test_the_face_of_a_package_counts_where_something_is_taken_from_it(package):
+    (package / "room").mkdir()
+    (package / "room" / "__init__.py").write_text("from armguard.other import THIRD\n")
+    (package / "room" / "door.py").write_text("")
+    (package / "top.py").write_text("from armguard.room import THIRD\n")
+    assert is_followed(package, "room/__init__.py")
+    assert is_followed(package, "other.py")
+    (package / "top.py").write_text("from armguard.room.door import HANDLE\n")
+    assert not is_followed(package, "room/__init__.py")
+
+
+def test_imports_from_elsewhere_are_not_followed(package):
+    (package / "numpy.py").write_text("")
+    (package / "top.py").write_text("import numpy\nfrom numpy import linalg\n")
+    assert not is_followed(package, "numpy.py")
+
+
+def test_a_module_outside_the_package_is_digested_with_what_it_imports_from_it(package, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text("from armguard import middle\n")
+    before = digest_sources(script, package)
+    (package / "middle.py").write_text("HALF = 0.25\n")
+    assert digest_sources(script, package) != before
+
+
+def test_the_package_is_all_of_armguard():
+    assert Path(armguard.__file__).parent.resolve() == PACKAGE
 
 
 def test_a_change_of_what_is_not_imported_changes_nothing(package):
