@@ -3,7 +3,7 @@ import threading
 import time
 
 import pytest
-from test_tally import verdict
+from verdict_samples import verdict
 
 from armguard.announcer import INTERVAL, QUEUE_LIMIT, Announcer
 from armguard.verdict import Level, Reason, ReasonKind
