@@ -168,32 +168,33 @@ def accept(
     return found, NOBODY, stop_time, late_stop_time
 
 
-@kernel
+@inlined_kernel
 def _stands_for(guard: Guard, stamp: float, now: float, ticks: float) -> float:
     """How long a stamp has been the same, in [s].
 
     By the clock that the ticks are on. One that stands as well, as where it is the stamp itself,
     is replaced by the count of ticks: neither of the two may stand for ever.
     """
-    if stamp != guard.heard[0]:
-        return 0.0
-    return max(now - guard.standing[FIRST_NOW], ticks * guard.period)
+    duration = 0.0
+    if stamp == guard.heard[0]:
+        duration = max(now - guard.standing[FIRST_NOW], ticks * guard.period)
+    return duration
 
 
-@kernel
+@inlined_kernel
 def _is_fine(guard: Guard, stamp: float, now: float, is_first: bool, ticks: float) -> bool:
     """Whether there is nothing against the state at hand: the usual case, free of branches."""
     q, v = guard.read_q, guard.read_v
-    fine = abs(now - stamp) <= guard.timeout
+    fine = bool(abs(now - stamp) <= guard.timeout)
     for j in range(q.shape[0]):
         fine &= (guard.lower[j] <= q[j]) & (q[j] <= guard.upper[j]) & (abs(q[j]) < np.inf)
         fine &= (abs(v[j]) <= guard.fastest[j]) & (abs(v[j]) < np.inf)
-    if is_first or not fine:
-        return fine
-    since = stamp - guard.heard[0]
-    fine &= (since >= 0.0) & (since <= guard.timeout)
-    fine &= _stands_for(guard, stamp, now, ticks) <= guard.timeout
-    return fine and passes_history(guard.history, stamp, q, v)
+    if fine and not is_first:
+        since = stamp - guard.heard[0]
+        fine &= (since >= 0.0) & (since <= guard.timeout)
+        fine &= _stands_for(guard, stamp, now, ticks) <= guard.timeout
+        fine &= passes_history(guard.history, stamp, q, v)
+    return fine
 
 
 @kernel
