@@ -30,6 +30,21 @@ def test_no_configuration_leaves_the_workspace_balls(name):
     assert np.median(furthest / reach.link_balls[:, 3]) > 0.8
 
 
+def test_a_lift_goes_from_end_to_end_whatever_it_was_measured_to_be():
+    """It is believed up to an error beyond its limits, and may truly be another one beyond."""
+    robot = load_arm("tiago")
+    lift, link = robot.joints.index("torso_lift_joint"), "torso_lift_link"
+    error, up = robot.position_error[lift], np.array([0.0, 0.0, 1.0])
+    low, high = robot.lower_position_limit[lift], robot.upper_position_limit[lift]
+    reach = ReachMotion(robot)
+    for way, nearest, furthest in ((1.0, low, high), (-1.0, high, low)):
+        q = np.clip(np.zeros(len(robot.joints)), robot.lower_position_limit, None)
+        q[lift] = nearest - way * error
+        travel = abs(furthest - nearest) + 4.0 * error
+        bound = reach.advance(q, np.zeros(len(q)), link, np.zeros(3), way * up, 0.0)
+        assert travel <= bound <= travel * (1.0 + 1e-9)
+
+
 def test_pandas_reach_is_as_published(models):
     # 855 mm from the shoulder to the flange, then the hand.
     np.testing.assert_allclose(models["reach"].arm_ball[:3], [0.0, 0.0, 0.333], atol=1e-3)
