@@ -72,7 +72,7 @@ def test_the_example_explains_every_key():
         parts = table.values() if isinstance(table, dict) else [table]
         for part in parts:
             for key in getattr(part, "__struct_fields__", ()):
-                assert f"{key} = " in text or f"[robot.{key}]" in text or key == "position", key
+                assert f"{key} = " in text or f"[{name}.{key}]" in text or key == "position", key
 
 
 def test_a_cell_with_only_a_robot_has_the_defaults_of_the_library():
