@@ -14,9 +14,10 @@ at the price of a few. Between ticks `monitor.explain()` says why a verdict is a
 sensor had better look at next. A controller that shares its next piece of trajectory, a `Plan` of
 `armguard.plans`, asks `monitor.commit(plan)` whether it is safe. With a `SeparationRule` of
 `armguard.separation_margin` each verdict carries the margin of the usual separation distance, too.
+What the parts of a body do, and how often, is in `armguard.people`.
 """
 
-from armguard import bounds, certificate, contact
+from armguard import bounds, certificate, contact, people
 from armguard.cover import Cover
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
@@ -36,4 +37,5 @@ __all__ = [
     "bounds",
     "certificate",
     "contact",
+    "people",
 ]

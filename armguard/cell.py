@@ -7,7 +7,7 @@ and a study start from.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TypeVar
@@ -16,11 +16,19 @@ import pinocchio
 from msgspec import UNSET
 
 from armguard.cell_frames import place_statics, read_rotation, resolve_frames
-from armguard.cell_schema import CellTables, SourceTable, given, make_error, parse_cell
+from armguard.cell_schema import (
+    CellTables,
+    PatternTable,
+    SourceTable,
+    given,
+    make_error,
+    parse_cell,
+)
 from armguard.cell_tool import SHAPES, attach_tool
 from armguard.exceptions import ArmguardError, CellError
 from armguard.monitor import Monitor
 from armguard.obstacles import Frame, Obstacles, Source
+from armguard.people import BOUNDS
 from armguard.robot import Robot
 from armguard.separation_margin import SeparationRule
 from armguard.streams.edge import HELD_UP
@@ -44,6 +52,7 @@ class Cell:
         self._check_robot()
         self._check_tool()
         self._check_sources()
+        self._patterns = self._list_bounds(tables.bounds.of)
         self.frames = resolve_frames(tables, file)
         self._statics = place_statics(tables, self.frames, file)
 
@@ -129,6 +138,8 @@ class Cell:
         """The table of obstacles, with its sources, frames and statics."""
         bounds = given(self.tables.bounds)
         bounds.pop("margin", None)
+        bounds["bounds"] = self._patterns
+        del bounds["of"]
         # An empty table says that there are no sources; none at all, that nothing is known of them.
         sources = None
         if self.tables.sources is not UNSET:
@@ -171,6 +182,21 @@ class Cell:
             )
 
         return self._attempt("", make)
+
+    def _list_bounds(
+        self, patterns: Mapping[str, str | PatternTable]
+    ) -> list[tuple[str, float, float]]:
+        """Bounds by pattern of ids, those of parts of a body looked up."""
+        listed = []
+        for pattern, entry in patterns.items():
+            if not isinstance(entry, str):
+                listed.append((pattern, entry.accel, entry.speed))
+            elif entry in BOUNDS:
+                listed.append((pattern, BOUNDS[entry].accel, BOUNDS[entry].speed))
+            else:
+                expected = f"one of {', '.join(BOUNDS)}, or {{ accel = …, speed = … }}"
+                raise self._error(f"bounds.of.{pattern}", f"is {entry!r}", expected)
+        return listed
 
     def _make_rule(self) -> SeparationRule | None:
         """The rule whose margin verdicts are to carry; None if the file does not ask for it."""

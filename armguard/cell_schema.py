@@ -109,13 +109,25 @@ class ToolTable(_Table, frozen=True, kw_only=True):
     mesh_scale: Positive = 1.0
 
 
+class PatternTable(_Table, frozen=True, kw_only=True):
+    """What the ids of one pattern can do, in `[bounds.of]`."""
+
+    accel: NotNegative
+    speed: NotNegative
+
+
 class BoundsTable(_Table, frozen=True, kw_only=True):
-    """`[bounds]`: what obstacles can do unless they say otherwise, and what counts as contact."""
+    """`[bounds]`: what obstacles can do unless they say otherwise, and what counts as contact.
+
+    `[bounds.of]` says by pattern of ids what those can do, as bounds or as a part of a body; the
+    first pattern that fits counts.
+    """
 
     accel: NotNegative | UnsetType = UNSET
     speed: NotNegative | UnsetType = UNSET
     margin: NotNegative | UnsetType = UNSET
     extent: Positive | UnsetType = UNSET
+    of: dict[Name, Name | PatternTable] = {}
 
 
 class MonitorTable(_Table, frozen=True, kw_only=True):
@@ -202,7 +214,22 @@ def parse_cell(text: str, file: str) -> CellTables:
         if isinstance(entries, dict):
             for name, entry in entries.items():
                 _convert(entry, kind, f"{table}.{name}", file)
+    _check_patterns(raw.get("bounds"), file)
     return _convert(raw, CellTables, "", file)
+
+
+def _check_patterns(bounds: object, file: str) -> None:
+    """Convert the entries of `[bounds.of]` one by one, for the sake of their errors."""
+    patterns = bounds.get("of") if isinstance(bounds, dict) else None
+    for pattern, entry in patterns.items() if isinstance(patterns, dict) else ():
+        path = f"bounds.of.{pattern}"
+        if not pattern:
+            raise make_error(file, "bounds.of", "has an empty pattern", "a pattern of ids")
+        if isinstance(entry, dict):
+            _convert(entry, PatternTable, path, file)
+        elif not isinstance(entry, str) or not entry:
+            expected = 'a part of a body, such as "hand", or { accel = …, speed = … }'
+            raise make_error(file, path, f"is {entry!r}", expected)
 
 
 def given(table: msgspec.Struct) -> dict[str, Any]:
@@ -219,9 +246,9 @@ def _check_finite(value: object, path: str, file: str) -> None:
         for number, entry in enumerate(value):
             _check_finite(entry, f"{path}[{number}]", file)
     elif isinstance(value, float) and not math.isfinite(value):
-        if path in _MAY_BE_INFINITE and value == math.inf:
-            return
-        raise make_error(file, path, f"is {value}", "a finite number")
+        may_be = path in _MAY_BE_INFINITE or path.startswith("bounds.of.")
+        if not (may_be and value == math.inf):
+            raise make_error(file, path, f"is {value}", "a finite number")
 
 
 def _convert(raw: object, kind: type[_T], path: str, file: str) -> _T:

@@ -23,6 +23,7 @@ from armguard.exceptions import CoverError, RobotError
 from armguard.link_surfaces import collect_surfaces
 from armguard.robot_description import (
     LIMITS,
+    OperatingDescription,
     RobotDescription,
     find_example_urdf,
     find_robot,
@@ -39,6 +40,21 @@ SPHERES = 12
 
 # Of all robots, since a lock of its own would keep a robot from being copied and pickled.
 _CHANGE = threading.Lock()
+
+
+class PublishedLimits(NamedTuple):
+    """What is published of what a robot's controller keeps to while it moves.
+
+    They hold for controllers that are set up as the source says, and for these only. None of an
+    arm's bounds rests on them unless a user states that they are kept to.
+    """
+
+    velocity: Array
+    """At most the robot's, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
+    acceleration: Array
+    """At most the robot's, in [rad]/[s²] or [m]/[s²]. Shape (nv,)."""
+    source: str
+    """Where both come from; "CHOSEN" marks a figure that nobody publishes."""
 
 
 class _Link(NamedTuple):
@@ -77,6 +93,8 @@ class Robot:
         upper_position_limit: In [rad] or [m]; inf for a continuous joint.
         position_error: What a measured position may be off by, in [rad] or [m].
         velocity_error: What a measured velocity may be off by, in [rad]/[s] or [m]/[s].
+        published_operating_limits: What is published of what its controller keeps to while it
+            moves; None where its robot.toml or limits say nothing of it.
     """
 
     cover: Cover
@@ -98,6 +116,9 @@ class Robot:
         self.braking_deceleration = _read_only(entry.braking for entry in entries)
         self.position_error = _read_only(entry.position_error for entry in entries)
         self.velocity_error = _read_only(entry.velocity_error for entry in entries)
+        self.published_operating_limits = _read_published(
+            description.operating.published, self.joints
+        )
         self.model.lowerPositionLimit = self.lower_position_limit
         self.model.upperPositionLimit = self.upper_position_limit
         self.model.velocityLimit = self.velocity_limit
@@ -315,6 +336,19 @@ def _restrict(cover: Cover, links: Iterable[str]) -> Cover:
     kept = list(links)
     return Cover(
         {link: cover.tree(link) for link in kept}, {link: cover.digest(link) for link in kept}
+    )
+
+
+def _read_published(
+    published: OperatingDescription | None, joints: Sequence[str]
+) -> PublishedLimits | None:
+    if published is None:
+        return None
+    sources = published.sources
+    return PublishedLimits(
+        _read_only(published.velocity[joint] for joint in joints),
+        _read_only(published.acceleration[joint] for joint in joints),
+        f"velocity: {sources.velocity}; acceleration: {sources.acceleration}",
     )
 
 

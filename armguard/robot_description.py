@@ -53,6 +53,31 @@ class LockedJoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     travel: tuple[float, float] | None = None
 
 
+class OperatingSources(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Where published operating limits come from."""
+
+    velocity: str
+    acceleration: str
+
+
+class OperatingDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What those who make or drive a robot publish of what its controller keeps to at work.
+
+    By joint, in [rad]/[s] and [rad]/[s²], or [m]/[s] and [m]/[s²]. No limits of the hardware: an
+    emergency may exceed them, and so may whoever configures the controller otherwise.
+    """
+
+    sources: OperatingSources
+    velocity: dict[str, float]
+    acceleration: dict[str, float]
+
+
+class OperatingTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`[operating]`: what is known of a robot at work."""
+
+    published: OperatingDescription | None = None
+
+
 class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A parsed and checked robot.toml.
 
@@ -63,6 +88,7 @@ class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         joints: The watched joints by name.
         locked: Unwatched joints that move links beyond, or carry, a watched one.
         bare_links: Links that are drawn but have no collision geometry, and may go uncovered.
+        operating: What its controller keeps to at work, as far as that is published.
     """
 
     sources: LimitSources
@@ -71,6 +97,7 @@ class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     urdf: str = ""
     locked: dict[str, LockedJoint] = {}
     bare_links: tuple[str, ...] = ()
+    operating: OperatingTable = OperatingTable()
 
     @property
     def travelling(self) -> list[str]:
@@ -193,6 +220,8 @@ def _check(place: str, description: RobotDescription) -> None:
                 f"braking = {joint.braking} exceeds acceleration = {joint.acceleration}",
                 remedy="the acceleration limit holds while braking as well",
             )
+    if description.operating.published is not None:
+        _check_operating(place, description, description.operating.published)
     for name, locked in description.locked.items():
         where = f"{place}: locked joint {name}"
         if name in description.joints:
@@ -203,6 +232,33 @@ def _check(place: str, description: RobotDescription) -> None:
             _check_range(where, "travel", locked.travel)
         elif not math.isfinite(locked.position or 0.0):
             raise RobotError(where, f"position = {locked.position}", expected="a finite number")
+
+
+def _check_operating(
+    place: str, description: RobotDescription, published: OperatingDescription
+) -> None:
+    """Refuse operating limits that lack a joint or a source, or are beyond the hardware's."""
+    for key in ("velocity", "acceleration"):
+        where = f"{place}: operating.published.{key}"
+        limits: dict[str, float] = getattr(published, key)
+        if not getattr(published.sources, key).strip():
+            raise RobotError(where, "has no source")
+        for name in limits:
+            if name not in description.joints:
+                raise RobotError(
+                    where, f"names joint {name}", expected=f"one of {', '.join(description.joints)}"
+                )
+        for name, joint in description.joints.items():
+            if name not in limits:
+                raise RobotError(where, f"lacks joint {name}", expected="every joint of [joints]")
+            hardware = getattr(joint, key)
+            # Neither is NaN let through, nor a limit that the hardware could not keep.
+            if not (0.0 < limits[name] <= hardware):
+                raise RobotError(
+                    f"{where}: joint {name}",
+                    f"is {limits[name]}",
+                    expected=f"above 0 and at most {hardware}, the {key} limit of the joint",
+                )
 
 
 def _check_range(where: str, key: str, limits: tuple[float, float]) -> None:

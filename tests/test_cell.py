@@ -12,6 +12,7 @@ from armguard.cell import Cell
 from armguard.cell_schema import SeparationTable
 from armguard.exceptions import CellError
 from armguard.monitor import Monitor
+from armguard.people import BOUNDS
 from armguard.robot import Robot
 from armguard.separation import HUMAN_SPEED
 from armguard.separation_margin import SeparationRule
@@ -73,7 +74,7 @@ def test_the_example_explains_every_key():
         parts = table.values() if isinstance(table, dict) else [table]
         for part in parts:
             for key in getattr(part, "__struct_fields__", ()):
-                assert f"{key} = " in text or f"[robot.{key}]" in text or key == "position", key
+                assert f"{key} = " in text or f"[{name}.{key}]" in text or key == "position", key
 
 
 def test_a_cell_with_only_a_robot_has_the_defaults_of_the_library():
@@ -120,6 +121,22 @@ def test_settings_reach_obstacles_and_monitor():
     row = obstacles.row("a")
     assert obstacles.table.accepted.speed[row] == 3.0
     assert obstacles.table.accepted.accel[row] == 7.0
+
+
+def test_ids_have_the_bounds_of_their_first_pattern():
+    text = (
+        '[robot]\nname = "panda"\n[bounds]\nspeed = 3.0\n[bounds.of]\n"*_hand" = "hand"\n'
+        '"*" = { accel = inf, speed = 12.0 }\n"late" = "head"\n'
+    )
+    obstacles = Cell.from_text(text).make_obstacles()
+    obstacles.update(["left_hand", "late"], 0.0, np.zeros((2, 3)), radius=0.1)
+    rows = [obstacles.row(id) for id in ("left_hand", "late")]
+    assert obstacles.table.accel[rows].tolist() == [BOUNDS["hand"].accel, math.inf]
+    assert obstacles.table.speed[rows].tolist() == [BOUNDS["hand"].speed, 12.0]
+    # A bound that the table would refuse is refused by the name of its key.
+    text = text.replace("12.0", "1200.0")
+    with pytest.raises(CellError, match=r"cell: bounds.*speed: is 1200\.0; expected at most 100"):
+        Cell.from_text(text).make_obstacles()
 
 
 def separation_of(table):

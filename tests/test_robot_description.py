@@ -45,6 +45,59 @@ def test_a_limit_without_source_is_refused(tmp_path):
         Robot.from_urdf(two_links(tmp_path), limits=limits)
 
 
+def published_for(velocity=0.5, acceleration=3.0, joint="shoulder", source="a test"):
+    limits = {"velocity": {joint: velocity}, "acceleration": {joint: acceleration}}
+    sources = {"velocity": source, "acceleration": source}
+    return {"operating": {"published": {"sources": sources, **limits}}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"velocity": 1.0001}, r"velocity: joint shoulder.*is 1\.0001.*at most 1\.0, the velocity"),
+        ({"acceleration": 5.5}, r"acceleration: joint shoulder.*is 5\.5.*at most 5\.0"),
+        ({"acceleration": 0.0}, r"is 0\.0.*above 0"),
+        ({"velocity": float("nan")}, "is nan"),
+        ({"velocity": float("inf")}, "is inf"),
+        ({"acceleration": -1.0}, r"is -1\.0"),
+        ({"velocity": "fast"}, "velocity"),
+        ({"joint": "elbow"}, "velocity: names joint elbow.*shoulder"),
+        ({"source": " "}, "velocity: has no source"),
+    ],
+)
+def test_operating_limits_that_cannot_be_are_refused_by_name(changes, message):
+    with pytest.raises(RobotError, match=message):
+        read_description(limits_for("shoulder") | published_for(**changes))
+
+
+def test_operating_limits_are_complete_and_nothing_else():
+    limits = limits_for("shoulder", "elbow") | published_for()
+    with pytest.raises(RobotError, match=r"operating\.published\.velocity: lacks joint elbow"):
+        read_description(limits)
+    with pytest.raises(RobotError, match="stated"):
+        read_description(limits_for("shoulder") | {"operating": {"stated": {}}})
+    published = published_for()
+    del published["operating"]["published"]["acceleration"]
+    with pytest.raises(RobotError, match="acceleration"):
+        read_description(limits_for("shoulder") | published)
+
+
+def test_operating_limits_are_those_of_the_watched_joints(tmp_path):
+    path = two_links(tmp_path)
+    limits = limits_for("shoulder")
+    plain = Robot.from_urdf(path, limits=limits)
+    assert plain.published_operating_limits is None
+    robot = Robot.from_urdf(path, limits=limits | published_for(velocity=1.0))
+    published = robot.published_operating_limits
+    assert (published.velocity.tolist(), published.acceleration.tolist()) == ([1.0], [3.0])
+    assert published.source == "velocity: a test; acceleration: a test"
+    with pytest.raises(ValueError, match="read-only"):
+        published.velocity[0] = 2.0
+    # What is published of an arm at work changes no limit that its bounds rest on.
+    assert robot.velocity_limit == plain.velocity_limit
+    assert robot.acceleration_limit == plain.acceleration_limit
+
+
 @pytest.mark.parametrize("content", ["joints = 3", "[joints", "\xff", ""])
 def test_malformed_files_are_refused(tmp_path, content):
     path = tmp_path / "robot.toml"

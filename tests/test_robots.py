@@ -112,6 +112,23 @@ def test_the_readme_says_what_the_files_say(robot):
             assert said == pytest.approx(ends, rel=1e-3)
 
 
+def test_published_operating_limits_are_within_the_hardwares_and_in_the_readme(robot):
+    published = robot.published_operating_limits
+    for limit, hardware in (
+        (published.velocity, robot.velocity_limit),
+        (published.acceleration, robot.acceleration_limit),
+    ):
+        assert ((limit > 0.0) & (limit <= hardware)).all()
+    assert published.acceleration.max() <= 10.0, "nothing derived from efforts"
+    assert ("CHOSEN" in published.source) == (robot.name == "tiago")
+    assert "commit " in published.source or "issue 380" in published.source
+    readme = (robots_directory() / robot.name / "README.md").read_text()
+    rows = read_table(readme, "operating limits of")
+    assert [row[0] for row in rows] == list(robot.joints)
+    for k, values in enumerate(zip(published.velocity, published.acceleration, strict=True)):
+        assert [float(cell) for cell in rows[k][1:]] == pytest.approx(values, rel=1e-3)
+
+
 def test_the_page_on_covers_says_what_the_files_say(robot):
     page = (robots_directory().parent / "docs" / "covers.md").read_text()
     row = {line[0].split("`")[0]: line for line in read_table(page, "robot")}[robot.name]

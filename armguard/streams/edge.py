@@ -94,7 +94,8 @@ class Edge:
         joint_clock: How joint states are stamped; not by arrival.
         joint_timeout: At the start, joint states older than this, in [s], are dropped: a sender
             that was there before hands over what has waited.
-        speed: Speed bound of obstacles that bring none, in [m/s]; for sources without a clock.
+        speed: Speed bound of obstacles that bring none and that no pattern of the table's fits, in
+            [m/s]; for sources without a clock.
         accel: Acceleration bound of obstacles that bring none, in [m/s²]; alike.
         reset_token: What a reset message must carry; without one, none is obeyed.
         monotonic: Reads the clock of `monotonic` stamps, in [s].
@@ -261,7 +262,7 @@ class Edge:
             self._name_unusable(source, sequence, {"stamp": message.stamp, **fields})
             window = clock.error + gap
             if window > 0.0:
-                self._widen(fields, window)
+                self._widen(fields, window, message.ids)
         except MessageError as error:
             # Handed on as it came: the table refuses it too, and so the verdict knows of it.
             self.faults.add("malformed", source, sequence, str(error))
@@ -365,10 +366,11 @@ class Edge:
         # It may have arrived since the drain began, which takes its time.
         return arrival, self._clock.now() - arrival
 
-    def _widen(self, fields: dict[str, Any], window: float) -> None:
+    def _widen(self, fields: dict[str, Any], window: float, ids: Sequence[str]) -> None:
         """Add what a body can do between its stamp and the measurement, `window` [s] at most."""
-        speed = np.asarray(self._speed if fields["speed"] is None else fields["speed"])
-        accel = np.asarray(self._accel if fields["accel"] is None else fields["accel"])
+        known_accel, known_speed = self._obstacles.bounds.find(ids, self._accel, self._speed)
+        speed = np.asarray(known_speed if fields["speed"] is None else fields["speed"])
+        accel = np.asarray(known_accel if fields["accel"] is None else fields["accel"])
         position_error = np.asarray(fields["position_error"])
         velocity_error = np.asarray(fields["velocity_error"])
         velocity = fields["velocity"]

@@ -60,6 +60,19 @@ def test_clock_errors_of_sources_widen_what_they_say():
     assert accepted.position_error[row] == pytest.approx(2.0 * 0.12, rel=1e-6)
 
 
+def test_clock_errors_widen_a_hand_by_what_hands_do():
+    clocks = {"cam0": StampClock("monotonic", 0.0, 0.02)}
+    bounds = [("*_hand", 40.0, 3.0)]
+    world = World(bounds, stamp_clocks=clocks, speed=2.0, accel=10.0)
+    position, velocity = [[1.0, 2.0, 3.0]] * 2, [[0.0, 0.0, 0.5]] * 2
+    world.send(obstacles(ids=["left_hand", "a"], position=position, velocity=velocity))
+    accepted = world.obstacles.table.accepted
+    rows = [world.obstacles.row(id) for id in ("left_hand", "a")]
+    assert accepted.position_error[rows] == pytest.approx([3.0 * 0.02, 2.0 * 0.02])
+    assert accepted.velocity_error[rows] == pytest.approx([40.0 * 0.02, 10.0 * 0.02])
+    assert world.obstacles.take_faults() == []
+
+
 def test_a_clock_error_does_not_hide_a_broken_speed_bound():
     world = World(stamp_clocks={"cam0": StampClock("monotonic", 0.0, 0.1)}, speed=2.0, accel=10.0)
     world.send(obstacles(velocity=[[0.0, 0.0, 2.5]], velocity_error=0.1))

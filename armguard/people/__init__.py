@@ -1,0 +1,25 @@
+"""People as they are: what parts of a body can do, measured, with the share that keeps to it.
+
+One bound for a whole person is either broken by hands or wasted on the trunk. `BOUNDS` has one for
+each part, with its percentile and its source; `find_bounds` finds it by the id of an obstacle, and
+`list_bounds` gives all of them as `Obstacles(bounds=…)` takes them. In a cell file `[bounds.of]`
+names parts by patterns of ids.
+
+`measure_motion` and `check_bounds` hold other recordings against them: whoever has people of their
+own should. docs/people.md says how, and what was found.
+"""
+
+from armguard.people.body_parts import BOUNDS, PATTERNS, PartBounds, find_bounds, list_bounds
+from armguard.people.measurement import BoundReport, Motion, check_bounds, measure_motion
+
+__all__ = [
+    "BOUNDS",
+    "PATTERNS",
+    "BoundReport",
+    "Motion",
+    "PartBounds",
+    "check_bounds",
+    "find_bounds",
+    "list_bounds",
+    "measure_motion",
+]

@@ -1,0 +1,125 @@
+"""How people in recordings move, part by part, and how often that breaks the bounds on them.
+
+    ARMGUARD_RECORDINGS=... python benchmarks/people.py                        # print the tables
+    ARMGUARD_RECORDINGS=... python benchmarks/people.py --page docs/people.md  # put them there
+    python benchmarks/people.py mine-1.csv mine-2.csv                          # people of your own
+
+Reads motion captures as Vicon exports them, at 30 Hz or more. `armguard.people.measurement` says
+which samples count and how accelerations are estimated.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from armguard.exceptions import ArmguardError
+from armguard.people import BOUNDS, BoundReport, PartBounds, check_bounds, measure_motion
+from armguard.people.measurement import HALF_WINDOW
+from armguard.simulation.bodies import POINTS
+from armguard.simulation.recordings import read_vicon_csv
+
+BEGIN = "<!-- made by benchmarks/people.py -->"
+END = "<!-- end of what benchmarks/people.py made -->"
+SHORT_WINDOW = 0.02  # [s]
+DEFAULTS = PartBounds(10.0, 2.0, 0.0, "of Obstacles")
+TRUNK = {"collar": "trunk", "hip": "trunk"}
+PARTS = [TRUNK.get(point, point.rpartition("_")[2]) for point in POINTS]
+
+
+def make_tables(paths: Sequence[Path]) -> str:
+    """What was measured, as Markdown."""
+    recordings = [(path.stem, *read_vicon_csv(path)) for path in paths]
+    reports = {}
+    for window in (HALF_WINDOW, SHORT_WINDOW):
+        motions = [measure_motion(points, rate, window) for _, rate, points in recordings]
+        if window == HALF_WINDOW:
+            noise = np.concatenate([motion.noise for motion in motions])
+        pairs = [(motion, PARTS) for motion in motions]
+        reports[window] = check_bounds(pairs)
+        if window == HALF_WINDOW:
+            with_defaults = check_bounds(pairs, dict.fromkeys(BOUNDS, DEFAULTS))
+    seconds = sum(len(points) / rate for _, rate, points in recordings)
+    names = ", ".join(name for name, _, _ in recordings)
+    lines = [
+        f"{len(recordings)} recordings ({names}), {seconds:.0f} s. Noise in accelerations:"
+        f" {np.nanmedian(noise):.2f} m/s² in the median of all points, {np.nanmax(noise):.2f} m/s²"
+        " at most.",
+        "",
+        "| part | bounds | clean samples | m/s²: p99 | p99.9 | max | m/s: p99 | p99.9 | max |"
+        " broke m/s² | broke m/s | broke either | broke 10 m/s² | broke 2 m/s |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for part, report in reports[HALF_WINDOW].items():
+        bound, usual = BOUNDS[part], with_defaults[part]
+        shares = [report.accel_broken, report.speed_broken, report.broken]
+        shares += [usual.accel_broken, usual.speed_broken]
+        cells = [
+            part,
+            f"{bound.accel:g} m/s², {bound.speed:g} m/s",
+            f"{report.clean} of {report.seen}",
+            *(f"{value:.1f}" for value in report.accel),
+            *(f"{value:.2f}" for value in report.speed),
+            *(f"{100.0 * share:.2f} %" for share in shares),
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    lines += ["", *_short_window(reports[SHORT_WINDOW])]
+    return "\n".join(lines)
+
+
+def _short_window(reports: dict[str, BoundReport]) -> list[str]:
+    """Accelerations where 20 ms either side are looked at: sharper, and noisier."""
+    lines = [
+        "The same with 20 ms either side of the middle, not 30 ms, and 2.25 times the noise:",
+        "",
+        "| part | m/s²: p99 | p99.9 | max | broke m/s² |",
+        "|---|---|---|---|---|",
+    ]
+    for part, report in reports.items():
+        accels = " | ".join(f"{value:.1f}" for value in report.accel)
+        lines.append(f"| {part} | {accels} | {100.0 * report.accel_broken:.2f} % |")
+    return lines
+
+
+def put_into_page(page: Path, tables: str) -> None:
+    """Replace what stands between the marks of a page."""
+    text = page.read_text(encoding="utf-8")
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not (begin and end):
+        raise ArmguardError(str(page), "lacks the marks around the tables", expected=f"{BEGIN} …")
+    page.write_text(f"{before}{BEGIN}\n\n{tables}\n\n{END}{after}", encoding="utf-8")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, and print or write the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("recordings", nargs="*", type=Path, help="Vicon CSV files")
+    parser.add_argument("--page", type=Path, help="page to put the tables into")
+    options = parser.parse_args(arguments)
+    paths = options.recordings
+    if not paths:
+        folder = Path(os.environ.get("ARMGUARD_RECORDINGS", ""))
+        paths = sorted(folder.glob("*.csv")) if folder.name else []
+    if not paths:
+        print("no recordings: name files, or set ARMGUARD_RECORDINGS", file=sys.stderr)
+        return 2
+    try:
+        tables = make_tables(paths)
+        if options.page is None:
+            print(tables)
+        else:
+            put_into_page(options.page, tables)
+    except (ArmguardError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
