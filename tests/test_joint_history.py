@@ -210,7 +210,7 @@ def test_what_is_told_of_a_failure_is_more_than_what_is_allowed():
     rng, codes = np.random.default_rng(6), set()
     for _ in range(60):
         joints = history(rng.choice([0.0, 1e-3]), rng.choice([1e-3, 0.02]))
-        stamp, q, v = 0.0, np.zeros(3), np.zeros(3)
+        stamp, q, v = 0.0, np.zeros(3), rng.choice([0.0, 1.0]) * LIMITS["velocity_limit"]
         for _ in range(200):
             stamp += rng.choice([0.0, 1e-3, 0.01])
             wild = rng.choice([1.0, 1.0, 1.0, 3.0])

@@ -54,7 +54,7 @@ def test_stop_time_speed_scale_and_validity_are_the_formulas(schedule, motion):
     """Where braking is not reckoned with; elsewhere it only spares stops."""
     robot, latency, reaction, rate = panda(), 0.004, 0.03, 500.0
     obstacles, monitor = make_monitor(
-        schedule, motion=motion, rate=rate, latency=latency, reaction_time=reaction
+        schedule, motion=motion, rate=rate, latency=latency, reaction_time=reaction, hold=0.0
     )
     horizon = 1.0 / rate + latency
     for age, x in itertools.product((0.0, 0.01), (1.6, 2.0, 5.0, 20.0)):
