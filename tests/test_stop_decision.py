@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -146,6 +147,34 @@ def test_a_scale_is_the_least_of_its_hold():
         raw[k] = rng.choice([0.0, 0.3, 0.6, 0.9, 1.0]) if k % 97 == 0 else raw[k - 1]
         given = decision.hold_scale(times[k], raw[k])
         assert given == raw[: k + 1][times[: k + 1] >= times[k] - hold].min()
+
+
+@pytest.mark.parametrize("late", [1.0, 3.0, 12.0])
+def test_a_scale_is_given_out_for_no_longer_than_it_was_proved_for(late, monkeypatch):
+    """Ticks come as they like; what is safe in one of them need not be in the next."""
+    rng, proved, ages = np.random.default_rng(1), {}, []
+    decision = StopDecision(None, PERIOD, PERIOD + LATENCY, 0.1, 0.0)
+
+    def is_safe(tick, scale):
+        if scale <= rng.choice([0.2, 0.5, 0.9, 2.0]):
+            proved[scale] = tick.time
+            return True
+        return False
+
+    monkeypatch.setattr(decision, "_is_safe", is_safe)
+    lasting, now = decision.looks_ahead - decision._obeyed_after - 0.1, 0.0
+    before = 0.0
+    for _ in range(5000):
+        now += PERIOD * rng.uniform(0.5, rng.choice([1.0, late]) + 0.5)
+        scale = decision.find_scale(SimpleNamespace(time=now))
+        if scale > 0.0:
+            ages.append(now - proved[scale])
+            if scale != before:
+                # The proof lets the arm go on as before for no longer than a search may take.
+                assert ages[-1] <= decision._searching
+        before = scale
+    assert max(ages) < lasting
+    assert max(ages) > 0.5 * lasting
 
 
 SLOW, AWARE = 0.1, 0.3
