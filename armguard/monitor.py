@@ -142,7 +142,7 @@ class Monitor(MonitorAnswers):
             settings.reaction_time,
             settings.period,
         )
-        sources = [state.source.name for state in obstacles._book.states]
+        sources = obstacles.source_names
         self._ignored = IgnoredPairs(ignore, robot, sources)
         self._watch = make_watch(robot, obstacles, settings, self._ignored, self._states)
         self._judge = Judge(

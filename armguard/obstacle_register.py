@@ -131,6 +131,11 @@ class ObstacleRegister:
         self._any_refused = bool(self.table.refused.any())
 
     @property
+    def source_names(self) -> list[str]:
+        """Sources that were named or have spoken, in order of appearance."""
+        return [state.source.name for state in self._book.states]
+
+    @property
     def has_sources(self) -> bool:
         """Whether any source was named or has spoken."""
         return bool(self._book.states)

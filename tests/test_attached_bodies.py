@@ -152,7 +152,7 @@ def test_only_what_is_attached_can_be_detached(panda):
 
 def reach(panda):
     """A monitor beside a wall that only a long tool can be near to."""
-    obstacles = Obstacles()
+    obstacles = Obstacles(sources=[])
     hand = panda.model.createData()
     pinocchio.forwardKinematics(panda.model, hand, READY)
     tip = hand.oMi[7].act(np.array([0.0, 0.0, 1.0]))

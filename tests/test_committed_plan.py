@@ -317,7 +317,7 @@ def test_while_its_state_is_not_believed_an_arm_can_commit_to_nothing():
 
 def test_a_tool_that_comes_on_the_way_makes_the_plan_void():
     robot = Robot.load("panda")
-    monitor = Monitor(robot, Obstacles(), motion="planned")
+    monitor = Monitor(robot, Obstacles(sources=[]), motion="planned")
     monitor.step(0.0, HOME, STILL)
     plan = make_plan()
     assert monitor.commit(plan).safe
@@ -390,7 +390,7 @@ def test_a_source_that_falls_silent_lets_nothing_more_be_committed():
 def test_a_tool_that_no_step_has_seen_lets_nothing_be_committed():
     """Either way: judged without the tool, the piece would have it hit what only it can reach."""
     robot = Robot.load("panda")
-    monitor = Monitor(robot, Obstacles(), motion="planned")
+    monitor = Monitor(robot, Obstacles(sources=[]), motion="planned")
     monitor.step(0.0, HOME, STILL)
     assert monitor.commit(make_plan()).safe
     for tick, change in enumerate(
@@ -468,7 +468,7 @@ def wrap(angle):
 def test_a_continuous_joint_may_wrap_under_a_plan(side, whose):
     """Driver and planner, each in its own way: the arm is followed all the same."""
     robot = Robot.load("kinova")
-    monitor = Monitor(robot, Obstacles(), motion="planned")
+    monitor = Monitor(robot, Obstacles(sources=[]), motion="planned")
     lower, upper = robot.lower_position_limit, robot.upper_position_limit
     turning = np.flatnonzero(np.isinf(lower))
     start = np.array(

@@ -17,7 +17,7 @@ def robot():
 
 def run_monitor(robot, count=12, ticks=1, **options):
     """A monitor after some ticks beside `count` balls and a capsule."""
-    obstacles = Obstacles()
+    obstacles = Obstacles(sources=[])
     random = np.random.default_rng(1)
     monitor = Monitor(robot, obstacles, **options)
     positions = random.uniform(-2.5, 2.5, (count, 3))
@@ -98,9 +98,9 @@ def test_it_is_a_copy(robot):
 
 
 def test_before_the_first_tick_and_without_obstacles_there_is_little_to_see(robot):
-    fresh = Monitor(robot, Obstacles()).snapshot(**EVERYTHING)
+    fresh = Monitor(robot, Obstacles(sources=[])).snapshot(**EVERYTHING)
     assert len(fresh.pairs) == len(fresh.rows) == 0
-    alone = Monitor(robot, Obstacles())
+    alone = Monitor(robot, Obstacles(sources=[]))
     alone.step(0.0, READY, np.zeros(7))
     snapshot = alone.snapshot(**EVERYTHING)
     assert len(snapshot.pairs) == 0

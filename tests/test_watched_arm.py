@@ -62,7 +62,7 @@ def test_bounds_widen_once_when_a_joint_is_faster_than_its_limit():
 
 def test_what_is_attached_later_does_not_reach_an_arm_that_is_laid_out():
     robot = Robot.load("panda")
-    monitor = Monitor(robot, Obstacles())
+    monitor = Monitor(robot, Obstacles(sources=[]))
     arm = arm_of(monitor)
     links = arm.links
     robot.attach("tool", "panda_hand", coal.Sphere(0.05))

@@ -24,7 +24,7 @@ def make(**changes):
         "base_placement": None,
     }
     ignored = IgnoredPairs([("panda_hand", "*")], panda())
-    obstacles = Obstacles()
+    obstacles = Obstacles(sources=[])
     obstacles.add_static("post", [1.0, 0.0, 0.0], 0.1)
     states = JointStates(panda(), 0.05)
     settings = read_settings(panda(), obstacles, **usual | changes)

@@ -35,7 +35,7 @@ def robot():
 
 
 def observe(robot, count=3, ticks=1, q=READY, **changes):
-    obstacles = Obstacles()
+    obstacles = Obstacles(sources=[])
     monitor, messages = Monitor(robot, obstacles), Messages()
     feed = MonitorFeed(monitor, messages)
     positions = np.random.default_rng(0).uniform(1.0, 3.0, (count, 3))
@@ -93,7 +93,7 @@ def test_an_arm_that_is_not_believed_is_about_to_touch_anything(robot):
 
 
 def test_what_was_refused_is_marked_and_stays_where_it_was_accepted(robot):
-    obstacles = Obstacles()
+    obstacles = Obstacles(sources=[])
     monitor, messages = Monitor(robot, obstacles), Messages()
     feed = MonitorFeed(monitor, messages)
     for now, x in ((0.001, 2.0), (0.1, np.nan)):
@@ -108,7 +108,7 @@ def test_what_was_refused_is_marked_and_stays_where_it_was_accepted(robot):
 
 
 def test_an_attached_tool_comes_with_a_new_scene():
-    robot, obstacles, messages = Robot.load("panda"), Obstacles(), Messages()
+    robot, obstacles, messages = Robot.load("panda"), Obstacles(sources=[]), Messages()
     monitor = Monitor(robot, obstacles)
     feed = MonitorFeed(monitor, messages)
     robot.attach("tool", "panda_hand", coal.Sphere(0.05))
