@@ -20,10 +20,10 @@ import argparse
 
 import numpy as np
 import pinocchio
-from braking import draw_configuration
 from numpy.typing import NDArray
 
 from armguard.robot import Robot
+from braking import draw_configuration
 
 MARGIN = 1.25  # for what sampling misses
 

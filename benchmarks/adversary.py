@@ -13,14 +13,10 @@ import argparse
 import math
 import sys
 import time
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-
-from hunt import Hunt
-from hunt_score import Score
 
 from armguard.robot import Robot
+from support.adversary import Hunt
+from support.adversary_score import Score
 
 REPORT_EVERY = 20.0  # seconds
 

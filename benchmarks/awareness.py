@@ -39,9 +39,6 @@ import math
 import time
 
 import numpy as np
-from crowds import RATE, REACTION_TIME, Work, publish
-from lookouts import AWARE_MARGIN, FRESHNESS, Deadline, Full, PairSchedule, Walkers
-from schedules import describe_machine
 
 from armguard.ignored_pairs import IgnoredPairs
 from armguard.obstacles import Obstacles
@@ -50,6 +47,9 @@ from armguard.schedules import DaaSchedule, FullSchedule
 from armguard.schedules.partition import make_partition
 from armguard.watch import Tick
 from armguard.watched_arm import WatchedArm
+from crowds import RATE, REACTION_TIME, Work, publish
+from lookouts import AWARE_MARGIN, FRESHNESS, Deadline, Full, PairSchedule, Walkers
+from schedules import describe_machine
 
 LADDER = (60, 600, 6_000, 60_000)  # pairs
 EQUAL = 1.0 + 1e-9  # contact times within this factor are equal

@@ -11,12 +11,12 @@ from __future__ import annotations
 import math
 
 import coal
-import crowds
 import pinocchio
-from crowds import Answer, UnavailableError
 
+import crowds
 from armguard.bounds import IsotropicMotion
 from armguard.kinematics import Kinematics
+from crowds import Answer, UnavailableError
 
 try:
     import mujoco

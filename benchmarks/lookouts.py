@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from crowds import HEIGHT, LATENCY, OUTER, RATE, REACTION_TIME
 
 from armguard.joint_states import JointStates
 from armguard.obstacle_watch import ObstacleWatch
@@ -17,6 +16,7 @@ from armguard.pairs import evaluate
 from armguard.robot import Robot
 from armguard.watch import Tick
 from armguard.watched_arm import WatchedArm
+from crowds import HEIGHT, LATENCY, OUTER, RATE, REACTION_TIME
 
 GROUPS = 10  # of balls that are measured in turn, one in each tick
 CIRCLE, PACE = (0.5, 3.0), (0.3, 1.5)  # radii [m] and speeds [m/s] of the balls' walks

@@ -19,7 +19,6 @@ import time
 
 import numpy as np
 import pinocchio
-from braking import draw_configuration
 
 from armguard.bounds import (
     BrakingMotion,
@@ -32,6 +31,7 @@ from armguard.compilation import kernel
 from armguard.contact import row_contact_time
 from armguard.kinematics import Kinematics
 from armguard.robot import Robot
+from braking import draw_configuration
 
 TIMES = (0.05, 0.1, 0.2)
 STEP = 1e-3

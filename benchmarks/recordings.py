@@ -38,6 +38,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+
+from armguard.obstacles import Obstacles
+from armguard.robot import Robot
+from armguard.separation import HUMAN_SPEED
+from armguard.simulation import Recording, random_trajectory
+from armguard.simulation.bodies import BODIES, POINTS
+from armguard.simulation.trajectory import keeps_within
 from stop_rules import (
     BrakingRule,
     IsotropicRule,
@@ -49,13 +56,6 @@ from stop_rules import (
     Timing,
 )
 from working_arm import WorkingArm
-
-from armguard.obstacles import Obstacles
-from armguard.robot import Robot
-from armguard.separation import HUMAN_SPEED
-from armguard.simulation import Recording, random_trajectory
-from armguard.simulation.bodies import BODIES, POINTS
-from armguard.simulation.trajectory import keeps_within
 
 ACCEL, SPEED = 10.0, 2.0  # bounds on people, [m/s²] and [m/s]
 REACTION, LATENCY, HOLD = 0.02, 0.002, 0.3  # [s]

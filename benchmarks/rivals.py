@@ -12,18 +12,18 @@ from __future__ import annotations
 
 import math
 
-import crowds
 import numpy as np
-import sweeps
-from crowds import Answer, UnavailableError
-from engines import CoalBroadPhase, MujocoContacts, MujocoDistances, PinocchioDistances
 
+import crowds
+import sweeps
 from armguard.bounds import IsotropicMotion, ReachMotion
 from armguard.exceptions import ArmguardError
 from armguard.kinematics import Kinematics
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.verdict import Level
+from crowds import Answer, UnavailableError
+from engines import CoalBroadPhase, MujocoContacts, MujocoDistances, PinocchioDistances
 
 
 class Watch:

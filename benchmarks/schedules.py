@@ -35,10 +35,10 @@ import time
 from pathlib import Path
 
 import numpy as np
-from crowds import RATE, Crowd, UnavailableError, Work
-from rivals import CONTESTANTS
 
 from armguard.robot import Robot
+from crowds import RATE, Crowd, UnavailableError, Work
+from rivals import CONTESTANTS
 
 MANY = 100_000
 UPDATE_RATE, UPDATE_RATE_OF_MANY = 100.0, 1.0  # [Hz]

@@ -3,13 +3,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from contact_cases import CONVERGED, mixed_case, ordinary_case
 
 from armguard.contact import (
     earliest_contact_hull,
     pair_contact_time,
     pair_distance_time,
 )
+from support.contact_cases import CONVERGED, mixed_case, ordinary_case
 
 
 def test_more_advances_never_lower_the_time():

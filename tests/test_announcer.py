@@ -3,10 +3,10 @@ import threading
 import time
 
 import pytest
-from verdict_samples import verdict
 
 from armguard.announcer import INTERVAL, QUEUE_LIMIT, Announcer
 from armguard.verdict import Level, Reason, ReasonKind
+from support.verdict_samples import verdict
 
 GAP = Reason(ReasonKind.JOINT_STATE_GAP, "joint states", "0.2 s between two")
 SILENT = Reason(ReasonKind.SOURCE_SILENT, "cam", "0.3 s")

@@ -1,10 +1,10 @@
 import numpy as np
 import pinocchio
 import pytest
-from scenes import HOME, panda
 
 from armguard.arm_motion import MOTIONS, ArmMotion
 from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, ReachMotion
+from support.panda_monitor import HOME, panda
 
 V = np.full(7, 0.3)
 BASE = pinocchio.SE3(pinocchio.rpy.rpyToMatrix(0.3, -1.0, 2.0), np.array([3.0, -2.0, 1.0]))

@@ -5,8 +5,6 @@ import coal
 import numpy as np
 import pinocchio
 import pytest
-from test_fitting import is_inside, sample
-from test_patches import surface_points
 
 from armguard.attached_bodies import AttachedBody
 from armguard.bounds import IsotropicMotion
@@ -17,6 +15,8 @@ from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot, _extend
 from armguard.verdict import Level
+from support.round_surfaces import surface_points
+from support.surface_samples import is_inside, sample
 
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 REST = np.zeros(7)

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_texts import FRAMES, ROBOT
 from msgspec import UNSET
 
 from armguard.cell import Cell
@@ -17,6 +16,7 @@ from armguard.robot import Robot
 from armguard.separation import HUMAN_SPEED
 from armguard.separation_margin import SeparationRule
 from armguard.streams.edge import HELD_UP
+from support.cell_texts import FRAMES, ROBOT
 
 EXAMPLE = Path(__file__).parents[1] / "demos" / "cell.toml"
 READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from cell_texts import FRAMES, ROBOT
 
 from armguard.cell_frames import place_statics, read_rotation, resolve_frames
 from armguard.cell_schema import parse_cell
 from armguard.exceptions import CellError
+from support.cell_texts import FRAMES, ROBOT
 
 
 def resolve(text):

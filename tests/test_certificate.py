@@ -12,12 +12,12 @@ from fractions import Fraction
 import mpmath
 import numpy as np
 import pytest
-from contact_cases import grazing_case, mixed_case, ordinary_case
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armguard.certificate import _floor, _root_bounds, verify
 from armguard.contact import Certificate, certify, earliest_contact_hull
+from support.contact_cases import grazing_case, mixed_case, ordinary_case
 
 CASES = int(os.environ.get("ARMGUARD_CASES", "8000"))
 SEED = int(os.environ.get("ARMGUARD_SEED", "0"))

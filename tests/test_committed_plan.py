@@ -4,7 +4,6 @@ import numpy as np
 import pinocchio
 import pytest
 from coal import Sphere
-from scenes import FAR, HOME, PERIOD, STILL, kinds, make_monitor, panda, see, subjects
 
 from armguard import obstacle_table
 from armguard.committed_plan import PlanVerdict
@@ -14,6 +13,17 @@ from armguard.obstacles import Obstacles
 from armguard.plans import Plan
 from armguard.robot import Robot
 from armguard.verdict import Effect, Level, ReasonKind
+from support.panda_monitor import (
+    FAR,
+    HOME,
+    PERIOD,
+    STILL,
+    kinds,
+    make_monitor,
+    panda,
+    see,
+    subjects,
+)
 
 DURATION = 0.3
 TIMES = np.linspace(0.0, DURATION, 31)

@@ -8,13 +8,13 @@ import warnings
 import mpmath
 import numpy as np
 import pytest
-from contact_cases import CONVERGED, ORDINARY, free_cases, grazing_case, random_case, stack
 
 from armguard.contact import (
     earliest_contact,
     earliest_contact_hull,
     earliest_contact_pair,
 )
+from support.contact_cases import CONVERGED, ORDINARY, free_cases, grazing_case, random_case, stack
 
 ULPS = 64 * 2.0**-52  # "a few ulp": the kernels subtract 8 of each, several times over
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from contact_cases import CONVERGED, ordinary_case
 
 from armguard.contact import earliest_contact_pair
+from support.contact_cases import CONVERGED, ordinary_case
 
 
 def _pursuit(v, accel, speed, heading, t):

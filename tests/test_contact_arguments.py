@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contact_cases import ORDINARY
 
 from armguard.contact import (
     earliest_contact,
@@ -10,6 +9,7 @@ from armguard.contact import (
     earliest_contact_pair,
 )
 from armguard.exceptions import ArmguardError
+from support.contact_cases import ORDINARY
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,13 @@ import math
 
 import numpy as np
 import pytest
-from contact_cases import CONVERGED, ORDINARY, converged, free_cases, ordinary_case
 
 from armguard.contact import (
     earliest_contact,
     earliest_contact_hull,
     earliest_contact_pair,
 )
+from support.contact_cases import CONVERGED, ORDINARY, converged, free_cases, ordinary_case
 
 
 def _turned(case, rotation):

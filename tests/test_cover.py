@@ -4,7 +4,6 @@ import os
 import msgspec
 import numpy as np
 import pytest
-from test_fitting import areas, is_inside, sample
 
 from armguard.containment import is_contained
 from armguard.cover import Cover, CoverTree, hash_surface
@@ -12,6 +11,8 @@ from armguard.exceptions import CoverError
 from armguard.robot import Robot
 from armguard.robot_description import list_robots, robots_directory
 from armguard.sphere_tree import GRID
+from support.one_link import OneLink
+from support.surface_samples import areas, is_inside, sample
 
 SAMPLES = int(os.environ.get("ARMGUARD_COVER_SAMPLES", "20000"))  # a robot
 
@@ -26,22 +27,6 @@ def cover_file(panda, tmp_path_factory):
     path = tmp_path_factory.mktemp("cover") / "cover.json"
     panda.cover.save(path)
     return path
-
-
-class OneLink:
-    """What a cover needs to know of a robot."""
-
-    links = ("link",)
-
-    def __init__(self, triangles):
-        self._triangles = np.asarray(triangles, dtype=np.float64)
-
-    def triangles(self, link):
-        assert link == "link"
-        return self._triangles
-
-    def surface(self, link):
-        return self.triangles(link)
 
 
 def tree(spheres, first_child=(0,), child_count=(0,)):

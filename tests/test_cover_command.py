@@ -3,14 +3,14 @@ import re
 import msgspec
 import numpy as np
 import pytest
-from arms import BOX, joint_xml, limits_for, mesh_xml, two_links, write_stl
-from test_interchange import as_curobo
 
 from armguard.cli import main
 from armguard.cover import Cover
 from armguard.interchange import read_spheres
 from armguard.robot import Robot
 from armguard.urdf_links import UrdfLinks
+from support.sphere_files import as_curobo
+from support.urdf_arms import BOX, joint_xml, limits_for, mesh_xml, two_links, write_stl
 
 
 def run(arguments, capsys):

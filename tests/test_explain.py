@@ -2,9 +2,9 @@ import math
 
 import numpy as np
 import pytest
-from scenes import HOME, PERIOD, STILL, make_monitor, panda, see
 
 from armguard.obstacles import Obstacles
+from support.panda_monitor import HOME, PERIOD, STILL, make_monitor, panda, see
 
 LATENCY, AGE, SPEED, COVER = range(4)
 PLACE, PACE = [1.2, 0.0, 0.6], [-0.5, 0.0, 0.0]

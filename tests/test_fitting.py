@@ -7,29 +7,12 @@ from armguard.patches import bisect_pieces
 from armguard.sphere_tree import GRID, MARGIN
 from armguard.surface_distance import compute_signed_distances
 from armguard.surfaces import triangulate
-
-
-def areas(triangles):
-    sides = triangles[:, 1:] - triangles[:, :1]
-    return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2.0
+from support.surface_samples import areas, is_inside, sample
 
 
 @pytest.fixture(scope="module")
 def rod():
     return triangulate("rod", coal.Box(0.08, 0.06, 0.4))
-
-
-def sample(triangles, count, seed=0):
-    """Points spread evenly over triangles. Shape (count, 3)."""
-    generator = np.random.default_rng(seed)
-    share = areas(triangles) / areas(triangles).sum()
-    chosen = triangles[generator.choice(len(triangles), size=count, p=share)]
-    return np.einsum("ij,ijk->ik", generator.dirichlet(np.ones(3), size=count), chosen)
-
-
-def is_inside(points, spheres):
-    offsets = np.linalg.norm(points[:, None] - spheres[:, :3], axis=2)
-    return (offsets <= spheres[:, 3]).any(axis=1)
 
 
 def test_bisection_keeps_the_triangle():

@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-from scenes import HOME, panda
 
 from armguard.arm_motion import ArmMotion
 from armguard.exact import ExactGeometry
@@ -10,6 +9,7 @@ from armguard.flagged import FlaggedCheck
 from armguard.kinematics import Kinematics
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState
+from support.panda_monitor import HOME, panda
 
 KINEMATICS = Kinematics(panda())
 EXACT = ExactGeometry(panda(), KINEMATICS)

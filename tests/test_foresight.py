@@ -2,10 +2,10 @@ import math
 
 import numpy as np
 import pytest
-from scenes import HOME, PERIOD, STILL, kinds, make_monitor, see
 
 from armguard.foresight import predict_headroom
 from armguard.verdict import ReasonKind
+from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, see
 
 BUDGET = 4
 NEAREST = "panda_hand", "panda_leftfinger", "panda_rightfinger"

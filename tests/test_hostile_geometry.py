@@ -3,13 +3,13 @@
 import coal
 import numpy as np
 import pytest
-from test_cover import OneLink
-from test_fitting import is_inside, sample
 
 from armguard.cover import LARGEST, SMALLEST, Cover
 from armguard.exceptions import CoverError
 from armguard.surface_distance import compute_signed_distances
 from armguard.surfaces import triangulate
+from support.one_link import OneLink
+from support.surface_samples import is_inside, sample
 
 BOX = triangulate("box", coal.Box(0.24, 0.1, 0.08))
 

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from contact_cases import CONVERGED, ordinary_case
 
 from armguard.contact import (
     earliest_contact,
     earliest_contact_hull,
     earliest_contact_pair,
 )
+from support.contact_cases import CONVERGED, ordinary_case
 
 
 def test_hull_of_one_place_is_a_ball_and_order_does_not_matter():

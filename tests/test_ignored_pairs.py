@@ -1,8 +1,8 @@
 import pytest
-from scenes import panda
 
 from armguard.exceptions import ArmguardError
 from armguard.ignored_pairs import IgnoredPairs
+from support.panda_monitor import panda
 
 LINKS = panda().links
 

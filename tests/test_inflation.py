@@ -1,14 +1,14 @@
 import coal
 import numpy as np
 import pytest
-from test_cover import OneLink
-from test_fitting import is_inside, sample
 
 from armguard.containment import STEP
 from armguard.exceptions import CoverError
 from armguard.inflation import inflate_spheres, measure_gaps
 from armguard.sphere_tree import MARGIN
 from armguard.surfaces import triangulate
+from support.one_link import OneLink
+from support.surface_samples import is_inside, sample
 
 DIAGONAL = float(np.linalg.norm([0.1, 0.05, 0.05]))
 

@@ -3,7 +3,6 @@ import msgspec
 import numpy as np
 import pinocchio
 import pytest
-from arms import joint_xml, limits_for, link_xml, write_urdf
 
 from armguard.cover import Cover
 from armguard.exceptions import CoverError
@@ -16,6 +15,8 @@ from armguard.interchange import (
 from armguard.robot import Robot
 from armguard.robot_description import find_example_urdf
 from armguard.urdf_links import UrdfLinks
+from support.sphere_files import as_curobo
+from support.urdf_arms import joint_xml, limits_for, link_xml, write_urdf
 
 SPHERES = {"upper": [[0.0, 0.0, 0.0, 0.07]], "tool": [[0.01, 0.0, 0.02, 0.06], [0, 0.02, 0, 0.05]]}
 TURNED = """<joint name="flange" type="fixed"><parent link="upper"/><child link="tool"/>
@@ -40,15 +41,6 @@ def arm_file(tmp_path_factory):
 @pytest.fixture(scope="module")
 def arm(arm_file):
     return UrdfLinks(arm_file)
-
-
-def as_curobo(spheres):
-    return {
-        "collision_spheres": {
-            link: [{"center": row[:3], "radius": row[3]} for row in rows]
-            for link, rows in spheres.items()
-        }
-    }
 
 
 def write_yaml(path, content):

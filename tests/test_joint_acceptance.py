@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scenes import HOME, STILL, panda
 
 from armguard.joint_acceptance import (
     BELIEVED,
@@ -28,6 +27,7 @@ from armguard.plausibility import (
     VELOCITY_BY_ACCEL,
 )
 from armguard.robot import Robot
+from support.panda_monitor import HOME, STILL, panda
 
 PERIOD, TIMEOUT, HORIZON, REACTION, DELAY = 1e-3, 0.05, 0.003, 0.02, 0.4
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import HOME, STILL, panda
 
 from armguard.joint_acceptance import NOBODY, find_runaway
 from armguard.joint_states import JointStates
 from armguard.robot import Robot
 from armguard.verdict import Reason, ReasonKind
+from support.panda_monitor import HOME, STILL, panda
 
 TIMEOUT = 0.05
 MALFORMED = ReasonKind.JOINT_STATE_MALFORMED

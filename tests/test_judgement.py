@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from scenes import HOME, STILL, kinds, make_monitor, see, steps
 
 from armguard import certificate
 from armguard.judgement import Judge
 from armguard.separation_margin import SeparationRule
 from armguard.verdict import Level, ReasonKind
+from support.panda_monitor import HOME, STILL, kinds, make_monitor, see, steps
 
 FAR, NEAR, AT_HAND = [8.0, 0.0, 0.5], [1.6, 0.0, 0.5], [0.55, 0.0, 0.5]
 

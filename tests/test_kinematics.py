@@ -1,11 +1,11 @@
 import numpy as np
 import pinocchio
 import pytest
-from arms import limits_for, two_links
 
 from armguard.exceptions import ArmguardError
 from armguard.kinematics import ArmSpheres, Kinematics, _view_data
 from armguard.robot import Robot
+from support.urdf_arms import limits_for, two_links
 
 
 @pytest.fixture(scope="module")

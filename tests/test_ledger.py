@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import HOME, panda
 
 from armguard.arm_motion import ArmMotion
 from armguard.kinematics import Kinematics
@@ -13,6 +12,7 @@ from armguard.ledger import NOBODY, PairLedger
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState
 from armguard.scene import DISTANCE, ISOTROPIC
+from support.panda_monitor import HOME, panda
 
 LINKS = 3
 KINEMATICS, MOTION = Kinematics(panda()), ArmMotion(panda(), 0.02, with_joints=False)

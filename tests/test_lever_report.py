@@ -1,12 +1,12 @@
 import numpy as np
 import pinocchio
 import pytest
-from arms import joint_xml, limits_for, link_xml, write_urdf
-from test_levers import distances_from_axes
 
 from armguard.lever_report import compare_levers
 from armguard.robot import Robot
 from armguard.robot_description import list_robots
+from support.joint_axes import distances_from_axes
+from support.urdf_arms import joint_xml, limits_for, link_xml, write_urdf
 
 
 @pytest.mark.parametrize("name", list_robots())

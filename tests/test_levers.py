@@ -8,6 +8,7 @@ from armguard.bounds import IsotropicMotion, compute_levers
 from armguard.exceptions import ArmguardError
 from armguard.kinematics import Kinematics
 from armguard.robot import Robot
+from support.joint_axes import distances_from_axes
 
 
 @pytest.fixture(scope="module")
@@ -58,20 +59,6 @@ def random_chain(random):
     for placement in placements:
         placement.translation = random.normal(size=3) * random.choice([0.0, 0.1, 1.0])
     return make_chain(joints, placements)
-
-
-def distances_from_axes(model, data, joint, places):
-    """Distance of world points from the axis line of each joint before `joint`. Shape (n, nv)."""
-    distances = np.zeros((len(places), model.nv))
-    for number in list(model.supports[joint])[1:]:
-        subspace = np.ravel(model.joints[number].createData().S)
-        if subspace[3:].any():
-            axis = data.oMi[number].rotation @ subspace[3:]
-            offset = places - data.oMi[number].translation
-            distances[:, number - 1] = np.linalg.norm(np.cross(offset, axis), axis=1)
-        else:
-            distances[:, number - 1] = 1.0
-    return distances
 
 
 def place(data, joint, points):

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scenes import panda
 
 from armguard.arm_motion import ArmMotion
 from armguard.bounds import table_contact_time
@@ -25,6 +24,7 @@ from armguard.link_times import (
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState
 from armguard.scene import ISOTROPIC, JOINT, REACH
+from support.panda_monitor import panda
 
 KINEMATICS = Kinematics(panda())
 SPHERES = KINEMATICS.spheres

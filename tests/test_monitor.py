@@ -5,7 +5,10 @@ import numba
 import numpy as np
 import pinocchio
 import pytest
-from scenes import (
+
+from armguard.exceptions import ArmguardError
+from armguard.verdict import Level, ReasonKind
+from support.panda_monitor import (
     HOME,
     PERIOD,
     SCHEDULES,
@@ -16,9 +19,6 @@ from scenes import (
     see,
     steps,
 )
-
-from armguard.exceptions import ArmguardError
-from armguard.verdict import Level, ReasonKind
 
 FRESHNESS = 0.25
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from scenes import HOME, PERIOD, SCHEDULES, STILL, make_monitor, panda, see, steps
 
 from armguard.exceptions import ArmguardError
+from support.panda_monitor import HOME, PERIOD, SCHEDULES, STILL, make_monitor, panda, see, steps
 
 NAMES = [f"ball {number}" for number in range(12)]
 

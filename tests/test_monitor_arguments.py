@@ -5,7 +5,6 @@ from fractions import Fraction
 import numpy as np
 import pinocchio
 import pytest
-from scenes import panda
 
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
@@ -13,6 +12,7 @@ from armguard.monitor_arguments import read_limit, read_number, read_settings
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
 from armguard.schedules import make_schedule
+from support.panda_monitor import panda
 
 
 @pytest.mark.parametrize("value", [0, -3, 2.5, 10**30, math.inf, np.float32(0.5), np.int8(7)])

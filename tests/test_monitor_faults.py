@@ -7,12 +7,24 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import FAR, HOME, PERIOD, STILL, keep, kinds, make_monitor, panda, see, steps, subjects
 
 from armguard import obstacle_table, obstacle_watch, pair_watch
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
 from armguard.verdict import Effect, Level, ReasonKind
+from support.panda_monitor import (
+    FAR,
+    HOME,
+    PERIOD,
+    STILL,
+    keep,
+    kinds,
+    make_monitor,
+    panda,
+    see,
+    steps,
+    subjects,
+)
 
 HOLD = 0.3
 

@@ -10,11 +10,11 @@ import math
 import numpy as np
 import pinocchio
 import pytest
-import skeleton
-from scenes import FAR, HOME, STILL, kinds, make_monitor, panda, see, subjects
 
 from armguard.obstacles import Obstacles
 from armguard.verdict import Level, ReasonKind
+from support import true_arm
+from support.panda_monitor import FAR, HOME, STILL, kinds, make_monitor, panda, see, subjects
 
 PERIOD = 0.01
 TICKS = 500
@@ -172,7 +172,7 @@ class Body:
 
 def place_surface(robot):
     """Points of the true surface of the resting arm; its cover's spheres may stand out of it."""
-    arm = skeleton.make_skeleton(robot)
+    arm = true_arm.make_skeleton(robot)
     data = robot.model.createData()
     pinocchio.forwardKinematics(robot.model, data, HOME)
     joints = np.repeat(arm.joint, np.diff(arm.first))

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from scenes import PERIOD, keep, kinds, make_monitor, panda, see, steps
 
 from armguard.verdict import Level, ReasonKind
+from support.panda_monitor import PERIOD, keep, kinds, make_monitor, panda, see, steps
 
 
 class ForgetfulSchedule:

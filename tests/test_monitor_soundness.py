@@ -11,11 +11,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scenes import HOME, SCHEDULES, make_monitor, panda
 
 from armguard.exact import ExactGeometry
 from armguard.kinematics import Kinematics
 from armguard.verdict import Level, ReasonKind
+from support.panda_monitor import HOME, SCHEDULES, make_monitor, panda
 
 PERIOD = 2e-3
 TICKS = 500

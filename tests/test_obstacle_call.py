@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from obstacle_samples import kinds
 
 from armguard.exceptions import ObstacleError
 from armguard.obstacles import FaultKind, Obstacles
+from support.obstacle_samples import kinds
 
 INF = math.inf
 

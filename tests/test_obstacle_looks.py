@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from scenes import HOME, PERIOD, STILL, make_monitor, panda, see, steps
 
 from armguard.obstacle_looks import CROWD, time_to_spare
 from armguard.pairs import evaluate
 from armguard.schedules.wheel import take_out
 from armguard.verdict import Level, ReasonKind, compute_stop_time
+from support.panda_monitor import HOME, PERIOD, STILL, make_monitor, panda, see, steps
 
 HORIZON = PERIOD + 0.002 + 0.02
 

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from obstacle_samples import check_invariants, kinds, see
 
 from armguard import obstacle_table
 from armguard.exceptions import ObstacleError
 from armguard.obstacle_faults import CAPACITY
 from armguard.obstacles import FaultKind, Obstacles, Source
 from armguard.sources import MAXIMUM_SOURCES, MAXIMUM_TOMBSTONES
+from support.obstacle_samples import check_invariants, kinds, see
 
 
 def test_membership_tells_the_monitor_which_rows_came_and_went():

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from obstacle_samples import check_invariants, kinds, see
 
 from armguard.obstacle_table import clear_news
 from armguard.obstacles import Fault, FaultKind, Obstacles
+from support.obstacle_samples import check_invariants, kinds, see
 
 INF = math.inf
 RECORDINGS = Path(

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from scenes import HOME, PERIOD, STILL, kinds, make_monitor, panda, see
 
 from armguard.pairs import find_unsafe_pair
 from armguard.schedules.wheel import NOBODY
 from armguard.verdict import Level, ReasonKind
 from armguard.watch import Tick
+from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see
 
 
 def scatter(rng, count, nearest, farthest):

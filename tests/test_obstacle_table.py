@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 import numpy as np
-from obstacle_samples import check_invariants, see
 
 from armguard import obstacle_table
 from armguard.obstacle_table import ObstacleTable
 from armguard.obstacles import Obstacles
+from support.obstacle_samples import check_invariants, see
 
 
 def test_boxes_and_capsules_keep_their_points():

@@ -5,13 +5,23 @@ import math
 import coal
 import numpy as np
 import pytest
-from hunt import Hunt
-from scenes import FAR, HOME, PERIOD, kinds, make_monitor, panda, see, steps, subjects
 
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
 from armguard.verdict import Level, ReasonKind
+from support.adversary import Hunt
+from support.panda_monitor import (
+    FAR,
+    HOME,
+    PERIOD,
+    kinds,
+    make_monitor,
+    panda,
+    see,
+    steps,
+    subjects,
+)
 
 NEAR = [0.9, 0.3, 0.5]
 

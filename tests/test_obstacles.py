@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from obstacle_samples import check_invariants, kinds, see
 
 from armguard.exceptions import ObstacleError
 from armguard.frames import Frame
 from armguard.obstacles import FaultKind, Obstacles
+from support.obstacle_samples import check_invariants, kinds, see
 
 INF = math.inf
 

@@ -6,7 +6,11 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from scenes import (
+
+from armguard.pairs import TickState, evaluate
+from armguard.verdict import Level
+from armguard.watched_arm import ADVANCES
+from support.panda_monitor import (
     PERIOD,
     SCHEDULES,
     make_monitor,
@@ -14,10 +18,6 @@ from scenes import (
     see,
     steps,
 )
-
-from armguard.pairs import TickState, evaluate
-from armguard.verdict import Level
-from armguard.watched_arm import ADVANCES
 
 
 def all_times(monitor, obstacles, now, arm_age=0.0):
@@ -163,7 +163,7 @@ import sys
 import numpy as np
 from numba.core import event
 from numba.core.dispatcher import Dispatcher
-from scenes import HOME, SCHEDULES, STILL, make_monitor, see
+from support.panda_monitor import HOME, SCHEDULES, STILL, make_monitor, see
 
 def kernels():
     return {

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import panda
 
 from armguard.arm_motion import ArmMotion
 from armguard.bounds import IsotropicMotion
@@ -15,6 +14,7 @@ from armguard.kinematics import Kinematics
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState, evaluate
 from armguard.scene import ISOTROPIC, REACH, UNKNOWN
+from support.panda_monitor import panda
 
 KINEMATICS = Kinematics(panda())
 SPHERES = KINEMATICS.spheres

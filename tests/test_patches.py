@@ -17,37 +17,13 @@ from armguard.patches import (
 )
 from armguard.sphere_tree import MARGIN, SphereTree
 from armguard.surfaces import make_patches, triangulate
+from support.round_surfaces import distance_from_core, half_length, surface_points
 
 SHAPES = [coal.Sphere(0.05), coal.Capsule(0.03, 0.2), coal.Capsule(0.2, 0.01)]
 
 
 def patches_of(shape):
     return make_patches(shape, triangulate("tip", shape))
-
-
-def half_length(shape):
-    return shape.halfLength if isinstance(shape, coal.Capsule) else 0.0
-
-
-def distance_from_core(points, shape):
-    """From the middle of a sphere, or the axis segment of a capsule."""
-    end = half_length(shape)
-    nearest = np.clip(points[..., 2], -end, end)
-    return np.sqrt((points[..., :2] ** 2).sum(axis=-1) + (points[..., 2] - nearest) ** 2)
-
-
-def surface_points(shape, count=3000, seed=0):
-    """Points on the surface, drawn without its patches."""
-    generator = np.random.default_rng(seed)
-    across = generator.normal(size=(count, 3))
-    axial = generator.uniform(-1.0, 1.0, size=count) * half_length(shape)
-    side = generator.random(count) < 0.5
-    across[side, 2] *= 0.0 if half_length(shape) else 1.0
-    points = shape.radius * across / np.linalg.norm(across, axis=1, keepdims=True)
-    cap = np.sign(points[:, 2]) * half_length(shape)
-    points[:, 2] += np.where(side, axial, cap)
-    np.testing.assert_allclose(distance_from_core(points, shape), shape.radius)
-    return points
 
 
 def draw_from(patches, count, seed=0):

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from plan_cases import Hermite
 
 from armguard.plan_curve import (
     CURVE,
@@ -13,6 +12,7 @@ from armguard.plan_curve import (
     find_excess,
     speed_range,
 )
+from support.plan_cases import Hermite
 
 FREE = np.full(3, 1e6)
 

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from plan_cases import Waves, make_plan
 
 from armguard.plans import (
     CheckedPlan,
@@ -12,6 +11,7 @@ from armguard.plans import (
     deviation_speed,
 )
 from armguard.robot import Robot
+from support.plan_cases import Waves, make_plan
 
 NOW = 5.0
 HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])

@@ -3,12 +3,12 @@ import tomllib
 import numpy as np
 import pinocchio
 import pytest
-from arms import limits_for, two_links
 
 from armguard.cover import Cover
 from armguard.exceptions import CoverError, RobotError
 from armguard.robot import Robot
 from armguard.robot_description import find_example_urdf, robots_directory
+from support.urdf_arms import limits_for, two_links
 
 
 @pytest.fixture(scope="module")

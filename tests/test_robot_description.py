@@ -4,11 +4,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from arms import SOURCES, limits_for, two_links
 
 from armguard.exceptions import RobotError
 from armguard.robot import Robot
 from armguard.robot_description import read_description, robots_directory
+from support.urdf_arms import SOURCES, limits_for, two_links
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -9,8 +9,6 @@ import time
 
 import numpy as np
 import pytest
-from test_fitting import is_inside, sample
-from test_levers import distances_from_axes
 
 from armguard.bounds import IsotropicMotion
 from armguard.cli import main
@@ -21,6 +19,8 @@ from armguard.obstacles import Obstacles
 from armguard.robot import Robot
 from armguard.robot_description import LIMITS, list_robots, robots_directory
 from armguard.verdict import Level, ReasonKind
+from support.joint_axes import distances_from_axes
+from support.surface_samples import is_inside, sample
 
 SAMPLES = int(os.environ.get("ARMGUARD_SAMPLES", "20000"))
 DEGREES = {"baxter": 14, "kinova": 6, "panda": 7, "tiago": 8, "ur10": 6, "ur5": 6, "xarm7": 7}

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from scenes import HOME, panda
 
 from armguard.arm_motion import ArmMotion
 from armguard.bounds import IsotropicMotion, JointMotion
@@ -16,6 +15,7 @@ from armguard.scene import (
     UNKNOWN,
     thread_tree,
 )
+from support.panda_monitor import HOME, panda
 
 KINEMATICS = Kinematics(panda())
 SPHERES = KINEMATICS.spheres

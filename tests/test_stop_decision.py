@@ -6,13 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hunt import Hunt
-from scenes import HOME, PERIOD, STILL, make_monitor, panda, see, steps
 
 from armguard.bounds import BrakingMotion
 from armguard.robot import Robot
 from armguard.stop_decision import StopDecision
 from armguard.verdict import Level
+from support.adversary import Hunt
+from support.panda_monitor import HOME, PERIOD, STILL, make_monitor, panda, see, steps
 
 STEP = 1e-3
 LATENCY, REACTION = 0.002, 0.02

@@ -1,9 +1,8 @@
 import math
 
-from verdict_samples import verdict
-
 from armguard.tally import REASON_LIMIT, Tally
 from armguard.verdict import Level, Reason, ReasonKind
+from support.verdict_samples import verdict
 
 
 def count(*verdicts):

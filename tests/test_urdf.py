@@ -1,11 +1,20 @@
 import numpy as np
 import pinocchio
 import pytest
-from arms import BOX, joint_xml, limits_for, link_xml, mesh_xml, two_links, write_stl, write_urdf
 
 from armguard.exceptions import RobotError
 from armguard.robot import Robot
 from armguard.urdf import read_urdf
+from support.urdf_arms import (
+    BOX,
+    joint_xml,
+    limits_for,
+    link_xml,
+    mesh_xml,
+    two_links,
+    write_stl,
+    write_urdf,
+)
 
 
 @pytest.mark.parametrize("content", ["", "<robot", "<robot/>", '<robot name="x"/>'])

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from arms import BOX, joint_xml, limits_for, link_xml, two_links, write_urdf
 
 from armguard.exceptions import RobotError
 from armguard.robot import Robot
 from armguard.robot_description import find_example_urdf
 from armguard.urdf_links import UrdfLinks
+from support.urdf_arms import BOX, joint_xml, limits_for, link_xml, two_links, write_urdf
 
 
 def test_surfaces_are_those_of_a_robot_with_limits(tmp_path):

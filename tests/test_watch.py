@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from scenes import FAR, HOME, PERIOD, STILL, make_monitor, panda, see
 
 from armguard.exceptions import ArmguardError
 from armguard.ledger import NOBODY
 from armguard.schedules.wheel import NOBODY as NO_ENTRY
 from armguard.watch import Tick
+from support.panda_monitor import FAR, HOME, PERIOD, STILL, make_monitor, panda, see
 
 LINKS = len(panda().links)
 NEAR, MIDDLE = [0.6, 0.0, 0.5], [2.5, 0.0, 0.5]

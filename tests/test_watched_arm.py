@@ -1,12 +1,12 @@
 import coal
 import numpy as np
 import pytest
-from scenes import HOME, STILL, make_monitor, panda, see, steps
 
 from armguard.kinematics import Kinematics
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
+from support.panda_monitor import HOME, STILL, make_monitor, panda, see, steps
 
 
 def arm_of(monitor):

@@ -1,10 +1,10 @@
 import numpy as np
 import pinocchio
 import pytest
-from arms import BOX, joint_xml, limits_for, link_xml, two_links, write_urdf
 
 from armguard.exceptions import RobotError
 from armguard.robot import Robot
+from support.urdf_arms import BOX, joint_xml, limits_for, link_xml, two_links, write_urdf
 
 
 def test_unknown_and_unlimited_joints_are_refused(tmp_path):

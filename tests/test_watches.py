@@ -1,5 +1,4 @@
 import pytest
-from scenes import panda
 
 from armguard.ignored_pairs import IgnoredPairs
 from armguard.joint_states import JointStates
@@ -9,6 +8,7 @@ from armguard.obstacles import Obstacles
 from armguard.pair_watch import PairWatch
 from armguard.schedules import SCHEDULES, make_schedule
 from armguard.watches import make_watch
+from support.panda_monitor import panda
 
 AMOUNTS = ("reaction_time", "latency", "slow_margin", "aware_margin", "hold", "source_timeout")
 

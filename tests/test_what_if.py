@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from scenes import HOME, PERIOD, STILL, make_monitor, panda, see
 
 from armguard.obstacles import Obstacles
 from armguard.what_if import UNCHANGED, Change, contact_times
+from support.panda_monitor import HOME, PERIOD, STILL, make_monitor, panda, see
 
 NOW = 20 * PERIOD
 PLACE, PACE = np.array([1.1, 0.2, 0.6]), np.array([-0.4, 0.1, 0.0])

@@ -8,10 +8,18 @@ import os
 import numpy as np
 import pinocchio
 import pytest
-from joint_motions import STEP, attack, chain_to, limits_of, place_point, random_state, set_slopes
-from other_arms import load_arm
 
 from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, ReachMotion
+from support.example_arms import load_arm
+from support.hostile_joints import (
+    STEP,
+    attack,
+    chain_to,
+    limits_of,
+    place_point,
+    random_state,
+    set_slopes,
+)
 
 MOTIONS = int(os.environ.get("ARMGUARD_MOTIONS", "12000"))
 ARMS = ("panda", "xarm7", "ur5", "tiago")

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from arm_questions import HAND_POINT, moderate_state, unit
-from joint_motions import STEP, brake_joints, limits_of, move_joints
 
 from armguard.bounds import BrakingMotion
 from armguard.exceptions import ArmguardError
 from armguard.kinematics import Kinematics
+from support.hostile_joints import STEP, brake_joints, limits_of, move_joints
+from support.motion_questions import HAND_POINT, moderate_state, unit
 
 
 def test_a_braking_arm_rests_after_its_stop_time(robot, models):

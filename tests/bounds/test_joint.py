@@ -1,12 +1,12 @@
 import numpy as np
 import pinocchio
 import pytest
-from arm_questions import HAND_POINT, altered, moderate_state, unit
-from other_arms import load_arm
 
 from armguard.bounds import IsotropicMotion, JointMotion
 from armguard.exceptions import ArmguardError
 from armguard.kinematics import Kinematics
+from support.example_arms import load_arm
+from support.motion_questions import HAND_POINT, altered, moderate_state, unit
 
 
 def test_in_the_long_run_the_ranges_of_joints_decide(robot, models):

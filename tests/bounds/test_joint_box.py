@@ -3,11 +3,11 @@
 import numpy as np
 import pinocchio
 import pytest
-from arm_questions import HAND_POINT, unit
-from other_arms import load_arm
 
 from armguard.bounds.joint_box import advance_in_span, make_table, set_columns, set_span
 from armguard.bounds.sums import compute_levers, turning_joints
+from support.example_arms import load_arm
+from support.motion_questions import HAND_POINT, unit
 
 
 @pytest.fixture

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from arm_questions import HAND_POINT, LIMITS, altered
 
 from armguard.bounds import BrakingMotion, JointMotion, ReachMotion
 from armguard.exceptions import RobotError
+from support.motion_questions import HAND_POINT, LIMITS, altered
 
 
 @pytest.mark.parametrize("kind", [ReachMotion, JointMotion, lambda r: BrakingMotion(r, 0.02)])

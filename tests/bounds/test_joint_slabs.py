@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from joint_motions import STEP
-from plan_cases import Waves, follow, make_plan
 
 from armguard.bounds.joint_limits import read_limits
 from armguard.bounds.joint_slabs import make_slabs
 from armguard.plans import CheckedPlan, Plan, check_plan
 from armguard.robot import Robot
+from support.hostile_joints import STEP
+from support.plan_cases import Waves, follow, make_plan
 
 REACTION = 0.02
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pinocchio
 import pytest
-from arm_questions import HAND_POINT, moderate_state, unit
-from joint_motions import random_state
 
 from armguard.bounds import BrakingMotion, JointMotion, MotionModel, ReachMotion
 from armguard.exceptions import ArmguardError
+from support.hostile_joints import random_state
+from support.motion_questions import HAND_POINT, moderate_state, unit
 
 
 @pytest.mark.parametrize("name", ["reach", "joint", "braking"])

@@ -1,9 +1,6 @@
 import numpy as np
 import pinocchio
 import pytest
-from arm_questions import HAND_POINT, unit
-from joint_motions import STEP
-from plan_cases import Attack, Skin, Waves, all_pairs, follow, make_plan
 
 from armguard.bounds import JointMotion, table_contact_time
 from armguard.bounds.planned import PlannedMotion
@@ -12,6 +9,9 @@ from armguard.kinematics import Kinematics
 from armguard.obstacles import Obstacles
 from armguard.plans import CheckedPlan, Plan, check_plan
 from armguard.robot import Robot
+from support.hostile_joints import STEP
+from support.motion_questions import HAND_POINT, unit
+from support.plan_cases import Attack, Skin, Waves, all_pairs, follow, make_plan
 
 REACTION = 0.02
 

@@ -1,12 +1,12 @@
 import numpy as np
 import pinocchio
 import pytest
-from arm_questions import unit
 
 from armguard.bounds.planned_course import deviation_along
 from armguard.bounds.sums import compute_levers
 from armguard.levers import is_prismatic
 from armguard.robot import Robot
+from support.motion_questions import unit
 
 
 @pytest.fixture(scope="module", params=["panda", "kinova", "tiago"])

@@ -2,7 +2,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from plan_cases import all_pairs
 
 from armguard.bounds.planned import PlannedMotion
 from armguard.bounds.planned_course import ArmShape, PlannedCourse
@@ -10,6 +9,7 @@ from armguard.bounds.planned_time import NOBODY, find_planned_contact
 from armguard.obstacles import Obstacles
 from armguard.plans import Plan, check_plan
 from armguard.robot import Robot
+from support.plan_cases import all_pairs
 
 HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
 STILL = np.zeros(7)

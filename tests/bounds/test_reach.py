@@ -1,11 +1,11 @@
 import numpy as np
 import pinocchio
 import pytest
-from joint_motions import random_state
-from other_arms import load_arm
 
 from armguard.bounds import ReachMotion
 from armguard.kinematics import Kinematics
+from support.example_arms import load_arm
+from support.hostile_joints import random_state
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7", "ur5", "tiago"])

@@ -1,7 +1,14 @@
 import numpy as np
 import pinocchio
 import pytest
-from joint_motions import (
+
+from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, table_contact_time
+from armguard.bounds.table_time import obstacle_room
+from armguard.contact import pair_contact_time
+from armguard.exceptions import ArmguardError
+from armguard.kinematics import Kinematics
+from support.example_arms import load_arm
+from support.hostile_joints import (
     STEP,
     chain_to,
     chase,
@@ -10,13 +17,6 @@ from joint_motions import (
     random_state,
     record_motion,
 )
-from other_arms import load_arm
-
-from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, table_contact_time
-from armguard.bounds.table_time import obstacle_room
-from armguard.contact import pair_contact_time
-from armguard.exceptions import ArmguardError
-from armguard.kinematics import Kinematics
 
 NOW = 6
 """Step of a recorded motion that is called now; states are measured up to that many away."""

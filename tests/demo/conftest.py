@@ -1,7 +1,8 @@
 """Demos that are ended with their test."""
 
 import pytest
-from demo_processes import RunningDemo
+
+from support.demo_processes import RunningDemo
 
 
 @pytest.fixture

@@ -6,10 +6,11 @@ import time
 
 import numpy as np
 import pytest
-from demo_processes import RunningDemo
 from PIL import Image
 from playwright.sync_api import sync_playwright
-from view_picture import CHROMIUM, FLAGS, NICE_CHROMIUM, TIMEOUT, wait_until_drawn
+
+from support.demo_processes import RunningDemo
+from support.view_picture import CHROMIUM, FLAGS, NICE_CHROMIUM, TIMEOUT, wait_until_drawn
 
 STAGE = {"x": 310, "y": 30, "width": 490, "height": 470}  # beside the panels
 

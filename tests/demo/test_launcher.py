@@ -7,10 +7,10 @@ import signal
 from pathlib import Path
 
 import pytest
-from demo_processes import SOON, RunningDemo, finish, listening_sockets
 
 from armguard.demo.launcher import run_demo
 from armguard.exceptions import ArmguardError
+from support.demo_processes import SOON, RunningDemo, finish, listening_sockets
 
 RECORDINGS = Path(
     os.environ.get("ARMGUARD_RECORDINGS", Path(__file__).parents[2] / "../shared/data/human-motion")

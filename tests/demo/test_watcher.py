@@ -7,12 +7,12 @@ import sys
 import time
 
 import pytest
-from demo_processes import RunningDemo, finish, wait_until
 from rich.console import Console
 
 from armguard.demo.watcher import Watcher
 from armguard.streams import VerdictReader
 from armguard.verdict import Level
+from support.demo_processes import RunningDemo, finish, wait_until
 
 
 def test_without_its_perception_it_ends_and_says_so(start):

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from dense_motion import check_motion
-from growth_sink import GrowthSink
 
 from armguard.simulation import WanderingBalls
+from support.checking_sink import GrowthSink
+from support.motion_samples import check_motion
 
 
 @pytest.mark.parametrize("seed", range(3))

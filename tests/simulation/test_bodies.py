@@ -1,10 +1,10 @@
 from itertools import pairwise
 
 import numpy as np
-from growth_sink import GrowthSink
 
 from armguard.simulation import ProceduralPerson
 from armguard.simulation.bodies import BODIES, POINTS, publish_person
+from support.checking_sink import GrowthSink
 
 
 def test_what_is_between_two_tracked_points_is_covered():

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from dense_motion import check_motion, sample_densely
-from growth_sink import GrowthSink
 
 from armguard.obstacles import Obstacles
 from armguard.simulation import ProceduralPerson
 from armguard.simulation.bodies import BODIES, POINTS
+from support.checking_sink import GrowthSink
+from support.motion_samples import check_motion, sample_densely
 
 NAMES = {
     "head",

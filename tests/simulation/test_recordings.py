@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from growth_sink import GrowthSink
 
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import FaultKind, Obstacles
 from armguard.simulation import Recording
 from armguard.simulation.bodies import POINTS
 from armguard.simulation.recordings import estimate_velocities
+from support.checking_sink import GrowthSink
 
 FOLDER = Path(
     os.environ.get(

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from growth_sink import GrowthSink
 
 from armguard.exceptions import ArmguardError
 from armguard.simulation import ProceduralPerson, WanderingBalls
+from support.checking_sink import GrowthSink
 
 
 @pytest.mark.parametrize("make", [lambda: WanderingBalls(3, 9), lambda: ProceduralPerson(9, 8.0)])

@@ -3,7 +3,6 @@ import socket
 import time
 
 import pytest
-from stream_sockets import PATIENCE
 
 from armguard.exceptions import StreamError
 from armguard.streams import (
@@ -13,6 +12,7 @@ from armguard.streams import (
     VerdictReader,
 )
 from armguard.streams.addresses import check_address
+from support.stream_sockets import PATIENCE
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,12 @@ import re
 
 import numpy as np
 import pytest
-from stream_world import JOINTS, MONOTONIC, UNIX, World, joints, obstacles, pack
 
 from armguard.clock import ManualClock
 from armguard.exceptions import ObstacleError
 from armguard.obstacles import FaultKind, Obstacles
 from armguard.streams import StampClock
+from support.stream_messages import JOINTS, MONOTONIC, UNIX, World, joints, obstacles, pack
 
 # Obstacles through the edge
 

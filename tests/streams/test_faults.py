@@ -1,6 +1,5 @@
-from stream_world import World
-
 from armguard.streams import FaultLog
+from support.stream_messages import World
 
 
 def test_one_line_a_second_and_every_fault_counted():

@@ -4,12 +4,12 @@ import time
 
 import pytest
 import zmq
-from stream_sockets import PATIENCE, attend
-from stream_world import World, obstacles
 
 from armguard.streams import LineInput, PacedInput, SocketInput
 from armguard.streams.inputs import BYTE_LIMIT
 from armguard.streams.messages import MessageError, decode
+from support.stream_messages import World, obstacles
+from support.stream_sockets import PATIENCE, attend
 
 
 @pytest.fixture

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from stream_world import World, joints, obstacles, pack
 
 from armguard.contact import Certificate
 from armguard.streams.messages import (
@@ -22,6 +21,7 @@ from armguard.streams.messages import (
     to_values,
 )
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
+from support.stream_messages import World, joints, obstacles, pack
 
 
 @pytest.mark.parametrize("leading", [b"", b" ", b"\n\t"])

@@ -6,7 +6,6 @@ import time
 import numpy as np
 import pytest
 import zmq
-from stream_sockets import PATIENCE, attend
 
 from armguard.clock import MonotonicClock
 from armguard.exceptions import StreamError
@@ -21,6 +20,7 @@ from armguard.streams import (
 )
 from armguard.streams.messages import decode
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
+from support.stream_sockets import PATIENCE, attend
 
 
 def make_verdict(sequence, level=Level.CLEAR, valid_for=10.0, scale=1.0):

@@ -1,7 +1,7 @@
 import pytest
-from stream_world import World, obstacles
 
 from armguard.streams.sequence import SequenceWatch
+from support.stream_messages import World, obstacles
 
 
 def follow(*numbers):

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from view_samples import Q, make_scene
 
 from armguard.exceptions import ArmguardError
 from armguard.view.arm import Arm
+from support.view_samples import Q, make_scene
 
 
 def test_cover_balls_stand_where_the_joints_are():

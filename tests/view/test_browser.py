@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image
 from playwright.sync_api import sync_playwright
-from view_picture import CHROMIUM, FLAGS, TIMEOUT, settle, wait_until_drawn
-from view_samples import make_frame, make_scene
 
 from armguard.view import FramePublisher, VerdictSummary, launch
 from armguard.view.feed import Load
+from support.view_picture import CHROMIUM, FLAGS, TIMEOUT, settle, wait_until_drawn
+from support.view_samples import make_frame, make_scene
 
 STAGE = {"x": 310, "y": 30, "width": 490, "height": 470}  # beside the panels
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from view_samples import read_command
 
 from armguard.view import drawing
+from support.view_samples import read_command
 
 
 def test_a_key_is_what_a_command_sets():

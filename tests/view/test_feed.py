@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-from view_samples import make_frame, make_scene
 
 from armguard.exceptions import ArmguardError
 from armguard.view.feed import (
@@ -13,6 +12,7 @@ from armguard.view.feed import (
     decode_message,
     encode_message,
 )
+from support.view_samples import make_frame, make_scene
 
 
 def test_a_scene_comes_back_as_it_was():

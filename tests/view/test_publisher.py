@@ -2,12 +2,12 @@ import time
 
 import pytest
 import zmq
-from view_samples import make_frame, make_scene
 
 from armguard.exceptions import ArmguardError
 from armguard.view import FramePublisher, SceneMessage
 from armguard.view.feed import decode_message
 from armguard.view.publisher import SCENE_INTERVAL
+from support.view_samples import make_frame, make_scene
 
 
 @pytest.fixture

@@ -2,12 +2,12 @@ import math
 
 import numpy as np
 import pytest
-from view_samples import PERIOD, make_frame, make_scene, read_command
 
 from armguard.robot_description import find_example_urdf
 from armguard.view import NO_BUCKET, Obstacles, Pairs, compute_buckets
 from armguard.view.buckets import REFUSED_COLOUR, compute_colours, parse_colour
 from armguard.view.scene import Scene
+from support.view_samples import PERIOD, make_frame, make_scene, read_command
 
 
 class Picture:

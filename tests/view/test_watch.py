@@ -6,10 +6,10 @@ import time
 import pytest
 import zmq
 from tornado.httpclient import HTTPClient
-from view_samples import make_frame, make_scene
 
 from armguard.view import FramePublisher, launch
 from armguard.view.feed import encode_message
+from support.view_samples import make_frame, make_scene
 
 TIMEOUT = 10.0
 

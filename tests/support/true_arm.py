@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from joint_motions import move_joints, turn
 
 from armguard.levers import is_prismatic
 from armguard.robot import Robot
+from support.hostile_joints import move_joints, turn
 
 POINTS = 20  # of the surface, at most, in each leaf
 ROOM = 0.01  # that a careful arm keeps to its stops, in [rad] or [m]

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from skeleton import get_point, rotated
+
+from support.true_arm import get_point, rotated
 
 HUNT, SPEND, HOARD, EDGE, BANG, WANDER = range(6)
 """What a ball does: chases the arm; rushes after a look and looks harmless before the next; keeps

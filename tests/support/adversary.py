@@ -14,17 +14,16 @@ Either would be a miss, and so would a contact with an arm that is not at rest.
 
 import itertools
 
-import hunters
 import numpy as np
-import skeleton
-from hunt_score import Score
-from hunters import BANG, EDGE, HOARD, HUNT, SPEND, WANDER, Balls
-from joint_motions import brake_joints, limits_of
 
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.schedules.wheel import SLOTS
 from armguard.verdict import Level
+from support import attackers, true_arm
+from support.adversary_score import Score
+from support.attackers import BANG, EDGE, HOARD, HUNT, SPEND, WANDER, Balls
+from support.hostile_joints import brake_joints, limits_of
 
 HISTORY = 256  # ticks of truth that are remembered, for messages that come late
 DELAYS = (0, 0, 0, 3, 15, 40)  # of messages, in ticks
@@ -64,11 +63,11 @@ class Hunt:
         self.settings |= settings
         self.random = np.random.default_rng(seed)
         self.robot, self.count, self.hunting, self.top = robot, count, hunting, top
-        self.arm, self.limits = skeleton.make_skeleton(robot), limits_of(robot)
-        self.room = skeleton.make_room(self.arm)
+        self.arm, self.limits = true_arm.make_skeleton(robot), limits_of(robot)
+        self.room = true_arm.make_room(self.arm)
         self.before = self.room[2].copy()
         self.care = np.zeros(len(robot.joints), np.int64)
-        self.traced = skeleton.make_trace(self.arm, SAMPLES)
+        self.traced = true_arm.make_trace(self.arm, SAMPLES)
         self.step = 1.0 / self.settings["rate"]
         reaction = self.settings["reaction_time"] if true_reaction is None else true_reaction
         self.obeying = int((self.settings["latency"] + reaction) / self.step + 1e-6)
@@ -96,7 +95,7 @@ class Hunt:
         self.v = np.zeros(len(lower))
         self.pace, self.push = random.choice(self.top), self.v.copy()
         self.plan, self.strength = 0, self.v.copy()
-        skeleton.place_leaves(self.arm, self.q, *self.room)
+        true_arm.place_leaves(self.arm, self.q, *self.room)
         mode = np.full(n, WANDER)
         hunting = min(self.hunting, n)
         mode[:hunting] = random.choice([HUNT, SPEND, HOARD, EDGE, BANG], hunting)
@@ -136,7 +135,9 @@ class Hunt:
         balls = self.balls
         balls.accel[b] = balls.speed[b] = 0.0
         balls.states[b, :3] *= 0.6
-        _, away = hunters.nearest_leaf(self.arm, self.room[2], balls.states[b, :3], balls.radius[b])
+        _, away = attackers.nearest_leaf(
+            self.arm, self.room[2], balls.states[b, :3], balls.radius[b]
+        )
         if away < 0.15:
             balls.states[b, :3] *= 4.0
         self.next[b] = np.iinfo(np.int64).max
@@ -199,7 +200,7 @@ class Hunt:
     def plan_arm(self, looked):
         """What the arm does next: at times, to turn right after a look."""
         random, arm = self.random, self.arm
-        prey, leaf = hunters.find_prey(arm, self.balls, self.room[2])
+        prey, leaf = attackers.find_prey(arm, self.balls, self.room[2])
         turns = self.turns and looked[prey] == 0
         if self.plan > 0 and not turns:
             self.plan -= 1
@@ -209,7 +210,7 @@ class Hunt:
         self.push = random.choice([-1.0, 0.0, 1.0], len(self.q))
         if kind < 0.6 or turns:
             rotations, origins, centers = self.room
-            hunters.push_towards(
+            attackers.push_towards(
                 arm, rotations, origins, centers[leaf], leaf, self.balls.states[prey, :3], self.push
             )
         if kind > 0.85:
@@ -235,11 +236,11 @@ class Hunt:
             )
         else:
             times[:] = end * np.arange(1, SAMPLES + 1) / SAMPLES
-        count = skeleton.trace_arm(
+        count = true_arm.trace_arm(
             self.arm, limits, self.q, self.v, push, strength, free, going, scale, times,
             self.traced,
         )  # fmt: skip
-        lacks, _, _, tried = hunters.attack_all(self.arm, self.balls, self.traced, times, count)
+        lacks, _, _, tried = attackers.attack_all(self.arm, self.balls, self.traced, times, count)
         return lacks, tried
 
     def try_attacks(self, verdict, late):
@@ -318,15 +319,15 @@ class Hunt:
             brake_joints(self.q, self.v, strength, self.limits, self.step)
         else:
             self.plan_arm(looked)
-            skeleton.move_freely(
+            true_arm.move_freely(
                 self.q, self.v, self.push, self.limits, self.pace, self.care, self.step
             )
-        skeleton.place_leaves(self.arm, self.q, *self.room)
-        hunters.steer_balls(
+        true_arm.place_leaves(self.arm, self.q, *self.room)
+        attackers.steer_balls(
             self.arm, self.balls, self.room[2], self.before, self.step, self.stopped, looked,
             until, between, self.home, self.random,
         )  # fmt: skip
-        touching = hunters.count_touching(self.arm, self.balls, *self.room)
+        touching = attackers.count_touching(self.arm, self.balls, *self.room)
         if touching:
             moving = bool((self.v != 0.0).any())
             self.score = self.score._replace(

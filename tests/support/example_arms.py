@@ -3,12 +3,12 @@
 from types import SimpleNamespace
 
 import numpy as np
-from arms import SOURCES
 
 from armguard.enclosing_ball import enclose_points
 from armguard.robot import Robot
 from armguard.robot_description import find_example_urdf, read_description
 from armguard.urdf import read_urdf
+from support.urdf_arms import SOURCES
 
 ARMS = {
     "xarm7": ("xarm_description/urdf/xarm7.urdf", [f"joint{k}" for k in range(1, 8)]),

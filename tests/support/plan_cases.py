@@ -2,10 +2,10 @@
 
 import numpy as np
 import pinocchio
-from joint_motions import CAREFUL, RECKLESS, STEP, brake_joints, limits_of, move_joints
 
 from armguard.obstacles import Obstacles
 from armguard.plans import Plan
+from support.hostile_joints import CAREFUL, RECKLESS, STEP, brake_joints, limits_of, move_joints
 
 SHARE = 0.9
 """Of acceleration limits that plans use."""

@@ -1,0 +1,1 @@
+"""What tests and benchmarks share; nothing here is imported by the package."""
