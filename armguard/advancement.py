@@ -13,7 +13,6 @@ import math
 
 import numpy as np
 
-from armguard.compilation import kernel
 from armguard.hull_advancement import (
     FAR,
     SETTLED,
@@ -22,6 +21,7 @@ from armguard.hull_advancement import (
     hull_contact_time,
     turn_hull,
 )
+from armguard.jit.kernels import kernel
 from armguard.witness import (
     LARGE,
     LONGEST,

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
+from armguard.jit.numerics import ALLOWED
 from armguard.obstacle_table import Marks, States
-from armguard.plausibility import ALLOWED, body_allows
+from armguard.plausibility import body_allows
 
 ROUNDING = 2.0**-50
 """Relative: what a deadline is early by, above all that sums and differences of times lose."""

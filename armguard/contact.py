@@ -30,7 +30,6 @@ from armguard.advancement import (
     row_contact_time,
     trace_contact_time,
 )
-from armguard.compilation import kernel
 from armguard.contact_arguments import (
     Floats,
     check_advances,
@@ -42,6 +41,7 @@ from armguard.contact_arguments import (
     spread,
 )
 from armguard.exceptions import ArmguardError
+from armguard.jit.kernels import kernel
 from armguard.witness import SLACK, clock_drift
 
 __all__ = [

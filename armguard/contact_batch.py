@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from armguard.advancement import ball_contact_time
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 from armguard.witness import NO_BOUND, SLACK
 
 BLOCK = 128

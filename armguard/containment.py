@@ -17,8 +17,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.compilation import kernel
 from armguard.fitting import cut_pieces
+from armguard.jit.kernels import kernel
 from armguard.patches import ON_SURFACE, bisect_pieces, compute_hull_points
 from armguard.sphere_tree import MARGIN, SphereTree
 

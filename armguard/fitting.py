@@ -17,8 +17,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.compilation import kernel
 from armguard.enclosing_ball import enclose_points
+from armguard.jit.kernels import kernel
 from armguard.patches import bisect_pieces, compute_corners, compute_hull_points, measure_sides
 from armguard.sphere_tree import GRID, Node, SphereTree, build_tree, enclose
 from armguard.surface_distance import (

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 
 MAX_STEPS = 20
 TOLERANCE = 1e-13

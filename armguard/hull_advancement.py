@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from armguard.compilation import kernel
 from armguard.hull import nearest_on_hull
+from armguard.jit.kernels import kernel
 from armguard.witness import (
     LARGE,
     LONGEST,

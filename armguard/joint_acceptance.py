@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.compilation import inlined_kernel, kernel
+from armguard.jit.kernels import inlined_kernel, kernel
 from armguard.joint_history import (
     JointHistory,
     begin_history,

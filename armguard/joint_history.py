@@ -7,7 +7,7 @@ joint's true position and one for its velocity, which widen with time and shrink
 measurement. Motion within limits and errors never fails; a joint that reads faster than its limit,
 but within its error, is taken to be that fast.
 
-The codes and the rounding are those of `plausibility`: what rounding could be to blame for passes.
+The codes and the rounding are those of `jit.numerics`: what rounding could be to blame for passes.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError
-from armguard.plausibility import (
+from armguard.jit.kernels import kernel
+from armguard.jit.numerics import (
     POSITION_BY_ACCEL,
     POSITION_BY_SPEED,
     SLACK,

@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armguard import joint_acceptance as acceptance
-from armguard.handle import machine_code, pack
-from armguard.joint_acceptance import NOBODY, Guard, accept_at, find_runaway
-from armguard.joint_history import make_history
-from armguard.levers import is_prismatic
-from armguard.plausibility import (
+from armguard.jit.handle import machine_code, pack
+from armguard.jit.numerics import (
     POSITION_BY_ACCEL,
     POSITION_BY_SPEED,
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
 )
+from armguard.joint_acceptance import NOBODY, Guard, accept_at, find_runaway
+from armguard.joint_history import make_history
+from armguard.levers import is_prismatic
 from armguard.robot import Robot
 from armguard.turns import find_continuous
 from armguard.verdict import Reason, ReasonKind, compute_stop_time

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError
+from armguard.jit.kernels import kernel
 from armguard.robot import Robot
 
 Floats = npt.NDArray[np.float64]

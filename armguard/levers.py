@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError
+from armguard.jit.kernels import kernel
 
 Floats = npt.NDArray[np.float64]
 

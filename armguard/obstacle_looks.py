@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.anchors import allows_anchor, expire, keep_anchor
-from armguard.compilation import inlined_kernel, kernel
+from armguard.jit.kernels import inlined_kernel, kernel
 from armguard.joint_acceptance import Guard
 from armguard.link_times import (
     arm_reach_time,

@@ -16,15 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.anchors import allows_anchor
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
+from armguard.jit.numerics import ALLOWED, SHAPE, SLACK, VELOCITY_BY_ACCEL
 from armguard.obstacle_table import Rows, Samples, States, Told, note_row
-from armguard.plausibility import (
-    ALLOWED,
-    SHAPE,
-    SLACK,
-    VELOCITY_BY_ACCEL,
-    body_allows,
-)
+from armguard.plausibility import body_allows
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 from armguard.link_times import RESTS, UNDECIDED, rests_in_time
 from armguard.obstacle_book import PREPARED
 from armguard.scene import IntArray, prepare_arm

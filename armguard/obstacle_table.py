@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.compilation import kernel
-from armguard.handle import pack
-from armguard.records import make_records
+from armguard.jit.handle import pack
+from armguard.jit.kernels import kernel
+from armguard.jit.layout import make_records
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

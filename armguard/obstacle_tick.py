@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 from armguard.joint_acceptance import BELIEVED, accept
 from armguard.obstacle_book import UNSEEN
 from armguard.obstacle_looks import look

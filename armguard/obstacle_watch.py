@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
-from armguard.handle import machine_code, pack
+from armguard.jit.handle import machine_code, pack
 from armguard.joint_states import JointStates
 from armguard.obstacle_book import (
     ACTIVE,

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armguard import obstacle_rule as rule
-from armguard import plausibility
 from armguard.exceptions import ObstacleError
 from armguard.frames import Frame
-from armguard.handle import machine_code
+from armguard.jit import numerics
+from armguard.jit.handle import machine_code
 from armguard.obstacle_bounds import PatternBounds
 from armguard.obstacle_call import (
     read_bound,
@@ -40,11 +40,11 @@ __all__ = ["Fault", "FaultKind", "Frame", "Obstacles", "Source"]
 WORLD = "world"
 
 _KINDS = {
-    plausibility.POSITION_BY_ACCEL: (FaultKind.BEYOND_ACCEL, "position"),
-    plausibility.POSITION_BY_SPEED: (FaultKind.BEYOND_SPEED, "position"),
-    plausibility.VELOCITY_BY_ACCEL: (FaultKind.BEYOND_ACCEL, "velocity"),
-    plausibility.VELOCITY_BY_SPEED: (FaultKind.BEYOND_SPEED, "velocity"),
-    plausibility.SHAPE: (FaultKind.SHAPE_CHANGED, "position"),
+    numerics.POSITION_BY_ACCEL: (FaultKind.BEYOND_ACCEL, "position"),
+    numerics.POSITION_BY_SPEED: (FaultKind.BEYOND_SPEED, "position"),
+    numerics.VELOCITY_BY_ACCEL: (FaultKind.BEYOND_ACCEL, "velocity"),
+    numerics.VELOCITY_BY_SPEED: (FaultKind.BEYOND_SPEED, "velocity"),
+    numerics.SHAPE: (FaultKind.SHAPE_CHANGED, "position"),
     rule.TOO_FAST: (FaultKind.BEYOND_SPEED, "velocity"),
     rule.TOO_FAR: (FaultKind.BEYOND_EXTENT, "position"),
     rule.TRACK_CHANGED: (FaultKind.TRACK_CHANGED, "position"),

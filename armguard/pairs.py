@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.arm_motion import ArmMotion
-from armguard.compilation import kernel
-from armguard.handle import pack
+from armguard.jit.handle import pack
+from armguard.jit.kernels import kernel
 from armguard.kinematics import Kinematics
 from armguard.link_times import RESTS, arm_reach_time, is_known, pair_time, rests_in_time
 from armguard.obstacle_table import States

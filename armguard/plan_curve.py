@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 
 Floats = NDArray[np.float64]
 

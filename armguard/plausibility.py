@@ -4,43 +4,24 @@ A certificate made from an old state stays true for as long as the body keeps it
 test says whether a newer (or late) measurement of an obstacle agrees with that, between any two
 records; for the arm see `joint_history`.
 
-Rounding goes towards acceptance and is bounded: durations are widened by `SLACK` (eight ulp of 1)
-times the stamps, lengths and speeds by `SLACK` times the magnitudes that enter the test. NaN never
-passes.
+Rounding goes towards acceptance, as `jit.numerics` has it. NaN never passes.
 """
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
-from armguard.compilation import kernel
-
-Array = NDArray[np.float64]
-
-SLACK = 8.0 * float(np.finfo(np.float64).eps)
-
-ALLOWED = 0
-POSITION_BY_ACCEL = 1
-POSITION_BY_SPEED = 2
-VELOCITY_BY_ACCEL = 3
-VELOCITY_BY_SPEED = 4
-SHAPE = 5
-NOT_FINITE = 6
-TIME_BACKWARDS = 7
-
-MEANING = {
-    POSITION_BY_ACCEL: "moved farther than its acceleration allows",
-    POSITION_BY_SPEED: "moved farther than its speed allows",
-    VELOCITY_BY_ACCEL: "changed its velocity by more than its acceleration allows",
-    VELOCITY_BY_SPEED: "is faster than its speed bound",
-    SHAPE: "changed its shape",
-    NOT_FINITE: "is not finite",
-    TIME_BACKWARDS: "has an older stamp than the state before",
-}
-"""What each code says of a body or a joint, to follow its name."""
+from armguard.jit.kernels import kernel
+from armguard.jit.numerics import (
+    ALLOWED,
+    POSITION_BY_ACCEL,
+    POSITION_BY_SPEED,
+    SHAPE,
+    SLACK,
+    VELOCITY_BY_ACCEL,
+    VELOCITY_BY_SPEED,
+    Array,
+)
 
 
 @kernel

@@ -15,7 +15,7 @@ from armguard.bounds import JointTable
 from armguard.bounds.isotropic import VelocityErrors, fill_velocity_errors
 from armguard.bounds.joint_limits import JointLimits
 from armguard.bounds.travel import fill_displacements
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 from armguard.kinematics import ArmPlacement, ArmSpheres, move_spheres
 from armguard.obstacle_table import Marks, States
 

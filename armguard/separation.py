@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError
+from armguard.jit.kernels import kernel
 
 HUMAN_SPEED = 1.6
 """How fast a person walks towards a robot where nothing else is known, in [m/s] [Approach]_."""

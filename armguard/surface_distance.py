@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 
 Array = NDArray[np.float64]
 

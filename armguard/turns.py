@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 
 TURN = 2.0 * math.pi
 """One turn, in [rad]; less than 3e-16 rad off."""

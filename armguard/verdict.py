@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.compilation import kernel
 from armguard.contact import Certificate
+from armguard.jit.kernels import kernel
 
 
 class Level(enum.IntEnum):

@@ -31,7 +31,7 @@ from __future__ import annotations
 import math
 import sys
 
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 
 SLACK = 2.0**-49
 TINY = 1e-270

@@ -27,8 +27,8 @@ from armguard.bounds import (
     ReachMotion,
     table_contact_time,
 )
-from armguard.compilation import kernel
 from armguard.contact import row_contact_time
+from armguard.jit import kernel
 from armguard.kinematics import Kinematics
 from armguard.robot import Robot
 from braking import draw_configuration

@@ -20,9 +20,8 @@ from armguard.bounds import (
     table_contact_time,
 )
 from armguard.bounds.planned import PlannedMotion
-from armguard.compilation import kernel
 from armguard.contact import row_contact_time
-from armguard.handle import pack
+from armguard.jit import kernel, pack
 from armguard.kinematics import Kinematics
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles

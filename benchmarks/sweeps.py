@@ -30,7 +30,7 @@ from __future__ import annotations
 import math
 
 from armguard.advancement import ball_contact_time
-from armguard.compilation import kernel
+from armguard.jit import kernel
 
 ADVANCES = 8  # as the monitor's
 BLOCK = 256

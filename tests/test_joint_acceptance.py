@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from armguard.jit.numerics import POSITION_BY_ACCEL, POSITION_BY_SPEED, VELOCITY_BY_ACCEL
 from armguard.joint_acceptance import (
     BELIEVED,
     FAST,
@@ -21,11 +22,6 @@ from armguard.joint_acceptance import (
     WRONG_LENGTH,
 )
 from armguard.joint_states import JointStates
-from armguard.plausibility import (
-    POSITION_BY_ACCEL,
-    POSITION_BY_SPEED,
-    VELOCITY_BY_ACCEL,
-)
 from armguard.robot import Robot
 from support.panda_monitor import HOME, STILL, panda
 

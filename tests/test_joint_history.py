@@ -8,6 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armguard import ArmguardError
+from armguard.jit.numerics import (
+    POSITION_BY_ACCEL,
+    POSITION_BY_SPEED,
+    VELOCITY_BY_ACCEL,
+    VELOCITY_BY_SPEED,
+)
 from armguard.joint_history import (
     ANCHOR_AGES,
     PASSED,
@@ -17,12 +23,6 @@ from armguard.joint_history import (
     find_failure,
     make_history,
     passes_history,
-)
-from armguard.plausibility import (
-    POSITION_BY_ACCEL,
-    POSITION_BY_SPEED,
-    VELOCITY_BY_ACCEL,
-    VELOCITY_BY_SPEED,
 )
 
 INF = math.inf

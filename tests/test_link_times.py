@@ -7,9 +7,9 @@ import pytest
 
 from armguard.arm_motion import ArmMotion
 from armguard.bounds import table_contact_time
-from armguard.compilation import kernel
 from armguard.contact import earliest_contact_pair
 from armguard.exact import ExactGeometry
+from armguard.jit import kernel
 from armguard.kinematics import Kinematics
 from armguard.link_times import (
     RESTS,

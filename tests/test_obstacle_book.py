@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from armguard.handle import pack
+from armguard.jit import pack
 from armguard.obstacle_book import (
     ACTIVE,
     admit,

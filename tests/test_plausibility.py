@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard.plausibility import (
+from armguard.jit.numerics import (
     ALLOWED,
     POSITION_BY_ACCEL,
     POSITION_BY_SPEED,
     SHAPE,
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
-    body_allows,
 )
+from armguard.plausibility import body_allows
 
 INF = math.inf
 

@@ -10,7 +10,7 @@ import pytest
 from armguard.arm_motion import ArmMotion
 from armguard.bounds import IsotropicMotion
 from armguard.exceptions import ArmguardError
-from armguard.handle import pack
+from armguard.jit import pack
 from armguard.kinematics import Kinematics
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState

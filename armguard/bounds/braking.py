@@ -17,7 +17,7 @@ from armguard.bounds.joint_space import JointSpaceMotion
 from armguard.bounds.motion_model import check_duration
 from armguard.bounds.sums import ROUNDING, sum_levers, sum_second_order
 from armguard.bounds.travel import fill_eased_displacements
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 from armguard.robot import Robot
 from armguard.verdict import compute_stop_time
 

@@ -21,7 +21,7 @@ from armguard.bounds.sums import (
     turning_joints,
     velocity_error_terms,
 )
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 from armguard.robot import Robot
 
 Floats = npt.NDArray[np.float64]

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from armguard.bounds.motion_model import check_vector
-from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError, RobotError
+from armguard.jit.kernels import kernel
 from armguard.levers import is_prismatic
 from armguard.robot import Robot
 

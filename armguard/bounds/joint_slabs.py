@@ -18,7 +18,7 @@ import numpy.typing as npt
 from armguard.bounds.joint_limits import JointLimits
 from armguard.bounds.sums import ROUNDING
 from armguard.bounds.travel import brake, fill_displacements
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 from armguard.plan_curve import curve_range, evaluate_curve, speed_range
 from armguard.plans import CheckedPlan, bound_velocity_deviation
 from armguard.verdict import compute_stop_time

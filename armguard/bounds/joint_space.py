@@ -19,8 +19,8 @@ from armguard.bounds.joint_limits import check_state, find_flaw, read_limits, re
 from armguard.bounds.motion_model import check_question, read_only
 from armguard.bounds.sums import compute_levers, sum_levers, velocity_error_terms
 from armguard.bounds.travel import fill_displacements
-from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError
+from armguard.jit.kernels import kernel
 from armguard.levers import is_prismatic
 from armguard.robot import Robot
 

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armguard.bounds.sums import ROUNDING
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]

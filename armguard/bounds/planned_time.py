@@ -21,8 +21,8 @@ import numpy.typing as npt
 from armguard.bounds.planned_course import BLOCK, ArmShape, PlannedCourse, deviation_along
 from armguard.bounds.sums import ROUNDING
 from armguard.bounds.table_time import obstacle_room
-from armguard.compilation import kernel
 from armguard.hull import nearest_on_hull
+from armguard.jit.kernels import kernel
 from armguard.obstacle_table import Marks, States
 
 Floats = npt.NDArray[np.float64]

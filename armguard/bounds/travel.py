@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from armguard.bounds.joint_limits import JointLimits
 from armguard.bounds.sums import ROUNDING
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 
 Floats = npt.NDArray[np.float64]
 

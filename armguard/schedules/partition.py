@@ -12,8 +12,8 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from armguard.compilation import kernel
 from armguard.exceptions import ArmguardError
+from armguard.jit.kernels import kernel
 from armguard.schedules.arguments import IntegerArray
 
 PartitionLaw: TypeAlias = Literal["powers", "fibonacci"]

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.compilation import kernel
-from armguard.records import make_records
+from armguard.jit.kernels import kernel
+from armguard.jit.layout import make_records
 
 IntArray = NDArray[np.int64]
 Int32Array = NDArray[np.int32]

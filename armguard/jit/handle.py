@@ -18,7 +18,7 @@ from numba.core import cgutils as numba_cgutils
 from numba.core import imputils as numba_imputils
 from numba.experimental import structref as numba_structref
 
-from armguard.compilation import kernel
+from armguard.jit.kernels import kernel
 
 # Numba's functions are untyped: they are called as anything is.
 structref: Any = numba_structref

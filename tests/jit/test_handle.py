@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armguard.compilation import kernel
-from armguard.handle import machine_code, pack
+from armguard.jit import kernel, pack
+from armguard.jit.handle import machine_code
 
 
 class Inner(NamedTuple):

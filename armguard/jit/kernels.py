@@ -23,7 +23,7 @@ from numba.core import caching as numba_caching
 caching: Any = numba_caching
 config: Any = numba.config
 
-PACKAGE = Path(__file__).resolve().parent
+PACKAGE = Path(__file__).resolve().parents[1]
 
 
 class TolerantCache(caching.FunctionCache):  # type: ignore[misc]  # a class of unknown type

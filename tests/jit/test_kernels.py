@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import armguard
-from armguard import compilation
-from armguard.compilation import PACKAGE, digest_sources, find_cache, kernel
+from armguard.jit import kernel, kernels
+from armguard.jit.kernels import PACKAGE, digest_sources, find_cache
 
 
 @pytest.fixture
@@ -103,13 +103,13 @@ def test_a_change_of_what_is_not_imported_changes_nothing(package):
 
 def test_every_kernel_of_armguard_is_compiled_here():
     for path in PACKAGE.rglob("*.py"):
-        if path.name != "compilation.py":
+        if path.name != "kernels.py":
             text = path.read_text()
-            assert "njit" not in text, f"{path}: use armguard.compilation.kernel"
+            assert "njit" not in text, f"{path}: use armguard.jit.kernel"
 
 
 def test_old_kernels_of_a_module_are_removed(package, monkeypatch):
-    monkeypatch.setattr(compilation, "PACKAGE", package)
+    monkeypatch.setattr(kernels, "PACKAGE", package)
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")
     source = package / "top.py"
     first = find_cache.__wrapped__(source)
@@ -121,15 +121,15 @@ def test_old_kernels_of_a_module_are_removed(package, monkeypatch):
 
 
 def test_the_folder_that_the_user_names_is_used(package, monkeypatch):
-    monkeypatch.setattr(compilation, "PACKAGE", package)
+    monkeypatch.setattr(kernels, "PACKAGE", package)
     monkeypatch.setattr(numba.config, "CACHE_DIR", "/somewhere")
     assert find_cache.__wrapped__(package / "top.py").parent == Path("/somewhere")
 
 
 def test_a_package_that_cannot_be_written_uses_the_users_cache(package, monkeypatch):
-    monkeypatch.setattr(compilation, "PACKAGE", package)
+    monkeypatch.setattr(kernels, "PACKAGE", package)
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")
-    monkeypatch.setattr(compilation.os, "access", lambda path, mode: False)
+    monkeypatch.setattr(kernels.os, "access", lambda path, mode: False)
     monkeypatch.setenv("XDG_CACHE_HOME", "/caches")
     assert find_cache.__wrapped__(package / "top.py").parent == Path("/caches/armguard")
 
@@ -146,13 +146,13 @@ def test_kernels_divide_as_numpy_does_and_keep_nan():
     assert divide(1.0, 0.0) == np.inf
     assert np.isnan(divide(0.0, 0.0))
     assert np.isnan(subtract(np.inf, np.inf))
-    assert find_cache(Path(__file__)) != find_cache(PACKAGE / "pairs.py")
+    assert find_cache(Path(__file__)) != find_cache(PACKAGE / "jit" / "handle.py")
 
 
 def test_a_cache_with_types_of_a_script_that_is_gone_is_an_empty_one(tmp_path):
     """One process packs a tuple of its own, the next knows nothing of where it came from."""
     (tmp_path / "lib.py").write_text(
-        "from armguard.compilation import kernel\n"
+        "from armguard.jit.kernels import kernel\n"
         "@kernel\n"
         "def first(content):\n"
         "    return content[0]\n"

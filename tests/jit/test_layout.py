@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from armguard.records import CACHE_LINE, make_records
+from armguard.jit.layout import CACHE_LINE, make_records
 
 FIELDS = {
     "time": (float, ()),

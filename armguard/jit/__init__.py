@@ -1,0 +1,13 @@
+"""Compiled kernels and what they share: their cache, handles, layout of arrays, numerics.
+
+Every kernel of armguard is compiled by `kernel`, which keeps it under a digest of all sources that
+went into it, and many arrays cross to it at once by `pack`.
+"""
+
+from armguard.jit.handle import pack
+from armguard.jit.kernels import kernel
+
+__all__ = [
+    "kernel",
+    "pack",
+]

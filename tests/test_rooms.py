@@ -1,0 +1,275 @@
+"""armguard is built in rooms: each package imports only from those named here, and no circles.
+
+The table is the law; docs/architecture.md tells it in words.
+"""
+
+import ast
+import graphlib
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "armguard"
+
+EVERYTHING = "all"
+
+# Packages and modules of the root, and what each may import beside itself and `exceptions`.
+ROOMS = {
+    "exceptions": "",
+    "clock": "",
+    "verdict": "contact",  # for the type of a certificate
+    "jit": "",
+}
+
+# Still to be moved, and free of the law.
+WAITING = {
+    "advancement",
+    "anchors",
+    "announcer",
+    "arm_motion",
+    "attached_bodies",
+    "cell",
+    "cell_frames",
+    "cell_schema",
+    "cell_tool",
+    "certificate",
+    "cli",
+    "committed_plan",
+    "contact",
+    "contact_arguments",
+    "contact_batch",
+    "containment",
+    "cover",
+    "cover_command",
+    "cover_report",
+    "enclosing_ball",
+    "ending",
+    "exact",
+    "explain",
+    "fitting",
+    "flagged",
+    "foresight",
+    "frames",
+    "garbage",
+    "hull",
+    "hull_advancement",
+    "ignored_pairs",
+    "inflation",
+    "interchange",
+    "joint_acceptance",
+    "joint_history",
+    "joint_states",
+    "judgement",
+    "kinematics",
+    "latency",
+    "ledger",
+    "lever_report",
+    "levers",
+    "link_surfaces",
+    "link_times",
+    "loop",
+    "monitor",
+    "monitor_answers",
+    "monitor_arguments",
+    "obstacle_book",
+    "obstacle_bounds",
+    "obstacle_call",
+    "obstacle_faults",
+    "obstacle_looks",
+    "obstacle_reasons",
+    "obstacle_register",
+    "obstacle_rule",
+    "obstacle_suspects",
+    "obstacle_table",
+    "obstacle_tick",
+    "obstacle_watch",
+    "obstacles",
+    "pair_proof",
+    "pair_reports",
+    "pair_watch",
+    "pairs",
+    "patches",
+    "plan_curve",
+    "plan_reading",
+    "plans",
+    "plausibility",
+    "realtime",
+    "robot",
+    "robot_description",
+    "scene",
+    "separation",
+    "separation_margin",
+    "snapshot",
+    "soonest",
+    "sources",
+    "sphere_tree",
+    "stop_decision",
+    "summary",
+    "supervision",
+    "surface_distance",
+    "surfaces",
+    "tally",
+    "turns",
+    "urdf",
+    "urdf_links",
+    "watch",
+    "watched_arm",
+    "watched_joints",
+    "watches",
+    "what_if",
+    "witness",
+    "bounds",
+    "demo",
+    "people",
+    "schedules",
+    "simulation",
+    "streams",
+    "view",
+}
+
+# Single imports against the law, each to be mended: a module and what it imports.
+LENT = set()
+
+
+def read_modules(package=PACKAGE):
+    """Syntax trees of all modules under `package`, by dotted name, and whether each is a face."""
+    trees = {}
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package.parent).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        trees[name] = (ast.parse(path.read_text(encoding="utf-8")), path.name == "__init__.py")
+    return trees
+
+
+MODULES = read_modules()
+ABOVE_ALL = {"armguard", "armguard.__main__"}
+
+
+def read_imports(name, modules=MODULES):
+    """Names of the armguard modules that one module imports, wherever in it the import stands."""
+    tree, is_package = modules[name]
+    parent = name if is_package else name.rpartition(".")[0]
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            relative = "." * node.level + (node.module or "")
+            base = importlib.util.resolve_name(relative, parent) if node.level else node.module
+            # `from package import module` imports the module, `from module import name` its home.
+            found |= {
+                f"{base}.{alias.name}" if f"{base}.{alias.name}" in modules else base
+                for alias in node.names
+            }
+    return {one for one in found if one.split(".")[0] == "armguard"}
+
+
+def read_room(name):
+    """A package as a whole, or a module of the root."""
+    parts = name.split(".")
+    return parts[1] if len(parts) > 1 else parts[0]
+
+
+@pytest.mark.parametrize("name", sorted(set(MODULES) - ABOVE_ALL))
+def test_a_module_imports_only_what_its_room_may(name):
+    room = read_room(name)
+    if room in WAITING:
+        return
+    assert room in ROOMS, (
+        f"{room} is no room: add it to ROOMS, with what it may import, and say in "
+        "docs/architecture.md what it holds"
+    )
+    for imported in read_imports(name):
+        other = read_room(imported)
+        if other in (room, "exceptions") or (name, imported) in LENT:
+            continue
+        assert other in ROOMS[room].split() or ROOMS[room] == EVERYTHING or other in WAITING, (
+            f"{name} imports {imported}, which its room may not: move what both need to a room "
+            "that both may import, or hand it over as an argument"
+        )
+
+
+def test_the_table_names_nothing_that_is_not_there():
+    assert set(ROOMS) | WAITING == {read_room(name) for name in set(MODULES) - ABOVE_ALL}
+    named = {word for rooms in ROOMS.values() for word in rooms.split()} - {EVERYTHING}
+    assert named <= set(ROOMS) | WAITING
+
+
+def test_what_is_lent_is_still_needed():
+    for name, imported in LENT:
+        assert imported in read_imports(name), f"{name} no longer imports {imported}: drop it"
+
+
+def test_no_module_imports_itself_by_way_of_others():
+    graph = {name: read_imports(name) for name in MODULES}
+    list(graphlib.TopologicalSorter(graph).static_order())  # raises CycleError with the cycle
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_no_import_hides(name):
+    tree, _ = MODULES[name]
+    words = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    words |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    words |= {
+        alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert not words & {"TYPE_CHECKING", "import_module", "__import__"}
+
+
+@pytest.mark.parametrize("name", [name for name, (_, is_package) in MODULES.items() if is_package])
+def test_a_face_is_explicit_and_does_nothing_else(name):
+    tree, _ = MODULES[name]
+    assert ast.get_docstring(tree), f"{name} does not say what it holds"
+    taken = {
+        alias.asname or alias.name
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    shown = [
+        ast.literal_eval(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign) and node.targets[0].id == "__all__"
+    ]
+    assert set(*shown) == taken
+    assert all(isinstance(node, ast.Expr | ast.ImportFrom | ast.Assign) for node in tree.body)
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, (_, is_package) in MODULES.items() if not is_package]
+)
+def test_each_module_has_tests_of_its_own(name):
+    *folders, module = name.split(".")[1:]
+    twin = ROOT.joinpath("tests", *folders, f"test_{module}.py")
+    assert module == "__main__" or twin.exists(), f"{name} has no {twin.relative_to(ROOT)}"
+
+
+def test_what_the_reader_of_imports_sees(tmp_path):
+    package = tmp_path / "armguard"
+    (package / "rooms").mkdir(parents=True)
+    (package / "__init__.py").write_text("from armguard import lamp")
+    (package / "lamp.py").write_text("import numpy\ndef late():\n    import armguard.rooms.door")
+    (package / "rooms" / "__init__.py").write_text("from . import door\nfrom ..lamp import late")
+    (package / "rooms" / "door.py").write_text("from armguard.rooms import hinge")
+    modules = read_modules(package)
+    assert {name: read_imports(name, modules) for name in modules} == {
+        "armguard": {"armguard.lamp"},
+        "armguard.lamp": {"armguard.rooms.door"},
+        "armguard.rooms": {"armguard.rooms.door", "armguard.lamp"},
+        "armguard.rooms.door": {"armguard.rooms"},
+    }
+
+
+def test_the_architecture_page_tells_the_same_rooms():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    told = {}
+    for room, imports in re.findall(r"^\| `(\w+)/` \| ([^|]+) \|", page, flags=re.MULTILINE):
+        told[room] = EVERYTHING if imports == "all" else " ".join(re.findall(r"`(\w+)`", imports))
+    packages = {name: ROOMS[name] for name in ROOMS if (PACKAGE / name).is_dir()}
+    assert told == packages
