@@ -17,7 +17,8 @@ sensor had better look at next. A controller that shares its next piece of traje
 What the parts of a body do, and how often, is in `armguard.people`.
 """
 
-from armguard import bounds, certificate, contact, people
+from armguard import bounds, contact, people
+from armguard.contact import certificate
 from armguard.cover import Cover
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from armguard.committed_plan import CommittedPlan
-from armguard.contact import Certificate
+from armguard.contact.earliest import Certificate
 from armguard.joint_states import JointStates
 from armguard.monitor_arguments import MonitorSettings
 from armguard.pair_proof import compile_proof

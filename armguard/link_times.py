@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from armguard.bounds import table_contact_time
-from armguard.contact import pair_distance_time, row_contact_time
+from armguard.contact.advancement import pair_distance_time, row_contact_time
 from armguard.jit.kernels import inlined_kernel, kernel
 from armguard.obstacle_table import States
 from armguard.scene import DISTANCE, ISOTROPIC, JOINT, REACH, Scene

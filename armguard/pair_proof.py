@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from armguard.contact import Certificate, certify
+from armguard.contact.earliest import Certificate, certify
 from armguard.link_times import ROUNDING
 from armguard.obstacle_table import States
 from armguard.pairs import TickState

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.bounds.travel import travel
+from armguard.contact.gjk import nearest_on_hull
 from armguard.exceptions import ArmguardError
-from armguard.hull import nearest_on_hull
 from armguard.jit.kernels import kernel
 from armguard.obstacle_table import Marks, States
 from armguard.pairs import TickState

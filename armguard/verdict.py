@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.contact import Certificate
+from armguard.contact.earliest import Certificate
 from armguard.jit.kernels import kernel
 
 

@@ -13,7 +13,7 @@ import pinocchio
 from numpy.typing import NDArray
 
 from armguard.arm_motion import ArmMotion
-from armguard.contact import Certificate
+from armguard.contact.earliest import Certificate
 from armguard.exact import ExactGeometry
 from armguard.ignored_pairs import IgnoredPairs
 from armguard.kinematics import Kinematics

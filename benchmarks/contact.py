@@ -19,8 +19,9 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from armguard.contact import earliest_contact, pair_distance_time, row_contact_time
-from armguard.contact_batch import batch_contact_times, finish_contact_times
+from armguard.contact import earliest_contact
+from armguard.contact.advancement import pair_distance_time, row_contact_time
+from contact_batch import batch_contact_times, finish_contact_times
 
 ARM_ACCEL, ARM_SPEED = 120.0, 8.0  # the isotropic bounds of a quick arm's hand
 PERSON_ACCEL, PERSON_SPEED = 10.0, 2.0

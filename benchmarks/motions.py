@@ -27,7 +27,7 @@ from armguard.bounds import (
     ReachMotion,
     table_contact_time,
 )
-from armguard.contact import row_contact_time
+from armguard.contact.advancement import row_contact_time
 from armguard.jit import kernel
 from armguard.kinematics import Kinematics
 from armguard.robot import Robot

@@ -20,7 +20,7 @@ from armguard.bounds import (
     table_contact_time,
 )
 from armguard.bounds.planned import PlannedMotion
-from armguard.contact import row_contact_time
+from armguard.contact.advancement import row_contact_time
 from armguard.jit import kernel, pack
 from armguard.kinematics import Kinematics
 from armguard.monitor import Monitor

@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import math
 
-from armguard.advancement import ball_contact_time
+from armguard.contact.advancement import ball_contact_time
 from armguard.jit import kernel
 
 ADVANCES = 8  # as the monitor's

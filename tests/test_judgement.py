@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from armguard import certificate
+from armguard.contact import certificate
 from armguard.judgement import Judge
 from armguard.separation_margin import SeparationRule
 from armguard.verdict import Level, ReasonKind

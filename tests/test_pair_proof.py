@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import armguard
-from armguard.certificate import verify
+from armguard.contact import verify
 
 READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
 

@@ -22,11 +22,11 @@ ROOMS = {
     "clock": "",
     "verdict": "contact",  # for the type of a certificate
     "jit": "",
+    "contact": "jit",
 }
 
 # Still to be moved, and free of the law.
 WAITING = {
-    "advancement",
     "anchors",
     "announcer",
     "arm_motion",
@@ -35,12 +35,8 @@ WAITING = {
     "cell_frames",
     "cell_schema",
     "cell_tool",
-    "certificate",
     "cli",
     "committed_plan",
-    "contact",
-    "contact_arguments",
-    "contact_batch",
     "containment",
     "cover",
     "cover_command",
@@ -54,8 +50,6 @@ WAITING = {
     "foresight",
     "frames",
     "garbage",
-    "hull",
-    "hull_advancement",
     "ignored_pairs",
     "inflation",
     "interchange",
@@ -120,7 +114,6 @@ WAITING = {
     "watched_joints",
     "watches",
     "what_if",
-    "witness",
     "bounds",
     "demo",
     "people",

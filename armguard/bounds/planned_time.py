@@ -21,7 +21,7 @@ import numpy.typing as npt
 from armguard.bounds.planned_course import BLOCK, ArmShape, PlannedCourse, deviation_along
 from armguard.bounds.sums import ROUNDING
 from armguard.bounds.table_time import obstacle_room
-from armguard.hull import nearest_on_hull
+from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.kernels import kernel
 from armguard.obstacle_table import Marks, States
 

@@ -22,7 +22,7 @@ from numpy import float64
 from armguard.bounds.joint_box import JointTable, advance_in_span, set_columns, set_span
 from armguard.bounds.sums import ROUNDING
 from armguard.bounds.travel import travel
-from armguard.hull import nearest_on_hull
+from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.kernels import kernel
 
 Floats = npt.NDArray[float64]

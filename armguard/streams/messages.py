@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.contact import Certificate
+from armguard.contact.earliest import Certificate
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
 
 _CLOSER_LOOK = 65536

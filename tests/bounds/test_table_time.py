@@ -4,7 +4,7 @@ import pytest
 
 from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, table_contact_time
 from armguard.bounds.table_time import obstacle_room
-from armguard.contact import pair_contact_time
+from armguard.contact.advancement import pair_contact_time
 from armguard.exceptions import ArmguardError
 from armguard.kinematics import Kinematics
 from support.example_arms import load_arm

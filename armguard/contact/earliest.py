@@ -1,7 +1,7 @@
 """Earliest possible contact of two bounded bodies: the faces of the kernels, and their contract.
 
 For all float64 inputs a contact time is never NaN and never above the exact one of the same inputs
-read as real numbers; NaN anywhere gives 0. Why that is so is told in `witness`, in short: any unit
+read as real numbers; NaN anywhere gives 0. Why that is so is told in `gap`, in short: any unit
 vector proves the absence of contact as long as its gap is positive, so rounding has to be accounted
 for in one gap and its root only, and it always is on the side of contact:
 
@@ -11,7 +11,7 @@ for in one gap and its root only, and it always is on the side of contact:
 - what is too small or large to round relatively is taken for the worse: TINY, LARGE, SHORTEST.
 
 `advancement` tells how witnesses are chosen, which costs tightness only. Here arguments are checked
-and broadcast (`contact_arguments`) and clock errors turned into distances. Position errors belong
+and broadcast (`arguments`) and clock errors turned into distances. Position errors belong
 into `contact_distance`.
 """
 
@@ -23,14 +23,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armguard.advancement import (
+from armguard.contact.advancement import (
     ball_contact_time,
     pair_contact_time,
     pair_distance_time,
     row_contact_time,
     trace_contact_time,
 )
-from armguard.contact_arguments import (
+from armguard.contact.arguments import (
     Floats,
     check_advances,
     find_common_shape,
@@ -40,9 +40,9 @@ from armguard.contact_arguments import (
     read_vectors,
     spread,
 )
+from armguard.contact.gap import SLACK, clock_drift
 from armguard.exceptions import ArmguardError
 from armguard.jit.kernels import kernel
-from armguard.witness import SLACK, clock_drift
 
 __all__ = [
     "Certificate",
@@ -78,7 +78,7 @@ def _reach(
 ):  # fmt: skip
     """`contact_distance`, and how far the bodies get in the time that their stamps may be off by.
 
-    Whichever way a stamp is off, D of `witness` changes by no more than top speed times that time.
+    Whichever way a stamp is off, D of `gap` changes by no more than top speed times that time.
     """
     if clock1 == 0.0 and clock2 == 0.0:
         return contact_distance

@@ -14,9 +14,9 @@ import math
 
 import numpy as np
 
-from armguard.advancement import ball_contact_time
+from armguard.contact.advancement import ball_contact_time
+from armguard.contact.gap import NO_BOUND, SLACK
 from armguard.jit.kernels import kernel
-from armguard.witness import NO_BOUND, SLACK
 
 BLOCK = 128
 COMMON = 1e30

@@ -15,8 +15,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard.certificate import _floor, _root_bounds, verify
-from armguard.contact import Certificate, certify, earliest_contact_hull
+from armguard.contact import Certificate, certify, earliest_contact_hull, verify
+from armguard.contact.certificate import _floor, _root_bounds
 from support.contact_cases import grazing_case, mixed_case, ordinary_case
 
 CASES = int(os.environ.get("ARMGUARD_CASES", "8000"))

@@ -16,7 +16,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armguard.contact import Certificate
+from armguard.contact.earliest import Certificate
 
 PRECISION = 160  # bits of a bounded square root or quotient: far below the kernels' slack
 

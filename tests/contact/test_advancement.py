@@ -4,11 +4,8 @@ import math
 
 import numpy as np
 
-from armguard.contact import (
-    earliest_contact_hull,
-    pair_contact_time,
-    pair_distance_time,
-)
+from armguard.contact import earliest_contact_hull
+from armguard.contact.advancement import pair_contact_time, pair_distance_time
 from support.contact_cases import CONVERGED, mixed_case, ordinary_case
 
 

@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from armguard.witness import (
+from armguard.contact.gap import (
     _step,
     are_bounds,
     clock_drift,

@@ -1,4 +1,4 @@
-"""Arguments of the array faces of `contact`: checked, broadcast, and laid out for the kernels."""
+"""Arguments of the array faces of `earliest`: checked, broadcast, and laid out for the kernels."""
 
 from __future__ import annotations
 

@@ -11,9 +11,7 @@ import math
 
 import numpy as np
 
-from armguard.hull import nearest_on_hull
-from armguard.jit.kernels import kernel
-from armguard.witness import (
+from armguard.contact.gap import (
     LARGE,
     LONGEST,
     TINY,
@@ -23,6 +21,8 @@ from armguard.witness import (
     limits,
     usable_accel,
 )
+from armguard.contact.gjk import nearest_on_hull
+from armguard.jit.kernels import kernel
 
 SETTLED = 1.0 + 2.0**-44  # a smaller gain is nothing but rounding
 FAR = 1e100  # beyond, in [s], products with time may overflow

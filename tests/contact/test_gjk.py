@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armguard.hull import nearest_on_hull
+from armguard.contact.gjk import nearest_on_hull
 
 
 def nearest(origin, points, velocities=None, carry=0.0):

@@ -4,7 +4,7 @@ Begin with the witness that points at where the other body is now. Follow its ga
 it to where the bodies have been carried by then along their velocities, until their speed bounds
 bite; follow the new gap from there, and so on. Each time on the way is a proven lower bound, and
 more advances come closer: without speed bounds to the smallest root of the quartic, quadratically.
-How the rounding is accounted for is told in `witness`.
+How the rounding is accounted for is told in `gap`.
 """
 
 from __future__ import annotations
@@ -13,16 +13,7 @@ import math
 
 import numpy as np
 
-from armguard.hull_advancement import (
-    FAR,
-    SETTLED,
-    carry_time,
-    far_contact_time,
-    hull_contact_time,
-    turn_hull,
-)
-from armguard.jit.kernels import kernel
-from armguard.witness import (
+from armguard.contact.gap import (
     LARGE,
     LONGEST,
     NO_BOUND,
@@ -36,6 +27,15 @@ from armguard.witness import (
     motion,
     usable_accel,
 )
+from armguard.contact.hull_advancement import (
+    FAR,
+    SETTLED,
+    carry_time,
+    far_contact_time,
+    hull_contact_time,
+    turn_hull,
+)
+from armguard.jit.kernels import kernel
 
 
 @kernel(forceinline=True)
