@@ -22,7 +22,7 @@ from armguard.contact import certificate
 from armguard.cover import Cover
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
-from armguard.obstacles import Obstacles
+from armguard.obstacles.obstacles import Obstacles
 from armguard.robot import Robot
 from armguard.verdict import Level, Reason, Verdict
 

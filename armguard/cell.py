@@ -27,7 +27,9 @@ from armguard.cell_schema import (
 from armguard.cell_tool import SHAPES, attach_tool
 from armguard.exceptions import ArmguardError, CellError
 from armguard.monitor import Monitor
-from armguard.obstacles import Frame, Obstacles, Source
+from armguard.obstacles.frames import Frame
+from armguard.obstacles.obstacles import Obstacles
+from armguard.obstacles.sources import Source
 from armguard.people import BOUNDS
 from armguard.robot import Robot
 from armguard.separation_margin import SeparationRule

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.anchors import allows_anchor, expire, keep_anchor
 from armguard.jit.kernels import kernel
-from armguard.obstacle_table import States, extend_rows, make_states, resize_states
+from armguard.obstacles.reference_states import allows_anchor, expire, keep_anchor
+from armguard.obstacles.table import States, extend_rows, make_states, resize_states
 from armguard.pairs import TickState
 from armguard.scene import DISTANCE, FloatArray, IntArray
 

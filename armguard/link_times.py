@@ -16,7 +16,7 @@ import numpy as np
 from armguard.bounds import table_contact_time
 from armguard.contact.advancement import pair_distance_time, row_contact_time
 from armguard.jit.kernels import inlined_kernel, kernel
-from armguard.obstacle_table import States
+from armguard.obstacles.table import States
 from armguard.scene import DISTANCE, ISOTROPIC, JOINT, REACH, Scene
 
 ROUNDING = 1e-14

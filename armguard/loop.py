@@ -20,7 +20,7 @@ from armguard.ending import complain
 from armguard.garbage import IdleCollector
 from armguard.latency import Durations
 from armguard.monitor import Monitor
-from armguard.obstacles import Obstacles
+from armguard.obstacles.obstacles import Obstacles
 from armguard.realtime import Realtime, request_realtime
 from armguard.streams import (
     JOINTS_ADDRESS,

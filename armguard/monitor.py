@@ -25,7 +25,7 @@ from armguard.judgement import Judge
 from armguard.monitor_answers import MonitorAnswers
 from armguard.monitor_arguments import read_number, read_settings
 from armguard.obstacle_reasons import describe_no_sources, take_obstacle_reasons
-from armguard.obstacles import Obstacles
+from armguard.obstacles.obstacles import Obstacles
 from armguard.plans import Plan
 from armguard.robot import Robot
 from armguard.schedules import Schedule

@@ -9,7 +9,7 @@ from armguard.explain import Explanation, explain_pair
 from armguard.foresight import Attention, Headroom, predict_headroom, rank_attention
 from armguard.joint_states import JointStates
 from armguard.monitor_arguments import MonitorSettings, read_limit
-from armguard.obstacles import Obstacles
+from armguard.obstacles.obstacles import Obstacles
 from armguard.pair_reports import PairReport, report_pair
 from armguard.robot import Robot
 from armguard.schedules.wheel import NOBODY

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.anchors import allows_anchor, expire, keep_anchor
 from armguard.jit.kernels import inlined_kernel, kernel
 from armguard.joint_acceptance import Guard
 from armguard.link_times import (
@@ -39,7 +38,8 @@ from armguard.obstacle_book import (
     first_link,
     void,
 )
-from armguard.obstacle_table import clear_news
+from armguard.obstacles.reference_states import allows_anchor, expire, keep_anchor
+from armguard.obstacles.table import clear_news
 from armguard.scene import REACH, UNKNOWN, FloatArray, IntArray, Scene, prepare_arm
 from armguard.schedules.wheel import (
     NOBODY,

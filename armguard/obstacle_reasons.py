@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from armguard.obstacle_faults import Fault, FaultKind
-from armguard.obstacles import Obstacles
+from armguard.obstacles.faults import Fault, FaultKind
+from armguard.obstacles.obstacles import Obstacles
 from armguard.verdict import Reason, ReasonKind
 
 

@@ -34,7 +34,7 @@ from armguard.obstacle_book import (
 from armguard.obstacle_looks import Watching, look
 from armguard.obstacle_suspects import find_near, find_unsafe
 from armguard.obstacle_tick import advance
-from armguard.obstacles import Obstacles
+from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs import evaluate
 from armguard.robot import Robot
 from armguard.scene import FloatArray, IntArray

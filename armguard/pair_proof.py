@@ -15,7 +15,7 @@ import numpy as np
 
 from armguard.contact.earliest import Certificate, certify
 from armguard.link_times import ROUNDING
-from armguard.obstacle_table import States
+from armguard.obstacles.table import States
 from armguard.pairs import TickState
 from armguard.scene import FloatArray
 

@@ -15,8 +15,8 @@ from armguard.exceptions import ArmguardError
 from armguard.flagged import FlaggedCheck
 from armguard.joint_states import JointStates
 from armguard.ledger import PairLedger
-from armguard.obstacle_table import clear_news
-from armguard.obstacles import Obstacles
+from armguard.obstacles.obstacles import Obstacles
+from armguard.obstacles.table import clear_news
 from armguard.pairs import evaluate, find_unsafe_pair
 from armguard.robot import Robot
 from armguard.scene import REACH, FloatArray, IntArray

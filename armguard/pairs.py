@@ -17,8 +17,8 @@ from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 from armguard.kinematics import Kinematics
 from armguard.link_times import RESTS, arm_reach_time, is_known, pair_time, rests_in_time
-from armguard.obstacle_table import States
-from armguard.obstacles import Obstacles
+from armguard.obstacles.obstacles import Obstacles
+from armguard.obstacles.table import States
 from armguard.scene import (
     UNKNOWN,
     ArmArrays,

@@ -17,7 +17,7 @@ from armguard.bounds.joint_limits import JointLimits
 from armguard.bounds.travel import fill_displacements
 from armguard.jit.kernels import kernel
 from armguard.kinematics import ArmPlacement, ArmSpheres, move_spheres
-from armguard.obstacle_table import Marks, States
+from armguard.obstacles.table import Marks, States
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -23,7 +23,7 @@ from armguard.bounds.travel import travel
 from armguard.contact.gjk import nearest_on_hull
 from armguard.exceptions import ArmguardError
 from armguard.jit.kernels import kernel
-from armguard.obstacle_table import Marks, States
+from armguard.obstacles.table import Marks, States
 from armguard.pairs import TickState
 from armguard.scene import ArmArrays, SphereTree
 from armguard.separation import HUMAN_SPEED, separation_of

@@ -17,7 +17,7 @@ from armguard.contact.earliest import Certificate
 from armguard.exact import ExactGeometry
 from armguard.ignored_pairs import IgnoredPairs
 from armguard.kinematics import Kinematics
-from armguard.obstacles import Obstacles
+from armguard.obstacles.obstacles import Obstacles
 from armguard.pair_proof import prove_pair
 from armguard.pairs import TickState
 from armguard.robot import Robot

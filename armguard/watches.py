@@ -7,7 +7,7 @@ from armguard.ignored_pairs import IgnoredPairs
 from armguard.joint_states import JointStates
 from armguard.monitor_arguments import MonitorSettings
 from armguard.obstacle_watch import ObstacleWatch
-from armguard.obstacles import Obstacles
+from armguard.obstacles.obstacles import Obstacles
 from armguard.pair_watch import PairWatch
 from armguard.robot import Robot
 from armguard.watch import Watch

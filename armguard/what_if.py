@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.jit.handle import pack
-from armguard.obstacle_table import Marks, States, make_states
+from armguard.obstacles.table import Marks, States, make_states
 from armguard.pairs import TickState, evaluate_handle
 from armguard.scene import FloatArray
 

@@ -5,11 +5,10 @@ import pinocchio
 import pytest
 from coal import Sphere
 
-from armguard import obstacle_table
 from armguard.committed_plan import PlanVerdict
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
-from armguard.obstacles import Obstacles
+from armguard.obstacles import Obstacles, table
 from armguard.plans import Plan
 from armguard.robot import Robot
 from armguard.verdict import Effect, Level, ReasonKind
@@ -530,7 +529,7 @@ def test_what_is_handed_over_is_a_copy():
 
 
 def test_with_an_obstacle_that_could_be_anywhere_nothing_is_safe(monkeypatch):
-    monkeypatch.setattr(obstacle_table, "MAXIMUM_ROWS", 64)
+    monkeypatch.setattr(table, "MAXIMUM_ROWS", 64)
     obstacles, monitor = make_monitor(motion="planned")
     see(obstacles, 0.0, np.tile(FAR, (65, 1)), [f"ball {number}" for number in range(65)])
     assert monitor.step(0.0, HOME, STILL).contact_time == 0.0

@@ -81,7 +81,7 @@ def test_a_plan_that_nobody_made_changes_nothing():
 
 
 def test_what_found_no_room_could_be_anywhere(monkeypatch):
-    monkeypatch.setattr("armguard.obstacle_table.MAXIMUM_ROWS", 64)
+    monkeypatch.setattr("armguard.obstacles.table.MAXIMUM_ROWS", 64)
     obstacles, monitor = make_monitor(separation=SeparationRule())
     names = [f"ball{i}" for i in range(65)]
     see(obstacles, 0.0, np.tile(FAR, (65, 1)), ids=names)

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard import obstacle_table, obstacle_watch, pair_watch
+from armguard import obstacle_watch, pair_watch
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
+from armguard.obstacles import table as obstacle_table
 from armguard.verdict import Effect, Level, ReasonKind
 from support.panda_monitor import (
     FAR,

@@ -16,7 +16,7 @@ from armguard.obstacle_book import (
     grow_book,
     make_book,
 )
-from armguard.obstacle_table import ObstacleTable, make_states, resize_states
+from armguard.obstacles.table import ObstacleTable, make_states, resize_states
 from armguard.scene import UNKNOWN
 from armguard.schedules.wheel import DUE, TURNING, WAITING, most_urgent, put_off
 from armguard.soonest import find_least, set_value

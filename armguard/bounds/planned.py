@@ -22,7 +22,7 @@ from armguard.bounds.sums import ROUNDING, compute_levers
 from armguard.exceptions import ArmguardError
 from armguard.kinematics import Kinematics
 from armguard.levers import is_prismatic
-from armguard.obstacle_table import Marks, States, make_states
+from armguard.obstacles.table import Marks, States, make_states
 from armguard.plan_curve import evaluate_curve
 from armguard.plans import CheckedPlan, Plan, Refusal, check_plan
 from armguard.robot import Robot

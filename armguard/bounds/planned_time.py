@@ -23,7 +23,7 @@ from armguard.bounds.sums import ROUNDING
 from armguard.bounds.table_time import obstacle_room
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.kernels import kernel
-from armguard.obstacle_table import Marks, States
+from armguard.obstacles.table import Marks, States
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]

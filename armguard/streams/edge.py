@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from armguard.clock import Clock
 from armguard.exceptions import ArmguardError
-from armguard.obstacles import Obstacles
+from armguard.obstacles.obstacles import Obstacles
 from armguard.streams.faults import FaultLog
 from armguard.streams.inputs import BYTE_LIMIT, Input
 from armguard.streams.messages import (

@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armguard.exceptions import ObstacleError
-from armguard.frames import Frame
-from armguard.obstacles import FaultKind, Obstacles
+from armguard.obstacles import FaultKind, Frame, Obstacles
 from support.obstacle_samples import check_invariants, kinds, see
 
 INF = math.inf

@@ -3,7 +3,8 @@ import math
 import pytest
 
 from armguard.exceptions import ObstacleError
-from armguard.sources import MAXIMUM_SOURCES, MAXIMUM_TOMBSTONES, Source, SourceBook, Tombstones
+from armguard.obstacles import Source
+from armguard.obstacles.sources import MAXIMUM_SOURCES, MAXIMUM_TOMBSTONES, SourceBook, Tombstones
 
 
 @pytest.mark.parametrize("timeout", [0.0, -1.0, math.nan, math.inf])

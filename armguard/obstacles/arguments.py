@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.exceptions import ObstacleError
-from armguard.obstacle_table import MAXIMUM_POINTS, Samples
+from armguard.obstacles.table import MAXIMUM_POINTS, Samples
 
 FloatArray = NDArray[np.float64]
 

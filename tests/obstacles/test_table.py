@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from armguard import obstacle_table
-from armguard.obstacle_table import ObstacleTable
 from armguard.obstacles import Obstacles
+from armguard.obstacles import table as obstacle_table
+from armguard.obstacles.table import ObstacleTable
 from support.obstacle_samples import check_invariants, see
 
 

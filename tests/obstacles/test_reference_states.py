@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard.anchors import allows_anchor, expire, keep_anchor
-from armguard.obstacle_table import Marks, make_states, resize_states
+from armguard.obstacles.reference_states import allows_anchor, expire, keep_anchor
+from armguard.obstacles.table import Marks, make_states, resize_states
 
 BOUNDS = ("radius", "accel", "speed", "position_error", "velocity_error")
 ROW, PLACE = 2, 5

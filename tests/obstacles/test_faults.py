@@ -1,6 +1,7 @@
 import math
 
-from armguard.obstacle_faults import CAPACITY, FaultKind, FaultQueue, Homeless
+from armguard.obstacles import FaultKind
+from armguard.obstacles.faults import CAPACITY, FaultQueue, Homeless
 
 
 def test_faults_are_told_once_and_in_order():

@@ -16,7 +16,7 @@ from armguard.jit.numerics import (
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
 )
-from armguard.plausibility import body_allows
+from armguard.obstacles.consistency import body_allows
 
 INF = math.inf
 

@@ -74,7 +74,7 @@ class Marks(NamedTuple):
 
 
 class Told(NamedTuple):
-    """The largest bounds that were told of each body lately; see `obstacle_rule.TOLD_FOR`."""
+    """The largest bounds that were told of each body lately; see `acceptance.TOLD_FOR`."""
 
     accel: FloatArray
     """Since `since`, [m/s²]. Shape (rows,)."""

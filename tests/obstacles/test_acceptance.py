@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armguard.obstacle_table import clear_news
 from armguard.obstacles import Fault, FaultKind, Obstacles
+from armguard.obstacles.table import clear_news
 from support.obstacle_samples import check_invariants, kinds, see
 
 INF = math.inf
 RECORDINGS = Path(
-    os.environ.get("ARMGUARD_RECORDINGS", Path(__file__).parents[1] / "../shared/data/human-motion")
+    os.environ.get("ARMGUARD_RECORDINGS", Path(__file__).parents[2] / "../shared/data/human-motion")
 )
 
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ObstacleError
-from armguard.obstacle_faults import Fault, FaultQueue, Homeless
-from armguard.obstacle_table import ObstacleTable
-from armguard.sources import NO_SOURCE, Source, SourceBook, Tombstones
+from armguard.obstacles.faults import Fault, FaultQueue, Homeless
+from armguard.obstacles.sources import NO_SOURCE, Source, SourceBook, Tombstones
+from armguard.obstacles.table import ObstacleTable
 
 IntArray = NDArray[np.int64]
 

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.anchors import allows_anchor
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import ALLOWED, SHAPE, SLACK, VELOCITY_BY_ACCEL
-from armguard.obstacle_table import Rows, Samples, States, Told, note_row
-from armguard.plausibility import body_allows
+from armguard.obstacles.consistency import body_allows
+from armguard.obstacles.reference_states import allows_anchor
+from armguard.obstacles.table import Rows, Samples, States, Told, note_row
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -42,7 +42,7 @@ MAXIMUM_SPEED = 100.0
 """Finite bounds above these, in [m/s²] and [m/s], are another unit or no bounds: `inf` says so."""
 
 TAKEN = 0
-"""Codes 1 to 5 are those of `plausibility.body_allows`; these are the rule's own."""
+"""Codes 1 to 5 are those of `consistency.body_allows`; these are the rule's own."""
 LATE = 10
 TRACK_CHANGED = 12
 TOO_FAST = 13

@@ -2,8 +2,8 @@
 
 `Obstacles` is what perception talks to and the monitor reads. Good rows are taken, implausible
 ones refused without an exception and left as faults for the next step; obstacles that are not
-seen stay, and grow with their bounds. The arrays are in `obstacle_table`, the rule that takes or
-refuses a sample in `obstacle_rule`, what the monitor asks in `obstacle_register`.
+seen stay, and grow with their bounds. The arrays are in `table`, the rule that takes or
+refuses a sample in `acceptance`, what the monitor asks in `register`.
 """
 
 from __future__ import annotations
@@ -15,13 +15,11 @@ from itertools import repeat
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armguard import obstacle_rule as rule
 from armguard.exceptions import ObstacleError
-from armguard.frames import Frame
 from armguard.jit import numerics
 from armguard.jit.handle import machine_code
-from armguard.obstacle_bounds import PatternBounds
-from armguard.obstacle_call import (
+from armguard.obstacles import acceptance as rule
+from armguard.obstacles.arguments import (
     read_bound,
     read_field,
     read_ids,
@@ -30,10 +28,12 @@ from armguard.obstacle_call import (
     read_time,
     show,
 )
-from armguard.obstacle_faults import Fault, FaultKind
-from armguard.obstacle_register import NO_ROWS, IntArray, ObstacleRegister
-from armguard.obstacle_table import Samples
-from armguard.sources import NO_SOURCE, Source, SourceState
+from armguard.obstacles.faults import Fault, FaultKind
+from armguard.obstacles.frames import Frame
+from armguard.obstacles.pattern_bounds import PatternBounds
+from armguard.obstacles.register import NO_ROWS, IntArray, ObstacleRegister
+from armguard.obstacles.sources import NO_SOURCE, Source, SourceState
+from armguard.obstacles.table import Samples
 
 __all__ = ["Fault", "FaultKind", "Frame", "Obstacles", "Source"]
 

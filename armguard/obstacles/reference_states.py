@@ -10,8 +10,8 @@ import numpy as np
 
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import ALLOWED
-from armguard.obstacle_table import Marks, States
-from armguard.plausibility import body_allows
+from armguard.obstacles.consistency import body_allows
+from armguard.obstacles.table import Marks, States
 
 ROUNDING = 2.0**-50
 """Relative: what a deadline is early by, above all that sums and differences of times lose."""

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from armguard.exceptions import ObstacleError
-from armguard.frames import ORTHONORMAL_TOLERANCE, Frame
-from armguard.obstacles import Obstacles
+from armguard.obstacles import Frame, Obstacles
+from armguard.obstacles.frames import ORTHONORMAL_TOLERANCE
 
 
 @pytest.mark.parametrize(

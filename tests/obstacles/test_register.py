@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from armguard import obstacle_table
 from armguard.exceptions import ObstacleError
-from armguard.obstacle_faults import CAPACITY
-from armguard.obstacles import FaultKind, Obstacles, Source
-from armguard.sources import MAXIMUM_SOURCES, MAXIMUM_TOMBSTONES
+from armguard.obstacles import FaultKind, Obstacles, Source, table
+from armguard.obstacles.faults import CAPACITY
+from armguard.obstacles.sources import MAXIMUM_SOURCES, MAXIMUM_TOMBSTONES
 from support.obstacle_samples import check_invariants, kinds, see
 
 
@@ -70,7 +69,7 @@ def test_faults_are_bounded_and_counted():
 
 @pytest.fixture
 def small_table(monkeypatch):
-    monkeypatch.setattr(obstacle_table, "MAXIMUM_ROWS", 64)
+    monkeypatch.setattr(table, "MAXIMUM_ROWS", 64)
     obstacles = Obstacles()
     fill = [f"fill{i}" for i in range(64)]
     obstacles.update(fill, 0.0, np.zeros((64, 3)), radius=0.1, source="full")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from armguard.exceptions import ObstacleError
-from armguard.obstacle_bounds import PatternBounds
 from armguard.obstacles import Obstacles
+from armguard.obstacles.pattern_bounds import PatternBounds
 
 HAND = ("*_hand", 41.0, 3.5)
 
