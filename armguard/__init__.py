@@ -19,7 +19,7 @@ What the parts of a body do, and how often, is in `armguard.people`.
 
 from armguard import bounds, contact, people
 from armguard.contact import certificate
-from armguard.cover import Cover
+from armguard.cover.cover import Cover
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles

@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
+from armguard.cover.patches import drop_nothing, place_patches, swell_nothing
+from armguard.cover.triangulation import make_patches, triangulate
 from armguard.exceptions import RobotError
 from armguard.link_surfaces import place
-from armguard.patches import drop_nothing, place_patches, swell_nothing
-from armguard.surfaces import make_patches, triangulate
 
 Array = NDArray[np.float64]
 

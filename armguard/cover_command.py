@@ -14,17 +14,17 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from armguard.cover import DEFAULT_PROTRUSION, Cover
-from armguard.cover_report import CoverReport, LinkReport
-from armguard.exceptions import CoverError, RobotError
-from armguard.inflation import Gap, inflate_spheres, measure_gaps
-from armguard.interchange import (
+from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
+from armguard.cover.inflation import Gap, inflate_spheres, measure_gaps
+from armguard.cover.interchange import (
     YAML_ENDINGS,
     place_spheres,
     read_spheres,
     write_curobo,
     write_spherized_urdf,
 )
+from armguard.cover.report import CoverReport, LinkReport
+from armguard.exceptions import CoverError, RobotError
 from armguard.lever_report import JointLevers, compare_levers
 from armguard.robot import Robot
 from armguard.robot_description import (

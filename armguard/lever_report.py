@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
-from armguard.cover import Cover
+from armguard.cover.cover import Cover
 from armguard.levers import bound_levers, is_prismatic, moving_joints
 from armguard.robot import Robot
 

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.patches import ROUND_UP, drop_nothing, place_patches, swell_nothing
+from armguard.cover.patches import ROUND_UP, drop_nothing, place_patches, swell_nothing
+from armguard.cover.triangulation import hull_triangles, make_patches, triangulate
 from armguard.robot_description import LockedJoint, RobotDescription
-from armguard.surfaces import hull_triangles, make_patches, triangulate
 from armguard.urdf import UrdfModel
 
 Array = NDArray[np.float64]

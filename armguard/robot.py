@@ -18,7 +18,7 @@ import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.attached_bodies import AttachedBody
-from armguard.cover import Cover
+from armguard.cover.cover import Cover
 from armguard.exceptions import CoverError, RobotError
 from armguard.link_surfaces import collect_surfaces
 from armguard.robot_description import (
@@ -286,8 +286,8 @@ class Robot:
             link: One of `links`.
 
         Returns:
-            Triangles, or patches where it is round, as `armguard.patches` has them, in the frame of
-            the link's parent joint, in [m]. Shape (n, 3, 3) or (n, 3, 6).
+            Triangles, or patches where it is round, as `armguard.cover.patches` has them, in the
+            frame of the link's parent joint, in [m]. Shape (n, 3, 3) or (n, 3, 6).
 
         Raises:
             RobotError: As `triangles` does.

@@ -17,13 +17,13 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.containment import is_contained
-from armguard.fitting import cut_pieces, fit_tree
+from armguard.cover.containment import is_contained
+from armguard.cover.fitting import cut_pieces, fit_tree
+from armguard.cover.patches import bisect_pieces
+from armguard.cover.signed_distance import arrange_surface, compute_signed_distances
+from armguard.cover.triangulation import triangulate
 from armguard.link_surfaces import place
-from armguard.patches import bisect_pieces
 from armguard.robot_description import find_example_urdf, find_robot, read_description
-from armguard.surface_distance import arrange_surface, compute_signed_distances
-from armguard.surfaces import triangulate
 from armguard.urdf import read_urdf
 
 Array = NDArray[np.float64]

@@ -8,8 +8,8 @@ import pytest
 
 from armguard.attached_bodies import AttachedBody
 from armguard.bounds import IsotropicMotion
-from armguard.containment import is_contained
 from armguard.cover import Cover
+from armguard.cover.containment import is_contained
 from armguard.exceptions import RobotError
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles

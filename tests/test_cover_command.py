@@ -6,7 +6,7 @@ import pytest
 
 from armguard.cli import main
 from armguard.cover import Cover
-from armguard.interchange import read_spheres
+from armguard.cover.interchange import read_spheres
 from armguard.robot import Robot
 from armguard.urdf_links import UrdfLinks
 from support.sphere_files import as_curobo

@@ -4,9 +4,9 @@ import numpy as np
 import pinocchio
 import pytest
 
+from armguard.cover.signed_distance import compute_signed_distances
 from armguard.robot import Robot
 from armguard.robot_description import find_example_urdf, read_description
-from armguard.surface_distance import compute_signed_distances
 from armguard.urdf import read_urdf
 from support.urdf_arms import joint_xml, limits_for, link_xml, write_urdf
 

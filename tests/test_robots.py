@@ -12,7 +12,7 @@ import pytest
 
 from armguard.bounds import IsotropicMotion
 from armguard.cli import main
-from armguard.containment import is_contained
+from armguard.cover.containment import is_contained
 from armguard.kinematics import Kinematics
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles

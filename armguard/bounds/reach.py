@@ -19,7 +19,7 @@ import pinocchio
 from armguard.bounds.joint_limits import check_state, read_limits
 from armguard.bounds.motion_model import check_question, read_only
 from armguard.bounds.sums import ROUNDING, compute_levers, sum_levers, widened_ranges
-from armguard.enclosing_ball import enclose_points
+from armguard.cover.miniball import enclose_points
 from armguard.levers import bound_outlines, is_prismatic, moving_joints
 from armguard.robot import Robot
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from armguard.enclosing_ball import enclose_points
+from armguard.cover.miniball import enclose_points
 from armguard.robot import Robot
 from armguard.robot_description import find_example_urdf, read_description
 from armguard.urdf import read_urdf

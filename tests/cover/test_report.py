@@ -2,11 +2,12 @@ import coal
 import numpy as np
 import pytest
 
-from armguard.cover_report import CoverReport, LinkReport, report_link
+from armguard.cover import CoverReport, LinkReport
+from armguard.cover.report import report_link
+from armguard.cover.signed_distance import compute_signed_distances
+from armguard.cover.sphere_tree import SphereTree
+from armguard.cover.triangulation import triangulate
 from armguard.robot import Robot
-from armguard.sphere_tree import SphereTree
-from armguard.surface_distance import compute_signed_distances
-from armguard.surfaces import triangulate
 
 
 @pytest.fixture(scope="module")

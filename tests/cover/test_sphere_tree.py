@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from armguard.containment import compute_parents
-from armguard.sphere_tree import GRID, MARGIN, MOST_CHILDREN, Node, build_tree, enclose
+from armguard.cover.containment import compute_parents
+from armguard.cover.sphere_tree import GRID, MARGIN, MOST_CHILDREN, Node, build_tree, enclose
 
 
 def make_leaves(count, seed=0):

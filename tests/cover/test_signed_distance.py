@@ -2,8 +2,8 @@ import coal
 import numpy as np
 import pytest
 
-from armguard.surface_distance import compute_signed_distances
-from armguard.surfaces import triangulate
+from armguard.cover.signed_distance import compute_signed_distances
+from armguard.cover.triangulation import triangulate
 
 
 @pytest.fixture(scope="module")

@@ -17,10 +17,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.fitting import cut_pieces
+from armguard.cover.fitting import cut_pieces
+from armguard.cover.patches import ON_SURFACE, bisect_pieces, compute_hull_points
+from armguard.cover.sphere_tree import MARGIN, SphereTree
 from armguard.jit.kernels import kernel
-from armguard.patches import ON_SURFACE, bisect_pieces, compute_hull_points
-from armguard.sphere_tree import MARGIN, SphereTree
 
 Array = NDArray[np.float64]
 

@@ -5,13 +5,13 @@ import pinocchio
 import pytest
 
 from armguard.cover import Cover
-from armguard.exceptions import CoverError
-from armguard.interchange import (
+from armguard.cover.interchange import (
     place_spheres,
     read_spheres,
     write_curobo,
     write_spherized_urdf,
 )
+from armguard.exceptions import CoverError
 from armguard.robot import Robot
 from armguard.robot_description import find_example_urdf
 from armguard.urdf_links import UrdfLinks

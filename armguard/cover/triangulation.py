@@ -14,8 +14,8 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.cover.patches import ROUND_UP, swell_nothing
 from armguard.exceptions import RobotError
-from armguard.patches import ROUND_UP, swell_nothing
 
 Array = NDArray[np.float64]
 

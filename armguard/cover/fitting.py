@@ -17,17 +17,22 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.enclosing_ball import enclose_points
-from armguard.jit.kernels import kernel
-from armguard.patches import bisect_pieces, compute_corners, compute_hull_points, measure_sides
-from armguard.sphere_tree import GRID, Node, SphereTree, build_tree, enclose
-from armguard.surface_distance import (
+from armguard.cover.miniball import enclose_points
+from armguard.cover.patches import (
+    bisect_pieces,
+    compute_corners,
+    compute_hull_points,
+    measure_sides,
+)
+from armguard.cover.signed_distance import (
     Surface,
     arrange_surface,
     compute_signed_distances,
     is_inside,
     measure_distance,
 )
+from armguard.cover.sphere_tree import GRID, Node, SphereTree, build_tree, enclose
+from armguard.jit.kernels import kernel
 
 Array = NDArray[np.float64]
 

@@ -5,12 +5,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from armguard.containment import is_contained
-from armguard.cover import Cover, CoverTree, hash_surface
+from armguard.cover import Cover
+from armguard.cover.containment import is_contained
+from armguard.cover.cover import CoverTree, hash_surface
+from armguard.cover.sphere_tree import GRID
 from armguard.exceptions import CoverError
 from armguard.robot import Robot
 from armguard.robot_description import list_robots, robots_directory
-from armguard.sphere_tree import GRID
 from support.one_link import OneLink
 from support.surface_samples import areas, is_inside, sample
 

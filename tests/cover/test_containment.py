@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard.containment import STEP, compute_parents, is_contained, tighten
-from armguard.fitting import fit_tree
-from armguard.sphere_tree import GRID, MARGIN, SphereTree
+from armguard.cover.containment import STEP, compute_parents, is_contained, tighten
+from armguard.cover.fitting import fit_tree
+from armguard.cover.sphere_tree import GRID, MARGIN, SphereTree
 
 SLIVER = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.1, 0.0]]])
 ROOT = [0.5, 0.0, 0.0, 0.6]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard.enclosing_ball import enclose_points
+from armguard.cover.miniball import enclose_points
 
 
 def enclose_by_trying_all(points):

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard.containment import is_contained
-from armguard.patches import (
+from armguard.cover.containment import is_contained
+from armguard.cover.patches import (
     ON_SURFACE,
     bisect_pieces,
     compute_corners,
@@ -15,8 +15,8 @@ from armguard.patches import (
     place_patches,
     swell_nothing,
 )
-from armguard.sphere_tree import MARGIN, SphereTree
-from armguard.surfaces import make_patches, triangulate
+from armguard.cover.sphere_tree import MARGIN, SphereTree
+from armguard.cover.triangulation import make_patches, triangulate
 from support.round_surfaces import distance_from_core, half_length, surface_points
 
 SHAPES = [coal.Sphere(0.05), coal.Capsule(0.03, 0.2), coal.Capsule(0.2, 0.01)]

@@ -4,10 +4,11 @@ import coal
 import numpy as np
 import pytest
 
-from armguard.cover import LARGEST, SMALLEST, Cover
+from armguard.cover import Cover
+from armguard.cover.cover import LARGEST, SMALLEST
+from armguard.cover.signed_distance import compute_signed_distances
+from armguard.cover.triangulation import triangulate
 from armguard.exceptions import CoverError
-from armguard.surface_distance import compute_signed_distances
-from armguard.surfaces import triangulate
 from support.one_link import OneLink
 from support.surface_samples import is_inside, sample
 

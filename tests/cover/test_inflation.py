@@ -2,11 +2,11 @@ import coal
 import numpy as np
 import pytest
 
-from armguard.containment import STEP
+from armguard.cover.containment import STEP
+from armguard.cover.inflation import inflate_spheres, measure_gaps
+from armguard.cover.sphere_tree import MARGIN
+from armguard.cover.triangulation import triangulate
 from armguard.exceptions import CoverError
-from armguard.inflation import inflate_spheres, measure_gaps
-from armguard.sphere_tree import MARGIN
-from armguard.surfaces import triangulate
 from support.one_link import OneLink
 from support.surface_samples import is_inside, sample
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.containment import is_contained
-from armguard.patches import compute_corners
-from armguard.sphere_tree import SphereTree
-from armguard.surface_distance import Surface, arrange_surface, compute_signed_distances
+from armguard.cover.containment import is_contained
+from armguard.cover.patches import compute_corners
+from armguard.cover.signed_distance import Surface, arrange_surface, compute_signed_distances
+from armguard.cover.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 cuRobo keeps its spheres in YAML (`collision_spheres`), VAMP and foam in a URDF whose collision
 geometry is spheres. Both place them in the frames of links; a cover has them in the frame of the
 joint that moves the link. None of the published sets covers its robot, so what is read here is no
-cover before `armguard.inflation` has made and proved one of it.
+cover before `armguard.cover.inflation` has made and proved one of it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
-from armguard.cover import FARTHEST, Cover, Surfaces
+from armguard.cover.cover import FARTHEST, Cover, Surfaces
 from armguard.exceptions import CoverError
 
 Array = NDArray[np.float64]

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.containment import is_contained, tighten
-from armguard.cover import Cover, Surfaces, get_surface, hash_surface
+from armguard.cover.containment import is_contained, tighten
+from armguard.cover.cover import Cover, Surfaces, get_surface, hash_surface
+from armguard.cover.fitting import cut_pieces
+from armguard.cover.patches import bisect_pieces, compute_corners, compute_hull_points
+from armguard.cover.sphere_tree import MARGIN, Node, SphereTree, build_tree, enclose
 from armguard.exceptions import CoverError
-from armguard.fitting import cut_pieces
-from armguard.patches import bisect_pieces, compute_corners, compute_hull_points
-from armguard.sphere_tree import MARGIN, Node, SphereTree, build_tree, enclose
 
 Array = NDArray[np.float64]
 Spheres = Mapping[str, Array]

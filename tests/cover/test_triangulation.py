@@ -2,9 +2,9 @@ import coal
 import numpy as np
 import pytest
 
+from armguard.cover.signed_distance import compute_signed_distances
+from armguard.cover.triangulation import hull_triangles, triangulate
 from armguard.exceptions import RobotError
-from armguard.surface_distance import compute_signed_distances
-from armguard.surfaces import hull_triangles, triangulate
 
 
 def points_on(shape, count=2000):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.enclosing_ball import enclose_points
+from armguard.cover.miniball import enclose_points
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

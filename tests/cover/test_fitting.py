@@ -2,11 +2,11 @@ import coal
 import numpy as np
 import pytest
 
-from armguard.fitting import cut_pieces, fit_tree
-from armguard.patches import bisect_pieces
-from armguard.sphere_tree import GRID, MARGIN
-from armguard.surface_distance import compute_signed_distances
-from armguard.surfaces import triangulate
+from armguard.cover.fitting import cut_pieces, fit_tree
+from armguard.cover.patches import bisect_pieces
+from armguard.cover.signed_distance import compute_signed_distances
+from armguard.cover.sphere_tree import GRID, MARGIN
+from armguard.cover.triangulation import triangulate
 from support.surface_samples import areas, is_inside, sample
 
 

@@ -17,12 +17,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.containment import compute_parents, is_contained, tighten
-from armguard.cover_report import CoverReport, report_link
+from armguard.cover.containment import compute_parents, is_contained, tighten
+from armguard.cover.fitting import fit_tree
+from armguard.cover.patches import compute_corners
+from armguard.cover.report import CoverReport, report_link
+from armguard.cover.sphere_tree import GRID, SphereTree
 from armguard.exceptions import CoverError
-from armguard.fitting import fit_tree
-from armguard.patches import compute_corners
-from armguard.sphere_tree import GRID, SphereTree
 
 Array = NDArray[np.float64]
 
