@@ -23,7 +23,7 @@ from armguard.cover.cover import Cover
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 from armguard.verdict import Level, Reason, Verdict
 
 __all__ = [

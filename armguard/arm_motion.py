@@ -9,7 +9,7 @@ from __future__ import annotations
 import pinocchio
 
 from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, PlannedMotion, ReachMotion
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 
 PLANNED = "planned"
 """Bounds by joints, and a controller that tells what it is about to do."""

@@ -31,7 +31,7 @@ from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
 from armguard.people import BOUNDS
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 from armguard.separation_margin import SeparationRule
 from armguard.streams.edge import HELD_UP
 

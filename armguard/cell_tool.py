@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from armguard.cell_schema import ToolTable
 from armguard.exceptions import RobotError
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 
 SHAPES = ("sphere", "box", "capsule", "cylinder", "mesh")
 

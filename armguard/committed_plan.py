@@ -16,7 +16,7 @@ import numpy as np
 from armguard.bounds import PlannedMotion
 from armguard.bounds.planned_course import PlannedCourse
 from armguard.plans import CheckedPlan, Plan, Refusal, check_following, check_plan
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 from armguard.verdict import Reason, ReasonKind
 from armguard.watch import Tick, Watch
 

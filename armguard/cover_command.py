@@ -26,15 +26,10 @@ from armguard.cover.interchange import (
 from armguard.cover.report import CoverReport, LinkReport
 from armguard.exceptions import CoverError, RobotError
 from armguard.lever_report import JointLevers, compare_levers
-from armguard.robot import Robot
-from armguard.robot_description import (
-    find_example_urdf,
-    find_robot,
-    list_robots,
-    read_description,
-)
-from armguard.urdf import read_urdf
-from armguard.urdf_links import UrdfLinks
+from armguard.robot.description import find_example_urdf, find_robot, list_robots, read_description
+from armguard.robot.links import UrdfLinks
+from armguard.robot.robot import Robot
+from armguard.robot.urdf import read_urdf
 
 FILE = "cover.json"
 TOLERANCE = 1e-4  # rounding and margins of radii stay below this, in [m]

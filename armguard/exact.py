@@ -19,8 +19,8 @@ import numpy.typing as npt
 import pinocchio
 
 from armguard.exceptions import ArmguardError
-from armguard.kinematics import Kinematics
-from armguard.robot import Robot
+from armguard.robot.kinematics import Kinematics
+from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.pairs import TickState
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
+from armguard.robot.stop_time import compute_stop_time
 from armguard.scene import BOUND_NAMES, JOINT, FloatArray
-from armguard.verdict import compute_stop_time
 from armguard.watch import Tick, Watch
 from armguard.what_if import UNCHANGED, Change, contact_times
 

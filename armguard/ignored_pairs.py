@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 
 ANY = "*"
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from armguard.committed_plan import CommittedPlan
 from armguard.contact.earliest import Certificate
-from armguard.joint_states import JointStates
 from armguard.monitor_arguments import MonitorSettings
 from armguard.pair_proof import compile_proof
-from armguard.robot import Robot
+from armguard.robot.joint_states import JointStates
+from armguard.robot.robot import Robot
 from armguard.scene import BOUND_NAMES
 from armguard.schedules.wheel import NOBODY
 from armguard.separation_margin import SeparationMargin, SeparationRule

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from armguard.cover.cover import Cover
 from armguard.levers import bound_levers, is_prismatic, moving_joints
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

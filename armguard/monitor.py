@@ -19,15 +19,15 @@ from numpy.typing import ArrayLike
 from armguard.committed_plan import PlanVerdict, refuse_plan
 from armguard.exceptions import ArmguardError
 from armguard.ignored_pairs import IgnoredPairs
-from armguard.joint_acceptance import BELIEVED
-from armguard.joint_states import JointStates
 from armguard.judgement import Judge
 from armguard.monitor_answers import MonitorAnswers
 from armguard.monitor_arguments import read_number, read_settings
 from armguard.obstacle_reasons import describe_no_sources, take_obstacle_reasons
 from armguard.obstacles.obstacles import Obstacles
 from armguard.plans import Plan
-from armguard.robot import Robot
+from armguard.robot.joint_acceptance import BELIEVED
+from armguard.robot.joint_states import JointStates
+from armguard.robot.robot import Robot
 from armguard.schedules import Schedule
 from armguard.separation_margin import SeparationRule
 from armguard.verdict import (

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from armguard.explain import Explanation, explain_pair
 from armguard.foresight import Attention, Headroom, predict_headroom, rank_attention
-from armguard.joint_states import JointStates
 from armguard.monitor_arguments import MonitorSettings, read_limit
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pair_reports import PairReport, report_pair
-from armguard.robot import Robot
+from armguard.robot.joint_states import JointStates
+from armguard.robot.robot import Robot
 from armguard.schedules.wheel import NOBODY
 from armguard.snapshot import Snapshot, take_snapshot
 from armguard.watch import Look, Tick, Watch

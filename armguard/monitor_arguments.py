@@ -11,7 +11,7 @@ import pinocchio
 from armguard.arm_motion import MOTIONS
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 from armguard.schedules import DEADLINE, Schedule, make_schedule
 
 MOST_EVALUATIONS = 2**62

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.jit.kernels import inlined_kernel, kernel
-from armguard.joint_acceptance import Guard
 from armguard.link_times import (
     arm_reach_time,
     is_known,
@@ -40,6 +39,7 @@ from armguard.obstacle_book import (
 )
 from armguard.obstacles.reference_states import allows_anchor, expire, keep_anchor
 from armguard.obstacles.table import clear_news
+from armguard.robot.joint_acceptance import Guard
 from armguard.scene import REACH, UNKNOWN, FloatArray, IntArray, Scene, prepare_arm
 from armguard.schedules.wheel import (
     NOBODY,

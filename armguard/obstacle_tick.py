@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from armguard.jit.kernels import kernel
-from armguard.joint_acceptance import BELIEVED, accept
 from armguard.obstacle_book import UNSEEN
 from armguard.obstacle_looks import look
+from armguard.robot.joint_acceptance import BELIEVED, accept
 from armguard.scene import FloatArray
 
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.jit.handle import machine_code, pack
-from armguard.joint_states import JointStates
 from armguard.obstacle_book import (
     ACTIVE,
     BROKEN,
@@ -36,7 +35,8 @@ from armguard.obstacle_suspects import find_near, find_unsafe
 from armguard.obstacle_tick import advance
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs import evaluate
-from armguard.robot import Robot
+from armguard.robot.joint_states import JointStates
+from armguard.robot.robot import Robot
 from armguard.scene import FloatArray, IntArray
 from armguard.schedules.wheel import NOBODY, SLOTS
 from armguard.watch import NOTHING_SEEN, Listing, Look, Recollection, Seen, Tick, Unsafe

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.flagged import FlaggedCheck
-from armguard.joint_states import JointStates
 from armguard.ledger import PairLedger
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.table import clear_news
 from armguard.pairs import evaluate, find_unsafe_pair
-from armguard.robot import Robot
+from armguard.robot.joint_states import JointStates
+from armguard.robot.robot import Robot
 from armguard.scene import REACH, FloatArray, IntArray
 from armguard.schedules import Schedule
 from armguard.watch import NOTHING_SEEN, Listing, Look, Recollection, Seen, Tick, Unsafe

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from armguard.arm_motion import ArmMotion
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
-from armguard.kinematics import Kinematics
 from armguard.link_times import RESTS, arm_reach_time, is_known, pair_time, rests_in_time
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.table import States
+from armguard.robot.kinematics import Kinematics
 from armguard.scene import (
     UNKNOWN,
     ArmArrays,

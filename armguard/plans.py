@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from armguard import plan_curve
 from armguard.plan_curve import evaluate_curve, find_excess
 from armguard.plan_reading import Plan, Refusal, read_plan
-from armguard.robot import Robot
-from armguard.turns import MOST_TURNS, TURN, align_turns, find_continuous
+from armguard.robot.robot import Robot
+from armguard.robot.turns import MOST_TURNS, TURN, align_turns, find_continuous
 
 __all__ = [
     "CheckedPlan",

@@ -16,8 +16,8 @@ from armguard.bounds.isotropic import VelocityErrors, fill_velocity_errors
 from armguard.bounds.joint_limits import JointLimits
 from armguard.bounds.travel import fill_displacements
 from armguard.jit.kernels import kernel
-from armguard.kinematics import ArmPlacement, ArmSpheres, move_spheres
 from armguard.obstacles.table import Marks, States
+from armguard.robot.kinematics import ArmPlacement, ArmSpheres, move_spheres
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -12,9 +12,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.joint_acceptance import BELIEVED
-from armguard.joint_acceptance import NOBODY as NO_JOINT
 from armguard.obstacle_book import UNSEEN
+from armguard.robot.joint_acceptance import BELIEVED
+from armguard.robot.joint_acceptance import NOBODY as NO_JOINT
 from armguard.scene import FloatArray, IntArray
 from armguard.schedules.wheel import NOBODY
 from armguard.watched_arm import WatchedArm

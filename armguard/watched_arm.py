@@ -16,11 +16,11 @@ from armguard.arm_motion import ArmMotion
 from armguard.contact.earliest import Certificate
 from armguard.exact import ExactGeometry
 from armguard.ignored_pairs import IgnoredPairs
-from armguard.kinematics import Kinematics
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pair_proof import prove_pair
 from armguard.pairs import TickState
-from armguard.robot import Robot
+from armguard.robot.kinematics import Kinematics
+from armguard.robot.robot import Robot
 
 ADVANCES = 8
 """Tangent advances per evaluation; nearly every pair has converged by then."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from armguard.arm_motion import PLANNED
 from armguard.ignored_pairs import IgnoredPairs
-from armguard.joint_states import JointStates
 from armguard.monitor_arguments import MonitorSettings
 from armguard.obstacle_watch import ObstacleWatch
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pair_watch import PairWatch
-from armguard.robot import Robot
+from armguard.robot.joint_states import JointStates
+from armguard.robot.robot import Robot
 from armguard.watch import Watch
 from armguard.watched_arm import WatchedArm
 

@@ -22,9 +22,9 @@ from armguard.cover.fitting import cut_pieces, fit_tree
 from armguard.cover.patches import bisect_pieces
 from armguard.cover.signed_distance import arrange_surface, compute_signed_distances
 from armguard.cover.triangulation import triangulate
-from armguard.link_surfaces import place
-from armguard.robot_description import find_example_urdf, find_robot, read_description
-from armguard.urdf import read_urdf
+from armguard.robot.description import find_example_urdf, find_robot, read_description
+from armguard.robot.links import place
+from armguard.robot.urdf import read_urdf
 
 Array = NDArray[np.float64]
 

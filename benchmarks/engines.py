@@ -15,7 +15,7 @@ import pinocchio
 
 import crowds
 from armguard.bounds import IsotropicMotion
-from armguard.kinematics import Kinematics
+from armguard.robot import Kinematics
 from crowds import Answer, UnavailableError
 
 try:

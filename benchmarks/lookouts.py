@@ -9,11 +9,10 @@ import math
 
 import numpy as np
 
-from armguard.joint_states import JointStates
 from armguard.obstacle_watch import ObstacleWatch
 from armguard.obstacles import Obstacles
 from armguard.pairs import evaluate
-from armguard.robot import Robot
+from armguard.robot import JointStates, Robot
 from armguard.watch import Tick
 from armguard.watched_arm import WatchedArm
 from crowds import HEIGHT, LATENCY, OUTER, RATE, REACTION_TIME

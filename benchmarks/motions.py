@@ -29,8 +29,7 @@ from armguard.bounds import (
 )
 from armguard.contact.advancement import row_contact_time
 from armguard.jit import kernel
-from armguard.kinematics import Kinematics
-from armguard.robot import Robot
+from armguard.robot import Kinematics, Robot
 from braking import draw_configuration
 
 TIMES = (0.05, 0.1, 0.2)

@@ -31,10 +31,9 @@ from armguard.bounds import (
     PlannedMotion,
     table_contact_time,
 )
-from armguard.kinematics import Kinematics
 from armguard.obstacles import Obstacles
 from armguard.plans import CheckedPlan, Plan, check_plan
-from armguard.robot import Robot
+from armguard.robot import Kinematics, Robot
 
 Floats = NDArray[np.float64]
 

@@ -18,9 +18,9 @@ import crowds
 import sweeps
 from armguard.bounds import IsotropicMotion, ReachMotion
 from armguard.exceptions import ArmguardError
-from armguard.kinematics import Kinematics
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
+from armguard.robot import Kinematics
 from armguard.verdict import Level
 from crowds import Answer, UnavailableError
 from engines import CoalBroadPhase, MujocoContacts, MujocoDistances, PinocchioDistances

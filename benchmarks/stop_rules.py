@@ -22,14 +22,14 @@ from armguard.bounds import (
 from armguard.bounds.planned import PlannedMotion
 from armguard.contact.advancement import row_contact_time
 from armguard.jit import kernel, pack
-from armguard.kinematics import Kinematics
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.plans import Plan, Refusal, check_plan
-from armguard.robot import Robot
+from armguard.robot import Kinematics, Robot
+from armguard.robot.stop_time import compute_stop_time
 from armguard.scene import thread_tree
 from armguard.separation_margin import SeparationMargin, SeparationRule
-from armguard.verdict import Level, compute_stop_time
+from armguard.verdict import Level
 
 ADVANCES = 8
 ROUNDING = 1e-11

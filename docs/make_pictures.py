@@ -17,9 +17,8 @@ from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 from armguard.exceptions import ArmguardError
-from armguard.kinematics import Kinematics
-from armguard.robot import Robot
-from armguard.robot_description import list_robots
+from armguard.robot import Kinematics, Robot
+from armguard.robot.description import list_robots
 from armguard.view import (
     FrameMessage,
     FramePublisher,

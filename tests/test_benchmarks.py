@@ -10,8 +10,8 @@ import pytest
 from armguard.bounds import IsotropicMotion, ReachMotion
 from armguard.contact import earliest_contact_pair
 from armguard.exact import ExactGeometry
-from armguard.kinematics import ArmSpheres, Kinematics
-from armguard.robot import Robot
+from armguard.robot import Kinematics, Robot
+from armguard.robot.kinematics import ArmSpheres
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 ACCEL, SPEED, RADIUS = 10.0, 2.0, 0.1

@@ -8,7 +8,7 @@ from armguard.cli import main
 from armguard.cover import Cover
 from armguard.cover.interchange import read_spheres
 from armguard.robot import Robot
-from armguard.urdf_links import UrdfLinks
+from armguard.robot.links import UrdfLinks
 from support.sphere_files import as_curobo
 from support.urdf_arms import BOX, joint_xml, limits_for, mesh_xml, two_links, write_stl
 

@@ -4,8 +4,7 @@ import pytest
 
 from armguard.exact import ExactGeometry, _build_hull
 from armguard.exceptions import ArmguardError
-from armguard.kinematics import Kinematics
-from armguard.robot import Robot
+from armguard.robot import Kinematics, Robot
 
 TOLERANCE = 1e-5
 

@@ -6,9 +6,9 @@ import pytest
 from armguard.arm_motion import ArmMotion
 from armguard.exact import ExactGeometry
 from armguard.flagged import FlaggedCheck
-from armguard.kinematics import Kinematics
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState
+from armguard.robot import Kinematics
 from support.panda_monitor import HOME, panda
 
 KINEMATICS = Kinematics(panda())

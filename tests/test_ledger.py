@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armguard.arm_motion import ArmMotion
-from armguard.kinematics import Kinematics
 from armguard.ledger import NOBODY, PairLedger
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState
+from armguard.robot import Kinematics
 from armguard.scene import DISTANCE, ISOTROPIC
 from support.panda_monitor import HOME, panda
 

@@ -4,7 +4,7 @@ import pytest
 
 from armguard.lever_report import compare_levers
 from armguard.robot import Robot
-from armguard.robot_description import list_robots
+from armguard.robot.description import list_robots
 from support.joint_axes import distances_from_axes
 from support.urdf_arms import joint_xml, limits_for, link_xml, write_urdf
 

@@ -6,8 +6,7 @@ import pytest
 
 from armguard.bounds import IsotropicMotion, compute_levers
 from armguard.exceptions import ArmguardError
-from armguard.kinematics import Kinematics
-from armguard.robot import Robot
+from armguard.robot import Kinematics, Robot
 from support.joint_axes import distances_from_axes
 
 

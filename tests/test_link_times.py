@@ -10,7 +10,6 @@ from armguard.bounds import table_contact_time
 from armguard.contact import earliest_contact_pair
 from armguard.exact import ExactGeometry
 from armguard.jit import kernel
-from armguard.kinematics import Kinematics
 from armguard.link_times import (
     RESTS,
     arm_reach_time,
@@ -23,6 +22,7 @@ from armguard.link_times import (
 )
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState
+from armguard.robot import Kinematics
 from armguard.scene import ISOTROPIC, JOINT, REACH
 from support.panda_monitor import panda
 

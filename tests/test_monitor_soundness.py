@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from armguard.exact import ExactGeometry
-from armguard.kinematics import Kinematics
+from armguard.robot import Kinematics
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, SCHEDULES, make_monitor, panda
 

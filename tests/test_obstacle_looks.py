@@ -7,8 +7,9 @@ import pytest
 
 from armguard.obstacle_looks import CROWD, time_to_spare
 from armguard.pairs import evaluate
+from armguard.robot.stop_time import compute_stop_time
 from armguard.schedules.wheel import take_out
-from armguard.verdict import Level, ReasonKind, compute_stop_time
+from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, make_monitor, panda, see, steps
 
 HORIZON = PERIOD + 0.002 + 0.02

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from armguard.arm_motion import ArmMotion
 from armguard.bounds import IsotropicMotion
-from armguard.kinematics import Kinematics
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState, evaluate
+from armguard.robot import Kinematics
 from armguard.scene import ISOTROPIC, REACH, UNKNOWN
 from support.panda_monitor import panda
 

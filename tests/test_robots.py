@@ -13,11 +13,10 @@ import pytest
 from armguard.bounds import IsotropicMotion
 from armguard.cli import main
 from armguard.cover.containment import is_contained
-from armguard.kinematics import Kinematics
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.robot import Robot
-from armguard.robot_description import LIMITS, list_robots, robots_directory
+from armguard.robot import Kinematics, Robot
+from armguard.robot.description import LIMITS, list_robots, robots_directory
 from armguard.verdict import Level, ReasonKind
 from support.joint_axes import distances_from_axes
 from support.surface_samples import is_inside, sample

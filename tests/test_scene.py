@@ -3,9 +3,9 @@ import pytest
 
 from armguard.arm_motion import ArmMotion
 from armguard.bounds import IsotropicMotion, JointMotion
-from armguard.kinematics import Kinematics
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState
+from armguard.robot import Kinematics
 from armguard.scene import (
     BOUND_NAMES,
     DISTANCE,

@@ -11,10 +11,9 @@ from armguard.arm_motion import ArmMotion
 from armguard.bounds import IsotropicMotion
 from armguard.exceptions import ArmguardError
 from armguard.jit import pack
-from armguard.kinematics import Kinematics
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState
-from armguard.robot import Robot
+from armguard.robot import Kinematics, Robot
 from armguard.scene import ArmArrays, SphereTree, thread_tree
 from armguard.separation import compute_separation, separation_of, way
 from armguard.separation_margin import SeparationMargin, SeparationRule

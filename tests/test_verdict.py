@@ -1,20 +1,11 @@
 import itertools
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard.verdict import (
-    Effect,
-    Level,
-    Reason,
-    ReasonKind,
-    Verdict,
-    VerdictRule,
-    compute_stop_time,
-)
+from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict, VerdictRule
 
 HOLD = 0.3
 SLOW, AWARE = 0.1, 0.4
@@ -203,50 +194,6 @@ def test_the_level_is_the_lowest_of_the_last_hold(history):
         assert level == expected
         assert level <= earned
         assert held == (settled and level < earned)
-
-
-def plain_stop_time(v, errors, limits, accels, brakes, age, horizon, reaction):
-    worst = 0.0
-    for speed, error, limit, accel, brake in zip(v, errors, limits, accels, brakes, strict=True):
-        free = age + horizon + reaction
-        fastest = min(limit, abs(speed) + error + accel * free)
-        worst = max(worst, fastest / brake)
-    return horizon + reaction + worst
-
-
-joints = st.integers(1, 7).flatmap(
-    lambda n: st.tuples(
-        *(
-            st.lists(st.floats(low, high), min_size=n, max_size=n)
-            for low, high in ((-2.0, 2.0), (0.0, 0.1), (2.0, 3.0), (1.0, 20.0), (0.5, 5.0))
-        )
-    )
-)
-
-
-@settings(deadline=None)
-@given(joints, st.floats(0.0, 0.1), st.floats(1e-4, 0.1), st.floats(0.0, 0.1))
-def test_stop_time_is_the_formula(arm, age, horizon, reaction):
-    found = compute_stop_time(*(np.array(part) for part in arm), age, horizon, reaction)
-    assert found == pytest.approx(plain_stop_time(*arm, age, horizon, reaction), rel=1e-12)
-
-
-@settings(deadline=None)
-@given(joints, st.floats(-0.1, 0.1))
-def test_stop_time_outlasts_every_joint(arm, age):
-    """No joint that speeds up as it may, from its stamp on, moves after the stop time."""
-    v, errors, limits, accels, brakes = (np.array(part) for part in arm)
-    horizon, reaction = 0.003, 0.02
-    stop_time = compute_stop_time(v, errors, limits, accels, brakes, age, horizon, reaction)
-    for begin in np.linspace(0.0, horizon + reaction, 5):
-        speed = np.minimum(limits, np.abs(v) + errors + accels * abs(age + begin))
-        assert (begin + speed / brakes <= stop_time * (1.0 + 1e-12)).all()
-
-
-def test_stop_time_of_a_joint_beyond_its_limit_counts_what_was_measured():
-    one = np.ones(1)
-    found = compute_stop_time(1.01 * one, 0.02 * one, one, 5.0 * one, 2.0 * one, 0.0, 0.0, 0.5)
-    assert found == pytest.approx(0.5 + 1.01 / 2.0)
 
 
 def test_every_reason_says_what_it_does():

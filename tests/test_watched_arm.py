@@ -2,10 +2,9 @@ import coal
 import numpy as np
 import pytest
 
-from armguard.kinematics import Kinematics
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.robot import Robot
+from armguard.robot import Kinematics, Robot
 from support.panda_monitor import HOME, STILL, make_monitor, panda, see, steps
 
 

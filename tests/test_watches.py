@@ -1,11 +1,11 @@
 import pytest
 
 from armguard.ignored_pairs import IgnoredPairs
-from armguard.joint_states import JointStates
 from armguard.monitor_arguments import read_settings
 from armguard.obstacle_watch import ObstacleWatch
 from armguard.obstacles import Obstacles
 from armguard.pair_watch import PairWatch
+from armguard.robot import JointStates
 from armguard.schedules import SCHEDULES, make_schedule
 from armguard.watches import make_watch
 from support.panda_monitor import panda

@@ -18,8 +18,8 @@ from armguard.bounds.motion_model import check_duration
 from armguard.bounds.sums import ROUNDING, sum_levers, sum_second_order
 from armguard.bounds.travel import fill_eased_displacements
 from armguard.jit.kernels import kernel
-from armguard.robot import Robot
-from armguard.verdict import compute_stop_time
+from armguard.robot.robot import Robot
+from armguard.robot.stop_time import compute_stop_time
 
 Floats = npt.NDArray[np.float64]
 

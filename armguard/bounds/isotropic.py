@@ -22,7 +22,7 @@ from armguard.bounds.sums import (
     velocity_error_terms,
 )
 from armguard.jit.kernels import kernel
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import pinocchio
 from armguard.bounds.joint_box import JointTable
 from armguard.bounds.joint_space import JointSpaceMotion
 from armguard.exceptions import ArmguardError
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from armguard.bounds.motion_model import check_vector
 from armguard.exceptions import ArmguardError, RobotError
 from armguard.jit.kernels import kernel
 from armguard.levers import is_prismatic
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]
 

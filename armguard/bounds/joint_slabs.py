@@ -21,7 +21,7 @@ from armguard.bounds.travel import brake, fill_displacements
 from armguard.jit.kernels import kernel
 from armguard.plan_curve import curve_range, evaluate_curve, speed_range
 from armguard.plans import CheckedPlan, bound_velocity_deviation
-from armguard.verdict import compute_stop_time
+from armguard.robot.stop_time import compute_stop_time
 
 Floats = npt.NDArray[np.float64]
 

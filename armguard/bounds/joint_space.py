@@ -22,7 +22,7 @@ from armguard.bounds.travel import fill_displacements
 from armguard.exceptions import ArmguardError
 from armguard.jit.kernels import kernel
 from armguard.levers import is_prismatic
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]
 

@@ -20,12 +20,12 @@ from armguard.bounds.planned_course import BLOCK, ArmShape, PlannedCourse, devia
 from armguard.bounds.planned_time import PlannedContact, find_planned_contact
 from armguard.bounds.sums import ROUNDING, compute_levers
 from armguard.exceptions import ArmguardError
-from armguard.kinematics import Kinematics
 from armguard.levers import is_prismatic
 from armguard.obstacles.table import Marks, States, make_states
 from armguard.plan_curve import evaluate_curve
 from armguard.plans import CheckedPlan, Plan, Refusal, check_plan
-from armguard.robot import Robot
+from armguard.robot.kinematics import Kinematics
+from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]

@@ -21,7 +21,7 @@ from armguard.bounds.motion_model import check_question, read_only
 from armguard.bounds.sums import ROUNDING, compute_levers, sum_levers, widened_ranges
 from armguard.cover.miniball import enclose_points
 from armguard.levers import bound_outlines, is_prismatic, moving_joints
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]
 

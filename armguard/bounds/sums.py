@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from armguard.exceptions import ArmguardError
 from armguard.levers import bound_levers, is_prismatic, moving_joints
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]
 

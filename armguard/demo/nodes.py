@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armguard.ending import end_with
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 from armguard.simulation import (
     ObstacleSource,
     ProceduralPerson,

@@ -2,7 +2,7 @@
 
 A certificate made from an old state stays true for as long as the body keeps its bounds. This
 test says whether a newer (or late) measurement of an obstacle agrees with that, between any two
-records; for the arm see `joint_history`.
+records; for the arm see `robot.joint_history`.
 
 Rounding goes towards acceptance, as `jit.numerics` has it. NaN never passes.
 """

@@ -16,7 +16,7 @@ import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.exceptions import ArmguardError
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from armguard.cover.triangulation import triangulate
 from armguard.exceptions import ArmguardError
-from armguard.robot_description import find_example_urdf, find_robot, read_description
-from armguard.urdf import read_urdf
+from armguard.robot.description import find_example_urdf, find_robot, read_description
+from armguard.robot.urdf import read_urdf
 from armguard.view.drawing import Command, draw_collada, draw_triangles
 from armguard.view.feed import SceneMessage
 

@@ -3,7 +3,7 @@ import pytest
 
 from armguard.bounds import BrakingMotion
 from armguard.exceptions import ArmguardError
-from armguard.kinematics import Kinematics
+from armguard.robot import Kinematics
 from support.hostile_joints import STEP, brake_joints, limits_of, move_joints
 from support.motion_questions import HAND_POINT, moderate_state, unit
 

@@ -4,7 +4,7 @@ import pytest
 
 from armguard.bounds import IsotropicMotion, MotionModel, free_advance
 from armguard.exceptions import ArmguardError
-from armguard.kinematics import Kinematics
+from armguard.robot import Kinematics
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import pytest
 
 from armguard.bounds import IsotropicMotion, JointMotion
 from armguard.exceptions import ArmguardError
-from armguard.kinematics import Kinematics
+from armguard.robot import Kinematics
 from support.example_arms import load_arm
 from support.motion_questions import HAND_POINT, altered, moderate_state, unit
 

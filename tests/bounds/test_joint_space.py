@@ -4,7 +4,7 @@ import pytest
 
 from armguard.bounds.joint_space import GRID_STEP, grid
 from armguard.exceptions import ArmguardError
-from armguard.kinematics import Kinematics
+from armguard.robot import Kinematics
 from support.hostile_joints import random_state
 
 READY = np.array([0.0, 0.0, 0.0, -1.5, 0.0, 1.8, 0.0])

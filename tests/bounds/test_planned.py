@@ -5,10 +5,9 @@ import pytest
 from armguard.bounds import JointMotion, table_contact_time
 from armguard.bounds.planned import PlannedMotion
 from armguard.exceptions import ArmguardError
-from armguard.kinematics import Kinematics
 from armguard.obstacles import Obstacles
 from armguard.plans import CheckedPlan, Plan, check_plan
-from armguard.robot import Robot
+from armguard.robot import Kinematics, Robot
 from support.hostile_joints import STEP
 from support.motion_questions import HAND_POINT, unit
 from support.plan_cases import Attack, Skin, Waves, all_pairs, follow, make_plan

@@ -3,7 +3,7 @@ import pinocchio
 import pytest
 
 from armguard.bounds import ReachMotion
-from armguard.kinematics import Kinematics
+from armguard.robot import Kinematics
 from support.example_arms import load_arm
 from support.hostile_joints import random_state
 

@@ -6,7 +6,7 @@ from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, table_c
 from armguard.bounds.table_time import obstacle_room
 from armguard.contact.advancement import pair_contact_time
 from armguard.exceptions import ArmguardError
-from armguard.kinematics import Kinematics
+from armguard.robot import Kinematics
 from support.example_arms import load_arm
 from support.hostile_joints import (
     STEP,

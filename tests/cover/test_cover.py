@@ -11,7 +11,7 @@ from armguard.cover.cover import CoverTree, hash_surface
 from armguard.cover.sphere_tree import GRID
 from armguard.exceptions import CoverError
 from armguard.robot import Robot
-from armguard.robot_description import list_robots, robots_directory
+from armguard.robot.description import list_robots, robots_directory
 from support.one_link import OneLink
 from support.surface_samples import areas, is_inside, sample
 

@@ -13,8 +13,8 @@ from armguard.cover.interchange import (
 )
 from armguard.exceptions import CoverError
 from armguard.robot import Robot
-from armguard.robot_description import find_example_urdf
-from armguard.urdf_links import UrdfLinks
+from armguard.robot.description import find_example_urdf
+from armguard.robot.links import UrdfLinks
 from support.sphere_files import as_curobo
 from support.urdf_arms import joint_xml, limits_for, link_xml, write_urdf
 

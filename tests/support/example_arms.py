@@ -6,8 +6,8 @@ import numpy as np
 
 from armguard.cover.miniball import enclose_points
 from armguard.robot import Robot
-from armguard.robot_description import find_example_urdf, read_description
-from armguard.urdf import read_urdf
+from armguard.robot.description import find_example_urdf, read_description
+from armguard.robot.urdf import read_urdf
 from support.urdf_arms import SOURCES
 
 ARMS = {

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from armguard.robot_description import find_example_urdf
+from armguard.robot.description import find_example_urdf
 from armguard.view import NO_BUCKET, Obstacles, Pairs, compute_buckets
 from armguard.view.buckets import REFUSED_COLOUR, compute_colours, parse_colour
 from armguard.view.scene import Scene

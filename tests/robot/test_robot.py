@@ -7,7 +7,7 @@ import pytest
 from armguard.cover import Cover
 from armguard.exceptions import CoverError, RobotError
 from armguard.robot import Robot
-from armguard.robot_description import find_example_urdf, robots_directory
+from armguard.robot.description import find_example_urdf, robots_directory
 from support.urdf_arms import limits_for, two_links
 
 

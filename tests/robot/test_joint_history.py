@@ -14,7 +14,7 @@ from armguard.jit.numerics import (
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
 )
-from armguard.joint_history import (
+from armguard.robot.joint_history import (
     ANCHOR_AGES,
     PASSED,
     _find_joint_failure,

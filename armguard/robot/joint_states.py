@@ -12,7 +12,6 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armguard import joint_acceptance as acceptance
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.numerics import (
     POSITION_BY_ACCEL,
@@ -20,12 +19,14 @@ from armguard.jit.numerics import (
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
 )
-from armguard.joint_acceptance import NOBODY, Guard, accept_at, find_runaway
-from armguard.joint_history import make_history
 from armguard.levers import is_prismatic
-from armguard.robot import Robot
-from armguard.turns import find_continuous
-from armguard.verdict import Reason, ReasonKind, compute_stop_time
+from armguard.robot import joint_acceptance as acceptance
+from armguard.robot.joint_acceptance import NOBODY, Guard, accept_at, find_runaway
+from armguard.robot.joint_history import make_history
+from armguard.robot.robot import Robot
+from armguard.robot.stop_time import compute_stop_time
+from armguard.robot.turns import find_continuous
+from armguard.verdict import Reason, ReasonKind
 
 FloatArray = NDArray[np.float64]
 FLOAT = np.dtype(np.float64)

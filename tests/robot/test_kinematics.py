@@ -3,8 +3,8 @@ import pinocchio
 import pytest
 
 from armguard.exceptions import ArmguardError
-from armguard.kinematics import ArmSpheres, Kinematics, _view_data
-from armguard.robot import Robot
+from armguard.robot import Kinematics, Robot
+from armguard.robot.kinematics import ArmSpheres, _view_data
 from support.urdf_arms import limits_for, two_links
 
 
@@ -119,7 +119,7 @@ def test_views_cover_all_joints_of_pinocchios_data(robot):
 
 
 def test_another_memory_layout_is_refused(robot, monkeypatch):
-    monkeypatch.setattr("armguard.kinematics.PLACEMENT_STRIDE", 104)
+    monkeypatch.setattr("armguard.robot.kinematics.PLACEMENT_STRIDE", 104)
     with pytest.raises(ArmguardError, match=r"pinocchio .* keeps joint 1's"):
         Kinematics(robot)
 

@@ -7,10 +7,10 @@ import pytest
 
 from armguard.exceptions import RobotError
 from armguard.robot import Robot
-from armguard.robot_description import read_description, robots_directory
+from armguard.robot.description import read_description, robots_directory
 from support.urdf_arms import SOURCES, limits_for, two_links
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_robots_are_found_in_a_wheel(tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "unpacked")
     script = (
-        "import armguard.robot as r, armguard.robot_description as d;"
+        "import armguard.robot as r, armguard.robot.description as d;"
         "print(d.robots_directory(), r.Robot.load('panda').links[0])"
     )
     result = subprocess.run(

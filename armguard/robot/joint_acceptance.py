@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.jit.kernels import inlined_kernel, kernel
-from armguard.joint_history import (
+from armguard.robot.joint_history import (
     JointHistory,
     begin_history,
     extend_history,
     find_failure,
     passes_history,
 )
-from armguard.turns import nearest_turn
-from armguard.verdict import compute_stop_time
+from armguard.robot.stop_time import compute_stop_time
+from armguard.robot.turns import nearest_turn
 
 FloatArray = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from armguard.cover.patches import drop_nothing, place_patches, swell_nothing
 from armguard.cover.triangulation import make_patches, triangulate
 from armguard.exceptions import RobotError
-from armguard.link_surfaces import place
+from armguard.robot.links import place
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ import pinocchio
 
 from armguard.exceptions import ArmguardError
 from armguard.jit.kernels import kernel
-from armguard.robot import Robot
+from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]

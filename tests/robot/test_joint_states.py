@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard.joint_acceptance import NOBODY, find_runaway
-from armguard.joint_states import JointStates
-from armguard.robot import Robot
+from armguard.robot import JointStates, Robot
+from armguard.robot.joint_acceptance import NOBODY, find_runaway
 from armguard.verdict import Reason, ReasonKind
 from support.panda_monitor import HOME, STILL, panda
 

@@ -17,11 +17,10 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from armguard.attached_bodies import AttachedBody
 from armguard.cover.cover import Cover
 from armguard.exceptions import CoverError, RobotError
-from armguard.link_surfaces import collect_surfaces
-from armguard.robot_description import (
+from armguard.robot.attachments import AttachedBody
+from armguard.robot.description import (
     LIMITS,
     OperatingDescription,
     RobotDescription,
@@ -29,8 +28,9 @@ from armguard.robot_description import (
     find_robot,
     read_description,
 )
-from armguard.urdf import UrdfModel, read_urdf
-from armguard.watched_joints import check_bare_links, check_joints, reduce_model
+from armguard.robot.joints import check_bare_links, check_joints, reduce_model
+from armguard.robot.links import collect_surfaces
+from armguard.robot.urdf import UrdfModel, read_urdf
 
 Array = NDArray[np.float64]
 

@@ -144,7 +144,7 @@ def _to_builtin(value: object) -> object:
 
 def robots_directory() -> Path:
     """The folder of known robots: inside the package in a wheel, beside it in a checkout."""
-    package = Path(__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     for directory in (package / "robots", package.parent / "robots"):
         if directory.is_dir():
             return directory

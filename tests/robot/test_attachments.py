@@ -6,14 +6,15 @@ import numpy as np
 import pinocchio
 import pytest
 
-from armguard.attached_bodies import AttachedBody
 from armguard.bounds import IsotropicMotion
 from armguard.cover import Cover
 from armguard.cover.containment import is_contained
 from armguard.exceptions import RobotError
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.robot import Robot, _extend
+from armguard.robot import Robot
+from armguard.robot.attachments import AttachedBody
+from armguard.robot.robot import _extend
 from armguard.verdict import Level
 from support.round_surfaces import surface_points
 from support.surface_samples import is_inside, sample
@@ -225,14 +226,14 @@ def test_of_bodies_that_two_threads_attach_at_once_none_is_lost(panda, monkeypat
         time.sleep(0.05)
         return _extend(cover, other)
 
-    monkeypatch.setattr("armguard.robot._extend", linger)
+    monkeypatch.setattr("armguard.robot.robot._extend", linger)
     fitted = Cover.fit(AttachedBody("any", coal.Box(0.1, 0.1, 0.1), None), spheres=1)
 
     def fit(body, spheres):
         (name,) = body.links
         return Cover({name: fitted.tree("any")}, {name: fitted.digest("any")})
 
-    monkeypatch.setattr("armguard.robot.Cover.fit", fit)
+    monkeypatch.setattr("armguard.robot.robot.Cover.fit", fit)
     before, names = panda.links, [f"part{k}" for k in range(4)]
     box = coal.Box(0.1, 0.1, 0.1)
     threads = [

@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio
 
 from armguard.exceptions import RobotError
-from armguard.link_surfaces import get_rest_position
-from armguard.robot_description import RobotDescription
-from armguard.urdf import UrdfModel
+from armguard.robot.description import RobotDescription
+from armguard.robot.links import get_rest_position
+from armguard.robot.urdf import UrdfModel
 
 
 def check_joints(

@@ -4,7 +4,7 @@ import pytest
 
 from armguard.exceptions import RobotError
 from armguard.robot import Robot
-from armguard.urdf import read_urdf
+from armguard.robot.urdf import read_urdf
 from support.urdf_arms import (
     BOX,
     joint_xml,

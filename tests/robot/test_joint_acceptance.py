@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from armguard.jit.numerics import POSITION_BY_ACCEL, POSITION_BY_SPEED, VELOCITY_BY_ACCEL
-from armguard.joint_acceptance import (
+from armguard.robot import JointStates, Robot
+from armguard.robot.joint_acceptance import (
     BELIEVED,
     FAST,
     GAP,
@@ -21,8 +22,6 @@ from armguard.joint_acceptance import (
     VELOCITY_NOT_FINITE,
     WRONG_LENGTH,
 )
-from armguard.joint_states import JointStates
-from armguard.robot import Robot
 from support.panda_monitor import HOME, STILL, panda
 
 PERIOD, TIMEOUT, HORIZON, REACTION, DELAY = 1e-3, 0.05, 0.003, 0.02, 0.4

@@ -1,0 +1,16 @@
+"""The arm: its description and geometry, where it is, and which states are believed.
+
+Nothing here knows of obstacles.
+"""
+
+from armguard.cover.triangulation import triangulate
+from armguard.robot.joint_states import JointStates
+from armguard.robot.kinematics import Kinematics
+from armguard.robot.robot import Robot
+
+__all__ = [
+    "JointStates",
+    "Kinematics",
+    "Robot",
+    "triangulate",
+]
