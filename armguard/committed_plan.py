@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armguard.bounds import PlannedMotion
-from armguard.bounds.planned_course import PlannedCourse
-from armguard.plans import CheckedPlan, Plan, Refusal, check_following, check_plan
+from armguard.bounds.planned.check import CheckedPlan, check_following, check_plan
+from armguard.bounds.planned.course import PlannedCourse
+from armguard.bounds.planned.motion import PlannedMotion
+from armguard.bounds.planned.plan import Plan, Refusal
 from armguard.robot.robot import Robot
 from armguard.verdict import Reason, ReasonKind
 from armguard.watch import Tick, Watch

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from armguard.bounds import IsotropicMotion
+from armguard.bounds.isotropic import IsotropicMotion
 from armguard.exact import ExactGeometry
 from armguard.pairs import TickState
 

@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
+from armguard.bounds.levers import bound_levers, is_prismatic, moving_joints
 from armguard.cover.cover import Cover
-from armguard.levers import bound_levers, is_prismatic, moving_joints
 from armguard.robot.robot import Robot
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from armguard.bounds import table_contact_time
+from armguard.bounds.table_time import table_contact_time
 from armguard.contact.advancement import pair_distance_time, row_contact_time
 from armguard.jit.kernels import inlined_kernel, kernel
 from armguard.obstacles.table import States

@@ -16,6 +16,7 @@ from typing import Any
 import pinocchio
 from numpy.typing import ArrayLike
 
+from armguard.bounds.planned.plan import Plan
 from armguard.committed_plan import PlanVerdict, refuse_plan
 from armguard.exceptions import ArmguardError
 from armguard.ignored_pairs import IgnoredPairs
@@ -24,7 +25,6 @@ from armguard.monitor_answers import MonitorAnswers
 from armguard.monitor_arguments import read_number, read_settings
 from armguard.obstacle_reasons import describe_no_sources, take_obstacle_reasons
 from armguard.obstacles.obstacles import Obstacles
-from armguard.plans import Plan
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio
 
-from armguard.arm_motion import MOTIONS
+from armguard.bounds.arm import MOTIONS
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.robot import Robot

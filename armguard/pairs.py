@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.arm_motion import ArmMotion
+from armguard.bounds.arm import ArmMotion
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 from armguard.link_times import RESTS, arm_reach_time, is_known, pair_time, rests_in_time

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.bounds import JointTable
 from armguard.bounds.isotropic import VelocityErrors, fill_velocity_errors
-from armguard.bounds.joint_limits import JointLimits
+from armguard.bounds.joint_table import JointTable
+from armguard.bounds.limits import JointLimits
 from armguard.bounds.travel import fill_displacements
 from armguard.jit.kernels import kernel
 from armguard.obstacles.table import Marks, States

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
-from armguard.arm_motion import ArmMotion
+from armguard.bounds.arm import ArmMotion
 from armguard.contact.earliest import Certificate
 from armguard.exact import ExactGeometry
 from armguard.ignored_pairs import IgnoredPairs

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from armguard.arm_motion import PLANNED
+from armguard.bounds.arm import PLANNED
 from armguard.ignored_pairs import IgnoredPairs
 from armguard.monitor_arguments import MonitorSettings
 from armguard.obstacle_watch import ObstacleWatch

@@ -26,13 +26,15 @@ from numpy.typing import NDArray
 
 from armguard.bounds import (
     BrakingMotion,
+    CheckedPlan,
     JointMotion,
     JointTable,
+    Plan,
     PlannedMotion,
+    check_plan,
     table_contact_time,
 )
 from armguard.obstacles import Obstacles
-from armguard.plans import CheckedPlan, Plan, check_plan
 from armguard.robot import Kinematics, Robot
 
 Floats = NDArray[np.float64]

@@ -16,15 +16,17 @@ from armguard.bounds import (
     BrakingMotion,
     IsotropicMotion,
     JointMotion,
+    Plan,
+    PlannedMotion,
     ReachMotion,
+    Refusal,
+    check_plan,
     table_contact_time,
 )
-from armguard.bounds.planned import PlannedMotion
 from armguard.contact.advancement import row_contact_time
 from armguard.jit import kernel, pack
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.plans import Plan, Refusal, check_plan
 from armguard.robot import Kinematics, Robot
 from armguard.robot.stop_time import compute_stop_time
 from armguard.scene import thread_tree

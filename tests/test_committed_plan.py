@@ -5,11 +5,11 @@ import pinocchio
 import pytest
 from coal import Sphere
 
+from armguard.bounds import Plan
 from armguard.committed_plan import PlanVerdict
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles, table
-from armguard.plans import Plan
 from armguard.robot import Robot
 from armguard.verdict import Effect, Level, ReasonKind
 from support.panda_monitor import (

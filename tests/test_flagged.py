@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from armguard.arm_motion import ArmMotion
+from armguard.bounds.arm import ArmMotion
 from armguard.exact import ExactGeometry
 from armguard.flagged import FlaggedCheck
 from armguard.obstacles import Obstacles

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard.arm_motion import ArmMotion
+from armguard.bounds.arm import ArmMotion
 from armguard.ledger import NOBODY, PairLedger
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState

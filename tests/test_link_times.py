@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from armguard.arm_motion import ArmMotion
 from armguard.bounds import table_contact_time
+from armguard.bounds.arm import ArmMotion
 from armguard.contact import earliest_contact_pair
 from armguard.exact import ExactGeometry
 from armguard.jit import kernel

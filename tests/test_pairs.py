@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard.arm_motion import ArmMotion
 from armguard.bounds import IsotropicMotion
+from armguard.bounds.arm import ArmMotion
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState, evaluate
 from armguard.robot import Kinematics

@@ -26,12 +26,12 @@ ROOMS = {
     "obstacles": "jit",
     "cover": "jit",
     "robot": "cover jit",
+    "bounds": "robot cover obstacles contact jit",
 }
 
 # Still to be moved, and free of the law.
 WAITING = {
     "announcer",
-    "arm_motion",
     "cell",
     "cell_frames",
     "cell_schema",
@@ -50,7 +50,6 @@ WAITING = {
     "latency",
     "ledger",
     "lever_report",
-    "levers",
     "link_times",
     "loop",
     "monitor",
@@ -66,9 +65,6 @@ WAITING = {
     "pair_reports",
     "pair_watch",
     "pairs",
-    "plan_curve",
-    "plan_reading",
-    "plans",
     "realtime",
     "scene",
     "separation",
@@ -83,7 +79,6 @@ WAITING = {
     "watched_arm",
     "watches",
     "what_if",
-    "bounds",
     "demo",
     "people",
     "schedules",

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from armguard.arm_motion import ArmMotion
 from armguard.bounds import IsotropicMotion, JointMotion
+from armguard.bounds.arm import ArmMotion
 from armguard.obstacles import Obstacles
 from armguard.pairs import TickState
 from armguard.robot import Kinematics

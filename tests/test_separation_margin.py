@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from armguard.arm_motion import ArmMotion
 from armguard.bounds import IsotropicMotion
+from armguard.bounds.arm import ArmMotion
 from armguard.exceptions import ArmguardError
 from armguard.jit import pack
 from armguard.obstacles import Obstacles

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.joint_box import JointTable, set_columns, set_span
-from armguard.bounds.joint_limits import JointLimits, check_state
-from armguard.bounds.joint_space import JointSpaceMotion
-from armguard.bounds.motion_model import check_duration
+from armguard.bounds.joint import JointSpaceMotion
+from armguard.bounds.joint_table import JointTable, set_columns, set_span
+from armguard.bounds.limits import JointLimits, check_state
+from armguard.bounds.model import check_duration
 from armguard.bounds.sums import ROUNDING, sum_levers, sum_second_order
 from armguard.bounds.travel import fill_eased_displacements
 from armguard.jit.kernels import kernel

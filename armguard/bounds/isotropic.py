@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.motion_model import check_question, check_vector, read_only
+from armguard.bounds.model import check_question, check_vector, read_only
 from armguard.bounds.sums import (
     ROUNDING,
     compute_levers,

@@ -1,17 +1,153 @@
-"""What joint limits allow: every joint anywhere within its own bounds, all at once."""
+"""What the motion models that bound every joint by itself have in common."""
 
 from __future__ import annotations
+
+from abc import ABC, abstractmethod
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.joint_box import JointTable
-from armguard.bounds.joint_space import JointSpaceMotion
+from armguard.bounds.joint_table import (
+    JointTable,
+    advance_in_span,
+    make_table,
+    set_columns,
+    set_span,
+)
+from armguard.bounds.levers import is_prismatic
+from armguard.bounds.limits import check_state, find_flaw, read_limits, refuse_flaw
+from armguard.bounds.model import check_question, read_only
+from armguard.bounds.sums import compute_levers, sum_levers, velocity_error_terms
+from armguard.bounds.travel import fill_displacements
 from armguard.exceptions import ArmguardError
+from armguard.jit.kernels import kernel
 from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]
+
+GRID_STEP = 1e-3
+MOST_NODES = 300
+"""Of the grid of a single question; a minute and a half from now any joint is anywhere."""
+
+
+class JointSpaceMotion(ABC):
+    """Displacements of all joints first, then of points of the arm.
+
+    Attributes:
+        limits: The robot's limits and errors.
+        lever: Proved levers R_j of all spheres, in [m], or 1 for a prismatic joint. Shape (n, nv).
+        slope_error: What each column of a sphere's Jacobian may be off by because of the position
+            errors, in [m]. Shape (n, nv).
+        position_error: What a sphere's centre may be off by, in [m]; it belongs to the contact
+            distance. Shape (n,).
+    """
+
+    interpolates: bool
+    """Whether displacements are convex in time, so that tables may be interpolated."""
+
+    def __init__(self, robot: Robot, base_placement: pinocchio.SE3 | None = None) -> None:
+        self._robot = robot
+        self.limits = read_limits(robot)
+        self._data = robot.model.createData()
+        self._base = pinocchio.SE3.Identity() if base_placement is None else base_placement
+        model = robot.model
+        numbers = [model.getJointId(joint) for joint in robot.joints]
+        self._turning = np.array([not is_prismatic(model, number) for number in numbers])
+        lever = np.concatenate(
+            [
+                compute_levers(robot, link, robot.cover.tree(link).spheres[:, :3])
+                for link in robot.links
+            ]
+        )
+        slope_error, _ = velocity_error_terms(lever, robot.position_error, robot.velocity_error)
+        self.lever = read_only(lever)
+        self.slope_error = read_only(slope_error)
+        self.position_error = read_only(sum_levers(lever, robot.position_error))
+
+    def advance(
+        self,
+        q: npt.ArrayLike,
+        v: npt.ArrayLike,
+        link: str,
+        point: npt.ArrayLike,
+        direction: npt.ArrayLike,
+        t: float,
+    ) -> float:
+        """Bound on a point's displacement along a direction at every time in [0, t], in [m].
+
+        The displacement is counted from where the point truly is at the state's stamp. What that
+        place may be off by belongs to the contact distance instead; all else that joint errors do
+        is included. Arguments as in `MotionModel.advance`.
+
+        Raises:
+            ArmguardError: An unknown link, a wrong shape, a value that is not finite, a state
+                beyond its limits, a negative time, or a direction that is no unit vector.
+        """
+        robot = self._robot
+        position, velocity = check_state(robot, self.limits, q, v)
+        local, along = check_question(point, direction, t)
+        lever = compute_levers(robot, link, local[None])
+        slope_error, _ = velocity_error_terms(lever, robot.position_error, robot.velocity_error)
+        jacobian = pinocchio.computeJointJacobians(robot.model, self._data, position)
+        place = self._data.oMi[robot.joint_index(link)].act(local)
+        # Nodes that do not depend on t, and t: what is greatest over them never falls with t.
+        nodes = grid(min(int(np.sqrt(t / GRID_STEP)) + 2, MOST_NODES))
+        table = self._make_table(np.append(nodes[nodes < t], t))
+        self._fill(position, velocity, 0.0, self._free_time(), table)
+        along = self._base.rotation.T @ along
+        return float(_largest_advance(along, place, jacobian, lever[0], slope_error[0], table))
+
+    @abstractmethod
+    def _free_time(self) -> float:
+        """How long joints are free to move, in [s] from the stamp, before they brake."""
+
+    def _make_table(self, time: Floats) -> JointTable:
+        return make_table(time, self._turning, self.limits.position_error, self.interpolates)
+
+    def _fill(self, q: Floats, v: Floats, age: float, free: float, table: JointTable) -> None:
+        fill_displacements(
+            q, v, age, free, self.limits,
+            table.time, table.high, table.low, table.highest, table.lowest,
+        )  # fmt: skip
+
+    def _check_tick(self, q: Floats, v: Floats, age: float) -> None:
+        """Refuse what a table cannot be filled for."""
+        shape = (len(self.limits.lower),)
+        if not (q.shape == v.shape == shape and q.dtype == v.dtype == np.float64):
+            raise ArmguardError(
+                "joint state",
+                f"q is {q.dtype} {q.shape} and v is {v.dtype} {v.shape}",
+                expected=f"float64 {shape} for both",
+            )
+        if not abs(age) < np.inf:
+            raise ArmguardError("age", f"is {age} s", expected="finite")
+        refuse_flaw(self._robot, self.limits, q, v, find_flaw(q, v, self.limits))
+
+
+def grid(nodes: int) -> Floats:
+    """Times in [s] at which displacements are taken: dense where they grow like t²."""
+    return np.asarray(GRID_STEP * np.arange(nodes) ** 2.0, dtype=np.float64)
+
+
+@kernel
+def _largest_advance(
+    along: Floats,
+    place: Floats,
+    jacobian: Floats,
+    lever: Floats,
+    slope_error: Floats,
+    table: JointTable,
+) -> float:
+    """Greatest advance over any step of the table; 0 if all are negative."""
+    largest = 0.0
+    set_columns(place[0], place[1], place[2], jacobian, table)
+    for node in range(table.time.shape[0] - 1):
+        set_span(table, node, node + 1, 1.0)
+        advance = advance_in_span(along[0], along[1], along[2], jacobian, lever, slope_error, table)
+        largest = max(largest, advance)
+    return largest
+
 
 SLICES = 32
 """Steps of the table unless asked for others."""

@@ -1,6 +1,6 @@
 """Where a link can be at all, whatever its joints do: workspace balls.
 
-`armguard.levers` encloses all that a point can take in a solid of revolution about the first
+`armguard.bounds.levers` encloses all that a point can take in a solid of revolution about the first
 revolute joint's axis; a ball with its centre on that axis contains the solid if it contains the
 circles on which its outline's corners turn. Its centre is put at the height that needs the least
 radius. Prismatic joints before that one carry the ball along, at most half their travel either
@@ -16,11 +16,11 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.joint_limits import check_state, read_limits
-from armguard.bounds.motion_model import check_question, read_only
+from armguard.bounds.levers import bound_outlines, is_prismatic, moving_joints
+from armguard.bounds.limits import check_state, read_limits
+from armguard.bounds.model import check_question, read_only
 from armguard.bounds.sums import ROUNDING, compute_levers, sum_levers, widened_ranges
 from armguard.cover.miniball import enclose_points
-from armguard.levers import bound_outlines, is_prismatic, moving_joints
 from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]

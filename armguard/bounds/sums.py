@@ -1,9 +1,9 @@
 """What limits on joints mean for points of the arm: levers, and the sums taken with them.
 
 A lever R_j is the greatest distance that a point of the arm can have from the axis of joint j,
-whatever the configuration; `armguard.levers` proves it. With R_max(i, j) the lever of the more
-distal of two joints, no second derivative of the point's position with respect to joints i and j
-is longer than that, and so sums over joints bound what the point does.
+whatever the configuration; `armguard.bounds.levers` proves it. With R_max(i, j) the lever of the
+more distal of two joints, no second derivative of the point's position with respect to joints i and
+j is longer than that, and so sums over joints bound what the point does.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from armguard.bounds.levers import bound_levers, is_prismatic, moving_joints
 from armguard.exceptions import ArmguardError
-from armguard.levers import bound_levers, is_prismatic, moving_joints
 from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]
@@ -24,8 +24,8 @@ ROUNDING = 1e-12
 def compute_levers(robot: Robot, link: str, points: npt.ArrayLike) -> Floats:
     """Proved bounds on how far points of a link can be from the axis line of each joint.
 
-    They hold in every configuration; `armguard.levers` has the proof. Angle limits are not used,
-    travel limits of prismatic joints are, widened by twice the position error: once for the
+    They hold in every configuration; `armguard.bounds.levers` has the proof. Angle limits are not
+    used, travel limits of prismatic joints are, widened by twice the position error: once for the
     measurement, once for what a monitor accepts beyond a limit.
 
     Args:

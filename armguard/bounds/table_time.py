@@ -19,7 +19,7 @@ import math
 import numpy.typing as npt
 from numpy import float64
 
-from armguard.bounds.joint_box import JointTable, advance_in_span, set_columns, set_span
+from armguard.bounds.joint_table import JointTable, advance_in_span, set_columns, set_span
 from armguard.bounds.sums import ROUNDING
 from armguard.bounds.travel import travel
 from armguard.contact.gjk import nearest_on_hull

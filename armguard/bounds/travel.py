@@ -19,7 +19,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from armguard.bounds.joint_limits import JointLimits
+from armguard.bounds.limits import JointLimits
 from armguard.bounds.sums import ROUNDING
 from armguard.jit.kernels import kernel
 

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from armguard.bounds.levers import is_prismatic
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.numerics import (
     POSITION_BY_ACCEL,
@@ -19,7 +20,6 @@ from armguard.jit.numerics import (
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
 )
-from armguard.levers import is_prismatic
 from armguard.robot import joint_acceptance as acceptance
 from armguard.robot.joint_acceptance import NOBODY, Guard, accept_at, find_runaway
 from armguard.robot.joint_history import make_history

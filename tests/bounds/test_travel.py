@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from armguard.bounds.joint_limits import JointLimits
+from armguard.bounds.limits import JointLimits
 from armguard.bounds.travel import arrival, brake, fill_eased_displacements, travel
 
 CASES = [

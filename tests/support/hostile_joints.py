@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from armguard.levers import is_prismatic, moving_joints
+from armguard.bounds.levers import is_prismatic, moving_joints
 
 STEP = 1e-3
 RECKLESS, CAREFUL = 0, 1  # runs into stops; brakes before them

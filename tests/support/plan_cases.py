@@ -3,8 +3,8 @@
 import numpy as np
 import pinocchio
 
+from armguard.bounds import Plan
 from armguard.obstacles import Obstacles
-from armguard.plans import Plan
 from support.hostile_joints import CAREFUL, RECKLESS, STEP, brake_joints, limits_of, move_joints
 
 SHARE = 0.9

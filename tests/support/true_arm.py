@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from armguard.levers import is_prismatic
+from armguard.bounds.levers import is_prismatic
 from armguard.robot import Robot
 from support.hostile_joints import move_joints, turn
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armguard.bounds.planned_course import BLOCK, ArmShape, PlannedCourse, deviation_along
+from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, deviation_along
 from armguard.bounds.sums import ROUNDING
 from armguard.bounds.table_time import obstacle_room
 from armguard.contact.gjk import nearest_on_hull

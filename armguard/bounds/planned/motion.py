@@ -13,17 +13,18 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.joint_limits import read_limits
-from armguard.bounds.joint_slabs import make_slabs
-from armguard.bounds.motion_model import check_duration, check_question
-from armguard.bounds.planned_course import BLOCK, ArmShape, PlannedCourse, deviation_along
-from armguard.bounds.planned_time import PlannedContact, find_planned_contact
+from armguard.bounds.levers import is_prismatic
+from armguard.bounds.limits import read_limits
+from armguard.bounds.model import check_duration, check_question
+from armguard.bounds.planned.check import CheckedPlan, check_plan
+from armguard.bounds.planned.contact import PlannedContact, find_planned_contact
+from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, deviation_along
+from armguard.bounds.planned.curve import evaluate_curve
+from armguard.bounds.planned.plan import Plan, Refusal
+from armguard.bounds.planned.slabs import make_slabs
 from armguard.bounds.sums import ROUNDING, compute_levers
 from armguard.exceptions import ArmguardError
-from armguard.levers import is_prismatic
 from armguard.obstacles.table import Marks, States, make_states
-from armguard.plan_curve import evaluate_curve
-from armguard.plans import CheckedPlan, Plan, Refusal, check_plan
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.robot import Robot
 
@@ -77,7 +78,7 @@ class PlannedMotion:
         """Where the arm can be from when the plan was checked until it rests.
 
         Args:
-            plan: What `armguard.plans.check_plan` found to be in order for this robot.
+            plan: What `armguard.bounds.check_plan` found to be in order for this robot.
             brake_after: When braking is commanded, in [s] from when the plan was checked; at the
                 plan's end at the latest. Where the plan lasts for the reaction time beyond, joints
                 stay on it until they brake; at its end they are free for so long.

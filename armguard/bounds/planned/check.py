@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armguard import plan_curve
-from armguard.plan_curve import evaluate_curve, find_excess
-from armguard.plan_reading import Plan, Refusal, read_plan
+from armguard.bounds.planned import curve
+from armguard.bounds.planned.curve import evaluate_curve, find_excess
+from armguard.bounds.planned.plan import Plan, Refusal, read_plan
 from armguard.robot.robot import Robot
 from armguard.robot.turns import MOST_TURNS, TURN, align_turns, find_continuous
 
@@ -300,16 +300,16 @@ def _check_curve(plan: Plan, robot: Robot, peak: Floats) -> Refusal | None:
     kind, joint, sample, value = find_excess(
         times, np.asarray(plan.q), np.asarray(plan.v), lower, upper, fastest, allowed, peak
     )
-    if kind == plan_curve.FINE:
+    if kind == curve.FINE:
         return None
     where = f"between {times[sample]:.6g} s and {times[sample + 1]:.6g} s"
-    if kind == plan_curve.POSITION:
+    if kind == curve.POSITION:
         problem = f"goes to {value:.6g} {where}"
         expected = f"limits with errors are {lower[joint]:.6g} to {upper[joint]:.6g}"
-    elif kind == plan_curve.VELOCITY:
+    elif kind == curve.VELOCITY:
         problem = f"goes at {value:.4g} {where}"
         expected = f"limit with error is {fastest[joint]:.4g}"
-    elif kind == plan_curve.RATE:
+    elif kind == curve.RATE:
         problem = f"accelerates at {value:.4g} {where}"
         expected = f"limit is {robot.acceleration_limit[joint]:.4g}"
     else:

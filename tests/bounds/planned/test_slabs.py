@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from armguard.bounds.joint_limits import read_limits
-from armguard.bounds.joint_slabs import make_slabs
-from armguard.plans import CheckedPlan, Plan, check_plan
+from armguard.bounds import CheckedPlan, Plan, check_plan
+from armguard.bounds.limits import read_limits
+from armguard.bounds.planned.slabs import make_slabs
 from armguard.robot import Robot
 from support.hostile_joints import STEP
 from support.plan_cases import Waves, follow, make_plan

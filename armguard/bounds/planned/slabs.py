@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armguard.bounds.joint_limits import JointLimits
+from armguard.bounds.limits import JointLimits
+from armguard.bounds.planned.check import CheckedPlan, bound_velocity_deviation
+from armguard.bounds.planned.curve import curve_range, evaluate_curve, speed_range
 from armguard.bounds.sums import ROUNDING
 from armguard.bounds.travel import brake, fill_displacements
 from armguard.jit.kernels import kernel
-from armguard.plan_curve import curve_range, evaluate_curve, speed_range
-from armguard.plans import CheckedPlan, bound_velocity_deviation
 from armguard.robot.stop_time import compute_stop_time
 
 Floats = npt.NDArray[np.float64]

@@ -2,9 +2,9 @@ import numpy as np
 import pinocchio
 import pytest
 
-from armguard.bounds.planned_course import deviation_along
-from armguard.bounds.sums import compute_levers
-from armguard.levers import is_prismatic
+from armguard.bounds import compute_levers
+from armguard.bounds.levers import is_prismatic
+from armguard.bounds.planned.course import deviation_along
 from armguard.robot import Robot
 from support.motion_questions import unit
 

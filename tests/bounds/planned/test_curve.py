@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from armguard.plan_curve import (
+from armguard.bounds.planned.curve import (
     CURVE,
     FINE,
     POSITION,

@@ -4,8 +4,9 @@ import numpy as np
 import pinocchio
 import pytest
 
-from armguard.bounds.joint_box import advance_in_span, make_table, set_columns, set_span
-from armguard.bounds.sums import compute_levers, turning_joints
+from armguard.bounds import compute_levers
+from armguard.bounds.joint_table import advance_in_span, make_table, set_columns, set_span
+from armguard.bounds.sums import turning_joints
 from support.example_arms import load_arm
 from support.motion_questions import HAND_POINT, unit
 

@@ -8,7 +8,11 @@ from __future__ import annotations
 
 import pinocchio
 
-from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, PlannedMotion, ReachMotion
+from armguard.bounds.braking import BrakingMotion
+from armguard.bounds.isotropic import IsotropicMotion
+from armguard.bounds.joint import JointMotion
+from armguard.bounds.planned.motion import PlannedMotion
+from armguard.bounds.reach import ReachMotion
 from armguard.robot.robot import Robot
 
 PLANNED = "planned"

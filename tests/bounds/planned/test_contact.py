@@ -3,11 +3,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from armguard.bounds.planned import PlannedMotion
-from armguard.bounds.planned_course import ArmShape, PlannedCourse
-from armguard.bounds.planned_time import NOBODY, find_planned_contact
+from armguard.bounds import Plan, PlannedCourse, PlannedMotion, check_plan
+from armguard.bounds.planned.contact import NOBODY, find_planned_contact
+from armguard.bounds.planned.course import ArmShape
 from armguard.obstacles import Obstacles
-from armguard.plans import Plan, check_plan
 from armguard.robot import Robot
 from support.plan_cases import all_pairs
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from armguard.plan_reading import MOST_SAMPLES, Plan, Refusal, read_plan
+from armguard.bounds import Plan, Refusal
+from armguard.bounds.planned.plan import MOST_SAMPLES, read_plan
 
 GOOD = Plan(1.0, [0.0, 0.1, 0.2], np.zeros((3, 2)), np.zeros((3, 2)), [1e-3, 1e-3])
 

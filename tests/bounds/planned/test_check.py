@@ -1,15 +1,8 @@
 import numpy as np
 import pytest
 
-from armguard.plans import (
-    CheckedPlan,
-    Plan,
-    Refusal,
-    bound_velocity_deviation,
-    check_following,
-    check_plan,
-    deviation_speed,
-)
+from armguard.bounds import CheckedPlan, Plan, Refusal, check_plan
+from armguard.bounds.planned.check import bound_velocity_deviation, check_following, deviation_speed
 from armguard.robot import Robot
 from support.plan_cases import Waves, make_plan
 

@@ -2,11 +2,16 @@ import numpy as np
 import pinocchio
 import pytest
 
-from armguard.bounds import JointMotion, table_contact_time
-from armguard.bounds.planned import PlannedMotion
+from armguard.bounds import (
+    CheckedPlan,
+    JointMotion,
+    Plan,
+    PlannedMotion,
+    check_plan,
+    table_contact_time,
+)
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
-from armguard.plans import CheckedPlan, Plan, check_plan
 from armguard.robot import Kinematics, Robot
 from support.hostile_joints import STEP
 from support.motion_questions import HAND_POINT, unit

@@ -2,8 +2,8 @@ import numpy as np
 import pinocchio
 import pytest
 
-from armguard.arm_motion import MOTIONS, ArmMotion
 from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, ReachMotion
+from armguard.bounds.arm import MOTIONS, ArmMotion
 from support.panda_monitor import HOME, panda
 
 V = np.full(7, 0.3)
