@@ -13,7 +13,7 @@ at the price of a few. Between ticks `monitor.explain()` says why a verdict is a
 `monitor.headroom()` how much more could be watched, and `monitor.attention()` which obstacle a
 sensor had better look at next. A controller that shares its next piece of trajectory, a `Plan` of
 `armguard.bounds.planned.check`, asks `monitor.commit(plan)` whether it is safe. With a
-`SeparationRule` of `armguard.separation_margin` each verdict carries the margin of the usual
+`SeparationRule` of `armguard.pairs.separation_margin` each verdict carries the margin of the usual
 separation distance, too. What the parts of a body do, and how often, is in `armguard.people`.
 """
 

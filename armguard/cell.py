@@ -30,9 +30,9 @@ from armguard.monitor import Monitor
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
+from armguard.pairs.separation_margin import SeparationRule
 from armguard.people import BOUNDS
 from armguard.robot.robot import Robot
-from armguard.separation_margin import SeparationRule
 from armguard.streams.edge import HELD_UP
 
 _T = TypeVar("_T")

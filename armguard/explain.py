@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armguard.pairs import TickState
+from armguard.pairs.evaluate import TickState
+from armguard.pairs.scene import BOUND_NAMES, JOINT, FloatArray
 from armguard.robot.robot import Robot
 from armguard.robot.stop_time import compute_stop_time
-from armguard.scene import BOUND_NAMES, JOINT, FloatArray
 from armguard.watch import Tick, Watch
 from armguard.what_if import UNCHANGED, Change, contact_times
 

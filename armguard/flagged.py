@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 from armguard.bounds.isotropic import IsotropicMotion
-from armguard.exact import ExactGeometry
-from armguard.pairs import TickState
+from armguard.pairs.evaluate import TickState
+from armguard.pairs.hull_distance import ExactGeometry
 
 
 class FlaggedCheck:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.pairs import TickState
+from armguard.pairs.evaluate import TickState
 from armguard.watch import Listing, Tick
 from armguard.what_if import Change, contact_times
 

@@ -10,12 +10,12 @@ import numpy as np
 from armguard.committed_plan import CommittedPlan
 from armguard.contact.earliest import Certificate
 from armguard.monitor_arguments import MonitorSettings
-from armguard.pair_proof import compile_proof
+from armguard.pairs.proof import compile_proof
+from armguard.pairs.scene import BOUND_NAMES
+from armguard.pairs.separation_margin import SeparationMargin, SeparationRule
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
-from armguard.scene import BOUND_NAMES
 from armguard.schedules.wheel import NOBODY
-from armguard.separation_margin import SeparationMargin, SeparationRule
 from armguard.stop_decision import StopDecision
 from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict, VerdictRule
 from armguard.watch import Look, Tick, Watch

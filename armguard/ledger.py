@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from armguard.jit.kernels import kernel
 from armguard.obstacles.reference_states import allows_anchor, expire, keep_anchor
 from armguard.obstacles.table import States, extend_rows, make_states, resize_states
-from armguard.pairs import TickState
-from armguard.scene import DISTANCE, FloatArray, IntArray
+from armguard.pairs.evaluate import TickState
+from armguard.pairs.scene import DISTANCE, FloatArray, IntArray
 
 NEVER = -1
 """In place of a tick, for a pair that was never looked at."""

@@ -19,17 +19,17 @@ from numpy.typing import ArrayLike
 from armguard.bounds.planned.plan import Plan
 from armguard.committed_plan import PlanVerdict, refuse_plan
 from armguard.exceptions import ArmguardError
-from armguard.ignored_pairs import IgnoredPairs
 from armguard.judgement import Judge
 from armguard.monitor_answers import MonitorAnswers
 from armguard.monitor_arguments import read_number, read_settings
 from armguard.obstacle_reasons import describe_no_sources, take_obstacle_reasons
 from armguard.obstacles.obstacles import Obstacles
+from armguard.pairs.arm import IgnoredPairs
+from armguard.pairs.separation_margin import SeparationRule
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.schedules import Schedule
-from armguard.separation_margin import SeparationRule
 from armguard.verdict import (
     Effect,
     Level,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from armguard.jit.kernels import kernel
 from armguard.jit.layout import make_records
 from armguard.obstacles.table import News, States, extend_rows, make_states
-from armguard.scene import UNKNOWN, FloatArray, IntArray
+from armguard.pairs.scene import UNKNOWN, FloatArray, IntArray
 from armguard.schedules.wheel import Wheel, grow_wheel, make_due, make_wheel, take_out
 from armguard.soonest import find_least, grow_tournament, make_tournament, set_value
 

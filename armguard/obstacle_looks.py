@@ -18,13 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.jit.kernels import inlined_kernel, kernel
-from armguard.link_times import (
-    arm_reach_time,
-    is_known,
-    link_time,
-    pair_time,
-    root_time,
-)
 from armguard.obstacle_book import (
     ACTIVE,
     BROKEN,
@@ -39,8 +32,9 @@ from armguard.obstacle_book import (
 )
 from armguard.obstacles.reference_states import allows_anchor, expire, keep_anchor
 from armguard.obstacles.table import clear_news
+from armguard.pairs.contact_time import arm_reach_time, is_known, link_time, pair_time, root_time
+from armguard.pairs.scene import REACH, UNKNOWN, FloatArray, IntArray, Scene, prepare_arm
 from armguard.robot.joint_acceptance import Guard
-from armguard.scene import REACH, UNKNOWN, FloatArray, IntArray, Scene, prepare_arm
 from armguard.schedules.wheel import (
     NOBODY,
     TURNING,

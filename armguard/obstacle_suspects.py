@@ -9,9 +9,9 @@ import sys
 from typing import Any
 
 from armguard.jit.kernels import kernel
-from armguard.link_times import RESTS, UNDECIDED, rests_in_time
 from armguard.obstacle_book import PREPARED
-from armguard.scene import IntArray, prepare_arm
+from armguard.pairs.contact_time import RESTS, UNDECIDED, rests_in_time
+from armguard.pairs.scene import IntArray, prepare_arm
 from armguard.schedules.wheel import NOBODY
 from armguard.soonest import find_below
 

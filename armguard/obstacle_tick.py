@@ -7,8 +7,8 @@ from typing import Any
 from armguard.jit.kernels import kernel
 from armguard.obstacle_book import UNSEEN
 from armguard.obstacle_looks import look
+from armguard.pairs.scene import FloatArray
 from armguard.robot.joint_acceptance import BELIEVED, accept
-from armguard.scene import FloatArray
 
 
 @kernel

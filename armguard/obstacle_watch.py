@@ -34,13 +34,13 @@ from armguard.obstacle_looks import Watching, look
 from armguard.obstacle_suspects import find_near, find_unsafe
 from armguard.obstacle_tick import advance
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs import evaluate
+from armguard.pairs.arm import WatchedArm
+from armguard.pairs.evaluate import evaluate
+from armguard.pairs.scene import FloatArray, IntArray
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
-from armguard.scene import FloatArray, IntArray
 from armguard.schedules.wheel import NOBODY, SLOTS
 from armguard.watch import NOTHING_SEEN, Listing, Look, Recollection, Seen, Tick, Unsafe
-from armguard.watched_arm import WatchedArm
 
 UNLIMITED = 2**62
 """A budget that nothing exceeds."""

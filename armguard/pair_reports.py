@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.exact import ExactGeometry
-from armguard.pairs import TickState
-from armguard.scene import BOUND_NAMES
+from armguard.pairs.evaluate import TickState
+from armguard.pairs.hull_distance import ExactGeometry
+from armguard.pairs.scene import BOUND_NAMES
 from armguard.watch import Listing
 
 BUCKETS = 16

@@ -16,13 +16,13 @@ from armguard.flagged import FlaggedCheck
 from armguard.ledger import PairLedger
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.table import clear_news
-from armguard.pairs import evaluate, find_unsafe_pair
+from armguard.pairs.arm import WatchedArm
+from armguard.pairs.evaluate import evaluate, find_unsafe_pair
+from armguard.pairs.scene import REACH, FloatArray, IntArray
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
-from armguard.scene import REACH, FloatArray, IntArray
 from armguard.schedules import Schedule
 from armguard.watch import NOTHING_SEEN, Listing, Look, Recollection, Seen, Tick, Unsafe
-from armguard.watched_arm import WatchedArm
 
 
 class PairWatch:

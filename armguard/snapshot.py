@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armguard.pairs import TickState
-from armguard.scene import FloatArray, IntArray
+from armguard.pairs.evaluate import TickState
+from armguard.pairs.scene import FloatArray, IntArray
 from armguard.watch import Listing
 
 

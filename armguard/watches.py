@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from armguard.bounds.arm import PLANNED
-from armguard.ignored_pairs import IgnoredPairs
 from armguard.monitor_arguments import MonitorSettings
 from armguard.obstacle_watch import ObstacleWatch
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pair_watch import PairWatch
+from armguard.pairs.arm import IgnoredPairs, WatchedArm
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.watch import Watch
-from armguard.watched_arm import WatchedArm
 
 
 def make_watch(

@@ -11,8 +11,8 @@ import numpy as np
 
 from armguard.jit.handle import pack
 from armguard.obstacles.table import Marks, States, make_states
-from armguard.pairs import TickState, evaluate_handle
-from armguard.scene import FloatArray
+from armguard.pairs.evaluate import TickState, evaluate_handle
+from armguard.pairs.scene import FloatArray
 
 
 class Change(NamedTuple):

@@ -40,13 +40,12 @@ import time
 
 import numpy as np
 
-from armguard.ignored_pairs import IgnoredPairs
 from armguard.obstacles import Obstacles
+from armguard.pairs.arm import IgnoredPairs, WatchedArm
 from armguard.robot import Robot
 from armguard.schedules import DaaSchedule, FullSchedule
 from armguard.schedules.partition import make_partition
 from armguard.watch import Tick
-from armguard.watched_arm import WatchedArm
 from crowds import RATE, REACTION_TIME, Work, publish
 from lookouts import AWARE_MARGIN, FRESHNESS, Deadline, Full, PairSchedule, Walkers
 from schedules import describe_machine

@@ -11,10 +11,10 @@ import numpy as np
 
 from armguard.obstacle_watch import ObstacleWatch
 from armguard.obstacles import Obstacles
-from armguard.pairs import evaluate
+from armguard.pairs.arm import WatchedArm
+from armguard.pairs.evaluate import evaluate
 from armguard.robot import JointStates, Robot
 from armguard.watch import Tick
-from armguard.watched_arm import WatchedArm
 from crowds import HEIGHT, LATENCY, OUTER, RATE, REACTION_TIME
 
 GROUPS = 10  # of balls that are measured in turn, one in each tick

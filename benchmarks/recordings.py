@@ -40,8 +40,8 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.obstacles import Obstacles
+from armguard.pairs.separation import HUMAN_SPEED
 from armguard.robot import Robot
-from armguard.separation import HUMAN_SPEED
 from armguard.simulation import Recording, random_trajectory
 from armguard.simulation.bodies import BODIES, POINTS
 from armguard.simulation.trajectory import keeps_within

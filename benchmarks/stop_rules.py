@@ -27,10 +27,11 @@ from armguard.contact.advancement import row_contact_time
 from armguard.jit import kernel, pack
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
+from armguard.pairs import SeparationRule
+from armguard.pairs.scene import thread_tree
+from armguard.pairs.separation_margin import SeparationMargin
 from armguard.robot import Kinematics, Robot
 from armguard.robot.stop_time import compute_stop_time
-from armguard.scene import thread_tree
-from armguard.separation_margin import SeparationMargin, SeparationRule
 from armguard.verdict import Level
 
 ADVANCES = 8

@@ -9,7 +9,7 @@ import pytest
 
 from armguard.bounds import IsotropicMotion, ReachMotion
 from armguard.contact import earliest_contact_pair
-from armguard.exact import ExactGeometry
+from armguard.pairs.hull_distance import ExactGeometry
 from armguard.robot import Kinematics, Robot
 from armguard.robot.kinematics import ArmSpheres
 

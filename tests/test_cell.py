@@ -11,10 +11,10 @@ from armguard.cell import Cell
 from armguard.cell_schema import SeparationTable
 from armguard.exceptions import CellError
 from armguard.monitor import Monitor
+from armguard.pairs import SeparationRule
+from armguard.pairs.separation import HUMAN_SPEED
 from armguard.people import BOUNDS
 from armguard.robot import Robot
-from armguard.separation import HUMAN_SPEED
-from armguard.separation_margin import SeparationRule
 from armguard.streams.edge import HELD_UP
 from support.cell_texts import FRAMES, ROBOT
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from armguard.bounds.arm import ArmMotion
-from armguard.exact import ExactGeometry
 from armguard.flagged import FlaggedCheck
 from armguard.obstacles import Obstacles
-from armguard.pairs import TickState
+from armguard.pairs.evaluate import TickState
+from armguard.pairs.hull_distance import ExactGeometry
 from armguard.robot import Kinematics
 from support.panda_monitor import HOME, panda
 

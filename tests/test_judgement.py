@@ -7,7 +7,7 @@ import pytest
 
 from armguard.contact import certificate
 from armguard.judgement import Judge
-from armguard.separation_margin import SeparationRule
+from armguard.pairs import SeparationRule
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, STILL, kinds, make_monitor, see, steps
 

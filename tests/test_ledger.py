@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from armguard.bounds.arm import ArmMotion
 from armguard.ledger import NOBODY, PairLedger
 from armguard.obstacles import Obstacles
-from armguard.pairs import TickState
+from armguard.pairs.evaluate import TickState
+from armguard.pairs.scene import DISTANCE, ISOTROPIC
 from armguard.robot import Kinematics
-from armguard.scene import DISTANCE, ISOTROPIC
 from support.panda_monitor import HOME, panda
 
 LINKS = 3

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from armguard.exact import ExactGeometry
+from armguard.pairs.hull_distance import ExactGeometry
 from armguard.robot import Kinematics
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, SCHEDULES, make_monitor, panda

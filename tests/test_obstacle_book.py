@@ -17,7 +17,7 @@ from armguard.obstacle_book import (
     make_book,
 )
 from armguard.obstacles.table import ObstacleTable, make_states, resize_states
-from armguard.scene import UNKNOWN
+from armguard.pairs.scene import UNKNOWN
 from armguard.schedules.wheel import DUE, TURNING, WAITING, most_urgent, put_off
 from armguard.soonest import find_least, set_value
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armguard.obstacle_looks import CROWD, time_to_spare
-from armguard.pairs import evaluate
+from armguard.pairs.evaluate import evaluate
 from armguard.robot.stop_time import compute_stop_time
 from armguard.schedules.wheel import take_out
 from armguard.verdict import Level, ReasonKind

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armguard.pairs import find_unsafe_pair
+from armguard.pairs.evaluate import find_unsafe_pair
 from armguard.schedules.wheel import NOBODY
 from armguard.verdict import Level, ReasonKind
 from armguard.watch import Tick

@@ -7,9 +7,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from armguard.pairs import TickState, evaluate
+from armguard.pairs.arm import ADVANCES
+from armguard.pairs.evaluate import TickState, evaluate
 from armguard.verdict import Level
-from armguard.watched_arm import ADVANCES
 from support.panda_monitor import (
     PERIOD,
     SCHEDULES,

@@ -1,10 +1,10 @@
 import pytest
 
-from armguard.ignored_pairs import IgnoredPairs
 from armguard.monitor_arguments import read_settings
 from armguard.obstacle_watch import ObstacleWatch
 from armguard.obstacles import Obstacles
 from armguard.pair_watch import PairWatch
+from armguard.pairs.arm import IgnoredPairs
 from armguard.robot import JointStates
 from armguard.schedules import SCHEDULES, make_schedule
 from armguard.watches import make_watch

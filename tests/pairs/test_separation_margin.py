@@ -12,11 +12,12 @@ from armguard.bounds.arm import ArmMotion
 from armguard.exceptions import ArmguardError
 from armguard.jit import pack
 from armguard.obstacles import Obstacles
-from armguard.pairs import TickState
+from armguard.pairs import SeparationRule, compute_separation
+from armguard.pairs.evaluate import TickState
+from armguard.pairs.scene import ArmArrays, SphereTree, thread_tree
+from armguard.pairs.separation import separation_of, way
+from armguard.pairs.separation_margin import SeparationMargin
 from armguard.robot import Kinematics, Robot
-from armguard.scene import ArmArrays, SphereTree, thread_tree
-from armguard.separation import compute_separation, separation_of, way
-from armguard.separation_margin import SeparationMargin, SeparationRule
 
 PANDA = Robot.load("panda")
 KINEMATICS = Kinematics(PANDA)

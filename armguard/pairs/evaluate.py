@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from armguard.bounds.arm import ArmMotion
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
-from armguard.link_times import RESTS, arm_reach_time, is_known, pair_time, rests_in_time
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.table import States
-from armguard.robot.kinematics import Kinematics
-from armguard.scene import (
+from armguard.pairs.contact_time import RESTS, arm_reach_time, is_known, pair_time, rests_in_time
+from armguard.pairs.scene import (
     UNKNOWN,
     ArmArrays,
     FloatArray,
@@ -29,6 +28,7 @@ from armguard.scene import (
     prepare_arm,
     thread_tree,
 )
+from armguard.robot.kinematics import Kinematics
 
 NO_LIMIT = 2**62
 """A number of evaluations that is never reached."""

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from armguard.bounds import IsotropicMotion
 from armguard.bounds.arm import ArmMotion
 from armguard.obstacles import Obstacles
-from armguard.pairs import TickState, evaluate
+from armguard.pairs.evaluate import TickState, evaluate
+from armguard.pairs.scene import ISOTROPIC, REACH, UNKNOWN
 from armguard.robot import Kinematics
-from armguard.scene import ISOTROPIC, REACH, UNKNOWN
 from support.panda_monitor import panda
 
 KINEMATICS = Kinematics(panda())

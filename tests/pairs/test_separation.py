@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from armguard.exceptions import ArmguardError
-from armguard.separation import compute_separation
+from armguard.pairs import compute_separation
 
 
 def test_worked_case():

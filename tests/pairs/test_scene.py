@@ -4,9 +4,8 @@ import pytest
 from armguard.bounds import IsotropicMotion, JointMotion
 from armguard.bounds.arm import ArmMotion
 from armguard.obstacles import Obstacles
-from armguard.pairs import TickState
-from armguard.robot import Kinematics
-from armguard.scene import (
+from armguard.pairs.evaluate import TickState
+from armguard.pairs.scene import (
     BOUND_NAMES,
     DISTANCE,
     ISOTROPIC,
@@ -15,6 +14,7 @@ from armguard.scene import (
     UNKNOWN,
     thread_tree,
 )
+from armguard.robot import Kinematics
 from support.panda_monitor import HOME, panda
 
 KINEMATICS = Kinematics(panda())

@@ -17,7 +17,7 @@ from armguard.bounds.table_time import table_contact_time
 from armguard.contact.advancement import pair_distance_time, row_contact_time
 from armguard.jit.kernels import inlined_kernel, kernel
 from armguard.obstacles.table import States
-from armguard.scene import DISTANCE, ISOTROPIC, JOINT, REACH, Scene
+from armguard.pairs.scene import DISTANCE, ISOTROPIC, JOINT, REACH, Scene
 
 ROUNDING = 1e-14
 """Relative widening of a sum of a few contact distances, far above its rounding error."""

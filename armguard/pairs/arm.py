@@ -1,16 +1,114 @@
-"""Which pairs of link and obstacle are not to be watched: a table that the arm stands on, say."""
+"""The arm as a watch over pairs sees it: placed, bounded, and laid out for compiled code.
+
+Pairs of link and obstacle that are not to be watched (a table that the arm stands on, say) are
+named by `IgnoredPairs`.
+"""
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio
 from numpy.typing import NDArray
 
+from armguard.bounds.arm import ArmMotion
+from armguard.contact.earliest import Certificate
 from armguard.exceptions import ArmguardError
+from armguard.obstacles.obstacles import Obstacles
+from armguard.pairs.evaluate import TickState
+from armguard.pairs.hull_distance import ExactGeometry
+from armguard.pairs.proof import prove_pair
+from armguard.robot.kinematics import Kinematics
 from armguard.robot.robot import Robot
+
+ADVANCES = 8
+"""Tangent advances per evaluation; nearly every pair has converged by then."""
+
+
+class WatchedArm:
+    """Kinematics, motion models, exact geometry and the tick's numbers of one arm.
+
+    Args:
+        robot: The arm.
+        obstacles: The table.
+        ignored: Pairs that nobody watches.
+        margin: Distance that counts as contact already, [m].
+        reaction_time: From a STOP to braking torque, [s].
+        base_placement: Of the robot's base in the world; None: at the origin.
+        with_joints: Whether joint and braking bounds are used.
+        with_plans: Whether plans are judged.
+        by_distance: Whether pairs are ranked by distance over closing speed.
+
+    Attributes:
+        links: Names of the links, as of the revision below.
+        revision: Of the robot.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        obstacles: Obstacles,
+        ignored: IgnoredPairs,
+        margin: float,
+        reaction_time: float,
+        base_placement: pinocchio.SE3 | None,
+        *,
+        with_joints: bool,
+        with_plans: bool,
+        by_distance: bool,
+    ) -> None:
+        # What is attached meanwhile, in another thread, does not reach the copy.
+        robot = copy.copy(robot)
+        self.revision = robot.revision
+        self.links = robot.links
+        self.obstacles = obstacles
+        self._ignored = ignored
+        self.kinematics = Kinematics(robot, base_placement)
+        self.motion = ArmMotion(
+            robot,
+            reaction_time,
+            base_placement,
+            with_joints=with_joints,
+            with_plans=with_plans,
+        )
+        self.state = TickState(
+            self.kinematics,
+            self.motion,
+            obstacles,
+            margin=margin,
+            advances=ADVANCES,
+            by_distance=by_distance,
+        )
+        ignored.follow(robot)
+        self.exact = ExactGeometry(robot, self.kinematics)
+        # Compiled now: joints beyond their limits must not wait for it in their tick.
+        self.follow_limits(np.zeros(len(robot.joints)))
+
+    def follow_limits(self, v: NDArray[np.float64]) -> bool:
+        """Widen the bounds if joints are measured faster than their limits, (nv,).
+
+        Returns:
+            Whether a bound grew, so that nothing that was proved before holds.
+        """
+        return self.motion.isotropic.update(v)
+
+    def watched_links(self, row: int) -> NDArray[np.bool_]:
+        """Which links are watched against the obstacle in `row`. Shape (links,)."""
+        return self._ignored.watched_links(self.obstacles.ids[row], self.obstacles.source_of(row))
+
+    def names(self, pair: int) -> tuple[str, str]:
+        """Of the link and the obstacle of a pair, row × links + link."""
+        row, link = divmod(pair, len(self.links))
+        return self.links[link], self.obstacles.ids[row]
+
+    def prove(self, pair: int, sphere: int) -> tuple[Certificate, dict[str, Any]] | None:
+        """A certificate of one pair in this tick and what it is about; see `prove_pair`."""
+        return prove_pair(self.state, sphere, pair // len(self.links))
+
 
 ANY = "*"
 

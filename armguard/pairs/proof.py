@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from armguard.contact.earliest import Certificate, certify
-from armguard.link_times import ROUNDING
 from armguard.obstacles.table import States
-from armguard.pairs import TickState
-from armguard.scene import FloatArray
+from armguard.pairs.contact_time import ROUNDING
+from armguard.pairs.evaluate import TickState
+from armguard.pairs.scene import FloatArray
 
 
 def prove_pair(

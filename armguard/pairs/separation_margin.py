@@ -4,8 +4,8 @@ The margin of a tick is the least, over all spheres of the arm's cover and all o
 
     distance between their surfaces - Sp,    Sp = Sh + Sr + Ss + C + Zd + Zr
 
-with the terms of `armguard.separation` [Separation]_. A person walks at one speed until the arm
-rests; a sphere goes on at its present speed towards them for the reaction time, and brakes at a
+with the terms of `armguard.pairs.separation` [Separation]_. A person walks at one speed until the
+arm rests; a sphere goes on at its present speed towards them for the reaction time, and brakes at a
 constant rate from then on. Positions and velocities count with what they may be off by, ages with
 what bodies may have done since within their own bounds. The direction is that of the measured
 positions, as the rule has it: it compares, and it proves nothing.
@@ -24,9 +24,9 @@ from armguard.contact.gjk import nearest_on_hull
 from armguard.exceptions import ArmguardError
 from armguard.jit.kernels import kernel
 from armguard.obstacles.table import Marks, States
-from armguard.pairs import TickState
-from armguard.scene import ArmArrays, SphereTree
-from armguard.separation import HUMAN_SPEED, separation_of
+from armguard.pairs.evaluate import TickState
+from armguard.pairs.scene import ArmArrays, SphereTree
+from armguard.pairs.separation import HUMAN_SPEED, separation_of
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -2,8 +2,8 @@ import numpy as np
 import pinocchio
 import pytest
 
-from armguard.exact import ExactGeometry, _build_hull
 from armguard.exceptions import ArmguardError
+from armguard.pairs.hull_distance import ExactGeometry, _build_hull
 from armguard.robot import Kinematics, Robot
 
 TOLERANCE = 1e-5

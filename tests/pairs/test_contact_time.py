@@ -8,9 +8,9 @@ import pytest
 from armguard.bounds import table_contact_time
 from armguard.bounds.arm import ArmMotion
 from armguard.contact import earliest_contact_pair
-from armguard.exact import ExactGeometry
 from armguard.jit import kernel
-from armguard.link_times import (
+from armguard.obstacles import Obstacles
+from armguard.pairs.contact_time import (
     RESTS,
     arm_reach_time,
     contact_distance,
@@ -20,10 +20,10 @@ from armguard.link_times import (
     rests_in_time,
     root_time,
 )
-from armguard.obstacles import Obstacles
-from armguard.pairs import TickState
+from armguard.pairs.evaluate import TickState
+from armguard.pairs.hull_distance import ExactGeometry
+from armguard.pairs.scene import ISOTROPIC, JOINT, REACH
 from armguard.robot import Kinematics
-from armguard.scene import ISOTROPIC, JOINT, REACH
 from support.panda_monitor import panda
 
 KINEMATICS = Kinematics(panda())
