@@ -18,8 +18,8 @@ from armguard.bounds.planned.course import PlannedCourse
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import Plan, Refusal
 from armguard.robot.robot import Robot
+from armguard.scheduling.scheduler import Tick, Watch
 from armguard.verdict import Reason, ReasonKind
-from armguard.watch import Tick, Watch
 
 
 class PlanVerdict(NamedTuple):

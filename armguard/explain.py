@@ -16,7 +16,7 @@ from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import BOUND_NAMES, JOINT, FloatArray
 from armguard.robot.robot import Robot
 from armguard.robot.stop_time import compute_stop_time
-from armguard.watch import Tick, Watch
+from armguard.scheduling.scheduler import Tick, Watch
 from armguard.what_if import UNCHANGED, Change, contact_times
 
 STEPS = 21

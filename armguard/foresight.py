@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.pairs.evaluate import TickState
-from armguard.watch import Listing, Tick
+from armguard.scheduling.scheduler import Listing, Tick
 from armguard.what_if import Change, contact_times
 
 

@@ -15,10 +15,10 @@ from armguard.pairs.scene import BOUND_NAMES
 from armguard.pairs.separation_margin import SeparationMargin, SeparationRule
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
-from armguard.schedules.wheel import NOBODY
+from armguard.scheduling.scheduler import Look, Tick, Watch
+from armguard.scheduling.timing_wheel import NOBODY
 from armguard.stop_decision import StopDecision
 from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict, VerdictRule
-from armguard.watch import Look, Tick, Watch
 
 
 class Judge:

@@ -29,7 +29,8 @@ from armguard.pairs.separation_margin import SeparationRule
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
-from armguard.schedules import Schedule
+from armguard.scheduling.schedule import Schedule
+from armguard.scheduling.scheduler import NOTHING_FOUND, Look, Seen, Tick
 from armguard.verdict import (
     Effect,
     Level,
@@ -38,7 +39,6 @@ from armguard.verdict import (
     Verdict,
     VerdictRule,
 )
-from armguard.watch import NOTHING_FOUND, Look, Seen, Tick
 from armguard.watches import make_watch
 
 NEVER = -sys.float_info.max

@@ -12,9 +12,9 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.pair_reports import PairReport, report_pair
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
-from armguard.schedules.wheel import NOBODY
+from armguard.scheduling.scheduler import Look, Tick, Watch
+from armguard.scheduling.timing_wheel import NOBODY
 from armguard.snapshot import Snapshot, take_snapshot
-from armguard.watch import Look, Tick, Watch
 
 
 class MonitorAnswers:

@@ -12,7 +12,7 @@ from armguard.bounds.arm import MOTIONS
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.robot import Robot
-from armguard.schedules import DEADLINE, Schedule, make_schedule
+from armguard.scheduling.schedule import DEADLINE, Schedule, make_schedule
 
 MOST_EVALUATIONS = 2**62
 """A budget that nothing exceeds."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.hull_distance import ExactGeometry
 from armguard.pairs.scene import BOUND_NAMES
-from armguard.watch import Listing
+from armguard.scheduling.scheduler import Listing
 
 BUCKETS = 16
 """Grades of imminence: bucket k holds contact times of 2^k to 2^(k+1) periods."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import FloatArray, IntArray
-from armguard.watch import Listing
+from armguard.scheduling.scheduler import Listing
 
 
 class Snapshot(NamedTuple):

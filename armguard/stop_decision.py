@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from armguard.schedules.wheel import NOBODY
-from armguard.watch import Tick, Watch
+from armguard.scheduling.scheduler import Tick, Watch
+from armguard.scheduling.timing_wheel import NOBODY
 
 HALVINGS = 5
 """Of the interval in which the speed scale is sought."""

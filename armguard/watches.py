@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from armguard.bounds.arm import PLANNED
 from armguard.monitor_arguments import MonitorSettings
-from armguard.obstacle_watch import ObstacleWatch
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pair_watch import PairWatch
 from armguard.pairs.arm import IgnoredPairs, WatchedArm
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
-from armguard.watch import Watch
+from armguard.scheduling.deadline import ObstacleWatch
+from armguard.scheduling.pair_scheduler import PairWatch
+from armguard.scheduling.scheduler import Watch
 
 
 def make_watch(

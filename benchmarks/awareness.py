@@ -43,9 +43,9 @@ import numpy as np
 from armguard.obstacles import Obstacles
 from armguard.pairs.arm import IgnoredPairs, WatchedArm
 from armguard.robot import Robot
-from armguard.schedules import DaaSchedule, FullSchedule
-from armguard.schedules.partition import make_partition
-from armguard.watch import Tick
+from armguard.scheduling import DaaSchedule, FullSchedule
+from armguard.scheduling.paper.partition import make_partition
+from armguard.scheduling.scheduler import Tick
 from crowds import RATE, REACTION_TIME, Work, publish
 from lookouts import AWARE_MARGIN, FRESHNESS, Deadline, Full, PairSchedule, Walkers
 from schedules import describe_machine

@@ -9,12 +9,12 @@ import math
 
 import numpy as np
 
-from armguard.obstacle_watch import ObstacleWatch
 from armguard.obstacles import Obstacles
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.evaluate import evaluate
 from armguard.robot import JointStates, Robot
-from armguard.watch import Tick
+from armguard.scheduling.deadline import ObstacleWatch
+from armguard.scheduling.scheduler import Tick
 from crowds import HEIGHT, LATENCY, OUTER, RATE, REACTION_TIME
 
 GROUPS = 10  # of balls that are measured in turn, one in each tick

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from armguard.contact import earliest_contact
 from armguard.exceptions import ArmguardError
-from armguard.schedules import DaaSchedule, DistanceSchedule, FullSchedule, Schedule
+from armguard.scheduling import DaaSchedule, DistanceSchedule, FullSchedule, Schedule
 
 PERIOD = 0.05  # [s]
 ITERATIONS = 20

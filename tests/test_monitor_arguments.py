@@ -11,7 +11,7 @@ from armguard.monitor import Monitor
 from armguard.monitor_arguments import read_limit, read_number, read_settings
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
-from armguard.schedules import make_schedule
+from armguard.scheduling import make_schedule
 from support.panda_monitor import panda
 
 

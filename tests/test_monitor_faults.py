@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard import obstacle_watch, pair_watch
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
 from armguard.obstacles import table as obstacle_table
+from armguard.scheduling import deadline, pair_scheduler
 from armguard.verdict import Effect, Level, ReasonKind
 from support.panda_monitor import (
     FAR,
@@ -107,7 +107,7 @@ def test_an_error_inside_is_a_latched_stop(schedule, monkeypatch):
     keep(obstacles, monitor, 0, 5)
     with monkeypatch.context() as patch:
         patch.setattr(monitor._watch, "_advance", lambda *_: 1 // 0, raising=False)
-        patch.setattr(pair_watch, "evaluate", lambda *_: 1 // 0)
+        patch.setattr(pair_scheduler, "evaluate", lambda *_: 1 // 0)
         (verdict,) = keep(obstacles, monitor, 5, 1)
     assert (verdict.level, verdict.contact_time) == (Level.STOP, 0.0)
     assert subjects(verdict, ReasonKind.INTERNAL_ERROR) == {"ZeroDivisionError"}
@@ -148,7 +148,7 @@ def test_an_error_in_the_watch_by_deadlines_loses_no_obstacle(part, monkeypatch)
     obstacles.remove(["goes"])
     see(obstacles, PERIOD, [0.6, 0.0, 0.5], ("comes",))
     with monkeypatch.context() as patch:
-        place = monitor._watch if part.startswith("_") else obstacle_watch
+        place = monitor._watch if part.startswith("_") else deadline
         patch.setattr(place, part, lambda *_: 1 // 0)
         (verdict,) = steps(monitor, 1, 1)
     assert ReasonKind.INTERNAL_ERROR in kinds(verdict)

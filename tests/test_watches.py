@@ -1,12 +1,12 @@
 import pytest
 
 from armguard.monitor_arguments import read_settings
-from armguard.obstacle_watch import ObstacleWatch
 from armguard.obstacles import Obstacles
-from armguard.pair_watch import PairWatch
 from armguard.pairs.arm import IgnoredPairs
 from armguard.robot import JointStates
-from armguard.schedules import SCHEDULES, make_schedule
+from armguard.scheduling import SCHEDULES, make_schedule
+from armguard.scheduling.deadline import ObstacleWatch
+from armguard.scheduling.pair_scheduler import PairWatch
 from armguard.watches import make_watch
 from support.panda_monitor import panda
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.schedules.wheel import SLOTS
+from armguard.scheduling.timing_wheel import SLOTS
 from armguard.verdict import Level
 from support import attackers, true_arm
 from support.adversary_score import Score

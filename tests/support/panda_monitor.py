@@ -7,7 +7,7 @@ import numpy as np
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
-from armguard.schedules import DaaSchedule
+from armguard.scheduling import DaaSchedule
 
 HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
 STILL = np.zeros(7)

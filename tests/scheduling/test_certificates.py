@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from armguard.jit import pack
-from armguard.obstacle_book import (
+from armguard.obstacles.table import ObstacleTable, make_states, resize_states
+from armguard.pairs.scene import UNKNOWN
+from armguard.scheduling.certificates import (
     ACTIVE,
     admit,
     dismiss,
@@ -16,10 +18,8 @@ from armguard.obstacle_book import (
     grow_book,
     make_book,
 )
-from armguard.obstacles.table import ObstacleTable, make_states, resize_states
-from armguard.pairs.scene import UNKNOWN
-from armguard.schedules.wheel import DUE, TURNING, WAITING, most_urgent, put_off
-from armguard.soonest import find_least, set_value
+from armguard.scheduling.timing_wheel import DUE, TURNING, WAITING, most_urgent, put_off
+from armguard.scheduling.tournament import find_least, set_value
 
 LINKS = 3
 NEWS = ObstacleTable().news

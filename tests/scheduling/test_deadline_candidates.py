@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from armguard.pairs.evaluate import find_unsafe_pair
-from armguard.schedules.wheel import NOBODY
+from armguard.scheduling.scheduler import Tick
+from armguard.scheduling.timing_wheel import NOBODY
 from armguard.verdict import Level, ReasonKind
-from armguard.watch import Tick
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from armguard.bounds.arm import ArmMotion
-from armguard.flagged import FlaggedCheck
 from armguard.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.hull_distance import ExactGeometry
 from armguard.robot import Kinematics
+from armguard.scheduling.flagged_pairs import FlaggedCheck
 from support.panda_monitor import HOME, panda
 
 KINEMATICS = Kinematics(panda())

@@ -1,4 +1,4 @@
-"""Schedules: which pairs to evaluate in this tick.
+"""Schedules of pairs: what the monitor asks of each, and their names.
 
 A schedule sees pair numbers and times only: neither arms nor obstacles. That is what lets the world
 of the paper and the monitor run on the same code. Each follows `Schedule`; a tick is
@@ -15,21 +15,9 @@ from typing import Protocol, runtime_checkable
 from numpy.typing import ArrayLike
 
 from armguard.exceptions import ArmguardError
-from armguard.schedules.arguments import IntegerArray, Measure
-from armguard.schedules.daa import DaaSchedule
-from armguard.schedules.distance import DistanceSchedule
-from armguard.schedules.full import FullSchedule
-
-__all__ = [
-    "DEADLINE",
-    "SCHEDULES",
-    "DaaSchedule",
-    "DistanceSchedule",
-    "FullSchedule",
-    "Measure",
-    "Schedule",
-    "make_schedule",
-]
+from armguard.scheduling.paper.arguments import IntegerArray, Measure
+from armguard.scheduling.paper.daa import DaaSchedule
+from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
 
 DEADLINE = "deadline"
 """The monitor's own schedule: it sees obstacles rather than pairs, in one compiled call a tick."""

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from armguard.exceptions import ArmguardError
 from armguard.jit.kernels import kernel
-from armguard.schedules.arguments import (
+from armguard.scheduling.paper.arguments import (
     FloatArray,
     IntegerArray,
     Measure,
@@ -35,7 +35,7 @@ from armguard.schedules.arguments import (
     refuse_settle,
     refuse_unknown,
 )
-from armguard.schedules.partition import (
+from armguard.scheduling.paper.partition import (
     PartitionLaw,
     compute_places_in_turn,
     compute_ticks_until_turn,

@@ -1,7 +1,9 @@
-"""full-DAA: evaluate every pair in every tick.
+"""Every pair in every tick, by contact time (full-DAA) or by distance alone (full-DF).
 
-The first reference of [Awareness]_: nothing is missed and nothing is saved. The ranking is made
-only when somebody asks for it, since the verdict needs the smallest time and not the order.
+The two references of [Awareness]_: nothing is missed and nothing is saved. By distance is what is
+usually done: the nearest pair first, whichever way it moves; in the monitor its time is the
+distance over the speed bounds of the pair. The ranking is made only when somebody asks for it,
+since the verdict needs the smallest time and not the order.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armguard.schedules.arguments import (
+from armguard.scheduling.paper.arguments import (
     FloatArray,
     IntegerArray,
     Measure,
@@ -108,3 +110,15 @@ class FullSchedule:
     def _change(self) -> None:
         self._stale = True
         self._awaiting = False
+
+
+class DistanceSchedule(FullSchedule):
+    """All pairs are due, measured by distance; none is ever flagged.
+
+    Attributes:
+        measure: What `settle` is to be given.
+        every_tick: Whether all pairs are due in every tick.
+    """
+
+    measure: Measure = "distance"
+    every_tick: bool = True

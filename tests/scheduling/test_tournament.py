@@ -5,7 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from armguard.soonest import find_below, find_least, grow_tournament, make_tournament, set_value
+from armguard.scheduling.tournament import (
+    find_below,
+    find_least,
+    grow_tournament,
+    make_tournament,
+    set_value,
+)
 
 VALUES = np.array([-math.inf, -1.0, 0.0, 0.5, 0.5, 3.0, 1e300, math.inf])
 

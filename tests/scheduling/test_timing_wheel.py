@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from armguard.schedules.wheel import (
+from armguard.scheduling.timing_wheel import (
     ABSENT,
     DUE,
     EARLY,

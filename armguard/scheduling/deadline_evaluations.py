@@ -18,7 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.jit.kernels import inlined_kernel, kernel
-from armguard.obstacle_book import (
+from armguard.obstacles.reference_states import allows_anchor, expire, keep_anchor
+from armguard.obstacles.table import clear_news
+from armguard.pairs.contact_time import arm_reach_time, is_known, link_time, pair_time, root_time
+from armguard.pairs.scene import REACH, UNKNOWN, FloatArray, IntArray, Scene, prepare_arm
+from armguard.robot.joint_acceptance import Guard
+from armguard.scheduling.certificates import (
     ACTIVE,
     BROKEN,
     LOOKS,
@@ -30,12 +35,7 @@ from armguard.obstacle_book import (
     first_link,
     void,
 )
-from armguard.obstacles.reference_states import allows_anchor, expire, keep_anchor
-from armguard.obstacles.table import clear_news
-from armguard.pairs.contact_time import arm_reach_time, is_known, link_time, pair_time, root_time
-from armguard.pairs.scene import REACH, UNKNOWN, FloatArray, IntArray, Scene, prepare_arm
-from armguard.robot.joint_acceptance import Guard
-from armguard.schedules.wheel import (
+from armguard.scheduling.timing_wheel import (
     NOBODY,
     TURNING,
     WAITING,
@@ -44,7 +44,7 @@ from armguard.schedules.wheel import (
     put_off,
     turn,
 )
-from armguard.soonest import find_least, set_value
+from armguard.scheduling.tournament import find_least, set_value
 
 RECENT = 4096
 """Looks over which their price is averaged."""

@@ -11,8 +11,8 @@ from armguard.jit.kernels import kernel
 from armguard.jit.layout import make_records
 from armguard.obstacles.table import News, States, extend_rows, make_states
 from armguard.pairs.scene import UNKNOWN, FloatArray, IntArray
-from armguard.schedules.wheel import Wheel, grow_wheel, make_due, make_wheel, take_out
-from armguard.soonest import find_least, grow_tournament, make_tournament, set_value
+from armguard.scheduling.timing_wheel import Wheel, grow_wheel, make_due, make_wheel, take_out
+from armguard.scheduling.tournament import find_least, grow_tournament, make_tournament, set_value
 
 UNSEEN, UNPLACED = -3, -2
 """In place of a row, where nothing was looked at yet, or the arm must be placed first."""

@@ -12,12 +12,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.obstacle_book import UNSEEN
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.scene import FloatArray, IntArray
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_acceptance import NOBODY as NO_JOINT
-from armguard.schedules.wheel import NOBODY
+from armguard.scheduling.certificates import UNSEEN
+from armguard.scheduling.timing_wheel import NOBODY
 
 Seen = tuple[int, int, float, float, float, int, int, float, int, int, int]
 """What an advance saw, as compiled code returns it: what was found of the joint state, below 0

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armguard.exceptions import ArmguardError
-from armguard.schedules import DaaSchedule, Schedule
+from armguard.scheduling import DaaSchedule, Schedule
 
 PERIOD = 0.125  # a power of two, so that sums of ticks are exact
 LAWS = [(p, s) for p in ("powers", "fibonacci") for s in ("partial", "total")]

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from armguard.obstacle_looks import CROWD, time_to_spare
 from armguard.pairs.evaluate import evaluate
 from armguard.robot.stop_time import compute_stop_time
-from armguard.schedules.wheel import take_out
+from armguard.scheduling.deadline_evaluations import CROWD, time_to_spare
+from armguard.scheduling.timing_wheel import take_out
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, make_monitor, panda, see, steps
 

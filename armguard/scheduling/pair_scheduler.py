@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
-from armguard.flagged import FlaggedCheck
-from armguard.ledger import PairLedger
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.table import clear_news
 from armguard.pairs.arm import WatchedArm
@@ -21,8 +19,18 @@ from armguard.pairs.evaluate import evaluate, find_unsafe_pair
 from armguard.pairs.scene import REACH, FloatArray, IntArray
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
-from armguard.schedules import Schedule
-from armguard.watch import NOTHING_SEEN, Listing, Look, Recollection, Seen, Tick, Unsafe
+from armguard.scheduling.flagged_pairs import FlaggedCheck
+from armguard.scheduling.pair_certificates import PairLedger
+from armguard.scheduling.schedule import Schedule
+from armguard.scheduling.scheduler import (
+    NOTHING_SEEN,
+    Listing,
+    Look,
+    Recollection,
+    Seen,
+    Tick,
+    Unsafe,
+)
 
 
 class PairWatch:

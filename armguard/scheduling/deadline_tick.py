@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from armguard.jit.kernels import kernel
-from armguard.obstacle_book import UNSEEN
-from armguard.obstacle_looks import look
 from armguard.pairs.scene import FloatArray
 from armguard.robot.joint_acceptance import BELIEVED, accept
+from armguard.scheduling.certificates import UNSEEN
+from armguard.scheduling.deadline_evaluations import look
 
 
 @kernel
@@ -35,7 +35,7 @@ def advance(
         may_look: Whether there is nothing to be seen to between state and look.
 
     Returns:
-        See `watch.Seen`.
+        See `scheduler.Seen`.
     """
     found, joint, stop_time, late_stop_time = accept(handle.content.guard, stamp, q, v, now)
     if found != BELIEVED or not may_look:

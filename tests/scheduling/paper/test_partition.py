@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armguard.exceptions import ArmguardError
-from armguard.schedules.partition import (
+from armguard.scheduling.paper.partition import (
     compute_places_in_turn,
     compute_ticks_until_turn,
     make_partition,

@@ -14,7 +14,7 @@ import numpy as np
 
 from armguard.exceptions import ArmguardError
 from armguard.jit.kernels import kernel
-from armguard.schedules.arguments import IntegerArray
+from armguard.scheduling.paper.arguments import IntegerArray
 
 PartitionLaw: TypeAlias = Literal["powers", "fibonacci"]
 

@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armguard.bounds.arm import ArmMotion
-from armguard.ledger import NOBODY, PairLedger
 from armguard.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import DISTANCE, ISOTROPIC
 from armguard.robot import Kinematics
+from armguard.scheduling.pair_certificates import NOBODY, PairLedger
 from support.panda_monitor import HOME, panda
 
 LINKS = 3

@@ -1,7 +1,7 @@
 """The watch that looks at each obstacle in time, in one compiled call a tick.
 
 The schedule is `deadline`: each obstacle is due when it could matter to a stop, or when the answer
-about it would look stale. What it knows is in `obstacle_book`; here arrays are made, grown and
+about it would look stale. What it knows is in `certificates`; here arrays are made, grown and
 handed over.
 """
 
@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.jit.handle import machine_code, pack
-from armguard.obstacle_book import (
+from armguard.obstacles.obstacles import Obstacles
+from armguard.pairs.arm import WatchedArm
+from armguard.pairs.evaluate import evaluate
+from armguard.pairs.scene import FloatArray, IntArray
+from armguard.robot.joint_states import JointStates
+from armguard.robot.robot import Robot
+from armguard.scheduling.certificates import (
     ACTIVE,
     BROKEN,
     LOOKS,
@@ -30,17 +36,19 @@ from armguard.obstacle_book import (
     grow_book,
     make_book,
 )
-from armguard.obstacle_looks import Watching, look
-from armguard.obstacle_suspects import find_near, find_unsafe
-from armguard.obstacle_tick import advance
-from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs.arm import WatchedArm
-from armguard.pairs.evaluate import evaluate
-from armguard.pairs.scene import FloatArray, IntArray
-from armguard.robot.joint_states import JointStates
-from armguard.robot.robot import Robot
-from armguard.schedules.wheel import NOBODY, SLOTS
-from armguard.watch import NOTHING_SEEN, Listing, Look, Recollection, Seen, Tick, Unsafe
+from armguard.scheduling.deadline_candidates import find_near, find_unsafe
+from armguard.scheduling.deadline_evaluations import Watching, look
+from armguard.scheduling.deadline_tick import advance
+from armguard.scheduling.scheduler import (
+    NOTHING_SEEN,
+    Listing,
+    Look,
+    Recollection,
+    Seen,
+    Tick,
+    Unsafe,
+)
+from armguard.scheduling.timing_wheel import NOBODY, SLOTS
 
 UNLIMITED = 2**62
 """A budget that nothing exceeds."""

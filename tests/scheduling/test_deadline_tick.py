@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from armguard.obstacle_book import UNPLACED, UNSEEN
 from armguard.robot.joint_acceptance import BELIEVED
+from armguard.scheduling.certificates import UNPLACED, UNSEEN
 from support.panda_monitor import HOME, STILL, make_monitor, see, steps
 
 FAR, NEAR = [8.0, 0.0, 0.5], [0.9, 0.0, 0.5]

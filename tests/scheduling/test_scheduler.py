@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from armguard.exceptions import ArmguardError
-from armguard.ledger import NOBODY
-from armguard.schedules.wheel import NOBODY as NO_ENTRY
-from armguard.watch import Tick
+from armguard.scheduling.pair_certificates import NOBODY
+from armguard.scheduling.scheduler import Tick
+from armguard.scheduling.timing_wheel import NOBODY as NO_ENTRY
 from support.panda_monitor import FAR, HOME, PERIOD, STILL, make_monitor, panda, see
 
 LINKS = len(panda().links)

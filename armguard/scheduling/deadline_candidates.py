@@ -9,11 +9,11 @@ import sys
 from typing import Any
 
 from armguard.jit.kernels import kernel
-from armguard.obstacle_book import PREPARED
 from armguard.pairs.contact_time import RESTS, UNDECIDED, rests_in_time
 from armguard.pairs.scene import IntArray, prepare_arm
-from armguard.schedules.wheel import NOBODY
-from armguard.soonest import find_below
+from armguard.scheduling.certificates import PREPARED
+from armguard.scheduling.timing_wheel import NOBODY
+from armguard.scheduling.tournament import find_below
 
 LATEST = sys.float_info.max
 """Latest time that is asked for: what nobody watches has no end, nor has what never moves near."""
@@ -37,7 +37,7 @@ def find_unsafe(
     obstacle at hand counts as unsafe.
 
     Args:
-        handle: On what a look is handed, `obstacle_looks.Watching`.
+        handle: On what a look is handed, `deadline_evaluations.Watching`.
         now: Time of the tick on the obstacles' clock, in [s].
         time: The same since the monitor's epoch.
         tick: Number of the tick.

@@ -1,0 +1,21 @@
+"""What is evaluated in which tick, and until when each certificate holds.
+
+`deadline` is the monitor's own schedule, over obstacles; schedules over pairs of link and obstacle
+follow `Schedule`, and those of the paper stand in `paper`.
+"""
+
+from armguard.scheduling.paper.arguments import Measure
+from armguard.scheduling.paper.daa import DaaSchedule
+from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
+from armguard.scheduling.schedule import DEADLINE, SCHEDULES, Schedule, make_schedule
+
+__all__ = [
+    "DEADLINE",
+    "SCHEDULES",
+    "DaaSchedule",
+    "DistanceSchedule",
+    "FullSchedule",
+    "Measure",
+    "Schedule",
+    "make_schedule",
+]
