@@ -21,7 +21,7 @@ from armguard import bounds, contact, people
 from armguard.contact import certificate
 from armguard.cover.cover import Cover
 from armguard.exceptions import ArmguardError
-from armguard.monitor import Monitor
+from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.robot import Robot
 from armguard.verdict import Level, Reason, Verdict

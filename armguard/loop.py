@@ -19,7 +19,7 @@ from armguard.clock import Clock, MonotonicClock
 from armguard.ending import complain
 from armguard.garbage import IdleCollector
 from armguard.latency import Durations
-from armguard.monitor import Monitor
+from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
 from armguard.realtime import Realtime, request_realtime
 from armguard.streams import (

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from armguard.latency import Durations
-from armguard.monitor import Monitor
+from armguard.monitor.monitor import Monitor
 from armguard.verdict import Verdict
 from armguard.view.buckets import compute_buckets
 from armguard.view.feed import (

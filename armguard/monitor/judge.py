@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from armguard.committed_plan import CommittedPlan
 from armguard.contact.earliest import Certificate
-from armguard.monitor_arguments import MonitorSettings
+from armguard.monitor.committed_plan import CommittedPlan
+from armguard.monitor.levels import VerdictRule
+from armguard.monitor.settings import MonitorSettings
+from armguard.monitor.stop_decision import StopDecision
 from armguard.pairs.proof import compile_proof
 from armguard.pairs.scene import BOUND_NAMES
 from armguard.pairs.separation_margin import SeparationMargin, SeparationRule
@@ -17,8 +19,7 @@ from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Look, Tick, Watch
 from armguard.scheduling.timing_wheel import NOBODY
-from armguard.stop_decision import StopDecision
-from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict, VerdictRule
+from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict
 
 
 class Judge:

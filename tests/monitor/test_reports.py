@@ -1,9 +1,23 @@
 """What observers are shown must be what the monitor said, and their own to keep."""
 
+import math
+
 import numpy as np
 import pytest
 
 from armguard import Monitor, Obstacles, Robot
+from armguard.monitor.reports import BUCKETS, bucket_of
+
+
+def test_buckets():
+    assert [bucket_of(time, 0.001) for time in (0.0, 0.001, 0.0019, 0.0021, 0.0041)] == [
+        0, 0, 0, 1, 2,
+    ]  # fmt: skip
+    for time in (65.537, 1e9, 1e308, math.inf, math.nextafter(65.536, 0.0)):
+        assert bucket_of(time, 0.001) == BUCKETS - 1
+    assert bucket_of(math.nan, 0.001) == 0
+    assert bucket_of(1e308, 5e-324) == BUCKETS - 1
+
 
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 EVERYTHING = {"pair_limit": 10_000, "row_limit": 10_000}

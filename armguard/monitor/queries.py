@@ -5,16 +5,15 @@ Nothing here is part of a tick, and nothing here changes what the next one says.
 
 from __future__ import annotations
 
-from armguard.explain import Explanation, explain_pair
-from armguard.foresight import Attention, Headroom, predict_headroom, rank_attention
-from armguard.monitor_arguments import MonitorSettings, read_limit
+from armguard.monitor.explain import Explanation, explain_pair
+from armguard.monitor.headroom import Attention, Headroom, predict_headroom, rank_attention
+from armguard.monitor.reports import PairReport, Snapshot, report_pair, take_snapshot
+from armguard.monitor.settings import MonitorSettings, read_limit
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pair_reports import PairReport, report_pair
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Look, Tick, Watch
 from armguard.scheduling.timing_wheel import NOBODY
-from armguard.snapshot import Snapshot, take_snapshot
 
 
 class MonitorAnswers:

@@ -17,12 +17,13 @@ import pinocchio
 from numpy.typing import ArrayLike
 
 from armguard.bounds.planned.plan import Plan
-from armguard.committed_plan import PlanVerdict, refuse_plan
 from armguard.exceptions import ArmguardError
-from armguard.judgement import Judge
-from armguard.monitor_answers import MonitorAnswers
-from armguard.monitor_arguments import read_number, read_settings
-from armguard.obstacle_reasons import describe_no_sources, take_obstacle_reasons
+from armguard.monitor.committed_plan import PlanVerdict, refuse_plan
+from armguard.monitor.judge import Judge
+from armguard.monitor.levels import VerdictRule
+from armguard.monitor.obstacle_reasons import describe_no_sources, take_obstacle_reasons
+from armguard.monitor.queries import MonitorAnswers
+from armguard.monitor.settings import make_watch, read_number, read_settings
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm import IgnoredPairs
 from armguard.pairs.separation_margin import SeparationRule
@@ -31,15 +32,7 @@ from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import Schedule
 from armguard.scheduling.scheduler import NOTHING_FOUND, Look, Seen, Tick
-from armguard.verdict import (
-    Effect,
-    Level,
-    Reason,
-    ReasonKind,
-    Verdict,
-    VerdictRule,
-)
-from armguard.watches import make_watch
+from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict
 
 NEVER = -sys.float_info.max
 """Time of the last tick before the first one, in [s]."""

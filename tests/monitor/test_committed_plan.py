@@ -6,9 +6,8 @@ import pytest
 from coal import Sphere
 
 from armguard.bounds import Plan
-from armguard.committed_plan import PlanVerdict
 from armguard.exceptions import ArmguardError
-from armguard.monitor import Monitor
+from armguard.monitor import Monitor, PlanVerdict
 from armguard.obstacles import Obstacles, table
 from armguard.robot import Robot
 from armguard.verdict import Effect, Level, ReasonKind

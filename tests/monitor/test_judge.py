@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armguard.contact import certificate
-from armguard.judgement import Judge
+from armguard.monitor.judge import Judge
 from armguard.pairs import SeparationRule
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, STILL, kinds, make_monitor, see, steps

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from armguard.foresight import predict_headroom
+from armguard.monitor.headroom import predict_headroom
 from armguard.verdict import ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, see
 

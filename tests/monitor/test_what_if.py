@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from armguard.monitor.what_if import UNCHANGED, Change, contact_times
 from armguard.obstacles import Obstacles
-from armguard.what_if import UNCHANGED, Change, contact_times
 from support.panda_monitor import HOME, PERIOD, STILL, make_monitor, panda, see
 
 NOW = 20 * PERIOD

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from armguard.bounds import BrakingMotion
+from armguard.monitor.stop_decision import StopDecision
 from armguard.robot import Robot
-from armguard.stop_decision import StopDecision
 from armguard.verdict import Level
 from support.adversary import Hunt
 from support.panda_monitor import HOME, PERIOD, STILL, make_monitor, panda, see, steps

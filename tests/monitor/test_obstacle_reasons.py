@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from armguard import Obstacles
-from armguard.obstacle_reasons import take_obstacle_reasons
+from armguard.monitor.obstacle_reasons import take_obstacle_reasons
 from armguard.verdict import Effect, ReasonKind
 
 STILL = [[0.0, 0.0, 0.0]]

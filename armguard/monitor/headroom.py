@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.monitor.what_if import Change, contact_times
 from armguard.pairs.evaluate import TickState
 from armguard.scheduling.scheduler import Listing, Tick
-from armguard.what_if import Change, contact_times
 
 
 class Headroom(NamedTuple):

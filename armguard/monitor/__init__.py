@@ -1,0 +1,21 @@
+"""`Monitor`: from joint states and obstacles to a verdict in every tick.
+
+Its judge, the decision to stop, the plan it follows, and what can be asked of it between ticks.
+"""
+
+from armguard.monitor.committed_plan import PlanVerdict
+from armguard.monitor.explain import Explanation, Gain
+from armguard.monitor.headroom import Attention, Headroom
+from armguard.monitor.monitor import Monitor
+from armguard.monitor.reports import PairReport, Snapshot
+
+__all__ = [
+    "Attention",
+    "Explanation",
+    "Gain",
+    "Headroom",
+    "Monitor",
+    "PairReport",
+    "PlanVerdict",
+    "Snapshot",
+]

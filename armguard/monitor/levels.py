@@ -1,0 +1,124 @@
+"""From contact time and faults to a level.
+
+The level falls at once and rises only after `hold` seconds of evidence, so that a verdict never
+flutters upwards. Whatever is unknown counts as the worst case, which is STOP.
+"""
+
+from __future__ import annotations
+
+import math
+
+from armguard.verdict import Level, Reason, ReasonKind
+
+
+class VerdictRule:
+    """From contact time and faults to a level, with memory for `hold` and latched faults.
+
+    The level given out is the lowest raw level of the last `hold` seconds: it falls at once, and
+    rises when the whole of that time spoke for it. The first complete verdict after construction
+    stands at once.
+
+    Args:
+        slow_margin: Below stop time plus this, in [s], the level is SLOW.
+        aware_margin: Below stop time plus this, in [s], the level is AWARE.
+        hold: How long, in [s], evidence must last before a level rises.
+    """
+
+    def __init__(self, slow_margin: float, aware_margin: float, hold: float) -> None:
+        self.slow_margin = slow_margin
+        self.aware_margin = aware_margin
+        self.hold = hold
+        self.latched: dict[ReasonKind, Reason] = {}
+        self._settled = False
+        self._was_reset = False
+        self._last_at: list[float] = [-math.inf] * len(Level)
+        self._low_at = -math.inf
+
+    def reset(self) -> None:
+        """Forget latched faults and held levels; the next tick counts as evidence for STOP.
+
+        What latched was no passing thing, so levels rise only when there was evidence for `hold`
+        seconds again. Time may start anew.
+        """
+        self.latched.clear()
+        self._settled = self._was_reset = True
+        self._last_at = [-math.inf] * len(Level)
+        # Until then nothing is clear, whatever the time is.
+        self._low_at = math.inf
+
+    def latch(self, reason: Reason, since: str) -> None:
+        """Hold STOP for a reason until `reset()`; the first of a kind is the one kept.
+
+        Args:
+            reason: Why.
+            since: When, in words; becomes part of its detail.
+        """
+        if reason.kind not in self.latched:
+            detail = f"{reason.detail}; latched since {since}".removeprefix("; ")
+            self.latched[reason.kind] = reason._replace(detail=detail)
+
+    def is_clear(self, now: float) -> bool:
+        """Whether at `now`, in [s], nothing keeps the level below what the tick itself earns."""
+        return self._settled and not self.latched and not now - self._low_at < self.hold
+
+    def grade(self, contact_time: float, stop_time: float, *, rests: bool = False) -> Level:
+        """The level that one contact time earns by itself.
+
+        Args:
+            contact_time: In [s] from now.
+            stop_time: Time to come to rest, in [s] from now.
+            rests: Whether the arm is known to rest before any contact, if it brakes after the next
+                tick: then there is no need to stop now, however short the contact time.
+        """
+        if not contact_time > stop_time and not (rests and contact_time >= 0.0):
+            return Level.STOP
+        if not contact_time > stop_time + self.slow_margin:
+            return Level.SLOW
+        if not contact_time > stop_time + self.aware_margin:
+            return Level.AWARE
+        return Level.CLEAR
+
+    def decide(
+        self,
+        now: float,
+        contact_time: float,
+        stop_time: float,
+        *,
+        complete: bool,
+        standing: bool,
+        rests: bool = False,
+    ) -> tuple[Level, bool]:
+        """The level to give out at `now`, and whether earlier evidence holds it down.
+
+        Args:
+            now: Time of this tick, in [s], never less than at the call before.
+            contact_time: Earliest possible contact, in [s] from now.
+            stop_time: Time to come to rest, in [s] from now.
+            complete: Whether a certificate in force stands behind every pair.
+            standing: Whether a standing fault is present in this tick.
+            rests: As for `grade`.
+        """
+        raw = self.grade(contact_time, stop_time, rests=rests)
+        if standing or self.latched or not complete:
+            raw = Level.STOP
+        if not self._settled:
+            if self.latched or not complete:
+                return Level.STOP, False
+            self._settled = True
+            self._last_at = [-math.inf] * len(Level)
+            self._low_at = -math.inf
+        if self._was_reset:
+            self._was_reset = False
+            self._last_at[Level.STOP] = self._low_at = now
+        self._last_at[raw] = now
+        if raw is not Level.CLEAR:
+            self._low_at = now
+        elif not now - self._low_at < self.hold:
+            # The usual case: nothing lower for long.
+            return raw, False
+        for level in Level:
+            if level >= raw:
+                break
+            if now - self._last_at[level] < self.hold:
+                return level, True
+        return raw, False
