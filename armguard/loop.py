@@ -22,19 +22,11 @@ from armguard.latency import Durations
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
 from armguard.realtime import Realtime, request_realtime
-from armguard.streams import (
-    JOINTS_ADDRESS,
-    OBSTACLES_ADDRESS,
-    VERDICTS_ADDRESS,
-    Edge,
-    FaultLog,
-    Input,
-    LineInput,
-    PacedInput,
-    SocketInput,
-    StampClock,
-    VerdictPublisher,
-)
+from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
+from armguard.streams.edge import Edge, StampClock
+from armguard.streams.faults import FaultLog
+from armguard.streams.inputs import Input, LineInput, PacedInput, SocketInput
+from armguard.streams.nodes import VerdictPublisher
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
 
 LONGEST_SPELL = 0.19

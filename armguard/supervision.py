@@ -18,8 +18,14 @@ from armguard.cell import Cell
 from armguard.ending import COMPLAINT, complain
 from armguard.exceptions import ArmguardError, StreamError
 from armguard.loop import RateLoop, run
-from armguard.streams import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS, Publisher
-from armguard.streams.addresses import check_address, check_free
+from armguard.streams.addresses import (
+    JOINTS_ADDRESS,
+    OBSTACLES_ADDRESS,
+    VERDICTS_ADDRESS,
+    check_address,
+    check_free,
+)
+from armguard.streams.nodes import Publisher
 from armguard.summary import draw_summary, summarise
 from armguard.tally import Tally
 from armguard.verdict import Verdict

@@ -31,7 +31,7 @@ from armguard.simulation import (
     random_trajectory,
 )
 from armguard.simulation.person import DURATIONS
-from armguard.streams import Publisher, VerdictReader
+from armguard.streams.nodes import Publisher, VerdictReader
 
 ROBOT = "panda"
 
