@@ -31,6 +31,7 @@ ROOMS = {
     "scheduling": "pairs bounds robot cover obstacles contact jit",
     "monitor": "scheduling pairs bounds robot cover obstacles contact jit verdict",
     "streams": "obstacles contact verdict clock",
+    "view": "streams robot",
 }
 
 # Still to be moved, and free of the law.
@@ -54,7 +55,6 @@ WAITING = {
     "demo",
     "people",
     "simulation",
-    "view",
 }
 
 # Single imports against the law, each to be mended: a module and what it imports.

@@ -23,7 +23,7 @@ from rich.table import Table
 
 from armguard.ending import describe_end
 from armguard.summary import COLORS
-from armguard.view.feed import FrameMessage, decode_message
+from armguard.view.messages import FrameMessage, decode_message
 from armguard.view.process import ViewProcess
 
 REFRESH = 0.1

@@ -7,7 +7,7 @@ view or a browser may be, no tick of the monitor is ever delayed by it.
 """
 
 from armguard.view.buckets import NO_BUCKET, compute_buckets
-from armguard.view.feed import (
+from armguard.view.messages import (
     FrameMessage,
     LinkCover,
     Obstacles,

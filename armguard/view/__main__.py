@@ -8,7 +8,7 @@ import os
 import sys
 
 from armguard.exceptions import ArmguardError
-from armguard.view.watch import watch
+from armguard.view.viewer import watch
 
 NICENESS = 10
 """Drawing gives way to whatever else the machine has to do: the monitor, above all."""

@@ -17,12 +17,12 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
-from armguard.cover.triangulation import triangulate
 from armguard.exceptions import ArmguardError
+from armguard.robot import triangulate
 from armguard.robot.description import find_example_urdf, find_robot, read_description
 from armguard.robot.urdf import read_urdf
 from armguard.view.drawing import Command, draw_collada, draw_triangles
-from armguard.view.feed import SceneMessage
+from armguard.view.messages import SceneMessage
 
 PLAIN_COLOUR = (0.82, 0.84, 0.87)
 

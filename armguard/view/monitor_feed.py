@@ -15,7 +15,7 @@ from armguard.latency import Durations
 from armguard.monitor.monitor import Monitor
 from armguard.verdict import Verdict
 from armguard.view.buckets import compute_buckets
-from armguard.view.feed import (
+from armguard.view.messages import (
     FrameMessage,
     LinkCover,
     Load,

@@ -11,7 +11,7 @@ from types import TracebackType
 import zmq
 
 from armguard.streams.addresses import check_address, check_free, explain, remove_file
-from armguard.view.feed import FrameMessage, SceneMessage, encode_message
+from armguard.view.messages import FrameMessage, SceneMessage, encode_message
 
 SCENE_INTERVAL = 15
 """Frames after which the scene is told again, for views that attached late."""

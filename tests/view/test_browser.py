@@ -9,7 +9,7 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 from armguard.view import FramePublisher, VerdictSummary, launch
-from armguard.view.feed import Load
+from armguard.view.messages import Load
 from support.view_picture import CHROMIUM, FLAGS, TIMEOUT, settle, wait_until_drawn
 from support.view_samples import make_frame, make_scene
 

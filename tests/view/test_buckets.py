@@ -3,11 +3,10 @@ import math
 import numpy as np
 import pytest
 
+from armguard.view import NO_BUCKET, compute_buckets
 from armguard.view.buckets import (
     BUCKET_COUNT,
-    NO_BUCKET,
     NO_BUCKET_COLOUR,
-    compute_buckets,
     compute_colours,
     describe_buckets,
     format_colour,

@@ -6,8 +6,8 @@ import pytest
 
 from armguard import Monitor, Obstacles, Robot
 from armguard.latency import Durations
-from armguard.view.buckets import compute_buckets
-from armguard.view.feed import FrameMessage, SceneMessage, decode_message, encode_message
+from armguard.view import FrameMessage, SceneMessage, compute_buckets
+from armguard.view.messages import decode_message, encode_message
 from armguard.view.monitor_feed import INTERVAL, PAIR_LIMIT, ROW_LIMIT, MonitorFeed
 
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])

@@ -5,7 +5,7 @@ import zmq
 
 from armguard.exceptions import ArmguardError
 from armguard.view import FramePublisher, SceneMessage
-from armguard.view.feed import decode_message
+from armguard.view.messages import decode_message
 from armguard.view.publisher import SCENE_INTERVAL
 from support.view_samples import make_frame, make_scene
 

@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 
 from armguard.exceptions import ArmguardError
-from armguard.view.feed import (
-    LinkCover,
-    Obstacles,
-    Pairs,
-    VerdictSummary,
-    decode_message,
-    encode_message,
-)
+from armguard.view import LinkCover, Obstacles, Pairs, VerdictSummary
+from armguard.view.messages import decode_message, encode_message
 from support.view_samples import make_frame, make_scene
 
 

@@ -25,7 +25,7 @@ from armguard.view.buckets import (
     parse_colour,
 )
 from armguard.view.drawing import Command
-from armguard.view.feed import FrameMessage, Obstacles, Pairs, SceneMessage
+from armguard.view.messages import FrameMessage, Obstacles, Pairs, SceneMessage
 
 ROOT = "/armguard"
 COVER_OPACITY = 0.2

@@ -8,7 +8,7 @@ import zmq
 from tornado.httpclient import HTTPClient
 
 from armguard.view import FramePublisher, launch
-from armguard.view.feed import encode_message
+from armguard.view.messages import encode_message
 from support.view_samples import make_frame, make_scene
 
 TIMEOUT = 10.0

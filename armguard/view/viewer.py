@@ -14,9 +14,9 @@ import zmq.asyncio
 
 from armguard.exceptions import ArmguardError
 from armguard.view import drawing
-from armguard.view.feed import FrameMessage, SceneMessage, decode_message
 from armguard.view.latest import LatestValues
-from armguard.view.scene import ROOT, Scene
+from armguard.view.messages import FrameMessage, SceneMessage, decode_message
+from armguard.view.picture import ROOT, Scene
 from armguard.view.server import ViewServer
 
 PARENT_CHECK_INTERVAL = 0.25

@@ -6,7 +6,7 @@ import pytest
 from armguard.robot.description import find_example_urdf
 from armguard.view import NO_BUCKET, Obstacles, Pairs, compute_buckets
 from armguard.view.buckets import REFUSED_COLOUR, compute_colours, parse_colour
-from armguard.view.scene import Scene
+from armguard.view.picture import Scene
 from support.view_samples import PERIOD, make_frame, make_scene, read_command
 
 
