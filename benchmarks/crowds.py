@@ -17,7 +17,7 @@ from armguard.bounds import IsotropicMotion
 from armguard.obstacles import Obstacles
 from armguard.robot import Kinematics
 from armguard.robot.stop_time import compute_stop_time
-from armguard.simulation.trajectory import JointTrajectory
+from armguard.simulation import JointTrajectory
 
 RATE = 1000.0  # of ticks, [Hz]
 LATENCY, REACTION_TIME = 0.002, 0.02  # the monitor's defaults, [s]

@@ -42,9 +42,8 @@ import numpy as np
 from armguard.obstacles import Obstacles
 from armguard.pairs.separation import HUMAN_SPEED
 from armguard.robot import Robot
-from armguard.simulation import Recording, random_trajectory
+from armguard.simulation import Recording, keeps_within, random_trajectory
 from armguard.simulation.bodies import BODIES, POINTS
-from armguard.simulation.trajectory import keeps_within
 from stop_rules import (
     BrakingRule,
     IsotropicRule,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from armguard.robot import Robot
-from armguard.simulation.trajectory import random_trajectory
+from armguard.simulation import random_trajectory
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 

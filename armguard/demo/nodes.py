@@ -21,16 +21,12 @@ from numpy.typing import ArrayLike
 
 from armguard.ending import end_with
 from armguard.robot.robot import Robot
-from armguard.simulation import (
-    ObstacleSource,
-    ProceduralPerson,
-    Recording,
-    SimulatedArm,
-    WanderingBalls,
-    keeps_within,
-    random_trajectory,
-)
-from armguard.simulation.person import DURATIONS
+from armguard.simulation.arm import SimulatedArm
+from armguard.simulation.balls import WanderingBalls
+from armguard.simulation.person import DURATIONS, ProceduralPerson
+from armguard.simulation.recordings import Recording
+from armguard.simulation.sources import ObstacleSource
+from armguard.simulation.trajectory import keeps_within, random_trajectory
 from armguard.streams.nodes import Publisher, VerdictReader
 
 ROBOT = "panda"
