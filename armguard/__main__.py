@@ -2,7 +2,7 @@
 
 import sys
 
-from armguard.cli import main
+from armguard.app.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 import zmq
 
-from armguard.cell import Cell
+from armguard.app.cell import Cell
+from armguard.app.loop import RateLoop
+from armguard.app.view_feed import MonitorFeed
 from armguard.clock import MonotonicClock
-from armguard.loop import RateLoop
 from armguard.simulation import ProceduralPerson
 from armguard.streams import Edge, FaultLog, VerdictPublisher
 from armguard.streams.messages import JointsMessage, encode
 from armguard.view import FramePublisher, launch
-from armguard.view.monitor_feed import MonitorFeed
 
 CELL = '[robot]\nname = "panda"\n[sources.person]\n'
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])

@@ -10,8 +10,8 @@ import time
 import numpy as np
 import pytest
 
+from armguard.app.cli import main
 from armguard.bounds import IsotropicMotion
-from armguard.cli import main
 from armguard.cover.containment import is_contained
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles

@@ -1,0 +1,370 @@
+"""`Cell`: a cell file made into robot, obstacles and monitor.
+
+The file says what is particular to one cell: which arm stands where, which sensors look at it and
+with which clocks, what never moves, and how careful to be. The same file is what a run, a replay
+and a study start from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, TypeVar
+
+import coal
+import numpy as np
+import pinocchio
+from msgspec import UNSET
+from numpy.typing import NDArray
+
+from armguard.app.cell.frames import place_statics, read_rotation, resolve_frames
+from armguard.app.cell.schema import (
+    CellTables,
+    PatternTable,
+    SourceTable,
+    ToolTable,
+    given,
+    make_error,
+    parse_cell,
+)
+from armguard.exceptions import ArmguardError, CellError, RobotError
+from armguard.monitor.monitor import Monitor
+from armguard.obstacles.frames import Frame
+from armguard.obstacles.obstacles import Obstacles
+from armguard.obstacles.sources import Source
+from armguard.pairs.separation_margin import SeparationRule
+from armguard.people import BOUNDS
+from armguard.robot.robot import Robot
+from armguard.streams.edge import HELD_UP
+
+_T = TypeVar("_T")
+
+
+class Cell:
+    """A checked cell file; made by `Cell.load` or `Cell.from_text`.
+
+    Attributes:
+        file: Name of the file, for messages.
+        tables: What it says, as read.
+        frames: Placements in the world by name, "world" and "base" (the robot's) among them.
+    """
+
+    def __init__(self, tables: CellTables, file: str, folder: Path) -> None:
+        self.file = file
+        self.tables = tables
+        self._folder = folder
+        self._check_robot()
+        self._check_tool()
+        self._check_sources()
+        self._patterns = self._list_bounds(tables.bounds.of)
+        self.frames = resolve_frames(tables, file)
+        self._statics = place_statics(tables, self.frames, file)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Cell:
+        """Read a cell file; paths inside it are relative to its folder.
+
+        Raises:
+            CellError: If it cannot be read or says something impossible.
+        """
+        path = Path(path)
+        try:
+            text = path.read_bytes().decode()
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
+            raise CellError(str(path), f"cannot be read ({reason})") from None
+        return cls(parse_cell(text, str(path)), str(path), path.parent)
+
+    @classmethod
+    def from_text(cls, text: str, folder: str | Path = ".") -> Cell:
+        """Read a cell from TOML text; paths inside it are relative to `folder`.
+
+        Raises:
+            CellError: If it says something impossible.
+        """
+        return cls(parse_cell(text, "cell"), "cell", Path(folder))
+
+    def build(self) -> tuple[Robot, Obstacles, Monitor]:
+        """Robot, obstacles and the monitor that watches them.
+
+        Raises:
+            CellError: If the robot cannot be made, or something in the file does not fit it.
+        """
+        robot = self.make_robot()
+        obstacles = self.make_obstacles()
+        return robot, obstacles, self.make_monitor(robot, obstacles)
+
+    @property
+    def urdf(self) -> tuple[str, list[str]]:
+        """Path of the robot's own URDF and its package folders; empty for a known robot."""
+        table = self.tables.robot
+        if table.urdf is None:
+            return "", []
+        folders = [str(self._folder / folder) for folder in table.package_dirs]
+        return str(self._folder / table.urdf), folders
+
+    @property
+    def sources(self) -> dict[str, SourceTable]:
+        """The sources that the file names."""
+        return {} if self.tables.sources is UNSET else self.tables.sources
+
+    def make_robot(self) -> Robot:
+        """The robot that the file names, with its tool and what its clock adds to its errors."""
+        robot = self._make_bare_robot()
+        joint_state = self.tables.joint_state
+        # Comparing two clocks takes a moment, within which a stamp may be off.
+        clock_error = joint_state.clock_error + HELD_UP * (joint_state.clock == "unix")
+        if clock_error > 0.0:
+            _allow_clock_error(robot, clock_error)
+        tool = self.tables.tool
+        if tool is not None:
+            rotation = read_rotation("tool.quaternion", tool.quaternion, self.file)
+            self._attempt("tool", attach_tool, robot, tool, rotation, self._folder)
+        return robot
+
+    def _make_bare_robot(self) -> Robot:
+        table = self.tables.robot
+        if table.name is not None:
+            return self._attempt("robot.name", Robot.load, table.name)
+
+        def load_urdf() -> Robot:
+            return Robot.from_urdf(
+                self._folder / str(table.urdf),
+                limits=self._folder / str(table.limits),
+                joints=table.joints,
+                package_dirs=[self._folder / folder for folder in table.package_dirs],
+                cover=None if table.cover is None else self._folder / table.cover,
+            )
+
+        return self._attempt("robot.urdf", load_urdf)
+
+    def make_obstacles(self) -> Obstacles:
+        """The table of obstacles, with its sources, frames and statics."""
+        bounds = given(self.tables.bounds)
+        bounds.pop("margin", None)
+        bounds["bounds"] = self._patterns
+        del bounds["of"]
+        # An empty table says that there are no sources; none at all, that nothing is known of them.
+        sources = None
+        if self.tables.sources is not UNSET:
+            sources = [
+                Source(name, table.timeout, table.required) for name, table in self.sources.items()
+            ]
+        frames = {
+            name: Frame(placement.rotation, placement.translation, placement.calibration_error)
+            for name, placement in self.frames.items()
+            if name != "world"
+        }
+
+        def make() -> Obstacles:
+            obstacles = Obstacles(sources=sources, frames=frames, **bounds)
+            for name, (points, radius) in self._statics.items():
+                obstacles.add_static(name, points, radius)
+            return obstacles
+
+        return self._attempt("bounds", make)
+
+    def make_monitor(self, robot: Robot, obstacles: Obstacles) -> Monitor:
+        """The monitor, with the file's settings; what the file leaves out is as in `Monitor`."""
+        tables = self.tables
+        settings = {**given(tables.monitor), **given(tables.thresholds)}
+        margin = given(tables.bounds).get("margin")
+        if margin is not None:
+            settings["margin"] = margin
+        base = self.frames["base"]
+        placement = pinocchio.SE3(base.rotation, base.translation)
+        ignore = self._expand_ignore(robot)
+
+        def make() -> Monitor:
+            return Monitor(
+                robot,
+                obstacles,
+                ignore=ignore,
+                base_placement=placement,
+                separation=self._make_rule(),
+                **settings,
+            )
+
+        return self._attempt("", make)
+
+    def _list_bounds(
+        self, patterns: Mapping[str, str | PatternTable]
+    ) -> list[tuple[str, float, float]]:
+        """Bounds by pattern of ids, those of parts of a body looked up."""
+        listed = []
+        for pattern, entry in patterns.items():
+            if not isinstance(entry, str):
+                listed.append((pattern, entry.accel, entry.speed))
+            elif entry in BOUNDS:
+                listed.append((pattern, BOUNDS[entry].accel, BOUNDS[entry].speed))
+            else:
+                expected = f"one of {', '.join(BOUNDS)}, or {{ accel = …, speed = … }}"
+                raise self._error(f"bounds.of.{pattern}", f"is {entry!r}", expected)
+        return listed
+
+    def _make_rule(self) -> SeparationRule | None:
+        """The rule whose margin verdicts are to carry; None if the file does not ask for it."""
+        table = self.tables.separation
+        if table is None:
+            return None
+        numbers = given(table)
+        if table.human_speed == "own":
+            numbers["human_speed"] = None
+        return SeparationRule(**numbers)
+
+    def _check_robot(self) -> None:
+        table = self.tables.robot
+        if (table.name is None) == (table.urdf is None):
+            both = table.name is not None
+            raise self._error(
+                "robot",
+                "has both name and urdf" if both else "has neither name nor urdf",
+                'name = "panda", or urdf and limits',
+            )
+        if table.urdf is not None and table.limits is None:
+            raise self._error("robot.limits", "is missing", "a file of joint limits for the urdf")
+        if table.name is not None:
+            for key in ("limits", "package_dirs", "joints", "cover"):
+                value = getattr(table, key)
+                if value:
+                    raise self._error(
+                        f"robot.{key}",
+                        f"is {value!r} beside robot.name",
+                        "it only beside robot.urdf",
+                    )
+        if table.joints is not None and (not table.joints or _repeats(table.joints)):
+            raise self._error("robot.joints", f"is {table.joints!r}", "joint names, each once")
+
+    def _check_tool(self) -> None:
+        tool = self.tables.tool
+        if tool is None:
+            return
+        found = [shape for shape in SHAPES if getattr(tool, shape) is not None]
+        if len(found) != 1:
+            problem = f"has {' and '.join(found)}" if found else "has no geometry"
+            raise self._error("tool", problem, f"one of {', '.join(SHAPES)}")
+        read_rotation("tool.quaternion", tool.quaternion, self.file)
+
+    def _check_sources(self) -> None:
+        for name, table in self.sources.items():
+            if table.clock == "arrival" and not table.latency > 0.0:
+                raise self._error(
+                    f"sources.{name}.latency",
+                    f'is {table.latency} with clock = "arrival"',
+                    "the longest time in seconds from measurement to arrival",
+                )
+            vague = f"clock_error = {table.clock_error}" if table.clock_error > 0.0 else ""
+            vague = 'clock = "arrival"' if table.clock == "arrival" else vague
+            for bound in ("speed", "accel"):
+                if vague and bound not in given(self.tables.bounds):
+                    raise self._error(
+                        f"bounds.{bound}",
+                        f"is missing with sources.{name}.{vague}",
+                        "the bound, since it says how far things get between two clocks",
+                    )
+            if table.rate is None or table.timeout is None:
+                continue
+            if not table.timeout * table.rate > 1.0:
+                raise self._error(
+                    f"sources.{name}.timeout",
+                    f"is {table.timeout}",
+                    f"longer than one period of its rate, {1.0 / table.rate:.4g} s",
+                )
+
+    def _expand_ignore(self, robot: Robot) -> list[tuple[str, ...]]:
+        pairs = []
+        for number, (pattern, *rest) in enumerate(self.tables.ignore):
+            links = [link for link in robot.links if fnmatchcase(link, pattern)]
+            if not links:
+                raise self._error(
+                    f"ignore[{number}]",
+                    f"names the link {pattern!r}",
+                    f"a pattern that fits one of {', '.join(robot.links)}",
+                )
+            pairs += [(link, *rest) for link in links]
+        return pairs
+
+    def _attempt(self, key: str, make: Callable[..., _T], *arguments: object) -> _T:
+        """Make something, its errors becoming ones of this file."""
+        try:
+            return make(*arguments)
+        except CellError:
+            raise
+        except ArmguardError as error:
+            key = self._find_key(error.offender) or key
+            offender = f"{self.file}: {key}" if key else self.file
+            problem = f"{error.offender}: {error.problem}"
+            raise CellError(
+                offender, problem, expected=error.expected, remedy=error.remedy
+            ) from error
+
+    def _find_key(self, offender: str) -> str:
+        """The key behind a setting that a constructor refused, if it is one of this file's."""
+        if offender.startswith("ignore"):
+            return "ignore"
+        for table in ("monitor", "thresholds", "bounds"):
+            if offender in given(getattr(self.tables, table)):
+                return f"{table}.{offender}"
+        return ""
+
+    def _error(self, key: str, problem: str, expected: str) -> CellError:
+        return make_error(self.file, key, problem, expected)
+
+
+def _allow_clock_error(robot: Robot, clock_error: float) -> None:
+    """Widen the robot's joint errors by what joints can do while their stamp is off.
+
+    A state that was measured up to `clock_error` before or after its stamp differs from the one at
+    the stamp by no more than that. To count the state as older instead would not do: an arm that
+    moves away from something would be taken to have gone farther than it has.
+    """
+    fastest = robot.velocity_limit + robot.velocity_error
+    robot.position_error = robot.position_error + fastest * clock_error
+    robot.velocity_error = robot.velocity_error + robot.acceleration_limit * clock_error
+    for errors in (robot.position_error, robot.velocity_error):
+        errors.flags.writeable = False
+
+
+def _repeats(names: list[str]) -> bool:
+    return len(set(names)) < len(names)
+
+
+SHAPES = ("sphere", "box", "capsule", "cylinder", "mesh")
+
+
+def attach_tool(
+    robot: Robot, table: ToolTable, rotation: NDArray[np.float64], folder: Path
+) -> None:
+    """Attach what `[tool]` describes.
+
+    Args:
+        robot: To whose link.
+        table: The tool.
+        rotation: Of its geometry in the frame of the link's joint. Shape (3, 3).
+        folder: Where a mesh is looked up.
+
+    Raises:
+        RobotError: The link, the geometry or the mesh file is unusable.
+        CoverError: No cover of it could be proved.
+    """
+    geometry = _make_geometry(table, folder)
+    robot.attach(table.name, table.link, geometry, pinocchio.SE3(rotation, np.array(table.xyz)))
+
+
+def _make_geometry(table: ToolTable, folder: Path) -> Any:
+    if table.sphere is not None:
+        return coal.Sphere(table.sphere)
+    if table.box is not None:
+        return coal.Box(*table.box)
+    if table.capsule is not None:
+        return coal.Capsule(table.capsule.radius, table.capsule.length)
+    if table.cylinder is not None:
+        return coal.Cylinder(table.cylinder.radius, table.cylinder.length)
+    path = folder / str(table.mesh)
+    try:
+        return coal.MeshLoader().load(str(path), np.full(3, table.mesh_scale))
+    except (ValueError, RuntimeError) as error:
+        raise RobotError(
+            str(path), "cannot be read as a mesh", expected="an STL, OBJ or DAE file"
+        ) from error

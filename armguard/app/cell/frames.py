@@ -1,0 +1,125 @@
+"""The frames of a cell file, placed in the world, and what stands still in them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio
+from numpy.typing import ArrayLike, NDArray
+
+from armguard.app.cell.schema import CellTables, Quaternion, make_error
+
+_UNIT_TOLERANCE = 1e-3
+
+
+class Placement(NamedTuple):
+    """A frame in the world, and how far points given in it may be off by."""
+
+    rotation: NDArray[np.float64]
+    """World from frame. Shape (3, 3)."""
+    translation: NDArray[np.float64]
+    """Origin of the frame in the world, in [m]. Shape (3,)."""
+    calibration_error: float
+    """In [m]; errors along a chain of frames add up."""
+
+    def apply(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Points of the frame in the world, in [m]. Shape (..., 3)."""
+        moved: NDArray[np.float64] = np.asarray(points, float) @ self.rotation.T + self.translation
+        return moved
+
+
+def resolve_frames(tables: CellTables, file: str) -> dict[str, Placement]:
+    """Place "world", "base" (the robot's) and all frames of the file in the world, by name.
+
+    Args:
+        tables: What the file says.
+        file: What to call it in errors.
+
+    Raises:
+        CellError: A frame has no known parent, is its own ancestor, has a name that is taken, or a
+            quaternion that is no rotation.
+    """
+    base = tables.robot.base
+    rotation = read_rotation("robot.base.quaternion", base.quaternion, file)
+    resolved = {
+        "world": Placement(np.eye(3), np.zeros(3), 0.0),
+        "base": Placement(rotation, np.array(base.xyz), 0.0),
+    }
+    for name in tables.frames:
+        if name in resolved:
+            raise make_error(file, f"frames.{name}", "is a frame of its own", "another name")
+    for name in tables.frames:
+        _resolve(name, tables, resolved, [], file)
+    return resolved
+
+
+def _resolve(
+    name: str, tables: CellTables, resolved: dict[str, Placement], below: list[str], file: str
+) -> Placement:
+    if name in resolved:
+        return resolved[name]
+    key = f"frames.{below[-1] if below else name}.parent"
+    if name not in tables.frames:
+        known = ", ".join(["world", "base", *tables.frames])
+        raise make_error(file, key, f"is {name!r}", f"one of {known}")
+    if name in below:
+        chain = " in ".join([*below[below.index(name) :], name])
+        raise make_error(file, key, f"makes a circle ({chain})", "a tree")
+    table = tables.frames[name]
+    parent = _resolve(table.parent, tables, resolved, [*below, name], file)
+    rotation = read_rotation(f"frames.{name}.quaternion", table.quaternion, file)
+    resolved[name] = Placement(
+        parent.rotation @ rotation,
+        parent.apply(table.xyz),
+        parent.calibration_error + table.calibration_error,
+    )
+    return resolved[name]
+
+
+def read_rotation(key: str, quaternion: Quaternion, file: str) -> NDArray[np.float64]:
+    """Rotation matrix of a quaternion (x, y, z, w), made unit. Shape (3, 3).
+
+    Args:
+        key: Where the file says it.
+        quaternion: As the file has it.
+        file: What to call the file in errors.
+
+    Raises:
+        CellError: Its length is not nearly 1.
+    """
+    norm = math.hypot(*quaternion)
+    if not abs(norm - 1.0) <= _UNIT_TOLERANCE:
+        problem = f"is {list(quaternion)}, of length {norm:.6g}"
+        raise make_error(file, key, problem, "x, y, z, w of length 1")
+    x, y, z, w = (value / norm for value in quaternion)
+    rotation: NDArray[np.float64] = pinocchio.Quaternion(w, x, y, z).toRotationMatrix()
+    return rotation
+
+
+def place_statics(
+    tables: CellTables, frames: dict[str, Placement], file: str
+) -> dict[str, tuple[NDArray[np.float64], float]]:
+    """What never moves: points in the world, in [m], and radius with the frame's error, in [m].
+
+    Args:
+        tables: What the file says.
+        frames: All frames by name, as resolved.
+        file: What to call the file in errors.
+
+    Raises:
+        CellError: Something has not exactly one of position and points, or no known frame.
+    """
+    placed = {}
+    for name, table in tables.statics.items():
+        if (table.position is None) == (table.points is None):
+            problem = "has not exactly one of position and points"
+            raise make_error(file, f"statics.{name}", problem, "one of them")
+        if table.frame not in frames:
+            known = f"one of {', '.join(frames)}"
+            raise make_error(file, f"statics.{name}.frame", f"is {table.frame!r}", known)
+        frame = frames[table.frame]
+        points = table.points if table.position is None else table.position
+        placed[name] = (frame.apply(np.array(points)), table.radius + frame.calibration_error)
+    return placed

@@ -1,0 +1,283 @@
+"""The command line: `armguard …`.
+
+Each command is a small dataclass: its fields are the options, its docstring the help, `run` the
+work. Mistakes are one line on standard error and exit code 2; a traceback is always a bug.
+Libraries are imported by the command that needs them, so that help and mistakes come at once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal, Protocol
+
+import tyro
+
+from armguard.app.processes import INTERRUPTED, complain, end_with, termination_as_interrupt
+from armguard.exceptions import ArmguardError
+
+MISTAKE = 2
+"""Exit code of a call that could not be carried out as given."""
+
+Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+
+
+class Command(Protocol):
+    """What `armguard` can be asked to do."""
+
+    def run(self) -> int:
+        """Do it; the exit code."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Demo:
+    """Supervise a simulated Panda at 1 kHz among moving people and obstacles.
+
+    Example: armguard demo --duration 20 --obstacles 10
+    """
+
+    duration: float = 20.0
+    """How long to run, in seconds; a recording may end it sooner."""
+    person: Path | None = None
+    """A Vicon CSV recording of a person; without it, a simulated one comes and goes."""
+    obstacles: int = 0
+    """How many balls wander about the cell besides."""
+    schedule: Literal["deadline", "full", "distance", "daa"] = "deadline"
+    """Which pairs are looked at in each tick."""
+    seed: int = 0
+    """Of the arm's, the person's and the balls' motions."""
+    no_view: Flag = False
+    """Serve no browser page."""
+    port: int = 0
+    """TCP port of the page on 127.0.0.1; 0: any that is free."""
+    open: Flag = False
+    """Open the page in the browser."""
+    json: Flag = False
+    """Print one JSON object at the end and nothing else."""
+
+    def run(self) -> int:
+        """Run the demo."""
+        from armguard.app.demo.launcher import run_demo
+
+        return run_demo(
+            duration=self.duration,
+            person=self.person,
+            obstacle_count=self.obstacles,
+            schedule=self.schedule,
+            seed=self.seed,
+            view=not self.no_view,
+            port=self.port,
+            open_browser=self.open,
+            as_json=self.json,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """Supervise a cell: obstacles and joint states streamed in, verdicts streamed out.
+
+    Example: armguard run demos/cell.toml --view tcp://127.0.0.1:5704
+    """
+
+    cell: Annotated[Path, tyro.conf.Positional]
+    """The cell file."""
+    obstacles: str | None = None
+    """Address to bind for obstacles; "-" reads JSON lines, joint states among them, from stdin."""
+    joints: str | None = None
+    """Address to bind for joint states."""
+    verdicts: str | None = None
+    """Address to bind for readers of verdicts."""
+    view: str | None = None
+    """Address to bind for views to attach to, as `armguard view` does."""
+    reset_token: str | None = None
+    """What `armguard reset` must bring to end a latched STOP; without one, none is obeyed."""
+    recorded: Flag = False
+    """Standard input is a recording: its first stamp is now, and later lines wait their turn."""
+    no_realtime: Flag = False
+    """Do not ask the system for real-time scheduling and memory kept in RAM."""
+    duration: float = float("inf")
+    """How long to run, in seconds."""
+    json: Flag = False
+    """Print the summary as one JSON object."""
+    quiet: Flag = False
+    """Tell neither addresses nor changes of level, but only what is wrong with messages."""
+    parent: int | None = None
+    """End when this process is no longer the one that started this command."""
+
+    def run(self) -> int:
+        """Run until the end of the duration, of standard input, or Ctrl-C."""
+        if self.parent is not None:
+            end_with(self.parent)
+        from armguard.app.run import supervise
+
+        return supervise(
+            self.cell,
+            obstacles_address=self.obstacles,
+            joints_address=self.joints,
+            verdicts_address=self.verdicts,
+            view_address=self.view,
+            reset_token=self.reset_token,
+            recorded=self.recorded,
+            realtime=not self.no_realtime,
+            duration=self.duration,
+            as_json=self.json,
+            quiet=self.quiet,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Reset:
+    """End a latched STOP of a running monitor, once its cause has gone.
+
+    Example: armguard reset tcp://127.0.0.1:5702 --token sesame
+    """
+
+    address: Annotated[str, tyro.conf.Positional]
+    """Where the monitor takes obstacles or joint states; `armguard run` prints it."""
+    token: str
+    """What `armguard run --reset-token` was given."""
+
+    def run(self) -> int:
+        """Send the reset."""
+        from armguard.app.run import send_reset
+
+        return send_reset(self.address, self.token)
+
+
+@dataclasses.dataclass(frozen=True)
+class View:
+    """Show a running monitor in the browser.
+
+    Example: armguard view tcp://127.0.0.1:5704 --port 7000
+    """
+
+    address: Annotated[str, tyro.conf.Positional]
+    """What `armguard run --view` was given."""
+    port: int = 0
+    """TCP port of the page on 127.0.0.1; 0: any that is free."""
+    open: Flag = False
+    """Open the page in the browser."""
+
+    def run(self) -> int:
+        """Serve the page until Ctrl-C."""
+        from armguard.app.run import show
+
+        return show(self.address, self.port, open_browser=self.open)
+
+
+@dataclasses.dataclass(frozen=True)
+class Cover:
+    """Fit spheres to a robot's links, prove that they contain them, and write them.
+
+    Example: armguard cover my_arm.urdf --protrusion 20 --out my_arm
+    """
+
+    robot: Annotated[str, tyro.conf.Positional]
+    """A URDF, or the name of a robot that armguard knows."""
+    limits: Path | None = None
+    """A robot.toml for that URDF, which says what moves; without it, every joint does."""
+    package_dirs: tuple[Path, ...] = ()
+    """Folders in which the URDF's packages lie, besides those around it."""
+    spheres: int | None = None
+    """At most so many spheres a link; or"""
+    protrusion: float | None = None
+    """how far they may stick out, in mm. Neither: 20 mm."""
+    out: Path | None = None
+    """The folder to write cover.json into."""
+    check: Flag = False
+    """Prove the cover of a known robot again; nothing is fitted."""
+    spheres_from: Annotated[Path | None, tyro.conf.arg(name="import")] = None
+    """A file of cuRobo (.yml), VAMP or foam (.urdf): show what its spheres leave uncovered."""
+    inflate: Flag = False
+    """Grow the imported spheres into a proved cover."""
+    export: Path | None = None
+    """Write a known robot's cover as such a file."""
+
+    def run(self) -> int:
+        """Do what the options ask for."""
+        from armguard.app import covers
+
+        return covers.run(
+            self.robot,
+            limits=self.limits,
+            package_dirs=self.package_dirs,
+            spheres=self.spheres,
+            protrusion=None if self.protrusion is None else 1e-3 * self.protrusion,
+            out=self.out,
+            check=self.check,
+            spheres_from=self.spheres_from,
+            inflate=self.inflate,
+            export=self.export,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Robots:
+    """List the robots that armguard knows by name.
+
+    Example: armguard robots
+    """
+
+    def run(self) -> int:
+        """Print the list."""
+        from armguard.app.covers import list_known
+
+        return list_known()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `armguard` with `arguments` (default: the process's own); the exit code."""
+    command = _parse(arguments)
+    try:
+        with termination_as_interrupt():
+            return command.run()
+    except ArmguardError as error:
+        complain(str(error))
+        return MISTAKE
+    except KeyboardInterrupt:
+        complain("interrupted before there was anything to show")
+        return INTERRUPTED
+
+
+def _parse(arguments: Sequence[str] | None) -> Command:
+    """Read the command line; a mistake ends the process with one line and exit code 2."""
+    messages = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(messages):
+            return tyro.cli(
+                tyro.conf.OmitSubcommandPrefixes[  # type: ignore[misc]  # a type made by a call
+                    Annotated[Demo, tyro.conf.subcommand("demo")]
+                    | Annotated[Run, tyro.conf.subcommand("run")]
+                    | Annotated[Reset, tyro.conf.subcommand("reset")]
+                    | Annotated[View, tyro.conf.subcommand("view")]
+                    | Annotated[Cover, tyro.conf.subcommand("cover")]
+                    | Annotated[Robots, tyro.conf.subcommand("robots")]
+                ],
+                prog="armguard",
+                description="Real-time safety monitor for robot arms; no certified safety device.",
+                args=arguments,
+            )
+    except SystemExit as end:
+        if end.code not in (0, None):
+            complain(_one_line(messages.getvalue()))
+            raise SystemExit(MISTAKE) from None
+        raise
+
+
+def _one_line(box: str) -> str:
+    """The message inside the box that Tyro draws, with rules of either "─" or "-"."""
+    words: list[str] = []
+    inside = False
+    for line in box.splitlines():
+        text = line.strip("│ ")
+        if text.startswith(("╭", "──", "--" * 4)):
+            if words:
+                break
+            inside = True
+        elif inside and text:
+            words.append(text)
+    return " ".join(words) or " ".join(box.split())

@@ -1,0 +1,163 @@
+"""Starts the demo's processes, shows what they say, and ends them all.
+
+    perception ──obstacles──▶ armguard run ──verdicts──▶ robot
+                                 ▲    │                    │
+                                 └────┼──────joints────────┘
+                                      └──frames──▶ view, and the table here
+
+Nothing here is a short cut: `armguard run` gets a cell file and addresses, as in a real cell.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+import webbrowser
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+
+from armguard.app.demo import nodes
+from armguard.app.demo.watcher import Watcher
+from armguard.app.processes import COMPLAINT, complain
+from armguard.app.summary import draw_summary
+from armguard.exceptions import ArmguardError
+from armguard.view.process import ViewProcess, launch
+
+END_TIMEOUT = 3.0
+"""How long a process may take to end when asked to, in [s]."""
+
+CELL = """\
+[robot]
+name = "{robot}"
+
+[joint_state]
+clock = "monotonic"
+
+{sources}
+[monitor]
+schedule = "{schedule}"
+
+[thresholds]
+# A desktop machine may hold up any of these processes for a while; a real controller does not. The
+# bounds grow with age and latency, so waiting longer costs no safety, only a little room.
+latency = 0.01
+joint_timeout = 0.5
+source_timeout = 0.5
+"""
+
+
+def run_demo(
+    *,
+    duration: float = 20.0,
+    person: Path | None = None,
+    obstacle_count: int = 0,
+    schedule: str = "deadline",
+    seed: int = 0,
+    view: bool = True,
+    port: int = 0,
+    open_browser: bool = False,
+    as_json: bool = False,
+) -> int:
+    """Run the demo and print its summary.
+
+    Args:
+        duration: How long, in [s]; a recording may end it sooner.
+        person: Vicon CSV of a person; None: a simulated one.
+        obstacle_count: Wandering balls besides.
+        schedule: Name of the monitor's schedule.
+        seed: Of all motions.
+        view: Show the cell in a browser page.
+        port: TCP port of that page on 127.0.0.1; 0: any that is free.
+        open_browser: Open the page.
+        as_json: Print one JSON object instead of tables.
+
+    Returns:
+        The process's exit code.
+
+    Raises:
+        ArmguardError: An argument is out of range, or the recording cannot be read.
+    """
+    if not 0.0 < duration < float("inf"):
+        raise ArmguardError("--duration", f"is {duration}", expected="seconds above 0")
+    if not obstacle_count >= 0:
+        raise ArmguardError("--obstacles", f"is {obstacle_count}", expected="at least 0")
+    recording = "" if person is None else str(person)
+    # Made here as well, so that a mistake is one line now and not a process that dies later.
+    sources = nodes.make_sources(duration, recording, obstacle_count, seed)
+    duration = min(duration, *(source.duration for source in sources))
+    console = Console(stderr=as_json)
+    with contextlib.ExitStack() as resources:
+        folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="armguard-"))
+        obstacles, joints, verdicts, frames = (
+            f"ipc://{folder}/{name}" for name in ("obstacles", "joints", "verdicts", "frames")
+        )
+        cell, log = Path(folder) / "cell.toml", Path(folder) / "log"
+        tables = "".join(f"[sources.{source.name}]\nrate = {source.rate}\n" for source in sources)
+        cell.write_text(CELL.format(robot=nodes.ROBOT, sources=tables, schedule=schedule))
+        errors = resources.enter_context(log.open("ab"))
+        command = [sys.executable, "-m", "armguard", "run", str(cell), "--json", "--no-realtime"]
+        command += ["--quiet"]  # the table says what it would
+        command += ["--obstacles", obstacles, "--joints", joints, "--verdicts", verdicts]
+        command += ["--view", frames, "--duration", str(duration), "--parent", str(os.getpid())]
+        # The monitor first: it has the longest way to go.
+        monitor = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            start_new_session=True,  # Ctrl-C reaches it through us, so that it ends first
+        )
+        resources.enter_context(_ending(monitor))
+        perception = nodes.Perception(
+            obstacles=obstacles,
+            verdicts=verdicts,
+            duration=duration,
+            seed=seed,
+            person=recording,
+            balls=obstacle_count,
+        )
+        robot = nodes.RobotNode(joints=joints, verdicts=verdicts, seed=seed)
+        parts = {
+            "perception": nodes.start(perception, errors),
+            "robot": nodes.start(robot, errors),
+        }
+        for node in parts.values():
+            resources.enter_context(_ending(node))
+
+        def open_page() -> ViewProcess:
+            page = resources.enter_context(launch(frames, port))
+            console.print(f"see it in the browser: {page.url}", soft_wrap=True)
+            if open_browser:
+                webbrowser.open(page.url)
+            return page
+
+        watcher = Watcher(monitor, parts, log, console, live=not as_json)
+        summary, problem = watcher.run(frames, open_page if view else None)
+    if summary is not None:
+        if as_json:
+            sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
+        else:
+            console.print(draw_summary(summary))
+    if problem:
+        complain(problem)
+    return COMPLAINT if problem else 0
+
+
+@contextlib.contextmanager
+def _ending(process: subprocess.Popen[bytes]) -> Iterator[None]:
+    """Whatever happens inside, the process is gone afterwards."""
+    with process:  # waits for its end, and closes its pipes
+        try:
+            yield
+        finally:
+            process.terminate()
+            try:
+                process.wait(END_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                process.kill()

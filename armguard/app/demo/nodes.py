@@ -1,0 +1,218 @@
+"""The demo's perception and robot, each a process of its own, on the streams that users use.
+
+Both begin when the monitor's first verdict arrives, so that nothing is missed while it starts, and
+both end by themselves when their parent has gone.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from typing import IO
+
+import msgspec
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armguard.app.processes import end_with
+from armguard.robot.robot import Robot
+from armguard.simulation.arm import SimulatedArm
+from armguard.simulation.balls import WanderingBalls
+from armguard.simulation.person import DURATIONS, ProceduralPerson
+from armguard.simulation.recordings import Recording
+from armguard.simulation.sources import ObstacleSource
+from armguard.simulation.trajectory import keeps_within, random_trajectory
+from armguard.streams.nodes import Publisher, VerdictReader
+
+ROBOT = "panda"
+
+ROBOT_PERIOD = 0.001
+"""Between two joint states, in [s]."""
+
+PERCEPTION_PERIOD = 0.005
+"""Between two looks at what is due, in [s]."""
+
+SPEED_FRACTION = 0.2
+"""Share of its velocity limits that the arm works at."""
+
+WORKSPACE = ((-0.3, -0.13, 0.02), (0.9, 0.9, 1.3))
+"""Where the arm works, in [m]: above its table, not on the side that people come from."""
+
+SETBACK = 0.4
+"""People in recordings stood at a small table with the arm on it; here they stand this much farther
+away, along -y, in [m]: the arms differ, and so would the people's places."""
+
+WORK_CYCLE = 30.0
+"""Until the arm's motion repeats, at least, in [s]."""
+
+BALL_CLEARANCE = 2.5
+"""Distance that wandering balls keep from the arm's axis, in [m]."""
+
+
+def make_sources(duration: float, person: str, ball_count: int, seed: int) -> list[ObstacleSource]:
+    """What moves about the arm.
+
+    Args:
+        duration: Of the demo, in [s].
+        person: Vicon CSV of a person; empty: a simulated one.
+        ball_count: Wandering balls besides.
+        seed: Of all motions.
+    """
+    sources: list[ObstacleSource] = []
+    if not person:
+        shortest, longest = DURATIONS
+        sources.append(ProceduralPerson(seed, min(max(duration, shortest), longest)))
+    else:
+        placement = np.eye(4)
+        placement[1, 3] = -SETBACK
+        sources.append(Recording(person, placement=placement))
+    if ball_count:
+        sources.append(WanderingBalls(ball_count, seed, clearance=BALL_CLEARANCE))
+    return sources
+
+
+class Perception(msgspec.Struct, frozen=True, tag=True, kw_only=True):
+    """Publish what moves about the arm."""
+
+    obstacles: str
+    """Address of the monitor's obstacles."""
+    verdicts: str
+    """Address of its verdicts."""
+    duration: float
+    """Of the demo, in seconds."""
+    seed: int
+    """Of all motions."""
+    person: str
+    """Vicon CSV of a person; empty: a simulated one."""
+    balls: int
+    """How many wander about besides."""
+
+    def run(self) -> None:
+        """Publish until ended."""
+        sources = make_sources(self.duration, self.person, self.balls, self.seed)
+        publishers = [Publisher(self.obstacles, source.name) for source in sources]
+        _wait_for_monitor(self.verdicts)
+        start = time.monotonic()
+        sinks = [_Restamped(publisher, start) for publisher in publishers]
+        tick = 0
+        while True:
+            for source, sink in zip(sources, sinks, strict=True):
+                source.publish(sink, time.monotonic() - start)
+            tick += 1
+            time.sleep(max(0.0, start + tick * PERCEPTION_PERIOD - time.monotonic()))
+
+
+class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
+    """Move the arm as the verdicts allow, and publish its joint states."""
+
+    joints: str
+    """Address of the monitor's joint states."""
+    verdicts: str
+    """Address of its verdicts."""
+    seed: int
+    """Of the arm's motion."""
+
+    def run(self) -> None:
+        """Move until ended."""
+        robot = Robot.load(ROBOT)
+        arm = SimulatedArm(
+            random_trajectory(
+                robot,
+                self.seed,
+                WORK_CYCLE,
+                speed_fraction=SPEED_FRACTION,
+                accept=keeps_within(robot, *WORKSPACE),
+            )
+        )
+        with Publisher(self.joints) as publisher, VerdictReader(self.verdicts) as reader:
+            _wait_for_monitor(self.verdicts)
+            start = stamp = time.monotonic()
+            tick = 0
+            while True:
+                now = time.monotonic()
+                reader.latest()
+                # Silence beyond `valid_until` is a scale of 0: it brakes, as on STOP.
+                q, v = arm.step(max(now - stamp, 1e-9), reader.speed_scale(now))
+                stamp = now
+                publisher.joints(now, robot.joints, q, v)
+                tick = max(tick + 1, math.floor((now - start) / ROBOT_PERIOD))
+                time.sleep(max(0.0, start + tick * ROBOT_PERIOD - time.monotonic()))
+
+
+class _Restamped:
+    """Hands a simulated source's samples on, stamped with the machine's clock."""
+
+    def __init__(self, publisher: Publisher, start: float) -> None:
+        self._publisher = publisher
+        self._start = start
+
+    def update(
+        self,
+        ids: Sequence[str],
+        stamp: float,
+        position: ArrayLike,
+        velocity: ArrayLike | None = None,
+        radius: ArrayLike | None = None,
+        accel: ArrayLike | None = None,
+        speed: ArrayLike | None = None,
+        position_error: ArrayLike = 0.0,
+        velocity_error: ArrayLike = 0.0,
+        source: str = "",
+        frame: str = "world",
+        snapshot: bool = False,
+    ) -> None:
+        """As `Publisher.update`; the source is the publisher's own."""
+        self._publisher.update(
+            ids,
+            self._start + stamp,
+            position,
+            velocity,
+            radius,
+            accel,
+            speed,
+            position_error,
+            velocity_error,
+            frame,
+            snapshot,
+        )
+
+
+def _wait_for_monitor(verdicts: str) -> None:
+    """Return when a verdict has arrived, however long the monitor compiles."""
+    with VerdictReader(verdicts) as reader:
+        while reader.latest(timeout=0.1) is None:
+            pass
+
+
+def start(node: Perception | RobotNode, log: IO[bytes]) -> subprocess.Popen[bytes]:
+    """Start a node as a process of its own, which ends with this one.
+
+    Args:
+        node: What it is to do.
+        log: Where it writes what goes wrong.
+    """
+    described = msgspec.json.encode(node).decode()
+    return subprocess.Popen(
+        [sys.executable, "-m", "armguard.app.demo.nodes", described, str(os.getpid())],
+        stdin=subprocess.DEVNULL,
+        stderr=log,
+        start_new_session=True,  # a Ctrl-C is the launcher's, which ends its processes in its order
+    )
+
+
+def main() -> None:
+    """Run the node that the command line describes until it is told to end."""
+    described, parent = sys.argv[1:]
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    end_with(int(parent))
+    node: Perception | RobotNode = msgspec.json.decode(described, type=Perception | RobotNode)
+    node.run()
+
+
+if __name__ == "__main__":
+    main()

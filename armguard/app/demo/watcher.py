@@ -1,0 +1,184 @@
+"""Watches the demo's processes: shows what the monitor sees, and says which of them has died.
+
+A monitor must go on without its observers, and does. A demo without its robot or its perception
+shows nothing but STOP, so it ends, and says why.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import zmq
+from rich.console import Console
+from rich.live import Live
+from rich.markup import escape
+from rich.table import Table
+
+from armguard.app.processes import describe_end
+from armguard.app.summary import COLORS
+from armguard.view.messages import FrameMessage, decode_message
+from armguard.view.process import ViewProcess
+
+REFRESH = 0.1
+"""Between two drawings of the table, in [s]."""
+
+END_TIMEOUT = 10.0
+"""How long the monitor may take to end each time it is asked to, in [s]."""
+
+WAITING = "starting (the first start compiles for a minute)"
+
+
+class Watcher:
+    """Follows a demo until it ends.
+
+    Args:
+        monitor: `armguard run --json`, its standard output a pipe.
+        parts: The other processes that the demo cannot do without, by name.
+        log: File that all of them write to when something is wrong.
+        console: Where to show it.
+        live: Show the live table.
+    """
+
+    def __init__(
+        self,
+        monitor: subprocess.Popen[bytes],
+        parts: Mapping[str, subprocess.Popen[bytes]],
+        log: Path,
+        console: Console,
+        *,
+        live: bool,
+    ) -> None:
+        self._monitor = monitor
+        self._parts = parts
+        self._page: ViewProcess | None = None
+        self._log = log
+        self._told = 0
+        self._console = console
+        self._live = live
+
+    def run(
+        self, frames: str, open_page: Callable[[], ViewProcess] | None = None
+    ) -> tuple[dict[str, Any] | None, str]:
+        """Show what the feed at `frames` says until the end, or Ctrl-C.
+
+        Args:
+            frames: Address of the feed.
+            open_page: Starts the view, while a Ctrl-C is already answered by a summary. The demo
+                goes on without a view that ends.
+
+        Returns:
+            The monitor's summary, if it came to one, and what went wrong, empty if nothing did.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C came before there was a summary.
+        """
+        interrupted, problem = False, ""
+        try:
+            if open_page is not None:
+                self._page = open_page()
+            problem = self._show(frames)
+        except KeyboardInterrupt:
+            interrupted = True
+        output = self._end_monitor()
+        code = self._monitor.returncode
+        if code == 0 and output:
+            self._tell_log()
+            summary: dict[str, Any] = msgspec.json.decode(output)
+            return summary, problem
+        if interrupted:
+            raise KeyboardInterrupt
+        words = self._read_log()
+        if "\n" in words:
+            sys.stderr.write(f"{words}\n")
+            words = ""
+        end = f"the monitor ended {describe_end(code)}"
+        return None, problem or (f"{end}: {words}" if words else end)
+
+    def _show(self, frames: str) -> str:
+        """Show frames until the monitor or another process ends; the reason, if it is a problem."""
+        context = zmq.Context()
+        try:
+            reader = context.socket(zmq.SUB)
+            reader.set(zmq.CONFLATE, 1)
+            reader.subscribe(b"")
+            reader.connect(frames)
+            if not self._console.is_terminal:
+                self._console.print(WAITING)
+            with self._console.status(WAITING):
+                while not self._ended() and not reader.poll(round(1000 * REFRESH)):
+                    pass
+            table = Live(console=self._console, auto_refresh=False, transient=True)
+            live = self._live and self._console.is_terminal
+            with table if live else contextlib.nullcontext():
+                while not self._ended():
+                    if reader.poll(round(1000 * REFRESH)):
+                        message = decode_message(reader.recv())
+                        if live and isinstance(message, FrameMessage):
+                            table.update(draw_frame(message, self._console.width), refresh=True)
+                    time.sleep(REFRESH)
+        finally:
+            context.destroy(linger=0)
+        return self._describe_death()
+
+    def _ended(self) -> bool:
+        self._tell_log()
+        if self._page is not None and not self._page.running:
+            self._console.print("the page has ended; the demo goes on without it")
+            self._page = None
+        return self._monitor.poll() is not None or bool(self._describe_death())
+
+    def _describe_death(self) -> str:
+        for name, process in self._parts.items():
+            code = process.poll()
+            if code is not None:
+                return f"the demo's {name} process ended {describe_end(code)}, so the demo ends"
+        return ""
+
+    def _end_monitor(self) -> bytes:
+        """Ask the monitor for its summary, twice at most, and end it if it does not answer.
+
+        Twice, since Python loses an interrupt that meets it in a destructor or a callback.
+        """
+        for _ in range(2):
+            if self._monitor.poll() is None:
+                self._monitor.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                return self._monitor.communicate(timeout=END_TIMEOUT)[0]
+        self._monitor.kill()
+        return self._monitor.communicate()[0]
+
+    def _tell_log(self) -> None:
+        """Show what the processes wrote since the last look."""
+        words = self._read_log()
+        if words:
+            sys.stderr.write(f"{words}\n")  # Rich puts it above its table
+
+    def _read_log(self) -> str:
+        """What was added since the last look; a line that is still being written waits."""
+        with self._log.open("rb") as log:
+            log.seek(self._told)
+            lines, newline, _ = log.read().rpartition(b"\n")
+        self._told += len(lines) + len(newline)
+        return lines.decode(errors="replace")
+
+
+def draw_frame(frame: FrameMessage, width: int) -> Table:
+    """The live table, at most `width` characters wide."""
+    verdict, load = frame.verdict, frame.load
+    table = Table(title=f"armguard, {frame.now:.1f} s", show_header=False, width=min(78, width))
+    table.add_row("level", f"[{COLORS[verdict.level]}]{verdict.level}[/]")
+    table.add_row("contact possible in", f"{verdict.contact_time:.3f} s")
+    table.add_row("stop time", f"{verdict.stop_time:.3f} s")
+    table.add_row("pair", f"{verdict.link} and {verdict.obstacle}" if verdict.link else "none")
+    if load is not None:
+        table.add_row("evaluations", str(load.evaluated))
+        table.add_row("tick p50 / p99", f"{1e6 * load.p50:.0f} / {1e6 * load.p99:.0f} µs")
+    table.add_row("why", escape("; ".join(verdict.reasons)))
+    return table

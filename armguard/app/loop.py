@@ -1,0 +1,350 @@
+"""The rate loop: drain inputs, step the monitor, publish the verdict, sleep to the deadline.
+
+One thread, no locks. Deadlines are absolute, on a grid that never drifts; a tick that overruns
+skips the deadlines it has missed, and they are counted. Garbage is collected in the idle time.
+Whatever draws or records is another process: five milliseconds of Python in a thread make one tick
+in thirty late.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from armguard.app.cell.cell import Cell
+from armguard.app.cell.schema import given
+from armguard.app.processes import complain
+from armguard.app.realtime import IdleCollector, Realtime, request_realtime
+from armguard.clock import Clock, MonotonicClock
+from armguard.monitor.monitor import Monitor
+from armguard.obstacles.obstacles import Obstacles
+from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
+from armguard.streams.edge import Edge, StampClock
+from armguard.streams.faults import FaultLog
+from armguard.streams.inputs import Input, LineInput, PacedInput, SocketInput
+from armguard.streams.nodes import VerdictPublisher
+from armguard.verdict import Level, Reason, ReasonKind, Verdict
+
+LONGEST_SPELL = 0.19
+REST = 0.01
+"""[s]. A loop that had no time to sleep for so long sleeps for so long: with real-time scheduling,
+nobody else may have run meanwhile. It is the part of the time that Linux keeps for others too."""
+
+
+class LoopReport(NamedTuple):
+    """What a run was like; times in [s]."""
+
+    ticks: int
+    late: int
+    """Ticks that were not done before the next deadline."""
+    missed: int
+    """Deadlines that passed without a tick of their own."""
+    p50: float
+    """Half of all ticks took no longer: draining, stepping and publishing."""
+    p99: float
+    p999: float
+    longest: float
+    received: int
+    """Messages taken."""
+    faults: dict[str, int]
+    """Faults of messages, by kind and source."""
+    monitor_faults: int
+    """Refused rows and calls, and joint states not believed."""
+    realtime: Realtime | None = None
+    """What the system granted; None: it was not asked."""
+
+
+class RateLoop:
+    """Steps a monitor at its rate from an edge and its inputs.
+
+    Args:
+        monitor: What is stepped.
+        edge: What the inputs' messages go through.
+        inputs: Where messages come from; the loop ends when one that can end has ended.
+        clock: Tells time and sleeps; the same as the edge's.
+        publish: Takes each verdict; must never block.
+        observe: Sees each verdict, with this loop, after it was published; must never block.
+
+    Attributes:
+        monitor: What is stepped.
+        clock: Tells time.
+        durations: How long ticks took so far.
+        late: Ticks so far that were not done before the next deadline.
+        missed: Deadlines so far that passed without a tick of their own.
+    """
+
+    def __init__(
+        self,
+        monitor: Monitor,
+        edge: Edge,
+        inputs: Sequence[Input],
+        clock: Clock,
+        publish: Callable[[Verdict], None],
+        observe: Callable[[RateLoop, Verdict], None] | None = None,
+    ) -> None:
+        self.monitor = monitor
+        self._edge = edge
+        self._inputs = list(inputs)
+        self.clock = clock
+        self._publish = publish
+        self._observe = observe
+        self.durations = Durations()
+        self._ticks = 0
+        self.late = 0
+        self.missed = 0
+
+    def run(self, duration: float = math.inf) -> LoopReport:
+        """Loop for `duration` [s], until Ctrl-C (KeyboardInterrupt), or the end of an input."""
+        with IdleCollector(self.clock) as collector:
+            self._loop(duration, collector)
+        return self.report()
+
+    def _loop(self, duration: float, collector: IdleCollector) -> None:
+        clock, period = self.clock, self.monitor.period
+        start = end = slept = clock.now()
+        tick = 0
+        try:
+            while tick * period < duration:
+                deadline = start + tick * period
+                if end < deadline:
+                    collector.collect(deadline - end)
+                    clock.sleep_until(deadline)
+                    slept = deadline
+                elif end - slept > LONGEST_SPELL:
+                    collector.collect(0.0)
+                    slept = end + REST
+                    clock.sleep_until(slept)
+                begin = clock.now()
+                ended = any(source.ended for source in self._inputs)
+                self.tick()
+                end = clock.now()
+                self.durations.add(end - begin)
+                self._ticks += 1
+                tick += 1
+                behind = end - (start + tick * period)
+                if behind > 0.0:
+                    skipped = int(behind / period)
+                    self.late += 1
+                    self.missed += skipped
+                    tick += skipped
+                if ended:
+                    break
+        except KeyboardInterrupt:
+            pass
+
+    def tick(self) -> Verdict:
+        """Drain, step, publish."""
+        edge = self._edge
+        # The end of the drain is the tick's time: a state that was fresh then is not stale in it.
+        now = edge.drain(self._inputs)
+        if edge.reset_requested:
+            edge.reset_requested = False
+            self.monitor.reset()
+        state = edge.joint_state
+        if state is None:
+            verdict = _wait_for_joints(now, edge.dropped_age)
+        else:
+            verdict = self.monitor.step(state.stamp, state.q, state.v, now)
+        self._publish(verdict)
+        if self._observe is not None:
+            self._observe(self, verdict)
+        return verdict
+
+    def report(self) -> LoopReport:
+        """What the run was like so far."""
+        durations = self.durations
+        return LoopReport(
+            ticks=self._ticks,
+            late=self.late,
+            missed=self.missed,
+            p50=durations.percentile(50.0),
+            p99=durations.percentile(99.0),
+            p999=durations.percentile(99.9),
+            longest=durations.longest,
+            received=self._edge.received,
+            faults={
+                f"{key.kind}: {key.source}": number
+                for key, number in sorted(self._edge.faults.counts.items())
+            },
+            monitor_faults=self.monitor.faults,
+        )
+
+
+def run(
+    cell: Cell,
+    obstacles_address: str = OBSTACLES_ADDRESS,
+    joints_address: str | None = None,
+    verdicts_address: str = VERDICTS_ADDRESS,
+    *,
+    recorded: bool = False,
+    duration: float = math.inf,
+    reset_token: str | None = None,
+    realtime: bool = False,
+    observe: Callable[[RateLoop, Verdict], None] | None = None,
+    prepared: Callable[[Monitor], None] | None = None,
+    listening: Callable[[Mapping[str, str]], None] | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> LoopReport:
+    """Supervise a cell from streams until interrupted, or the end of standard input.
+
+    Args:
+        cell: Robot, obstacles and monitor.
+        obstacles_address: Bound for publishers of obstacles; "-" reads JSON lines from standard
+            input, with the joint states among them unless they have an address.
+        joints_address: Bound for publishers of joint states; may be the same as that of obstacles.
+            Default: `JOINTS_ADDRESS`.
+        verdicts_address: Bound for readers of verdicts.
+        recorded: Whether standard input is a recording: its first stamp is taken for the present,
+            and each line waits until it is due.
+        duration: How long to run, in [s].
+        reset_token: What a reset message must carry; without one, none is obeyed.
+        realtime: Whether to ask the system for real-time scheduling and locked memory; what it
+            refuses is told on standard error.
+        observe: Sees each verdict, with the loop, after it was published; must not block.
+        prepared: Called with the monitor when everything is compiled, before the first tick.
+        listening: Called with the addresses that were bound ("obstacles", "joints", "verdicts"),
+            before the first tick.
+        tell: Takes a line about a faulty message; must not block. Default: the log
+            `armguard.streams`, which may.
+
+    Raises:
+        StreamError: If an address cannot be used.
+        ArmguardError: If the cell cannot be made.
+    """
+    robot, obstacles, monitor = cell.build()
+    if prepared is not None:
+        prepared(monitor)
+    joint_state = cell.tables.joint_state
+    clock = MonotonicClock()
+    edge = Edge(
+        obstacles,
+        robot.joints,
+        clock,
+        FaultLog(clock.now) if tell is None else FaultLog(clock.now, tell),
+        stamp_clocks={
+            name: StampClock(
+                "monotonic" if recorded else source.clock, source.latency, source.clock_error
+            )
+            for name, source in cell.sources.items()
+        },
+        # What this clock is off by is in the robot's joint errors already.
+        joint_clock=StampClock("monotonic" if recorded else joint_state.clock, joint_state.latency),
+        joint_timeout=monitor.settings.joint_timeout,
+        reset_token=reset_token,
+        speed=_read_bound(cell, "speed"),
+        accel=_read_bound(cell, "accel"),
+    )
+    opened: list[Input | VerdictPublisher] = []
+    try:
+        inputs: list[Input] = []
+        bound: dict[str, str] = {}
+        addresses = _inputs(obstacles_address, joints_address)
+        for address in dict.fromkeys(addresses):
+            source, bound[address] = _open_input(address, recorded)
+            inputs.append(source)
+            opened.append(source)
+        # Verdicts must not be valid for longer than they are.
+        publisher = VerdictPublisher(verdicts_address, edge.offset - edge.offset_error)
+        opened.append(publisher)
+        if listening is not None:
+            obstacles_bound, joints_bound = (bound[address] for address in addresses)
+            listening(
+                {
+                    "obstacles": obstacles_bound,
+                    "joints": joints_bound,
+                    "verdicts": publisher.address,
+                }
+            )
+        loop = RateLoop(monitor, edge, inputs, clock, publisher.publish, observe)
+        if not realtime:
+            return loop.run(duration)
+        with request_realtime() as granted:
+            for line in granted.refusals:
+                complain(line)
+            return loop.run(duration)._replace(realtime=granted)
+    finally:
+        for resource in opened:
+            resource.close()
+
+
+def _read_bound(cell: Cell, name: str) -> float:
+    """What obstacles that bring no bound can do, as their table takes it, [m/s] or [m/s²]."""
+    default = inspect.signature(Obstacles).parameters[name].default
+    return float(given(cell.tables.bounds).get(name, default))
+
+
+def _open_input(address: str, recorded: bool) -> tuple[Input, str]:
+    """An input, and the address that it is bound to: that which the system chose, if it did."""
+    if address != "-":
+        source = SocketInput(address)
+        return source, source.address
+    return PacedInput(LineInput()) if recorded else LineInput(), address
+
+
+def _inputs(obstacles_address: str, joints_address: str | None) -> tuple[str, str]:
+    """Where obstacles and joint states come from."""
+    if joints_address is None:
+        joints_address = "-" if obstacles_address == "-" else JOINTS_ADDRESS
+    return obstacles_address, joints_address
+
+
+def _wait_for_joints(now: float, dropped_age: float) -> Verdict:
+    """The verdict while no fresh joint state has come: nothing is known, so STOP.
+
+    Args:
+        now: Time of the tick, in [s].
+        dropped_age: How old the last one was that was dropped, in [s]; nan: none was.
+    """
+    detail = "no joint state has arrived yet"
+    if not math.isnan(dropped_age):
+        detail = f"no fresh joint state has arrived yet, the last one was {dropped_age:.3g} s old"
+    reason = Reason(ReasonKind.NOT_YET_COMPLETE, "joints", detail)
+    return Verdict(
+        stamp=now,
+        sequence=0,
+        level=Level.STOP,
+        contact_time=0.0,
+        stop_time=math.inf,
+        speed_scale=0.0,
+        link=None,
+        obstacle=None,
+        complete=False,
+        evaluated=0,
+        reasons=(reason,),
+        valid_until=now,
+    )
+
+
+_PER_OCTAVE = 64
+_SHORTEST = 1e-7
+_OCTAVES = 27  # up to 13 s; what is longer is counted there, its maximum is exact
+
+
+class Durations:
+    """Durations in [s], kept to about one percent; the longest exactly."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(_PER_OCTAVE * _OCTAVES, np.int64)
+        self.count = 0
+        self.longest = 0.0
+
+    def add(self, duration: float) -> None:
+        """Count one duration, in [s]."""
+        place = int(_PER_OCTAVE * math.log2(max(duration, _SHORTEST) / _SHORTEST))
+        self._counts[min(place, len(self._counts) - 1)] += 1
+        self.count += 1
+        self.longest = max(self.longest, duration)
+
+    def percentile(self, percent: float) -> float:
+        """A duration in [s] that `percent` of all do not exceed; nan if there is none."""
+        if not self.count:
+            return math.nan
+        reached = np.searchsorted(np.cumsum(self._counts), percent / 100.0 * self.count)
+        if reached >= len(self._counts) - 1:
+            return self.longest
+        upper: float = _SHORTEST * 2.0 ** ((int(reached) + 1) / _PER_OCTAVE)
+        return min(upper, self.longest)

@@ -1,0 +1,163 @@
+"""What a run was like: counted while it lasts, one object for programs, one table for people."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from armguard.app.loop import LoopReport
+from armguard.app.realtime import Realtime
+from armguard.streams.faults import quote
+from armguard.verdict import Effect, Level, ReasonKind, Verdict
+
+REASONS_SHOWN = 8
+"""Most reasons of stops in the table; `--json` has all that are told apart."""
+
+COLORS = {"STOP": "red", "SLOW": "yellow", "AWARE": "cyan", "CLEAR": "green"}
+
+
+def summarise(report: LoopReport, tally: Tally) -> dict[str, Any]:
+    """The object that `--json` prints; a time that there is not is null."""
+    times = {"p50": report.p50, "p99": report.p99, "p99.9": report.p999, "max": report.longest}
+    soonest = tally.min_contact_time
+    return {
+        "ticks": report.ticks - tally.waiting,
+        "waiting": tally.waiting,
+        "stops": tally.stops,
+        "stop_reasons": dict(tally.reasons.most_common()),
+        "levels": {level.name: count for level, count in tally.levels.items()},
+        "min_contact_time": soonest if math.isfinite(soonest) else None,
+        "tick_us": {
+            name: round(1e6 * time, 1) if math.isfinite(time) else None
+            for name, time in times.items()
+        },
+        "late": report.late,
+        "realtime": _describe_realtime(report.realtime),
+        "incomplete": tally.incomplete,
+        "faults": report.monitor_faults + sum(report.faults.values()),
+        "received": report.received,
+        "message_faults": report.faults,
+    }
+
+
+def draw_summary(summary: dict[str, Any]) -> Table:
+    """The table at the end of a run."""
+    table = Table(title="summary", show_header=False)
+    spent = summary["tick_us"]
+    table.add_row("ticks", f"{summary['ticks']} ({summary['late']} late)")
+    table.add_row("waited for joint states", f"{summary['waiting']} ticks, told to STOP")
+    if summary["ticks"]:
+        for name, count in summary["levels"].items():
+            share = f"{100.0 * count / summary['ticks']:.1f} % of the time"
+            table.add_row(f"[{COLORS[name]}]{name}[/]", share)
+    elif summary["waiting"]:
+        table.add_row(
+            f"[{COLORS['STOP']}]STOP[/]", "all the time: no joint state came that could be judged"
+        )
+    table.add_row("stops", str(summary["stops"]))
+    told = list(summary["stop_reasons"].items())
+    for reason, count in told[:REASONS_SHOWN]:
+        table.add_row("", f"{count} × {escape(reason)}")
+    if len(told) > REASONS_SHOWN:
+        rest = sum(count for _, count in told[REASONS_SHOWN:])
+        table.add_row("", f"{rest} × {len(told) - REASONS_SHOWN} further reasons")
+    table.add_row("soonest contact", _tell_contact(summary))
+    names = ("p50", "p99", "p99.9", "max")
+    times = ["–" if spent[name] is None else f"{spent[name]:.0f}" for name in names]
+    table.add_row("tick " + " / ".join(names), " / ".join(times) + " µs")
+    table.add_row("real time", _tell_realtime(summary["realtime"]))
+    table.add_row("incomplete ticks", str(summary["incomplete"]))
+    table.add_row("faults", str(summary["faults"]))
+    return table
+
+
+def _tell_contact(summary: dict[str, Any]) -> str:
+    soonest = summary["min_contact_time"]
+    if soonest is not None:
+        return f"{soonest:.3f} s"
+    return "none possible" if summary["levels"]["CLEAR"] else "unknown"
+
+
+def _describe_realtime(realtime: Realtime | None) -> dict[str, Any] | None:
+    if realtime is None:
+        return None
+    return {"priority": realtime.priority, "memory_locked": realtime.memory_locked}
+
+
+def _tell_realtime(granted: dict[str, Any] | None) -> str:
+    if granted is None:
+        return "not asked for"
+    priority = granted["priority"]
+    scheduling = f"scheduled with priority {priority}" if priority else "scheduling refused"
+    return scheduling + (", memory locked" if granted["memory_locked"] else ", memory not locked")
+
+
+REASON_LIMIT = 64
+"""Reasons of stops that are told apart; further ones are counted as "other reasons"."""
+
+
+class Tally:
+    """Counts verdicts; its size does not grow.
+
+    Attributes:
+        waiting: Ticks without a joint state to judge, all of them told to STOP; they count nowhere
+            else.
+        levels: Ticks at each level.
+        stops: How often the level fell to STOP; a run that begins with STOP begins with one.
+        reasons: How often the weightiest reason of a stop was this one.
+        incomplete: Ticks in which not every pair had a certificate in force.
+        min_contact_time: Soonest contact of all ticks that knew where arm and obstacles were, in
+            [s]; inf without any.
+    """
+
+    def __init__(self) -> None:
+        self.waiting = 0
+        self.levels = dict.fromkeys(Level, 0)
+        self.stops = 0
+        self.reasons: Counter[str] = Counter()
+        self.incomplete = 0
+        self.min_contact_time = math.inf
+        self._level: Level | None = None
+
+    def count(self, verdict: Verdict) -> None:
+        """Add one verdict."""
+        if verdict.sequence == 0:
+            self.waiting += 1
+            return
+        if verdict.level is Level.STOP and self._level is not Level.STOP:
+            self.stops += 1
+            self._count_reason(verdict)
+        self._level = verdict.level
+        self.levels[verdict.level] += 1
+        self.incomplete += not verdict.complete
+        if _is_known(verdict):
+            self.min_contact_time = min(self.min_contact_time, verdict.contact_time)
+
+    def _count_reason(self, verdict: Verdict) -> None:
+        """Count the weightiest reason of a stop; figures would make each one of its own."""
+        reason = "no reason"
+        for one in verdict.reasons:
+            if one.kind is not ReasonKind.HOLD:
+                subject = quote(one.subject)
+                reason = f"{one.kind.text}: {subject}" if subject else one.kind.text
+                break
+        if reason not in self.reasons and len(self.reasons) >= REASON_LIMIT:
+            reason = "other reasons"
+        self.reasons[reason] += 1
+
+
+def _is_known(verdict: Verdict) -> bool:
+    """Whether a contact time is that of a pair, and not said for want of knowledge.
+
+    A refused state has no pair; and an obstacle that could be anywhere by now, since its source is
+    silent or its states are refused, is at 0 s, whether or not it is near.
+    """
+    if verdict.link is None or not verdict.complete:
+        return False
+    return verdict.contact_time > 0.0 or not any(
+        reason.kind.effect is Effect.STANDING for reason in verdict.reasons
+    )

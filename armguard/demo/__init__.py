@@ -1,6 +1,0 @@
-"""`armguard demo`: a simulated cell, supervised by the same command that supervises a real one.
-
-`nodes.py` holds the two processes that stand for a real cell's perception and robot; `launcher.py`
-starts them, `armguard run` and the view, shows what comes out, and ends them all. Nothing is
-imported here, so that a node's process loads only what it needs.
-"""

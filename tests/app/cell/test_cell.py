@@ -1,0 +1,271 @@
+import inspect
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec import UNSET
+
+from armguard.app.cell import Cell
+from armguard.app.cell.schema import SeparationTable
+from armguard.exceptions import CellError
+from armguard.monitor import Monitor
+from armguard.pairs import SeparationRule
+from armguard.pairs.separation import HUMAN_SPEED
+from armguard.people import BOUNDS
+from armguard.robot import Robot
+from armguard.streams.edge import HELD_UP
+from support.cell_texts import FRAMES, ROBOT
+
+EXAMPLE = Path(__file__).parents[3] / "demos" / "cell.toml"
+READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+
+
+@pytest.fixture(scope="module")
+def example():
+    cell = Cell.load(EXAMPLE)
+    return cell, *cell.build()
+
+
+def test_the_example_gives_robot_obstacles_and_monitor(example):
+    cell, robot, obstacles, monitor = example
+    assert robot.name == "panda"
+    assert sorted(obstacles.ids[:2]) == ["pillar", "table"]
+    assert obstacles.silent_sources(0.0, 0.2) == ["camera"]
+    assert monitor.period == 0.001
+    verdict = monitor.step(0.0, READY, np.zeros(7))
+    assert [str(reason) for reason in verdict.reasons][:1] == ["source silent: camera"]
+    # The table is ignored: it is what is nearest, and not what is named.
+    assert verdict.obstacle == "pillar"
+    assert cell.frames["camera"].calibration_error == 0.01
+
+
+def test_the_example_says_what_the_library_would_do_anyway():
+    """The values that the example explains are the defaults, so that neither misleads."""
+    defaults = {
+        name: parameter.default for name, parameter in inspect.signature(Monitor).parameters.items()
+    }
+    tables = Cell.load(EXAMPLE).tables
+    for table in (tables.monitor, tables.thresholds):
+        for key in table.__struct_fields__:
+            if key not in ("joint_timeout", "budget"):
+                assert getattr(table, key) == defaults[key], key
+    # This one alone is longer, for a desktop, and the file says what that costs.
+    assert tables.thresholds.joint_timeout == 0.25 > max(0.05, 5.0 / tables.monitor.rate)
+    # What no number says, a file says by leaving it out.
+    assert (tables.monitor.budget, defaults["budget"]) == (UNSET, None)
+
+
+def test_every_setting_of_the_monitor_has_a_key():
+    tables = Cell.load(EXAMPLE).tables
+    keys = {*tables.monitor.__struct_fields__, *tables.thresholds.__struct_fields__, "margin"}
+    # Certificates are for observers within the same program; `ignore` and `[separation]` have
+    # places of their own.
+    others = {"robot", "obstacles", "ignore", "base_placement", "certify", "separation"}
+    assert keys == set(inspect.signature(Monitor).parameters) - others
+
+
+def test_the_example_explains_every_key():
+    text = EXAMPLE.read_text()
+    tables = Cell.load(EXAMPLE).tables
+    for name in tables.__struct_fields__:
+        table = getattr(tables, name)
+        parts = table.values() if isinstance(table, dict) else [table]
+        for part in parts:
+            for key in getattr(part, "__struct_fields__", ()):
+                assert f"{key} = " in text or f"[{name}.{key}]" in text or key == "position", key
+
+
+def test_a_cell_with_only_a_robot_has_the_defaults_of_the_library():
+    _, _, monitor = Cell.from_text(ROBOT).build()
+    assert monitor.period == 0.001
+
+
+def test_obstacles_in_a_frame_arrive_in_the_world_with_its_error():
+    obstacles = Cell.from_text(FRAMES).make_obstacles()
+    obstacles.update(["a"], 0.0, [[1.0, 2.0, 3.0]], radius=0.1, frame="lens", position_error=0.1)
+    row = obstacles.row("a")
+    accepted = obstacles.table.accepted
+    np.testing.assert_allclose(accepted.points[row, 0], [3.0, 3.0, -3.5], atol=1e-12)
+    assert accepted.position_error[row] == pytest.approx(0.112)
+
+
+def test_the_base_moves_the_robot_and_statics_follow_their_frame():
+    def contact_time(base, frame, position):
+        text = (
+            f"{ROBOT}[robot.base]\nxyz = {base}\n"
+            f'[statics.post]\nframe = "{frame}"\nposition = {position}\nradius = 0.1\n'
+        )
+        _, _, monitor = Cell.from_text(text).build()
+        return monitor.step(0.0, READY, np.zeros(7)).contact_time
+
+    here = contact_time([0.0, 0.0, 0.0], "world", [1.0, 0.0, 0.5])
+    assert 0.0 < here < math.inf
+    assert contact_time([1.0, 2.0, 3.0], "world", [2.0, 2.0, 3.5]) == pytest.approx(here)
+    assert contact_time([1.0, 2.0, 3.0], "base", [1.0, 0.0, 0.5]) == pytest.approx(here)
+    assert contact_time([1.0, 2.0, 3.0], "world", [1.0, 0.0, 0.5]) != pytest.approx(here)
+
+
+def test_settings_reach_obstacles_and_monitor():
+    text = (
+        'ignore = [["panda_link[1-3]", "part*"], ["*", "toy"]]\n'
+        + ROBOT
+        + "[bounds]\nspeed = 3\naccel = 7.0\nmargin = 0.05\n[monitor]\nrate = 500\nbudget = 77\n"
+        + '[sources.cam]\ntimeout = 0.5\nrequired = false\n[sources.lidar]\nclock = "unix"\n'
+    )
+    _, obstacles, monitor = Cell.from_text(text).build()
+    assert (monitor.period, monitor.settings.budget) == (0.002, 77)
+    assert obstacles.silent_sources(0.0, 0.2) == ["lidar"]
+    obstacles.update(["a"], 0.0, [[9.0, 9.0, 9.0]], radius=0.1)
+    row = obstacles.row("a")
+    assert obstacles.table.accepted.speed[row] == 3.0
+    assert obstacles.table.accepted.accel[row] == 7.0
+
+
+def test_ids_have_the_bounds_of_their_first_pattern():
+    text = (
+        '[robot]\nname = "panda"\n[bounds]\nspeed = 3.0\n[bounds.of]\n"*_hand" = "hand"\n'
+        '"*" = { accel = inf, speed = 12.0 }\n"late" = "head"\n'
+    )
+    obstacles = Cell.from_text(text).make_obstacles()
+    obstacles.update(["left_hand", "late"], 0.0, np.zeros((2, 3)), radius=0.1)
+    rows = [obstacles.row(id) for id in ("left_hand", "late")]
+    assert obstacles.table.accel[rows].tolist() == [BOUNDS["hand"].accel, math.inf]
+    assert obstacles.table.speed[rows].tolist() == [BOUNDS["hand"].speed, 12.0]
+    # A bound that the table would refuse is refused by the name of its key.
+    text = text.replace("12.0", "1200.0")
+    with pytest.raises(CellError, match=r"cell: bounds.*speed: is 1200\.0; expected at most 100"):
+        Cell.from_text(text).make_obstacles()
+
+
+def separation_of(table):
+    """What the verdict of a cell with such a table says of one scene, in [m]."""
+    _, obstacles, monitor = Cell.from_text(ROBOT + table).build()
+    obstacles.update(["person"], 0.0, [[2.0, 0.5, 0.5]], radius=0.1)
+    return monitor.step(0.0, READY, np.zeros(7)).separation
+
+
+def test_the_separation_distance_is_as_the_file_has_it():
+    assert separation_of("") is None
+    usual = separation_of("[separation]\n")
+    assert separation_of(f"[separation]\nhuman_speed = {HUMAN_SPEED}\n") == usual
+    further = "intrusion_distance = 0.2\nhuman_uncertainty = 0.1\nrobot_uncertainty = 0.05\n"
+    assert separation_of("[separation]\n" + further) < usual
+    # The bound of obstacles is 2 m/s by default.
+    own = separation_of('[separation]\nhuman_speed = "own"\n')
+    assert own == separation_of("[separation]\nhuman_speed = 2.0\n") < usual
+
+
+def test_the_separation_table_has_all_parameters_of_the_rule():
+    assert SeparationTable.__struct_fields__ == SeparationRule._fields
+    # As the example has it once its comments are taken away.
+    text = re.sub(r"^# (\[separation\]|\w+ = [\d.]+ +#)", r"\1", EXAMPLE.read_text(), flags=re.M)
+    table = Cell.from_text(text).tables.separation
+    assert SeparationRule(*(getattr(table, key) for key in SeparationRule._fields)) == (
+        SeparationRule()
+    )
+
+
+def test_a_clock_error_of_the_joints_widens_their_errors():
+    known = Cell.from_text(ROBOT).make_robot()
+    robot, _, monitor = Cell.from_text(ROBOT + "[joint_state]\nclock_error = 0.004").build()
+    top_speed = known.velocity_limit + known.velocity_error
+    np.testing.assert_allclose(robot.position_error, known.position_error + 0.004 * top_speed)
+    np.testing.assert_allclose(
+        robot.velocity_error, known.velocity_error + 0.004 * known.acceleration_limit
+    )
+    assert not robot.position_error.flags.writeable
+    # States that differ by what joints do in twice that time are no jump.
+    moved = np.array(READY) + 1.9 * 0.004 * known.velocity_limit
+    assert (
+        monitor.step(0.0, READY, np.zeros(7)).level == monitor.step(1e-3, moved, np.zeros(7)).level
+    )
+
+
+def test_comparing_dates_widens_the_errors_of_the_joints_a_little():
+    known = Cell.from_text(ROBOT).make_robot()
+    robot = Cell.from_text(ROBOT + '[joint_state]\nclock = "unix"').make_robot()
+    wider = robot.position_error - known.position_error
+    assert (wider >= 0.999 * HELD_UP * known.velocity_limit).all()
+    assert (wider < 2e-4).all()
+
+
+def test_a_urdf_and_what_belongs_to_it_are_found_beside_the_file(tmp_path, monkeypatch):
+    calls, options = [], inspect.signature(Robot.from_urdf).parameters
+    monkeypatch.setattr(Robot, "from_urdf", lambda *path, **options: calls.append((path, options)))
+    (tmp_path / "cell.toml").write_text(
+        '[robot]\nurdf = "arm.urdf"\nlimits = "limits.toml"\njoints = ["elbow"]\n'
+        'package_dirs = ["meshes", "/opt/meshes"]\ncover = "cover.json"\n'
+    )
+    Cell.load(tmp_path / "cell.toml").make_robot()
+    Cell.from_text('[robot]\nurdf = "/a.urdf"\nlimits = "b.toml"', tmp_path).make_robot()
+    assert calls[0][0] == (tmp_path / "arm.urdf",)
+    assert calls[0][1] == {
+        "limits": tmp_path / "limits.toml",
+        "joints": ["elbow"],
+        "package_dirs": [tmp_path / "meshes", Path("/opt/meshes")],
+        "cover": tmp_path / "cover.json",
+    }
+    assert calls[1][0] == (Path("/a.urdf"),)
+    assert calls[1][1]["joints"] is calls[1][1]["cover"] is None
+    assert set(calls[0][1]) == set(options) - {"path"}
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "pattern"),
+    [
+        ('[robot]\nname = "nobody"', "robot.name", "'nobody'.*one of .*panda"),
+        ('[robot]\nurdf = "no.urdf"\nlimits = "no.toml"', "robot.urdf", "no.toml"),
+        (ROBOT + '[monitor]\nschedule = "never"', "monitor.schedule", "'never'"),
+        (ROBOT + '[monitor]\nschedule = "full"\nbudget = 5', "monitor.budget", "deadline"),
+        (ROBOT + '[monitor]\nmotion = "slow"', "monitor.motion", "'slow'"),
+        ("ignore = [['arm*', '*']]\n" + ROBOT, "ignore[0]", "'arm.*panda_link1"),
+        ("ignore = [['panda_*', '*']]\n" + ROBOT, "ignore", "panda_.*leaves nothing to watch"),
+        ("ignore = [['*', 'a', 'eye']]\n" + ROBOT, "ignore", "'eye'"),
+        (
+            "ignore = [['*', 'a', 'eye']]\n" + ROBOT + "[sources.cam]\n",
+            "ignore",
+            "'eye'.*expected one of cam",
+        ),
+    ],
+)
+def test_what_shows_only_when_built_names_its_key_too(text, key, pattern):
+    with pytest.raises(CellError, match=pattern) as caught:
+        Cell.from_text(text).build()
+    assert caught.value.offender == f"cell: {key}"
+
+
+def test_files_that_cannot_be_read_are_named(tmp_path):
+    for path in (tmp_path / "absent.toml", tmp_path):
+        with pytest.raises(CellError, match="cannot be read"):
+            Cell.load(path)
+
+
+def test_a_file_says_whether_there_are_sources():
+    silent = Cell.from_text('[robot]\nname = "panda"\n').make_obstacles()
+    assert silent.expects_sources
+    none = Cell.from_text('[robot]\nname = "panda"\n[sources]\n').make_obstacles()
+    assert not none.expects_sources
+    assert not none.has_sources
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("speed = 2000.0", "bounds.speed.*2000.0.*at most 100 m/s.*inf"),
+        ("accel = 9810.0", "bounds.accel.*9810.0.*at most 1000 m/s²"),
+        ("speed = nan", "bounds.speed: is nan"),
+        ("extent = inf", "bounds.extent: is inf"),
+    ],
+)
+def test_bounds_in_other_units_are_refused(line, message):
+    with pytest.raises(CellError, match=message):
+        Cell.from_text(f'[robot]\nname = "panda"\n[bounds]\n{line}\n').make_obstacles()
+
+
+def test_a_bound_that_there_is_not_is_inf():
+    cell = Cell.from_text('[robot]\nname = "panda"\n[bounds]\nspeed = inf\naccel = inf\n')
+    obstacles = cell.make_obstacles()
+    obstacles.update(["a"], 0.0, [[1.0, 0.0, 0.0]], radius=0.1)
+    assert (obstacles.table.speed[0], obstacles.table.accel[0]) == (math.inf, math.inf)

@@ -1,0 +1,120 @@
+import pytest
+
+from armguard.app.cell import Cell
+from armguard.exceptions import CellError
+
+ROBOT = '[robot]\nname = "panda"\n'
+MISTAKES = [
+    ("", "robot", "is missing"),
+    ("robot = 3", "robot", "is 3"),
+    ("[robot]", "robot", "neither name nor urdf"),
+    ('[robot]\nname = "panda"\nurdf = "a"', "robot", "both name and urdf"),
+    ('[robot]\nurdf = "arm.urdf"', "robot.limits", "is missing"),
+    (ROBOT + "joints = ['panda_joint1']", "robot.joints", "panda_joint1"),
+    (ROBOT + "colour = 'red'", "robot.colour", "'red'.*one of name, urdf"),
+    ("[robot]\nname = 7", "robot.name", "is 7; expected str"),
+    ("[robot]\nname = ''", "robot.name", "is ''"),
+    (ROBOT + "[robot.base]\nxyz = [1, 2]", "robot.base.xyz", r"is \[1, 2\]; expected .*length 3"),
+    (ROBOT + "[robot.base]\nxyz = [1, 2, 'up']", "robot.base.xyz[2]", "is 'up'; expected float"),
+    (ROBOT + "[robot.base]\nxyz = [1, 2, nan]", "robot.base.xyz[2]", "is nan; expected .*finite"),
+    (
+        ROBOT + "[robot.base]\nquaternion = [0, 0, 0, 1.01]",
+        "robot.base.quaternion",
+        "of length 1.01; expected x, y, z, w",
+    ),
+    (ROBOT + "[robot.base]\nquaternion = [0, 0, 0, 0]", "robot.base.quaternion", "of length 0"),
+    (ROBOT + "[robot.base]\nparent = 'world'", "robot.base.parent", "is no key"),
+    (ROBOT + "[separation]\nspeed = 1", "separation.speed", "no key.*one of human_speed, intr"),
+    (ROBOT + "[separation]\nhuman_speed = -1", "separation.human_speed", "is -1"),
+    (ROBOT + "[separation]\nhuman_speed = 'walk'", "separation.human_speed", "is 'walk'"),
+    (ROBOT + "[separation]\nrobot_uncertainty = nan", "separation.robot_uncertainty", "finite"),
+    (ROBOT + "separation = 3", "robot.separation", "is no key"),
+    (ROBOT + "[tool]\nname = 'a'\nlink = 'b'\nball = 1", "tool.ball", "one of name, link, xyz"),
+    (ROBOT + "[frames.world]", "frames.world", "frame of its own"),
+    (ROBOT + "[frames.base]", "frames.base", "frame of its own"),
+    (ROBOT + "[frames.a]\nparent = 'b'", "frames.a.parent", "is 'b'; expected one of world, base"),
+    (
+        ROBOT + "[frames.a]\nparent = 'b'\n[frames.b]\nparent = 'a'",
+        "frames.b.parent",
+        r"circle \(a in b in a\)",
+    ),
+    (ROBOT + "[frames.a]\nparent = 'a'", "frames.a.parent", r"circle \(a in a\)"),
+    (ROBOT + "[frames.a]\ncalibration_error = -1", "frames.a.calibration_error", "is -1.*>= 0"),
+    (ROBOT + "[frames.a]\nquaternion = [1, 1, 0, 0]", "frames.a.quaternion", "length 1.41421"),
+    (ROBOT + "[frames.a.b]\nxyz = 3", "frames.a.b", "is no key"),
+    (ROBOT + "[sources.cam0]\ntimeout = 0", "sources.cam0.timeout", "is 0; expected float > 0"),
+    (ROBOT + "[sources.cam0]\ntimeout = inf", "sources.cam0.timeout", "is inf.*finite"),
+    (ROBOT + "[sources.cam0]\ntimeout = '1'", "sources.cam0.timeout", "is '1'; expected float"),
+    (ROBOT + "[sources.cam0]\nrequired = 1", "sources.cam0.required", "is 1; expected bool"),
+    (
+        ROBOT + "[sources.cam0]\nclock = 'sundial'",
+        "sources.cam0.clock",
+        "is 'sundial'; expected one of 'monotonic', 'unix', 'arrival'",
+    ),
+    (ROBOT + "[sources.cam0]\nclock = 'arrival'", "sources.cam0.latency", "is 0.0"),
+    (
+        ROBOT + "[sources.cam0]\nclock = 'arrival'\nlatency = 0.1",
+        "bounds.speed",
+        "missing with sources.cam0.clock",
+    ),
+    (ROBOT + "[sources.cam0]\nclock_error = -0.1", "sources.cam0.clock_error", "is -0.1"),
+    (
+        ROBOT + "[sources.cam0]\nclock_error = 0.1\n[bounds]\nspeed = 2.0",
+        "bounds.accel",
+        "missing with sources.cam0.clock_error = 0.1",
+    ),
+    (
+        ROBOT + "[sources.cam0]\nrate = 5\ntimeout = 0.1",
+        "sources.cam0.timeout",
+        "is 0.1; expected longer than one period of its rate, 0.2 s",
+    ),
+    (ROBOT + "[joint_state]\nclock = 'arrival'", "joint_state.clock", "'monotonic', 'unix'"),
+    (ROBOT + "[statics.t]\nradius = 1", "statics.t", "not exactly one of position and points"),
+    (ROBOT + "[statics.t]\nposition = [0, 0, 0]", "statics.t.radius", "is missing"),
+    (ROBOT + "[statics.t]\nradius = 1\npoints = []", "statics.t.points", r"is \[\]; expected"),
+    (
+        ROBOT + "[statics.t]\nradius = 1\nposition = [0, 0, 0]\nframe = 'moon'",
+        "statics.t.frame",
+        "is 'moon'; expected one of world, base",
+    ),
+    (ROBOT + "[bounds]\nspeed = -1", "bounds.speed", "is -1"),
+    (ROBOT + "[bounds]\nof = 3", "bounds.of", "is 3; expected object"),
+    (ROBOT + "[bounds.of]\n'*' = 3", "bounds.of.*", "is 3; expected a part of a body"),
+    (ROBOT + "[bounds.of]\n'*' = ''", "bounds.of.*", "is ''; expected a part of a body"),
+    (ROBOT + "[bounds.of]\n'' = 'hand'", "bounds.of", "has an empty pattern"),
+    (ROBOT + "[bounds.of]\n'*' = 'paw'", "bounds.of.*", "is 'paw'; expected one of head, trunk"),
+    (ROBOT + "[bounds.of]\n'b*' = {accel = 1}", "bounds.of.b*.speed", "is missing"),
+    (ROBOT + "[bounds.of]\nb = {accel = -1, speed = 1}", "bounds.of.b.accel", "is -1"),
+    (ROBOT + "[bounds.of]\nb = {accel = nan, speed = 1}", "bounds.of.b.accel", "is nan"),
+    (ROBOT + "[bounds.of]\nb = {accel = 1, speed = 1, jerk = 1}", "bounds.of.b.jerk", "is no key"),
+    (ROBOT + "[monitor]\nrate = 0", "monitor.rate", "is 0"),
+    (ROBOT + "[monitor]\nfreshness = 1", "monitor.freshness", "is 1"),
+    (ROBOT + "[monitor]\nbudget = 0", "monitor.budget", "is 0"),
+    (ROBOT + "[monitor]\nbudget = 1.5", "monitor.budget", "is 1.5"),
+    (ROBOT + "[thresholds]\nhold = true", "thresholds.hold", "is True; expected float"),
+    (ROBOT + "[thresholds]\nhold = 1\n[treshold]\na = 1", "treshold", "is no key"),
+    ("ignore = 'all'\n" + ROBOT, "ignore", "is 'all'; expected array"),
+    ("ignore = [['a']]\n" + ROBOT, "ignore[0]", "length >= 2"),
+    ("ignore = [['a', 'b', 'c', 'd']]\n" + ROBOT, "ignore[0]", "length <= 3"),
+    ("[gripper]\nmass = 1\n" + ROBOT, "gripper", "is no key"),
+]
+
+
+@pytest.mark.parametrize(("text", "key", "pattern"), MISTAKES)
+def test_mistakes_name_file_key_value_and_expectation(text, key, pattern, tmp_path):
+    (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(CellError, match=pattern) as caught:
+        Cell.load(tmp_path / "mine.toml")
+    assert caught.value.offender == f"{tmp_path}/mine.toml: {key}"
+    assert "\n" not in str(caught.value)
+    assert "$" not in str(caught.value)
+    assert "`" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "content", [b"[robot", b"a = 1\na = 2", b"\xff\xfe", b"x = " + b"[" * 9999]
+)
+def test_what_is_no_toml_is_refused(content, tmp_path):
+    (tmp_path / "mine.toml").write_bytes(content)
+    with pytest.raises(CellError, match=r"mine\.toml"):
+        Cell.load(tmp_path / "mine.toml")

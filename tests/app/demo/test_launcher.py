@@ -1,0 +1,76 @@
+"""The demo as its user meets it: real processes, ended in every order."""
+
+import json
+import os
+import re
+import signal
+from pathlib import Path
+
+import pytest
+
+from armguard.app.demo.launcher import run_demo
+from armguard.exceptions import ArmguardError
+from support.demo_processes import SOON, RunningDemo, finish, listening_sockets
+
+RECORDINGS = Path(
+    os.environ.get("ARMGUARD_RECORDINGS", Path(__file__).parents[3] / "../shared/data/human-motion")
+)
+
+
+def test_it_listens_on_the_loopback_interface_only_and_ends_when_asked(start, tmp_path):
+    demo = start("--duration", "60", "--json")
+    sockets = listening_sockets(demo.pids())
+    assert len(demo.pids()) == 5
+    assert len(sockets) == 1  # the page
+    assert sockets[0].startswith("0100007F:")
+    demo.process.terminate()
+    out, err = finish(demo)
+    assert demo.process.returncode == 0
+    assert json.loads(out)["ticks"] > 0
+    assert "armguard:" not in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_nothing_outlives_a_launcher_that_is_killed(start):
+    demo = start("--duration", "60", "--json")
+    ports = listening_sockets(demo.pids())
+    assert ports
+    demo.process.kill()
+    assert demo.wait_until_gone(SOON)
+    assert demo.process.wait() == -signal.SIGKILL
+    assert not listening_sockets(demo.pids())
+
+
+def test_a_page_whose_port_is_taken_is_a_mistake(tmp_path):
+    with RunningDemo("--port", "1000000", folder=tmp_path) as demo:
+        out, err = finish(demo)
+    assert demo.process.returncode == 2
+    assert out == ""
+    assert re.fullmatch(r"armguard: port 1000000 [^\n]+\n", err)
+
+
+def test_mistakes_are_raised_before_anything_is_started():
+    for mistake in ({"duration": float("nan")}, {"duration": -1.0}, {"obstacle_count": -1}):
+        with pytest.raises(ArmguardError):
+            run_demo(**mistake)
+    with pytest.raises(ArmguardError, match="port"):
+        run_demo(port=-1)
+
+
+@pytest.mark.skipif(
+    not (RECORDINGS / "handover-0.csv").exists(),
+    reason="no recordings there: set ARMGUARD_RECORDINGS to their folder",
+)
+def test_a_real_person_is_supervised_over_the_same_streams(tmp_path):
+    person = str(RECORDINGS / "handover-0.csv")
+    arguments = ["--person", person, "--duration", "6", "--no-view", "--json"]
+    with RunningDemo(*arguments, folder=tmp_path) as demo:
+        out, _ = finish(demo)
+    assert demo.process.returncode == 0
+    summary = json.loads(out)
+    assert summary["received"] > 1000
+    # Somebody is seen near the arm; whether it must stop for them is for the verdict to say.
+    levels = summary["levels"]
+    assert levels["STOP"] + levels["SLOW"] + levels["AWARE"] > 0
+    assert 0.0 <= summary["min_contact_time"] < 1.0
+    assert summary["message_faults"] == {}

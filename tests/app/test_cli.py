@@ -1,0 +1,183 @@
+"""The command line: help that shows how, mistakes in one line, a demo that ends as it should."""
+
+import contextlib
+import json
+import os
+import pty
+import re
+import select
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from pathlib import Path
+
+import pytest
+
+from armguard.app.cli import main
+
+ARMGUARD = Path(sys.executable).with_name("armguard")
+
+HEADER_OF_ANOTHER_WORLD = "frame,x,y,z\n1,0.0,0.0,0.0\n"
+
+
+def list_commands(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["--help"])
+    assert end.value.code == 0
+    (commands,) = re.findall(r"\{([\w,-]+)\}", capsys.readouterr().out.splitlines()[0])
+    return commands.split(",")
+
+
+def test_help_of_each_command_has_an_example(capsys):
+    commands = list_commands(capsys)
+    assert {"demo", "robots"} <= set(commands)
+    for command in commands:
+        with pytest.raises(SystemExit) as end:
+            main([command, "--help"])
+        assert end.value.code == 0
+        out = capsys.readouterr().out
+        assert f"Example: armguard {command}" in " ".join(out.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "demo"),
+        (["dmeo"], "dmeo"),
+        (["demo", "--speed", "3"], "--speed"),
+        (["demo", "--duration", "long"], "--duration"),
+        (["demo", "--duration", "nan"], "--duration"),
+        (["demo", "--duration", "0"], "--duration"),
+        (["demo", "--obstacles", "-1"], "--obstacles"),
+        (["demo", "--obstacles", "1.5"], "--obstacles"),
+        (["demo", "--schedule", "psychic"], "psychic"),
+        (["demo", "--person", "/nowhere/person.csv"], "/nowhere/person.csv"),
+        (["demo", "--person", "/"], "/"),
+        (["robots", "panda"], "panda"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_a_mistake_is_one_line_and_exit_code_2(arguments, words, capsys):
+    assert run_main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert re.fullmatch(r"armguard: [^\n]+\n", err)
+    assert words in err
+
+
+@pytest.mark.parametrize("content", [b"", HEADER_OF_ANOTHER_WORLD.encode(), b"\xff\xfe\x00"])
+def test_a_recording_without_its_header_is_a_mistake(content, tmp_path, capsys):
+    path = tmp_path / "person.csv"
+    path.write_bytes(content)
+    assert run_main(["demo", "--person", str(path), "--duration", "1", "--json"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert re.fullmatch(r"armguard: [^\n]+\n", err)
+    assert "person.csv" in err
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "UTF-8", "ascii"])
+def test_a_mistake_is_one_line_whatever_the_terminal_can_show(encoding):
+    result = run_armguard("demo", "--schedule", "psychic", PYTHONIOENCODING=encoding)
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert re.fullmatch(r"armguard: [^\n]*psychic[^\n]+\n", result.stderr)
+
+
+def run_main(arguments):
+    """The exit code, whichever way the call ends."""
+    try:
+        return main(arguments)
+    except SystemExit as end:
+        return end.code
+
+
+def test_robots_lists_panda():
+    result = run_armguard("robots")
+    assert result.returncode == 0
+    assert "panda" in result.stdout.split()
+
+
+def test_the_demo_prints_one_json_object():
+    result = run_armguard("demo", "--duration", "2", "--json")
+    assert result.returncode == 0, result.stderr
+    summary = json.loads(result.stdout)
+    assert 0 < summary["ticks"] <= 2001
+    assert set(summary["levels"]) == {"STOP", "SLOW", "AWARE", "CLEAR"}
+    assert sum(summary["levels"].values()) == summary["ticks"]
+    assert 0 <= summary["stops"] <= summary["levels"]["STOP"]
+    assert summary["min_contact_time"] is None or summary["min_contact_time"] >= 0
+    assert 0 < summary["tick_us"]["p50"] <= summary["tick_us"]["p99"] <= summary["tick_us"]["max"]
+    assert 0 <= summary["incomplete"] <= summary["ticks"]
+    assert summary["faults"] >= 0
+
+
+@pytest.mark.parametrize("send", [os.kill, os.killpg], ids=["process", "group"])
+def test_an_interrupt_ends_the_demo_with_its_summary(send):
+    """As Ctrl-C in a terminal (the whole group), and as `kill -INT` (the one process)."""
+    terminal, theirs = pty.openpty()
+    mark = f"ARMGUARD_TEST_MARK={uuid.uuid4()}"
+    demo = subprocess.Popen(
+        [ARMGUARD, "demo", "--duration", "60"],
+        stdin=subprocess.DEVNULL,
+        stdout=theirs,
+        stderr=theirs,
+        env=os.environ | {"TERM": "xterm", "COLUMNS": "100"} | dict([mark.split("=")]),
+        start_new_session=True,
+    )
+    os.close(theirs)
+    try:
+        assert "contact possible in" in read_terminal(terminal, until="contact possible in")
+        assert len(find_processes(mark)) > 1
+        send(demo.pid, signal.SIGINT)
+        shown = read_terminal(terminal)
+        assert demo.wait(timeout=20) == 0
+    finally:
+        demo.kill()
+        demo.wait()
+        os.close(terminal)
+    assert "summary" in shown
+    assert "Traceback" not in shown
+    assert not find_processes(mark), "nobody stays behind"
+
+
+def find_processes(mark):
+    """Numbers of the processes that have `mark` in the environment they were started with."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):  # ended meanwhile, or somebody else's
+            if mark.encode() in path.read_bytes():
+                found.append(int(path.parent.name))
+    return found
+
+
+def read_terminal(terminal, until=None, patience=40.0):
+    """What comes from a terminal: up to some words, or until nobody is left to write to it."""
+    shown = ""
+    deadline = time.monotonic() + patience
+    while until is None or until not in shown:
+        ready, _, _ = select.select([terminal], [], [], max(0.0, deadline - time.monotonic()))
+        if not ready:
+            break
+        try:
+            chunk = os.read(terminal, 65536)
+        except OSError:  # Linux: the last writer has closed its end
+            break
+        if not chunk:
+            break
+        shown += chunk.decode(errors="replace")
+    return shown
+
+
+def run_armguard(*arguments, **environment):
+    return subprocess.run(
+        [ARMGUARD, *arguments],
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        env=os.environ | environment,
+        timeout=60,
+        check=False,
+    )

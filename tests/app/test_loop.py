@@ -1,0 +1,404 @@
+import gc
+import importlib.util
+import json
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armguard.app.cell import Cell
+from armguard.app.loop import LONGEST_SPELL, REST, Durations, RateLoop, run
+from armguard.clock import ManualClock
+from armguard.exceptions import StreamError
+from armguard.streams import Edge, FaultLog, Publisher, SocketInput, VerdictReader
+from armguard.verdict import Level, ReasonKind
+
+EXAMPLE = Path(__file__).parents[2] / "demos" / "cell.toml"
+CELL = '[robot]\nname = "panda"\n[sources.camera]\n'
+NAMES = [f"panda_joint{number}" for number in range(1, 8)]
+READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+PATIENCE = 20.0
+
+
+class Script:
+    """An input that says, tick by tick, what a test wrote down."""
+
+    def __init__(self, *ticks):
+        self.ended = False
+        self._ticks = [list(messages) for messages in ticks]
+
+    def receive(self):
+        if not self._ticks:
+            self.ended = True
+            return None
+        if self._ticks[0]:
+            return json.dumps(self._ticks[0].pop(0)).encode()
+        self._ticks.pop(0)
+        return None
+
+    def close(self):
+        pass
+
+
+def joints(stamp, **changes):
+    return {"type": "joints", "stamp": stamp, "names": NAMES, "q": READY, "v": [0] * 7, **changes}
+
+
+def ball(stamp, x=9.0, **changes):
+    position = [[x, 0.0, 0.5]]
+    message = {"type": "obstacles", "source": "camera", "stamp": stamp, "ids": ["ball"]}
+    return {**message, "position": position, "velocity": [[0, 0, 0]], "radius": 0.1, **changes}
+
+
+def make_loop(script, clock, publish, text=CELL, **options):
+    robot, obstacles, monitor = Cell.from_text(text).build()
+    faults = FaultLog(clock.now, lambda line: None)
+    edge = Edge(obstacles, robot.joints, clock, faults, monotonic=clock.now, **options)
+    return RateLoop(monitor, edge, [script], clock, publish)
+
+
+# The loop
+
+
+def test_each_tick_drains_steps_and_publishes():
+    verdicts = []
+    ticks = [[], [joints(0.001)], [joints(0.002), ball(0.002)], [joints(0.003), ball(0.003)]]
+    loop = make_loop(Script(*ticks), ManualClock(), verdicts.append)
+    report = loop.run(duration=0.004)
+    assert [verdict.sequence for verdict in verdicts] == [0, 1, 2, 3]
+    levels = [verdict.level for verdict in verdicts]
+    assert levels == [Level.STOP, Level.STOP, Level.STOP, Level.STOP]
+    assert [verdict.reasons[0].kind for verdict in verdicts[:2]] == [
+        ReasonKind.NOT_YET_COMPLETE,
+        ReasonKind.SOURCE_SILENT,
+    ]
+    assert verdicts[3].obstacle == "ball"
+    assert report.ticks == 4
+    assert report.late == report.missed == 0
+    assert report.received == 5
+    assert report.faults == {}
+
+
+def test_without_joint_states_nothing_is_known():
+    verdicts = []
+    make_loop(Script([], []), ManualClock(3.0), verdicts.append).run(duration=0.002)
+    for verdict in verdicts:
+        assert verdict.level is Level.STOP
+        assert verdict.contact_time == 0.0
+        assert not verdict.complete
+        assert verdict.speed_scale == 0.0
+
+
+def test_the_loop_ends_with_its_input_and_on_control_c():
+    assert make_loop(Script([], [], []), ManualClock(), len).run().ticks == 5
+
+    def interrupt(verdict):
+        raise KeyboardInterrupt
+
+    loop = make_loop(Script(*[[]] * 1000), ManualClock(), interrupt)
+    assert loop.run().ticks == 0
+
+
+def test_late_ticks_are_counted_and_the_grid_stays():
+    clock = ManualClock(10.0)
+    begins = []
+
+    def publish(verdict):
+        begins.append(clock.now())
+        if len(begins) == 3:
+            clock.sleep_until(clock.now() + 0.0047)
+
+    report = make_loop(Script(*[[]] * 100), clock, publish).run(duration=0.010)
+    expected = [10.0, 10.001, 10.002, 10.0067, 10.007, 10.008, 10.009]
+    assert begins == pytest.approx(expected, abs=1e-9)
+    assert report.ticks == 7
+    assert report.late == 1
+    assert report.missed == 3
+    assert report.longest == pytest.approx(0.0047)
+    assert report.p50 == 0.0 or report.p50 < 1e-6
+
+
+def test_a_loop_that_is_always_late_leaves_time_to_others():
+    """Its deadlines are gone, and yet it sleeps: with real-time scheduling nobody else runs."""
+    clock = ManualClock(10.0)
+    begins = []
+
+    def publish(verdict):
+        begins.append(clock.now())
+        clock.sleep_until(clock.now() + 0.0013)
+
+    report = make_loop(Script(*[[]] * 10_000), clock, publish).run(duration=2.0)
+    assert report.late == report.ticks
+    gaps = np.diff(begins) - 0.0013
+    rests = np.flatnonzero(gaps > 1e-6)
+    assert gaps[rests] == pytest.approx(REST)
+    assert np.diff(begins)[: rests[0]].sum() <= LONGEST_SPELL + 0.0014
+    assert np.diff(rests).max() * 0.0013 <= LONGEST_SPELL + 0.0014
+    assert gaps.sum() >= 0.04 * (begins[-1] - begins[0])
+
+
+def test_garbage_is_collected_between_ticks_and_never_in_one():
+    clock, within, collected = ManualClock(), [False], []
+
+    def publish(verdict):
+        for _ in range(1000):
+            knot = []
+            knot.append(knot)
+        within[0] = False
+
+    script = Script(*[[]] * 100)
+    receive = script.receive
+    script.receive = lambda: (within.__setitem__(0, True), receive())[1]
+    watch = lambda phase, info: collected.append(within[0])  # noqa: E731  # removed by identity
+    loop = make_loop(script, clock, publish)
+    gc.callbacks.append(watch)
+    try:
+        loop.run()
+    finally:
+        gc.callbacks.remove(watch)
+    assert len(collected) > 100
+    assert not any(collected)
+
+
+def test_a_restart_under_a_live_controller_goes_by_what_is_fresh():
+    """Four seconds of joint states have waited; the first would be too old, the next a gap."""
+    clock, verdicts = ManualClock(10.0), []
+    waiting = [joints(6.0 + 0.001 * n) for n in range(63 * 62)]
+    ticks = [waiting[63 * tick : 63 * tick + 63] for tick in range(62)]
+    ticks += [[joints(10.06 + 0.001 * n), ball(10.062 + 0.001 * n)] for n in range(400)]
+    report = make_loop(Script(*ticks), clock, verdicts.append, joint_timeout=0.05).run()
+    held = [verdict for verdict in verdicts if verdict.sequence == 0]
+    assert {verdict.level for verdict in held} == {Level.STOP}
+    assert re.search(r"no fresh joint state .* was \S+ s old", str(held[-1].reasons[0]))
+    kinds = {reason.kind for verdict in verdicts for reason in verdict.reasons}
+    assert ReasonKind.JOINT_STATE_GAP not in kinds
+    assert len(held) < 100
+    assert verdicts[-1].level is Level.CLEAR
+    assert report.faults["backlog: joints"] == 63 * 62
+
+
+def test_a_latched_stop_is_reset_by_the_token():
+    verdicts = []
+    bad = joints(0.001, q=[9.0] * 7)
+    reset = {"type": "reset", "token": "sesame"}
+    good = [[joints(0.001 * n), ball(0.001 * n)] for n in range(2, 400)]
+    good[0].insert(0, {"type": "reset", "token": "guess"})
+    good[100].insert(0, reset)
+    loop = make_loop(
+        Script([joints(0.0), ball(0.0)], [bad], *good),
+        ManualClock(),
+        verdicts.append,
+        reset_token="sesame",
+    )
+    report = loop.run()
+    levels = [verdict.level for verdict in verdicts]
+    assert levels[0] is Level.CLEAR
+    assert set(levels[1:101]) == {Level.STOP}
+    assert levels[103] is Level.CLEAR
+    assert report.faults == {"reset refused: unknown": 1}
+
+
+# The whole of it, on real sockets
+
+
+def test_obstacles_and_joints_in_verdicts_out(tmp_path):
+    inputs, outputs = f"ipc://{tmp_path}/in", f"ipc://{tmp_path}/out"
+    seen = []
+    with Publisher(inputs, "camera") as publisher, VerdictReader(outputs) as reader:
+
+        def observe(loop, verdict):
+            now = time.monotonic()
+            publisher.joints(now, NAMES, READY, np.zeros(7))
+            publisher.update(["ball"], now, [[9.0, 0.0, 0.5]], [[0.0, 0.0, 0.0]], radius=0.1)
+            latest = reader.latest()
+            if latest is not None:
+                seen.append((latest, time.monotonic(), reader.silent()))
+                if latest.level is Level.CLEAR:
+                    raise KeyboardInterrupt
+
+        cell = Cell.from_text(CELL)
+        report = run(cell, inputs, inputs, outputs, duration=PATIENCE, observe=observe)
+        verdict, now, _ = seen[-1]
+        assert verdict.level is Level.CLEAR
+        assert verdict.obstacle == "ball"
+        assert abs(verdict.stamp - now) < 1.0
+        assert verdict.valid_until - verdict.stamp < 1.0
+        assert report.faults == {}
+        assert reader.silent(verdict.valid_until + 0.001)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("realtime", [True, False])
+def test_what_the_system_refuses_is_told_once(tmp_path, capsys, realtime):
+    addresses = [f"ipc://{tmp_path}/{name}" for name in ("obstacles", "joints", "verdicts")]
+    policies = set()
+    report = run(
+        Cell.from_text(CELL),
+        *addresses,
+        duration=0.05,
+        realtime=realtime,
+        observe=lambda loop, verdict: policies.add(os.sched_getscheduler(0)),
+    )
+    lines = capsys.readouterr().err.splitlines()
+    if realtime:
+        assert lines == [f"armguard: {line}" for line in report.realtime.refusals]
+        assert (policies == {os.SCHED_OTHER}) == (report.realtime.priority == 0)
+    else:
+        assert report.realtime is None
+        assert not lines
+        assert policies == {os.SCHED_OTHER}
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
+
+
+def test_an_address_in_use_gives_back_what_was_opened(tmp_path):
+    taken = SocketInput(f"ipc://{tmp_path}/taken")
+    try:
+        for addresses in (
+            ("ipc://{}/taken", "ipc://{}/b", "ipc://{}/c"),
+            ("ipc://{}/a", "ipc://{}/taken", "ipc://{}/c"),
+            ("ipc://{}/a", "ipc://{}/b", "ipc://{}/taken"),
+            ("ipc://{}/a", "ipc://{}/b", "tcp://0.0.0.0:9"),
+        ):
+            with pytest.raises(StreamError):
+                run(Cell.from_text(CELL), *(address.format(tmp_path) for address in addresses))
+            assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+    finally:
+        taken.close()
+
+
+RUN = """
+import sys
+from armguard.app.cell.cell import Cell
+from armguard.app.loop import run
+from armguard.verdict import Level
+levels = []
+print("ready", flush=True)
+report = run(
+    Cell.load(sys.argv[1]),
+    sys.argv[2],
+    verdicts_address=sys.argv[3],
+    recorded="recorded" in sys.argv,
+    observe=lambda loop, verdict: levels.append(verdict.level.name),
+)
+print(report.received, report.faults, sorted(set(levels)), len(levels), sep=";")
+"""
+
+
+def start(*arguments):
+    return subprocess.Popen(
+        [sys.executable, "-c", RUN, *map(str, arguments)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def write_cell(folder):
+    (folder / "cell.toml").write_text(CELL)
+    return folder / "cell.toml"
+
+
+def test_a_recording_on_standard_input_is_played_to_its_end(tmp_path):
+    lines = [json.dumps(m) for n in range(300) for m in (joints(n / 500), ball(n / 500))]
+    lines.insert(100, "nonsense")
+    process = start(write_cell(tmp_path), "-", f"ipc://{tmp_path}/out", "recorded")
+    output, errors = process.communicate("\n".join(lines), timeout=60)
+    assert process.returncode == 0, errors
+    received, faults, levels, ticks = output.splitlines()[-1].split(";")
+    assert int(received) == 601
+    assert faults == "{'malformed: unknown': 1}"
+    assert "CLEAR" in levels
+    assert int(ticks) > 100
+    assert errors.count("\n") == 1
+    assert "malformed: unknown" in errors
+
+
+def test_stamps_of_long_ago_on_standard_input_are_no_news(tmp_path):
+    lines = [json.dumps(m) for n in range(300) for m in (joints(n / 500), ball(n / 500))]
+    process = start(write_cell(tmp_path), "-", f"ipc://{tmp_path}/out")
+    output, errors = process.communicate("\n".join(lines), timeout=60)
+    assert process.returncode == 0, errors
+    received, _, levels, _ = output.splitlines()[-1].split(";")
+    assert int(received) == 600
+    assert levels == "['STOP']"
+
+
+def test_control_c_ends_with_the_summary_and_leaves_nothing(tmp_path):
+    process = start(write_cell(tmp_path), f"ipc://{tmp_path}/in", f"ipc://{tmp_path}/out")
+    with VerdictReader(f"ipc://{tmp_path}/out") as reader:
+        end = time.monotonic() + PATIENCE
+        while reader.latest(0.1) is None:
+            assert time.monotonic() < end
+            assert process.poll() is None, process.stderr.read()
+        verdicts = iter(reader)
+        for _ in range(20):
+            next(verdicts)
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=60)
+        assert process.returncode == 0
+        assert errors == ""
+        assert output.splitlines()[-1].startswith("0;{};['STOP'];"), output
+        while not reader.silent():
+            time.sleep(0.01)
+    assert [path.name for path in tmp_path.iterdir()] == ["cell.toml"]
+
+
+# The demos that talk to it
+
+
+def load_demo(name):
+    specification = importlib.util.spec_from_file_location(name, EXAMPLE.parent / f"{name}.py")
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def test_the_demos_of_perception_and_controller_make_a_cell_with_the_loop(tmp_path, capsys):
+    inputs, verdicts = f"ipc://{tmp_path}/in", f"ipc://{tmp_path}/out"
+    controller, perception = load_demo("04_controller"), load_demo("03_perception")
+    assert controller.main(0.1, joints=inputs, verdicts=verdicts) == 0.0  # silence: it stands
+    seeing = threading.Thread(target=perception.main, args=(4.0, inputs))
+    # A machine that is busy with other things must not look like a robot that has stopped talking.
+    text = EXAMPLE.read_text().replace("joint_timeout = 0.25", "joint_timeout = 5.0")
+    text = text.replace("timeout = 0.2 ", "timeout = 5.0 ").replace("= 0.002 ", "= 0.02 ")
+    (tmp_path / "cell.toml").write_text(text)
+    process = start(tmp_path / "cell.toml", inputs, verdicts)
+    try:
+        with VerdictReader(verdicts) as reader:
+            end = time.monotonic() + PATIENCE
+            while reader.latest(0.1) is None:
+                assert time.monotonic() < end
+                assert process.poll() is None, process.stderr.read()
+        seeing.start()
+        way = controller.main(2.0, joints=inputs, verdicts=verdicts)
+        seeing.join()
+    finally:
+        process.kill()
+        process.communicate()
+    assert way > 0.0
+    assert "silence" in capsys.readouterr().out
+
+
+def test_durations_are_kept_to_a_percent_and_the_longest_exactly():
+    random = np.random.default_rng(0)
+    values = 10.0 ** random.uniform(-6.0, 0.5, 20_000)
+    durations = Durations()
+    assert math.isnan(durations.percentile(50.0))
+    for value in values:
+        durations.add(float(value))
+    assert durations.longest == values.max()
+    for percent in (1.0, 50.0, 99.0, 99.9, 100.0):
+        exact = np.percentile(values, percent, method="inverted_cdf")
+        assert exact * (1 - 1e-9) <= durations.percentile(percent) <= exact * 1.012
+    durations.add(0.0)
+    durations.add(1e6)
+    assert durations.percentile(100.0) == 1e6

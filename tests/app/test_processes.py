@@ -1,0 +1,67 @@
+import os
+import select
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from armguard.app.processes import complain, describe_end, termination_as_interrupt
+
+CHILD = """
+import os, time
+from armguard.app.processes import end_with
+end_with(os.getppid())
+print(os.getpid(), flush=True)
+time.sleep(60)
+"""
+PARENT = f"""
+import subprocess, sys
+child = subprocess.Popen([sys.executable, "-c", {CHILD!r}], stdout=subprocess.PIPE)
+print(int(child.stdout.readline()), flush=True)
+sys.stdin.read()
+"""
+
+
+def test_termination_is_an_interrupt_inside_and_what_it_was_afterwards():
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt), termination_as_interrupt():
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_a_process_ends_with_the_one_that_started_it():
+    with subprocess.Popen(
+        [sys.executable, "-c", PARENT], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as parent:
+        child = os.pidfd_open(int(parent.stdout.readline()))
+        try:
+            assert not has_ended(child, 0.6)
+            parent.kill()
+            assert has_ended(child, 20.0)
+        finally:
+            os.close(child)
+
+
+def has_ended(process, patience):
+    """Whether a process ends within `patience` [s]; its descriptor is readable from then on."""
+    return bool(select.select([process], [], [], patience)[0])
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (0, "with exit code 0"),
+        (130, "with exit code 130"),
+        (-9, "by SIGKILL"),
+        (-15, "by SIGTERM"),
+        (-99, "by signal 99"),
+    ],
+)
+def test_an_end_in_words(code, words):
+    assert describe_end(code) == words
+
+
+def test_a_complaint_is_one_line_with_our_name(capsys):
+    complain("no such file")
+    assert capsys.readouterr() == ("", "armguard: no such file\n")

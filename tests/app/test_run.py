@@ -1,0 +1,293 @@
+"""`armguard run` and `armguard view` as their users meet them: processes, addresses, mistakes."""
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from armguard.app.cli import main
+from armguard.app.run import describe_remedy
+from armguard.streams import VerdictReader
+from armguard.verdict import Level
+
+ARMGUARD = Path(sys.executable).with_name("armguard")
+CELL = '[robot]\nname = "panda"\n'
+NAMES = [f"panda_joint{number}" for number in range(1, 8)]
+READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+PATIENCE = 60.0
+
+
+@pytest.fixture
+def cell(tmp_path):
+    path = tmp_path / "cell.toml"
+    path.write_text(CELL)
+    return path
+
+
+@pytest.fixture
+def addresses(tmp_path):
+    """Options that keep a run off the default ports."""
+    names = ("obstacles", "joints", "verdicts")
+    return [word for name in names for word in (f"--{name}", f"ipc://{tmp_path}/{name}")]
+
+
+def check_mistake(capsys, arguments, words):
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert re.fullmatch(r"armguard: [^\n]+\n", err)
+    assert words in err
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[robot", "cell.toml"),
+        ("", "robot"),
+        ('[robot]\nname = "nobody"\n', "nobody"),
+        ('[robot]\nname = "panda"\n[bounds]\nspeed = "fast"\n', "speed"),
+        ('[robot]\nname = "panda"\n[surprise]\nx = 1\n', "surprise"),
+        ('[robot]\nname = "panda"\n[monitor]\nrate = -1.0\n', "rate"),
+    ],
+)
+def test_a_wrong_cell_is_a_mistake(cell, addresses, text, words, capsys):
+    cell.write_text(text)
+    check_mistake(capsys, ["run", str(cell), "--duration", "0.1", *addresses], words)
+
+
+def test_a_missing_cell_is_a_mistake(capsys):
+    check_mistake(capsys, ["run", "/nowhere/cell.toml"], "/nowhere/cell.toml")
+
+
+@pytest.mark.parametrize("option", ["--obstacles", "--joints", "--verdicts", "--view"])
+@pytest.mark.parametrize(
+    "address", ["tcp://0.0.0.0:5701", "tcp://192.168.0.1:5701", "tcp://localhost:5701", "rubbish"]
+)
+def test_an_address_beyond_this_machine_is_a_mistake(cell, addresses, option, address, capsys):
+    check_mistake(capsys, ["run", str(cell), *addresses, option, address], address)
+
+
+@pytest.mark.parametrize("option", ["--obstacles", "--joints", "--verdicts", "--view"])
+def test_an_address_in_use_is_a_mistake(cell, addresses, option, capsys):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        check_mistake(capsys, ["run", str(cell), *addresses, option, address], "in use")
+
+
+@pytest.mark.parametrize("address", ["rubbish", "tcp://10.0.0.1:5704"])
+def test_a_view_of_no_usable_address_is_a_mistake(address, capsys):
+    check_mistake(capsys, ["view", address], address)
+
+
+def test_a_view_port_in_use_is_a_mistake(capsys):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        check_mistake(capsys, ["view", "tcp://127.0.0.1:1", "--port", port], port)
+
+
+def start(*arguments, **options):
+    return subprocess.Popen(
+        [ARMGUARD, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+    )
+
+
+def test_a_view_waits_for_a_monitor_until_control_c():
+    with start("view", "tcp://127.0.0.1:1", start_new_session=True) as view:
+        assert "http://127.0.0.1:" in view.stdout.readline()
+        os.killpg(view.pid, signal.SIGINT)
+        assert view.wait(PATIENCE) == 0
+        assert view.stderr.read() == ""
+
+
+def test_lines_on_standard_input_are_judged(cell, tmp_path):
+    state = {"type": "joints", "names": NAMES, "q": READY, "v": [0.0] * 7}
+    verdicts = f"ipc://{tmp_path}/verdicts"
+    arguments = ("run", str(cell), "--obstacles", "-", "--verdicts", verdicts, "--json")
+    with start(*arguments, stdin=subprocess.PIPE) as run, VerdictReader(verdicts) as reader:
+        deadline = time.monotonic() + PATIENCE
+        while (verdict := reader.latest()) is None or verdict.sequence == 0:
+            assert time.monotonic() < deadline
+            line = json.dumps(state | {"stamp": time.monotonic()})
+            run.stdin.write(line + "\nnonsense\n")
+            run.stdin.flush()
+            time.sleep(0.01)
+        out, err = run.communicate(timeout=PATIENCE)
+    assert run.returncode == 0
+    summary = json.loads(out)
+    assert summary["ticks"] > 0
+    assert summary["faults"] > 0
+    assert set(summary["realtime"]) == {"priority", "memory_locked"}
+    assert "malformed" in err
+
+
+def test_nothing_is_asked_of_the_system_where_it_is_not_wanted(cell, addresses, capsys):
+    options = ["--duration", "0.05", "--json", "--no-realtime"]
+    assert main(["run", str(cell), *addresses, *options]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["realtime"] is None
+    assert err == ""
+
+
+def test_it_ends_with_the_parent_it_was_told_of(cell, addresses, tmp_path):
+    script = """
+import os, subprocess, sys
+run = subprocess.Popen([*sys.argv[1:], "--parent", str(os.getpid())])
+print(run.pid, flush=True)
+sys.stdin.read()
+"""
+    command = [sys.executable, "-c", script, ARMGUARD, "run", str(cell), *addresses]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, **pipes) as parent:
+        pid = int(parent.stdout.readline())
+        deadline = time.monotonic() + PATIENCE
+        while not (tmp_path / "verdicts").exists():
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        parent.kill()
+        while is_alive(pid):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+    assert not (tmp_path / "verdicts").exists()
+
+
+def is_alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_a_reset_where_no_monitor_listens_is_a_mistake(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("armguard.app.run.REACH_TIMEOUT", 0.1)
+    check_mistake(capsys, ["reset", f"ipc://{tmp_path}/nobody", "--token", "x"], "no monitor")
+    check_mistake(capsys, ["reset", "tcp://10.0.0.1:5702", "--token", "x"], "tcp://10.0.0.1:5702")
+
+
+@pytest.mark.parametrize(
+    ("joints", "obstacles", "token", "words"),
+    [
+        ("ipc:///a b", "ipc:///o", "x y", "to end it: armguard reset 'ipc:///a b' --token 'x y'"),
+        ("-", "ipc:///o", "x", "to end it: armguard reset ipc:///o --token x"),
+        ("-", "-", "x", 'to end it: a line {"type":"reset","token":"x"}'),
+        ("ipc:///j", "-", None, "obeys no reset: start it anew; with --reset-token TOKEN "),
+    ],
+)
+def test_the_remedy_is_a_command_that_can_be_copied(joints, obstacles, token, words):
+    remedy = describe_remedy({"joints": joints, "obstacles": obstacles}, token)
+    assert words in remedy
+
+
+class Node:
+    """A controller that rests, and perception that sees a ball far away, in another process."""
+
+    CODE = """
+import sys, time
+from armguard.streams import Publisher
+kind, address = sys.argv[1:3]
+q, v = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785], [0.0] * 7
+names = [f"panda_joint{n}" for n in range(1, 8)]
+with Publisher(address, "camera") as publisher:
+    while True:
+        now = time.monotonic()
+        if kind == "joints":
+            publisher.joints(now, names, q, v)
+        else:
+            publisher.update(["ball"], now, [[9.0, 0.0, 0.5]], [[0.0] * 3], radius=0.1)
+        time.sleep(0.004)
+"""
+
+    def __init__(self, kind, address):
+        self._command = [sys.executable, "-c", self.CODE, kind, address]
+        self.process = subprocess.Popen(self._command)
+
+    def restart(self):
+        self.kill()
+        self.process = subprocess.Popen(self._command)
+
+    def kill(self):
+        self.process.kill()
+        self.process.wait()
+
+
+def test_any_process_may_be_killed_and_started_again(tmp_path):
+    """Only a controller that was away latches, and a reset ends it."""
+    where = {name: f"ipc://{tmp_path}/{name}" for name in ("obstacles", "joints", "verdicts")}
+    (tmp_path / "cell.toml").write_text(
+        CELL
+        + "[sources.camera]\ntimeout = 1.0\n[monitor]\nrate = 200.0\n"
+        # A busy machine must not look like a process that has gone.
+        + "[thresholds]\nlatency = 0.05\njoint_timeout = 1.0\n"
+    )
+    errors = tmp_path / "errors"
+    command = [ARMGUARD, "run", str(tmp_path / "cell.toml"), "--reset-token", "sesame"]
+    command += [word for name, address in where.items() for word in (f"--{name}", address)]
+
+    def start_monitor():
+        with errors.open("ab") as file:
+            return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=file)
+
+    def wait_for(text, before=0):
+        deadline = time.monotonic() + PATIENCE
+        while text not in errors.read_text()[before:]:
+            assert time.monotonic() < deadline, errors.read_text()
+            time.sleep(0.02)
+        return len(errors.read_text())
+
+    reader = VerdictReader(where["verdicts"])
+
+    def wait_until_clear(after):
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            verdict = reader.latest(0.1)
+            if verdict is not None and verdict.stamp > after and verdict.level is Level.CLEAR:
+                return
+            assert time.monotonic() < deadline, errors.read_text()
+
+    monitor = start_monitor()
+    controller, camera = Node("joints", where["joints"]), Node("obstacles", where["obstacles"])
+    try:
+        wait_until_clear(time.monotonic())
+        place = len(errors.read_text())
+        for address in where.values():
+            assert f" at {address}\n" in errors.read_text()
+        # Perception: silence is a STOP that ends by itself.
+        camera.kill()
+        wait_for("STOP  source silent: camera")
+        camera.restart()
+        wait_until_clear(time.monotonic())
+        assert "latched" not in errors.read_text()[place:]
+        # The controller: a gap, which is told with what ends it.
+        controller.kill()
+        place = wait_for("latched: gap in joint states")
+        remedy = errors.read_text().split("to end it: armguard ")[1].split("\n")[0].split()
+        # Reset before the controller is back: there is no joint state, and nothing latches anew.
+        assert subprocess.run([ARMGUARD, *remedy], capture_output=True, check=False).returncode == 0
+        place = wait_for("reset: nothing is latched", place - 1)
+        controller.restart()
+        wait_until_clear(time.monotonic())
+        # The monitor under a live controller, and with it whoever reads verdicts, and perception:
+        # what is sent meanwhile is not handed over, or it is dropped.
+        monitor.kill()
+        monitor.wait()
+        reader.close()
+        reader = VerdictReader(where["verdicts"])
+        camera.restart()
+        time.sleep(1.5)
+        place = len(errors.read_text())
+        monitor = start_monitor()
+        wait_until_clear(time.monotonic())
+        assert "latched:" not in errors.read_text()[place:]
+        monitor.send_signal(signal.SIGINT)
+        assert monitor.wait(PATIENCE) == 0
+    finally:
+        reader.close()
+        for process in (monitor, controller.process, camera.process):
+            process.kill()
+            process.wait()

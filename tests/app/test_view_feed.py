@@ -1,0 +1,121 @@
+"""From a monitor's tick to the message that a view draws."""
+
+import coal
+import numpy as np
+import pytest
+
+from armguard import Monitor, Obstacles, Robot
+from armguard.app.loop import Durations
+from armguard.app.view_feed import INTERVAL, PAIR_LIMIT, ROW_LIMIT, MonitorFeed
+from armguard.view import FrameMessage, SceneMessage, compute_buckets
+from armguard.view.messages import decode_message, encode_message
+
+READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+
+
+class Messages:
+    """Stands for a publisher: keeps each message as a view would read it."""
+
+    def __init__(self):
+        self.all = []
+
+    def publish_scene(self, message):
+        self.all.append(decode_message(encode_message(message)))
+
+    publish_frame = publish_scene
+
+    @property
+    def frames(self):
+        return [message for message in self.all if isinstance(message, FrameMessage)]
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.load("panda")
+
+
+def observe(robot, count=3, ticks=1, q=READY, **changes):
+    obstacles = Obstacles(sources=[])
+    monitor, messages = Monitor(robot, obstacles), Messages()
+    feed = MonitorFeed(monitor, messages)
+    positions = np.random.default_rng(0).uniform(1.0, 3.0, (count, 3))
+    durations = Durations()
+    for tick in range(1, ticks + 1):
+        now = 1e-3 * tick
+        names = [f"ball{number}" for number in range(count)]
+        obstacles.update(names, now, positions, **({"radius": 0.1} | changes))
+        verdict = monitor.step(now, q, np.zeros(7))
+        durations.add(20e-6)
+        feed.observe(verdict, now, durations, 0)
+    return monitor, verdict, messages
+
+
+def test_the_scene_comes_first_and_has_the_whole_cover(robot):
+    _, _, messages = observe(robot)
+    scene = messages.all[0]
+    assert isinstance(scene, SceneMessage)
+    assert scene.robot == "panda"
+    assert scene.joints == tuple(robot.joints)
+    for cover in scene.cover:
+        assert np.allclose(cover.spheres, robot.cover.spheres(cover.link), atol=1e-6)
+
+
+def test_a_frame_says_what_the_verdict_says(robot):
+    _, verdict, messages = observe(robot)
+    (frame,) = messages.frames
+    assert frame.verdict.level == verdict.level.name
+    assert frame.verdict.contact_time == verdict.contact_time
+    assert (frame.verdict.link, frame.verdict.obstacle) == (verdict.link, verdict.obstacle)
+    assert frame.q == tuple(READY)
+    assert frame.load.ticks == 1
+    soonest = compute_buckets(np.array([verdict.contact_time]), 1e-3)[0]
+    assert frame.obstacles.buckets[0] == frame.pairs.buckets[0] == soonest
+    assert frame.obstacles.ids[0] == verdict.obstacle
+
+
+def test_frames_keep_their_pace(robot):
+    _, _, messages = observe(robot, ticks=200)
+    assert len(messages.frames) == pytest.approx(0.2 / INTERVAL, abs=1.1)
+
+
+def test_a_frame_is_bounded_whatever_the_number_of_obstacles(robot):
+    _, _, messages = observe(robot, count=ROW_LIMIT + 50)
+    (frame,) = messages.frames
+    assert len(frame.obstacles.ids) == ROW_LIMIT
+    assert len(frame.pairs.buckets) == PAIR_LIMIT
+
+
+def test_an_arm_that_is_not_believed_is_about_to_touch_anything(robot):
+    _, verdict, messages = observe(robot, q=READY * np.nan)
+    assert verdict.link is None
+    (frame,) = messages.frames
+    assert set(frame.sphere_buckets) == {int(compute_buckets(np.zeros(1), 1e-3)[0])}
+
+
+def test_what_was_refused_is_marked_and_stays_where_it_was_accepted(robot):
+    obstacles = Obstacles(sources=[])
+    monitor, messages = Monitor(robot, obstacles), Messages()
+    feed = MonitorFeed(monitor, messages)
+    for now, x in ((0.001, 2.0), (0.1, np.nan)):
+        obstacles.update(["good", "bad"], now, [[2.0, 0.0, 1.0], [x, 1.0, 1.0]], radius=0.1)
+        feed.observe(monitor.step(now, READY, np.zeros(7)), now, Durations(), 0)
+    before, after = (frame.obstacles for frame in messages.frames)
+    assert not any(before.refused)
+    marks = dict(zip(after.ids, after.refused, strict=True))
+    assert (bool(marks["good"]), bool(marks["bad"])) == (False, True)
+    place = after.points[list(after.ids).index("bad")]
+    assert place == pytest.approx([2.0, 1.0, 1.0])
+
+
+def test_an_attached_tool_comes_with_a_new_scene():
+    robot, obstacles, messages = Robot.load("panda"), Obstacles(sources=[]), Messages()
+    monitor = Monitor(robot, obstacles)
+    feed = MonitorFeed(monitor, messages)
+    robot.attach("tool", "panda_hand", coal.Sphere(0.05))
+    for tick in range(2):
+        verdict = monitor.step(1e-3 * tick, READY, np.zeros(7))
+        feed.observe(verdict, float(tick), Durations(), 0)
+    scenes = [message for message in messages.all if isinstance(message, SceneMessage)]
+    assert [len(scene.cover) for scene in scenes] == [10, 11]
+    spheres = sum(len(cover.spheres) for cover in scenes[-1].cover)
+    assert len(messages.frames[-1].sphere_buckets) == spheres
