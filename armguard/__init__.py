@@ -11,32 +11,54 @@ obstacles do within their bounds, and whether the arm can still stop before that
 By default the arm may do whatever its joints' limits allow, and each obstacle is looked at in time,
 at the price of a few. Between ticks `monitor.explain()` says why a verdict is as it is,
 `monitor.headroom()` how much more could be watched, and `monitor.attention()` which obstacle a
-sensor had better look at next. A controller that shares its next piece of trajectory, a `Plan` of
-`armguard.bounds.planned.check`, asks `monitor.commit(plan)` whether it is safe. With a
-`SeparationRule` of `armguard.pairs.separation_margin` each verdict carries the margin of the usual
-separation distance, too. What the parts of a body do, and how often, is in `armguard.people`.
+sensor had better look at next. A controller that shares its next piece of trajectory, a `Plan`,
+asks `monitor.commit(plan)` whether it is safe. With a `SeparationRule` each verdict carries the
+margin of the usual separation distance, too.
 """
 
-from armguard import bounds, contact, people
-from armguard.contact import certificate
-from armguard.cover.cover import Cover
+from armguard import bounds, contact
+from armguard.bounds import Plan
+from armguard.contact import Certificate, certificate
+from armguard.cover import Cover, CoverReport
 from armguard.exceptions import ArmguardError
-from armguard.monitor.monitor import Monitor
-from armguard.obstacles.obstacles import Obstacles
-from armguard.robot.robot import Robot
-from armguard.verdict import Level, Reason, Verdict
+from armguard.monitor import (
+    Attention,
+    Explanation,
+    Headroom,
+    Monitor,
+    PairReport,
+    PlanVerdict,
+    Snapshot,
+)
+from armguard.obstacles import Fault, Frame, Obstacles, Source
+from armguard.pairs import SeparationRule
+from armguard.robot import Robot
+from armguard.verdict import Level, Reason, ReasonKind, Verdict
 
 __all__ = [
     "ArmguardError",
+    "Attention",
+    "Certificate",
     "Cover",
+    "CoverReport",
+    "Explanation",
+    "Fault",
+    "Frame",
+    "Headroom",
     "Level",
     "Monitor",
     "Obstacles",
+    "PairReport",
+    "Plan",
+    "PlanVerdict",
     "Reason",
+    "ReasonKind",
     "Robot",
+    "SeparationRule",
+    "Snapshot",
+    "Source",
     "Verdict",
     "bounds",
     "certificate",
     "contact",
-    "people",
 ]

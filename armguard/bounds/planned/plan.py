@@ -54,7 +54,7 @@ def read_plan(plan: object, joints: int) -> Plan | Refusal:
         joints: How many joints the robot has.
     """
     if not isinstance(plan, Plan):
-        return Refusal("plan", f"is a {type(plan).__name__}, expected an armguard.bounds.Plan")
+        return Refusal("plan", f"is a {type(plan).__name__}, expected an armguard.Plan")
     stamp = _read_array("stamp", plan.stamp, ())
     times = _read_array("times", plan.times, (-1,))
     if isinstance(stamp, Refusal):
