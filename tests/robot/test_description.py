@@ -1,6 +1,3 @@
-import subprocess
-import sys
-import zipfile
 from pathlib import Path
 
 import pytest
@@ -110,24 +107,3 @@ def test_malformed_files_are_refused(tmp_path, content):
 
 def test_robots_are_found_in_a_checkout():
     assert robots_directory() == ROOT / "robots"
-
-
-def test_robots_are_found_in_a_wheel(tmp_path):
-    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
-    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
-    (wheel,) = tmp_path.glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(tmp_path / "unpacked")
-    script = (
-        "import armguard.robot as r, armguard.robot.description as d;"
-        "print(d.robots_directory(), r.Robot.load('panda').links[0])"
-    )
-    result = subprocess.run(
-        [sys.executable, "-c", script],
-        cwd=tmp_path / "unpacked",
-        env={"PYTHONPATH": str(tmp_path / "unpacked")},
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    assert result.stdout.split() == [str(tmp_path / "unpacked/armguard/robots"), "panda_link1"]

@@ -10,7 +10,7 @@ import pytest
 
 from armguard.exceptions import ArmguardError
 
-DEMOS = sorted((Path(__file__).parents[1] / "demos").glob("[0-9][0-9]_*.py"))
+DEMOS = sorted((Path(__file__).parents[2] / "demos").glob("[0-9][0-9]_*.py"))
 
 # Arguments of `main` that make a demo short, and those that name sockets, kept from real ones.
 QUICK = {"seeds": 20, "duration": 0.3}

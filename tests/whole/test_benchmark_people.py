@@ -8,7 +8,7 @@ import pytest
 
 from armguard.people import BOUNDS
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "people.md"
 RECORDINGS = Path(os.environ.get("ARMGUARD_RECORDINGS", "/nowhere"))
 

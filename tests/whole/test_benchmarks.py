@@ -13,7 +13,7 @@ from armguard.pairs.hull_distance import ExactGeometry
 from armguard.robot import Kinematics, Robot
 from armguard.robot.kinematics import ArmSpheres
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 ACCEL, SPEED, RADIUS = 10.0, 2.0, 0.1
 
 

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 LISTED = re.findall(
     r"^- \*\*\[(\w+)\]\*\*",
     (ROOT / "docs" / "references.md").read_text(encoding="utf-8"),

@@ -10,7 +10,7 @@ import pytest
 from armguard.robot import Robot
 from armguard.simulation import random_trajectory
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 @pytest.fixture
