@@ -2,7 +2,6 @@
 
 import importlib
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,12 +9,9 @@ import pytest
 from armguard.robot import Robot
 from armguard.simulation import random_trajectory
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
 
 @pytest.fixture
-def load(monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
+def load():
     return importlib.import_module
 
 
@@ -32,7 +28,7 @@ def find_recordings(benchmark):
 
 
 def test_a_short_run(load, capsys):
-    benchmark = load("recordings")
+    benchmark = load("bench_recordings")
     find_recordings(benchmark)
     short = {
         "speeds": 0.8,
@@ -55,7 +51,7 @@ def test_a_short_run(load, capsys):
 
 
 def test_a_rule_that_lets_everything_pass_is_found_out(load, trajectory):
-    benchmark, rules = load("recordings"), load("stop_rules")
+    benchmark, rules = load("bench_recordings"), load("scene.stop_rules")
     scene = rules.Scene(trajectory.robot, rules.Timing(0.01, 0.002, 0.02))
 
     class Blind(rules.Rule):
@@ -78,12 +74,12 @@ def test_a_rule_that_lets_everything_pass_is_found_out(load, trajectory):
 def test_it_says_what_is_missing(load, monkeypatch, tmp_path):
     monkeypatch.setenv("ARMGUARD_RECORDINGS", str(tmp_path))
     with pytest.raises(SystemExit, match="ARMGUARD_RECORDINGS"):
-        load("recordings").main([])
+        load("bench_recordings").main([])
 
 
 def test_the_arm_keeps_its_promises(load, trajectory):
     robot, random = trajectory.robot, np.random.default_rng(0)
-    arm = load("working_arm").WorkingArm(trajectory)
+    arm = load("scene.working_arm").WorkingArm(trajectory)
     dt, go, stopped_for = 1e-3, True, 0.0
     longest = np.max(robot.velocity_limit / robot.braking_deceleration)
     rested = False
@@ -105,7 +101,7 @@ def test_the_arm_keeps_its_promises(load, trajectory):
 
 
 def test_the_arm_does_what_it_plans(load, trajectory):
-    arm = load("working_arm").WorkingArm(trajectory)
+    arm = load("scene.working_arm").WorkingArm(trajectory)
     times = np.linspace(0.0, 0.2, 21)
     for go in (True, True, True, False, False, False, True, True):
         if go:
@@ -119,7 +115,7 @@ def test_the_arm_does_what_it_plans(load, trajectory):
 
 
 def test_verdicts_take_effect_when_they_must(load):
-    benchmark = load("recordings")
+    benchmark = load("bench_recordings")
     steps = []
 
     class Arm:
@@ -139,7 +135,7 @@ def test_verdicts_take_effect_when_they_must(load):
 
 
 def test_a_stop_is_held(load):
-    benchmark = load("recordings")
+    benchmark = load("bench_recordings")
     holder = benchmark.Holder()
     assert not holder.update(0.0, True)
     assert holder.update(0.1, False)
@@ -148,7 +144,7 @@ def test_a_stop_is_held(load):
 
 
 def test_the_recordings_origin_is_where_the_base_sees_it(load):
-    placement = load("recordings").place_base(1.0, 2.0, 90.0)
+    placement = load("bench_recordings").place_base(1.0, 2.0, 90.0)
     np.testing.assert_allclose(placement @ [1.0, 2.0, 0.5, 1.0], [0.0, 0.0, 0.5, 1.0], atol=1e-12)
     # What lies ahead of a base that faces along y is along its x.
     np.testing.assert_allclose(placement @ [1.0, 3.0, 0.0, 1.0], [1.0, 0.0, 0.0, 1.0], atol=1e-12)

@@ -2,7 +2,6 @@
 
 import importlib
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,13 +12,11 @@ from armguard.pairs.hull_distance import ExactGeometry
 from armguard.robot import Kinematics, Robot
 from armguard.robot.kinematics import ArmSpheres
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 ACCEL, SPEED, RADIUS = 10.0, 2.0, 0.1
 
 
 @pytest.fixture
-def load(monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
+def load():
     return importlib.import_module
 
 
@@ -30,7 +27,7 @@ def panda():
 
 @pytest.fixture
 def work(load, panda):
-    return load("crowds").Work(panda, 200, 0.3)
+    return load("scene.crowds").Work(panda, 200, 0.3)
 
 
 @pytest.fixture(params=range(4))
@@ -92,7 +89,7 @@ def compute_pair_times(panda, balls, work):
 
 @pytest.mark.parametrize("rung", ["bounds", "spheres"])
 def test_a_sweep_over_bounds_finds_the_earliest_pair(load, panda, work, balls, rung):
-    rivals, spheres = load("rivals"), ArmSpheres(panda)
+    rivals, spheres = load("scene.rivals"), ArmSpheres(panda)
     free = compute_sphere_times(panda, balls, work)
     free = free[spheres.root if rung == "bounds" else spheres.child_count == 0]
     answer = watch(rivals.Sweep(work, len(balls[0]), rung), balls, work)
@@ -103,7 +100,7 @@ def test_a_sweep_over_bounds_finds_the_earliest_pair(load, panda, work, balls, r
 
 @pytest.mark.parametrize("rung", ["reach", "reach32"])
 def test_a_sweep_by_reach_finds_the_earliest_pair(load, panda, work, balls, rung):
-    rivals, sweeps = load("rivals"), load("sweeps")
+    rivals, sweeps = load("scene.rivals"), load("scene.sweeps")
     free, workspace = compute_pair_times(panda, balls, work)
     earliest = np.maximum(free, workspace).min()
     answer = watch(rivals.Sweep(work, len(balls[0]), rung), balls, work)
@@ -112,7 +109,7 @@ def test_a_sweep_by_reach_finds_the_earliest_pair(load, panda, work, balls, rung
 
 
 def test_a_ball_of_unknown_place_is_a_contact(load, work, balls):
-    rivals = load("rivals")
+    rivals = load("scene.rivals")
     for rung in ("spheres", "bounds", "reach", "reach32"):
         position, velocity, stamps = (array.copy() for array in balls)
         position[17] = np.nan
@@ -121,7 +118,7 @@ def test_a_ball_of_unknown_place_is_a_contact(load, work, balls):
 
 
 def test_single_precision_survives_a_new_epoch(load, panda, work):
-    crowds, rivals, sweeps = load("crowds"), load("rivals"), load("sweeps")
+    crowds, rivals, sweeps = load("scene.crowds"), load("scene.rivals"), load("scene.sweeps")
     crowd = crowds.Crowd(50, 2.0, 100.0)
     double, single = (rivals.Sweep(work, 50, rung) for rung in ("reach", "reach32"))
     ticks = int(2.5 * sweeps.EPOCH * crowds.RATE)
@@ -138,7 +135,7 @@ def test_single_precision_survives_a_new_epoch(load, panda, work):
 
 @pytest.mark.parametrize("name", ["Pinocchio, hulls", "MuJoCo, distances"])
 def test_distances_are_those_of_the_true_geometry(load, panda, work, name):
-    crowds = load("crowds")
+    crowds = load("scene.crowds")
     contestant = make(load, work, name, 5)
     random = np.random.default_rng(1)
     position = random.uniform((-1.0, -1.0, 1.0), (1.0, 1.0, 3.0), (5, 3))
@@ -167,7 +164,7 @@ def test_a_broad_phase_sees_what_is_too_near(load, work, name):
 
 def make(load, work, name, count):
     """A contestant by its name; skips where it cannot take part."""
-    crowds, rivals = load("crowds"), load("rivals")
+    crowds, rivals = load("scene.crowds"), load("scene.rivals")
     kind, arguments = next(entry[3:] for entry in rivals.CONTESTANTS if entry[0] == name)
     try:
         return kind(work, count, *arguments)
@@ -176,7 +173,7 @@ def make(load, work, name, count):
 
 
 def test_the_crowd_keeps_its_distance_and_its_bounds(load, work):
-    crowds = load("crowds")
+    crowds = load("scene.crowds")
     crowd = crowds.Crowd(200, work.find_clearance(0.01), 100.0)
     assert crowd.group_count == 10
     seen = set()
@@ -194,7 +191,7 @@ def test_the_crowd_keeps_its_distance_and_its_bounds(load, work):
 
 
 def test_a_short_run(load, capsys):
-    benchmark, rivals = load("schedules"), load("rivals")
+    benchmark, rivals = load("bench_schedules"), load("scene.rivals")
     short = {"obstacles": 3, "turns": 2, "ticks": 3, "warm": 3, "patience": 0.2}
     # Those of one kind have the rest in common, and each monitor takes its time to compile.
     chosen = ("deadline, joint", "sweep, reach", "Pinocchio, hulls", "Coal, broad phase", "MuJoCo")
@@ -213,7 +210,7 @@ def test_a_short_run(load, capsys):
 
 
 def test_walkers_keep_their_distance_and_their_bounds(load):
-    lookouts, crowds = load("lookouts"), load("crowds")
+    lookouts, crowds = load("scene.lookouts"), load("scene.crowds")
     walkers = lookouts.Walkers(100, 1.2, 0)
     step, seen = 1.0 / crowds.RATE, set()
     for tick in range(1, 3000, 7):
@@ -232,7 +229,7 @@ def test_walkers_keep_their_distance_and_their_bounds(load):
 
 
 def test_delays_are_counted_from_when_a_pair_became_the_most_imminent(load):
-    score, looks = load("awareness").Score(), {3: 9, 5: 12}
+    score, looks = load("bench_awareness").Score(), {3: 9, 5: 12}
 
     class Contestant:
         def last_look(self, pair):
@@ -247,7 +244,7 @@ def test_delays_are_counted_from_when_a_pair_became_the_most_imminent(load):
 
 
 def test_a_short_run_on_awareness(load, capsys, monkeypatch):
-    benchmark = load("awareness")
+    benchmark = load("bench_awareness")
     monkeypatch.setattr(benchmark, "LADDER", (60,))
     benchmark.main(["--ticks=200", "--speed=0.5"])
     rows = {}

@@ -1,6 +1,6 @@
 """Obstacles and an arm that try to beat the monitor, and know its schedule: contacts missed.
 
-    python benchmarks/adversary.py --pair-ticks 1e8 --seed 0
+    python benchmarks/bench_adversary.py --pair-ticks 1e8 --seed 0
 
 A pair-tick is one link and one obstacle in one tick. In each tick after which the arm may go on,
 attacks that every bound allows are tried out on the true state: a miss is one that touches the arm

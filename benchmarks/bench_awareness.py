@@ -1,11 +1,11 @@
 """How well each schedule keeps aware of the most imminent pair, as pairs grow in number.
 
-    python benchmarks/awareness.py [--pairs 60000] [--only deadline powers] [--ticks 3000] …
+    python benchmarks/bench_awareness.py [--pairs 60000] [--only deadline powers] [--ticks 3000] …
 
-A Panda at work (`crowds.py`) amid balls that walk in circles about a hall, each measured at 100 Hz;
-ticks at 1 kHz. All schedules see the same ticks: `full` looks at every pair; `daa` comes with both
-laws of partition and both sorts; `deadline` is the monitor's own. Contact times are those of the
-library's compiled evaluation, joint bounds and all. Pairs that `daa` flags are counted, not
+A Panda at work (`scene/crowds.py`) amid balls that walk in circles about a hall, each measured at
+100 Hz; ticks at 1 kHz. All schedules see the same ticks: `full` looks at every pair; `daa` comes
+with both laws of partition and both sorts; `deadline` is the monitor's own. Contact times are those
+of the library's compiled evaluation, joint bounds and all. Pairs that `daa` flags are counted, not
 measured exactly: that takes a call from Python for each of them in every tick, and nearly all of
 60,000 pairs are flagged. So what is shown of `daa` is the schedule alone.
 
@@ -46,9 +46,9 @@ from armguard.robot import Robot
 from armguard.scheduling import DaaSchedule, FullSchedule
 from armguard.scheduling.paper.partition import make_partition
 from armguard.scheduling.scheduler import Tick
-from crowds import RATE, REACTION_TIME, Work, publish
-from lookouts import AWARE_MARGIN, FRESHNESS, Deadline, Full, PairSchedule, Walkers
-from schedules import describe_machine
+from scene.crowds import RATE, REACTION_TIME, Work, publish
+from scene.lookouts import AWARE_MARGIN, FRESHNESS, Deadline, Full, PairSchedule, Walkers
+from scene.machine import describe_machine
 
 LADDER = (60, 600, 6_000, 60_000)  # pairs
 EQUAL = 1.0 + 1e-9  # contact times within this factor are equal

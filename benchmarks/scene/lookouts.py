@@ -1,4 +1,4 @@
-"""The scene and the contestants of `awareness.py`: walking balls, and schedules to be questioned.
+"""The scene and the contestants of `bench_awareness.py`: walking balls, schedules to question.
 
 Every schedule, whether of pairs or of obstacles, answers the same questions about its last look.
 """
@@ -15,7 +15,7 @@ from armguard.pairs.evaluate import evaluate
 from armguard.robot import JointStates, Robot
 from armguard.scheduling.deadline import ObstacleWatch
 from armguard.scheduling.scheduler import Tick
-from crowds import HEIGHT, LATENCY, OUTER, RATE, REACTION_TIME
+from scene.crowds import HEIGHT, LATENCY, OUTER, RATE, REACTION_TIME
 
 GROUPS = 10  # of balls that are measured in turn, one in each tick
 CIRCLE, PACE = (0.5, 3.0), (0.3, 1.5)  # radii [m] and speeds [m/s] of the balls' walks

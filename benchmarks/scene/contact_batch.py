@@ -5,7 +5,7 @@ and one on speed. The mathematics and the account of its rounding are those of `
 pairs are copied into one buffer, so that the compiler can tell that nothing overlaps. Pairs out of
 the ordinary (magnitudes beyond COMMON, a speed bound met or broken, no acceleration bound) take no
 part: they keep the time 0, which `finish_contact_times` leaves to the scalar kernel, as it does
-with pairs that still gain. `benchmarks/contact.py` shows what the rungs cost and bring.
+with pairs that still gain. `benchmarks/bench_contact.py` shows what the rungs cost and bring.
 """
 
 from __future__ import annotations

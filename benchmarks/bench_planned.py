@@ -1,6 +1,6 @@
 """What a plan buys beside joint bounds, and what it costs to ask.
 
-    python benchmarks/planned.py panda --scenes 200
+    python benchmarks/bench_planned.py panda --scenes 200
 
 lets the robot swing at up to a share of its velocity limits, a ball with the bounds of a person
 (10 m/s², 2 m/s) beside it, and prints for several tracking errors, of velocities stated or not:

@@ -1,6 +1,6 @@
 """How far each motion model lets a point of the arm get, how far it can be driven, and the price.
 
-    python benchmarks/motions.py panda xarm7 ur5 tiago --states 300
+    python benchmarks/bench_motions.py panda xarm7 ur5 tiago --states 300
 
 For random states at up to 30 % of the joint speeds, a random point of the last link and a random
 direction: the mean bound of each model at 50, 100 and 200 ms, beside the furthest that joint
@@ -30,7 +30,7 @@ from armguard.bounds import (
 from armguard.contact.advancement import row_contact_time
 from armguard.jit import kernel
 from armguard.robot import Kinematics, Robot
-from braking import draw_configuration
+from scene.configurations import draw_configuration
 
 TIMES = (0.05, 0.1, 0.2)
 STEP = 1e-3

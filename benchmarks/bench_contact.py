@@ -1,6 +1,6 @@
 """The ladder of contact times: what each rung costs, and how much of the converged time it gives.
 
-    python benchmarks/contact.py [--pairs 20000] [--repetitions 60]
+    python benchmarks/bench_contact.py [--pairs 20000] [--repetitions 60]
 
 Pairs are what a cell is made of: people and things, each against an arm's spheres. Nanoseconds are
 of one core, a pair, over whole passes: the fastest, median, 99 % and slowest of the repetitions.
@@ -21,7 +21,7 @@ from numba import njit
 
 from armguard.contact import earliest_contact
 from armguard.contact.advancement import pair_distance_time, row_contact_time
-from contact_batch import batch_contact_times, finish_contact_times
+from scene.contact_batch import batch_contact_times, finish_contact_times
 
 ARM_ACCEL, ARM_SPEED = 120.0, 8.0  # the isotropic bounds of a quick arm's hand
 PERSON_ACCEL, PERSON_SPEED = 10.0, 2.0

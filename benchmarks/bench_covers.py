@@ -1,6 +1,6 @@
 """How many spheres cover a robot: ours, beside the simple greedy cover at the same protrusion.
 
-    python benchmarks/covers.py panda xarm7 ur5 --protrusions 30 20
+    python benchmarks/bench_covers.py panda xarm7 ur5 --protrusions 30 20
 
 fits every link of a robot, its base included, with spheres that stick out by no more than so many
 millimetres, in both ways. The greedy cover takes candidate centres on a grid, gives each ball the

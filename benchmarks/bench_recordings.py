@@ -1,7 +1,8 @@
 """A working arm beside recorded people: how often each rule stops it, and what that costs.
 
-    ARMGUARD_RECORDINGS=... python benchmarks/recordings.py            # several minutes
-    ARMGUARD_RECORDINGS=... python benchmarks/recordings.py --seconds 3 --placements 1 --seeds 1
+    ARMGUARD_RECORDINGS=... python benchmarks/bench_recordings.py            # several minutes
+    ARMGUARD_RECORDINGS=... python benchmarks/bench_recordings.py --seconds 3 --placements 1 --seeds
+    1
 
 A Panda moves between random points of its workspace, its base at several places at the table where
 people were recorded. Every rule judges every tick, with the same errors, delays and bounds on
@@ -44,7 +45,7 @@ from armguard.pairs.separation import HUMAN_SPEED
 from armguard.robot import Robot
 from armguard.simulation import Recording, keeps_within, random_trajectory
 from armguard.simulation.bodies import BODIES, POINTS
-from stop_rules import (
+from scene.stop_rules import (
     BrakingRule,
     IsotropicRule,
     JointRule,
@@ -54,7 +55,7 @@ from stop_rules import (
     SeparationStop,
     Timing,
 )
-from working_arm import WorkingArm
+from scene.working_arm import WorkingArm
 
 ACCEL, SPEED = 10.0, 2.0  # bounds on people, [m/s²] and [m/s]
 REACTION, LATENCY, HOLD = 0.02, 0.002, 0.3  # [s]

@@ -1,11 +1,12 @@
 """What a tick costs: armguard's schedules, a sweep over all pairs, and what users pick today.
 
-    python benchmarks/schedules.py [--obstacles 10 1000] [--only deadline sweep] [--ticks 300] …
+    python benchmarks/bench_schedules.py [--obstacles 10 1000] [--only deadline sweep] [--ticks 300]
+    …
 
-A Panda works slowly amid balls that wander about a hall (`crowds.py`); every contestant
-(`rivals.py`) sees the same joint states at 1 kHz and the same balls, each measured at 100 Hz, or at
-1 Hz where there are 100,000. Nobody comes so near that even the crudest bound would stop the arm:
-whoever says STOP nevertheless is marked, since a monitor that stops the arm has an easy time.
+A Panda works slowly amid balls that wander about a hall (`scene/crowds.py`); every contestant
+(`scene/rivals.py`) sees the same joint states at 1 kHz and the same balls, each measured at 100 Hz,
+or at 1 Hz where there are 100,000. Nobody comes so near that even the crudest bound would stop the
+arm: whoever says STOP nevertheless is marked, since a monitor that stops the arm has an easy time.
 
 `sweep, spheres` looks at all pairs of a ball and one of the cover's finest spheres in every tick,
 with a vectorised bound, and at the exact time only where that beats the best so far. `sweep,
@@ -27,18 +28,17 @@ from __future__ import annotations
 import argparse
 import ctypes
 import gc
-import importlib.metadata
 import math
 import os
-import platform
 import time
 from pathlib import Path
 
 import numpy as np
 
 from armguard.robot import Robot
-from crowds import RATE, Crowd, UnavailableError, Work
-from rivals import CONTESTANTS
+from scene.crowds import RATE, Crowd, UnavailableError, Work
+from scene.machine import _load, describe_machine
+from scene.rivals import CONTESTANTS
 
 MANY = 100_000
 UPDATE_RATE, UPDATE_RATE_OF_MANY = 100.0, 1.0  # [Hz]
@@ -137,26 +137,6 @@ def _trim() -> None:
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
-
-
-def describe_machine() -> str:
-    """Processor, load, and the versions that matter."""
-    model = platform.processor() or platform.machine()
-    path = Path("/proc/cpuinfo")
-    if path.exists():
-        lines = path.read_text(encoding="utf-8").splitlines()
-        model = next((x.partition(":")[2].strip() for x in lines if "model name" in x), model)
-    versions = [f"Python {platform.python_version()}"]
-    for package in ("numpy", "numba", "pin", "coal", "mujoco"):
-        try:
-            versions.append(f"{package} {importlib.metadata.version(package)}")
-        except importlib.metadata.PackageNotFoundError:
-            versions.append(f"no {package}")
-    return f"{model}, {os.cpu_count()} cores, load {_load()}; " + ", ".join(versions)
-
-
-def _load() -> str:
-    return " ".join(f"{load:.2f}" for load in os.getloadavg())
 
 
 def make_runs(count: int, work: Work, crowd: Crowd, options) -> list[Run]:

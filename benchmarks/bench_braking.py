@@ -1,6 +1,6 @@
 """What deceleration an arm's motors can hold against gravity, load and its own motion.
 
-    python benchmarks/braking.py panda --load 1.0 --speed 0.3
+    python benchmarks/bench_braking.py panda --load 1.0 --speed 0.3
 
 prints, for each joint, the least share of all acceleration limits that the effort limits of the
 URDF support when every joint brakes at once with the worst combination of signs, over random
@@ -24,6 +24,7 @@ import pinocchio
 from numpy.typing import NDArray
 
 from armguard.robot import Robot
+from scene.configurations import draw_configuration
 
 
 def compute_supported_shares(
@@ -66,14 +67,6 @@ def compute_supported_shares(
         bias = np.abs(bias - np.where(at_rest, gravity, 0.0))
         np.minimum(shares, (model.effortLimit - bias) / (mass @ shape), out=shares)
     return shares
-
-
-def draw_configuration(robot: Robot, random: np.random.Generator) -> NDArray[np.float64]:
-    """Joint positions spread evenly over their ranges, a turn where there is none. Shape (nv,)."""
-    return random.uniform(
-        np.maximum(robot.lower_position_limit, -np.pi),
-        np.minimum(robot.upper_position_limit, np.pi),
-    )
 
 
 def main() -> None:

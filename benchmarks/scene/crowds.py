@@ -1,4 +1,4 @@
-"""The scene of `schedules.py`: an arm at work, and balls that mill about it in a hall.
+"""The scene of `bench_schedules.py`: an arm at work, and balls that mill about it in a hall.
 
 Everything is a closed form of the tick's number, so that contestants which cannot be run at the
 same instant are still shown the same states. Balls start at such a distance from the arm that even

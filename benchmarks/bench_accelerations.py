@@ -1,6 +1,6 @@
 """What acceleration an arm's motors could reach at most, with nothing but its links to move.
 
-    python benchmarks/accelerations.py ur5
+    python benchmarks/bench_accelerations.py ur5
 
 prints, for each joint, the largest acceleration over random configurations and full joint speeds
 when all motors push together at their effort limits, whichever way is worst:
@@ -23,7 +23,7 @@ import pinocchio
 from numpy.typing import NDArray
 
 from armguard.robot import Robot
-from braking import draw_configuration
+from scene.configurations import draw_configuration
 
 MARGIN = 1.25  # for what sampling misses
 

@@ -5,7 +5,7 @@ again, so that whatever else the machine does falls on all of them alike. Times 
 and beside them the ratio to "no view": frames published to nobody. "no feed" has nothing to publish
 for: one tick in thirty is spared the making of a frame.
 
-    python benchmarks/observers.py [ROUNDS] [SECONDS]
+    python benchmarks/bench_observers.py [ROUNDS] [SECONDS]
 """
 
 import os

@@ -1,4 +1,4 @@
-"""What users pick today, for `schedules.py`: Pinocchio, Coal and MuJoCo in the same scene.
+"""What users pick today, for `bench_schedules.py`: Pinocchio, Coal and MuJoCo in the same scene.
 
 None of them knows how bodies may move on: a distance becomes a time over speed bounds, and a broad
 phase is asked whether anything is nearer than link and obstacle can close until the arm stands. All
@@ -13,10 +13,10 @@ import math
 import coal
 import pinocchio
 
-import crowds
 from armguard.bounds import IsotropicMotion
 from armguard.robot import Kinematics
-from crowds import Answer, UnavailableError
+from scene import crowds
+from scene.crowds import Answer, UnavailableError
 
 try:
     import mujoco

@@ -1,4 +1,4 @@
-"""Who takes part in `schedules.py`: armguard's schedules, the sweeps, and what users pick today.
+"""Who takes part in `bench_schedules.py`: armguard, the sweeps, and what users pick today.
 
 All are shown the same balls and joint states. What each is asked differs: contact times by armguard
 and the sweeps; distances by Pinocchio and MuJoCo, whose least over the speed bounds is a time too;
@@ -14,16 +14,15 @@ import math
 
 import numpy as np
 
-import crowds
-import sweeps
 from armguard.bounds import IsotropicMotion, ReachMotion
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Kinematics
 from armguard.verdict import Level
-from crowds import Answer, UnavailableError
-from engines import CoalBroadPhase, MujocoContacts, MujocoDistances, PinocchioDistances
+from scene import crowds, sweeps
+from scene.crowds import Answer, UnavailableError
+from scene.engines import CoalBroadPhase, MujocoContacts, MujocoDistances, PinocchioDistances
 
 
 class Watch:

@@ -1,8 +1,9 @@
 """How people in recordings move, part by part, and how often that breaks the bounds on them.
 
-    ARMGUARD_RECORDINGS=... python benchmarks/people.py                        # print the tables
-    ARMGUARD_RECORDINGS=... python benchmarks/people.py --page docs/people.md  # put them there
-    python benchmarks/people.py mine-1.csv mine-2.csv                          # people of your own
+    ARMGUARD_RECORDINGS=... python benchmarks/bench_people.py                        # print the
+    tables ARMGUARD_RECORDINGS=... python benchmarks/bench_people.py --page docs/people.md  # put
+    them there python benchmarks/bench_people.py mine-1.csv mine-2.csv                          #
+    people of your own
 
 Reads motion captures as Vicon exports them, at 30 Hz or more. `armguard.people.measurement` says
 which samples count and how accelerations are estimated.
@@ -24,8 +25,8 @@ from armguard.people.measurement import HALF_WINDOW
 from armguard.simulation.bodies import POINTS
 from armguard.simulation.recordings import read_vicon_csv
 
-BEGIN = "<!-- made by benchmarks/people.py -->"
-END = "<!-- end of what benchmarks/people.py made -->"
+BEGIN = "<!-- made by benchmarks/bench_people.py -->"
+END = "<!-- end of what benchmarks/bench_people.py made -->"
 SHORT_WINDOW = 0.02  # [s]
 DEFAULTS = PartBounds(10.0, 2.0, 0.0, "of Obstacles")
 TRUNK = {"collar": "trunk", "hip": "trunk"}
