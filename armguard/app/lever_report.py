@@ -13,8 +13,9 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
-from armguard.bounds.levers import bound_levers, is_prismatic, moving_joints
+from armguard.bounds.levers import bound_levers, moving_joints
 from armguard.cover.cover import Cover
+from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
 
 Array = NDArray[np.float64]

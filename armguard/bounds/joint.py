@@ -15,13 +15,13 @@ from armguard.bounds.joint_table import (
     set_columns,
     set_span,
 )
-from armguard.bounds.levers import is_prismatic
 from armguard.bounds.limits import check_state, find_flaw, read_limits, refuse_flaw
 from armguard.bounds.model import check_question, read_only
 from armguard.bounds.sums import compute_levers, sum_levers, velocity_error_terms
 from armguard.bounds.travel import fill_displacements
 from armguard.exceptions import ArmguardError
 from armguard.jit.kernels import kernel
+from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]

@@ -27,6 +27,7 @@ import numpy.typing as npt
 
 from armguard.exceptions import ArmguardError
 from armguard.jit.kernels import kernel
+from armguard.robot.joints import is_prismatic
 
 Floats = npt.NDArray[np.float64]
 
@@ -34,8 +35,6 @@ CORNERS = 64
 """Corners of the polygon around a circle; it sticks out of it by a factor 1.0012."""
 TANGENTS = 33
 """Tangents from -90 to 90 degrees; where two meet sticks out by a factor 1.0012."""
-REVOLUTE = ("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned")
-PRISMATIC = ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned")
 ROUNDING = 1e-12
 """Widening relative to the lengths met on the way, thousands of times their rounding error."""
 
@@ -132,23 +131,6 @@ def _tangents() -> Floats:
 def moving_joints(model: Any, joint: int) -> list[int]:
     """Indices of the joints that move what a joint carries, from the base outwards."""
     return list(model.supports[joint])[1:]
-
-
-def is_prismatic(model: Any, joint: int) -> bool:
-    """Whether a joint slides; it turns otherwise.
-
-    Raises:
-        ArmguardError: It does neither.
-    """
-    kind = model.joints[joint].shortname()
-    if kind in REVOLUTE or kind in PRISMATIC:
-        return kind in PRISMATIC
-    raise ArmguardError(
-        f"joint {model.names[joint]}",
-        f"is a {kind}",
-        expected="a revolute or prismatic joint with one degree of freedom",
-        remedy="lock it, or watch only the joints behind it",
-    )
 
 
 def _axis_frame(model: Any, joint: int) -> Floats:

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armguard.bounds.levers import is_prismatic
 from armguard.bounds.model import check_vector
 from armguard.exceptions import ArmguardError, RobotError
 from armguard.jit.kernels import kernel
+from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]

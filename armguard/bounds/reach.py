@@ -16,11 +16,12 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.levers import bound_outlines, is_prismatic, moving_joints
+from armguard.bounds.levers import bound_outlines, moving_joints
 from armguard.bounds.limits import check_state, read_limits
 from armguard.bounds.model import check_question, read_only
 from armguard.bounds.sums import ROUNDING, compute_levers, sum_levers, widened_ranges
 from armguard.cover.miniball import enclose_points
+from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]

@@ -11,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from armguard.bounds.levers import bound_levers, is_prismatic, moving_joints
+from armguard.bounds.levers import bound_levers, moving_joints
 from armguard.exceptions import ArmguardError
+from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
 
 Floats = npt.NDArray[np.float64]

@@ -12,7 +12,6 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armguard.bounds.levers import is_prismatic
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.numerics import (
     POSITION_BY_ACCEL,
@@ -23,6 +22,7 @@ from armguard.jit.numerics import (
 from armguard.robot import joint_acceptance as acceptance
 from armguard.robot.joint_acceptance import NOBODY, Guard, accept_at, find_runaway
 from armguard.robot.joint_history import make_history
+from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
 from armguard.robot.stop_time import compute_stop_time
 from armguard.robot.turns import find_continuous

@@ -18,6 +18,9 @@ from armguard.robot.description import RobotDescription
 from armguard.robot.links import get_rest_position
 from armguard.robot.urdf import UrdfModel
 
+_REVOLUTE = ("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned")
+_PRISMATIC = ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned")
+
 
 def check_joints(
     urdf: UrdfModel, description: RobotDescription, watched: Sequence[str]
@@ -136,3 +139,20 @@ def reduce_model(
         urdf.model, urdf.collision_model, numbers, configuration
     )
     return model, collision_model
+
+
+def is_prismatic(model: Any, joint: int) -> bool:
+    """Whether a joint slides; it turns otherwise.
+
+    Raises:
+        RobotError: It does neither.
+    """
+    kind = model.joints[joint].shortname()
+    if kind in _REVOLUTE or kind in _PRISMATIC:
+        return kind in _PRISMATIC
+    raise RobotError(
+        f"joint {model.names[joint]}",
+        f"is a {kind}",
+        expected="a revolute or prismatic joint with one degree of freedom",
+        remedy="lock it, or watch only the joints behind it",
+    )

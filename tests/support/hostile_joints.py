@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from armguard.bounds.levers import is_prismatic, moving_joints
+from armguard.bounds.levers import moving_joints
+from armguard.robot.joints import is_prismatic
 
 STEP = 1e-3
 RECKLESS, CAREFUL = 0, 1  # runs into stops; brakes before them

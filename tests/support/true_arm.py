@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from armguard.bounds.levers import is_prismatic
 from armguard.robot import Robot
+from armguard.robot.joints import is_prismatic
 from support.hostile_joints import move_joints, turn
 
 POINTS = 20  # of the surface, at most, in each leaf

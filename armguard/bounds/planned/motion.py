@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.levers import is_prismatic
 from armguard.bounds.limits import read_limits
 from armguard.bounds.model import check_duration, check_question
 from armguard.bounds.planned.check import CheckedPlan, check_plan
@@ -25,6 +24,7 @@ from armguard.bounds.planned.slabs import make_slabs
 from armguard.bounds.sums import ROUNDING, compute_levers
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.table import Marks, States, make_states
+from armguard.robot.joints import is_prismatic
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.robot import Robot
 

@@ -3,9 +3,9 @@ import pinocchio
 import pytest
 
 from armguard.bounds import compute_levers
-from armguard.bounds.levers import is_prismatic
 from armguard.bounds.planned.course import deviation_along
 from armguard.robot import Robot
+from armguard.robot.joints import is_prismatic
 from support.motion_questions import unit
 
 
