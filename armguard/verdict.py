@@ -31,7 +31,7 @@ class Effect(enum.Enum):
     NOTE = "note"
     """Explains the verdict, forces nothing."""
     STANDING = "standing"
-    """STOP while it lasts, and `hold` seconds beyond."""
+    """STOP while it lasts, and `rise_delay` seconds beyond."""
     LATCHED = "latched"
     """STOP until `Monitor.reset()`."""
 

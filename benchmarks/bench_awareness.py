@@ -189,11 +189,11 @@ class Trial:
         names, position, velocity = self._walkers.measure(number)
         if names:
             publish(self._obstacles, names, now, position, velocity)
-        opening_time = (stop_time + AWARE_MARGIN) / (1.0 - FRESHNESS)
+        refinement_threshold = (stop_time + AWARE_MARGIN) / (1.0 - FRESHNESS)
         self._arm.kinematics.place(q)
-        state.begin(now, 0.0, opening_time)
+        state.begin(now, 0.0, refinement_threshold)
         state.prepare_arm(q, v)
-        return Tick(number, now, now, q, v, 0.0, stop_time, opening_time)
+        return Tick(number, now, now, q, v, 0.0, stop_time, refinement_threshold)
 
     def _look(self, contestant, name: str, tick: Tick, *, counts: bool) -> None:
         begin = time.perf_counter_ns()

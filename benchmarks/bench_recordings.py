@@ -83,18 +83,18 @@ class Outcome:
 
 
 class Holder:
-    """A verdict that falls at once and rises after `hold` seconds without a STOP."""
+    """A verdict that falls at once and rises after `rise_delay` seconds without a STOP."""
 
-    def __init__(self, hold: float = HOLD) -> None:
+    def __init__(self, rise_delay: float = HOLD) -> None:
         self.stops = True
-        self._hold = hold
+        self._rise_delay = rise_delay
         self._last = -np.inf
 
     def update(self, now: float, safe: bool) -> bool:
         """Take a judgement; whether this tick says STOP."""
         if not safe:
             self._last = now
-        self.stops = not safe or now - self._last < self._hold
+        self.stops = not safe or now - self._last < self._rise_delay
         return self.stops
 
 
@@ -316,7 +316,7 @@ def main(arguments: list[str] | None = None) -> dict[float, tuple[list, list, li
     timing = Timing(1.0 / options.rate, LATENCY, REACTION)
     print(
         f"grid {options.rate:g} Hz, latency {1e3 * LATENCY:g} ms, reaction {1e3 * REACTION:g} ms, "
-        f"hold {HOLD} s, brakes {share:.0%} of the acceleration limits; "
+        f"rise delay {HOLD} s, brakes {share:.0%} of the acceleration limits; "
         f"people: {ACCEL:g} m/s², {SPEED:g} m/s; separation: {HUMAN_SPEED:g} m/s"
     )
     found = {}

@@ -119,7 +119,9 @@ def explain_pair(
         obstacle=names[1],
         bound=BOUND_NAMES[known.bound],
         contact_time=max(0.0, known.expiry - tick.time),
-        fresh_contact_time=float(contact_times(state, row, UNCHANGED, tick.opening_time)[link]),
+        fresh_contact_time=float(
+            contact_times(state, row, UNCHANGED, tick.refinement_threshold)[link]
+        ),
         stop_time=tick.stop_time,
         obstacle_age=(
             0.0 if state.marks.static[row] else tick.now - float(state.bodies.stamp[row])

@@ -90,7 +90,7 @@ def rank_attention(
     fresh = np.zeros(len(rows[:limit]))
     for index in range(len(fresh)):
         row = rows[index]
-        times = contact_times(state, row, Change(fresh=True), tick.opening_time)
+        times = contact_times(state, row, Change(fresh=True), tick.refinement_threshold)
         fresh[index] = times[watched[row * links : (row + 1) * links]].min(initial=math.inf)
     fresh = np.maximum(fresh, known[: len(fresh)])
     ranked = []

@@ -60,7 +60,7 @@ class Judge:
         self._stopping = None
         if settings.with_joints:
             self._stopping = StopDecision(
-                watch, settings.period, settings.horizon, settings.slow_margin, settings.hold
+                watch, settings.period, settings.horizon, settings.slow_margin, settings.rise_delay
             )
             states.delay_braking(self._stopping.looks_ahead - self._horizon)
         # By more than rounding costs.
@@ -153,7 +153,7 @@ class Judge:
         )
 
     def judge(
-        self, stamp: float, tick: Tick, look: Look, reasons: list[Reason], *, homeless: bool
+        self, stamp: float, tick: Tick, look: Look, reasons: list[Reason], *, unplaced: bool
     ) -> Verdict:
         """The verdict of a tick.
 
@@ -162,13 +162,13 @@ class Judge:
             tick: The tick.
             look: What its look found.
             reasons: What there is to say already; more is added.
-            homeless: Whether there are obstacles that found no room, and could be anywhere.
+            unplaced: Whether there are obstacles that found no room, and could be anywhere.
         """
         pair, contact_time = look.pair, max(0.0, look.expiry - tick.time)
         if self._stopping is not None:
             self._stopping.left = 0
         spent_before = self._spent
-        if homeless:
+        if unplaced:
             pair, contact_time = NOBODY, 0.0
         if look.overdue:
             reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{look.overdue} pairs"))
@@ -179,7 +179,7 @@ class Judge:
         rests = (
             self._stopping is not None
             and complete
-            and not (standing or homeless or contact_time > tick.stop_time)
+            and not (standing or unplaced or contact_time > tick.stop_time)
             and (self._stopping.rests(tick) or (self.plan is not None and self.plan.rests(tick)))
         )
         level, held = self._rule.decide(
@@ -215,7 +215,7 @@ class Judge:
             look.evaluated + self._spent - spent_before,
             (*self._rule.latched.values(), *reasons),
             math.nextafter(tick.now + self._horizon, -math.inf),
-            None if self._separation is None else self._measure_separation(tick, homeless=homeless),
+            None if self._separation is None else self._measure_separation(tick, unplaced=unplaced),
             self._prove(tick, pair) if self._certify else None,
         )
 
@@ -238,10 +238,10 @@ class Judge:
         scale = 1.0 if contact_time > tick.late_stop_time else stopping.find_scale(tick)
         return stopping.hold_scale(tick.now, scale)
 
-    def _measure_separation(self, tick: Tick, *, homeless: bool) -> float:
+    def _measure_separation(self, tick: Tick, *, unplaced: bool) -> float:
         """Margin of the separation distance in [m]; what found no room could be anywhere."""
         assert self._separation is not None, "called only where there is a rule"
-        if homeless:
+        if unplaced:
             return -math.inf
         self._watch.prepare(tick)
         state, watched = self._watch.arm.state, self._watch.watched_pairs()

@@ -1,7 +1,7 @@
 """From contact time and faults to a level.
 
-The level falls at once and rises only after `hold` seconds of evidence, so that a verdict never
-flutters upwards. Whatever is unknown counts as the worst case, which is STOP.
+The level falls at once and rises only after `rise_delay` seconds of evidence, so that a verdict
+never flutters upwards. Whatever is unknown counts as the worst case, which is STOP.
 """
 
 from __future__ import annotations
@@ -12,22 +12,22 @@ from armguard.verdict import Level, Reason, ReasonKind
 
 
 class VerdictRule:
-    """From contact time and faults to a level, with memory for `hold` and latched faults.
+    """From contact time and faults to a level, with memory for `rise_delay` and latched faults.
 
-    The level given out is the lowest raw level of the last `hold` seconds: it falls at once, and
-    rises when the whole of that time spoke for it. The first complete verdict after construction
-    stands at once.
+    The level given out is the lowest raw level of the last `rise_delay` seconds: it falls at once,
+    and rises when the whole of that time spoke for it. The first complete verdict after
+    construction stands at once.
 
     Args:
         slow_margin: Below stop time plus this, in [s], the level is SLOW.
         aware_margin: Below stop time plus this, in [s], the level is AWARE.
-        hold: How long, in [s], evidence must last before a level rises.
+        rise_delay: How long, in [s], evidence must last before a level rises.
     """
 
-    def __init__(self, slow_margin: float, aware_margin: float, hold: float) -> None:
+    def __init__(self, slow_margin: float, aware_margin: float, rise_delay: float) -> None:
         self.slow_margin = slow_margin
         self.aware_margin = aware_margin
-        self.hold = hold
+        self.rise_delay = rise_delay
         self.latched: dict[ReasonKind, Reason] = {}
         self._settled = False
         self._was_reset = False
@@ -37,8 +37,8 @@ class VerdictRule:
     def reset(self) -> None:
         """Forget latched faults and held levels; the next tick counts as evidence for STOP.
 
-        What latched was no passing thing, so levels rise only when there was evidence for `hold`
-        seconds again. Time may start anew.
+        What latched was no passing thing, so levels rise only when there was evidence for
+        `rise_delay` seconds again. Time may start anew.
         """
         self.latched.clear()
         self._settled = self._was_reset = True
@@ -59,7 +59,7 @@ class VerdictRule:
 
     def is_clear(self, now: float) -> bool:
         """Whether at `now`, in [s], nothing keeps the level below what the tick itself earns."""
-        return self._settled and not self.latched and not now - self._low_at < self.hold
+        return self._settled and not self.latched and not now - self._low_at < self.rise_delay
 
     def grade(self, contact_time: float, stop_time: float, *, rests: bool = False) -> Level:
         """The level that one contact time earns by itself.
@@ -113,12 +113,12 @@ class VerdictRule:
         self._last_at[raw] = now
         if raw is not Level.CLEAR:
             self._low_at = now
-        elif not now - self._low_at < self.hold:
+        elif not now - self._low_at < self.rise_delay:
             # The usual case: nothing lower for long.
             return raw, False
         for level in Level:
             if level >= raw:
                 break
-            if now - self._last_at[level] < self.hold:
+            if now - self._last_at[level] < self.rise_delay:
                 return level, True
         return raw, False

@@ -60,12 +60,12 @@ class Monitor(MonitorAnswers):
         latency: Of computing and transporting a verdict, lateness of a tick included, [s].
         slow_margin: Beyond the stopping time, [s]: SLOW below.
         aware_margin: Beyond the stopping time, [s]: AWARE below.
-        hold: Evidence needed before a level rises, [s]; after `reset` as well.
+        rise_delay: Evidence needed before a level rises, [s]; after `reset` as well.
         source_timeout: Silence that a source may keep, and lead of its stamps, [s].
         joint_timeout: Longest step between joint states, their longest age, and the longest time
             for which one stamp may stand, [s]; default max(0.05, 5 periods).
         margin: Distance that counts as contact already, [m].
-        freshness: How stale an answer may look, as a fraction of itself, in [0, 1).
+        max_staleness: How stale an answer may look, as a fraction of itself, in [0, 1).
         budget: Evaluations in a tick after which no further obstacle is begun; what misses its
             deadline is a STOP. Each question of the stop decision may spend as many; where they do
             not suffice, the answer is the cautious one, and a reason says so. For "deadline" only;
@@ -93,11 +93,11 @@ class Monitor(MonitorAnswers):
         latency: float = 0.002,
         slow_margin: float = 0.1,
         aware_margin: float = 0.3,
-        hold: float = 0.3,
+        rise_delay: float = 0.3,
         source_timeout: float = 0.2,
         joint_timeout: float | None = None,
         margin: float = 0.0,
-        freshness: float = 0.25,
+        max_staleness: float = 0.25,
         budget: int | None = None,
         base_placement: pinocchio.SE3 | None = None,
         certify: bool = False,
@@ -110,14 +110,14 @@ class Monitor(MonitorAnswers):
             schedule=schedule,
             motion=motion,
             joint_timeout=joint_timeout,
-            freshness=freshness,
+            max_staleness=max_staleness,
             budget=budget,
             base_placement=base_placement,
             reaction_time=reaction_time,
             latency=latency,
             slow_margin=slow_margin,
             aware_margin=aware_margin,
-            hold=hold,
+            rise_delay=rise_delay,
             source_timeout=source_timeout,
             margin=margin,
         )
@@ -127,7 +127,7 @@ class Monitor(MonitorAnswers):
         self.base_placement = settings.base_placement
         self._horizon = settings.horizon
         self._source_timeout = settings.source_timeout
-        self._rule = VerdictRule(slow_margin, aware_margin, hold)
+        self._rule = VerdictRule(slow_margin, aware_margin, rise_delay)
         self._states = JointStates(
             robot,
             settings.joint_timeout,
@@ -146,7 +146,7 @@ class Monitor(MonitorAnswers):
         self._epoch = math.nan
         self._now = NEVER
         self._quiet_until = -math.inf
-        self._homeless = self._no_sources = False
+        self._unplaced = self._no_sources = False
         self._standing: Reason | None = None
         self._unmatched: tuple[int, list[Reason]] = -1, []
         self._sequence = 0
@@ -200,8 +200,8 @@ class Monitor(MonitorAnswers):
     def reset(self) -> None:
         """Forget latched faults and past joint states; every pair is looked at anew.
 
-        Levels rise only after `hold` seconds of evidence, counted from the next tick on; its time
-        may be earlier than that of the ticks before.
+        Levels rise only after `rise_delay` seconds of evidence, counted from the next tick on; its
+        time may be earlier than that of the ticks before.
         """
         self._rule.reset()
         self._states.reset()
@@ -235,7 +235,7 @@ class Monitor(MonitorAnswers):
             return refuse_plan("arm", "its state is not known: step first")
         if latched:
             return refuse_plan("arm", f"its state is not believed: {next(iter(latched.values()))}")
-        if obstacles.homeless():
+        if obstacles.unplaced():
             return refuse_plan("obstacles", "some found no room, and could be anywhere")
         if self._standing is not None:
             return refuse_plan("last step", f"was a STOP: {self._standing}")
@@ -297,7 +297,7 @@ class Monitor(MonitorAnswers):
             now - stamp,
             stop_time,
             # Children are opened only where a closer look could still matter to the level.
-            (stop_time + self._rule.aware_margin) / (1.0 - self.settings.freshness),
+            (stop_time + self._rule.aware_margin) / (1.0 - self.settings.max_staleness),
             late,
         )
         look = watch.look(tick, seen)
@@ -314,7 +314,7 @@ class Monitor(MonitorAnswers):
             reasons.append(describe_no_sources(obstacles))
         if self._ignored.unmatched:
             reasons += self._tell_unmatched()
-        verdict = self._judge.judge(stamp, tick, look, reasons, homeless=self._homeless)
+        verdict = self._judge.judge(stamp, tick, look, reasons, unplaced=self._unplaced)
         standing = (one for one in reasons if one.kind.effect is Effect.STANDING)
         self._standing = next(standing, None)
         return verdict
@@ -333,9 +333,9 @@ class Monitor(MonitorAnswers):
         """The last tick whose state was believed, and what the last look found."""
         if self._clear is not None:
             number, stamp, now, seen = self._clear
-            _, _, stop_time, late, opening_time, row, link, expiry, _, evaluated, _ = seen
+            _, _, stop_time, late, refinement_threshold, row, link, expiry, _, evaluated, _ = seen
             time, age, q, v = now - self._epoch, now - stamp, self._states.q, self._states.v
-            tick = Tick(number, now, time, q, v, age, stop_time, opening_time, late)
+            tick = Tick(number, now, time, q, v, age, stop_time, refinement_threshold, late)
             pair = row * len(self._watch.arm.links) + link
             self._last = tick, Look(pair, expiry, 0, evaluated, disturbed=False)
             self._clear = None
@@ -345,10 +345,10 @@ class Monitor(MonitorAnswers):
         """What is wrong with the obstacle table, and until when silence is no reason."""
         obstacles = self.obstacles
         reasons = take_obstacle_reasons(obstacles, now, self._source_timeout)
-        self._homeless = bool(obstacles.homeless())
+        self._unplaced = bool(obstacles.unplaced())
         self._no_sources = not obstacles.has_sources
         self._quiet_until = -math.inf
-        if not self._homeless:
+        if not self._unplaced:
             # Until then nobody can have been silent for too long; rounding is allowed for.
             self._quiet_until = obstacles.quiet_until(self._source_timeout) - self.period
         return reasons

@@ -29,7 +29,7 @@ def take_obstacle_reasons(obstacles: Obstacles, now: float, timeout: float) -> l
     for fault in obstacles.take_faults():
         named.add(fault.id)
         reasons.append(_as_reason(fault))
-    for name in obstacles.homeless():
+    for name in obstacles.unplaced():
         if name not in named:
             reasons.append(Reason(ReasonKind.OBSTACLE_REFUSED, name, str(FaultKind.TABLE_FULL)))
     for row in obstacles.refused_rows():

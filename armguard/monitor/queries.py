@@ -32,7 +32,7 @@ class MonitorAnswers:
     period: float
     _watch: Watch
     _states: JointStates
-    _homeless: bool
+    _unplaced: bool
 
     def _recall(self) -> tuple[Tick | None, Look]:
         """The last tick whose state was believed, and what the last look found."""
@@ -65,7 +65,7 @@ class MonitorAnswers:
         the obstacle was removed since, so that nothing is known of it any more.
         """
         tick, look = self._recall()
-        if tick is None or look.pair == NOBODY or self._homeless:
+        if tick is None or look.pair == NOBODY or self._unplaced:
             return None
         row = look.pair // len(self._watch.arm.links)
         if row in self.obstacles.changed_rows():

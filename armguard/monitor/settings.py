@@ -36,12 +36,12 @@ class MonitorSettings(NamedTuple):
     latency: float
     slow_margin: float
     aware_margin: float
-    hold: float
+    rise_delay: float
     source_timeout: float
     joint_timeout: float
     margin: float
     """[m]."""
-    freshness: float
+    max_staleness: float
     budget: int | None
     base_placement: pinocchio.SE3
 
@@ -65,7 +65,7 @@ def read_settings(
     schedule: str | Schedule,
     motion: str,
     joint_timeout: float | None,
-    freshness: float,
+    max_staleness: float,
     budget: int | None,
     base_placement: pinocchio.SE3 | None,
     **amounts: float,
@@ -93,8 +93,10 @@ def read_settings(
     for name, value in amounts.items():
         if not 0.0 <= read_number(value) < math.inf:
             raise ArmguardError(name, f"is {value!r}", expected="a finite number, at least 0")
-    if not 0.0 <= read_number(freshness) < 1.0:
-        raise ArmguardError("freshness", f"is {freshness!r}", expected="0 <= freshness < 1")
+    if not 0.0 <= read_number(max_staleness) < 1.0:
+        raise ArmguardError(
+            "max_staleness", f"is {max_staleness!r}", expected="0 <= max_staleness < 1"
+        )
     if not isinstance(base_placement, pinocchio.SE3 | None):
         raise ArmguardError("base_placement", f"is {base_placement!r}", expected="a pinocchio.SE3")
     if not (isinstance(motion, str) and motion in MOTIONS):
@@ -104,7 +106,7 @@ def read_settings(
         period=period,
         schedule=None if by_deadline else make_schedule(schedule, period),
         motion=motion,
-        freshness=float(freshness),
+        max_staleness=float(max_staleness),
         budget=_read_budget(budget, by_deadline=by_deadline),
         base_placement=base_placement or pinocchio.SE3.Identity(),
         **{name: float(amount) for name, amount in amounts.items()},
@@ -189,7 +191,7 @@ def make_watch(
         make_arm,
         states,
         settings.horizon + settings.reaction_time,
-        settings.freshness,
+        settings.max_staleness,
         settings.aware_margin,
         settings.period,
         settings.budget,

@@ -29,24 +29,24 @@ class StopDecision:
         period: Of ticks, in [s].
         horizon: Period plus latency, in [s]: until the verdict after this one is obeyed.
         going_on: How long a speed scale must be safe, in [s].
-        hold: How long a higher scale must have been safe before it is given out, in [s].
+        rise_delay: How long a higher scale must have been safe before it is given out, in [s].
 
     Attributes:
         evaluated: Evaluations so far.
         left: Obstacles that were not decided about, where the user's budget was spent since this
             was set to 0 last.
-        held: Scales below the whole that were found in the last `hold`, each with its time; the
-            least first.
+        held: Scales below the whole that were found in the last `rise_delay`, each with its time;
+            the least first.
         looks_ahead: How long from its tick on an arm goes on in the proof of a scale, in [s].
     """
 
     def __init__(
-        self, watch: Watch, period: float, horizon: float, going_on: float, hold: float
+        self, watch: Watch, period: float, horizon: float, going_on: float, rise_delay: float
     ) -> None:
         self.evaluated = self.left = 0
         self._watch = watch
         self._horizon = horizon
-        self._hold = hold
+        self._rise_delay = rise_delay
         self._steps = max(1, math.ceil(period / STEP))
         """Steps of the search in each tick."""
         self._pause = math.ceil(PAUSE / period)
@@ -123,14 +123,14 @@ class StopDecision:
         return False
 
     def hold_scale(self, now: float, scale: float) -> float:
-        """The scale to give out at `now`, in [s]: the least of those found in the last `hold`."""
+        """The scale to give out at `now` [s]: the least of those found in the last `rise_delay`."""
         recent = self.held
         while recent and recent[-1][1] >= scale:
             recent.pop()
         if scale < 1.0:
             # The whole need not be kept: it is what there is without anything less.
             recent.append((now, scale))
-        while recent and recent[0][0] < now - self._hold:
+        while recent and recent[0][0] < now - self._rise_delay:
             recent.popleft()
         return recent[0][1] if recent else 1.0
 

@@ -32,7 +32,7 @@ UNCHANGED = Change()
 
 
 def contact_times(
-    state: TickState, row: int, change: Change = UNCHANGED, opening_time: float = np.inf
+    state: TickState, row: int, change: Change = UNCHANGED, refinement_threshold: float = np.inf
 ) -> FloatArray:
     """Contact time of each link and one obstacle, in [s] from the last tick. Shape (links,).
 
@@ -40,8 +40,8 @@ def contact_times(
         state: The tick's numbers, with the arm prepared.
         row: Of the obstacle.
         change: What would be different.
-        opening_time: What could be touched before this, in [s], is looked at closer, as a tick
-            has it; inf: everything.
+        refinement_threshold: What could be touched before this, in [s], is looked at closer, as a
+            tick has it; inf: everything.
     """
     scene = state.scene
     bodies, refused = _one_row(scene.bodies, row), _one_row(scene.refused, row)
@@ -70,7 +70,7 @@ def contact_times(
         np.arange(links),
         state.now,
         state.arm_age,
-        opening_time,
+        refinement_threshold,
         times,
         spheres,
         bounds,

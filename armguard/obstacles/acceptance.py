@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import ALLOWED, SHAPE, SLACK, VELOCITY_BY_ACCEL
 from armguard.obstacles.consistency import body_allows
-from armguard.obstacles.reference_states import allows_anchor
+from armguard.obstacles.reference_states import allows_reference_state
 from armguard.obstacles.table import Rows, Samples, States, Told, note_row
 
 FloatArray = NDArray[np.float64]
@@ -305,7 +305,7 @@ def take_samples(
     """Take or refuse the samples of one call.
 
     Args:
-        handle: On the table's `Rows`; written. News are whatever anchors do not allow for.
+        handle: On the table's `Rows`; written. News are whatever reference states do not allow for.
         rows: Row of each sample, -1 to leave it alone. Shape (n,).
         samples: The samples; moved to the world frame in place.
         stamp: Of all of them, in [s].
@@ -323,7 +323,7 @@ def take_samples(
     """
     table = handle.content
     accepted, marks, told = table.accepted, table.marks, table.told
-    news, anchors = table.news, table.anchors
+    news, reference_states = table.news, table.reference_states
     taken = 0
     for i in range(rows.shape[0]):
         row = rows[i]
@@ -357,7 +357,7 @@ def take_samples(
             marks.streak[row] = 0
             marks.revision[row] += 1
             taken += 1
-            allowed, grown = allows_anchor(accepted, anchors, row, row)
+            allowed, grown = allows_reference_state(accepted, reference_states, row, row)
             is_news = grown or not allowed
         elif code in (TAKEN, TRACK_CHANGED):
             _write(accepted, row, samples, i, stamp)

@@ -91,7 +91,7 @@ class FaultQueue:
         return taken
 
 
-class Homeless:
+class Unplaced:
     """Obstacles that were reported and found no room, until they find some or are removed.
 
     Only so many are known by name. Of a source with more of them, some stay missing until it sends

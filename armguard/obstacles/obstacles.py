@@ -193,7 +193,7 @@ class Obstacles(ObstacleRegister):
         late = known is not None and time < known.newest
         state = self._book.hear(source, time)
         if snapshot and not late:
-            self._homeless.forget(state.index)
+            self._unplaced.forget(state.index)
         places = list(map(self._rows_of(state.index).get, names, repeat(-1)))
         if -1 in places:
             for i, name in enumerate(names):
@@ -374,7 +374,7 @@ class Obstacles(ObstacleRegister):
                     # Its last states may still be under way.
                     self._tombstones.add(name, time, owner)
             whose = None if source is None else (owners or [NO_SOURCE])[0]
-            if not self._homeless.discard(name, whose, time):
+            if not self._unplaced.discard(name, whose, time):
                 self._faults.leave(FaultKind.UNKNOWN_ID, speaker, name, "id", name, stamp)
         for row in rows:
             moves = table.has_state[row] and not table.static[row]

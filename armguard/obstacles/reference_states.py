@@ -1,7 +1,8 @@
 """What certificates rest on: until when they hold, and the records of obstacles behind them.
 
 A certificate says "no contact before `expire`, whatever happens within the bounds". It stays good
-while every newer state of its obstacle lies within what the record behind it, its anchor, allowed.
+while every newer state of its obstacle lies within what the record behind it, its reference state,
+allowed.
 """
 
 from __future__ import annotations
@@ -26,55 +27,60 @@ def expire(now: float, contact_time: float) -> float:
 
 
 @kernel
-def keep_anchor(bodies: States, anchors: States, marks: Marks, row: int, place: int) -> None:
+def keep_reference_state(
+    bodies: States, reference_states: States, marks: Marks, row: int, place: int
+) -> None:
     """Keep the record that a fresh certificate rests on; no points where there is no record."""
     if not marks.has_state[row]:
-        anchors.point_count[place] = 0
+        reference_states.point_count[place] = 0
         return
     count = bodies.point_count[row]
     for k in range(count):
         for axis in range(3):
-            anchors.points[place, k, axis] = bodies.points[row, k, axis]
-            anchors.velocities[place, k, axis] = bodies.velocities[row, k, axis]
-    anchors.point_count[place] = count
-    anchors.radius[place] = bodies.radius[row]
-    anchors.accel[place] = bodies.accel[row]
-    anchors.speed[place] = bodies.speed[row]
-    anchors.position_error[place] = bodies.position_error[row]
-    anchors.velocity_error[place] = bodies.velocity_error[row]
-    anchors.stamp[place] = bodies.stamp[row]
+            reference_states.points[place, k, axis] = bodies.points[row, k, axis]
+            reference_states.velocities[place, k, axis] = bodies.velocities[row, k, axis]
+    reference_states.point_count[place] = count
+    reference_states.radius[place] = bodies.radius[row]
+    reference_states.accel[place] = bodies.accel[row]
+    reference_states.speed[place] = bodies.speed[row]
+    reference_states.position_error[place] = bodies.position_error[row]
+    reference_states.velocity_error[place] = bodies.velocity_error[row]
+    reference_states.stamp[place] = bodies.stamp[row]
 
 
 @kernel
-def allows_anchor(bodies: States, anchors: States, row: int, place: int) -> tuple[bool, bool]:
-    """Whether an obstacle's state can be true if its anchor is, and whether its bounds grew.
+def allows_reference_state(
+    bodies: States, reference_states: States, row: int, place: int
+) -> tuple[bool, bool]:
+    """Whether a state of an obstacle can be true if its reference state is, and its bounds grew.
 
-    Where there is no anchor it grew: it had no accepted state when it was looked at, and has one.
+    Where there is no reference state it grew: it had no accepted state when it was looked at, and
+    has one.
     """
-    if anchors.point_count[place] == 0:
+    if reference_states.point_count[place] == 0:
         return True, True
     grown = (
-        bodies.radius[row] > anchors.radius[place]
-        or bodies.accel[row] > anchors.accel[place]
-        or bodies.speed[row] > anchors.speed[place]
-        or bodies.position_error[row] > anchors.position_error[place]
-        or bodies.velocity_error[row] > anchors.velocity_error[place]
+        bodies.radius[row] > reference_states.radius[place]
+        or bodies.accel[row] > reference_states.accel[place]
+        or bodies.speed[row] > reference_states.speed[place]
+        or bodies.position_error[row] > reference_states.position_error[place]
+        or bodies.velocity_error[row] > reference_states.velocity_error[place]
     )
     code = body_allows(
-        anchors.points[place],
-        anchors.velocities[place],
-        anchors.point_count[place],
-        anchors.radius[place],
-        anchors.accel[place],
-        anchors.speed[place],
-        anchors.position_error[place],
-        anchors.velocity_error[place],
-        anchors.stamp[place],
+        reference_states.points[place],
+        reference_states.velocities[place],
+        reference_states.point_count[place],
+        reference_states.radius[place],
+        reference_states.accel[place],
+        reference_states.speed[place],
+        reference_states.position_error[place],
+        reference_states.velocity_error[place],
+        reference_states.stamp[place],
         bodies.points[row],
         bodies.velocities[row],
         bodies.point_count[row],
         # A larger radius is another description, no motion: it has been seen to above.
-        min(bodies.radius[row], anchors.radius[place]),
+        min(bodies.radius[row], reference_states.radius[place]),
         bodies.position_error[row],
         bodies.velocity_error[row],
         bodies.stamp[row],

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ObstacleError
-from armguard.obstacles.faults import Fault, FaultQueue, Homeless
+from armguard.obstacles.faults import Fault, FaultQueue, Unplaced
 from armguard.obstacles.sources import NO_SOURCE, Source, SourceBook, Tombstones
 from armguard.obstacles.table import ObstacleTable
 
@@ -45,7 +45,7 @@ class ObstacleRegister:
         self._rows: dict[int, dict[str, int]] = {NO_SOURCE: {}}
         self._tombstones = Tombstones()
         self._faults = FaultQueue()
-        self._homeless = Homeless()
+        self._unplaced = Unplaced()
         self._added: set[int] = set()
         self._removed: set[int] = set()
         self._newest = -math.inf
@@ -160,20 +160,20 @@ class ObstacleRegister:
     def is_quiet(self, now: float, tolerance: float) -> bool:
         """Whether nothing is wrong at `now` in [s], silence apart: quick to tell in every tick.
 
-        No faults to take, nothing refused or homeless, no stamp more than `tolerance` [s] ahead,
+        No faults to take, nothing refused or unplaced, no stamp more than `tolerance` [s] ahead,
         and `quiet_until` as it was when asked last, or later.
         """
         book = self._book
         return (
-            not (self._any_refused or self._faults.waiting or book.unsettled or self._homeless.some)
+            not (self._any_refused or self._faults.waiting or book.unsettled or self._unplaced.some)
             and book.newest - now <= tolerance
             and self._newest - now <= tolerance
             and self._tombstones.newest - now <= tolerance
         )
 
-    def homeless(self) -> list[str]:
+    def unplaced(self) -> list[str]:
         """Obstacles that were reported and found no room in the table."""
-        return self._homeless.names()
+        return self._unplaced.names()
 
     def take_faults(self) -> list[Fault]:
         """What was refused since the last call, oldest first."""
@@ -193,9 +193,9 @@ class ObstacleRegister:
         """A row for an obstacle first seen at `stamp` [s]; -1 if there is no room."""
         row = self.table.take_row(owner)
         if row < 0:
-            self._homeless.add(name, owner, stamp)
+            self._unplaced.add(name, owner, stamp)
             return row
-        self._homeless.discard(name, owner)
+        self._unplaced.discard(name, owner)
         self.ids.extend([""] * (len(self.table.alive) - len(self.ids)))
         self.ids[row] = name
         self._rows_of(owner)[name] = row

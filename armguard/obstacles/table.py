@@ -89,7 +89,7 @@ class Told(NamedTuple):
 
 
 class News(NamedTuple):
-    """Rows that changed since whoever watches looked last, by more than their anchors allow for."""
+    """Rows that changed by more than their reference states allow, and were not read since."""
 
     changed: IntArray
     """Those rows, each once, in the order of their first change. Shape (rows,)."""
@@ -109,7 +109,7 @@ class Rows(NamedTuple):
     marks: Marks
     told: Told
     news: News
-    anchors: States
+    reference_states: States
     """States that somebody's certificates rest on; without points where there are none."""
 
 
@@ -178,7 +178,7 @@ class ObstacleTable:
         self.marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 3))
         self._told = Told(*([np.zeros(0)] * 5))
         self.accepted = make_states(0)
-        self.anchors = make_states(0)
+        self.reference_states = make_states(0)
         """States that whoever watches has proved things from; no points where there is none."""
         self.changes = 0
         """Goes up after rows came or went, arrays were replaced, or somebody began to watch."""
@@ -210,7 +210,7 @@ class ObstacleTable:
         self.streak[row] = 0
         self._told.since[row] = -np.inf
         self.point_count[row] = 1
-        self.anchors.point_count[row] = 0
+        self.reference_states.point_count[row] = 0
         self.revision[row] += 1
         note_row(self.news, row)
         return row
@@ -263,7 +263,7 @@ class ObstacleTable:
 
     def _resize(self, capacity: int, width: int) -> None:
         self.accepted = resize_states(self.accepted, capacity, width)
-        self.anchors = resize_states(self.anchors, capacity, width)
+        self.reference_states = resize_states(self.reference_states, capacity, width)
         # Most rows never have a refused sample: what is not written takes no memory.
         aside = np.flatnonzero(self.marks.refused)
         self.refused_states = resize_states(self.refused_states, capacity, width, aside)
@@ -279,7 +279,7 @@ class ObstacleTable:
                 self.marks,
                 self._told,
                 self.news,
-                self.anchors,
+                self.reference_states,
             )
         )
         self.changes += 1

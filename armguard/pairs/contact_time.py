@@ -87,7 +87,7 @@ def link_time(
     age: float,
     floor: float,
     floor_bound: int,
-    opening_time: float,
+    refinement_threshold: float,
     ceiling: float,
 ) -> tuple[float, int, int, int]:
     """Earliest contact of one link and one body.
@@ -101,7 +101,7 @@ def link_time(
         age: Of the body's state, in [s].
         floor: What is known of the whole link already, in [s].
         floor_bound: What that rests on.
-        opening_time: Nodes that could be touched before this, in [s], are looked at closer.
+        refinement_threshold: Nodes that could be touched before this, in [s], are looked at closer.
         ceiling: What is later than this, in [s], need not be known any better.
 
     Returns:
@@ -138,7 +138,7 @@ def link_time(
         node_time[node] = time
         node_bound[node] = bound
         scene.sphere_time[node] = min(scene.sphere_time[node], time)
-        if tree.first_child[node] >= 0 and time < opening_time and time < limit:
+        if tree.first_child[node] >= 0 and time < refinement_threshold and time < limit:
             node = tree.first_child[node]
             continue
         if time < best:
@@ -188,7 +188,7 @@ def pair_time(
     now: float,
     arm_age: float,
     floor: float,
-    opening_time: float,
+    refinement_threshold: float,
     ceiling: float,
 ) -> tuple[float, int, int, int]:
     """Earliest contact of one link and one obstacle, whichever of its states is true.
@@ -201,7 +201,7 @@ def pair_time(
         now: Time of the tick on the obstacles' clock, in [s].
         arm_age: Age of the joint state, in [s].
         floor: What the arm's reach says of all links, in [s].
-        opening_time: As for `link_time`.
+        refinement_threshold: As for `link_time`.
         ceiling: As for `link_time`.
 
     Returns:
@@ -227,9 +227,9 @@ def pair_time(
         time, node = known, scene.tree.root[link]
         # Of one type wherever it comes from: each other one would be compiled for.
         bound: Any = np.int64(REACH)
-        if known < opening_time and known < ceiling:
+        if known < refinement_threshold and known < ceiling:
             time, node, bound, spent = link_time(
-                scene, link, row, bodies, arm_age, age, known, bound, opening_time, ceiling
+                scene, link, row, bodies, arm_age, age, known, bound, refinement_threshold, ceiling
             )
             evaluations += spent
         if time < best:

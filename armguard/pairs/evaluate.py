@@ -50,7 +50,7 @@ class TickState:
         handle: The same as one argument for it.
         now: Time of this tick on the obstacles' clock, in [s].
         arm_age: Age of the joint state, in [s]; negative where it is newer than `now`.
-        opening_time: Nodes that could be touched before this, in [s], are looked at closer.
+        refinement_threshold: Nodes that could be touched before this, in [s], are looked at closer.
     """
 
     scene: Scene
@@ -68,7 +68,7 @@ class TickState:
     ) -> None:
         self.now = 0.0
         self.arm_age = 0.0
-        self.opening_time = 0.0
+        self.refinement_threshold = 0.0
         self.tree = thread_tree(kinematics.spheres)
         self.link_of = kinematics.spheres.link
         self.motion = motion
@@ -104,17 +104,18 @@ class TickState:
         self._accepted: States | None = None
         self.view_table()
 
-    def begin(self, now: float, arm_age: float, opening_time: float) -> None:
+    def begin(self, now: float, arm_age: float, refinement_threshold: float) -> None:
         """Start a tick, after kinematics and bounds were computed for it.
 
         Args:
             now: Time of this tick on the obstacles' clock, in [s].
             arm_age: Age of the joint state, in [s]; negative where it is newer than `now`.
-            opening_time: Nodes that could be touched before this, in [s], are looked at closer.
+            refinement_threshold: Nodes that could be touched before this, in [s], are looked at
+                closer.
         """
         self.now = now
         self.arm_age = arm_age
-        self.opening_time = opening_time
+        self.refinement_threshold = refinement_threshold
         self.sphere_time.fill(np.inf)
         self.view_table()
 
@@ -164,7 +165,7 @@ def evaluate_handle(
     pairs: IntArray,
     now: float,
     arm_age: float,
-    opening_time: float,
+    refinement_threshold: float,
     contact_times: FloatArray,
     nodes: IntArray,
     bounds: NDArray[np.int8],
@@ -186,7 +187,7 @@ def evaluate_handle(
             floor, spent = arm_reach_time(scene, row, now)
             evaluations += spent
         time, node, bound, spent = pair_time(
-            scene, link, row, now, arm_age, floor, opening_time, np.inf
+            scene, link, row, now, arm_age, floor, refinement_threshold, np.inf
         )
         evaluations += spent
         contact_times[index] = time
@@ -221,7 +222,7 @@ def evaluate(
         pairs,
         state.now,
         state.arm_age,
-        state.opening_time,
+        state.refinement_threshold,
         contact_times,
         nodes,
         bounds,

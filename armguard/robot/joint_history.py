@@ -1,9 +1,9 @@
 """Is a new joint state inside what all states before it allow?
 
 A state must agree with every earlier one: v - dv <= v_k + dv + A (s - s_k) and its mirror image, q
-with the speed limit alike, and the quadratic test against the state before and a few anchors. The
-first two need no memory of each state: what all of them allow together is one interval for each
-joint's true position and one for its velocity, which widen with time and shrink with each
+with the speed limit alike, and the quadratic test against the state before and a few reference
+states. The first two need no memory of each state: what all of them allow together is one interval
+for each joint's true position and one for its velocity, which widen with time and shrink with each
 measurement. Motion within limits and errors never fails; a joint that reads faster than its limit,
 but within its error, is taken to be that fast.
 
@@ -32,11 +32,11 @@ from armguard.jit.numerics import (
 PASSED = 0
 """Code of a state that agrees with the history."""
 
-ANCHOR_AGES = np.array([0.0, 0.01, 0.04, 0.16, 0.64])
+REFERENCE_AGES = np.array([0.0, 0.01, 0.04, 0.16, 0.64])
 """Ages at which the states that the quadratic test looks back on are renewed, in [s].
 
 The first is always the state before. The oldest reaches about as far as the quadratic bound of an
-arm's joint stays tighter than its speed bound. Shape (anchors,).
+arm's joint stays tighter than its speed bound. Shape (reference states,).
 """
 
 
@@ -48,11 +48,12 @@ class JointHistory(NamedTuple):
     reachable: Array
     """Upper and lower ends of true positions, of true velocities. Shape (4, nv)."""
     stamps: Array
-    """Of the anchors, in [s]; the first is that of the last state. Shape (anchors,)."""
+    """Of the reference states, in [s]; the first is that of the last state. Shape (reference
+    states,)."""
     positions: Array
-    """Of the anchors, in [rad] or [m]. Shape (anchors, nv)."""
+    """Of the reference states, in [rad] or [m]. Shape (reference states, nv)."""
     velocities: Array
-    """Of the anchors, in [rad]/[s] or [m]/[s]. Shape (anchors, nv)."""
+    """Of the reference states, in [rad]/[s] or [m]/[s]. Shape (reference states, nv)."""
 
 
 def make_history(
@@ -80,13 +81,13 @@ def make_history(
             f"found {limits.tolist()}",
             expected="finite numbers, not negative",
         )
-    anchors, joints = len(ANCHOR_AGES), limits.shape[1]
+    reference_states, joints = len(REFERENCE_AGES), limits.shape[1]
     return JointHistory(
         limits,
         np.zeros((4, joints)),
-        np.zeros(anchors),
-        np.zeros((anchors, joints)),
-        np.zeros((anchors, joints)),
+        np.zeros(reference_states),
+        np.zeros((reference_states, joints)),
+        np.zeros((reference_states, joints)),
     )
 
 
@@ -257,7 +258,7 @@ def extend_history(history: JointHistory, stamp: float, q: Array, v: Array) -> N
         reachable[2, joint] = min(reachable[2, joint] + changed, v[joint] + velocity_error)
         reachable[3, joint] = max(reachable[3, joint] - changed, v[joint] - velocity_error)
     for k in range(stamps.shape[0]):
-        if k == 0 or stamp - stamps[k] >= ANCHOR_AGES[k]:
+        if k == 0 or stamp - stamps[k] >= REFERENCE_AGES[k]:
             stamps[k] = stamp
             for joint in range(q.shape[0]):
                 history.positions[k, joint] = q[joint]

@@ -27,7 +27,7 @@ class Book(NamedTuple):
     wheel: Wheel
     soonest: FloatArray
     """Tournament of the ends of their certificates, in [s] since the monitor's epoch."""
-    anchors: States
+    reference_states: States
     """The table's: the states that certificates rest on; no points where there was none."""
     news: News
     watched: NDArray[np.bool_]
@@ -44,7 +44,7 @@ class Book(NamedTuple):
     """Rows whose news broke the bounds behind their certificates. Shape (rows,)."""
     numbers: IntArray
     """Rows that are watched, the tick that the arm was last prepared for, how many looks came later
-    than freshness asked for, and of late, looks at rows and evaluations spent on them; and
+    than max_staleness asked for, and of late, looks at rows and evaluations spent on them; and
     how many of `broken` are in use. Shape (6,)."""
 
 
@@ -53,7 +53,7 @@ def make_book(links: int) -> Book:
     return Book(
         wheel=make_wheel(0),
         soonest=make_tournament(1),
-        anchors=make_states(0),
+        reference_states=make_states(0),
         news=News(
             np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_), np.zeros(1, dtype=np.int64)
         ),
@@ -75,9 +75,9 @@ def _make_rows(rows: int, links: int) -> dict[str, NDArray[Any]]:
     return dict(zip(fields, make_records(rows, **fields), strict=True))
 
 
-def grow_book(book: Book, news: News, anchors: States) -> Book:
+def grow_book(book: Book, news: News, reference_states: States) -> Book:
     """The same book for an obstacle table whose arrays are these, and may have more rows."""
-    rows = len(anchors.stamp)
+    rows = len(reference_states.stamp)
     leaves = len(book.soonest) // 2
     grown = _make_rows(rows, book.watched.shape[1])
     for name, array in grown.items():
@@ -86,7 +86,7 @@ def grow_book(book: Book, news: News, anchors: States) -> Book:
     return book._replace(
         wheel=grow_wheel(book.wheel, rows),
         soonest=grow_tournament(book.soonest, max(leaves, 1 << (rows - 1).bit_length())),
-        anchors=anchors,
+        reference_states=reference_states,
         news=news,
         **grown,
         broken=extend_rows(book.broken, rows),
@@ -113,7 +113,7 @@ def admit(handle: Any, rows: IntArray, masks: NDArray[np.bool_]) -> None:
             book.watched[row, link] = masks[i, link]
             book.pair_bound[row, link] = UNKNOWN
             some = some or masks[i, link]
-        book.anchors.point_count[row] = 0
+        book.reference_states.point_count[row] = 0
         book.evaluated_at[row] = -np.inf
         if some:
             book.numbers[ACTIVE] += 1

@@ -63,7 +63,7 @@ class ObstacleWatch:
         make_arm: Lays out the arm as it is now.
         states: Where joint positions and velocities of each tick stand.
         horizon: Period plus latency plus reaction time, in [s].
-        freshness: How stale an answer may look, as a fraction of itself.
+        max_staleness: How stale an answer may look, as a fraction of itself.
         aware_margin: Beyond the stopping time, in [s]: what could be touched within is looked at
             closer.
         period: Of ticks, in [s].
@@ -78,7 +78,7 @@ class ObstacleWatch:
         make_arm: Callable[[], WatchedArm],
         states: JointStates,
         horizon: float,
-        freshness: float,
+        max_staleness: float,
         aware_margin: float,
         period: float,
         budget: int | None,
@@ -87,9 +87,9 @@ class ObstacleWatch:
         self._obstacles = obstacles
         self._make_arm = make_arm
         self._states = states
-        self._freshness, self._period = freshness, period
+        self._max_staleness, self._period = max_staleness, period
         self._budget = UNLIMITED if budget is None else budget
-        self._pace = horizon, freshness, aware_margin, period, self._budget
+        self._pace = horizon, max_staleness, aware_margin, period, self._budget
         self._suspects = np.zeros(0, dtype=np.int64)
         self._placed = -2
         self._changes = -1
@@ -99,7 +99,7 @@ class ObstacleWatch:
 
     @property
     def stale_looks(self) -> int:
-        """How many looks so far came later than freshness asked for."""
+        """How many looks so far came later than max_staleness asked for."""
         return int(self.book.numbers[STALE])
 
     def follow(self) -> None:
@@ -177,7 +177,7 @@ class ObstacleWatch:
             tick.time,
             tick.number,
             tick.arm_age,
-            tick.opening_time,
+            tick.refinement_threshold,
         )
         return found
 
@@ -210,14 +210,14 @@ class ObstacleWatch:
 
     def expect_evaluations(self) -> float:
         """How many evaluations a tick costs as imminent as all obstacles are now."""
-        book, freshness, period = self.book, self._freshness, self._period
+        book, max_staleness, period = self.book, self._max_staleness, self._period
         rows = np.flatnonzero(book.watched.any(axis=1))
         looked_at = book.evaluated_at[rows]
         rows, looked_at = rows[np.isfinite(looked_at)], looked_at[np.isfinite(looked_at)]
         contact_time = book.soonest[len(book.soonest) // 2 + rows] - looked_at
         spare = book.wheel.deadline[rows] - looked_at
-        if freshness > 0.0:
-            spare = np.minimum(spare, freshness * contact_time)
+        if max_staleness > 0.0:
+            spare = np.minimum(spare, max_staleness * contact_time)
         else:
             spare = np.zeros_like(spare)
         wait = np.maximum(spare, period)
@@ -308,13 +308,13 @@ class ObstacleWatch:
     def _make_book(self) -> None:
         self.book = make_book(len(self.arm.links))
         # What somebody else's certificates rested on is of no use here.
-        self._obstacles.table.anchors.point_count.fill(0)
+        self._obstacles.table.reference_states.point_count.fill(0)
         self._fit()
 
     def _fit(self) -> None:
         """Follow the obstacle table's size."""
         table = self._obstacles.table
-        self.book = grow_book(self.book, table.news, table.anchors)
+        self.book = grow_book(self.book, table.news, table.reference_states)
         self._suspects = np.zeros(len(self.book.watched), dtype=np.int64)
         self._handle = pack(self.book)
         scene = self.arm.state.scene

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.jit.kernels import inlined_kernel, kernel
-from armguard.obstacles.reference_states import allows_anchor, expire, keep_anchor
+from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
 from armguard.obstacles.table import clear_news
 from armguard.pairs.contact_time import arm_reach_time, is_known, link_time, pair_time, root_time
 from armguard.pairs.scene import REACH, UNKNOWN, FloatArray, IntArray, Scene, prepare_arm
@@ -65,7 +65,7 @@ def _read_news(scene: Scene, book: Book) -> int:
         if scene.marks.static[row] and not scene.marks.refused[row]:
             # One that never moves is news when it comes, and then it is due already.
             continue
-        allowed, _ = allows_anchor(scene.bodies, book.anchors, row, row)
+        allowed, _ = allows_reference_state(scene.bodies, book.reference_states, row, row)
         if not allowed and scene.marks.has_state[row]:
             book.broken[broken] = row
             broken += 1
@@ -83,7 +83,7 @@ def _look_at_links(
     now: float,
     time: float,
     arm_age: float,
-    opening_time: float,
+    refinement_threshold: float,
     floor: float,
 ) -> tuple[float, int]:
     """Look at all watched links of one obstacle: soonest contact time in [s], and evaluations."""
@@ -95,7 +95,7 @@ def _look_at_links(
             if not book.watched[row, each]:
                 continue
             found, node, bound, spent = pair_time(
-                scene, each, row, now, arm_age, floor, opening_time, best
+                scene, each, row, now, arm_age, floor, refinement_threshold, best
             )
             evaluations += spent
             best = min(best, found)
@@ -122,9 +122,18 @@ def _look_at_links(
         found, bound = scene.link_time[link], scene.link_bound[link]
         node = scene.tree.root[link]
         scene.link_time[link] = -1.0
-        if found < best and found < opening_time:
+        if found < best and found < refinement_threshold:
             found, node, bound, spent = link_time(
-                scene, link, row, scene.bodies, arm_age, age, found, bound, opening_time, best
+                scene,
+                link,
+                row,
+                scene.bodies,
+                arm_age,
+                age,
+                found,
+                bound,
+                refinement_threshold,
+                best,
             )
             evaluations += spent
         best = min(best, found)
@@ -146,7 +155,7 @@ def _look_at(
     time: float,
     tick: int,
     arm_age: float,
-    opening_time: float,
+    refinement_threshold: float,
 ) -> tuple[float, int]:
     """Look at one obstacle: its soonest contact time in [s], and evaluations.
 
@@ -157,13 +166,15 @@ def _look_at(
     if is_known(scene, row):
         best, evaluations = arm_reach_time(scene, row, now)
         bound = REACH
-        if best < opening_time:
+        if best < refinement_threshold:
             if not placed:
                 return np.nan, evaluations
             if book.numbers[PREPARED] != tick:
                 prepare_arm(scene, q, v, arm_age)
                 book.numbers[PREPARED] = tick
-            best, spent = _look_at_links(scene, book, row, now, time, arm_age, opening_time, best)
+            best, spent = _look_at_links(
+                scene, book, row, now, time, arm_age, refinement_threshold, best
+            )
             set_value(book.soonest, row, expire(time, best))
             return best, evaluations + spent
     expiry = expire(time, best)
@@ -204,7 +215,7 @@ class Watching(NamedTuple):
     """What joint states are compared with; holds the positions and velocities believed last."""
     horizon: float
     """Period plus latency plus reaction time, in [s]."""
-    freshness: float
+    max_staleness: float
     """How stale an answer may look, as a fraction of itself."""
     aware_margin: float
     """Beyond the stopping time, in [s]: what could be touched within is looked at closer."""
@@ -250,7 +261,7 @@ def look(
     time: float,
     tick: int,
     arm_age: float,
-    opening_time: float,
+    refinement_threshold: float,
 ) -> tuple[int, int, float, int, int, int]:
     """One tick: look at what is due, as far as the budget goes.
 
@@ -265,7 +276,7 @@ def look(
         time: The same since the monitor's epoch.
         tick: Number of the tick.
         arm_age: Age of the joint state, in [s].
-        opening_time: What could be touched before this, in [s], is looked at closer.
+        refinement_threshold: What could be touched before this, in [s], is looked at closer.
 
     Returns:
         Row whose certificate ends first (NOBODY without any, UNPLACED where the arm must be placed
@@ -280,7 +291,7 @@ def look(
         lost = count_lost(book.numbers, book.wheel.numbers)
         return row, link, expiry, lost, spent_before, 0
     found: tuple[int, int, float, int, int, int] = _look(
-        handle, placed, spent_before, now, time, tick, arm_age, opening_time
+        handle, placed, spent_before, now, time, tick, arm_age, refinement_threshold
     )
     return found
 
@@ -294,12 +305,12 @@ def _look(
     time: float,
     tick: int,
     arm_age: float,
-    opening_time: float,
+    refinement_threshold: float,
 ) -> tuple[int, int, float, int, int, int]:
     """`look` where there is something to be done: all arrays are taken in hand."""
     watching = handle.content
     scene, book, q, v = watching.scene, watching.book, watching.guard.q, watching.guard.v
-    horizon, freshness = watching.horizon, watching.freshness
+    horizon, max_staleness = watching.horizon, watching.max_staleness
     period, budget = watching.period, watching.budget
     wheel = book.wheel
     overtaken = _read_news(scene, book)
@@ -312,7 +323,7 @@ def _look(
         if row == NOBODY:
             break
         contact_time, spent = _look_at(
-            scene, book, row, q, v, placed, now, time, tick, arm_age, opening_time
+            scene, book, row, q, v, placed, now, time, tick, arm_age, refinement_threshold
         )
         evaluated += spent
         if math.isnan(contact_time):
@@ -320,11 +331,11 @@ def _look(
         book.evaluated_at[row] = time
         book.numbers[LOOKS] += 1
         book.numbers[SPENT] += spent
-        keep_anchor(scene.bodies, book.anchors, scene.marks, row, row)
+        keep_reference_state(scene.bodies, book.reference_states, scene.marks, row, row)
         spare = time_to_spare(scene, v, contact_time, arm_age, horizon)
         if scene.marks.refused[row] or not is_known(scene, row):
             spare = 0.0
-        wait = min(spare, freshness * contact_time)
+        wait = min(spare, max_staleness * contact_time)
         certain = certain or contact_time <= period
         due = clock + (int(min(wait / period, 1e9)) if wait > 0.0 else 0)
         put_off(wheel, row, due, time + spare)

@@ -40,16 +40,18 @@ def advance(
     found, joint, stop_time, late_stop_time = accept(handle.content.guard, stamp, q, v, now)
     if found != BELIEVED or not may_look:
         return found, joint, stop_time, late_stop_time, 0.0, UNSEEN, 0, 0.0, 0, 0, 0
-    opening_time = (stop_time + handle.content.aware_margin) / (1.0 - handle.content.freshness)
+    refinement_threshold = (stop_time + handle.content.aware_margin) / (
+        1.0 - handle.content.max_staleness
+    )
     row, link, expiry, overdue, evaluated, overtaken = look(
-        handle, False, 0, now, now - epoch, number, now - stamp, opening_time
+        handle, False, 0, now, now - epoch, number, now - stamp, refinement_threshold
     )
     return (
         found,
         joint,
         stop_time,
         late_stop_time,
-        opening_time,
+        refinement_threshold,
         row,
         link,
         expiry,

@@ -2,8 +2,8 @@
 
 A certificate says "no contact before `expiry`, whatever happens within the bounds". It stays good
 while every newer state of its obstacle lies within what the record behind it allowed; the ledger
-keeps that record for each pair (its anchor) and tests new states against it. Schedules that look
-at every pair in every tick need no anchors.
+keeps that record for each pair (its reference state) and tests new states against it. Schedules
+that look at every pair in every tick need no reference states.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.jit.kernels import kernel
-from armguard.obstacles.reference_states import allows_anchor, expire, keep_anchor
+from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
 from armguard.obstacles.table import States, extend_rows, make_states, resize_states
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import DISTANCE, FloatArray, IntArray
@@ -36,7 +36,8 @@ class PairLedger:
     Args:
         link_count: Links of the arm.
         watched: For a row, which links are watched against it. Shape (links,) of bool.
-        keeps_certificates: Whether certificates outlive their tick, so that anchors are needed.
+        keeps_certificates: Whether certificates outlive their tick, so that reference states are
+            needed.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class PairLedger:
         """The active pairs, ascending."""
         self._seen_revision: IntArray = np.zeros(0, dtype=np.int64)
         # Two rows at least: arrays of fewer would be of another type for compiled code.
-        self._anchors = make_states(2)
+        self._reference_states = make_states(2)
         self._outcomes: NDArray[np.int8] = np.zeros(0, dtype=np.int8)
         self._doubted = False
 
@@ -116,7 +117,7 @@ class PairLedger:
         kept = self.expiry, self.evaluated_at, self.tick, self.sphere, self.bound
         _record(pairs, contact_times, spheres, bounds, now, tick, *kept)
         if self.keeps_certificates:
-            self._anchor(pairs, state)
+            self._keep_reference_states(pairs, state)
 
     def extend(
         self, pair: int, contact_time: float, now: float, tick: int, state: TickState
@@ -128,7 +129,7 @@ class PairLedger:
             self.expiry[pair] = deadline
             self.bound[pair] = DISTANCE
             # What stands now rests on the present state, no longer on the one behind the last look.
-            self._anchor(np.array([pair]), state)
+            self._keep_reference_states(np.array([pair]), state)
 
     def void(self, pairs: IntArray) -> None:
         """Let the certificates of `pairs` end at once."""
@@ -180,17 +181,19 @@ class PairLedger:
         if self.keeps_certificates:
             self._test(none, state, revision)
 
-    def _anchor(self, pairs: IntArray, state: TickState) -> None:
+    def _keep_reference_states(self, pairs: IntArray, state: TickState) -> None:
         """Keep the states that certificates made in this tick rest on."""
         width = state.bodies.points.shape[1]
-        if width > self._anchors.points.shape[1]:
-            self._anchors = resize_states(self._anchors, len(self._anchors.stamp), width)
-        _anchor(pairs, self.link_count, state.handle, *self._anchors)
+        if width > self._reference_states.points.shape[1]:
+            self._reference_states = resize_states(
+                self._reference_states, len(self._reference_states.stamp), width
+            )
+        _keep_reference_states(pairs, self.link_count, state.handle, *self._reference_states)
 
     def _test(self, pairs: IntArray, state: TickState, revision: IntArray) -> NDArray[np.int8]:
         """What newer states did to each pair's certificate. Shape (m,)."""
         outcomes = self._outcomes[: len(pairs)]
-        _test_anchors(
+        _test_reference_states(
             pairs,
             self.link_count,
             self.tick,
@@ -198,7 +201,7 @@ class PairLedger:
             self._seen_revision,
             outcomes,
             state.handle,
-            *self._anchors,
+            *self._reference_states,
         )
         return outcomes
 
@@ -215,8 +218,8 @@ class PairLedger:
         self.bound = extend_rows(self.bound, size)
         self._seen_revision = extend_rows(self._seen_revision, capacity)
         if self.keeps_certificates:
-            width = self._anchors.points.shape[1]
-            self._anchors = resize_states(self._anchors, size, width)
+            width = self._reference_states.points.shape[1]
+            self._reference_states = resize_states(self._reference_states, size, width)
             self._outcomes = np.zeros(size, dtype=np.int8)
 
 
@@ -244,15 +247,19 @@ def _record(
 
 
 @kernel
-def _anchor(pairs: IntArray, links: int, handle: Any, *anchors: Any) -> None:
-    """`keep_anchor` for many pairs; `anchors` are their fields, which cross faster one by one."""
+def _keep_reference_states(
+    pairs: IntArray, links: int, handle: Any, *reference_states: Any
+) -> None:
+    """`keep_reference_state` for many pairs, whose fields cross faster one by one."""
     scene = handle.content
     for pair in pairs:
-        keep_anchor(scene.bodies, States(*anchors), scene.marks, pair // links, pair)
+        keep_reference_state(
+            scene.bodies, States(*reference_states), scene.marks, pair // links, pair
+        )
 
 
 @kernel
-def _test_anchors(
+def _test_reference_states(
     pairs: IntArray,
     links: int,
     ticks: IntArray,
@@ -260,9 +267,9 @@ def _test_anchors(
     seen_revision: IntArray,
     outcomes: NDArray[np.int8],
     handle: Any,
-    *anchors: Any,
+    *reference_states: Any,
 ) -> None:
-    """Fill `outcomes`: UNDISTURBED, GROWN or BROKEN for each pair; `anchors` as for `_anchor`."""
+    """Fill `outcomes`: UNDISTURBED, GROWN or BROKEN for each pair."""
     scene = handle.content
     marks = scene.marks
     for index in range(pairs.shape[0]):
@@ -271,7 +278,7 @@ def _test_anchors(
         outcomes[index] = GROWN if marks.refused[row] else UNDISTURBED
         if marks.static[row] or ticks[pair] == NEVER or revision[row] == seen_revision[row]:
             continue
-        allowed, grown = allows_anchor(scene.bodies, States(*anchors), row, pair)
+        allowed, grown = allows_reference_state(scene.bodies, States(*reference_states), row, pair)
         if not allowed:
             outcomes[index] = BROKEN
         elif grown:

@@ -113,7 +113,7 @@ class PairWatch:
         """Evaluate the pairs that are due and check the flagged ones exactly."""
         ledger, state, schedule = self.ledger, self.arm.state, self.schedule
         self.arm.kinematics.place(tick.q)
-        state.begin(tick.now, tick.arm_age, tick.opening_time)
+        state.begin(tick.now, tick.arm_age, tick.refinement_threshold)
         state.prepare_arm(tick.q, tick.v)
         grown, broken = ledger.disturbed(state, self._obstacles.table.revision)
         for disturbed in (grown, broken):

@@ -46,7 +46,7 @@ class Tick(NamedTuple):
     """Age of the joint state; negative where it is newer than now."""
     stop_time: float
     """In which the arm surely rests."""
-    opening_time: float
+    refinement_threshold: float
     """What could be touched before this is looked at closer."""
     late_stop_time: float = math.inf
     """In which the arm surely rests that brakes only when a speed scale has run out."""

@@ -479,7 +479,7 @@ GARBAGE_SCENE = make_monitor()
 
 
 def test_who_comes_in_the_middle_of_a_step_is_watched_from_the_next_one():
-    obstacles, monitor = make_monitor(hold=0.0)
+    obstacles, monitor = make_monitor(rise_delay=0.0)
     keep(obstacles, monitor, 0, 3)
 
     class Interrupted(set):
@@ -494,7 +494,7 @@ def test_who_comes_in_the_middle_of_a_step_is_watched_from_the_next_one():
 
 
 def test_after_a_reset_silence_that_another_monitor_heard_of_is_heard_again():
-    obstacles, monitor = make_monitor(hold=0.0)
+    obstacles, monitor = make_monitor(rise_delay=0.0)
     see(obstacles, 1.0, FAR)
     steps(monitor, 1000, 2)
     _, other = make_monitor(obstacles=obstacles)

@@ -12,8 +12,8 @@ SLOW, AWARE = 0.1, 0.4
 LATCHED = Reason(ReasonKind.TIME_BACKWARDS, "clock")
 
 
-def make_rule(hold=HOLD):
-    return VerdictRule(SLOW, AWARE, hold)
+def make_rule(rise_delay=HOLD):
+    return VerdictRule(SLOW, AWARE, rise_delay)
 
 
 def decide(rule, now, contact_time, stop_time=1.0, *, complete=True, standing=False):
@@ -60,7 +60,7 @@ def test_levels_fall_at_once_and_rise_after_hold():
 
 
 def test_hold_ends_exactly():
-    rule = make_rule(hold=0.25)
+    rule = make_rule(rise_delay=0.25)
     decide(rule, 1.0, 0.5)
     assert decide(rule, math.nextafter(1.25, 0.0), 9.0) == (Level.STOP, True)
     assert decide(rule, 1.25, 9.0) == (Level.CLEAR, False)
@@ -123,7 +123,7 @@ def test_evidence_after_a_reset_is_counted_from_the_first_tick():
 
 
 def test_without_hold_a_reset_recovers_at_once():
-    rule = make_rule(hold=0.0)
+    rule = make_rule(rise_delay=0.0)
     decide(rule, 0.0, 9.0)
     rule.reset()
     assert decide(rule, 0.0, 9.0) == (Level.CLEAR, False)

@@ -54,7 +54,7 @@ def test_stop_time_speed_scale_and_validity_are_the_formulas(schedule, motion):
     """Where braking is not reckoned with; elsewhere it only spares stops."""
     robot, latency, reaction, rate = panda(), 0.004, 0.03, 500.0
     obstacles, monitor = make_monitor(
-        schedule, motion=motion, rate=rate, latency=latency, reaction_time=reaction, hold=0.0
+        schedule, motion=motion, rate=rate, latency=latency, reaction_time=reaction, rise_delay=0.0
     )
     horizon = 1.0 / rate + latency
     for age, x in itertools.product((0.0, 0.01), (1.6, 2.0, 5.0, 20.0)):
@@ -227,9 +227,9 @@ def test_states_newer_than_now_count_their_lead(lead):
         {"rate": math.nan},
         {"latency": -0.1},
         {"margin": math.nan},
-        {"hold": math.inf},
-        {"freshness": 1.0},
-        {"freshness": math.nan},
+        {"rise_delay": math.inf},
+        {"max_staleness": 1.0},
+        {"max_staleness": math.nan},
         {"motion": "hope"},
         {"budget": 0},
         {"budget": 1.5},
@@ -281,7 +281,7 @@ def test_a_run_is_a_step_for_each_state_of_its_source():
 def test_whole_numbers_are_numbers_like_others():
     """They would be another type for compiled code, and everything be compiled again."""
     _, usual = make_monitor()
-    numbers = {"aware_margin": 1, "reaction_time": 0, "latency": 0, "freshness": 0, "margin": 0}
+    numbers = {"aware_margin": 1, "reaction_time": 0, "latency": 0, "max_staleness": 0, "margin": 0}
     _, other = make_monitor(rate=np.float32(500.0), **numbers)
     for handle in ("_watching", "_handle"):
         kinds = [numba.typeof(getattr(monitor._watch, handle)) for monitor in (usual, other)]

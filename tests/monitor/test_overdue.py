@@ -77,7 +77,7 @@ def test_a_budget_that_does_not_suffice_is_told():
     names = [f"b{k}" for k in range(60)]
     told = {}
     for budget in (None, BUDGET):
-        obstacles, monitor = make_monitor(budget=budget, hold=0.0)
+        obstacles, monitor = make_monitor(budget=budget, rise_delay=0.0)
         see(obstacles, 0.0, ring(60, 2.0), names)
         told[budget] = steps(monitor, 0, 100)
     assert all(verdict.complete for verdict in told[None])

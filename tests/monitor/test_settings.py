@@ -68,7 +68,14 @@ def test_what_raises_when_it_is_read_is_no_number():
         assert math.isnan(read_number(value))
 
 
-AMOUNTS = ("reaction_time", "latency", "slow_margin", "aware_margin", "hold", "source_timeout")
+AMOUNTS = (
+    "reaction_time",
+    "latency",
+    "slow_margin",
+    "aware_margin",
+    "rise_delay",
+    "source_timeout",
+)
 
 
 def settings(**changes):
@@ -77,7 +84,7 @@ def settings(**changes):
         "schedule": "deadline",
         "motion": "joint",
         "joint_timeout": None,
-        "freshness": 0.25,
+        "max_staleness": 0.25,
         "budget": None,
         "base_placement": None,
     }
@@ -121,7 +128,7 @@ def test_durations_and_lengths_are_finite_and_not_negative(name):
         ("robot", [None, "panda", Robot, Obstacles()]),
         ("obstacles", [None, [], Obstacles, panda()]),
         ("rate", [0.0, -1.0, math.inf, math.nan, None, "1000", True]),
-        ("freshness", [-0.1, 1.0, math.nan, None, True]),
+        ("max_staleness", [-0.1, 1.0, math.nan, None, True]),
         ("motion", ["hope", "", None, 3, "Joint", ["joint"], np.array(["joint"])]),
         ("schedule", ["sometimes", None, 3]),
         ("base_placement", [np.eye(4), "here", 1.0]),
@@ -166,7 +173,7 @@ def make(**changes):
         "schedule": "deadline",
         "motion": "joint",
         "joint_timeout": None,
-        "freshness": 0.25,
+        "max_staleness": 0.25,
         "budget": None,
         "base_placement": None,
     }

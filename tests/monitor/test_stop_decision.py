@@ -139,14 +139,14 @@ def test_going_on_only_adds_and_less_pace_never_adds():
 
 
 def test_a_scale_is_the_least_of_its_hold():
-    hold = 0.3
-    decision = StopDecision(None, PERIOD, PERIOD + LATENCY, 0.1, hold)
+    rise_delay = 0.3
+    decision = StopDecision(None, PERIOD, PERIOD + LATENCY, 0.1, rise_delay)
     rng = np.random.default_rng(0)
     times, raw = np.cumsum(rng.uniform(0.0, 2.0 * PERIOD, 3000)), np.ones(3000)
     for k in range(3000):
         raw[k] = rng.choice([0.0, 0.3, 0.6, 0.9, 1.0]) if k % 97 == 0 else raw[k - 1]
         given = decision.hold_scale(times[k], raw[k])
-        assert given == raw[: k + 1][times[: k + 1] >= times[k] - hold].min()
+        assert given == raw[: k + 1][times[: k + 1] >= times[k] - rise_delay].min()
 
 
 @pytest.mark.parametrize("late", [1.0, 3.0, 12.0])
@@ -182,7 +182,7 @@ SLOW, AWARE = 0.1, 0.3
 
 def watch_scale(position, velocity, q, v, ticks, *, speed=2.0, accel=10.0):
     """Verdicts of an arm that stays as it is, beside a ball that is heard of in each tick."""
-    obstacles, monitor = make_monitor("deadline", hold=0.05)
+    obstacles, monitor = make_monitor("deadline", rise_delay=0.05)
     verdicts = []
     for k in range(ticks):
         see(obstacles, k * PERIOD, position, velocity=[velocity], speed=speed, accel=accel)
@@ -217,7 +217,7 @@ def test_an_arm_that_moves_away_need_not_slow_down():
 @pytest.mark.parametrize("pace", [PERIOD, 7.0 * PERIOD, 40.0 * PERIOD])
 def test_a_scale_that_is_given_out_is_safe_now_however_late_ticks_come(pace):
     """Somebody walks up to an arm that stands still: each scale is proved anew when it is given."""
-    obstacles, monitor = make_monitor("deadline", hold=0.0, latency=LATENCY)
+    obstacles, monitor = make_monitor("deadline", rise_delay=0.0, latency=LATENCY)
     braking, given = monitor._watch.arm.motion.braking, 0
     for k in range(int(1.4 / pace)):
         now = k * pace
@@ -239,7 +239,7 @@ def test_a_scale_found_before_there_were_news_is_not_given_out_after():
     """Somebody nearer comes into sight: every scale is proved anew against both of them."""
     tightened = 0
     for nearer in (1.25, 1.35, 1.45, 1.55):
-        obstacles, monitor = make_monitor("deadline", hold=0.0, latency=LATENCY)
+        obstacles, monitor = make_monitor("deadline", rise_delay=0.0, latency=LATENCY)
         braking, given = monitor._watch.arm.motion.braking, []
         for k in range(90):
             now, seen = k * PERIOD, {"near": [1.9, 0.0, 0.6], "nearer": [nearer, 0.0, 0.6]}
@@ -266,7 +266,7 @@ def govern(distance, seconds=4.0):
     Returns scales and levels by tick. The thing leaves after three quarters of the time.
     """
     robot = panda()
-    obstacles, monitor = make_monitor("deadline", hold=0.1)
+    obstacles, monitor = make_monitor("deadline", rise_delay=0.1)
     obstacles.add_static("post", [0.55 + distance, 0.0, 0.6], 0.1)
     q, v, scales, levels = HOME.copy(), np.zeros(7), [], []
     side = 1.0

@@ -82,7 +82,7 @@ def test_what_is_worse_is_never_later():
 
 def test_a_coarser_look_is_no_later():
     monitor, _ = look()
-    coarse, fine = (ask(monitor, opening_time=time) for time in (0.0, np.inf))
+    coarse, fine = (ask(monitor, refinement_threshold=time) for time in (0.0, np.inf))
     assert coarse.shape == fine.shape == (len(panda().links),)
     assert (coarse <= fine).all()
     assert (coarse < fine).any()

@@ -1,7 +1,7 @@
 import math
 
 from armguard.obstacles import FaultKind
-from armguard.obstacles.faults import CAPACITY, FaultQueue, Homeless
+from armguard.obstacles.faults import CAPACITY, FaultQueue, Unplaced
 
 
 def test_faults_are_told_once_and_in_order():
@@ -21,27 +21,27 @@ def test_faults_beyond_the_capacity_are_counted():
     assert (queue.count, queue.dropped) == (CAPACITY + 3, 3)
 
 
-def test_the_homeless_stay_until_somebody_who_may_discards_them():
-    homeless = Homeless()
-    homeless.add("ball", source=1, stamp=2.0)
-    homeless.add("ball", source=1, stamp=1.0)
-    assert not homeless.discard("box")
-    assert not homeless.discard("ball", source=2)
-    assert not homeless.discard("ball", source=1, stamp=1.5)
-    assert homeless.names() == ["ball"]
-    assert homeless.discard("ball", source=1, stamp=2.0)
-    assert homeless.names() == []
-    assert not homeless.discard("ball")
+def test_the_unplaced_stay_until_their_source_discards_them():
+    unplaced = Unplaced()
+    unplaced.add("ball", source=1, stamp=2.0)
+    unplaced.add("ball", source=1, stamp=1.0)
+    assert not unplaced.discard("box")
+    assert not unplaced.discard("ball", source=2)
+    assert not unplaced.discard("ball", source=1, stamp=1.5)
+    assert unplaced.names() == ["ball"]
+    assert unplaced.discard("ball", source=1, stamp=2.0)
+    assert unplaced.names() == []
+    assert not unplaced.discard("ball")
 
 
-def test_homeless_beyond_the_capacity_are_missing_until_their_source_starts_anew():
-    homeless = Homeless()
+def test_unplaced_beyond_the_capacity_are_missing_until_their_source_starts_anew():
+    unplaced = Unplaced()
     for k in range(CAPACITY):
-        homeless.add(f"{k}", source=1, stamp=0.0)
-    homeless.add("one more", source=2, stamp=0.0)
-    homeless.forget(1)
-    assert homeless.names() == ["more obstacles"]
-    homeless.forget(3)
-    assert homeless.names() == ["more obstacles"]
-    homeless.forget(2)
-    assert homeless.names() == []
+        unplaced.add(f"{k}", source=1, stamp=0.0)
+    unplaced.add("one more", source=2, stamp=0.0)
+    unplaced.forget(1)
+    assert unplaced.names() == ["more obstacles"]
+    unplaced.forget(3)
+    assert unplaced.names() == ["more obstacles"]
+    unplaced.forget(2)
+    assert unplaced.names() == []

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard.obstacles.reference_states import allows_anchor, expire, keep_anchor
+from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
 from armguard.obstacles.table import Marks, make_states, resize_states
 
 BOUNDS = ("radius", "accel", "speed", "position_error", "velocity_error")
@@ -23,9 +23,9 @@ def marks_of(*, has_state):
 
 
 def random_bodies(seed, count=2):
-    """States of which one row is filled, and room for anchors."""
+    """States of which one row is filled, and room for reference states."""
     rng = np.random.default_rng(seed)
-    bodies, anchors = (resize_states(make_states(0), rows, 8) for rows in (4, 7))
+    bodies, reference_states = (resize_states(make_states(0), rows, 8) for rows in (4, 7))
     bodies.points[ROW, :count] = rng.normal(size=(count, 3))
     velocities = rng.normal(size=(count, 3))
     bodies.velocities[ROW, :count] = velocities
@@ -36,7 +36,7 @@ def random_bodies(seed, count=2):
     bodies.position_error[ROW] = rng.uniform(0.0, 0.02)
     bodies.velocity_error[ROW] = rng.uniform(0.0, 0.1)
     bodies.stamp[ROW] = rng.uniform(-1.0, 1.0)
-    return rng, bodies, anchors
+    return rng, bodies, reference_states
 
 
 times = st.floats(0.0, 1e7)
@@ -60,46 +60,46 @@ def test_never_is_never():
 
 @pytest.mark.parametrize("count", [1, 2, 8])
 def test_a_record_is_kept_whole_and_allows_itself(count):
-    _, bodies, anchors = random_bodies(count, count)
-    keep_anchor(bodies, anchors, marks_of(has_state=True), ROW, PLACE)
-    for body, anchor in zip(bodies, anchors, strict=True):
-        assert np.array_equal(body[ROW], anchor[PLACE])
-        assert not anchor[:PLACE].any()
-    assert allows_anchor(bodies, anchors, ROW, PLACE) == (True, False)
+    _, bodies, reference_states = random_bodies(count, count)
+    keep_reference_state(bodies, reference_states, marks_of(has_state=True), ROW, PLACE)
+    for body, reference_state in zip(bodies, reference_states, strict=True):
+        assert np.array_equal(body[ROW], reference_state[PLACE])
+        assert not reference_state[:PLACE].any()
+    assert allows_reference_state(bodies, reference_states, ROW, PLACE) == (True, False)
 
 
 def test_without_a_state_there_is_no_record_and_any_state_is_growth():
-    _, bodies, anchors = random_bodies(0)
-    keep_anchor(bodies, anchors, marks_of(has_state=True), ROW, PLACE)
-    keep_anchor(bodies, anchors, marks_of(has_state=False), ROW, PLACE)
-    assert allows_anchor(bodies, anchors, ROW, PLACE) == (True, True)
+    _, bodies, reference_states = random_bodies(0)
+    keep_reference_state(bodies, reference_states, marks_of(has_state=True), ROW, PLACE)
+    keep_reference_state(bodies, reference_states, marks_of(has_state=False), ROW, PLACE)
+    assert allows_reference_state(bodies, reference_states, ROW, PLACE) == (True, True)
 
 
 @pytest.mark.parametrize("bound", BOUNDS)
 def test_each_bound_may_shrink_and_not_grow(bound):
-    _, bodies, anchors = random_bodies(1)
-    keep_anchor(bodies, anchors, marks_of(has_state=True), ROW, PLACE)
+    _, bodies, reference_states = random_bodies(1)
+    keep_reference_state(bodies, reference_states, marks_of(has_state=True), ROW, PLACE)
     array = getattr(bodies, bound)
     kept = array[ROW]
     array[ROW] = np.nextafter(kept, 0.0)
-    assert allows_anchor(bodies, anchors, ROW, PLACE) == (True, False)
+    assert allows_reference_state(bodies, reference_states, ROW, PLACE) == (True, False)
     array[ROW] = np.nextafter(kept, math.inf)
-    assert allows_anchor(bodies, anchors, ROW, PLACE) == (True, True)
+    assert allows_reference_state(bodies, reference_states, ROW, PLACE) == (True, True)
     # Growth by much is another description as well, never a broken bound.
     array[ROW] = kept + 1.0
-    assert allows_anchor(bodies, anchors, ROW, PLACE) == (True, True)
+    assert allows_reference_state(bodies, reference_states, ROW, PLACE) == (True, True)
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_motion_within_the_bounds_is_allowed_and_beyond_them_is_not(seed):
     """The farthest that a body can have come, a little less and a little more than that."""
-    rng, bodies, anchors = random_bodies(seed)
-    keep_anchor(bodies, anchors, marks_of(has_state=True), ROW, PLACE)
+    rng, bodies, reference_states = random_bodies(seed)
+    keep_reference_state(bodies, reference_states, marks_of(has_state=True), ROW, PLACE)
     accel, speed = bodies.accel[ROW], bodies.speed[ROW]
     step = rng.uniform(1e-3, 0.5)
     direction = rng.normal(size=3)
     direction /= np.linalg.norm(direction)
-    velocities = anchors.velocities[PLACE, :2]
+    velocities = reference_states.velocities[PLACE, :2]
     # Full acceleration, until the speed limit is reached by any of the points.
     top = np.linalg.norm(velocities, axis=1).max()
     ramp = min(step, max(speed - top, 0.0) / accel)
@@ -108,16 +108,16 @@ def test_motion_within_the_bounds_is_allowed_and_beyond_them_is_not(seed):
     bodies.points[ROW, :2] += faster * (step - ramp)
     bodies.velocities[ROW, :2] = faster
     bodies.stamp[ROW] += step
-    assert allows_anchor(bodies, anchors, ROW, PLACE) == (True, False)
+    assert allows_reference_state(bodies, reference_states, ROW, PLACE) == (True, False)
     slack = accel * step**2 + 2.0 * bodies.velocity_error[ROW] * step
     slack += 2.0 * bodies.position_error[ROW] + 1e-6
     bodies.points[ROW, 1] += slack * direction
-    assert allows_anchor(bodies, anchors, ROW, PLACE) == (False, False)
+    assert allows_reference_state(bodies, reference_states, ROW, PLACE) == (False, False)
 
 
 def test_another_number_of_points_is_another_body():
-    _, bodies, anchors = random_bodies(3)
-    keep_anchor(bodies, anchors, marks_of(has_state=True), ROW, PLACE)
+    _, bodies, reference_states = random_bodies(3)
+    keep_reference_state(bodies, reference_states, marks_of(has_state=True), ROW, PLACE)
     bodies.point_count[ROW] = 1
-    allowed, _ = allows_anchor(bodies, anchors, ROW, PLACE)
+    allowed, _ = allows_reference_state(bodies, reference_states, ROW, PLACE)
     assert not allowed

@@ -80,18 +80,18 @@ def small_table(monkeypatch):
 def test_what_finds_no_room_is_missing_until_it_does(small_table):
     see(small_table, 0.0)
     assert kinds(small_table) == [FaultKind.TABLE_FULL]
-    assert small_table.homeless() == ["a"]
+    assert small_table.unplaced() == ["a"]
     small_table.update([], 0.1)
-    assert small_table.homeless() == ["a"]
+    assert small_table.unplaced() == ["a"]
     small_table.remove(["fill7"])
-    assert small_table.homeless() == ["a"]
+    assert small_table.unplaced() == ["a"]
     assert see(small_table, 0.2) >= 0
-    assert small_table.homeless() == []
+    assert small_table.unplaced() == []
     with pytest.raises(ObstacleError, match="no room"):
         small_table.add_static("pillar", [0.0, 0.0, 0.0], 0.1)
-    assert small_table.homeless() == ["pillar"]
+    assert small_table.unplaced() == ["pillar"]
     small_table.remove(["pillar"])
-    assert small_table.homeless() == []
+    assert small_table.unplaced() == []
     assert len(small_table) == 64
 
 
@@ -103,26 +103,26 @@ def test_what_found_no_room_is_missing_until_it_is_removed(small_table):
     small_table.remove(["a"], stamp=0.6, source="full")
     small_table.remove(["a"], stamp=0.45, source="default")
     assert kinds(small_table) == [FaultKind.UNKNOWN_ID] * 3
-    assert small_table.homeless() == ["a"]
+    assert small_table.unplaced() == ["a"]
     small_table.remove(["a"], stamp=0.5, source="default")
     assert kinds(small_table) == []
-    assert small_table.homeless() == []
+    assert small_table.unplaced() == []
 
 
 def test_a_snapshot_says_anew_who_is_missing(small_table):
     many = [f"many{i}" for i in range(CAPACITY + 10)]
     small_table.update(many, 1.0, np.zeros((len(many), 3)), radius=0.1)
     see(small_table, 1.0, id="other", source="cam1")
-    assert small_table.homeless() == [*many[:CAPACITY], "more obstacles"]
+    assert small_table.unplaced() == [*many[:CAPACITY], "more obstacles"]
     small_table.update([], 0.5, snapshot=True)
-    assert len(small_table.homeless()) == CAPACITY + 1
+    assert len(small_table.unplaced()) == CAPACITY + 1
     see(small_table, 1.1, id="a", snapshot=True)
     # The other source's obstacle came too late to be known by name.
-    assert small_table.homeless() == ["a", "more obstacles"]
+    assert small_table.unplaced() == ["a", "more obstacles"]
     small_table.update([], 1.2, source="cam1", snapshot=True)
-    assert small_table.homeless() == ["a"]
+    assert small_table.unplaced() == ["a"]
     small_table.update([], 1.2, snapshot=True)
-    assert small_table.homeless() == []
+    assert small_table.unplaced() == []
 
 
 def test_sources_are_bounded():

@@ -34,10 +34,10 @@ ACCEL = 10.0
 
 
 @kernel
-def ask_link(handle, link, row, arm_age, age, floor, opening_time, ceiling):
+def ask_link(handle, link, row, arm_age, age, floor, refinement_threshold, ceiling):
     scene = handle.content
     return link_time(
-        scene, link, row, scene.bodies, arm_age, age, floor, REACH, opening_time, ceiling
+        scene, link, row, scene.bodies, arm_age, age, floor, REACH, refinement_threshold, ceiling
     )
 
 
@@ -47,8 +47,8 @@ def ask_root(handle, link, row, arm_age, age, floor):
 
 
 @kernel
-def ask_pair(handle, link, row, now, arm_age, floor, opening_time, ceiling):
-    return pair_time(handle.content, link, row, now, arm_age, floor, opening_time, ceiling)
+def ask_pair(handle, link, row, now, arm_age, floor, refinement_threshold, ceiling):
+    return pair_time(handle.content, link, row, now, arm_age, floor, refinement_threshold, ceiling)
 
 
 @kernel
@@ -111,14 +111,21 @@ class World:
         self.state.prepare_arm(self.q, self.v)
         self.motion.braking.tabulate(self.q, self.v, self.arm_age, HORIZON)
 
-    def link(self, link, row, floor=0.0, opening_time=math.inf, ceiling=math.inf):
+    def link(self, link, row, floor=0.0, refinement_threshold=math.inf, ceiling=math.inf):
         return ask_link(
-            self.state.handle, link, row, self.arm_age, self.age, floor, opening_time, ceiling
+            self.state.handle,
+            link,
+            row,
+            self.arm_age,
+            self.age,
+            floor,
+            refinement_threshold,
+            ceiling,
         )
 
-    def pair(self, link, row, floor=0.0, opening_time=math.inf, ceiling=math.inf):
+    def pair(self, link, row, floor=0.0, refinement_threshold=math.inf, ceiling=math.inf):
         return ask_pair(
-            self.state.handle, link, row, NOW, self.arm_age, floor, opening_time, ceiling
+            self.state.handle, link, row, NOW, self.arm_age, floor, refinement_threshold, ceiling
         )
 
     def body(self, row):
@@ -211,10 +218,10 @@ def test_what_need_not_be_known_better_is_only_known_worse(seed):
         for link in range(LINKS):
             wide, _, _, many = world.pair(link, row)
             for _ in range(5):
-                opening_time, ceiling = rng.choice([0.0, 0.1, 0.5, 1.0, math.inf, wide], 2)
-                time, _, _, few = world.pair(link, row, 0.0, opening_time, ceiling)
+                refinement_threshold, ceiling = rng.choice([0.0, 0.1, 0.5, 1.0, math.inf, wide], 2)
+                time, _, _, few = world.pair(link, row, 0.0, refinement_threshold, ceiling)
                 assert time <= wide * (1.0 + 1e-12)
-                assert time == wide or time >= min(opening_time, ceiling)
+                assert time == wide or time >= min(refinement_threshold, ceiling)
                 assert few <= many
                 spared += few < many
     assert spared > 0

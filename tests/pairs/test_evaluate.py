@@ -58,12 +58,12 @@ def make_state(motion, obstacles, *, advances=60, by_distance=False, margin=MARG
     )
 
 
-def look(state, rows, now, arm_age=0.0, opening_time=math.inf):
+def look(state, rows, now, arm_age=0.0, refinement_threshold=math.inf):
     """Contact times, shape (rows, links), the deciding spheres, their bounds, and evaluations."""
     pairs = np.concatenate([np.arange(LINKS) + row * LINKS for row in rows])
     times, nodes = np.full(len(pairs), -1.0), np.full(len(pairs), -1)
     bounds = np.full(len(pairs), -1, dtype=np.int8)
-    state.begin(now, arm_age, opening_time)
+    state.begin(now, arm_age, refinement_threshold)
     spent = evaluate(state, pairs, times, nodes, bounds)
     return *(answer.reshape(len(rows), LINKS) for answer in (times, nodes, bounds)), spent
 
@@ -186,7 +186,7 @@ def test_contact_times_are_those_of_brute_force(count, seed):
     times, nodes, bounds, spent = look(state, rows, now, arm_age)
     assert spent > len(rows) * LINKS
     assert ((bounds == ISOTROPIC) | (times == 0.0)).all()
-    closed, _, bounds, few = look(state, rows, now, arm_age, opening_time=0.0)
+    closed, _, bounds, few = look(state, rows, now, arm_age, refinement_threshold=0.0)
     # Nothing matters: what the arm cannot leave is all that is asked for, once and for each link.
     assert few == len(rows) * (1 + LINKS)
     assert (bounds == REACH).all()
@@ -252,20 +252,20 @@ def test_panda_against_many_witnesses(seed):
 
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 2.0))
-def test_opening_later_never_lowers_a_time(seed, opening_time):
+def test_opening_later_never_lowers_a_time(seed, refinement_threshold):
     rng = np.random.default_rng(seed)
     random_pose(rng)
     obstacles = Obstacles()
     row = report(obstacles, "ball", random_body(rng, 1, 0.0))
     state = make_state(free_motion(rng), obstacles)
-    closed, *_, few = look(state, [row], 0.0, opening_time=0.0)
-    ajar, *_, some = look(state, [row], 0.0, opening_time=opening_time)
+    closed, *_, few = look(state, [row], 0.0, refinement_threshold=0.0)
+    ajar, *_, some = look(state, [row], 0.0, refinement_threshold=refinement_threshold)
     wide, *_, many = look(state, [row], 0.0)
     assert (closed <= ajar).all()
     assert (ajar <= wide).all()
     assert few <= some <= many
     # What was not opened wide was answered well beyond what matters.
-    assert ((ajar == wide) | (ajar >= opening_time)).all()
+    assert ((ajar == wide) | (ajar >= refinement_threshold)).all()
 
 
 def test_unknown_whereabouts_are_contact_now():

@@ -164,7 +164,7 @@ def reach(panda):
 @pytest.mark.parametrize("schedule", ["full", "daa"])
 def test_a_running_monitor_takes_in_what_is_attached(panda, schedule):
     obstacles = reach(panda)
-    monitor = Monitor(panda, obstacles, schedule=schedule, hold=0.0, joint_timeout=10.0)
+    monitor = Monitor(panda, obstacles, schedule=schedule, rise_delay=0.0, joint_timeout=10.0)
     alone = [monitor.step(0.001 * tick, READY, REST) for tick in range(4)]
     assert alone[-1].contact_time > 0.0
     bar = pinocchio.SE3(np.eye(3), np.array([0.0, 0.0, 0.6]))
@@ -174,7 +174,7 @@ def test_a_running_monitor_takes_in_what_is_attached(panda, schedule):
     assert during.complete
     assert (during.link, during.contact_time) == ("bar", 0.0)
     assert during.evaluated >= len(panda.links)
-    fresh = Monitor(panda, reach(panda), schedule=schedule, hold=0.0)
+    fresh = Monitor(panda, reach(panda), schedule=schedule, rise_delay=0.0)
     assert fresh.step(0.0, READY, REST).contact_time == 0.0
     snapshot = monitor.snapshot(pair_limit=5, row_limit=5)
     leaves = sum(len(panda.cover.spheres(link)) for link in panda.links)

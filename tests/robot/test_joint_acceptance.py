@@ -162,7 +162,7 @@ def test_it_believes_what_the_rules_believe_and_nothing_else():
         found, joint, *stop_times = states.accept(stamp, q, v, now)
         expected = plain.accept(stamp, q, v, now)
         if -POSITION_BY_ACCEL in expected or found in (-POSITION_BY_ACCEL, -POSITION_BY_SPEED):
-            # Only what the plain rules refuse must be refused: of anchors they know nothing.
+            # Only what the plain rules refuse must be refused: they know no reference states.
             assert found < 0
             plain = Plain(robot)
             states.reset()

@@ -15,8 +15,8 @@ from armguard.jit.numerics import (
     VELOCITY_BY_SPEED,
 )
 from armguard.robot.joint_history import (
-    ANCHOR_AGES,
     PASSED,
+    REFERENCE_AGES,
     _find_joint_failure,
     begin_history,
     extend_history,
@@ -179,7 +179,7 @@ def test_the_running_form_equals_a_look_at_the_whole_history():
     assert min(decided.values()) > 100
 
 
-@pytest.mark.parametrize("age", ANCHOR_AGES[1:])
+@pytest.mark.parametrize("age", REFERENCE_AGES[1:])
 def test_a_creep_is_found_as_soon_after_a_long_rest_as_after_a_short_one(age):
     """A joint that says it rests and moves all the same; only a look that far back can tell.
 

@@ -56,13 +56,13 @@ def count(book):
 def test_who_is_admitted_is_due_and_knows_nothing():
     book, handle = new_book()
     look(book, 2, [4.0, 5.0, 6.0])
-    book.anchors.point_count[2] = 1
+    book.reference_states.point_count[2] = 1
     masks = np.array([[True, False, True], [False, False, False]])
     admit(handle, rows_of(2, 5), masks)
     assert book.watched[[2, 5]].tolist() == masks.tolist()
     assert (book.pair_expiry[2] == -math.inf).all()
     assert (book.pair_bound[2] == UNKNOWN).all()
-    assert (book.evaluated_at[2], book.anchors.point_count[2]) == (-math.inf, 0)
+    assert (book.evaluated_at[2], book.reference_states.point_count[2]) == (-math.inf, 0)
     assert (book.soonest[1], find_least(book.soonest)) == (-math.inf, 2)
     assert (book.wheel.slot[2], most_urgent(book.wheel)) == (DUE, 2)
     # Nobody watches the other one, so it is in nobody's way.
@@ -115,7 +115,7 @@ def test_random_books_are_those_of_a_dictionary(seed):
             known[row] = np.where(np.isnan(known[row]), math.nan, expiry)
         if rng.random() < 0.02 and rows < 64:
             rows *= 2
-            book = grow_book(book, NEWS, resize_states(book.anchors, rows, 1))
+            book = grow_book(book, NEWS, resize_states(book.reference_states, rows, 1))
             handle = pack(book)
         ends = {one: np.nanmin(links) for one, links in known.items()}
         assert book.numbers[ACTIVE] == len(known) == count(book)
@@ -133,15 +133,15 @@ def test_growing_keeps_what_is_known():
     book, handle = new_book(4)
     admit(handle, rows_of(0, 3), np.ones((2, LINKS), dtype=bool))
     look(book, 3, [3.0, 2.0, 9.0])
-    book.anchors.points[3, 0] = [1.0, 2.0, 3.0]
-    book.anchors.point_count[3] = 1
-    grown = grow_book(book, NEWS, resize_states(book.anchors, 100, 8))
+    book.reference_states.points[3, 0] = [1.0, 2.0, 3.0]
+    book.reference_states.point_count[3] = 1
+    grown = grow_book(book, NEWS, resize_states(book.reference_states, 100, 8))
     for name in ("watched", "pair_expiry", "pair_sphere", "pair_bound", "evaluated_at", "broken"):
         before, after = getattr(book, name), getattr(grown, name)
         assert np.array_equal(after[:4], before)
         assert len(after) == 100
-    assert grown.anchors.points.shape == (100, 8, 3)
-    assert grown.anchors.points[3, 0].tolist() == [1.0, 2.0, 3.0]
+    assert grown.reference_states.points.shape == (100, 8, 3)
+    assert grown.reference_states.points[3, 0].tolist() == [1.0, 2.0, 3.0]
     assert soonest_of(pack(grown), 9) == [0, 3]
     assert not grown.watched[4:].any()
     assert grown.numbers is book.numbers

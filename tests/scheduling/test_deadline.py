@@ -30,7 +30,7 @@ NEAR = [0.9, 0.3, 0.5]
     ("seed", "count", "pair_ticks", "settings"),
     [
         (1, 40, 6e5, {}),
-        (2, 30, 4e5, {"freshness": 0.9}),
+        (2, 30, 4e5, {"max_staleness": 0.9}),
         (3, 30, 4e5, {"rate": 250.0, "latency": 0.004}),
         (5, 20, 2e5, {"budget": 300}),
     ],
@@ -110,14 +110,14 @@ def test_one_that_comes_back_near_under_its_old_name_is_seen_there():
     assert verdict.contact_time < 0.5
 
 
-def test_without_freshness_every_answer_is_that_of_full():
+def test_without_staleness_every_answer_is_that_of_full():
     """Both look at everything in each tick, so both say the same."""
     rng = np.random.default_rng(8)
     worlds = [
-        make_monitor("deadline", freshness=0.0, hold=0.0, source_timeout=10.0),
-        make_monitor("full", hold=0.0, source_timeout=10.0),
+        make_monitor("deadline", max_staleness=0.0, rise_delay=0.0, source_timeout=10.0),
+        make_monitor("full", rise_delay=0.0, source_timeout=10.0),
     ]
-    stale = make_monitor("deadline", hold=0.0, source_timeout=10.0)
+    stale = make_monitor("deadline", rise_delay=0.0, source_timeout=10.0)
     place = rng.normal(size=(30, 3))
     place *= rng.uniform(1.2, 4.0, (30, 1)) / np.linalg.norm(place, axis=1)[:, None]
     velocity = rng.uniform(-0.3, 0.3, (30, 3))
@@ -138,7 +138,7 @@ def test_without_freshness_every_answer_is_that_of_full():
         # Sharing looks among links costs a little of the time, never of the safety.
         assert fresh.contact_time == pytest.approx(full.contact_time, rel=2e-2, abs=1e-3)
         assert fresh.level == full.level
-        # A stale answer is lower by what time passed since, and freshness limits that.
+        # A stale answer is lower by what time passed since, and max_staleness limits that.
         assert lazy.contact_time <= 1.05 * full.contact_time + 2e-3
         assert lazy.contact_time >= (1.0 - 0.25) * full.contact_time - 0.1
         assert lazy.level <= full.level
@@ -196,7 +196,7 @@ def test_growth_is_due_at_once(growth):
 
 def test_a_state_that_breaks_what_certificates_rest_on_is_due_at_once():
     """Slow at first by its own bounds, then fast: the first record allows no such thing."""
-    obstacles, monitor = make_monitor("deadline", source_timeout=10.0, hold=0.05)
+    obstacles, monitor = make_monitor("deadline", source_timeout=10.0, rise_delay=0.05)
     still = {"velocity": [[0.0, 0.0, 0.0]], "velocity_error": 0.01}
     see(obstacles, 0.0, [3.0, 0.0, 0.5], accel=0.01, speed=0.02, **still)
     steps(monitor, 0, 10)
@@ -218,7 +218,7 @@ def test_a_state_that_breaks_what_certificates_rest_on_is_due_at_once():
 
 
 def test_an_overload_is_a_stop_that_says_so_and_ends_by_itself():
-    obstacles, monitor = make_monitor("deadline", budget=40, hold=0.0, source_timeout=10.0)
+    obstacles, monitor = make_monitor("deadline", budget=40, rise_delay=0.0, source_timeout=10.0)
     names = [f"b{i}" for i in range(400)]
     rng = np.random.default_rng(9)
     place = rng.normal(size=(400, 3))

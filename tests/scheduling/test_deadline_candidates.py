@@ -50,7 +50,7 @@ def test_unsafe_pairs_are_those_that_brute_force_finds():
 
 def stand_beside(copies, place, *, schedule="deadline", **settings):
     """Verdicts of an arm that stands still beside so many of one and the same thing."""
-    obstacles, monitor = make_monitor(schedule, hold=0.0, **settings)
+    obstacles, monitor = make_monitor(schedule, rise_delay=0.0, **settings)
     for k in range(copies):
         obstacles.add_static(f"post{k}", place, 0.05)
     return [monitor.step(tick * PERIOD, HOME, STILL) for tick in range(10)]
@@ -68,7 +68,7 @@ def places_near_the_hand(count):
 @pytest.mark.parametrize(("schedule", "copies"), [("deadline", 1500), ("daa", 160)])
 def test_many_copies_of_one_thing_are_as_good_as_one(schedule, copies):
     """How many things are near is no reason for a STOP: nobody set a limit to that."""
-    stops, settings = [], {"freshness": 0.0} if schedule == "deadline" else {}
+    stops, settings = [], {"max_staleness": 0.0} if schedule == "deadline" else {}
     for place in places_near_the_hand(6):
         one = stand_beside(1, place, schedule=schedule, **settings)
         many = stand_beside(copies, place, schedule=schedule, **settings)
@@ -106,7 +106,7 @@ def test_a_budget_that_is_spent_is_told_with_its_numbers():
 def test_without_a_budget_for_a_closer_look_near_is_a_stop(budget):
     rng = np.random.default_rng(2)
     places = scatter(rng, 20, 1.15, 1.3)
-    obstacles, monitor = make_monitor("deadline", budget=budget, hold=0.0)
+    obstacles, monitor = make_monitor("deadline", budget=budget, rise_delay=0.0)
     see(obstacles, 0.0, places, [f"b{k}" for k in range(20)], speed=0.3)
     verdict = monitor.step(0.0, HOME, np.zeros(7))
     assert verdict.level is Level.STOP

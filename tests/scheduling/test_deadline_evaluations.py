@@ -52,8 +52,8 @@ def test_a_fresh_look_finds_what_a_look_at_every_pair_finds():
 def test_certificates_hold_until_the_next_look():
     """What was proved before is never later than what is proved anew, but for looser bounds."""
     rng = np.random.default_rng(2)
-    freshness = 0.25
-    obstacles, monitor = make_monitor("deadline", freshness=freshness, source_timeout=10.0)
+    max_staleness = 0.25
+    obstacles, monitor = make_monitor("deadline", max_staleness=max_staleness, source_timeout=10.0)
     names = [f"b{k}" for k in range(60)]
     see(obstacles, 0.0, scatter(rng, 60, 1.5, 6.0), names)
     book = None
@@ -63,7 +63,7 @@ def test_certificates_hold_until_the_next_look():
         half = len(book.soonest) // 2
         found = book.soonest[half : half + 60] - book.evaluated_at[:60]
         age = time - book.evaluated_at[:60]
-        assert (age <= np.maximum(freshness * found, PERIOD) + PERIOD).all()
+        assert (age <= np.maximum(max_staleness * found, PERIOD) + PERIOD).all()
     assert monitor._watch.stale_looks == 0
 
 
@@ -114,7 +114,7 @@ def test_all_in_contact_at_once_is_a_stop_at_a_bounded_price(count):
 
 def test_a_crowd_that_waits_is_looked_at_before_the_arm_may_go_on():
     """Contact with one is certain; the others wait, and one of them is as near."""
-    obstacles, monitor = make_monitor("deadline", hold=0.0)
+    obstacles, monitor = make_monitor("deadline", rise_delay=0.0)
     rng = np.random.default_rng(5)
     names = [f"b{k}" for k in range(500)]
     places = scatter(rng, 500, 1.5, 3.0)

@@ -248,7 +248,7 @@ def test_an_extension_that_adds_nothing_leaves_the_older_proof():
 
 
 def test_a_state_may_be_inside_the_last_one_and_outside_an_older_one():
-    """Each step is plausible by itself, all together are not: the anchor tells."""
+    """Each step is plausible by itself, all together are not: the reference state tells."""
     scene = Scene(accel=10.0, speed=2.0)
     row = scene.see(0.0, 3.0, position_error=0.05)
     pairs, _ = scene.follow()
@@ -312,8 +312,8 @@ def test_pairs_never_looked_at_cannot_be_disturbed():
     assert scene.earliest(0.0, 1)[1:] == (0.0, LINKS)
 
 
-def test_anchors_of_balls_and_boxes_side_by_side():
-    """A box that comes later gives every anchor more room; those of balls still hold."""
+def test_reference_states_of_balls_and_boxes_side_by_side():
+    """A box that comes later gives every reference state more room; those of balls still hold."""
     scene = Scene()
     ball = scene.see(0.0, 3.0)
     scene.look(scene.follow()[0])

@@ -26,7 +26,7 @@ def all_times(monitor, obstacles, now, arm_age=0.0):
     state = TickState(
         arm.kinematics, arm.motion, obstacles, margin=0.0, advances=ADVANCES, by_distance=False
     )
-    state.begin(now, arm_age, arm.state.opening_time)
+    state.begin(now, arm_age, arm.state.refinement_threshold)
     links = len(panda().links)
     rows = np.flatnonzero(obstacles.table.alive)
     pairs = (rows[:, None] * links + np.arange(links)).ravel()

@@ -30,7 +30,7 @@ class World:
         self.watch.follow()
         self.tick = Tick(
             number=self.number, now=now, time=now, q=HOME, v=STILL, arm_age=0.0,
-            stop_time=stop_time, opening_time=0.6,
+            stop_time=stop_time, refinement_threshold=0.6,
         )  # fmt: skip
         return self.watch.look(self.tick)
 

@@ -58,7 +58,7 @@ class Hunt:
         true_reaction=None,
         **settings,
     ):
-        self.settings = {"rate": 1000.0, "latency": 0.002, "reaction_time": 0.02, "hold": 0.0}
+        self.settings = {"rate": 1000.0, "latency": 0.002, "reaction_time": 0.02, "rise_delay": 0.0}
         self.settings |= {"source_timeout": 1e6, "slow_margin": 0.02, "aware_margin": 0.05}
         self.settings |= settings
         self.random = np.random.default_rng(seed)

@@ -193,7 +193,7 @@ def steer_balls(
             push = 1.0 if until_look[b] > max(2, between[b] // 4) else -1.0
         elif mode == HOARD:
             if looked[b] < 0.7 * between[b]:
-                # It stands still, as its anchor says that it might.
+                # It stands still, as its reference state says that it might.
                 towards = -state[3:6].copy()
                 push = min(1.0, np.sqrt((towards**2).sum()) / (balls.accel[b] * step))
         elif mode == EDGE:

@@ -105,7 +105,7 @@ def test_defaults_in_words_are_those_of_the_code():
     for name, words in {
         "aware_margin": "`aware_margin` (0.3 s)",
         "slow_margin": "`slow_margin` (0.1 s)",
-        "hold": "0.3 s of evidence (`hold`)",
+        "rise_delay": "0.3 s of evidence (`rise_delay`)",
         "source_timeout": "`source_timeout`, 0.2 s",
     }.items():
         assert words in README

@@ -136,7 +136,7 @@ class MonitorTable(_Table, frozen=True, kw_only=True):
     rate: Positive | UnsetType = UNSET
     schedule: Name | UnsetType = UNSET
     motion: Name | UnsetType = UNSET
-    freshness: Annotated[float, Meta(ge=0.0, lt=1.0)] | UnsetType = UNSET
+    max_staleness: Annotated[float, Meta(ge=0.0, lt=1.0)] | UnsetType = UNSET
     budget: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
 
 
@@ -147,7 +147,7 @@ class ThresholdsTable(_Table, frozen=True, kw_only=True):
     latency: NotNegative | UnsetType = UNSET
     slow_margin: NotNegative | UnsetType = UNSET
     aware_margin: NotNegative | UnsetType = UNSET
-    hold: NotNegative | UnsetType = UNSET
+    rise_delay: NotNegative | UnsetType = UNSET
     source_timeout: Positive | UnsetType = UNSET
     joint_timeout: Positive | UnsetType = UNSET
 
