@@ -11,14 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
 
 from armguard.bounds.levers import bound_levers, moving_joints
 from armguard.cover.cover import Cover
+from armguard.jit.arrays import FloatArray
 from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 SAMPLES = 1000
 
@@ -45,8 +43,8 @@ def compare_levers(robot: Robot, cover: Cover, samples: int = SAMPLES) -> dict[s
     """
     turns, places = _draw_placements(robot, samples)
     travel = np.column_stack([robot.lower_position_limit, robot.upper_position_limit])
-    proved: dict[str, list[Array]] = {}
-    seen: dict[str, list[Array]] = {}
+    proved: dict[str, list[FloatArray]] = {}
+    seen: dict[str, list[FloatArray]] = {}
     for link in robot.links:
         number, centers = robot.joint_index(link), cover.spheres(link)[:, :3]
         bounds = bound_levers(robot.model, number, centers, travel)
@@ -70,7 +68,7 @@ def compare_levers(robot: Robot, cover: Cover, samples: int = SAMPLES) -> dict[s
     return levers
 
 
-def _draw_placements(robot: Robot, samples: int) -> tuple[Array, Array]:
+def _draw_placements(robot: Robot, samples: int) -> tuple[FloatArray, FloatArray]:
     """Rotations (samples, joints, 3, 3) and translations (samples, joints, 3) of all joints."""
     random, data = np.random.default_rng(0), robot.model.createData()
     lower = np.where(np.isfinite(robot.lower_position_limit), robot.lower_position_limit, -np.pi)

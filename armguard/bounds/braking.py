@@ -17,11 +17,10 @@ from armguard.bounds.limits import JointLimits, check_state
 from armguard.bounds.model import check_duration
 from armguard.bounds.sums import ROUNDING, sum_levers, sum_second_order
 from armguard.bounds.travel import fill_eased_displacements
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.robot.robot import Robot
 from armguard.robot.stop_time import compute_stop_time
-
-Floats = npt.NDArray[np.float64]
 
 FREE_NODES = 4
 """Steps of the table before the brakes bite."""
@@ -74,8 +73,8 @@ class BrakingMotion(JointSpaceMotion):
 
     def tabulate(
         self,
-        q: Floats,
-        v: Floats,
+        q: FloatArray,
+        v: FloatArray,
         age: float,
         horizon: float,
         *,
@@ -112,7 +111,7 @@ class BrakingMotion(JointSpaceMotion):
 
     def stopping_volume(
         self, q: npt.ArrayLike, v: npt.ArrayLike, age: float, horizon: float
-    ) -> Floats:
+    ) -> FloatArray:
         """Balls that contain all spheres of the arm at every time from now until it rests.
 
         Args:
@@ -152,7 +151,7 @@ class BrakingMotion(JointSpaceMotion):
         volumes[:, 3] += ROUNDING * np.abs(volumes).sum(axis=1)
         return volumes
 
-    def _stop_time(self, velocity: Floats, age: float, horizon: float) -> float:
+    def _stop_time(self, velocity: FloatArray, age: float, horizon: float) -> float:
         limits = self.limits
         stop_time: float = compute_stop_time(
             velocity,
@@ -172,13 +171,13 @@ class BrakingMotion(JointSpaceMotion):
 
 @kernel
 def _spread_nodes(
-    v: Floats,
+    v: FloatArray,
     age: float,
     free: float,
     going_on: float,
     scale: float,
     limits: JointLimits,
-    time: Floats,
+    time: FloatArray,
 ) -> None:
     """Fill the times of a table: up to `free`, while going on, and until all joints rest."""
     rest = 0.0

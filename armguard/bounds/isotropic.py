@@ -21,20 +21,19 @@ from armguard.bounds.sums import (
     turning_joints,
     velocity_error_terms,
 )
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.robot.robot import Robot
-
-Floats = npt.NDArray[np.float64]
 
 
 class VelocityErrors(NamedTuple):
     """What velocities of spheres may be off by, for compiled code that fills it."""
 
-    rate: Floats
+    rate: FloatArray
     """What the errors grow by with joint speeds, [m] or 1. Shape (n, nv)."""
-    floor: Floats
+    floor: FloatArray
     """Errors at rest, [m/s]. Shape (n,)."""
-    error: Floats
+    error: FloatArray
     """Errors at the joint velocity of the last filling, [m/s]. Shape (n,)."""
 
 
@@ -68,7 +67,7 @@ class IsotropicMotion:
         """
         self._robot = robot
         self._data = robot.model.createData()
-        self._world_rotation: Floats = (
+        self._world_rotation: FloatArray = (
             np.eye(3) if base_placement is None else np.array(base_placement.rotation)
         )
         trees = [robot.cover.tree(link) for link in robot.links]
@@ -220,7 +219,7 @@ def free_advance(closing: float, accel: float, speed: float, t: float) -> float:
 
 
 @kernel
-def fill_velocity_errors(velocity: Floats, errors: VelocityErrors) -> None:
+def fill_velocity_errors(velocity: FloatArray, errors: VelocityErrors) -> None:
     """Fill the velocity errors of all spheres for the measured joint velocities, (nv,)."""
     for i in range(errors.rate.shape[0]):
         error = errors.floor[i]
@@ -230,7 +229,7 @@ def fill_velocity_errors(velocity: Floats, errors: VelocityErrors) -> None:
 
 
 @kernel
-def exceeds(velocity: Floats, limit: Floats) -> bool:
+def exceeds(velocity: FloatArray, limit: FloatArray) -> bool:
     """Whether a joint is faster than its limit."""
     found = False
     for j in range(velocity.shape[0]):

@@ -20,11 +20,10 @@ from armguard.bounds.model import check_question, read_only
 from armguard.bounds.sums import compute_levers, sum_levers, velocity_error_terms
 from armguard.bounds.travel import fill_displacements
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
-
-Floats = npt.NDArray[np.float64]
 
 GRID_STEP = 1e-3
 MOST_NODES = 300
@@ -102,16 +101,18 @@ class JointSpaceMotion(ABC):
     def _free_time(self) -> float:
         """How long joints are free to move, in [s] from the stamp, before they brake."""
 
-    def _make_table(self, time: Floats) -> JointTable:
+    def _make_table(self, time: FloatArray) -> JointTable:
         return make_table(time, self._turning, self.limits.position_error, self.interpolates)
 
-    def _fill(self, q: Floats, v: Floats, age: float, free: float, table: JointTable) -> None:
+    def _fill(
+        self, q: FloatArray, v: FloatArray, age: float, free: float, table: JointTable
+    ) -> None:
         fill_displacements(
             q, v, age, free, self.limits,
             table.time, table.high, table.low, table.highest, table.lowest,
         )  # fmt: skip
 
-    def _check_tick(self, q: Floats, v: Floats, age: float) -> None:
+    def _check_tick(self, q: FloatArray, v: FloatArray, age: float) -> None:
         """Refuse what a table cannot be filled for."""
         shape = (len(self.limits.lower),)
         if not (q.shape == v.shape == shape and q.dtype == v.dtype == np.float64):
@@ -125,18 +126,18 @@ class JointSpaceMotion(ABC):
         refuse_flaw(self._robot, self.limits, q, v, find_flaw(q, v, self.limits))
 
 
-def grid(nodes: int) -> Floats:
+def grid(nodes: int) -> FloatArray:
     """Times in [s] at which displacements are taken: dense where they grow like t²."""
     return np.asarray(GRID_STEP * np.arange(nodes) ** 2.0, dtype=np.float64)
 
 
 @kernel
 def _largest_advance(
-    along: Floats,
-    place: Floats,
-    jacobian: Floats,
-    lever: Floats,
-    slope_error: Floats,
+    along: FloatArray,
+    place: FloatArray,
+    jacobian: FloatArray,
+    lever: FloatArray,
+    slope_error: FloatArray,
     table: JointTable,
 ) -> float:
     """Greatest advance over any step of the table; 0 if all are negative."""
@@ -190,7 +191,7 @@ class JointMotion(JointSpaceMotion):
         # Dense where displacements grow like t².
         self.table = self._make_table(END * (np.arange(slices + 1) / slices) ** 2.0)
 
-    def tabulate(self, q: Floats, v: Floats, age: float) -> JointTable:
+    def tabulate(self, q: FloatArray, v: FloatArray, age: float) -> JointTable:
         """Fill the table of one tick.
 
         Args:

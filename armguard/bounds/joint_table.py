@@ -27,13 +27,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from armguard.bounds.sums import ROUNDING
+from armguard.jit.arrays import BoolArray, FloatArray
 from armguard.jit.kernels import kernel
-
-Floats = npt.NDArray[np.float64]
-Booleans = npt.NDArray[np.bool_]
 
 ROOT_3 = 1.7320508075688774  # rounded up
 
@@ -41,32 +38,32 @@ ROOT_3 = 1.7320508075688774  # rounded up
 class JointTable(NamedTuple):
     """Displacements of all joints over a grid of times, for one joint state."""
 
-    time: Floats
+    time: FloatArray
     """From now, in [s], rising from 0. Shape (nodes,)."""
-    high: Floats
+    high: FloatArray
     """Greatest displacements at each node, in [rad] or [m], not yet clipped. Shape (nodes, nv)."""
-    low: Floats
+    low: FloatArray
     """Least displacements, likewise. Shape (nodes, nv)."""
-    highest: Floats
+    highest: FloatArray
     """What `high` is clipped to. Shape (nv,)."""
-    lowest: Floats
+    lowest: FloatArray
     """What `low` is clipped to. Shape (nv,)."""
-    turning: Booleans
+    turning: BoolArray
     """Which joints are revolute. Shape (nv,)."""
-    position_error: Floats
+    position_error: FloatArray
     """What the measured positions may be off by, in [rad] or [m]. Shape (nv,)."""
     interpolates: bool
     """Whether `high` is convex and `low` concave, so that chords between nodes bound them."""
-    span: Floats
+    span: FloatArray
     """Room to work in: high, low and magnitude over the interval at hand. Shape (3, nv)."""
-    columns: Floats
+    columns: FloatArray
     """Room to work in: the Jacobian of the point at hand, in [m]. Shape (3, nv)."""
-    bend: Floats
+    bend: FloatArray
     """Room to work in: the most that slopes rise and fall by second derivatives. Shape (2, nv)."""
 
 
 def make_table(
-    time: Floats, turning: Booleans, position_error: Floats, interpolates: bool
+    time: FloatArray, turning: BoolArray, position_error: FloatArray, interpolates: bool
 ) -> JointTable:
     """A table without content."""
     shape = len(time), len(turning)
@@ -114,7 +111,7 @@ def _mean_slope(slope: float, spread: float, lever: float) -> float:
 
 
 @kernel
-def set_columns(px: float, py: float, pz: float, jacobian: Floats, table: JointTable) -> None:
+def set_columns(px: float, py: float, pz: float, jacobian: FloatArray, table: JointTable) -> None:
     """Fill `table.columns` for the point p.
 
     The Jacobian, shape (6, nv), is Pinocchio's `data.J` at the measured configuration: linear and
@@ -129,7 +126,7 @@ def set_columns(px: float, py: float, pz: float, jacobian: Floats, table: JointT
 
 @kernel
 def _set_bend(
-    nx: float, ny: float, nz: float, jacobian: Floats, lever: Floats, table: JointTable
+    nx: float, ny: float, nz: float, jacobian: FloatArray, lever: FloatArray, table: JointTable
 ) -> None:
     """Fill `table.bend`: sum_j of the greatest h_ij D_j, and of the greatest -h_ij D_j."""
     bend, span, columns = table.bend, table.span, table.columns
@@ -157,9 +154,9 @@ def advance_in_span(
     nx: float,
     ny: float,
     nz: float,
-    jacobian: Floats,
-    lever: Floats,
-    slope_error: Floats,
+    jacobian: FloatArray,
+    lever: FloatArray,
+    slope_error: FloatArray,
     table: JointTable,
 ) -> float:
     """Bound on the displacement along n of a point while joints stay in `table.span`.

@@ -26,10 +26,9 @@ import numpy as np
 import numpy.typing as npt
 
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.robot.joints import is_prismatic
-
-Floats = npt.NDArray[np.float64]
 
 CORNERS = 64
 """Corners of the polygon around a circle; it sticks out of it by a factor 1.0012."""
@@ -39,7 +38,7 @@ ROUNDING = 1e-12
 """Widening relative to the lengths met on the way, thousands of times their rounding error."""
 
 
-def bound_levers(model: Any, joint: int, points: Floats, travel: Floats) -> Floats:
+def bound_levers(model: Any, joint: int, points: FloatArray, travel: FloatArray) -> FloatArray:
     """Proved bounds on the distance of points from the axis lines of the joints that move them.
 
     Args:
@@ -62,7 +61,9 @@ def bound_levers(model: Any, joint: int, points: Floats, travel: Floats) -> Floa
     return levers
 
 
-def bound_outlines(model: Any, joint: int, points: Floats, travel: Floats) -> tuple[Floats, Floats]:
+def bound_outlines(
+    model: Any, joint: int, points: FloatArray, travel: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Where points can get to, seen from the axis of the first revolute joint that moves them.
 
     Args:
@@ -87,7 +88,9 @@ def bound_outlines(model: Any, joint: int, points: Floats, travel: Floats) -> tu
     return corners, _axis_frame(model, first)[:, 2]
 
 
-def _walk(model: Any, joint: int, points: Floats, travel: Floats) -> tuple[Floats, Floats]:
+def _walk(
+    model: Any, joint: int, points: FloatArray, travel: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Levers of the joints that move the points, (n, joints), and supports, (n, TANGENTS)."""
     chain = moving_joints(model, joint)
     columns = [model.idx_vs[number] for number in chain]
@@ -119,7 +122,7 @@ def _walk(model: Any, joint: int, points: Floats, travel: Floats) -> tuple[Float
     return reach, supports
 
 
-def _tangents() -> Floats:
+def _tangents() -> FloatArray:
     """Directions of the tangents: distance and height. Shape (TANGENTS, 2)."""
     angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, TANGENTS)
     tangents = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -133,7 +136,7 @@ def moving_joints(model: Any, joint: int) -> list[int]:
     return list(model.supports[joint])[1:]
 
 
-def _axis_frame(model: Any, joint: int) -> Floats:
+def _axis_frame(model: Any, joint: int) -> FloatArray:
     """A rotation whose third column is the joint's axis in the joint's own frame. Shape (3, 3)."""
     subspace = np.ravel(model.joints[joint].createData().S)
     axis = subspace[:3] if is_prismatic(model, joint) else subspace[3:]
@@ -154,15 +157,15 @@ def _most_circles(prismatic: npt.NDArray[np.bool_]) -> int:
 
 @kernel
 def _walk_inwards(
-    points: Floats,
-    steps: Floats,
+    points: FloatArray,
+    steps: FloatArray,
     prismatic: npt.NDArray[np.bool_],
-    travel: Floats,
-    tangents: Floats,
-    corners: Floats,
-    circles: Floats,
-    levers: Floats,
-    outlines: Floats,
+    travel: FloatArray,
+    tangents: FloatArray,
+    corners: FloatArray,
+    circles: FloatArray,
+    levers: FloatArray,
+    outlines: FloatArray,
 ) -> None:
     """Fill `levers`; a circle is its centre and two perpendicular radii, rows of a (3, 3) block.
 
@@ -194,7 +197,7 @@ def _walk_inwards(
 
 @kernel
 def _bound_meridian(
-    circles: Floats, count: int, tangents: Floats, corners: Floats, supports: Floats
+    circles: FloatArray, count: int, tangents: FloatArray, corners: FloatArray, supports: FloatArray
 ) -> float:
     """Bound c (distance) + s (height) over all circles for each tangent; the largest length met."""
     supports[:] = -np.inf
@@ -214,19 +217,19 @@ def _bound_meridian(
 
 
 @kernel
-def _is_point(circle: Floats) -> bool:
+def _is_point(circle: FloatArray) -> bool:
     return not (circle[1].any() or circle[2].any())
 
 
 @kernel
-def _turn_point(circles: Floats) -> None:
+def _turn_point(circles: FloatArray) -> None:
     """One point turns into exactly one circle."""
     x, y = circles[0, 0, 0], circles[0, 0, 1]
     _set_circle(circles[0], math.sqrt(x * x + y * y) * (1.0 + ROUNDING), circles[0, 0, 2])
 
 
 @kernel
-def _enclose(tangents: Floats, supports: Floats, circles: Floats) -> int:
+def _enclose(tangents: FloatArray, supports: FloatArray, circles: FloatArray) -> int:
     """Circles on which neighbouring tangents meet; how many there are."""
     count: int = tangents.shape[0] - 1
     for k in range(count):
@@ -240,7 +243,7 @@ def _enclose(tangents: Floats, supports: Floats, circles: Floats) -> int:
 
 
 @kernel
-def _set_circle(circle: Floats, distance: float, height: float) -> None:
+def _set_circle(circle: FloatArray, distance: float, height: float) -> None:
     circle[:] = 0.0
     circle[0, 2] = height
     circle[1, 0] = distance
@@ -248,7 +251,7 @@ def _set_circle(circle: Floats, distance: float, height: float) -> None:
 
 
 @kernel
-def _slide(circles: Floats, count: int, lowest: float, highest: float) -> int:
+def _slide(circles: FloatArray, count: int, lowest: float, highest: float) -> int:
     """The circles at both ends of a prismatic joint's travel."""
     for k in range(count):
         circles[count + k] = circles[k]
@@ -258,7 +261,7 @@ def _slide(circles: Floats, count: int, lowest: float, highest: float) -> int:
 
 
 @kernel
-def _step(circles: Floats, count: int, step: Floats) -> None:
+def _step(circles: FloatArray, count: int, step: FloatArray) -> None:
     """Write circles in the axis frame of the joint before."""
     for k in range(count):
         for part in range(3):

@@ -9,11 +9,10 @@ import numpy.typing as npt
 
 from armguard.bounds.model import check_vector
 from armguard.exceptions import ArmguardError, RobotError
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
-
-Floats = npt.NDArray[np.float64]
 
 SLACK = 1e-9
 """What a sum of a limit and an error may be off by, in [rad], [m] or per second."""
@@ -22,16 +21,16 @@ SLACK = 1e-9
 class JointLimits(NamedTuple):
     """Limits and errors of all joints, in [rad] or [m] and [s]. Each has the shape (nv,)."""
 
-    lower: Floats
+    lower: FloatArray
     """Lower position limits; -inf for a continuous joint."""
-    upper: Floats
+    upper: FloatArray
     """Upper position limits; inf for a continuous joint."""
-    velocity: Floats
-    acceleration: Floats
-    braking: Floats
+    velocity: FloatArray
+    acceleration: FloatArray
+    braking: FloatArray
     """Guaranteed decelerations."""
-    position_error: Floats
-    velocity_error: Floats
+    position_error: FloatArray
+    velocity_error: FloatArray
 
 
 def read_limits(robot: Robot) -> JointLimits:
@@ -87,7 +86,7 @@ def read_limits(robot: Robot) -> JointLimits:
 
 def check_state(
     robot: Robot, limits: JointLimits, q: npt.ArrayLike, v: npt.ArrayLike
-) -> tuple[Floats, Floats]:
+) -> tuple[FloatArray, FloatArray]:
     """A measured joint state as float64.
 
     Raises:
@@ -101,7 +100,7 @@ def check_state(
 
 
 @kernel
-def find_flaw(q: Floats, v: Floats, limits: JointLimits) -> int:
+def find_flaw(q: FloatArray, v: FloatArray, limits: JointLimits) -> int:
     """First joint whose state breaks its limits or is not finite, or -1."""
     for j in range(q.shape[0]):
         room = limits.position_error[j] + SLACK
@@ -115,7 +114,7 @@ def find_flaw(q: Floats, v: Floats, limits: JointLimits) -> int:
     return -1
 
 
-def refuse_flaw(robot: Robot, limits: JointLimits, q: Floats, v: Floats, flaw: int) -> None:
+def refuse_flaw(robot: Robot, limits: JointLimits, q: FloatArray, v: FloatArray, flaw: int) -> None:
     """Raise what `find_flaw` found, if anything."""
     if flaw < 0:
         return

@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armguard.exceptions import ArmguardError
-
-Floats = npt.NDArray[np.float64]
+from armguard.jit.arrays import FloatArray
 
 
 class MotionModel(Protocol):
@@ -40,7 +39,7 @@ class MotionModel(Protocol):
         ...
 
 
-def check_vector(name: str, values: npt.ArrayLike, length: int) -> Floats:
+def check_vector(name: str, values: npt.ArrayLike, length: int) -> FloatArray:
     """The values as float64, refused unless finite and of the right length."""
     try:
         vector = np.ascontiguousarray(values, dtype=np.float64)
@@ -55,7 +54,7 @@ def check_vector(name: str, values: npt.ArrayLike, length: int) -> Floats:
     return vector
 
 
-def read_only(array: Floats) -> Floats:
+def read_only(array: FloatArray) -> FloatArray:
     """A view of the same memory that cannot be written through."""
     view = array.view()
     view.flags.writeable = False
@@ -64,7 +63,7 @@ def read_only(array: Floats) -> Floats:
 
 def check_question(
     point: npt.ArrayLike, direction: npt.ArrayLike, t: float
-) -> tuple[Floats, Floats]:
+) -> tuple[FloatArray, FloatArray]:
     """The point and direction as float64.
 
     Raises:

@@ -21,10 +21,9 @@ from armguard.bounds.limits import check_state, read_limits
 from armguard.bounds.model import check_question, read_only
 from armguard.bounds.sums import ROUNDING, compute_levers, sum_levers, widened_ranges
 from armguard.cover.miniball import enclose_points
+from armguard.jit.arrays import FloatArray
 from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
-
-Floats = npt.NDArray[np.float64]
 
 
 class ReachMotion:
@@ -91,7 +90,7 @@ class ReachMotion:
         error = float(sum_levers(lever, robot.position_error)[0])
         return max(0.0, missing + error + ROUNDING * float(np.abs(place).sum() + ball[3]))
 
-    def _enclose(self, joint: int, spheres: Floats) -> Floats:
+    def _enclose(self, joint: int, spheres: FloatArray) -> FloatArray:
         """A ball in the world for spheres that ride a joint, (n, 4) in its frame. Shape (4,)."""
         model = self._robot.model
         travel = widened_ranges(self._robot)
@@ -117,7 +116,7 @@ class ReachMotion:
         return np.append(center, radius)
 
 
-def _lowest_radius(outlines: Floats, radii: Floats) -> tuple[float, float]:
+def _lowest_radius(outlines: FloatArray, radii: FloatArray) -> tuple[float, float]:
     """Height on the axis, and the radius there, of the smallest ball around spheres on outlines.
 
     Args:
@@ -141,10 +140,10 @@ def _lowest_radius(outlines: Floats, radii: Floats) -> tuple[float, float]:
     return height, radius(height)
 
 
-def _enclose_balls(balls: Floats) -> Floats:
+def _enclose_balls(balls: FloatArray) -> FloatArray:
     """A ball around all balls: the largest, grown just enough for each of the others in turn."""
     order = np.argsort(-balls[:, 3])
-    ball: Floats = balls[order[0]].copy()
+    ball: FloatArray = balls[order[0]].copy()
     for other in balls[order[1:]]:
         offset = other[:3] - ball[:3]
         distance = float(np.linalg.norm(offset))

@@ -13,16 +13,15 @@ import numpy.typing as npt
 
 from armguard.bounds.levers import bound_levers, moving_joints
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray
 from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
-
-Floats = npt.NDArray[np.float64]
 
 ROUNDING = 1e-12
 """Relative widening of every bound: thousands of times the rounding error of the sums within."""
 
 
-def compute_levers(robot: Robot, link: str, points: npt.ArrayLike) -> Floats:
+def compute_levers(robot: Robot, link: str, points: npt.ArrayLike) -> FloatArray:
     """Proved bounds on how far points of a link can be from the axis line of each joint.
 
     They hold in every configuration; `armguard.bounds.levers` has the proof. Angle limits are not
@@ -52,7 +51,7 @@ def compute_levers(robot: Robot, link: str, points: npt.ArrayLike) -> Floats:
     return bound_levers(robot.model, robot.joint_index(link), places, widened_ranges(robot))
 
 
-def widened_ranges(robot: Robot) -> Floats:
+def widened_ranges(robot: Robot) -> FloatArray:
     """Joint ranges widened by twice the position error. Shape (nv, 2)."""
     slack = 2.0 * robot.position_error
     return np.column_stack([robot.lower_position_limit - slack, robot.upper_position_limit + slack])
@@ -66,12 +65,14 @@ def turning_joints(robot: Robot, link: str) -> npt.NDArray[np.bool_]:
     return turning
 
 
-def sum_levers(lever: Floats, rates: Floats) -> Floats:
+def sum_levers(lever: FloatArray, rates: FloatArray) -> FloatArray:
     """Bound sum_j R_j x_j: of joint velocities, a point's speed; of angles, its way. Shape (n,)."""
     return (lever @ rates) * (1.0 + ROUNDING)
 
 
-def sum_accelerations(lever: Floats, fastest: Floats, acceleration_limit: Floats) -> Floats:
+def sum_accelerations(
+    lever: FloatArray, fastest: FloatArray, acceleration_limit: FloatArray
+) -> FloatArray:
     """Bound on the acceleration of points, in [m]/[s²]. Shape (n,).
 
     sum_j R_j qdd_j + sum_ij R_max(i, j) qd_i qd_j over ordered pairs. Joints come in the order
@@ -79,24 +80,26 @@ def sum_accelerations(lever: Floats, fastest: Floats, acceleration_limit: Floats
     """
     moving = np.where(lever > 0.0, fastest, 0.0)
     before = np.cumsum(moving, axis=1) - moving
-    bound: Floats = np.sum(lever * (acceleration_limit + moving * (moving + 2.0 * before)), axis=1)
+    bound: FloatArray = np.sum(
+        lever * (acceleration_limit + moving * (moving + 2.0 * before)), axis=1
+    )
     return bound * (1.0 + ROUNDING)
 
 
-def sum_second_order(lever: Floats, displacements: Floats) -> Floats:
+def sum_second_order(lever: FloatArray, displacements: FloatArray) -> FloatArray:
     """Bound sum_ij R_max(i, j) |D_i| |D_j| / 2 on a path's departure from its tangent. Shape (n,).
 
     The displacements, (nv,), are absolute.
     """
     moving = np.where(lever > 0.0, displacements, 0.0)
     before = np.cumsum(moving, axis=1) - moving
-    bound: Floats = np.sum(lever * moving * (0.5 * moving + before), axis=1)
+    bound: FloatArray = np.sum(lever * moving * (0.5 * moving + before), axis=1)
     return bound * (1.0 + ROUNDING)
 
 
 def velocity_error_terms(
-    lever: Floats, position_error: Floats, velocity_error: Floats
-) -> tuple[Floats, Floats]:
+    lever: FloatArray, position_error: FloatArray, velocity_error: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Rate (n, nv) and floor (n,) of a point's velocity error, which is rate |qd| + floor.
 
     The error is sum_j R_j dqd_j + sum_ij R_max(i, j) (|qd_i| + dqd_i) dq_j: the joint rates are

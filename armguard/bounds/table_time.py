@@ -16,16 +16,12 @@ from __future__ import annotations
 
 import math
 
-import numpy.typing as npt
-from numpy import float64
-
 from armguard.bounds.joint_table import JointTable, advance_in_span, set_columns, set_span
 from armguard.bounds.sums import ROUNDING
 from armguard.bounds.travel import travel
 from armguard.contact.gjk import nearest_on_hull
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
-
-Floats = npt.NDArray[float64]
 
 FIRST_STRIDE = 4
 """How many steps of the table the search takes at first."""
@@ -53,8 +49,8 @@ def obstacle_room(
     px: float,
     py: float,
     pz: float,
-    points: Floats,
-    velocities: Floats,
+    points: FloatArray,
+    velocities: FloatArray,
     count: int,
     accel: float,
     speed: float,
@@ -85,11 +81,11 @@ def _aim(
     px: float,
     py: float,
     pz: float,
-    lever: Floats,
+    lever: FloatArray,
     table: JointTable,
     node: int,
-    points: Floats,
-    velocities: Floats,
+    points: FloatArray,
+    velocities: FloatArray,
     count: int,
     accel: float,
     speed: float,
@@ -121,12 +117,12 @@ def table_contact_time(
     px: float,
     py: float,
     pz: float,
-    jacobian: Floats,
-    lever: Floats,
-    slope_error: Floats,
+    jacobian: FloatArray,
+    lever: FloatArray,
+    slope_error: FloatArray,
     table: JointTable,
-    points: Floats,
-    velocities: Floats,
+    points: FloatArray,
+    velocities: FloatArray,
     count: int,
     accel: float,
     speed: float,

@@ -16,14 +16,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-import numpy.typing as npt
-
 from armguard.bounds.limits import JointLimits
 from armguard.bounds.sums import ROUNDING
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
-
-Floats = npt.NDArray[np.float64]
 
 
 @kernel
@@ -138,16 +134,16 @@ def _settle(
 
 @kernel
 def fill_displacements(
-    q: Floats,
-    v: Floats,
+    q: FloatArray,
+    v: FloatArray,
     age: float,
     free: float,
     limits: JointLimits,
-    time: Floats,
-    high: Floats,
-    low: Floats,
-    highest: Floats,
-    lowest: Floats,
+    time: FloatArray,
+    high: FloatArray,
+    low: FloatArray,
+    highest: FloatArray,
+    lowest: FloatArray,
 ) -> None:
     """Fill the least and greatest displacements at the times `age` + `time` from the stamp.
 
@@ -159,18 +155,18 @@ def fill_displacements(
 
 @kernel
 def fill_eased_displacements(
-    q: Floats,
-    v: Floats,
+    q: FloatArray,
+    v: FloatArray,
     age: float,
     free: float,
     going_on: float,
     scale: float,
     limits: JointLimits,
-    time: Floats,
-    high: Floats,
-    low: Floats,
-    highest: Floats,
-    lowest: Floats,
+    time: FloatArray,
+    high: FloatArray,
+    low: FloatArray,
+    highest: FloatArray,
+    lowest: FloatArray,
 ) -> None:
     """`fill_displacements` of joints that keep to a fraction of their speed before they brake.
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray
 
 MAX_POINTS = 8
 PAIR_ARGUMENTS = (
@@ -15,10 +16,8 @@ PAIR_ARGUMENTS = (
     "age1", "age2", "velocity_error1", "velocity_error2", "clock_error1", "clock_error2",
 )  # fmt: skip
 
-Floats = NDArray[np.float64]
 
-
-def read_vectors(name: str, value: ArrayLike) -> Floats:
+def read_vectors(name: str, value: ArrayLike) -> FloatArray:
     """Vectors of three as float64."""
     array = np.asarray(value, dtype=np.float64)
     if array.ndim < 1 or array.shape[-1] != 3:
@@ -26,7 +25,7 @@ def read_vectors(name: str, value: ArrayLike) -> Floats:
     return array
 
 
-def read_bounds(name: str, value: ArrayLike) -> Floats:
+def read_bounds(name: str, value: ArrayLike) -> FloatArray:
     """Numbers that must not be negative as float64."""
     array = np.asarray(value, dtype=np.float64)
     if (array < 0.0).any():  # NaN passes: it makes its pair's time 0
@@ -43,7 +42,7 @@ def check_advances(advances: int) -> int:
     return int(advances)
 
 
-def spread(array: Floats, shape: tuple[int, ...], inner: tuple[int, ...]) -> Floats:
+def spread(array: FloatArray, shape: tuple[int, ...], inner: tuple[int, ...]) -> FloatArray:
     """`array` broadcast to `shape` + `inner` and made flat but for `inner`."""
     return np.ascontiguousarray(np.broadcast_to(array, shape + inner)).reshape((-1, *inner))
 
@@ -59,12 +58,12 @@ def find_common_shape(shapes: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
         ) from None
 
 
-def give_shape(out: Floats, shape: tuple[int, ...]) -> Any:
+def give_shape(out: FloatArray, shape: tuple[int, ...]) -> Any:
     """Flat results in the shape of the arguments: a float for single ones."""
     return out.reshape(shape) if shape else float(out[0])
 
 
-def read_pairs(*values: ArrayLike) -> tuple[tuple[int, ...], list[Floats]]:
+def read_pairs(*values: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
     """The common shape, and the arrays checked, broadcast, flat and in the kernels' order."""
     given = dict(zip(PAIR_ARGUMENTS, values, strict=True))
     vectors = {name: read_vectors(name, given[name]) for name in ("p1", "v1")}

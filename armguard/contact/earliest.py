@@ -31,7 +31,6 @@ from armguard.contact.advancement import (
     trace_contact_time,
 )
 from armguard.contact.arguments import (
-    Floats,
     check_advances,
     find_common_shape,
     give_shape,
@@ -42,6 +41,7 @@ from armguard.contact.arguments import (
 )
 from armguard.contact.gap import SLACK, clock_drift
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 
 __all__ = [
@@ -65,10 +65,10 @@ class Certificate(NamedTuple):
     contact_time: float
     """From now, in [s]; inf if there is never contact."""
 
-    times: Floats
+    times: FloatArray
     """When each witness takes over, in [s], from 0 on and rising. Shape (k,)."""
 
-    witnesses: Floats
+    witnesses: FloatArray
     """Directions from body 1 to body 2, of length 1 but for rounding. Shape (k, 3)."""
 
 

@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from armguard.cover.fitting import cut_pieces
 from armguard.cover.patches import ON_SURFACE, bisect_pieces, compute_hull_points
 from armguard.cover.sphere_tree import MARGIN, SphereTree
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-14  # relative: above what a distance and a bisected corner lose to rounding
 MOST_PIECES = 2_000_000  # a proof that needs more has failed
@@ -31,7 +30,7 @@ STEP = 2e-5  # `tighten` leaves radii no more than this too large, in [m], and
 FEW_PIECES = 20_000  # tries no harder than this: balls that barely meet need very many
 
 
-def is_contained(surface: Array, tree: SphereTree, most_pieces: int = MOST_PIECES) -> bool:
+def is_contained(surface: FloatArray, tree: SphereTree, most_pieces: int = MOST_PIECES) -> bool:
     """Whether each piece, or each part of it, is in a leaf and in all balls above that leaf.
 
     Args:
@@ -70,7 +69,7 @@ def is_contained(surface: Array, tree: SphereTree, most_pieces: int = MOST_PIECE
     return True
 
 
-def tighten(surface: Array, tree: SphereTree, least: Array | None = None) -> SphereTree:
+def tighten(surface: FloatArray, tree: SphereTree, least: FloatArray | None = None) -> SphereTree:
     """Make each radius as small as the proof allows while the others stay, leaves first.
 
     Shrinking one ball never allows another to shrink further, so one pass is enough.
@@ -103,7 +102,9 @@ def tighten(surface: Array, tree: SphereTree, least: Array | None = None) -> Sph
     return tree._replace(spheres=spheres)
 
 
-def _find_inside(points: Array, less: Array, centers: Array, radii: Array) -> NDArray[np.bool_]:
+def _find_inside(
+    points: FloatArray, less: FloatArray, centers: FloatArray, radii: FloatArray
+) -> NDArray[np.bool_]:
     """Which points (n, k, 3) are in which balls shrunk by `less` (n,). Shape (n, k, balls)."""
     inside = np.empty((*points.shape[:2], len(radii)), dtype=np.bool_)
     _compare(points, less, centers, radii, inside)

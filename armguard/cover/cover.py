@@ -23,8 +23,7 @@ from armguard.cover.patches import compute_corners
 from armguard.cover.report import CoverReport, report_link
 from armguard.cover.sphere_tree import GRID, SphereTree
 from armguard.exceptions import CoverError
-
-Array = NDArray[np.float64]
+from armguard.jit.arrays import FloatArray
 
 CoverTree = SphereTree
 
@@ -45,7 +44,7 @@ class Surfaces(Protocol):
     def links(self) -> tuple[str, ...]:
         """Names of the links."""
 
-    def surface(self, link: str) -> Array:
+    def surface(self, link: str) -> FloatArray:
         """Pieces of a link's surface, as `patches` has them, in its parent joint's frame [m]."""
 
 
@@ -130,7 +129,7 @@ class Cover:
         """How many levels a link has: one more than the depth of its deepest leaf."""
         return int(_compute_depths(self.tree(link)).max()) + 1
 
-    def spheres(self, link: str, level: int = -1) -> Array:
+    def spheres(self, link: str, level: int = -1) -> FloatArray:
         """The spheres of one level: nodes at that depth, and the leaves above it.
 
         Args:
@@ -145,7 +144,7 @@ class Cover:
             raise CoverError(f"level {level}", f"is not one of the {levels} of link {link!r}")
         depths = _compute_depths(tree)
         wanted = level % levels
-        chosen: Array = tree.spheres[
+        chosen: FloatArray = tree.spheres[
             (depths == wanted) | ((depths < wanted) & (tree.child_count == 0))
         ]
         return chosen
@@ -245,7 +244,7 @@ class _CoverFile(msgspec.Struct, forbid_unknown_fields=True):
     links: dict[str, _LinkFile]
 
 
-def get_surface(robot: Surfaces, link: str) -> Array:
+def get_surface(robot: Surfaces, link: str) -> FloatArray:
     """Pieces of a link's surface in [m], refused where they cannot be a link's.
 
     Raises:
@@ -276,7 +275,7 @@ def get_surface(robot: Surfaces, link: str) -> Array:
     return surface
 
 
-def hash_surface(surface: Array) -> str:
+def hash_surface(surface: FloatArray) -> str:
     """Digest of a surface, rounded to the grid so that another machine's rounding is the same."""
     cells = np.floor(np.asarray(surface) / GRID + 0.5).astype("<i8")
     return hashlib.sha256(cells.tobytes()).hexdigest()

@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armguard.cover.miniball import enclose_points
 from armguard.cover.patches import (
@@ -32,9 +31,8 @@ from armguard.cover.signed_distance import (
     measure_distance,
 )
 from armguard.cover.sphere_tree import GRID, Node, SphereTree, build_tree, enclose
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
-
-Array = NDArray[np.float64]
 
 _PIECES = 2500  # about as many pieces a link: finer ones fit tighter, and cost in proportion
 _ROUND_PIECES = 600  # these are smooth, and cost six times as much each
@@ -47,7 +45,7 @@ _ROUNDS = 30  # of moving pieces and centres in turns
 
 
 def fit_tree(
-    surface: Array, *, spheres: int | None = None, protrusion: float | None = None
+    surface: FloatArray, *, spheres: int | None = None, protrusion: float | None = None
 ) -> SphereTree:
     """Fit a tree of balls to a surface; the same input gives the same tree.
 
@@ -68,7 +66,7 @@ def fit_tree(
     return build_tree(_assign_pieces(pieces, arranged, centers))
 
 
-def cut_pieces(pieces: Array, count: int = _PIECES, shortest: float = 0.0) -> Array:
+def cut_pieces(pieces: FloatArray, count: int = _PIECES, shortest: float = 0.0) -> FloatArray:
     """Bisect pieces until all edges are short.
 
     Args:
@@ -92,7 +90,7 @@ def cut_pieces(pieces: Array, count: int = _PIECES, shortest: float = 0.0) -> Ar
     return np.concatenate(done)
 
 
-def _fit_count(pieces: Array, surface: Surface, count: int) -> Array:
+def _fit_count(pieces: FloatArray, surface: Surface, count: int) -> FloatArray:
     """At most `count` centres, around which balls stick out as little as possible."""
     candidates, needed = _needed_by_candidates(pieces, surface)
     coarse = np.ascontiguousarray(needed[:, ::_SKIP])
@@ -101,7 +99,7 @@ def _fit_count(pieces: Array, surface: Surface, count: int) -> Array:
     return min(improved, key=lambda end: end[1])[0]
 
 
-def _fit_protrusion(pieces: Array, surface: Surface, limit: float) -> Array:
+def _fit_protrusion(pieces: FloatArray, surface: Surface, limit: float) -> FloatArray:
     """As few centres as will do for balls that stick out by `limit`."""
     candidates, needed = _needed_by_candidates(pieces, surface)
     # Where the grid is too coarse for the limit (open shells), a looser one will have to do.
@@ -134,7 +132,7 @@ def _fit_protrusion(pieces: Array, surface: Surface, limit: float) -> Array:
     return centers
 
 
-def _spread(pieces: Array, count: int) -> Array:
+def _spread(pieces: FloatArray, count: int) -> FloatArray:
     """Middles of pieces that are far from one another: each the farthest from those before."""
     middles = pieces.mean(axis=1)
     chosen = [int(np.argmax(((middles - middles.mean(axis=0)) ** 2).sum(axis=1)))]
@@ -142,11 +140,11 @@ def _spread(pieces: Array, count: int) -> Array:
     while len(chosen) < min(count, len(middles)):
         squared = np.minimum(squared, ((middles - middles[chosen[-1]]) ** 2).sum(axis=1))
         chosen.append(int(np.argmax(squared)))
-    spread: Array = middles[chosen]
+    spread: FloatArray = middles[chosen]
     return spread
 
 
-def _needed_by_candidates(pieces: Array, surface: Surface) -> tuple[Array, Array]:
+def _needed_by_candidates(pieces: FloatArray, surface: Surface) -> tuple[FloatArray, FloatArray]:
     """Candidate centres, and how far a ball there must stick out to reach each piece.
 
     Returns:
@@ -165,20 +163,20 @@ def _needed_by_candidates(pieces: Array, surface: Surface) -> tuple[Array, Array
     return candidates, _compute_needed(pieces, surface, candidates)
 
 
-def _compute_needed(pieces: Array, surface: Surface, centers: Array) -> Array:
+def _compute_needed(pieces: FloatArray, surface: Surface, centers: FloatArray) -> FloatArray:
     needed = np.empty((len(centers), len(pieces)))
     _farthest_corners(centers, pieces, needed)
     return needed + compute_signed_distances(centers, surface)[:, None]
 
 
-def _cover(needed: Array, limit: float) -> list[int]:
+def _cover(needed: FloatArray, limit: float) -> list[int]:
     """Greedy set cover: rows that together reach every column within the limit."""
     chosen = np.empty(needed.shape[1], dtype=np.int64)
     count = _choose_greedily(needed, limit, chosen)
     return [int(row) for row in chosen[:count]]
 
 
-def _cover_with(needed: Array, count: int) -> list[int]:
+def _cover_with(needed: FloatArray, count: int) -> list[int]:
     """The greedy cover of at most `count` rows with the least limit that bisection finds."""
     low, high = float(needed.min(axis=0).max()), float(needed.max(axis=1).min())
     chosen = [int(np.argmin(needed.max(axis=1)))]
@@ -192,7 +190,7 @@ def _cover_with(needed: Array, count: int) -> list[int]:
     return chosen
 
 
-def _drop_one(pieces: Array, surface: Surface, centers: Array) -> Array:
+def _drop_one(pieces: FloatArray, surface: Surface, centers: FloatArray) -> FloatArray:
     """Leave out the centre whose pieces the others reach most easily."""
     needed = _compute_needed(pieces, surface, centers)
     owners, second = np.argmin(needed, axis=0), np.partition(needed, 1, axis=0)[1]
@@ -202,15 +200,19 @@ def _drop_one(pieces: Array, surface: Surface, centers: Array) -> Array:
 
 
 def _move_one(
-    pieces: Array, surface: Surface, centers: Array, candidates: Array, needed: Array
-) -> Array:
+    pieces: FloatArray,
+    surface: Surface,
+    centers: FloatArray,
+    candidates: FloatArray,
+    needed: FloatArray,
+) -> FloatArray:
     """Leave out the centre that is missed least, and put one where it is needed most."""
     worst = int(np.argmax(_compute_needed(pieces, surface, centers).min(axis=0)))
     added = candidates[int(np.argmin(needed[:, worst]))]
     return np.concatenate([_drop_one(pieces, surface, centers), added[None]])
 
 
-def _improve(pieces: Array, surface: Surface, centers: Array) -> tuple[Array, float]:
+def _improve(pieces: FloatArray, surface: Surface, centers: FloatArray) -> tuple[FloatArray, float]:
     """Move pieces and centres in turns; return the centres and how far the balls stick out."""
     best, best_reached = centers, math.inf
     for _ in range(_ROUNDS):
@@ -228,7 +230,7 @@ def _improve(pieces: Array, surface: Surface, centers: Array) -> tuple[Array, fl
     return best, best_reached
 
 
-def _assign_pieces(pieces: Array, surface: Surface, centers: Array) -> list[Node]:
+def _assign_pieces(pieces: FloatArray, surface: Surface, centers: FloatArray) -> list[Node]:
     """Give each piece to a ball, so that no ball is larger than its own pieces make it."""
     needed = _compute_needed(pieces, surface, centers)
     distances = np.empty_like(needed)

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armguard.cover.containment import is_contained, tighten
 from armguard.cover.cover import Cover, Surfaces, get_surface, hash_surface
@@ -19,9 +18,9 @@ from armguard.cover.fitting import cut_pieces
 from armguard.cover.patches import bisect_pieces, compute_corners, compute_hull_points
 from armguard.cover.sphere_tree import MARGIN, Node, SphereTree, build_tree, enclose
 from armguard.exceptions import CoverError
+from armguard.jit.arrays import FloatArray
 
-Array = NDArray[np.float64]
-Spheres = Mapping[str, Array]
+Spheres = Mapping[str, FloatArray]
 """Centre and radius in [m] by link, in the frame of the joint that moves it, each (n, 4)."""
 
 
@@ -89,7 +88,7 @@ def inflate_spheres(robot: Surfaces, spheres: Spheres) -> Cover:
     return Cover(trees, geometry)
 
 
-def _measure_outside(points: Array, spheres: Array) -> Array:
+def _measure_outside(points: FloatArray, spheres: FloatArray) -> FloatArray:
     """Distance from each point to the nearest sphere, negative inside, in [m]. Shape (n,)."""
     nearest = np.full(len(points), math.inf)
     for sphere in spheres:
@@ -98,7 +97,7 @@ def _measure_outside(points: Array, spheres: Array) -> Array:
     return nearest
 
 
-def _make_flat_tree(surface: Array, spheres: Array) -> SphereTree:
+def _make_flat_tree(surface: FloatArray, spheres: FloatArray) -> SphereTree:
     """All spheres as leaves below one ball that holds the whole surface."""
     corners = compute_hull_points(surface).reshape(-1, 3)
     root = enclose(corners.mean(axis=0), corners)
@@ -110,7 +109,7 @@ def _make_flat_tree(surface: Array, spheres: Array) -> SphereTree:
     )
 
 
-def _inflate(link: str, surface: Array, spheres: Array) -> SphereTree:
+def _inflate(link: str, surface: FloatArray, spheres: FloatArray) -> SphereTree:
     pieces = compute_hull_points(bisect_pieces(bisect_pieces(cut_pieces(surface))))
     growth, owners = np.full(len(pieces), math.inf), np.zeros(len(pieces), dtype=np.int64)
     for i, sphere in enumerate(spheres):

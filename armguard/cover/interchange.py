@@ -16,13 +16,12 @@ from typing import Any, Protocol
 import msgspec
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
 
 from armguard.cover.cover import FARTHEST, Cover, Surfaces
 from armguard.exceptions import CoverError
+from armguard.jit.arrays import FloatArray
 
-Array = NDArray[np.float64]
-Spheres = Mapping[str, Array]
+Spheres = Mapping[str, FloatArray]
 """Centre and radius in [m], by link, each of shape (n, 4)."""
 
 YAML_ENDINGS = (".yml", ".yaml")
@@ -36,7 +35,7 @@ class Links(Surfaces, Protocol):
         """`pinocchio.Model` with a frame for each link."""
 
 
-def read_spheres(path: str | Path) -> dict[str, Array]:
+def read_spheres(path: str | Path) -> dict[str, FloatArray]:
     """Read cuRobo's YAML (.yml, .yaml) or a spherized URDF.
 
     Args:
@@ -73,7 +72,7 @@ def read_spheres(path: str | Path) -> dict[str, Array]:
     return spheres
 
 
-def place_spheres(robot: Links, spheres: Spheres) -> dict[str, Array]:
+def place_spheres(robot: Links, spheres: Spheres) -> dict[str, FloatArray]:
     """Move spheres from the frames of links to those of the joints that move them.
 
     Args:
@@ -152,7 +151,7 @@ class _CuroboFile(msgspec.Struct, omit_defaults=True):
     robot_cfg: _CuroboRobot | None = None
 
 
-def _read_curobo(path: Path, content: bytes) -> dict[str, Array]:
+def _read_curobo(path: Path, content: bytes) -> dict[str, FloatArray]:
     try:
         # Not strict: YAML takes 1e-3, without a point, for text.
         file = msgspec.yaml.decode(content, type=_CuroboFile, strict=False)
@@ -191,19 +190,19 @@ def _read_list(path: Path, name: str) -> dict[str, list[_CuroboSphere]]:
     return file.collision_spheres or {}
 
 
-def _as_rows(spheres: list[_CuroboSphere]) -> Array:
+def _as_rows(spheres: list[_CuroboSphere]) -> FloatArray:
     """Spheres with a radius; cuRobo keeps places for held parts as spheres without."""
     rows = [(*sphere.center, sphere.radius) for sphere in spheres if not sphere.radius <= 0.0]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def _read_urdf(path: Path, content: bytes) -> dict[str, Array]:
+def _read_urdf(path: Path, content: bytes) -> dict[str, FloatArray]:
     """Spheres among the collision geometry; links without are measured as uncovered later."""
     try:
         root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise CoverError(str(path), f"is not XML: {error}") from error
-    links: dict[str, Array] = {}
+    links: dict[str, FloatArray] = {}
     for element in root.findall("link"):
         link, rows = element.get("name", ""), []
         for collision in element.findall("collision"):
@@ -242,7 +241,7 @@ def _find_placement(robot: Links, link: str) -> Any:
     return robot.model.frames[number].placement
 
 
-def _express_in_link(robot: Links, link: str, cover: Cover) -> Array:
+def _express_in_link(robot: Links, link: str, cover: Cover) -> FloatArray:
     placement, rows = _find_placement(robot, link), cover.spheres(link)
     centers = (rows[:, :3] - placement.translation) @ placement.rotation
     return np.column_stack([np.round(centers, 9), rows[:, 3]])

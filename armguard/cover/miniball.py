@@ -10,14 +10,13 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from armguard.jit.arrays import FloatArray
 
 SLACK = 1e-12  # relative: a point this little outside is on the ball
 
 
-def enclose_points(points: Array) -> tuple[Array, float]:
+def enclose_points(points: FloatArray) -> tuple[FloatArray, float]:
     """The smallest ball that contains all points.
 
     Args:
@@ -40,11 +39,11 @@ def enclose_points(points: Array) -> tuple[Array, float]:
             return center, float(np.sqrt(((points - center) ** 2).sum(axis=1)).max())
 
 
-def _ball_of_few(points: Array, candidates: list[int]) -> tuple[list[int], Array, float]:
+def _ball_of_few(points: FloatArray, candidates: list[int]) -> tuple[list[int], FloatArray, float]:
     """The smallest ball of at most five points, which rests on the last of them."""
     *others, last = candidates
     few = points[candidates]
-    best: tuple[list[int], Array, float] | None = None
+    best: tuple[list[int], FloatArray, float] | None = None
     for size in range(1, min(3, len(others)) + 1):
         for chosen in combinations(others, size):
             corners = points[[*chosen, last]]
@@ -59,9 +58,9 @@ def _ball_of_few(points: Array, candidates: list[int]) -> tuple[list[int], Array
     return best
 
 
-def _circumcenter(corners: Array) -> Array:
+def _circumcenter(corners: FloatArray) -> FloatArray:
     """The point in the affine span of 2 to 4 corners that is equally far from all."""
     edges = corners[1:] - corners[0]
     weights = np.linalg.lstsq(2.0 * edges @ edges.T, (edges**2).sum(axis=1), rcond=None)[0]
-    center: Array = corners[0] + weights @ edges
+    center: FloatArray = corners[0] + weights @ edges
     return center

@@ -16,42 +16,41 @@ corners of the core, then swelling.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from armguard.jit.arrays import FloatArray
 
 ROUND_UP = 1.0 + 1e-12  # widens a hull past the rounding of its construction
 ON_SURFACE = 9  # the first so many of a round patch's hull points lie on it
 
 
-def swell_nothing(triangles: Array) -> Array:
+def swell_nothing(triangles: FloatArray) -> FloatArray:
     """Triangles as patches; (n, 3, 3) to (n, 3, 6)."""
     return np.concatenate([triangles, np.zeros_like(triangles)], axis=2)
 
 
-def drop_nothing(patches: Array) -> Array:
+def drop_nothing(patches: FloatArray) -> FloatArray:
     """Patches as triangles, if that is all they are; (n, 3, 6) to (n, 3, 3) or as they were."""
     return patches if patches[:, :, 3:].any() else np.ascontiguousarray(patches[:, :, :3])
 
 
-def place_patches(rotation: Array, translation: Array, patches: Array) -> Array:
+def place_patches(rotation: FloatArray, translation: FloatArray, patches: FloatArray) -> FloatArray:
     """Patches of one frame in another. Shape (n, 3, 6), in [m]."""
     core, swelling = patches[:, :, :3], patches[:, :, 3:]
     return np.concatenate([core @ rotation.T + translation, swelling @ rotation.T], axis=2)
 
 
-def compute_corners(pieces: Array) -> Array:
+def compute_corners(pieces: FloatArray) -> FloatArray:
     """Triangles whose corners lie on the surface. Shape (n, 3, 3)."""
     return pieces if pieces.shape[2] == 3 else pieces[:, :, :3] + pieces[:, :, 3:]
 
 
-def measure_sides(pieces: Array) -> Array:
+def measure_sides(pieces: FloatArray) -> FloatArray:
     """Square of the longest side of each, of core or swelling, in [m²]. Shape (n,)."""
     squared = _square_sides(pieces[:, :, :3])
     return squared if pieces.shape[2] == 3 else np.maximum(squared, _square_sides(pieces[:, :, 3:]))
 
 
-def compute_hull_points(pieces: Array) -> Array:
+def compute_hull_points(pieces: FloatArray) -> FloatArray:
     """Points whose convex hull contains each piece; (n, 3, 3) if flat, otherwise (n, 18, 3)."""
     if pieces.shape[2] == 3:
         return pieces
@@ -64,7 +63,7 @@ def compute_hull_points(pieces: Array) -> Array:
     return np.concatenate([near, far], axis=1).reshape(-1, 2 * ON_SURFACE, 3)
 
 
-def bisect_pieces(pieces: Array) -> Array:
+def bisect_pieces(pieces: FloatArray) -> FloatArray:
     """Cut each in two at its longest side; n become 2n."""
     if pieces.shape[2] == 3:
         return _bisect(pieces)
@@ -81,12 +80,14 @@ def bisect_pieces(pieces: Array) -> Array:
     )
 
 
-def _square_sides(triangles: Array) -> Array:
-    longest: Array = ((triangles - np.roll(triangles, -1, axis=1)) ** 2).sum(axis=2).max(axis=1)
+def _square_sides(triangles: FloatArray) -> FloatArray:
+    longest: FloatArray = (
+        ((triangles - np.roll(triangles, -1, axis=1)) ** 2).sum(axis=2).max(axis=1)
+    )
     return longest
 
 
-def _bisect(triangles: Array) -> Array:
+def _bisect(triangles: FloatArray) -> FloatArray:
     """Cut each triangle in two at the middle of its longest edge; (n, 3, 3) to (2n, 3, 3)."""
     squared = ((triangles - np.roll(triangles, -1, axis=1)) ** 2).sum(axis=2)
     turn = (np.argmax(squared, axis=1)[:, None] + np.arange(3)) % 3

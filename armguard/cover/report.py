@@ -9,14 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armguard.cover.containment import is_contained
 from armguard.cover.patches import compute_corners
 from armguard.cover.signed_distance import Surface, arrange_surface, compute_signed_distances
 from armguard.cover.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
+from armguard.jit.arrays import FloatArray
 
 _DIRECTIONS = 200  # points on each leaf
 _CELLS = 3000  # points in the box around a link's leaves
@@ -86,7 +84,7 @@ class CoverReport:
         )
 
 
-def report_link(tree: SphereTree, surface: Array) -> LinkReport:
+def report_link(tree: SphereTree, surface: FloatArray) -> LinkReport:
     """Prove and measure one link's cover.
 
     Args:
@@ -109,7 +107,7 @@ def report_link(tree: SphereTree, surface: Array) -> LinkReport:
     )
 
 
-def _measure_surface(leaves: Array, link: Surface) -> tuple[float, float]:
+def _measure_surface(leaves: FloatArray, link: Surface) -> tuple[float, float]:
     """Mean protrusion in [m] and area in [m²] of the surface of the union."""
     centers, radii = leaves[:, :3], leaves[:, 3]
     directions = _spread_directions(_DIRECTIONS)
@@ -127,7 +125,7 @@ def _measure_surface(leaves: Array, link: Surface) -> tuple[float, float]:
     return _divide(float((outside * weight).sum()), area), area
 
 
-def _measure_volumes(leaves: Array, link: Surface) -> tuple[float, float]:
+def _measure_volumes(leaves: FloatArray, link: Surface) -> tuple[float, float]:
     """Volumes of the union and of the link, in [m³], counted on one grid around the union."""
     lower = (leaves[:, :3] - leaves[:, 3:]).min(axis=0)
     extent = (leaves[:, :3] + leaves[:, 3:]).max(axis=0) - lower
@@ -142,7 +140,7 @@ def _measure_volumes(leaves: Array, link: Surface) -> tuple[float, float]:
     return float(in_union.sum()) * step**3, float(in_link.sum()) * step**3
 
 
-def _spread_directions(count: int) -> Array:
+def _spread_directions(count: int) -> FloatArray:
     """Unit vectors spread evenly over the sphere, on a Fibonacci spiral. Shape (count, 3)."""
     height = 1.0 - (2.0 * np.arange(count) + 1.0) / count
     angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)

@@ -15,9 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
-
-Array = NDArray[np.float64]
 
 _BLOCK = 16  # triangles at most
 _CELLS = 30_000  # about as many fill the box around a surface
@@ -27,13 +26,13 @@ _FINEST = 1e-4  # side of a cell at least, in [m]
 class Surface(NamedTuple):
     """Triangles in blocks of neighbours, for compiled callers that ask for many distances."""
 
-    triangles: Array
+    triangles: FloatArray
     """Those that can be touched from outside, in [m]; a block's lie side by side. (m, 3, 3)."""
     starts: NDArray[np.int64]
     """Where each block starts, and the end of the last. Shape (blocks + 1,)."""
-    balls: Array
+    balls: FloatArray
     """Centre and radius of a ball around each block, in [m]. Shape (blocks, 4)."""
-    corner: Array
+    corner: FloatArray
     """Least corner of a grid of cells around the surface, in [m]. Shape (3,)."""
     step: float
     """Side of a cell, in [m]."""
@@ -41,7 +40,7 @@ class Surface(NamedTuple):
     """Cells apart from the surface that it closes off, but for openings smaller than a cell."""
 
 
-def compute_signed_distances(points: Array, surface: Array | Surface) -> Array:
+def compute_signed_distances(points: FloatArray, surface: FloatArray | Surface) -> FloatArray:
     """Distance from each point to the nearest triangle, negative inside the surface.
 
     Args:
@@ -58,7 +57,7 @@ def compute_signed_distances(points: Array, surface: Array | Surface) -> Array:
     return distances
 
 
-def arrange_surface(triangles: Array) -> Surface:
+def arrange_surface(triangles: FloatArray) -> Surface:
     """Find cavities and leave out what can be touched from within only."""
     whole = _sort_into_blocks(triangles)
     corners = triangles.reshape(-1, 3)
@@ -79,7 +78,7 @@ def arrange_surface(triangles: Array) -> Surface:
     return outer._replace(corner=corner, step=step, is_cavity=is_free & ~is_wet)
 
 
-def _sort_into_blocks(triangles: Array) -> Surface:
+def _sort_into_blocks(triangles: FloatArray) -> Surface:
     """Halves of halves, along the longest side each time; no cavities."""
     middles = triangles.mean(axis=1)
     waiting, blocks = [np.arange(len(triangles))], []
@@ -123,7 +122,7 @@ def _flood(is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _touch(
-    triangles: Array, is_wet: NDArray[np.bool_], corner: Array, step: float
+    triangles: FloatArray, is_wet: NDArray[np.bool_], corner: FloatArray, step: float
 ) -> NDArray[np.bool_]:
     """Which triangles have a wet cell next to one of their own. Shape (n,)."""
     near = is_wet.copy()

@@ -11,12 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armguard.cover.miniball import enclose_points
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from armguard.jit.arrays import FloatArray, IntArray
 
 GRID = 1e-6
 """Centres and radii are multiples of this, and geometry is known to this, in [m]."""
@@ -29,23 +26,23 @@ MOST_CHILDREN = 4
 class SphereTree(NamedTuple):
     """Balls in breadth-first order, root first; the children of each lie side by side."""
 
-    spheres: Array
+    spheres: FloatArray
     """Centre and radius in [m]. Shape (n, 4)."""
-    first_child: Integers
+    first_child: IntArray
     """Index of the first child; 0 for a leaf. Shape (n,)."""
-    child_count: Integers
+    child_count: IntArray
     """Shape (n,)."""
 
 
 class Node(NamedTuple):
     """A ball, the corners of the pieces that it owns, and what it is made of."""
 
-    sphere: Array
-    corners: Array
+    sphere: FloatArray
+    corners: FloatArray
     children: list[Node]
 
 
-def enclose(center: Array, corners: Array) -> Array:
+def enclose(center: FloatArray, corners: FloatArray) -> FloatArray:
     """A ball on the grid whose radius clears the corners by the margin. Shape (4,)."""
     rounded = np.round(center / GRID) * GRID
     reach = float(np.sqrt(((corners - rounded) ** 2).sum(axis=1)).max()) + MARGIN

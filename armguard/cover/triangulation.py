@@ -12,12 +12,10 @@ from typing import Any
 
 import coal
 import numpy as np
-from numpy.typing import NDArray
 
 from armguard.cover.patches import ROUND_UP, swell_nothing
 from armguard.exceptions import RobotError
-
-Array = NDArray[np.float64]
+from armguard.jit.arrays import FloatArray
 
 SIDES = 32  # of the prism around a cylinder: 0.5 % wider than the cylinder at its edges
 EQUATOR = 32  # corners that the triangles on a unit sphere have on it
@@ -32,7 +30,7 @@ _BOX_TRIANGLES = np.array(
 )
 
 
-def triangulate(name: str, geometry: Any) -> Array:
+def triangulate(name: str, geometry: Any) -> FloatArray:
     """The surface of one collision geometry, or of a polyhedron that contains it.
 
     Args:
@@ -79,7 +77,7 @@ def triangulate(name: str, geometry: Any) -> Array:
     return np.ascontiguousarray(triangles, dtype=np.float64)
 
 
-def make_patches(geometry: Any, triangles: Array) -> Array:
+def make_patches(geometry: Any, triangles: FloatArray) -> FloatArray:
     """The surface of one collision geometry, spheres and capsules as what they are.
 
     Args:
@@ -97,7 +95,7 @@ def make_patches(geometry: Any, triangles: Array) -> Array:
     return swell_nothing(triangles)
 
 
-def hull_triangles(name: str, points: Array) -> Array:
+def hull_triangles(name: str, points: FloatArray) -> FloatArray:
     """The surface of the convex hull of points, wound outwards.
 
     Args:
@@ -122,7 +120,7 @@ def hull_triangles(name: str, points: Array) -> Array:
     hull = coal.Convex.convexHull(vertices, True, "Qt")
     corners = [hull.polygons(i) for i in range(hull.num_polygons)]
     indices = np.array([[corner[0], corner[1], corner[2]] for corner in corners])
-    triangles: Array = np.array(hull.points())[indices]
+    triangles: FloatArray = np.array(hull.points())[indices]
     sides = triangles[:, 1:] - triangles[:, :1]
     outwards = triangles[:, 0] - points.mean(axis=0)
     is_inverted = np.einsum("ij,ij->i", np.cross(sides[:, 0], sides[:, 1]), outwards) < 0.0
@@ -130,7 +128,7 @@ def hull_triangles(name: str, points: Array) -> Array:
     return triangles
 
 
-def _mesh_triangles(mesh: Any) -> Array:
+def _mesh_triangles(mesh: Any) -> FloatArray:
     indices = np.array(
         [
             [corner[0], corner[1], corner[2]]
@@ -138,11 +136,11 @@ def _mesh_triangles(mesh: Any) -> Array:
         ],
         dtype=np.int64,
     ).reshape(-1, 3)
-    vertices: Array = np.array(mesh.vertices(), dtype=np.float64)
+    vertices: FloatArray = np.array(mesh.vertices(), dtype=np.float64)
     return vertices[indices]
 
 
-def _prism_triangles(radius: float, half_length: float) -> Array:
+def _prism_triangles(radius: float, half_length: float) -> FloatArray:
     angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
     corner = radius / np.cos(np.pi / SIDES) * ROUND_UP
     ring = np.stack([corner * np.cos(angle), corner * np.sin(angle), np.zeros(SIDES)], axis=1)
@@ -160,7 +158,7 @@ def _prism_triangles(radius: float, half_length: float) -> Array:
     )
 
 
-def _capsule_patches(radius: float, half_length: float) -> Array:
+def _capsule_patches(radius: float, half_length: float) -> FloatArray:
     """Half a ball at either end, and the side between neighbouring directions on the equator."""
     ball = radius * _unit_triangles()
     top = np.array([0.0, 0.0, half_length])
@@ -183,7 +181,7 @@ def _capsule_patches(radius: float, half_length: float) -> Array:
     )
 
 
-def _unit_triangles(subdivisions: int = 3) -> Array:
+def _unit_triangles(subdivisions: int = 3) -> FloatArray:
     """An octahedron, subdivided on the unit sphere; wound outwards."""
     x, y, z = np.eye(3)
     triangles = np.array(
@@ -199,11 +197,11 @@ def _unit_triangles(subdivisions: int = 3) -> Array:
     return triangles
 
 
-def _ball_triangles(radius: float) -> Array:
+def _ball_triangles(radius: float) -> FloatArray:
     """Triangles on the unit sphere, grown until they clear the ball."""
     triangles = _unit_triangles()
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     clearance = np.abs(np.einsum("ij,ij->i", normals, triangles[:, 0])).min()
-    grown: Array = triangles * (radius / clearance * ROUND_UP)
+    grown: FloatArray = triangles * (radius / clearance * ROUND_UP)
     return grown

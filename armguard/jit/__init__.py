@@ -4,10 +4,14 @@ Every kernel of armguard is compiled by `kernel`, which keeps it under a digest 
 went into it, and many arrays cross to it at once by `pack`.
 """
 
+from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 
 __all__ = [
+    "BoolArray",
+    "FloatArray",
+    "IntArray",
     "kernel",
     "pack",
 ]

@@ -7,9 +7,6 @@ times the stamps, lengths and speeds by `SLACK` times the magnitudes that enter 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
 
 SLACK = 8.0 * float(np.finfo(np.float64).eps)
 

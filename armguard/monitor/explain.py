@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from armguard.jit.arrays import FloatArray
 from armguard.monitor.what_if import UNCHANGED, Change, contact_times
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.scene import BOUND_NAMES, JOINT, FloatArray
+from armguard.pairs.scene import BOUND_NAMES, JOINT
 from armguard.robot.robot import Robot
 from armguard.robot.stop_time import compute_stop_time
 from armguard.scheduling.scheduler import Tick, Watch

@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.hull_distance import ExactGeometry
-from armguard.pairs.scene import BOUND_NAMES, FloatArray, IntArray
+from armguard.pairs.scene import BOUND_NAMES
 from armguard.scheduling.scheduler import Listing
 
 BUCKETS = 16

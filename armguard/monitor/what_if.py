@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import pack
 from armguard.obstacles.table import Marks, States, make_states
 from armguard.pairs.evaluate import TickState, evaluate_handle
-from armguard.pairs.scene import FloatArray
 
 
 class Change(NamedTuple):

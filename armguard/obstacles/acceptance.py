@@ -13,16 +13,13 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import ALLOWED, SHAPE, SLACK, VELOCITY_BY_ACCEL
 from armguard.obstacles.consistency import body_allows
 from armguard.obstacles.reference_states import allows_reference_state
 from armguard.obstacles.table import Rows, Samples, States, Told, note_row
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 TRACK_SAMPLES = 5
 """So many consecutive samples that agree with each other make another track believable."""

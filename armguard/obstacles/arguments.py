@@ -10,12 +10,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from armguard.exceptions import ObstacleError
+from armguard.jit.arrays import FloatArray
 from armguard.obstacles.table import MAXIMUM_POINTS, Samples
-
-FloatArray = NDArray[np.float64]
 
 
 def show(value: object) -> str:

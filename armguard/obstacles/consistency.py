@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import (
     ALLOWED,
@@ -20,14 +21,13 @@ from armguard.jit.numerics import (
     SLACK,
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
-    Array,
 )
 
 
 @kernel
 def body_allows(
-    points0: Array,
-    velocities0: Array,
+    points0: FloatArray,
+    velocities0: FloatArray,
     count0: int,
     radius0: float,
     accel0: float,
@@ -35,8 +35,8 @@ def body_allows(
     position_error0: float,
     velocity_error0: float,
     stamp0: float,
-    points1: Array,
-    velocities1: Array,
+    points1: FloatArray,
+    velocities1: FloatArray,
     count1: int,
     radius1: float,
     position_error1: float,

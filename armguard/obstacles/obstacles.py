@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from armguard.exceptions import ObstacleError
 from armguard.jit import numerics
+from armguard.jit.arrays import IntArray
 from armguard.jit.handle import machine_code
 from armguard.obstacles import acceptance as rule
 from armguard.obstacles.arguments import (
@@ -31,7 +32,7 @@ from armguard.obstacles.arguments import (
 from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.pattern_bounds import PatternBounds
-from armguard.obstacles.register import NO_ROWS, IntArray, ObstacleRegister
+from armguard.obstacles.register import NO_ROWS, ObstacleRegister
 from armguard.obstacles.sources import NO_SOURCE, Source, SourceState
 from armguard.obstacles.table import Samples
 

@@ -10,14 +10,12 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armguard.exceptions import ObstacleError
+from armguard.jit.arrays import IntArray
 from armguard.obstacles.faults import Fault, FaultQueue, Unplaced
 from armguard.obstacles.sources import NO_SOURCE, Source, SourceBook, Tombstones
 from armguard.obstacles.table import ObstacleTable
-
-IntArray = NDArray[np.int64]
 
 NO_ROWS: IntArray = np.zeros(0, dtype=np.int64)
 

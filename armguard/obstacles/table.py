@@ -12,13 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 from armguard.jit.layout import make_records
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 MAXIMUM_POINTS = 8
 MAXIMUM_ROWS = 2**18

@@ -13,21 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.bounds.arm import ArmMotion
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.table import States
 from armguard.pairs.contact_time import RESTS, arm_reach_time, is_known, pair_time, rests_in_time
-from armguard.pairs.scene import (
-    UNKNOWN,
-    ArmArrays,
-    FloatArray,
-    IntArray,
-    Scene,
-    Settings,
-    prepare_arm,
-    thread_tree,
-)
+from armguard.pairs.scene import UNKNOWN, ArmArrays, Scene, Settings, prepare_arm, thread_tree
 from armguard.robot.kinematics import Kinematics
 
 NO_LIMIT = 2**62

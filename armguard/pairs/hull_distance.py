@@ -19,10 +19,9 @@ import numpy.typing as npt
 import pinocchio
 
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.robot import Robot
-
-Floats = npt.NDArray[np.float64]
 
 THINNEST = 1e-4
 """Hulls flatter than this share of their length are fattened for Coal, which needs a volume."""
@@ -57,7 +56,7 @@ class ExactGeometry:
 
     def distance(
         self, link_index: int, points: npt.ArrayLike, radius: float
-    ) -> tuple[float, Floats, Floats]:
+    ) -> tuple[float, FloatArray, FloatArray]:
         """Distance from a link to the convex hull of some points, rounded by a radius.
 
         Coal gets a sphere for one point, a capsule for two, and a hull for more. A hull that is
@@ -120,7 +119,7 @@ class ExactGeometry:
             np.array(self._result.getNearestPoint2()),
         )
 
-    def _make_shape(self, corners: Floats, radius: float) -> tuple[Any, Any]:
+    def _make_shape(self, corners: FloatArray, radius: float) -> tuple[Any, Any]:
         """Coal's shape of an obstacle, and its placement."""
         if len(corners) == 1:
             self._sphere.radius = radius
@@ -139,7 +138,7 @@ class ExactGeometry:
         return hull, coal.Transform3s.Identity()
 
 
-def _build_hull(vertices: Floats) -> Any:
+def _build_hull(vertices: FloatArray) -> Any:
     """Convex hull of a link's vertices."""
     centered = vertices - vertices.mean(axis=0)
     extents = np.ptp(centered @ np.linalg.svd(centered, full_matrices=False)[2].T, axis=0)
@@ -159,17 +158,17 @@ def _fan(count: int) -> Any:
     return triangles
 
 
-def _vectors(points: Floats) -> Any:
+def _vectors(points: FloatArray) -> Any:
     vectors = coal.StdVec_Vec3s()
     vectors.extend(list(points))
     return vectors
 
 
-def _unit(vector: Floats) -> Floats | None:
+def _unit(vector: FloatArray) -> FloatArray | None:
     """The vector's direction; None if it has none."""
     largest = float(np.abs(vector).max())
     if not 0.0 < largest < np.inf:
         return None
     scaled = vector / largest
-    unit: Floats = scaled / np.sqrt(scaled @ scaled)
+    unit: FloatArray = scaled / np.sqrt(scaled @ scaled)
     return unit

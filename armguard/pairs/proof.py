@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from armguard.contact.earliest import Certificate, certify
+from armguard.jit.arrays import FloatArray
 from armguard.obstacles.table import States
 from armguard.pairs.contact_time import ROUNDING
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.scene import FloatArray
 
 
 def prove_pair(

@@ -9,18 +9,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armguard.bounds.isotropic import VelocityErrors, fill_velocity_errors
 from armguard.bounds.joint_table import JointTable
 from armguard.bounds.limits import JointLimits
 from armguard.bounds.travel import fill_displacements
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.obstacles.table import Marks, States
 from armguard.robot.kinematics import ArmPlacement, ArmSpheres, move_spheres
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 UNKNOWN, REACH, ISOTROPIC, JOINT, DISTANCE = range(5)
 """What a contact time rests on: nothing (the obstacle's whereabouts are unknown), or a bound on the

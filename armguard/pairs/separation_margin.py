@@ -17,19 +17,16 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armguard.bounds.travel import travel
 from armguard.contact.gjk import nearest_on_hull
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import BoolArray, FloatArray
 from armguard.jit.kernels import kernel
 from armguard.obstacles.table import Marks, States
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import ArmArrays, SphereTree
 from armguard.pairs.separation import HUMAN_SPEED, separation_of
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 ROUNDING = 1e-12
 """Relative widening of every sum, thousands of times its rounding error."""

@@ -11,14 +11,13 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from armguard.cover.patches import drop_nothing, place_patches, swell_nothing
 from armguard.cover.triangulation import make_patches, triangulate
 from armguard.exceptions import RobotError
+from armguard.jit.arrays import FloatArray
 from armguard.robot.links import place
-
-Array = NDArray[np.float64]
 
 FARTHEST = 10.0  # [m] from the joint: beyond it, millimetres are the likelier reading
 RIGID = 1e-9
@@ -60,18 +59,18 @@ class AttachedBody:
         triangles.flags.writeable = pieces.flags.writeable = False
         self._triangles, self._pieces = triangles, pieces
 
-    def triangles(self, link: str) -> Array:
+    def triangles(self, link: str) -> FloatArray:
         """Its surface, or a polyhedron that contains it, in its joint's frame [m]. (n, 3, 3)."""
         assert link in self.links
         return self._triangles
 
-    def surface(self, link: str) -> Array:
+    def surface(self, link: str) -> FloatArray:
         """Pieces of its surface, as `patches` has them, in the frame of its joint, in [m]."""
         assert link in self.links
         return self._pieces
 
 
-def _read_geometry(offender: str, geometry: Any) -> tuple[Array, Array]:
+def _read_geometry(offender: str, geometry: Any) -> tuple[FloatArray, FloatArray]:
     """Triangles and patches."""
     if isinstance(geometry, coal.CollisionGeometry):
         triangles = triangulate(offender, geometry)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import inlined_kernel, kernel
 from armguard.robot.joint_history import (
     JointHistory,
@@ -22,8 +23,6 @@ from armguard.robot.joint_history import (
 )
 from armguard.robot.stop_time import compute_stop_time
 from armguard.robot.turns import nearest_turn
-
-FloatArray = NDArray[np.float64]
 
 NOBODY = -1
 """In place of a joint's index, where every joint is as it should be."""

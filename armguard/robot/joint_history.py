@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import (
     POSITION_BY_ACCEL,
@@ -26,7 +27,6 @@ from armguard.jit.numerics import (
     SLACK,
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
-    Array,
 )
 
 PASSED = 0
@@ -43,16 +43,16 @@ arm's joint stays tighter than its speed bound. Shape (reference states,).
 class JointHistory(NamedTuple):
     """All joint states believed so far, as far as they limit the next one."""
 
-    limits: Array
+    limits: FloatArray
     """Velocity and acceleration limits, position and velocity errors. Shape (4, nv)."""
-    reachable: Array
+    reachable: FloatArray
     """Upper and lower ends of true positions, of true velocities. Shape (4, nv)."""
-    stamps: Array
+    stamps: FloatArray
     """Of the reference states, in [s]; the first is that of the last state. Shape (reference
     states,)."""
-    positions: Array
+    positions: FloatArray
     """Of the reference states, in [rad] or [m]. Shape (reference states, nv)."""
-    velocities: Array
+    velocities: FloatArray
     """Of the reference states, in [rad]/[s] or [m]/[s]. Shape (reference states, nv)."""
 
 
@@ -92,7 +92,7 @@ def make_history(
 
 
 @kernel
-def _is_no_faster(limits: Array, joint: int, q: float, v: float) -> bool:
+def _is_no_faster(limits: FloatArray, joint: int, q: float, v: float) -> bool:
     """Whether a state is finite, and its velocity within limit and error."""
     top_speed, velocity_error = limits[0, joint], limits[3, joint]
     fast = abs(v) <= (top_speed + velocity_error) * (1.0 + SLACK)
@@ -101,7 +101,13 @@ def _is_no_faster(limits: Array, joint: int, q: float, v: float) -> bool:
 
 @kernel
 def _is_in_reach(
-    limits: Array, reachable: Array, v0: float, joint: int, duration: float, q: float, v: float
+    limits: FloatArray,
+    reachable: FloatArray,
+    v0: float,
+    joint: int,
+    duration: float,
+    q: float,
+    v: float,
 ) -> bool:
     """Whether a position is one that all states so far let the joint get to, by its speed limit."""
     top_speed, position_error = limits[0, joint], limits[2, joint]
@@ -113,7 +119,7 @@ def _is_in_reach(
 
 @kernel
 def _is_no_change_too_fast(
-    limits: Array, reachable: Array, joint: int, duration: float, v: float
+    limits: FloatArray, reachable: FloatArray, joint: int, duration: float, v: float
 ) -> bool:
     """Whether a velocity is one that all states so far let the joint get to."""
     accel, velocity_error = limits[1, joint], limits[3, joint]
@@ -123,7 +129,7 @@ def _is_no_change_too_fast(
 
 @kernel
 def _is_near_course(
-    limits: Array, q0: float, v0: float, joint: int, since: float, clock_slack: float, q: float
+    limits: FloatArray, q0: float, v0: float, joint: int, since: float, clock_slack: float, q: float
 ) -> bool:
     """Whether a position is near enough to where an earlier state was headed, `since` [s] ago."""
     accel, position_error, velocity_error = limits[1, joint], limits[2, joint], limits[3, joint]
@@ -135,7 +141,7 @@ def _is_near_course(
 
 @kernel
 def _find_joint_failure(
-    history: JointHistory, stamp: float, joint: int, q: float, v: float, numbers: Array
+    history: JointHistory, stamp: float, joint: int, q: float, v: float, numbers: FloatArray
 ) -> int:
     """Code of the first test that one joint fails, and its numbers as for `find_failure`."""
     limits, reachable = history.limits, history.reachable
@@ -175,7 +181,7 @@ def _find_joint_failure(
 
 @kernel
 def find_failure(
-    history: JointHistory, stamp: float, q: Array, v: Array, numbers: Array
+    history: JointHistory, stamp: float, q: FloatArray, v: FloatArray, numbers: FloatArray
 ) -> tuple[int, int]:
     """Code of the first test that a state fails, and the joint.
 
@@ -197,7 +203,7 @@ def find_failure(
 
 
 @kernel
-def passes_history(history: JointHistory, stamp: float, q: Array, v: Array) -> bool:
+def passes_history(history: JointHistory, stamp: float, q: FloatArray, v: FloatArray) -> bool:
     """Whether no joint fails any test: the same ones, but free of branches, several at a time.
 
     Args:
@@ -226,7 +232,7 @@ def passes_history(history: JointHistory, stamp: float, q: Array, v: Array) -> b
 
 
 @kernel
-def begin_history(history: JointHistory, stamp: float, q: Array, v: Array) -> None:
+def begin_history(history: JointHistory, stamp: float, q: FloatArray, v: FloatArray) -> None:
     """Forget what was, and begin with this state."""
     for joint in range(q.shape[0]):
         position_error, velocity_error = history.limits[2, joint], history.limits[3, joint]
@@ -242,7 +248,7 @@ def begin_history(history: JointHistory, stamp: float, q: Array, v: Array) -> No
 
 
 @kernel
-def extend_history(history: JointHistory, stamp: float, q: Array, v: Array) -> None:
+def extend_history(history: JointHistory, stamp: float, q: FloatArray, v: FloatArray) -> None:
     """Make a state that passed part of the history."""
     limits, reachable, stamps = history.limits, history.reachable, history.stamps
     # Rounded stamps add up exactly, so the slack for them belongs to the test alone.

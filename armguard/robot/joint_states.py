@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.numerics import (
     POSITION_BY_ACCEL,
@@ -28,7 +29,6 @@ from armguard.robot.stop_time import compute_stop_time
 from armguard.robot.turns import find_continuous
 from armguard.verdict import Reason, ReasonKind
 
-FloatArray = NDArray[np.float64]
 FLOAT = np.dtype(np.float64)
 
 

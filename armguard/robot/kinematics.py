@@ -16,12 +16,9 @@ import numpy.typing as npt
 import pinocchio
 
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.robot.robot import Robot
-
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
-Booleans = npt.NDArray[np.bool_]
 
 PLACEMENT_STRIDE = 96
 """Bytes from one joint placement to the next: rotation (column-major), then translation."""
@@ -31,22 +28,22 @@ TRANSLATION_OFFSET = 72
 class ArmPlacement(NamedTuple):
     """Where an arm's joints and spheres are, for compiled code; all but the last two are read."""
 
-    rotation: Floats
+    rotation: FloatArray
     """Of joint frames, world from joint. Shape (J, 3, 3)."""
-    translation: Floats
+    translation: FloatArray
     """Origins of joint frames in the world, in [m]. Shape (J, 3)."""
-    jacobian: Floats
+    jacobian: FloatArray
     """Pinocchio's `data.J`: each joint's motion at the world's origin, linear part first. Shape
     (6, nv)."""
-    moves: Booleans
+    moves: BoolArray
     """Which joints move which joint's frame. Shape (J, nv)."""
-    joint: Integers
+    joint: IntArray
     """Pinocchio's index of the joint that carries each sphere. Shape (n,)."""
-    local: Floats
+    local: FloatArray
     """Sphere centres in that joint's frame, in [m]. Shape (n, 3)."""
-    centers: Floats
+    centers: FloatArray
     """Sphere centres in the world, in [m]. Shape (n, 3)."""
-    velocities: Floats
+    velocities: FloatArray
     """Their velocities in the world, in [m]/[s]. Shape (n, 3)."""
 
 
@@ -76,13 +73,13 @@ class ArmSpheres:
         first_child = np.concatenate([tree.first_child for tree in trees])
         first_child = np.where(child_count > 0, first_child + np.repeat(roots, counts), -1)
 
-        self.link: Integers = _frozen(np.repeat(np.arange(len(trees)), counts), np.int64)
-        self.joint: Integers = _frozen(np.repeat(joints, counts), np.int64)
-        self.local: Floats = _frozen(spheres[:, :3], np.float64)
-        self.radius: Floats = _frozen(spheres[:, 3], np.float64)
-        self.first_child: Integers = _frozen(first_child, np.int64)
-        self.child_count: Integers = _frozen(child_count, np.int64)
-        self.root: Integers = _frozen(roots, np.int64)
+        self.link: IntArray = _frozen(np.repeat(np.arange(len(trees)), counts), np.int64)
+        self.joint: IntArray = _frozen(np.repeat(joints, counts), np.int64)
+        self.local: FloatArray = _frozen(spheres[:, :3], np.float64)
+        self.radius: FloatArray = _frozen(spheres[:, 3], np.float64)
+        self.first_child: IntArray = _frozen(first_child, np.int64)
+        self.child_count: IntArray = _frozen(child_count, np.int64)
+        self.root: IntArray = _frozen(roots, np.int64)
 
     def __len__(self) -> int:
         """Number of spheres of the whole arm."""
@@ -117,8 +114,8 @@ class Kinematics:
         self.data = self.model.createData()
         self.spheres = ArmSpheres(robot)
         count = len(self.spheres)
-        self._centers: Floats = np.full((count, 3), np.nan)
-        self._velocities: Floats = np.full((count, 3), np.nan)
+        self._centers: FloatArray = np.full((count, 3), np.nan)
+        self._velocities: FloatArray = np.full((count, 3), np.nan)
         self.centers = _read_only(self._centers)
         self.velocities = _read_only(self._velocities)
         moves = np.zeros((self.model.njoints, self.model.nv), dtype=np.bool_)
@@ -139,7 +136,7 @@ class Kinematics:
             self._velocities,
         )
 
-    def compute(self, q: Floats, v: Floats) -> None:
+    def compute(self, q: FloatArray, v: FloatArray) -> None:
         """Fill `centers` and `velocities` from one joint state.
 
         A non-finite joint value is not refused: it makes the spheres behind it NaN, which every
@@ -162,7 +159,7 @@ class Kinematics:
         self.place(q)
         move_spheres(self.placement, v)
 
-    def place(self, q: Floats) -> None:
+    def place(self, q: FloatArray) -> None:
         """Place the joints only; `move_spheres` on `placement` then does the rest.
 
         Args:
@@ -190,7 +187,7 @@ def _place_model(model: Any, base_placement: pinocchio.SE3 | None) -> Any:
     return placed
 
 
-def _view_data(data: Any, joint_count: int) -> tuple[Floats, Floats]:
+def _view_data(data: Any, joint_count: int) -> tuple[FloatArray, FloatArray]:
     """Views on the rotations (J, 3, 3) and translations (J, 3) of all joints' placements."""
     placement = data.oMi[0]
     placements = _address(placement.rotation)
@@ -218,7 +215,7 @@ def _view_data(data: Any, joint_count: int) -> tuple[Floats, Floats]:
 
 
 @kernel
-def move_spheres(placement: ArmPlacement, v: Floats) -> None:
+def move_spheres(placement: ArmPlacement, v: FloatArray) -> None:
     """Fill centres and velocities of all spheres, after Pinocchio has placed the joints.
 
     A centre p is carried into the world as R p + t; the joints that move it add up to a linear
@@ -266,7 +263,7 @@ def _frozen(values: npt.ArrayLike, dtype: type) -> Any:
     return array
 
 
-def _read_only(array: Floats) -> Floats:
+def _read_only(array: FloatArray) -> FloatArray:
     """A view of the same memory that cannot be written through."""
     view = array.view()
     view.flags.writeable = False

@@ -18,15 +18,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
 
 from armguard.cover.patches import ROUND_UP, drop_nothing, place_patches, swell_nothing
 from armguard.cover.triangulation import hull_triangles, make_patches, triangulate
 from armguard.exceptions import RobotError
+from armguard.jit.arrays import FloatArray
 from armguard.robot.description import LimitSources, LockedJoint, RobotDescription
 from armguard.robot.urdf import UrdfModel, read_urdf
-
-Array = NDArray[np.float64]
 
 STEP = math.radians(10.0)  # a polygon with corners so far apart sticks out of its arc by 0.4 %
 
@@ -36,9 +34,9 @@ class LinkSurface(NamedTuple):
 
     joint: str
     """Name of that joint."""
-    triangles: Array
+    triangles: FloatArray
     """Its surface, or that of a polyhedron that contains it, in [m]. Shape (n, 3, 3)."""
-    pieces: Array
+    pieces: FloatArray
     """What a cover is proved from, as `patches` has it, in [m]."""
 
 
@@ -58,8 +56,8 @@ def collect_surfaces(
     Raises:
         RobotError: A link has geometry without triangles, or flat geometry on a travelling joint.
     """
-    parts: dict[str, list[Array]] = {}
-    patches: dict[str, list[Array]] = {}
+    parts: dict[str, list[FloatArray]] = {}
+    patches: dict[str, list[FloatArray]] = {}
     carriers: dict[str, str] = {}
     travelling: set[str] = set()
     for geometry in urdf.collision_model.geometryObjects:
@@ -102,9 +100,9 @@ def get_rest_position(entry: LockedJoint | None) -> float:
     return entry.travel[0] if entry.travel is not None else float(entry.position or 0.0)
 
 
-def place(placement: Any, triangles: Array) -> Array:
+def place(placement: Any, triangles: FloatArray) -> FloatArray:
     """Triangles of one frame in another. Shape (n, 3, 3), in [m]."""
-    moved: Array = triangles @ placement.rotation.T + placement.translation
+    moved: FloatArray = triangles @ placement.rotation.T + placement.translation
     return moved
 
 
@@ -116,7 +114,7 @@ def _carry(model: Any, number: int, position: float) -> Any:
     return model.jointPlacements[number] * data.M
 
 
-def _sweep(joint: Any, span: float, name: str, triangles: Array) -> Array:
+def _sweep(joint: Any, span: float, name: str, triangles: FloatArray) -> FloatArray:
     """Triangles whose hull contains all that they reach when a joint moves from 0 to `span`."""
     motion = joint.createData().S
     slide, axis = motion[:3].ravel(), motion[3:].ravel()
@@ -127,7 +125,7 @@ def _sweep(joint: Any, span: float, name: str, triangles: Array) -> Array:
     return hull_triangles(name, _turn(corners, axis / np.linalg.norm(axis), span))
 
 
-def _turn(points: Array, axis: Array, angle: float) -> Array:
+def _turn(points: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
     """Points whose hull contains all that `points` reach by turning from 0 to `angle` [rad]."""
     count = math.ceil(angle / STEP)
     step = angle / count
@@ -177,11 +175,11 @@ class UrdfLinks:
         frames = {link: urdf.model.getFrameId(link, pinocchio.FrameType.BODY) for link in urdf.bare}
         self.bare = tuple(link for link in urdf.bare if urdf.model.frames[frames[link]].parentJoint)
 
-    def triangles(self, link: str) -> Array:
+    def triangles(self, link: str) -> FloatArray:
         """Surface of a link in the frame of its parent joint, in [m]. Shape (n, 3, 3)."""
         return self._surfaces[link].triangles
 
-    def surface(self, link: str) -> Array:
+    def surface(self, link: str) -> FloatArray:
         """Pieces of a link's surface, as `patches` has them, in its parent joint's frame [m]."""
         return self._surfaces[link].pieces
 

@@ -15,10 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from armguard.cover.cover import Cover
 from armguard.exceptions import CoverError, RobotError
+from armguard.jit.arrays import FloatArray
 from armguard.robot.attachments import AttachedBody
 from armguard.robot.description import (
     LIMITS,
@@ -31,8 +32,6 @@ from armguard.robot.description import (
 from armguard.robot.joints import check_bare_links, check_joints, reduce_model
 from armguard.robot.links import collect_surfaces
 from armguard.robot.urdf import UrdfModel, read_urdf
-
-Array = NDArray[np.float64]
 
 SPHERES = 12
 """At most so many for an attached body: fitting must be quick more than tight."""
@@ -49,9 +48,9 @@ class PublishedLimits(NamedTuple):
     arm's bounds rests on them unless a user states that they are kept to.
     """
 
-    velocity: Array
+    velocity: FloatArray
     """At most the robot's, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
-    acceleration: Array
+    acceleration: FloatArray
     """At most the robot's, in [rad]/[s²] or [m]/[s²]. Shape (nv,)."""
     source: str
     """Where both come from; "CHOSEN" marks a figure that nobody publishes."""
@@ -60,9 +59,9 @@ class PublishedLimits(NamedTuple):
 class _Link(NamedTuple):
     joint: int
     """Index of the joint that moves it."""
-    triangles: Array
+    triangles: FloatArray
     """In the frame of that joint, in [m]. Shape (n, 3, 3)."""
-    pieces: Array
+    pieces: FloatArray
     """Of its surface, as `patches` has them."""
     is_attached: bool
 
@@ -264,7 +263,7 @@ class Robot:
         """Where a limit comes from: `position`, `velocity`, `acceleration` or `braking`."""
         return self._sources[joint][limit]
 
-    def triangles(self, link: str) -> Array:
+    def triangles(self, link: str) -> FloatArray:
         """The surface of a link, or of a polyhedron that contains it.
 
         Args:
@@ -279,7 +278,7 @@ class Robot:
         self._check_link(link)
         return self._bodies.links[link].triangles
 
-    def surface(self, link: str) -> Array:
+    def surface(self, link: str) -> FloatArray:
         """The surface of a link in the pieces that its cover is proved from.
 
         Args:
@@ -300,7 +299,7 @@ class Robot:
         self._check_link(link)
         return self._bodies.links[link].joint
 
-    def hull(self, link: str) -> Array:
+    def hull(self, link: str) -> FloatArray:
         """Points whose convex hull contains a link.
 
         Returns:
@@ -352,7 +351,7 @@ def _read_published(
     )
 
 
-def _read_only(values: Iterable[float]) -> Array:
+def _read_only(values: Iterable[float]) -> FloatArray:
     array = np.array(list(values), dtype=np.float64)
     array.flags.writeable = False
     return array

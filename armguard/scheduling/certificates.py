@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.jit.layout import make_records
 from armguard.obstacles.table import News, States, extend_rows, make_states
-from armguard.pairs.scene import UNKNOWN, FloatArray, IntArray
+from armguard.pairs.scene import UNKNOWN
 from armguard.scheduling.timing_wheel import Wheel, grow_wheel, make_due, make_wheel, take_out
 from armguard.scheduling.tournament import find_least, grow_tournament, make_tournament, set_value
 

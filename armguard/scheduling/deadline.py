@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.evaluate import evaluate
-from armguard.pairs.scene import FloatArray, IntArray
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.scheduling.certificates import (

@@ -8,9 +8,10 @@ from __future__ import annotations
 import sys
 from typing import Any
 
+from armguard.jit.arrays import IntArray
 from armguard.jit.kernels import kernel
 from armguard.pairs.contact_time import RESTS, UNDECIDED, rests_in_time
-from armguard.pairs.scene import IntArray, prepare_arm
+from armguard.pairs.scene import prepare_arm
 from armguard.scheduling.certificates import PREPARED
 from armguard.scheduling.timing_wheel import NOBODY
 from armguard.scheduling.tournament import find_below

@@ -17,11 +17,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import inlined_kernel, kernel
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
 from armguard.obstacles.table import clear_news
 from armguard.pairs.contact_time import arm_reach_time, is_known, link_time, pair_time, root_time
-from armguard.pairs.scene import REACH, UNKNOWN, FloatArray, IntArray, Scene, prepare_arm
+from armguard.pairs.scene import REACH, UNKNOWN, Scene, prepare_arm
 from armguard.robot.joint_acceptance import Guard
 from armguard.scheduling.certificates import (
     ACTIVE,

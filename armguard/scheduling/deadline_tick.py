@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
-from armguard.pairs.scene import FloatArray
 from armguard.robot.joint_acceptance import BELIEVED, accept
 from armguard.scheduling.certificates import UNSEEN
 from armguard.scheduling.deadline_evaluations import look

@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
 from armguard.obstacles.table import States, extend_rows, make_states, resize_states
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.scene import DISTANCE, FloatArray, IntArray
+from armguard.pairs.scene import DISTANCE
 
 NEVER = -1
 """In place of a tick, for a pair that was never looked at."""

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.table import clear_news
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.evaluate import evaluate, find_unsafe_pair
-from armguard.pairs.scene import REACH, FloatArray, IntArray
+from armguard.pairs.scene import REACH
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.scheduling.flagged_pairs import FlaggedCheck

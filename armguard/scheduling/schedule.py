@@ -15,7 +15,8 @@ from typing import Protocol, runtime_checkable
 from numpy.typing import ArrayLike
 
 from armguard.exceptions import ArmguardError
-from armguard.scheduling.paper.arguments import IntegerArray, Measure
+from armguard.jit.arrays import IntArray
+from armguard.scheduling.paper.arguments import Measure
 from armguard.scheduling.paper.daa import DaaSchedule
 from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
 
@@ -57,7 +58,7 @@ class Schedule(Protocol):
         """Make pairs due at the next `due`, out of turn. Shape (n,)."""
         ...
 
-    def due(self) -> IntegerArray:
+    def due(self) -> IntArray:
         """Start the next tick: the pairs to evaluate now, each once. Shape (m,)."""
         ...
 
@@ -70,11 +71,11 @@ class Schedule(Protocol):
         """
         ...
 
-    def flagged(self) -> IntegerArray:
+    def flagged(self) -> IntArray:
         """Pairs that might come too near before their next visit: watch each tick. Shape (f,)."""
         ...
 
-    def ranking(self) -> IntegerArray:
+    def ranking(self) -> IntArray:
         """All pairs, most imminent first, as far as this schedule knows. Shape (M,)."""
         ...
 

@@ -12,8 +12,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.pairs.arm import WatchedArm
-from armguard.pairs.scene import FloatArray, IntArray
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_acceptance import NOBODY as NO_JOINT
 from armguard.scheduling.certificates import UNSEEN

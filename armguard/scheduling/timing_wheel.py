@@ -16,13 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.jit.layout import make_records
 
-IntArray = NDArray[np.int64]
 Int32Array = NDArray[np.int32]
-FloatArray = NDArray[np.float64]
-
 SLOTS = 2**13
 """Ticks that a wheel reaches: eight seconds at 1 kHz."""
 

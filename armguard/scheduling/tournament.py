@@ -7,12 +7,9 @@ replays one way up, and no farther than it matters; who won is found one way dow
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def make_tournament(capacity: int) -> FloatArray:

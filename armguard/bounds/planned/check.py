@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from armguard.bounds.planned import curve
 from armguard.bounds.planned.curve import evaluate_curve, find_excess
 from armguard.bounds.planned.plan import Plan, Refusal, read_plan
+from armguard.jit.arrays import FloatArray
 from armguard.robot.robot import Robot
 from armguard.robot.turns import MOST_TURNS, TURN, align_turns, find_continuous
 
@@ -32,8 +33,6 @@ __all__ = [
     "deviation_speed",
 ]
 
-Floats = NDArray[np.float64]
-
 SLACK = 1e-9
 """What a sum of a limit and an error may be off by, in [rad], [m] or per second."""
 
@@ -43,27 +42,27 @@ class CheckedPlan(NamedTuple):
 
     stamp: float
     """When the arm is at the first sample, in [s]."""
-    times: Floats
+    times: FloatArray
     """Of the samples, counted from `stamp`, in [s]. Shape (k,)."""
-    q: Floats
+    q: FloatArray
     """[rad] or [m]. Shape (k, nv)."""
-    v: Floats
+    v: FloatArray
     """[rad]/[s] or [m]/[s]. Shape (k, nv)."""
-    deviation: Floats
+    deviation: FloatArray
     """How far joints may truly be off the curve, all errors included, in [rad] or [m]. (nv,)."""
-    acceleration: Floats
+    acceleration: FloatArray
     """Greatest acceleration of the way that joints are off the curve: the robot's limit and the
     curve's greatest together, in [rad]/[s²] or [m]/[s²]. Shape (nv,)."""
-    velocity_deviation: Floats
+    velocity_deviation: FloatArray
     """How far velocities may truly be off the curve's as the controller states it, all errors
     included, in [rad]/[s] or [m]/[s]; inf where it does not. Shape (nv,)."""
     now: float
     """When it was checked, in [s]."""
     measured_stamp: float
     """Stamp of the joint state that it was checked against, in [s]."""
-    measured_q: Floats
+    measured_q: FloatArray
     """Of that joint state, in [rad] or [m]. Shape (nv,)."""
-    measured_v: Floats
+    measured_v: FloatArray
     """Of that joint state, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
 
     @property
@@ -147,7 +146,7 @@ def _check_read(
 
 
 def check_following(
-    plan: CheckedPlan, robot: Robot, q: Floats, v: Floats, stamp: float
+    plan: CheckedPlan, robot: Robot, q: FloatArray, v: FloatArray, stamp: float
 ) -> Refusal | None:
     """Why a measured state shows that the arm is not on its way along a plan; None if it may be.
 
@@ -196,8 +195,8 @@ def check_following(
 
 
 def bound_velocity_deviation(
-    plan: CheckedPlan, velocity_error: Floats, first: float, last: float
-) -> Floats:
+    plan: CheckedPlan, velocity_error: FloatArray, first: float, last: float
+) -> FloatArray:
     """How far velocities may be off the curve's between two times on it, if it is followed so far.
 
     The least of what is stated, what follows from having been within the deviation since the plan
@@ -226,7 +225,7 @@ def bound_velocity_deviation(
     return bound
 
 
-def deviation_speed(deviation: Floats, acceleration: Floats, time: float) -> Floats:
+def deviation_speed(deviation: FloatArray, acceleration: FloatArray, time: float) -> FloatArray:
     """How fast what stays within +-deviation for `time` can be at either end of that time.
 
     With d the way, |d| <= e, and M its greatest acceleration, d(0) = d(s) - d'(0) s + r with
@@ -241,7 +240,7 @@ def deviation_speed(deviation: Floats, acceleration: Floats, time: float) -> Flo
         return np.full(len(deviation), np.inf)
     with np.errstate(over="ignore"):
         span = np.minimum(2.0 * np.sqrt(deviation / acceleration), time)
-        speed: Floats = (2.0 * deviation / span + 0.5 * acceleration * span) * (1.0 + SLACK)
+        speed: FloatArray = (2.0 * deviation / span + 0.5 * acceleration * span) * (1.0 + SLACK)
     return speed
 
 
@@ -249,7 +248,7 @@ def _find_continuous(robot: Robot) -> NDArray[np.bool_]:
     return find_continuous(robot.lower_position_limit, robot.upper_position_limit)
 
 
-def _align(plan: Plan, robot: Robot, q: Floats, v: Floats, stamp: float) -> Plan:
+def _align(plan: Plan, robot: Robot, q: FloatArray, v: FloatArray, stamp: float) -> Plan:
     """The same plan with its continuous joints' positions whole turns nearest to each other.
 
     So a planner may wrap. From sample to sample only where the joint's velocity limit does not let
@@ -290,7 +289,7 @@ def _check_time(plan: Plan, now: float, longest_lead: float, longest_lag: float)
     return None
 
 
-def _check_curve(plan: Plan, robot: Robot, peak: Floats) -> Refusal | None:
+def _check_curve(plan: Plan, robot: Robot, peak: FloatArray) -> Refusal | None:
     """Limits on the whole curve; fills the greatest acceleration of each joint."""
     times = np.asarray(plan.times)
     lower = robot.lower_position_limit - robot.position_error - SLACK

@@ -15,18 +15,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
 from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, deviation_along
 from armguard.bounds.sums import ROUNDING
 from armguard.bounds.table_time import obstacle_room
 from armguard.contact.gjk import nearest_on_hull
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.obstacles.table import Marks, States
-
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
 
 NOBODY = -1
 """In place of a pair's or a sphere's number, where none decides."""
@@ -85,7 +80,7 @@ def _is_usable(bodies: States, row: int, age: float, margin: float) -> bool:
 
 @kernel
 def _is_ball_free(
-    ball: Floats, bodies: States, row: int, start: float, end: float, margin: float
+    ball: FloatArray, bodies: States, row: int, start: float, end: float, margin: float
 ) -> bool:
     """Whether a body stays out of a ball from `start` to `end`, counted from its stamp."""
     room, _, _, _ = _look(ball[0], ball[1], ball[2], bodies, row, start, end)
@@ -169,7 +164,7 @@ def _find_contact(
 
 @kernel
 def find_planned_contact(
-    pairs: Integers,
+    pairs: IntArray,
     now: float,
     margin: float,
     course: PlannedCourse,

@@ -13,15 +13,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
 from armguard.bounds.sums import ROUNDING
+from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.kernels import kernel
-
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
-Booleans = npt.NDArray[np.bool_]
 
 BLOCK = 8
 """Slabs that are looked at together first."""
@@ -30,19 +24,19 @@ BLOCK = 8
 class ArmShape(NamedTuple):
     """The arm's spheres, whatever it does."""
 
-    radius: Floats
+    radius: FloatArray
     """[m]. Shape (n,)."""
-    first_child: Integers
+    first_child: IntArray
     """Index of the first child, -1 for a leaf; children are contiguous. Shape (n,)."""
-    child_count: Integers
+    child_count: IntArray
     """0 for a leaf. Shape (n,)."""
-    root: Integers
+    root: IntArray
     """Index of each link's root. Shape (links,)."""
-    lever: Floats
+    lever: FloatArray
     """R_j in [m], 1 for a prismatic joint, 0 for one that does not move it. Shape (n, nv)."""
-    turning: Booleans
+    turning: BoolArray
     """Which joints are revolute. Shape (nv,)."""
-    stack: Integers
+    stack: IntArray
     """Room to work in. Shape (n,)."""
 
 
@@ -51,21 +45,21 @@ class PlannedCourse(NamedTuple):
 
     epoch: float
     """What times below are counted from, in [s]."""
-    start: Floats
+    start: FloatArray
     """Of each slab, in [s]. Shape (slabs,)."""
-    end: Floats
+    end: FloatArray
     """Likewise; the next one's start. After the last, the arm rests. Shape (slabs,)."""
-    middle: Floats
+    middle: FloatArray
     """Joint positions that each slab's box is around, in [rad] or [m]. Shape (slabs, nv)."""
-    half: Floats
+    half: FloatArray
     """How far from there joints can be, alike. Shape (slabs, nv)."""
-    centers: Floats
+    centers: FloatArray
     """Of all spheres in those positions, in the world, in [m]. Shape (slabs, n, 3)."""
-    jacobian: Floats
+    jacobian: FloatArray
     """Pinocchio's `data.J` there. Shape (slabs, 6, nv)."""
-    block_balls: Floats
+    block_balls: FloatArray
     """Balls around all that links sweep in `BLOCK` slabs, in [m]. Shape (blocks, links, 4)."""
-    arm_ball: Floats
+    arm_ball: FloatArray
     """A ball around those. Shape (4,)."""
 
 
@@ -77,10 +71,10 @@ def deviation_along(
     px: float,
     py: float,
     pz: float,
-    jacobian: Floats,
-    half: Floats,
-    lever: Floats,
-    turning: Booleans,
+    jacobian: FloatArray,
+    half: FloatArray,
+    lever: FloatArray,
+    turning: BoolArray,
 ) -> float:
     """How far along n a point can be off p while joints stay within a box.
 

@@ -14,11 +14,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
-
-Floats = NDArray[np.float64]
 
 ROUNDING = 1e-14
 """Relative widening of extremes, far above the rounding error of the few terms within."""
@@ -28,7 +26,7 @@ FINE, POSITION, VELOCITY, RATE, CURVE = 0, 1, 2, 3, 4
 
 @kernel
 def _coefficients(
-    times: Floats, q: Floats, v: Floats, k: int, j: int
+    times: FloatArray, q: FloatArray, v: FloatArray, k: int, j: int
 ) -> tuple[float, float, float]:
     """Length, c and d of joint j's interval from sample k on."""
     h = times[k + 1] - times[k]
@@ -41,14 +39,19 @@ def _coefficients(
 
 
 @kernel
-def _interval_at(times: Floats, t: float) -> int:
+def _interval_at(times: FloatArray, t: float) -> int:
     """The interval that a time falls into; the first or last one where it is outside."""
     return min(max(np.searchsorted(times, t, side="right") - 1, 0), times.shape[0] - 2)
 
 
 @kernel
 def evaluate_curve(
-    times: Floats, q: Floats, v: Floats, t: float, position: Floats, velocity: Floats
+    times: FloatArray,
+    q: FloatArray,
+    v: FloatArray,
+    t: float,
+    position: FloatArray,
+    velocity: FloatArray,
 ) -> None:
     """Fill position and velocity of all joints at a time; that of an end where it is outside.
 
@@ -91,7 +94,13 @@ def _range_within(
 
 @kernel
 def curve_range(
-    times: Floats, q: Floats, v: Floats, first: float, last: float, low: Floats, high: Floats
+    times: FloatArray,
+    q: FloatArray,
+    v: FloatArray,
+    first: float,
+    last: float,
+    low: FloatArray,
+    high: FloatArray,
 ) -> None:
     """Fill the least and greatest position of each joint between two times on the curve.
 
@@ -118,7 +127,13 @@ def curve_range(
 
 @kernel
 def speed_range(
-    times: Floats, q: Floats, v: Floats, first: float, last: float, low: Floats, high: Floats
+    times: FloatArray,
+    q: FloatArray,
+    v: FloatArray,
+    first: float,
+    last: float,
+    low: FloatArray,
+    high: FloatArray,
 ) -> None:
     """Fill the least and greatest velocity of each joint between two times on the curve.
 
@@ -141,14 +156,14 @@ def speed_range(
 
 @kernel
 def find_excess(
-    times: Floats,
-    q: Floats,
-    v: Floats,
-    lower: Floats,
-    upper: Floats,
-    fastest: Floats,
-    acceleration: Floats,
-    peak: Floats,
+    times: FloatArray,
+    q: FloatArray,
+    v: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    fastest: FloatArray,
+    acceleration: FloatArray,
+    peak: FloatArray,
 ) -> tuple[int, int, int, float]:
     """The first place where the curve leaves limits, which need not be at a sample.
 

@@ -23,13 +23,11 @@ from armguard.bounds.planned.plan import Plan, Refusal
 from armguard.bounds.planned.slabs import make_slabs
 from armguard.bounds.sums import ROUNDING, compute_levers
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.obstacles.table import Marks, States, make_states
 from armguard.robot.joints import is_prismatic
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.robot import Robot
-
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
 
 
 class PlannedMotion:
@@ -116,7 +114,7 @@ class PlannedMotion:
     def contact_time(
         self,
         course: PlannedCourse,
-        pairs: Integers,
+        pairs: IntArray,
         now: float,
         margin: float,
         bodies: States,
@@ -193,7 +191,7 @@ class PlannedMotion:
             largest = max(largest, float(along @ place) - origin + way)
         return largest
 
-    def _enclose(self, centers: Floats, half: Floats) -> tuple[Floats, Floats]:
+    def _enclose(self, centers: FloatArray, half: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Balls around what links sweep, (blocks, links, 4), and one around those, (4,)."""
         roots = self._arm.root
         places = centers[:, roots]
@@ -223,7 +221,7 @@ class PlannedMotion:
         self.contact_time(self.lay_out(plan), none, 0.0, 0.0, make_states(0), make_states(0), marks)
 
 
-def _widen(balls: Floats) -> Floats:
+def _widen(balls: FloatArray) -> FloatArray:
     """The balls with room for the rounding of what they were made from. Shape (..., 4)."""
     balls[..., 3] += ROUNDING * np.abs(balls).sum(axis=-1)
     return balls

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from armguard.jit.arrays import FloatArray
 
 MOST_SAMPLES = 20_000
 """Beyond this it is no next piece; bounds the time that a check takes."""
@@ -66,7 +66,7 @@ def read_plan(plan: object, joints: int) -> Plan | Refusal:
     arrays = {"q": (len(times), joints), "v": (len(times), joints), "tracking_error": (joints,)}
     if plan.velocity_tracking_error is not None:
         arrays["velocity_tracking_error"] = (joints,)
-    fields: dict[str, Floats] = {}
+    fields: dict[str, FloatArray] = {}
     for name, shape in arrays.items():
         array = _read_array(name, getattr(plan, name), shape)
         if isinstance(array, Refusal):
@@ -85,7 +85,7 @@ def read_plan(plan: object, joints: int) -> Plan | Refusal:
     return Plan(float(stamp), times, **fields)
 
 
-def _read_array(name: str, values: Any, shape: tuple[int, ...]) -> Floats | Refusal:
+def _read_array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray | Refusal:
     """A finite float64 copy, which nobody else writes to; -1 in `shape` is any length."""
     try:
         if isinstance(values, np.ma.MaskedArray):
@@ -101,7 +101,7 @@ def _read_array(name: str, values: Any, shape: tuple[int, ...]) -> Floats | Refu
         if not fits:
             return Refusal(name, f"has shape {given.shape}, expected {shape}")
         with np.errstate(all="ignore"):
-            array: Floats = np.array(given, dtype=np.float64, order="C")
+            array: FloatArray = np.array(given, dtype=np.float64, order="C")
     except Exception:
         # Whatever an object of somebody else's raises here, it is no array.
         return Refusal(name, "is no array of numbers")

@@ -13,17 +13,15 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from armguard.bounds.limits import JointLimits
 from armguard.bounds.planned.check import CheckedPlan, bound_velocity_deviation
 from armguard.bounds.planned.curve import curve_range, evaluate_curve, speed_range
 from armguard.bounds.sums import ROUNDING
 from armguard.bounds.travel import brake, fill_displacements
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.robot.stop_time import compute_stop_time
-
-Floats = npt.NDArray[np.float64]
 
 SLAB = 5e-3
 """How long a slab of the curve is, in [s], unless there were too many."""
@@ -37,13 +35,13 @@ BRAKING_SLABS = 28
 class JointSlabs(NamedTuple):
     """Boxes that contain all joint positions, each at every time from its start to its end."""
 
-    start: Floats
+    start: FloatArray
     """From when the plan was checked, in [s]. Shape (slabs,)."""
-    end: Floats
+    end: FloatArray
     """Likewise; the next one's start. Shape (slabs,)."""
-    middle: Floats
+    middle: FloatArray
     """Middles of the boxes, in [rad] or [m]. Shape (slabs, nv)."""
-    half: Floats
+    half: FloatArray
     """Half their widths, alike. Shape (slabs, nv)."""
 
 
@@ -81,7 +79,9 @@ def make_slabs(
     return _join(parts, limits)
 
 
-def _follow(plan: CheckedPlan, nodes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _follow(
+    plan: CheckedPlan, nodes: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Ranges of positions between neighbouring nodes, and of velocities right on the curve."""
     low, high, slowest, fastest = np.empty((4, len(nodes) - 1, len(plan.deviation)))
     _fill_ranges(plan.times, plan.q, plan.v, nodes, low, high, slowest, fastest)
@@ -90,7 +90,7 @@ def _follow(plan: CheckedPlan, nodes: Floats) -> tuple[Floats, Floats, Floats, F
 
 def _leave(
     plan: CheckedPlan, limits: JointLimits, command: float, reaction_time: float
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Nodes, least and greatest positions while joints leave the plan, each when it likes."""
     leaving = np.linspace(command, command + reaction_time, LEAVING_SLABS + 1)
     low_on, high_on, slowest, fastest = _follow(plan, leaving)
@@ -108,7 +108,7 @@ def _leave(
     return nodes - command, low, high
 
 
-def _reach(plan: CheckedPlan, limits: JointLimits, along: float) -> Floats:
+def _reach(plan: CheckedPlan, limits: JointLimits, along: float) -> FloatArray:
     """How far velocities can have come from the measured ones by then, and since the check."""
     stamp = plan.measured_stamp - plan.stamp
     away = max(abs(along - stamp), abs(plan.now - plan.measured_stamp))
@@ -117,7 +117,7 @@ def _reach(plan: CheckedPlan, limits: JointLimits, along: float) -> Floats:
 
 def _overrun(
     plan: CheckedPlan, limits: JointLimits, command: float, reaction_time: float
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Nodes, least and greatest positions where the plan ends before all joints surely brake."""
     q, v = np.empty((2, len(plan.deviation)))
     evaluate_curve(plan.times, plan.q, plan.v, command, q, v)
@@ -136,7 +136,9 @@ def _overrun(
     return nodes, *_spread(q, v, 0.0, reaction_time, errors, nodes)
 
 
-def _join(parts: list[tuple[Floats, Floats, Floats]], limits: JointLimits) -> JointSlabs:
+def _join(
+    parts: list[tuple[FloatArray, FloatArray, FloatArray]], limits: JointLimits
+) -> JointSlabs:
     """Slabs of all parts, one after the other, no joint beyond where it can be at all."""
     starts, ends, offset = [], [], 0.0
     for nodes, _, _ in parts:
@@ -153,8 +155,8 @@ def _join(parts: list[tuple[Floats, Floats, Floats]], limits: JointLimits) -> Jo
 
 
 def _spread(
-    q: Floats, v: Floats, age: float, free: float, limits: JointLimits, nodes: Floats
-) -> tuple[Floats, Floats]:
+    q: FloatArray, v: FloatArray, age: float, free: float, limits: JointLimits, nodes: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Least and greatest positions between neighbouring nodes of joints measured `age` ago."""
     shape = len(nodes), len(q)
     high, low, highest, lowest = (
@@ -173,14 +175,14 @@ def _spread(
 
 @kernel
 def _fill_ranges(
-    times: Floats,
-    q: Floats,
-    v: Floats,
-    nodes: Floats,
-    low: Floats,
-    high: Floats,
-    slowest: Floats,
-    fastest: Floats,
+    times: FloatArray,
+    q: FloatArray,
+    v: FloatArray,
+    nodes: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    slowest: FloatArray,
+    fastest: FloatArray,
 ) -> None:
     """Fill ranges on the curve between neighbouring nodes, each of shape (nodes - 1, nv)."""
     for k in range(nodes.shape[0] - 1):
@@ -190,15 +192,15 @@ def _fill_ranges(
 
 @kernel
 def _fill_leaving(
-    nodes: Floats,
-    low_on: Floats,
-    high_on: Floats,
-    slowest: Floats,
-    fastest: Floats,
-    top: Floats,
+    nodes: FloatArray,
+    low_on: FloatArray,
+    high_on: FloatArray,
+    slowest: FloatArray,
+    fastest: FloatArray,
+    top: FloatArray,
     limits: JointLimits,
-    low: Floats,
-    high: Floats,
+    low: FloatArray,
+    high: FloatArray,
 ) -> None:
     """Fill least and greatest positions between nodes of joints that leave a plan and brake.
 

@@ -9,16 +9,15 @@ from __future__ import annotations
 from typing import Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray, IntArray
 
-IntegerArray: TypeAlias = NDArray[np.int64]
-FloatArray: TypeAlias = NDArray[np.float64]
 Measure: TypeAlias = Literal["contact_time", "distance"]
 
 
-def read_pairs(pairs: ArrayLike) -> IntegerArray:
+def read_pairs(pairs: ArrayLike) -> IntArray:
     """Pair numbers as an int64 array of their own. Shape (n,).
 
     Raises:

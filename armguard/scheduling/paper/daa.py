@@ -24,10 +24,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.scheduling.paper.arguments import (
-    FloatArray,
-    IntegerArray,
     Measure,
     read_contact_times,
     read_pairs,
@@ -55,23 +54,23 @@ class Table(NamedTuple):
     side by side, and for each row its index there, -1 if it is not a member.
     """
 
-    pair: IntegerArray
+    pair: IntArray
     """Pair number, by row."""
-    place: IntegerArray
+    place: IntArray
     """Place from 1 on, by row."""
     expiry: FloatArray
     """Evaluation + contact time, in [s] since tick 0, by row. Kept for the total sort only."""
-    flag_index: IntegerArray
+    flag_index: IntArray
     """Index in `flagged`, by row."""
-    queue_index: IntegerArray
+    queue_index: IntArray
     """Index in `queued`, by row."""
-    occupant: IntegerArray
+    occupant: IntArray
     """Row, by place; place 0 is never used."""
-    flagged: IntegerArray
+    flagged: IntArray
     """Rows of the flagged pairs."""
-    queued: IntegerArray
+    queued: IntArray
     """Rows of the pairs due out of turn."""
-    counts: IntegerArray
+    counts: IntArray
     """Number of pairs, of flagged and of queued ones. Shape (3,)."""
 
 
@@ -155,7 +154,7 @@ def _put_in_order(table, partition, rows, times, order, places, tick, period, st
 
 
 def _make_table(capacity: int) -> Table:
-    def zeros() -> IntegerArray:
+    def zeros() -> IntArray:
         return np.zeros(capacity, dtype=np.int64)
 
     return Table(
@@ -202,7 +201,7 @@ class DaaSchedule:
         self._rows: dict[int, int] = {}
         self._free = list(range(64))
         self._places = np.zeros(64, dtype=np.int64)
-        self._due_rows: IntegerArray | None = None
+        self._due_rows: IntArray | None = None
         self._compile()
         self.tick = -1
 
@@ -249,7 +248,7 @@ class DaaSchedule:
         self._give_back()
         _queue(self._table, rows)
 
-    def due(self) -> IntegerArray:
+    def due(self) -> IntArray:
         """Start the next tick: the pairs in turn and those out of turn, by place. Shape (m,)."""
         self._give_back()
         self.tick += 1
@@ -289,11 +288,11 @@ class DaaSchedule:
             self.tick, self.period, float(stop_time),
         )  # fmt: skip
 
-    def flagged(self) -> IntegerArray:
+    def flagged(self) -> IntArray:
         """Pairs that might come too near before their next visit. Shape (f,)."""
         return self._table.pair[self._table.flagged[: self.flagged_count]]
 
-    def ranking(self) -> IntegerArray:
+    def ranking(self) -> IntArray:
         """All pairs in the order of their places. Shape (M,)."""
         return self._table.pair[self._table.occupant[1 : len(self) + 1]]
 
@@ -306,7 +305,7 @@ class DaaSchedule:
         place = self.place_of(pair)
         return int(np.searchsorted(self._partition.bases, place, side="right")) - 1
 
-    def _look_up(self, numbers: IntegerArray) -> IntegerArray:
+    def _look_up(self, numbers: IntArray) -> IntArray:
         rows = [self._rows.get(number, -1) for number in numbers.tolist()]
         if -1 in rows:
             raise refuse_unknown(int(numbers[rows.index(-1)]))

@@ -11,9 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.scheduling.paper.arguments import (
-    FloatArray,
-    IntegerArray,
     Measure,
     read_contact_times,
     read_pairs,
@@ -40,7 +39,7 @@ class FullSchedule:
         self._stale = False
         self._awaiting = False
         self._contact_times: FloatArray = np.empty(0)
-        self._settled: IntegerArray = self._numbers
+        self._settled: IntArray = self._numbers
 
     def __len__(self) -> int:
         return len(self._members)
@@ -66,7 +65,7 @@ class FullSchedule:
         self._read_members(pairs)
         self._awaiting = False
 
-    def due(self) -> IntegerArray:
+    def due(self) -> IntArray:
         """All pairs, in the order in which they came; read-only. Shape (M,)."""
         if self._stale:
             self._numbers = np.fromiter(self._members, dtype=np.int64, count=len(self._members))
@@ -88,11 +87,11 @@ class FullSchedule:
         self._settled = self._numbers
         self._awaiting = False
 
-    def flagged(self) -> IntegerArray:
+    def flagged(self) -> IntArray:
         """None. Shape (0,)."""
         return np.empty(0, dtype=np.int64)
 
-    def ranking(self) -> IntegerArray:
+    def ranking(self) -> IntArray:
         """All pairs by their last results, most imminent first; new ones at the end. Shape (M,)."""
         order = self._settled[np.argsort(self._contact_times, kind="stable")]
         if not self._stale and self._settled is self._numbers:

@@ -13,8 +13,8 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import IntArray
 from armguard.jit.kernels import kernel
-from armguard.scheduling.paper.arguments import IntegerArray
 
 PartitionLaw: TypeAlias = Literal["powers", "fibonacci"]
 
@@ -25,9 +25,9 @@ _MOST_PLACES = 2**60
 class Partition(NamedTuple):
     """Buckets in the order of their places, as many as could ever be needed."""
 
-    bases: IntegerArray
+    bases: IntArray
     """First place of each bucket, from 1 on. Shape (buckets,)."""
-    sizes: IntegerArray
+    sizes: IntArray
     """Places in each bucket = ticks in which it comes round once. Shape (buckets,)."""
 
 
