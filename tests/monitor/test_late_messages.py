@@ -7,12 +7,16 @@ more time than a known body truly takes to touch the arm.
 
 import math
 
+import coal
 import numpy as np
 import pinocchio
 import pytest
 
+from armguard.bounds.planned.plan import Plan
+from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.verdict import Level, ReasonKind
+from armguard.robot import Robot
+from armguard.verdict import Effect, Level, ReasonKind
 from support import true_arm
 from support.panda_monitor import FAR, HOME, STILL, kinds, make_monitor, panda, see, subjects
 
@@ -266,3 +270,54 @@ def test_any_interleaving_of_messages_agrees_with_what_is_known(seed):
         assert not subjects(verdict, ReasonKind.BOUND_BROKEN)
     assert checked > TICKS
     assert clear > 20
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_plan_is_safe_only_by_what_the_last_step_knew(seed):
+    """Messages, silences, tools and commits in any order; each plan is to stay where the arm is."""
+    random = np.random.default_rng(100 + seed)
+    robot = Robot.load("panda")
+    obstacles = Obstacles(sources=["steady", "fickle"])
+    monitor = Monitor(robot, obstacles, rate=1.0 / PERIOD, motion="planned")
+    error = np.full(7, 1e-3)
+    known, attached, quiet_until = {"steady": 0, "fickle": 0}, False, 0.0
+    safe = refused = 0
+    for tick in range(400):
+        now = PERIOD * tick
+        if random.random() < 0.02:
+            quiet_until = now + random.uniform(0.1, 0.5)
+        for source in known:
+            if source == "steady" or now >= quiet_until:
+                ids = [f"{source}{k}" for k in range(known[source])]
+                see(obstacles, now, [FAR] * len(ids), ids=ids, source=source)
+        verdict = monitor.step(now, HOME, STILL)
+        stepped = robot.revision, len(obstacles)
+        action = random.choice(["nothing", "nothing", "nothing", "new", "gone", "tool", "late"])
+        source = str(random.choice(list(known)))
+        if action == "new":
+            see(obstacles, now, FAR, ids=[f"{source}{known[source]}"], source=source)
+            known[source] += 1
+        elif action == "gone" and known[source]:
+            known[source] -= 1
+            obstacles.remove([f"{source}{known[source]}"], source=source)
+        elif action == "tool" and random.random() < 0.2:
+            if attached:
+                robot.detach("ball")
+            else:
+                ball = pinocchio.SE3(np.eye(3), np.array([0.0, 0.0, 0.2]))
+                robot.attach("ball", "panda_hand", coal.Sphere(0.05), ball)
+            attached = not attached
+        elif action == "late" and known[source]:
+            see(obstacles, now - 0.005, FAR, ids=[f"{source}0"], source=source)
+        times, stay = np.array([0.0, 0.1]), np.array([HOME, HOME])
+        answer = monitor.commit(Plan(now, times, stay, np.zeros((2, 7)), error, error))
+        standing = [one for one in verdict.reasons if one.kind.effect is not Effect.NOTE]
+        changed = (robot.revision, len(obstacles)) != stepped
+        if standing or changed or not verdict.complete:
+            assert not answer.safe
+            assert answer.reasons
+            refused += 1
+        else:
+            assert answer.safe, answer.reasons
+            safe += 1
+    assert min(safe, refused) > 30
