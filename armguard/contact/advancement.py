@@ -17,7 +17,6 @@ from armguard.contact.gap import (
     LARGE,
     LONGEST,
     NO_BOUND,
-    SLACK,
     TINY,
     are_bounds,
     direction,
@@ -36,6 +35,7 @@ from armguard.contact.hull_advancement import (
     turn_hull,
 )
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import GAP_ROUNDING
 
 
 @kernel(forceinline=True)
@@ -282,7 +282,7 @@ def pair_distance_time(
         length = max(length, abs(x) + abs(y) + abs(z))
         top2 = max(top2, top)
     grown = top1 * abs(age1) + top2 * abs(age2)
-    gap = distance - contact_distance - grown - SLACK * (2.0 * length + grown)
+    gap = distance - contact_distance - grown - GAP_ROUNDING * (2.0 * length + grown)
     if not (gap > 0.0 and TINY < length < LARGE and top1 + top2 < NO_BOUND):
         return 0.0
     if top1 + top2 == 0.0:

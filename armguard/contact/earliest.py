@@ -39,10 +39,11 @@ from armguard.contact.arguments import (
     read_vectors,
     spread,
 )
-from armguard.contact.gap import SLACK, clock_drift
+from armguard.contact.gap import clock_drift
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import GAP_ROUNDING
 
 __all__ = [
     "Certificate",
@@ -92,7 +93,7 @@ def _reach(
             drift2 = drift
             if math.isnan(drift):
                 break
-    return (contact_distance + drift1 + drift2) * (1.0 + SLACK)
+    return (contact_distance + drift1 + drift2) * (1.0 + GAP_ROUNDING)
 
 
 @kernel

@@ -11,16 +11,17 @@ form. Whatever the witness, the time reached is proved; so it is in floating poi
 
 - With e = 2**-53: a direction of length right to 4 e, positions right to e and sums of products
   make n.x right to 9 e |x|. D is a sum of at most three non-negative magnitudes ("reach"), each
-  right to 5 e; the sums of the gap add 4 e of every term. SLACK = 16 e of |x| + contact_distance
-  and of both reaches is subtracted.
-- A closing speed is inflated by SLACK of |v| + velocity_error, never of its own small value, and
-  a slope by SLACK of the speeds in it. The step up to which `gap - slope h - accel h^2 / 2` stays
-  positive is right to 10 e and shortened by 16 e, its sum with the time so far likewise. Slope and
-  acceleration bound the gap between the two ends (Taylor's formula, not an approximation).
+  right to 5 e; the sums of the gap add 4 e of every term. GAP_ROUNDING, which is 16 e, of
+  |x| + contact_distance and of both reaches is subtracted.
+- A closing speed is inflated by GAP_ROUNDING of |v| + velocity_error, never of its own small
+  value, and a slope by GAP_ROUNDING of the speeds in it. The step up to which
+  `gap - slope h - accel h^2 / 2` stays positive is right to 10 e and shortened by 16 e, and so is
+  its sum with the time so far. Slope and acceleration bound the gap between the two ends (Taylor's
+  formula, not an approximation).
 - When a body is taken to reach its top speed does not matter to safety: see `_follow_forward`.
 - Squares are used where they keep their bits; else the direction is rescaled by a power of two
   and the root taken by `hypot`. Non-zero accelerations below TINY count as TINY, lengths below it
-  as contact, so that what underflows (2**-1074) is far below the SLACK of something present.
+  as contact, so that what underflows (2**-1074) is far below the GAP_ROUNDING of something present.
   Times below SHORTEST, where rounding is no longer relative, count as none. Lengths and ages above
   LARGE count as contact, speeds above it as anything up to the top speed, and no gap can overflow
   upwards; what overflows otherwise makes it -inf or NaN and ends the search where it stands.
@@ -32,8 +33,8 @@ import math
 import sys
 
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import GAP_ROUNDING
 
-SLACK = 2.0**-49
 TINY = 1e-270
 LARGE = 1e153
 NO_BOUND = sys.float_info.max  # the top speed of a body that has none
@@ -51,10 +52,10 @@ def _measured_speed(vx, vy, vz, speed, velocity_error):
         return largest + velocity_error  # NaN, or a zero that no bound can break
     scaled_x, scaled_y, scaled_z = vx / largest, vy / largest, vz / largest
     norm = largest * math.sqrt(scaled_x**2 + scaled_y**2 + scaled_z**2)
-    norm = norm * (1.0 + SLACK) + 5e-324
-    if norm <= allowed * (1.0 - SLACK):
+    norm = norm * (1.0 + GAP_ROUNDING) + 5e-324
+    if norm <= allowed * (1.0 - GAP_ROUNDING):
         return speed
-    return (norm + velocity_error) * (1.0 + SLACK)
+    return (norm + velocity_error) * (1.0 + GAP_ROUNDING)
 
 
 @kernel(forceinline=True)
@@ -65,11 +66,11 @@ def limits(vx, vy, vz, accel, speed, velocity_error):
     """
     size = abs(vx) + abs(vy) + abs(vz)
     top = speed
-    if not size * (1.0 + SLACK) <= speed + velocity_error:  # |v| is no more than that, often less
+    if not size * (1.0 + GAP_ROUNDING) <= speed + velocity_error:  # `size` is no less than |v|
         top = _measured_speed(vx, vy, vz, speed, velocity_error)
     margin = velocity_error
     if size > 0.0:
-        margin += SLACK * (max(size, TINY) + velocity_error)
+        margin += GAP_ROUNDING * (max(size, TINY) + velocity_error)
     if accel == math.inf or size > LARGE:
         margin = math.inf
     if top > NO_BOUND:  # without a bound; one that is broken by that much is beyond reckoning
@@ -85,7 +86,7 @@ def clock_drift(vx, vy, vz, accel, speed, velocity_error, clock_error):
     top = limits(vx, vy, vz, accel, speed, velocity_error)[0]
     if speed == math.inf:
         return speed if clock_error > 0.0 else math.nan
-    return top * clock_error * (1.0 + SLACK) + (TINY if top > 0.0 else 0.0)
+    return top * clock_error * (1.0 + GAP_ROUNDING) + (TINY if top > 0.0 else 0.0)
 
 
 @kernel(forceinline=True)
@@ -148,7 +149,7 @@ def _step(gap, slope, accel):
     twice = 2.0 * gap
     above = twice if closing else above
     below = below if closing else accel
-    step = above / below * (1.0 - SLACK)
+    step = above / below * (1.0 - GAP_ROUNDING)
     if step > LONGEST:  # only what never closes takes for ever; NaN stays
         return math.inf if accel == 0.0 and slope <= 0.0 else LONGEST
     return step
@@ -157,7 +158,7 @@ def _step(gap, slope, accel):
 @kernel(forceinline=True)
 def later(t, step):
     """The time `step` after `t`, rounded down, but never before `t`."""
-    after = (t + step) * (1.0 - SLACK)
+    after = (t + step) * (1.0 - GAP_ROUNDING)
     return after if after > t + SHORTEST else t
 
 
@@ -185,7 +186,7 @@ def follow_forward(
     fast1 = abs(start1) + gain1
     fast2 = abs(start2) + gain2
     reach = (until1 * fast1 + cruise1) + (until2 * fast2 + cruise2)
-    gap = along - advance1 - advance2 - SLACK * (length + reach)
+    gap = along - advance1 - advance2 - GAP_ROUNDING * (length + reach)
     if not gap > 0.0:
         return t, bite1, bite2
 
@@ -197,19 +198,19 @@ def follow_forward(
     first = min(left1, left2)
     last = max(left1, left2)
     accel = accel1 + accel2
-    slope = slope1 + slope2 + SLACK * (fast1 + fast2)
+    slope = slope1 + slope2 + GAP_ROUNDING * (fast1 + fast2)
     is_first = left1 < left2
     later_accel = accel2 if is_first else accel1
     capped = top1 if is_first else top2
     other = slope2 if is_first else slope1
     gained = later_accel * first
-    later_slope = capped + other + gained + SLACK * (capped + abs(other) + gained)
+    later_slope = capped + other + gained + GAP_ROUNDING * (capped + abs(other) + gained)
     later_gap = gap - first * (slope + 0.5 * accel * first)
-    later_gap -= SLACK * (gap + first * (abs(slope) + accel * first))
+    later_gap -= GAP_ROUNDING * (gap + first * (abs(slope) + accel * first))
     span = last - first
-    last_slope = (top1 + top2) * (1.0 + SLACK)
+    last_slope = (top1 + top2) * (1.0 + GAP_ROUNDING)
     last_gap = later_gap - span * (later_slope + 0.5 * later_accel * span)
-    last_gap -= SLACK * (later_gap + span * (abs(later_slope) + later_accel * span))
+    last_gap -= GAP_ROUNDING * (later_gap + span * (abs(later_slope) + later_accel * span))
     is_later = (later_gap > 0.0) & (first < LONGEST)
     is_last = is_later & (last_gap > 0.0) & (last < LONGEST)
     past = first if is_later else 0.0
@@ -236,7 +237,7 @@ def motion(closing, margin, top, accel, age, s):
         start = top
     span = abs(s)
     reached = start + accel * span
-    if reached < top * (1.0 - SLACK):
+    if reached < top * (1.0 - GAP_ROUNDING):
         advance = span * (start + 0.5 * accel * span)
         fast = abs(start) + accel * span
         if s >= 0.0:
@@ -247,7 +248,7 @@ def motion(closing, margin, top, accel, age, s):
     advance = 0.5 * (start + top) * until + top * (span - until)
     if s >= 0.0:
         return advance, top, top, 0.0, math.inf, bite
-    if span - bite > -2.0 * SLACK * age:
+    if span - bite > -2.0 * GAP_ROUNDING * age:
         return advance, top, -top, 0.0, -bite, bite
     # Too close to the end of the piece to step there: the chord to the stamp, D being convex.
     return advance, top, -advance / span, 0.0, 0.0, bite
@@ -280,19 +281,19 @@ def follow_backward(
         advance2, fast2, slope2, curvature2, end2, bite2 = motion(
             closing2, margin2, top2, accel2, age2, s2
         )
-        slack = SLACK * (length + fast1 * abs(s1) + fast2 * abs(s2))
+        slack = GAP_ROUNDING * (length + fast1 * abs(s1) + fast2 * abs(s2))
         gap = along - advance1 - advance2 - slack
         if not gap > 0.0:
             break
         # An end that is not the stamp itself comes a little early where that matters; where time
         # is too coarse to resolve it, the top speed bounds what follows.
-        end1 = -age1 if end1 == 0.0 else (end1 - age1) * (1.0 - SLACK)
-        end2 = -age2 if end2 == 0.0 else (end2 - age2) * (1.0 - SLACK)
+        end1 = -age1 if end1 == 0.0 else (end1 - age1) * (1.0 - GAP_ROUNDING)
+        end2 = -age2 if end2 == 0.0 else (end2 - age2) * (1.0 - GAP_ROUNDING)
         if not end1 > t + SHORTEST:
             slope1, curvature1, end1 = top1, 0.0, math.inf
         if not end2 > t + SHORTEST:
             slope2, curvature2, end2 = top2, 0.0, math.inf
-        slope = slope1 + slope2 + SLACK * (fast1 + fast2)
+        slope = slope1 + slope2 + GAP_ROUNDING * (fast1 + fast2)
         step = _step(gap, slope, curvature1 + curvature2)
         end = min(end1, end2)
         if not end < t + step:

@@ -22,8 +22,8 @@ from armguard.cover.patches import ON_SURFACE, bisect_pieces, compute_hull_point
 from armguard.cover.sphere_tree import MARGIN, SphereTree
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import TERM_ROUNDING
 
-ROUNDING = 1e-14  # relative: above what a distance and a bisected corner lose to rounding
 MOST_PIECES = 2_000_000  # a proof that needs more has failed
 BATCH = 2048  # pieces examined at once
 STEP = 2e-5  # `tighten` leaves radii no more than this too large, in [m], and
@@ -43,7 +43,7 @@ def is_contained(surface: FloatArray, tree: SphereTree, most_pieces: int = MOST_
     """
     parents, is_leaf = compute_parents(tree), tree.child_count == 0
     scale = 2.0 * np.abs(surface).max(initial=0.0) + np.abs(tree.spheres).max()
-    centers, radii = tree.spheres[:, :3], tree.spheres[:, 3] - MARGIN - ROUNDING * scale
+    centers, radii = tree.spheres[:, :3], tree.spheres[:, 3] - MARGIN - TERM_ROUNDING * scale
     waiting, examined = [surface], 0
     while waiting:
         pieces, rest = waiting[-1][:BATCH], waiting[-1][BATCH:]

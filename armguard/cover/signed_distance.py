@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import PRUNING_SLACK
 
 _BLOCK = 16  # triangles at most
 _CELLS = 30_000  # about as many fill the box around a surface
@@ -168,7 +169,7 @@ def measure_distance(px, py, pz, surface):
     for block in range(len(balls)):
         x, y, z = balls[block, 0] - px, balls[block, 1] - py, balls[block, 2] - pz
         farthest = min(farthest, math.sqrt(x * x + y * y + z * z) + balls[block, 3])
-    farthest *= 1.0 + 1e-9  # rounding must not exclude them all
+    farthest *= 1.0 + PRUNING_SLACK
     nearest = math.inf
     for block in range(len(balls)):
         x, y, z = balls[block, 0] - px, balls[block, 1] - py, balls[block, 2] - pz

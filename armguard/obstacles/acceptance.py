@@ -16,7 +16,7 @@ import numpy as np
 
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
-from armguard.jit.numerics import ALLOWED, SHAPE, SLACK, VELOCITY_BY_ACCEL
+from armguard.jit.numerics import ACCEPTANCE_SLACK, ALLOWED, SHAPE, VELOCITY_BY_ACCEL
 from armguard.obstacles.consistency import body_allows
 from armguard.obstacles.reference_states import allows_reference_state
 from armguard.obstacles.table import Rows, Samples, States, Told, note_row
@@ -117,7 +117,7 @@ def _find_flaw(samples: Samples, i: int, speed_is_error: bool, extent: float) ->
                 return TOO_FAR, position
             square += velocity * velocity
         fastest = max(fastest, math.sqrt(square))
-    if not (fastest < math.inf and fastest <= top_speed * (1.0 + SLACK)):
+    if not (fastest < math.inf and fastest <= top_speed * (1.0 + ACCEPTANCE_SLACK)):
         return TOO_FAST, fastest
     return TAKEN, 0.0
 

@@ -14,11 +14,11 @@ import math
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import (
+    ACCEPTANCE_SLACK,
     ALLOWED,
     POSITION_BY_ACCEL,
     POSITION_BY_SPEED,
     SHAPE,
-    SLACK,
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
 )
@@ -73,7 +73,7 @@ def body_allows(
     if not (1 <= count1 == count0 <= points0.shape[0] and count1 <= points1.shape[0]):
         return SHAPE
     elapsed = stamp1 - stamp0
-    clock_slack = SLACK * (abs(stamp0) + abs(stamp1))
+    clock_slack = ACCEPTANCE_SLACK * (abs(stamp0) + abs(stamp1))
     duration = abs(elapsed) + clock_slack
     # An infinite bound must not meet a duration of zero in a product: that would be NaN.
     by_speed = math.inf if speed0 == math.inf else speed0 * duration
@@ -100,17 +100,18 @@ def body_allows(
             length += abs(x0) + abs(x1) + abs(v0) * duration
             rate += abs(v0) + abs(v1)
         stray = math.sqrt(stray2)
-        bound = room + by_accel + SLACK * (length + room + radius1) + clock_slack * rate
+        bound = room + by_accel + ACCEPTANCE_SLACK * (length + room + radius1) + clock_slack * rate
         if not (stray < math.inf and stray + radius1 <= bound):
             return POSITION_BY_ACCEL
         step = math.sqrt(step2)
-        bound = room + by_speed + SLACK * (length + room + radius1)
+        bound = room + by_speed + ACCEPTANCE_SLACK * (length + room + radius1)
         if not (step < math.inf and step + radius1 <= bound):
             return POSITION_BY_SPEED
         change = math.sqrt(change2)
-        if not (change < math.inf and change <= velocity_change + SLACK * rate):
+        if not (change < math.inf and change <= velocity_change + ACCEPTANCE_SLACK * rate):
             return VELOCITY_BY_ACCEL
         velocity = math.sqrt(velocity2)
-        if not (velocity < math.inf and velocity <= top_speed + SLACK * (rate + top_speed)):
+        fastest = top_speed + ACCEPTANCE_SLACK * (rate + top_speed)
+        if not (velocity < math.inf and velocity <= fastest):
             return VELOCITY_BY_SPEED
     return ALLOWED

@@ -10,12 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from armguard.jit.kernels import kernel
-from armguard.jit.numerics import ALLOWED
+from armguard.jit.numerics import ALLOWED, TIME_ROUNDING
 from armguard.obstacles.consistency import body_allows
 from armguard.obstacles.table import Marks, States
-
-ROUNDING = 2.0**-50
-"""Relative: what a deadline is early by, above all that sums and differences of times lose."""
 
 
 @kernel
@@ -23,7 +20,7 @@ def expire(now: float, contact_time: float) -> float:
     """When a certificate ends; early by more than rounding costs, from now on to its last use."""
     if contact_time == np.inf:
         return np.inf
-    return now + contact_time - ROUNDING * (abs(now) + contact_time)
+    return now + contact_time - TIME_ROUNDING * (abs(now) + contact_time)
 
 
 @kernel

@@ -1,5 +1,5 @@
 from armguard.jit import numerics
-from armguard.jit.numerics import ALLOWED, MEANING, SLACK
+from armguard.jit.numerics import ACCEPTANCE_SLACK, ALLOWED, MEANING
 
 
 def test_each_code_but_that_of_success_has_words_of_its_own():
@@ -11,4 +11,4 @@ def test_each_code_but_that_of_success_has_words_of_its_own():
 
 
 def test_slack_is_eight_units_in_the_last_place_of_one():
-    assert SLACK == 2.0**-49
+    assert ACCEPTANCE_SLACK == 2.0**-49
