@@ -1,13 +1,13 @@
-"""How long one witness keeps two bounded bodies apart, in compiled code.
+"""How long one direction keeps two bounded bodies apart, in compiled code.
 
-A unit vector n, the *witness*, proves that a sphere (body 1) and a point (body 2) are apart at
-time t if
+A unit vector n, the *separating direction*, proves that a sphere (body 1) and a point (body 2) are
+apart at time t if
 
     gap(n, t) = n.x - contact_distance - D1(t) - D2(t) > 0,
 
 where D bounds how far a body comes along its side of n with its acceleration, top speed, velocity
 error and age. The gap is concave in t, piecewise quadratic, and followed to its root in closed
-form. Whatever the witness, the time reached is proved; so it is in floating point:
+form. Whatever the direction, the time reached is proved; so it is in floating point:
 
 - With e = 2**-53: a direction of length right to 4 e, positions right to e and sums of products
   make n.x right to 9 e |x|. D is a sum of at most three non-negative magnitudes ("reach"), each
@@ -168,15 +168,17 @@ def follow_forward(
 ):  # fmt: skip
     """`follow` where no stamp is newer than `t`: at most three pieces, chosen without branches.
 
-    start is the speed along the witness at the stamp, inverse that of the acceleration, s the time
-    since the stamp. A body that gains speed until sigma and has its top speed from then on comes
+    start is the speed along the direction at the stamp, inverse that of the acceleration, s the
+    time since the stamp, and a body's saturation the time from its stamp to its top speed. A body
+    that gains speed until sigma and has its top speed from then on comes
     start sigma + accel sigma^2 / 2 + top (s - sigma) far: its advance is the least of these over
     all sigma, so that each of them bounds it, and the rounding of sigma costs nothing.
     """
-    bite1 = (top1 - start1) * inverse1 if start1 < top1 else 0.0
-    bite2 = (top2 - start2) * inverse2 if start2 < top2 else 0.0
-    until1 = min(bite1, s1)
-    until2 = min(bite2, s2)
+    saturation1 = (top1 - start1) * inverse1 if start1 < top1 else 0.0
+    saturation2 = (top2 - start2) * inverse2 if start2 < top2 else 0.0
+    # The gap at `t`: each body gains speed until its saturation and cruises from then on.
+    until1 = min(saturation1, s1)
+    until2 = min(saturation2, s2)
     gain1 = accel1 * until1
     gain2 = accel2 * until2
     cruise1 = top1 * (s1 - until1)
@@ -188,17 +190,18 @@ def follow_forward(
     reach = (until1 * fast1 + cruise1) + (until2 * fast2 + cruise2)
     gap = along - advance1 - advance2 - GAP_ROUNDING * (length + reach)
     if not gap > 0.0:
-        return t, bite1, bite2
+        return t, saturation1, saturation2
 
-    # Until `first` both gain speed, until `last` one of them does.
+    # The gap's pieces from `t` on: until `first` both gain speed, until `last` one of them does.
     slope1 = start1 + gain1
     slope2 = start2 + gain2
-    left1 = bite1 - until1
-    left2 = bite2 - until2
+    left1 = saturation1 - until1
+    left2 = saturation2 - until2
     first = min(left1, left2)
     last = max(left1, left2)
     accel = accel1 + accel2
     slope = slope1 + slope2 + GAP_ROUNDING * (fast1 + fast2)
+    # The second piece: one body has its top speed, the other one goes on gaining.
     is_first = left1 < left2
     later_accel = accel2 if is_first else accel1
     capped = top1 if is_first else top2
@@ -207,10 +210,12 @@ def follow_forward(
     later_slope = capped + other + gained + GAP_ROUNDING * (capped + abs(other) + gained)
     later_gap = gap - first * (slope + 0.5 * accel * first)
     later_gap -= GAP_ROUNDING * (gap + first * (abs(slope) + accel * first))
+    # The third piece: both have their top speeds, and the gap is linear.
     span = last - first
     last_slope = (top1 + top2) * (1.0 + GAP_ROUNDING)
     last_gap = later_gap - span * (later_slope + 0.5 * later_accel * span)
     last_gap -= GAP_ROUNDING * (later_gap + span * (abs(later_slope) + later_accel * span))
+    # The root lies in the last piece at whose beginning the gap is still positive.
     is_later = (later_gap > 0.0) & (first < LONGEST)
     is_last = is_later & (last_gap > 0.0) & (last < LONGEST)
     past = first if is_later else 0.0
@@ -221,7 +226,7 @@ def follow_forward(
     gap = last_gap if is_last else gap
     slope = last_slope if is_last else slope
     accel = 0.0 if is_last else accel
-    return later(t, past + _step(gap, slope, accel)), bite1, bite2
+    return later(t, past + _step(gap, slope, accel)), saturation1, saturation2
 
 
 @kernel
@@ -229,8 +234,8 @@ def motion(closing, margin, top, accel, age, s):
     """One body's advance along a direction, `s` seconds from its stamp, either way.
 
     Returns the advance; the largest speed in it; slope and curvature in time of what bounds it
-    from here to the end of the piece; that end, counted from the stamp; and the time from the
-    stamp at which the speed bound bites, inf if that lies further out than `s`.
+    from here to the end of the piece; that end, counted from the stamp; and the saturation time,
+    from the stamp to when the speed bound is reached, inf if that lies further out than `s`.
     """
     start = (closing if s >= 0.0 else -closing) + margin
     if start > top:
@@ -243,15 +248,15 @@ def motion(closing, margin, top, accel, age, s):
         if s >= 0.0:
             return advance, fast, reached, accel, s + (top - reached) / accel, math.inf
         return advance, fast, -reached, accel, 0.0, math.inf
-    bite = (top - start) / accel if start < top else 0.0
-    until = min(bite, span)
+    saturation = (top - start) / accel if start < top else 0.0
+    until = min(saturation, span)
     advance = 0.5 * (start + top) * until + top * (span - until)
     if s >= 0.0:
-        return advance, top, top, 0.0, math.inf, bite
-    if span - bite > -2.0 * GAP_ROUNDING * age:
-        return advance, top, -top, 0.0, -bite, bite
+        return advance, top, top, 0.0, math.inf, saturation
+    if span - saturation > -2.0 * GAP_ROUNDING * age:
+        return advance, top, -top, 0.0, -saturation, saturation
     # Too close to the end of the piece to step there: the chord to the stamp, D being convex.
-    return advance, top, -advance / span, 0.0, 0.0, bite
+    return advance, top, -advance / span, 0.0, 0.0, saturation
 
 
 @kernel
@@ -260,9 +265,12 @@ def follow_backward(
     closing1, margin1, inverse1, top1, accel1, age1,
     closing2, margin2, inverse2, top2, accel2, age2,
 ):  # fmt: skip
-    """`follow` where a stamp is newer than `t`: piece by piece, each looked at anew."""
-    bite1 = 0.0
-    bite2 = 0.0
+    """`follow` where a stamp is newer than `t`: piece by piece, each bounded anew.
+
+    Invariant of the loop: the gap is positive from the first `t` up to the present one.
+    """
+    saturation1 = 0.0
+    saturation2 = 0.0
     for _ in range(MAX_PIECES):
         s1 = age1 + t
         s2 = age2 + t
@@ -275,10 +283,10 @@ def follow_backward(
                 along, length, t,
                 start1, inverse1, top1, accel1, s1, start2, inverse2, top2, accel2, s2,
             )  # fmt: skip
-        advance1, fast1, slope1, curvature1, end1, bite1 = motion(
+        advance1, fast1, slope1, curvature1, end1, saturation1 = motion(
             closing1, margin1, top1, accel1, age1, s1
         )
-        advance2, fast2, slope2, curvature2, end2, bite2 = motion(
+        advance2, fast2, slope2, curvature2, end2, saturation2 = motion(
             closing2, margin2, top2, accel2, age2, s2
         )
         slack = GAP_ROUNDING * (length + fast1 * abs(s1) + fast2 * abs(s2))
@@ -297,9 +305,9 @@ def follow_backward(
         step = _step(gap, slope, curvature1 + curvature2)
         end = min(end1, end2)
         if not end < t + step:
-            return later(t, step), bite1, bite2
+            return later(t, step), saturation1, saturation2
         t = end
-    return t, bite1, bite2
+    return t, saturation1, saturation2
 
 
 @kernel(forceinline=True)
@@ -308,11 +316,12 @@ def follow(
     closing1, margin1, inverse1, top1, accel1, age1,
     closing2, margin2, inverse2, top2, accel2, age2,
 ):  # fmt: skip
-    """Follow one witness's gap from `t` to its root.
+    """Follow the gap of one direction from `t` to its root.
 
     `along` is n.x - contact_distance, `length` the magnitude that its rounding goes by. Returns
-    the time reached, no earlier than `t`, and for both bodies the time from their stamps for which
-    they are carried along their measured velocities when the next witness is chosen.
+    the time reached, no earlier than `t`, and for both bodies the saturation time: for no longer
+    than that from their stamps they are carried along their measured velocities when the next
+    direction is chosen.
     """
     s1 = age1 + t
     s2 = age2 + t
