@@ -72,6 +72,7 @@ def body_allows(
     """
     if not (1 <= count1 == count0 <= points0.shape[0] and count1 <= points1.shape[0]):
         return SHAPE
+    # What the bounds allow in the time between the records, whichever of them is older.
     elapsed = stamp1 - stamp0
     clock_slack = ACCEPTANCE_SLACK * (abs(stamp0) + abs(stamp1))
     duration = abs(elapsed) + clock_slack
@@ -85,7 +86,10 @@ def body_allows(
     room = radius0 + position_error0 + position_error1
     velocity_change += velocity_error0 + velocity_error1
     top_speed = speed0 + velocity_error1
+    # Each point by itself; the bounds hold for every one of them.
     for k in range(count0):
+        # Squared: departure from uniform motion, displacement, change of velocity, and speed;
+        # and the magnitudes that rounding goes by.
         stray2 = step2 = change2 = velocity2 = 0.0
         length = rate = 0.0
         for axis in range(3):
