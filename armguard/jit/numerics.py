@@ -2,9 +2,9 @@
 
 A *rounding* widens what was computed by more than its arithmetic can have lost, on the side that
 makes a bound harder to keep: it costs tightness, never safety. A *slack* lets something pass a test
-that fails it by no more than rounding; each says why what then passes does no harm. A unit of
-rounding is e = 2**-53 below. Tolerances at which an iteration ends stand beside it, for they cost
-tightness only; so do grids and errors of what is measured or stored, which are no rounding.
+that fails it by no more than rounding; each says why what then passes does no harm. Below,
+e = 2**-53 is the unit of rounding. Tolerances at which an iteration ends stand beside it, for they
+cost tightness only; so do grids and errors of what is measured or stored, which are no rounding.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ the sum lose. It is subtracted, so that a certificate ends before its proof does
 
 TERM_ROUNDING = 1e-14
 """90 e of a few added lengths, of a distance, or of the terms of a cubic: several times what these
-lose. Contact distances and ranges grow by it, and balls that must hold a surface shrink."""
+lose. Contact distances and ranges grow by it, and balls that must hold a surface shrink. The check
+of a plan's accelerations, which are differences of samples, forgives eight times as much."""
 
 SUM_ROUNDING = 1e-12
 """9,000 e of a sum over joints, or of the lengths met on a walk along the arm: some hundred times
@@ -39,8 +40,8 @@ than rounding may have done to a true state."""
 LIMIT_SLACK = 1e-9
 """What a joint or a plan may be beyond a limit and its error, in [rad], [m] or per second, above
 the rounding of both and of decimal figures. What passes is less than a sensor or a controller can
-tell from the limit itself. Bounds on how fast a deviation from a plan changes grow by it,
-relatively."""
+tell from the limit itself. A plan's limit on acceleration is widened by it relatively, and so are
+the bounds on how fast a deviation from the plan changes."""
 
 TABLE_END_SLACK = 1e-11
 """Relative to the last time in a table of steps: ten times the `SUM_ROUNDING` by which a proof up
