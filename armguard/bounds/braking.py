@@ -15,10 +15,11 @@ from armguard.bounds.joint import JointSpaceMotion
 from armguard.bounds.joint_table import JointTable, set_columns, set_span
 from armguard.bounds.limits import JointLimits, check_state
 from armguard.bounds.model import check_duration
-from armguard.bounds.sums import ROUNDING, sum_levers, sum_second_order
+from armguard.bounds.sums import sum_levers, sum_second_order
 from armguard.bounds.travel import fill_eased_displacements
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.robot import Robot
 from armguard.robot.stop_time import compute_stop_time
 
@@ -148,7 +149,7 @@ class BrakingMotion(JointSpaceMotion):
         bent = sum_second_order(self.lever, size)
         errors = sum_levers(self.lever, self.limits.position_error)
         volumes[:, 3] += bent + self.slope_error @ size + errors
-        volumes[:, 3] += ROUNDING * np.abs(volumes).sum(axis=1)
+        volumes[:, 3] += SUM_ROUNDING * np.abs(volumes).sum(axis=1)
         return volumes
 
     def _stop_time(self, velocity: FloatArray, age: float, horizon: float) -> float:

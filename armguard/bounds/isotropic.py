@@ -14,7 +14,6 @@ import pinocchio
 
 from armguard.bounds.model import check_question, check_vector, read_only
 from armguard.bounds.sums import (
-    ROUNDING,
     compute_levers,
     sum_accelerations,
     sum_levers,
@@ -23,6 +22,7 @@ from armguard.bounds.sums import (
 )
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.robot import Robot
 
 
@@ -177,7 +177,7 @@ class IsotropicMotion:
         point_velocity = self._world_rotation @ (
             self._data.oMi[joint].rotation @ (spatial.linear + np.cross(spatial.angular, local))
         )
-        closing = float(along @ point_velocity) + velocity_error + ROUNDING * speed
+        closing = float(along @ point_velocity) + velocity_error + SUM_ROUNDING * speed
         return max(0.0, free_advance(min(speed, closing), accel, speed, float(t)))
 
     def _fill_bounds(self) -> None:
@@ -215,7 +215,7 @@ def free_advance(closing: float, accel: float, speed: float, t: float) -> float:
             distance = closing * t + 0.5 * accel * t * t
         else:
             distance = 0.5 * (closing + speed) * ramp + speed * (t - ramp)
-    return distance + ROUNDING * abs(distance)
+    return distance + SUM_ROUNDING * abs(distance)
 
 
 @kernel
@@ -225,7 +225,7 @@ def fill_velocity_errors(velocity: FloatArray, errors: VelocityErrors) -> None:
         error = errors.floor[i]
         for j in range(velocity.shape[0]):
             error += errors.rate[i, j] * abs(velocity[j])
-        errors.error[i] = error * (1.0 + ROUNDING)
+        errors.error[i] = error * (1.0 + SUM_ROUNDING)
 
 
 @kernel

@@ -28,9 +28,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armguard.bounds.sums import ROUNDING
 from armguard.jit.arrays import BoolArray, FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import SUM_ROUNDING
 
 ROOT_3 = 1.7320508075688774  # rounded up
 
@@ -213,4 +213,4 @@ def advance_in_span(
         upwards = high * (rising if high > 0.0 else falling)
         downwards = low * (rising if low > 0.0 else falling)
         total += max(upwards, downwards)
-    return total + ROUNDING * largest
+    return total + SUM_ROUNDING * largest

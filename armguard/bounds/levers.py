@@ -28,14 +28,13 @@ import numpy.typing as npt
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.joints import is_prismatic
 
 CORNERS = 64
 """Corners of the polygon around a circle; it sticks out of it by a factor 1.0012."""
 TANGENTS = 33
 """Tangents from -90 to 90 degrees; where two meet sticks out by a factor 1.0012."""
-ROUNDING = 1e-12
-"""Widening relative to the lengths met on the way, thousands of times their rounding error."""
 
 
 def bound_levers(model: Any, joint: int, points: FloatArray, travel: FloatArray) -> FloatArray:
@@ -111,7 +110,7 @@ def _walk(
 
     tangents = _tangents()
     turn = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
-    around = (1.0 + ROUNDING) / np.cos(np.pi / CORNERS)
+    around = (1.0 + SUM_ROUNDING) / np.cos(np.pi / CORNERS)
     corners = around * np.column_stack([np.cos(turn), np.sin(turn)])
     circles = np.empty((_most_circles(prismatic), 3, 3))
     local, reach = np.ascontiguousarray(points @ frames[-1]), np.empty((len(points), len(chain)))
@@ -185,7 +184,7 @@ def _walk_inwards(
                 single = count == 1
                 scale = max(scale, _bound_meridian(circles, count, tangents, corners, supports))
                 for k in range(supports.shape[0]):
-                    supports[k] += ROUNDING * scale
+                    supports[k] += SUM_ROUNDING * scale
                 levers[i, j] = supports[tangents.shape[0] // 2]
                 if single and _is_point(circles[0]):
                     _turn_point(circles)
@@ -225,7 +224,7 @@ def _is_point(circle: FloatArray) -> bool:
 def _turn_point(circles: FloatArray) -> None:
     """One point turns into exactly one circle."""
     x, y = circles[0, 0, 0], circles[0, 0, 1]
-    _set_circle(circles[0], math.sqrt(x * x + y * y) * (1.0 + ROUNDING), circles[0, 0, 2])
+    _set_circle(circles[0], math.sqrt(x * x + y * y) * (1.0 + SUM_ROUNDING), circles[0, 0, 2])
 
 
 @kernel

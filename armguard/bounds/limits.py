@@ -11,11 +11,9 @@ from armguard.bounds.model import check_vector
 from armguard.exceptions import ArmguardError, RobotError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import LIMIT_SLACK
 from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
-
-SLACK = 1e-9
-"""What a sum of a limit and an error may be off by, in [rad], [m] or per second."""
 
 
 class JointLimits(NamedTuple):
@@ -103,8 +101,8 @@ def check_state(
 def find_flaw(q: FloatArray, v: FloatArray, limits: JointLimits) -> int:
     """First joint whose state breaks its limits or is not finite, or -1."""
     for j in range(q.shape[0]):
-        room = limits.position_error[j] + SLACK
-        allowed = limits.velocity[j] + limits.velocity_error[j] + SLACK
+        room = limits.position_error[j] + LIMIT_SLACK
+        allowed = limits.velocity[j] + limits.velocity_error[j] + LIMIT_SLACK
         if not (
             limits.lower[j] - room <= q[j] <= limits.upper[j] + room
             and abs(q[j]) < np.inf

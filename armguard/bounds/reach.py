@@ -19,9 +19,10 @@ import pinocchio
 from armguard.bounds.levers import bound_outlines, moving_joints
 from armguard.bounds.limits import check_state, read_limits
 from armguard.bounds.model import check_question, read_only
-from armguard.bounds.sums import ROUNDING, compute_levers, sum_levers, widened_ranges
+from armguard.bounds.sums import compute_levers, sum_levers, widened_ranges
 from armguard.cover.miniball import enclose_points
 from armguard.jit.arrays import FloatArray
+from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
 
@@ -88,7 +89,7 @@ class ReachMotion:
         place = self._base.act(self._data.oMi[joint].act(local))
         missing = float(along @ (ball[:3] - place) + ball[3])
         error = float(sum_levers(lever, robot.position_error)[0])
-        return max(0.0, missing + error + ROUNDING * float(np.abs(place).sum() + ball[3]))
+        return max(0.0, missing + error + SUM_ROUNDING * float(np.abs(place).sum() + ball[3]))
 
     def _enclose(self, joint: int, spheres: FloatArray) -> FloatArray:
         """A ball in the world for spheres that ride a joint, (n, 4) in its frame. Shape (4,)."""
@@ -112,7 +113,7 @@ class ReachMotion:
             sliding = chain
         radius += sum(0.5 * float(np.ptp(travel[model.idx_vs[number]])) for number in sliding)
         center = self._base.act(center)
-        radius += ROUNDING * (radius + float(np.abs(center).sum()))
+        radius += SUM_ROUNDING * (radius + float(np.abs(center).sum()))
         return np.append(center, radius)
 
 
@@ -151,8 +152,8 @@ def _enclose_balls(balls: FloatArray) -> FloatArray:
             continue
         radius = 0.5 * (distance + other[3] + ball[3])
         ball[:3] += offset * ((radius - ball[3]) / distance)
-        ball[3] = radius * (1.0 + ROUNDING) + ROUNDING * float(np.abs(ball[:3]).sum())
+        ball[3] = radius * (1.0 + SUM_ROUNDING) + SUM_ROUNDING * float(np.abs(ball[:3]).sum())
     # Each step rounds; what was inside before is measured once more.
     reaches = np.linalg.norm(balls[:, :3] - ball[:3], axis=1) + balls[:, 3]
-    ball[3] = max(ball[3], float(reaches.max()) * (1.0 + ROUNDING))
+    ball[3] = max(ball[3], float(reaches.max()) * (1.0 + SUM_ROUNDING))
     return ball

@@ -14,11 +14,9 @@ import numpy.typing as npt
 from armguard.bounds.levers import bound_levers, moving_joints
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
+from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
-
-ROUNDING = 1e-12
-"""Relative widening of every bound: thousands of times the rounding error of the sums within."""
 
 
 def compute_levers(robot: Robot, link: str, points: npt.ArrayLike) -> FloatArray:
@@ -67,7 +65,7 @@ def turning_joints(robot: Robot, link: str) -> npt.NDArray[np.bool_]:
 
 def sum_levers(lever: FloatArray, rates: FloatArray) -> FloatArray:
     """Bound sum_j R_j x_j: of joint velocities, a point's speed; of angles, its way. Shape (n,)."""
-    return (lever @ rates) * (1.0 + ROUNDING)
+    return (lever @ rates) * (1.0 + SUM_ROUNDING)
 
 
 def sum_accelerations(
@@ -83,7 +81,7 @@ def sum_accelerations(
     bound: FloatArray = np.sum(
         lever * (acceleration_limit + moving * (moving + 2.0 * before)), axis=1
     )
-    return bound * (1.0 + ROUNDING)
+    return bound * (1.0 + SUM_ROUNDING)
 
 
 def sum_second_order(lever: FloatArray, displacements: FloatArray) -> FloatArray:
@@ -94,7 +92,7 @@ def sum_second_order(lever: FloatArray, displacements: FloatArray) -> FloatArray
     moving = np.where(lever > 0.0, displacements, 0.0)
     before = np.cumsum(moving, axis=1) - moving
     bound: FloatArray = np.sum(lever * moving * (0.5 * moving + before), axis=1)
-    return bound * (1.0 + ROUNDING)
+    return bound * (1.0 + SUM_ROUNDING)
 
 
 def velocity_error_terms(
@@ -110,6 +108,6 @@ def velocity_error_terms(
     weighted = lever * errors
     up_to = np.cumsum(errors, axis=1)
     beyond = weighted.sum(axis=1, keepdims=True) - np.cumsum(weighted, axis=1)
-    rate = np.where(moved, lever * up_to + np.maximum(beyond, 0.0), 0.0) * (1.0 + ROUNDING)
-    floor = (lever @ velocity_error + rate @ velocity_error) * (1.0 + ROUNDING)
+    rate = np.where(moved, lever * up_to + np.maximum(beyond, 0.0), 0.0) * (1.0 + SUM_ROUNDING)
+    floor = (lever @ velocity_error + rate @ velocity_error) * (1.0 + SUM_ROUNDING)
     return rate, floor

@@ -17,11 +17,11 @@ from __future__ import annotations
 import math
 
 from armguard.bounds.joint_table import JointTable, advance_in_span, set_columns, set_span
-from armguard.bounds.sums import ROUNDING
 from armguard.bounds.travel import travel
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import SUM_ROUNDING
 
 FIRST_STRIDE = 4
 """How many steps of the table the search takes at first."""
@@ -63,11 +63,11 @@ def obstacle_room(
     for k in range(count):
         x, y, z = points[k, 0] - px, points[k, 1] - py, points[k, 2] - pz
         ux, uy, uz = velocities[k, 0], velocities[k, 1], velocities[k, 2]
-        pace = math.sqrt(ux * ux + uy * uy + uz * uz) * (1.0 + ROUNDING)
+        pace = math.sqrt(ux * ux + uy * uy + uz * uz) * (1.0 + SUM_ROUNDING)
         top = speed if pace <= speed + velocity_error else pace + velocity_error
         closing = -(nx * ux + ny * uy + nz * uz)
-        error = velocity_error + ROUNDING * pace
-        room = nx * x + ny * y + nz * z - ROUNDING * (abs(x) + abs(y) + abs(z))
+        error = velocity_error + SUM_ROUNDING * pace
+        room = nx * x + ny * y + nz * z - SUM_ROUNDING * (abs(x) + abs(y) + abs(z))
         before = room - _free_travel(closing, error, accel, top, start)
         after = room - _free_travel(closing, error, accel, top, end)
         if math.isnan(before + after):
@@ -194,11 +194,11 @@ def table_contact_time(
             nx, ny, nz, px, py, pz, points, velocities, count,
             accel, speed, velocity_error, age + time[first], age + end,
         )  # fmt: skip
-        room -= contact_distance * (1.0 + ROUNDING)
+        room -= contact_distance * (1.0 + SUM_ROUNDING)
         room -= advance_in_span(nx, ny, nz, jacobian, lever, slope_error, table)
         free = room > 0.0
         if free:
-            reached = max(reached, end * (1.0 - ROUNDING))
+            reached = max(reached, end * (1.0 - SUM_ROUNDING))
         if halvings > 0 or (not free and stride == 1):
             # Within the last step: between the part of it that is proved and the least that failed.
             if free:

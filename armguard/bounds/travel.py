@@ -17,9 +17,9 @@ from __future__ import annotations
 import math
 
 from armguard.bounds.limits import JointLimits
-from armguard.bounds.sums import ROUNDING
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import SUM_ROUNDING
 
 
 @kernel
@@ -31,9 +31,9 @@ def travel(start: float, accel: float, top: float, s: float) -> float:
     start = min(start, top)
     reached = start + accel * s
     if reached < top:
-        return s * (start + 0.5 * accel * s) + ROUNDING * s * (abs(start) + accel * s)
+        return s * (start + 0.5 * accel * s) + SUM_ROUNDING * s * (abs(start) + accel * s)
     ramp = min((top - start) / accel, s) if start < top and accel < math.inf else 0.0
-    return 0.5 * (start + top) * ramp + top * (s - ramp) + ROUNDING * top * s
+    return 0.5 * (start + top) * ramp + top * (s - ramp) + SUM_ROUNDING * top * s
 
 
 @kernel
@@ -49,7 +49,7 @@ def arrival(start: float, accel: float, top: float, room: float) -> float:
     time = 2.0 * room / (start + root) if start >= 0.0 else (root - start) / accel
     if time > ramp:
         time = ramp + (room - 0.5 * (start + top) * ramp) / top
-    return time * (1.0 - ROUNDING)
+    return time * (1.0 - SUM_ROUNDING)
 
 
 @kernel
@@ -62,7 +62,7 @@ def rise(
     is at the least, and `below` when it can have got there first.
     """
     if s < 0.0:
-        return -top * s * (1.0 + ROUNDING)
+        return -top * s * (1.0 + SUM_ROUNDING)
     highest = travel(velocity, accel, top, s)
     if s > below:
         highest = max(highest, travel(0.0, accel, top, s - below) - max(room_below, 0.0))
@@ -79,7 +79,7 @@ def brake(velocity: float, accel: float, deceleration: float, s: float) -> float
     slows = deceleration if velocity > 0.0 else accel
     until = min(s, abs(velocity) / slows)
     way = until * (abs(velocity) - 0.5 * slows * until)
-    return math.copysign(way, velocity) + ROUNDING * way
+    return math.copysign(way, velocity) + SUM_ROUNDING * way
 
 
 @kernel
@@ -94,7 +94,7 @@ def _ease(
         return travel(velocity, accel, pace, s), min(pace, velocity + accel * s)
     until = min(s, (velocity - pace) / deceleration)
     way = until * (velocity - 0.5 * deceleration * until) + pace * (s - until)
-    return way * (1.0 + ROUNDING), max(pace, velocity - deceleration * s)
+    return way * (1.0 + SUM_ROUNDING), max(pace, velocity - deceleration * s)
 
 
 @kernel

@@ -1,9 +1,10 @@
-"""Tangent advancement: the earliest possible contact of a sphere and a moving rounded hull.
+"""Conservative advancement: the earliest possible contact of a sphere and a moving rounded hull.
 
-Begin with the witness that points at where the other body is now. Follow its gap to its root; turn
-it to where the bodies have been carried by then along their velocities, until their speed bounds
-bite; follow the new gap from there, and so on. Each time on the way is a proven lower bound, and
-more advances come closer: without speed bounds to the smallest root of the quartic, quadratically.
+Begin with the separating direction that points at where the other body is now. Follow its gap to
+its root; turn it to where the bodies have been carried by then along their velocities, each no
+longer than until its saturation time, when it may have reached its speed bound; follow the new gap
+from there, and so on. Each time on the way is a proven lower bound, and more
+advances come closer: without speed bounds to the smallest root of the quartic, quadratically.
 How the rounding is accounted for is told in `gap`.
 """
 
@@ -17,7 +18,6 @@ from armguard.contact.gap import (
     LARGE,
     LONGEST,
     NO_BOUND,
-    SLACK,
     TINY,
     are_bounds,
     direction,
@@ -36,6 +36,7 @@ from armguard.contact.hull_advancement import (
     turn_hull,
 )
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import GAP_ROUNDING
 
 
 @kernel(forceinline=True)
@@ -55,7 +56,7 @@ def _turn_aged(
 ):  # fmt: skip
     """The first direction where bodies have been carried on already.
 
-    How far that is depends on where one looks from: first from where they were at their stamps.
+    How far that is depends on the direction: first the one between their places at their stamps.
     """
     px, py, pz, inverse = direction(x, y, z)
     closing1 = (px * vx1 + py * vy1 + pz * vz1) * inverse
@@ -97,23 +98,27 @@ def ball_contact_time(
             x, y, z, vx1, vy1, vz1, margin1, top1, a1, age1,
             vx2, vy2, vz2, margin2, top2, a2, age2,
         )  # fmt: skip
+    # Invariant: there is no contact before `t`, and p is the direction to try from there.
     t = 0.0
     for k in range(advances):
         if trace is not None:
             trace[k, 0] = t
             trace[k, 1], trace[k, 2], trace[k, 3] = px * inverse, py * inverse, pz * inverse
+        # Advance: follow the gap of this direction to its root.
         before = t
-        t, bite1, bite2 = follow(
+        t, saturation1, saturation2 = follow(
             (px * x + py * y + pz * z) * inverse - contact_distance, length, t,
             (px * vx1 + py * vy1 + pz * vz1) * inverse, margin1, inverse1, top1, a1, age1,
             -(px * vx2 + py * vy2 + pz * vz2) * inverse, margin2, inverse2, top2, a2, age2,
         )  # fmt: skip
+        # Turn: to where the bodies are carried by then.
         if not before * SETTLED < t < LONGEST:
             break
         px, py, pz, inverse = _turn(
-            x, y, z, vx1, vy1, vz1, carry_time(age1 + t, bite1),
-            vx2, vy2, vz2, carry_time(age2 + t, bite2),
+            x, y, z, vx1, vy1, vz1, carry_time(age1 + t, saturation1),
+            vx2, vy2, vz2, carry_time(age2 + t, saturation2),
         )  # fmt: skip
+    # Go on in other units where products with the time would overflow.
     if FAR < t < LONGEST:
         return _far_ball_contact_time(
             x, y, z, contact_distance,
@@ -168,11 +173,12 @@ def trace_contact_time(
     points, velocities, count, accel2, speed2, velocity_error2, age2,
     contact_distance, advances, trace,
 ):  # fmt: skip
-    """`pair_contact_time` that leaves its witnesses behind.
+    """`pair_contact_time` that leaves its separating directions behind.
 
     `trace` is None, which costs nothing, or has the shape (2 advances, 4): a row takes the time
-    from which on a witness is in charge, in [s], and the witness. Rows that were not needed stay
-    as they were; one of a witness that did not bring the time forward has the time of the next.
+    from which on a direction is in charge, in [s], and the direction. Rows that were not needed
+    stay as they were; one of a direction that did not bring the time forward has the time of the
+    next.
     """
     if count == 1:
         return ball_contact_time(
@@ -202,7 +208,7 @@ def pair_contact_time(
     is newer than now. `points` and `velocities`, shape (k, 3), float64, [m] and [m/s], are the
     corners of the hull: count 1 is a ball, 2 a capsule, 8 a box; their bounds, error and age hold
     for each corner. contact_distance [m] is both radii, margin and position errors. `advances` is
-    the most tangent advances: more come closer, and every number is safe.
+    the most advances: more come closer, and every number is safe.
 
     Returns:
         A time from now in [s] before which there is no contact; inf if never, 0 if contact is
@@ -282,7 +288,7 @@ def pair_distance_time(
         length = max(length, abs(x) + abs(y) + abs(z))
         top2 = max(top2, top)
     grown = top1 * abs(age1) + top2 * abs(age2)
-    gap = distance - contact_distance - grown - SLACK * (2.0 * length + grown)
+    gap = distance - contact_distance - grown - GAP_ROUNDING * (2.0 * length + grown)
     if not (gap > 0.0 and TINY < length < LARGE and top1 + top2 < NO_BOUND):
         return 0.0
     if top1 + top2 == 0.0:

@@ -1,10 +1,10 @@
 """Check a certificate of no contact in exact arithmetic, trusting nothing of how it was found.
 
-A certificate lists witnesses and the times at which they take over. While a witness is in charge,
-its gap is concave in time, so it is positive throughout if it is positive at the start and not
-negative at the end: two inequalities a witness. They are decided in rational numbers
-(`fractions`); the few square roots and quotients in them are replaced by rational bounds on the
-side that makes the check harder. Not a line is shared with the kernels.
+A certificate lists separating directions and the times at which they take over. While a direction
+is in charge, its gap is concave in time, so it is positive throughout if it is positive at the
+start and not negative at the end: two inequalities a direction. They are decided in rational
+numbers (`fractions`); the few square roots and quotients in them are replaced by rational bounds on
+the side that makes the check harder. Not a line is shared with the kernels.
 """
 
 from __future__ import annotations
@@ -68,15 +68,15 @@ def verify(
     if contact_time == 0.0:
         return True
     times = np.asarray(certificate.times, dtype=np.float64)
-    witnesses = np.asarray(certificate.witnesses, dtype=np.float64)
+    directions = np.asarray(certificate.witnesses, dtype=np.float64)
     errors = (velocity_error1, velocity_error2, clock_error1, clock_error2, contact_distance)
     if not (
         contact_time > 0.0
         and times.ndim == 1
         and times.size >= 1
-        and witnesses.shape == (times.size, 3)
+        and directions.shape == (times.size, 3)
         and np.isfinite(times).all()
-        and np.isfinite(witnesses).all()
+        and np.isfinite(directions).all()
         and times[0] == 0.0
         and (np.diff(times) > 0.0).all()
         and times[-1] < contact_time
@@ -97,8 +97,8 @@ def verify(
     starts = [Fraction(float(t)) for t in times]
     ends = [*starts[1:], Fraction(contact_time) if contact_time < math.inf else None]
     return bool(others) and all(
-        _is_witness(_vector(witness), first, other, distance, start, end)
-        for witness, start, end in zip(witnesses, starts, ends, strict=True)
+        _separates(_vector(direction), first, other, distance, start, end)
+        for direction, start, end in zip(directions, starts, ends, strict=True)
         for other in others
     )
 
@@ -160,22 +160,22 @@ def _root_bounds(square: Fraction) -> tuple[Fraction, Fraction]:
     return Fraction(root << -shift // 2), Fraction((root + 1) << -shift // 2)
 
 
-def _is_witness(
-    witness: Vector,
+def _separates(
+    direction: Vector,
     first: _Body,
     other: _Body,
     contact_distance: Fraction,
     start: Fraction,
     end: Fraction | None,
 ) -> bool:
-    """Whether the witness keeps the two apart from `start` on and before `end` (None: for ever)."""
-    square = _dot(witness, witness)
+    """Whether the direction separates the two from `start` on and before `end` (None: for ever)."""
+    square = _dot(direction, direction)
     if square == 0:
         return False
     low, high = _root_bounds(square)
     inverse_low, inverse_high = _floor(1 / high), -_floor(-1 / low)
 
-    def lower(value: Fraction) -> Fraction:  # of value / |witness|
+    def lower(value: Fraction) -> Fraction:  # of value / |direction|
         return value * (inverse_low if value >= 0 else inverse_high)
 
     def upper(value: Fraction) -> Fraction:
@@ -186,9 +186,9 @@ def _is_witness(
         other.position[1] - first.position[1],
         other.position[2] - first.position[2],
     )
-    apart = lower(_dot(witness, between)) - contact_distance
-    along1 = _dot(witness, first.velocity)
-    along2 = -_dot(witness, other.velocity)
+    apart = lower(_dot(direction, between)) - contact_distance
+    along1 = _dot(direction, first.velocity)
+    along2 = -_dot(direction, other.velocity)
 
     def gap(t: Fraction) -> Fraction | None:
         left = apart
@@ -212,9 +212,9 @@ def _is_witness(
 
 
 def _advance(body: _Body, closing: Fraction, receding: Fraction, s: Fraction) -> Fraction | None:
-    """How far the body can have come along the witness `s` seconds from its stamp; None: anywhere.
+    """How far the body can come along the direction in `s` seconds from its stamp; None: anywhere.
 
-    `closing` and `receding` bound its measured speed along the witness and against it.
+    `closing` and `receding` bound its measured speed along the direction and against it.
     """
     if s < 0:
         closing, s = receding, -s
@@ -240,7 +240,7 @@ def _drift(body: _Body) -> Fraction | None:
 
 
 def _final_speed(body: _Body, closing: Fraction) -> Fraction | None:
-    """The speed along the witness that the body tends to; None if there is no bound."""
+    """The speed along the direction that the body tends to; None if there is no bound."""
     speed = closing + body.velocity_error
     if body.accel == 0:
         return speed if body.top_speed is None else min(speed, body.top_speed)

@@ -6,13 +6,13 @@ vector proves the absence of contact as long as its gap is positive, so rounding
 for in one gap and its root only, and it always is on the side of contact:
 
 - from a gap 16 e (e = 2**-53) of all lengths in it are subtracted, against some 13 e lost;
-- 16 e of |v| is added to a speed along a witness, so that one which cancels loses nothing;
+- 16 e of |v| is added to a speed along a direction, so that one which cancels loses nothing;
 - a step to the root is shortened by 16 e against 10 e lost, and its sum with the time so far too;
 - what is too small or large to round relatively is taken for the worse: TINY, LARGE, SHORTEST.
 
-`advancement` tells how witnesses are chosen, which costs tightness only. Here arguments are checked
-and broadcast (`arguments`) and clock errors turned into distances. Position errors belong
-into `contact_distance`.
+`advancement` tells how separating directions are chosen, which costs tightness only. Here arguments
+are checked and broadcast (`arguments`) and clock errors turned into distances. Position errors
+belong into `contact_distance`.
 """
 
 from __future__ import annotations
@@ -39,10 +39,11 @@ from armguard.contact.arguments import (
     read_vectors,
     spread,
 )
-from armguard.contact.gap import SLACK, clock_drift
+from armguard.contact.gap import clock_drift
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import GAP_ROUNDING
 
 __all__ = [
     "Certificate",
@@ -59,17 +60,17 @@ __all__ = [
 class Certificate(NamedTuple):
     """A time before which there is no contact, with all that is needed to prove it.
 
-    `armguard.certificate.verify` checks it in exact arithmetic.
+    `armguard.contact.verify` checks it in exact arithmetic.
     """
 
     contact_time: float
     """From now, in [s]; inf if there is never contact."""
 
     times: FloatArray
-    """When each witness takes over, in [s], from 0 on and rising. Shape (k,)."""
+    """When each direction takes over, in [s], from 0 on and rising. Shape (k,)."""
 
     witnesses: FloatArray
-    """Directions from body 1 to body 2, of length 1 but for rounding. Shape (k, 3)."""
+    """Separating directions, from body 1 to body 2, of length 1 but for rounding. Shape (k, 3)."""
 
 
 @kernel
@@ -92,7 +93,7 @@ def _reach(
             drift2 = drift
             if math.isnan(drift):
                 break
-    return (contact_distance + drift1 + drift2) * (1.0 + SLACK)
+    return (contact_distance + drift1 + drift2) * (1.0 + GAP_ROUNDING)
 
 
 @kernel
@@ -160,7 +161,7 @@ def earliest_contact(
         contact_distance: Centre distance at contact, in [m], 0 or more. Shape (...).
         accel: Bound on the relative acceleration, in [m/s^2], inf if there is none. Shape (...).
         speed: Bound on the relative speed, in [m/s], inf if there is none. Shape (...).
-        advances: The most tangent advances: more come closer, and every number is safe.
+        advances: The most advances: more come closer, and every number is safe.
 
     Returns:
         Times in [s], 0 where contact is possible now or any input is NaN, inf where it never is.
@@ -233,7 +234,7 @@ def earliest_contact_pair(
         clock_error1: How far the stamp of body 1 may be off, either way, in [s]. The body may be
             anywhere within that time's way at the speed that bounds it. Shape (...).
         clock_error2: As for body 1. Shape (...).
-        advances: The most tangent advances: more come closer, and every number is safe.
+        advances: The most advances: more come closer, and every number is safe.
 
     Returns:
         Times from now in [s], 0 where contact is possible now or any input is NaN, inf where it

@@ -1,26 +1,27 @@
-"""How long one witness keeps two bounded bodies apart, in compiled code.
+"""How long one direction keeps two bounded bodies apart, in compiled code.
 
-A unit vector n, the *witness*, proves that a sphere (body 1) and a point (body 2) are apart at
-time t if
+A unit vector n, the *separating direction*, proves that a sphere (body 1) and a point (body 2) are
+apart at time t if
 
     gap(n, t) = n.x - contact_distance - D1(t) - D2(t) > 0,
 
 where D bounds how far a body comes along its side of n with its acceleration, top speed, velocity
 error and age. The gap is concave in t, piecewise quadratic, and followed to its root in closed
-form. Whatever the witness, the time reached is proved; so it is in floating point:
+form. Whatever the direction, the time reached is proved; so it is in floating point:
 
 - With e = 2**-53: a direction of length right to 4 e, positions right to e and sums of products
   make n.x right to 9 e |x|. D is a sum of at most three non-negative magnitudes ("reach"), each
-  right to 5 e; the sums of the gap add 4 e of every term. SLACK = 16 e of |x| + contact_distance
-  and of both reaches is subtracted.
-- A closing speed is inflated by SLACK of |v| + velocity_error, never of its own small value, and
-  a slope by SLACK of the speeds in it. The step up to which `gap - slope h - accel h^2 / 2` stays
-  positive is right to 10 e and shortened by 16 e, its sum with the time so far likewise. Slope and
-  acceleration bound the gap between the two ends (Taylor's formula, not an approximation).
+  right to 5 e; the sums of the gap add 4 e of every term. GAP_ROUNDING, which is 16 e, of
+  |x| + contact_distance and of both reaches is subtracted.
+- A closing speed is inflated by GAP_ROUNDING of |v| + velocity_error, never of its own small
+  value, and a slope by GAP_ROUNDING of the speeds in it. The step up to which
+  `gap - slope h - accel h^2 / 2` stays positive is right to 10 e and shortened by 16 e, and so is
+  its sum with the time so far. Slope and acceleration bound the gap between the two ends (Taylor's
+  formula, not an approximation).
 - When a body is taken to reach its top speed does not matter to safety: see `_follow_forward`.
 - Squares are used where they keep their bits; else the direction is rescaled by a power of two
   and the root taken by `hypot`. Non-zero accelerations below TINY count as TINY, lengths below it
-  as contact, so that what underflows (2**-1074) is far below the SLACK of something present.
+  as contact, so that what underflows (2**-1074) is far below the GAP_ROUNDING of something present.
   Times below SHORTEST, where rounding is no longer relative, count as none. Lengths and ages above
   LARGE count as contact, speeds above it as anything up to the top speed, and no gap can overflow
   upwards; what overflows otherwise makes it -inf or NaN and ends the search where it stands.
@@ -32,8 +33,8 @@ import math
 import sys
 
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import GAP_ROUNDING
 
-SLACK = 2.0**-49
 TINY = 1e-270
 LARGE = 1e153
 NO_BOUND = sys.float_info.max  # the top speed of a body that has none
@@ -51,10 +52,10 @@ def _measured_speed(vx, vy, vz, speed, velocity_error):
         return largest + velocity_error  # NaN, or a zero that no bound can break
     scaled_x, scaled_y, scaled_z = vx / largest, vy / largest, vz / largest
     norm = largest * math.sqrt(scaled_x**2 + scaled_y**2 + scaled_z**2)
-    norm = norm * (1.0 + SLACK) + 5e-324
-    if norm <= allowed * (1.0 - SLACK):
+    norm = norm * (1.0 + GAP_ROUNDING) + 5e-324
+    if norm <= allowed * (1.0 - GAP_ROUNDING):
         return speed
-    return (norm + velocity_error) * (1.0 + SLACK)
+    return (norm + velocity_error) * (1.0 + GAP_ROUNDING)
 
 
 @kernel(forceinline=True)
@@ -65,11 +66,11 @@ def limits(vx, vy, vz, accel, speed, velocity_error):
     """
     size = abs(vx) + abs(vy) + abs(vz)
     top = speed
-    if not size * (1.0 + SLACK) <= speed + velocity_error:  # |v| is no more than that, often less
+    if not size * (1.0 + GAP_ROUNDING) <= speed + velocity_error:  # `size` is no less than |v|
         top = _measured_speed(vx, vy, vz, speed, velocity_error)
     margin = velocity_error
     if size > 0.0:
-        margin += SLACK * (max(size, TINY) + velocity_error)
+        margin += GAP_ROUNDING * (max(size, TINY) + velocity_error)
     if accel == math.inf or size > LARGE:
         margin = math.inf
     if top > NO_BOUND:  # without a bound; one that is broken by that much is beyond reckoning
@@ -85,7 +86,7 @@ def clock_drift(vx, vy, vz, accel, speed, velocity_error, clock_error):
     top = limits(vx, vy, vz, accel, speed, velocity_error)[0]
     if speed == math.inf:
         return speed if clock_error > 0.0 else math.nan
-    return top * clock_error * (1.0 + SLACK) + (TINY if top > 0.0 else 0.0)
+    return top * clock_error * (1.0 + GAP_ROUNDING) + (TINY if top > 0.0 else 0.0)
 
 
 @kernel(forceinline=True)
@@ -148,7 +149,7 @@ def _step(gap, slope, accel):
     twice = 2.0 * gap
     above = twice if closing else above
     below = below if closing else accel
-    step = above / below * (1.0 - SLACK)
+    step = above / below * (1.0 - GAP_ROUNDING)
     if step > LONGEST:  # only what never closes takes for ever; NaN stays
         return math.inf if accel == 0.0 and slope <= 0.0 else LONGEST
     return step
@@ -157,7 +158,7 @@ def _step(gap, slope, accel):
 @kernel(forceinline=True)
 def later(t, step):
     """The time `step` after `t`, rounded down, but never before `t`."""
-    after = (t + step) * (1.0 - SLACK)
+    after = (t + step) * (1.0 - GAP_ROUNDING)
     return after if after > t + SHORTEST else t
 
 
@@ -167,15 +168,17 @@ def follow_forward(
 ):  # fmt: skip
     """`follow` where no stamp is newer than `t`: at most three pieces, chosen without branches.
 
-    start is the speed along the witness at the stamp, inverse that of the acceleration, s the time
-    since the stamp. A body that gains speed until sigma and has its top speed from then on comes
+    start is the speed along the direction at the stamp, inverse that of the acceleration, s the
+    time since the stamp, and a body's saturation the time from its stamp to its top speed. A body
+    that gains speed until sigma and has its top speed from then on comes
     start sigma + accel sigma^2 / 2 + top (s - sigma) far: its advance is the least of these over
     all sigma, so that each of them bounds it, and the rounding of sigma costs nothing.
     """
-    bite1 = (top1 - start1) * inverse1 if start1 < top1 else 0.0
-    bite2 = (top2 - start2) * inverse2 if start2 < top2 else 0.0
-    until1 = min(bite1, s1)
-    until2 = min(bite2, s2)
+    saturation1 = (top1 - start1) * inverse1 if start1 < top1 else 0.0
+    saturation2 = (top2 - start2) * inverse2 if start2 < top2 else 0.0
+    # The gap at `t`: each body gains speed until its saturation and cruises from then on.
+    until1 = min(saturation1, s1)
+    until2 = min(saturation2, s2)
     gain1 = accel1 * until1
     gain2 = accel2 * until2
     cruise1 = top1 * (s1 - until1)
@@ -185,31 +188,34 @@ def follow_forward(
     fast1 = abs(start1) + gain1
     fast2 = abs(start2) + gain2
     reach = (until1 * fast1 + cruise1) + (until2 * fast2 + cruise2)
-    gap = along - advance1 - advance2 - SLACK * (length + reach)
+    gap = along - advance1 - advance2 - GAP_ROUNDING * (length + reach)
     if not gap > 0.0:
-        return t, bite1, bite2
+        return t, saturation1, saturation2
 
-    # Until `first` both gain speed, until `last` one of them does.
+    # The gap's pieces from `t` on: until `first` both gain speed, until `last` one of them does.
     slope1 = start1 + gain1
     slope2 = start2 + gain2
-    left1 = bite1 - until1
-    left2 = bite2 - until2
+    left1 = saturation1 - until1
+    left2 = saturation2 - until2
     first = min(left1, left2)
     last = max(left1, left2)
     accel = accel1 + accel2
-    slope = slope1 + slope2 + SLACK * (fast1 + fast2)
+    slope = slope1 + slope2 + GAP_ROUNDING * (fast1 + fast2)
+    # The second piece: one body has its top speed, the other one goes on gaining.
     is_first = left1 < left2
     later_accel = accel2 if is_first else accel1
     capped = top1 if is_first else top2
     other = slope2 if is_first else slope1
     gained = later_accel * first
-    later_slope = capped + other + gained + SLACK * (capped + abs(other) + gained)
+    later_slope = capped + other + gained + GAP_ROUNDING * (capped + abs(other) + gained)
     later_gap = gap - first * (slope + 0.5 * accel * first)
-    later_gap -= SLACK * (gap + first * (abs(slope) + accel * first))
+    later_gap -= GAP_ROUNDING * (gap + first * (abs(slope) + accel * first))
+    # The third piece: both have their top speeds, and the gap is linear.
     span = last - first
-    last_slope = (top1 + top2) * (1.0 + SLACK)
+    last_slope = (top1 + top2) * (1.0 + GAP_ROUNDING)
     last_gap = later_gap - span * (later_slope + 0.5 * later_accel * span)
-    last_gap -= SLACK * (later_gap + span * (abs(later_slope) + later_accel * span))
+    last_gap -= GAP_ROUNDING * (later_gap + span * (abs(later_slope) + later_accel * span))
+    # The root lies in the last piece at whose beginning the gap is still positive.
     is_later = (later_gap > 0.0) & (first < LONGEST)
     is_last = is_later & (last_gap > 0.0) & (last < LONGEST)
     past = first if is_later else 0.0
@@ -220,7 +226,7 @@ def follow_forward(
     gap = last_gap if is_last else gap
     slope = last_slope if is_last else slope
     accel = 0.0 if is_last else accel
-    return later(t, past + _step(gap, slope, accel)), bite1, bite2
+    return later(t, past + _step(gap, slope, accel)), saturation1, saturation2
 
 
 @kernel
@@ -228,29 +234,29 @@ def motion(closing, margin, top, accel, age, s):
     """One body's advance along a direction, `s` seconds from its stamp, either way.
 
     Returns the advance; the largest speed in it; slope and curvature in time of what bounds it
-    from here to the end of the piece; that end, counted from the stamp; and the time from the
-    stamp at which the speed bound bites, inf if that lies further out than `s`.
+    from here to the end of the piece; that end, counted from the stamp; and the saturation time,
+    from the stamp to when the speed bound is reached, inf if that lies further out than `s`.
     """
     start = (closing if s >= 0.0 else -closing) + margin
     if start > top:
         start = top
     span = abs(s)
     reached = start + accel * span
-    if reached < top * (1.0 - SLACK):
+    if reached < top * (1.0 - GAP_ROUNDING):
         advance = span * (start + 0.5 * accel * span)
         fast = abs(start) + accel * span
         if s >= 0.0:
             return advance, fast, reached, accel, s + (top - reached) / accel, math.inf
         return advance, fast, -reached, accel, 0.0, math.inf
-    bite = (top - start) / accel if start < top else 0.0
-    until = min(bite, span)
+    saturation = (top - start) / accel if start < top else 0.0
+    until = min(saturation, span)
     advance = 0.5 * (start + top) * until + top * (span - until)
     if s >= 0.0:
-        return advance, top, top, 0.0, math.inf, bite
-    if span - bite > -2.0 * SLACK * age:
-        return advance, top, -top, 0.0, -bite, bite
+        return advance, top, top, 0.0, math.inf, saturation
+    if span - saturation > -2.0 * GAP_ROUNDING * age:
+        return advance, top, -top, 0.0, -saturation, saturation
     # Too close to the end of the piece to step there: the chord to the stamp, D being convex.
-    return advance, top, -advance / span, 0.0, 0.0, bite
+    return advance, top, -advance / span, 0.0, 0.0, saturation
 
 
 @kernel
@@ -259,9 +265,12 @@ def follow_backward(
     closing1, margin1, inverse1, top1, accel1, age1,
     closing2, margin2, inverse2, top2, accel2, age2,
 ):  # fmt: skip
-    """`follow` where a stamp is newer than `t`: piece by piece, each looked at anew."""
-    bite1 = 0.0
-    bite2 = 0.0
+    """`follow` where a stamp is newer than `t`: piece by piece, each bounded anew.
+
+    Invariant of the loop: the gap is positive from the first `t` up to the present one.
+    """
+    saturation1 = 0.0
+    saturation2 = 0.0
     for _ in range(MAX_PIECES):
         s1 = age1 + t
         s2 = age2 + t
@@ -274,31 +283,31 @@ def follow_backward(
                 along, length, t,
                 start1, inverse1, top1, accel1, s1, start2, inverse2, top2, accel2, s2,
             )  # fmt: skip
-        advance1, fast1, slope1, curvature1, end1, bite1 = motion(
+        advance1, fast1, slope1, curvature1, end1, saturation1 = motion(
             closing1, margin1, top1, accel1, age1, s1
         )
-        advance2, fast2, slope2, curvature2, end2, bite2 = motion(
+        advance2, fast2, slope2, curvature2, end2, saturation2 = motion(
             closing2, margin2, top2, accel2, age2, s2
         )
-        slack = SLACK * (length + fast1 * abs(s1) + fast2 * abs(s2))
+        slack = GAP_ROUNDING * (length + fast1 * abs(s1) + fast2 * abs(s2))
         gap = along - advance1 - advance2 - slack
         if not gap > 0.0:
             break
         # An end that is not the stamp itself comes a little early where that matters; where time
         # is too coarse to resolve it, the top speed bounds what follows.
-        end1 = -age1 if end1 == 0.0 else (end1 - age1) * (1.0 - SLACK)
-        end2 = -age2 if end2 == 0.0 else (end2 - age2) * (1.0 - SLACK)
+        end1 = -age1 if end1 == 0.0 else (end1 - age1) * (1.0 - GAP_ROUNDING)
+        end2 = -age2 if end2 == 0.0 else (end2 - age2) * (1.0 - GAP_ROUNDING)
         if not end1 > t + SHORTEST:
             slope1, curvature1, end1 = top1, 0.0, math.inf
         if not end2 > t + SHORTEST:
             slope2, curvature2, end2 = top2, 0.0, math.inf
-        slope = slope1 + slope2 + SLACK * (fast1 + fast2)
+        slope = slope1 + slope2 + GAP_ROUNDING * (fast1 + fast2)
         step = _step(gap, slope, curvature1 + curvature2)
         end = min(end1, end2)
         if not end < t + step:
-            return later(t, step), bite1, bite2
+            return later(t, step), saturation1, saturation2
         t = end
-    return t, bite1, bite2
+    return t, saturation1, saturation2
 
 
 @kernel(forceinline=True)
@@ -307,11 +316,12 @@ def follow(
     closing1, margin1, inverse1, top1, accel1, age1,
     closing2, margin2, inverse2, top2, accel2, age2,
 ):  # fmt: skip
-    """Follow one witness's gap from `t` to its root.
+    """Follow the gap of one direction from `t` to its root.
 
     `along` is n.x - contact_distance, `length` the magnitude that its rounding goes by. Returns
-    the time reached, no earlier than `t`, and for both bodies the time from their stamps for which
-    they are carried along their measured velocities when the next witness is chosen.
+    the time reached, no earlier than `t`, and for both bodies the saturation time: for no longer
+    than that from their stamps they are carried along their measured velocities when the next
+    direction is chosen.
     """
     s1 = age1 + t
     s2 = age2 + t

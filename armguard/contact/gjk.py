@@ -1,9 +1,9 @@
 """The point of a hull of at most eight moving points that is nearest to the origin.
 
-Gilbert, Johnson and Keerthi's walk over simplices. Only the direction of the answer is used, as a
-witness, and any witness is safe, so nothing here has to be exact: it has to be quick, to allocate
-nothing and to end. A point of the hull is computed anew whenever it is looked at, from where it is
-and how long it is carried along its velocity.
+Gilbert, Johnson and Keerthi's walk over simplices [Gilbert1988]_. The answer serves as a separating
+direction only, and any direction is safe, so nothing here has to be exact: it has to be quick, to
+allocate nothing and to end. A point of the hull is computed anew whenever it is needed, from where
+it is and how long it is carried along its velocity.
 """
 
 from __future__ import annotations
@@ -78,6 +78,8 @@ def nearest_on_hull(ox, oy, oz, points, velocities, count, carry):
     Arrays have the shape (k, 3), in [m] and [m/s]. The zero vector or a poor one where the origin
     is inside the hull or the hull is beyond what squares can hold.
     """
+    # Invariant: (x, y, z) is the point of the simplex a, b, c, of which the first `size` count,
+    # that is nearest to the origin; i0, i1, i2 are the numbers of its corners.
     i0 = 0
     i1 = 0
     i2 = 0
@@ -87,6 +89,7 @@ def nearest_on_hull(ox, oy, oz, points, velocities, count, carry):
     cx, cy, cz = ax, ay, az
     x, y, z = ax, ay, az
     for _ in range(MAX_STEPS):
+        # Support: the corner of the hull that is farthest towards the origin.
         square = x * x + y * y + z * z
         found = 0
         least = math.inf
@@ -96,10 +99,12 @@ def nearest_on_hull(ox, oy, oz, points, velocities, count, carry):
             if along < least:
                 least = along
                 found = j
+        # End: no corner is nearer by more than the tolerance, or the walk goes in a circle.
         if not square - least > TOLERANCE * square:
             break
         if found == i0 or (size > 1 and found == i1) or (size > 2 and found == i2):
             break
+        # Subproblem: weights b and c of the nearest point of the simplex with the new corner.
         px, py, pz = _carried(found, ox, oy, oz, points, velocities, carry)
         if size == 1:
             i1, bx, by, bz = found, px, py, pz

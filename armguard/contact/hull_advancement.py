@@ -1,8 +1,8 @@
-"""Tangent advancement against the rounded hull of several moving points, and out of range.
+"""Conservative advancement against the rounded hull of several moving points, and out of range.
 
-For one witness the gap of a hull is the least of its points' gaps: that is safe because every
-point of the hull is a convex combination of them, and concave because each of them is. The witness
-joins the nearest points.
+For one separating direction the gap of a hull is the least of its points' gaps: that is safe
+because every point of the hull is a convex combination of them, and concave because each of them
+is. The direction joins the nearest points.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ FAR = 1e100  # beyond, in [s], products with time may overflow
 
 
 @kernel(forceinline=True)
-def carry_time(s, bite):
-    """How long a body is carried along its velocity until `s`, given when its speed bound bites."""
-    return min(s, bite) if s >= 0.0 else max(s, -bite)
+def carry_time(s, saturation):
+    """How long a body is carried along its velocity until `s`, but not past its saturation time."""
+    return min(s, saturation) if s >= 0.0 else max(s, -saturation)
 
 
 @kernel(forceinline=True)
@@ -54,7 +54,9 @@ def hull_contact_time(
     """`trace_contact_time` from `t` on, with rows of the trace from `row` on.
 
     `shortest` is the least magnitude that rounding of lengths goes by, `longest` the time beyond
-    which witnesses are not turned any more.
+    which directions are not turned any more.
+
+    Invariant of the loop: there is no contact before `t`, and n is the direction to try from there.
     """
     if not (
         count > 0
@@ -66,7 +68,8 @@ def hull_contact_time(
     top1, margin1 = limits(vx, vy, vz, accel1, speed1, velocity_error1)
     a1 = usable_accel(accel1)
     a2 = usable_accel(accel2)
-    # Bodies that are aged have been carried on already; how far depends on where one looks from.
+    # Bodies that are aged have been carried on already; how far depends on the direction:
+    # a first round with the direction of the measured places only finds the saturation times.
     refine = age1 + t != 0.0 or age2 + t != 0.0
     carry1 = age1 + t if t > 0.0 else 0.0
     carry2 = age2 + t if t > 0.0 else 0.0
@@ -75,10 +78,11 @@ def hull_contact_time(
     )
     k = 0
     while k < advances:
+        # Advance: the soonest root of all corners' gaps is the time that this direction reaches.
         closing1 = (nx * vx + ny * vy + nz * vz) * inverse
         reached = math.inf
-        bite1 = math.inf
-        bite2 = math.inf
+        saturation1 = math.inf
+        saturation2 = math.inf
         for j in range(count):
             x = points[j, 0] - px
             y = points[j, 1] - py
@@ -88,20 +92,21 @@ def hull_contact_time(
             if not TINY < length < LARGE:
                 return t
             top2, margin2 = limits(ux, uy, uz, accel2, speed2, velocity_error2)
-            root, b1, b2 = follow(
+            root, until1, until2 = follow(
                 (nx * x + ny * y + nz * z) * inverse - contact_distance, length, t,
                 closing1, margin1, 1.0 / a1, top1, a1, age1,
                 -(nx * ux + ny * uy + nz * uz) * inverse, margin2, 1.0 / a2, top2, a2, age2,
             )  # fmt: skip
             if root < reached or j == 0:
-                reached, bite1, bite2 = root, b1, b2
+                reached, saturation1, saturation2 = root, until1, until2
             if not root > t:
                 break
+        # Refine, once: turn to where bodies that are aged are now, and advance from `t` again.
         if refine:
             refine = False
             cx, cy, cz, turned = turn_hull(
-                px, py, pz, vx, vy, vz, carry_time(age1 + t, bite1),
-                points, velocities, count, carry_time(age2 + t, bite2),
+                px, py, pz, vx, vy, vz, carry_time(age1 + t, saturation1),
+                points, velocities, count, carry_time(age2 + t, saturation2),
             )  # fmt: skip
             if not math.isnan(turned):
                 nx, ny, nz, inverse = cx, cy, cz, turned
@@ -111,12 +116,13 @@ def hull_contact_time(
             trace[row + k, 1] = nx * inverse
             trace[row + k, 2] = ny * inverse
             trace[row + k, 3] = nz * inverse
+        # Turn: from the new time on, along the nearest points of where the bodies are carried to.
         if not t * SETTLED < reached < longest:
             return max(t, reached)
         t = reached
         nx, ny, nz, inverse = turn_hull(
-            px, py, pz, vx, vy, vz, carry_time(age1 + t, bite1),
-            points, velocities, count, carry_time(age2 + t, bite2),
+            px, py, pz, vx, vy, vz, carry_time(age1 + t, saturation1),
+            points, velocities, count, carry_time(age2 + t, saturation2),
         )  # fmt: skip
         k += 1
     return t

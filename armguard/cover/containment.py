@@ -22,8 +22,8 @@ from armguard.cover.patches import ON_SURFACE, bisect_pieces, compute_hull_point
 from armguard.cover.sphere_tree import MARGIN, SphereTree
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import TERM_ROUNDING
 
-ROUNDING = 1e-14  # relative: above what a distance and a bisected corner lose to rounding
 MOST_PIECES = 2_000_000  # a proof that needs more has failed
 BATCH = 2048  # pieces examined at once
 STEP = 2e-5  # `tighten` leaves radii no more than this too large, in [m], and
@@ -43,7 +43,8 @@ def is_contained(surface: FloatArray, tree: SphereTree, most_pieces: int = MOST_
     """
     parents, is_leaf = compute_parents(tree), tree.child_count == 0
     scale = 2.0 * np.abs(surface).max(initial=0.0) + np.abs(tree.spheres).max()
-    centers, radii = tree.spheres[:, :3], tree.spheres[:, 3] - MARGIN - ROUNDING * scale
+    centers, radii = tree.spheres[:, :3], tree.spheres[:, 3] - MARGIN - TERM_ROUNDING * scale
+    # Invariant: each part of the surface waits, or is proved to be in one leaf and all above it.
     waiting, examined = [surface], 0
     while waiting:
         pieces, rest = waiting[-1][:BATCH], waiting[-1][BATCH:]
@@ -51,6 +52,7 @@ def is_contained(surface: FloatArray, tree: SphereTree, most_pieces: int = MOST_
         examined += len(pieces)
         if examined > most_pieces:
             return False
+        # Which hull points are in which balls; round pieces also by their core in a shrunk ball.
         points, nothing = compute_hull_points(pieces), np.zeros(len(pieces))
         inside = _find_inside(points, nothing, centers, radii)
         if pieces.shape[2] > 3:
@@ -58,11 +60,13 @@ def is_contained(surface: FloatArray, tree: SphereTree, most_pieces: int = MOST_
             core = np.ascontiguousarray(pieces[:, :, :3])
             whole = _find_inside(core, swelling, centers, radii)
             np.logical_or(inside, np.all(whole, axis=1, keepdims=True), out=inside)
+        # A point counts as in a leaf only if it is in all balls above that leaf, too.
         for node in range(1, len(parents)):
             inside[:, :, node] &= inside[:, :, parents[node]]
         in_leaf: NDArray[np.bool_] = inside[:, :, is_leaf]
         if not in_leaf[:, :ON_SURFACE].any(axis=2).all():
             return False  # this very point of the surface is outside
+        # A piece all of whose hull points are in one leaf is proved; the others are bisected.
         is_open = ~np.any(np.all(in_leaf, axis=1), axis=1)
         if is_open.any():
             waiting.append(bisect_pieces(pieces[is_open]))

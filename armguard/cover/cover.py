@@ -34,7 +34,7 @@ SMALLEST, LARGEST = 5e-4, 10.0
 FARTHEST = 100.0
 """How far a link may be from the origin of its joint, in [m]."""
 MOST_SPHERES = 500
-"""More leaves a link would take hours to fit, and slow down whoever uses them."""
+"""More leaves a link would take hours to fit, and slow down each tick."""
 
 
 class Surfaces(Protocol):

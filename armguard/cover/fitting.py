@@ -272,6 +272,7 @@ def _choose_greedily(needed, limit, chosen):
     for i in range(rows):
         for j in range(columns):
             gains[i] += needed[i, j] <= limit
+    # Invariant: a row's gain is the number of columns within its limit that no chosen row reaches.
     count = 0
     while True:
         best = int(np.argmax(gains))
@@ -279,6 +280,7 @@ def _choose_greedily(needed, limit, chosen):
             return count
         chosen[count] = best
         count += 1
+        # Close what the chosen row reaches, and take it from the gains of all rows.
         taken = np.nonzero(is_open & (needed[best] <= limit))[0]
         is_open[taken] = False
         for i in range(rows):
@@ -305,17 +307,19 @@ def _move_center(center, corners, surface):
     distance = measure_distance(center[0], center[1], center[2], surface)
     inside = is_inside(center[0], center[1], center[2], surface)
     best = _reach(center, corners) + (-distance if inside else distance)
+    # Invariant: `best` is how far the ball sticks out at `center`; it never grows.
     while step > 2e-3 * extent:
         moved = False
         for direction in range(6):
             sign = step if direction < 3 else -step
             center[direction % 3] += sign
             there = measure_distance(center[0], center[1], center[2], surface)
-            # Whoever moves less than the distance to the surface stays on its side.
+            # A point that moves less than its distance to the surface stays on its side.
             inside_there = inside
             if not step < distance:
                 inside_there = is_inside(center[0], center[1], center[2], surface)
             value = _reach(center, corners) + (-there if inside_there else there)
+            # Keep a better place, else go back; halve the step where no direction is better.
             if value < best:
                 best, distance, inside, moved = value, there, inside_there, True
             else:

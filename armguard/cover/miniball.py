@@ -12,8 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from armguard.jit.arrays import FloatArray
-
-SLACK = 1e-12  # relative: a point this little outside is on the ball
+from armguard.jit.numerics import SUPPORT_SLACK
 
 
 def enclose_points(points: FloatArray) -> tuple[FloatArray, float]:
@@ -31,7 +30,7 @@ def enclose_points(points: FloatArray) -> tuple[FloatArray, float]:
     while True:
         distances = np.sqrt(((points - center) ** 2).sum(axis=1))
         farthest = int(np.argmax(distances))
-        if not (distances[farthest] > radius * (1.0 + SLACK)):
+        if not (distances[farthest] > radius * (1.0 + SUPPORT_SLACK)):
             return center, float(distances[farthest])
         previous = radius
         support, center, radius = _ball_of_few(points, [*support, farthest])
@@ -50,7 +49,7 @@ def _ball_of_few(points: FloatArray, candidates: list[int]) -> tuple[list[int], 
             center = _circumcenter(corners)
             radius = float(np.sqrt(((corners - center) ** 2).sum(axis=1)).max())
             reach = float(np.sqrt(((few - center) ** 2).sum(axis=1)).max())
-            if reach <= radius * (1.0 + SLACK) and (best is None or radius < best[2]):
+            if reach <= radius * (1.0 + SUPPORT_SLACK) and (best is None or radius < best[2]):
                 best = [*chosen, last], center, radius
     if best is None:  # degenerate to rounding: any ball around them will do to go on from
         center = few.mean(axis=0)

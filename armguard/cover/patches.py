@@ -18,8 +18,9 @@ from __future__ import annotations
 import numpy as np
 
 from armguard.jit.arrays import FloatArray
+from armguard.jit.numerics import SUM_ROUNDING
 
-ROUND_UP = 1.0 + 1e-12  # widens a hull past the rounding of its construction
+ROUND_UP = 1.0 + SUM_ROUNDING  # widens a hull past the rounding of its construction
 ON_SURFACE = 9  # the first so many of a round patch's hull points lie on it
 
 

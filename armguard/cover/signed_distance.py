@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import PRUNING_SLACK
 
 _BLOCK = 16  # triangles at most
 _CELLS = 30_000  # about as many fill the box around a surface
@@ -164,11 +165,14 @@ def _signed_distances(points, surface, distances):
 def measure_distance(px, py, pz, surface):
     """Distance to the nearest triangle, for compiled callers."""
     triangles, starts, balls = surface.triangles, surface.starts, surface.balls
-    farthest = math.inf  # some triangle is no farther than this
+    # Upper bound: some triangle is no farther than the far side of its block's ball.
+    farthest = math.inf
     for block in range(len(balls)):
         x, y, z = balls[block, 0] - px, balls[block, 1] - py, balls[block, 2] - pz
         farthest = min(farthest, math.sqrt(x * x + y * y + z * z) + balls[block, 3])
-    farthest *= 1.0 + 1e-9  # rounding must not exclude them all
+    farthest *= 1.0 + PRUNING_SLACK
+    # Invariant: some triangle is no farther than `farthest`, so a block whose ball is all beyond
+    # cannot hold the nearest one.
     nearest = math.inf
     for block in range(len(balls)):
         x, y, z = balls[block, 0] - px, balls[block, 1] - py, balls[block, 2] - pz
@@ -190,9 +194,11 @@ def is_inside(px, py, pz, surface):
     x = math.floor((px - surface.corner[0]) / surface.step)
     y = math.floor((py - surface.corner[1]) / surface.step)
     z = math.floor((pz - surface.corner[2]) / surface.step)
+    # A cell of a cavity is inside, though what lines the cavity is left out of the triangles.
     is_near = 0 <= x < cells.shape[0] and 0 <= y < cells.shape[1] and 0 <= z < cells.shape[2]
     if is_near and cells[x, y, z]:
         return True
+    # Elsewhere the winding number decides: the solid angle of all triangles, over 4 pi.
     solid_angle = 0.0
     for j in range(len(triangles)):
         ax, ay, az = triangles[j, 0, 0] - px, triangles[j, 0, 1] - py, triangles[j, 0, 2] - pz

@@ -4,7 +4,7 @@ Each array that Python hands to compiled code costs some 60 ns, and a tick needs
 holds a tuple of them, however nested, in compiled memory and crosses as one pointer.
 
 What compiled code reads from a handle it borrows: to count references on a hundred arrays, each
-with a counter elsewhere in memory, takes longer than most ticks. Whoever calls holds the handle
+with a counter elsewhere in memory, takes longer than most ticks. The caller holds the handle
 until the call returns, and compiled code keeps nothing of it.
 """
 
@@ -37,7 +37,7 @@ class HandleType(types.StructRef):  # type: ignore[misc]  # a class of unknown t
         return tuple((name, types.unliteral(kind)) for name, kind in fields)
 
 
-class Handle(structref.StructRefProxy):  # type: ignore[misc]  # likewise
+class Handle(structref.StructRefProxy):  # type: ignore[misc]  # a class of unknown type
     """What compiled code reads as `handle.content`; made by `pack`."""
 
 
@@ -52,7 +52,7 @@ def _read_content(context: Any, builder: Any, kind: Any, handle: Any) -> Any:
 
 
 def _borrow(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """The value as if nobody owned its arrays: then there are no references to be counted."""
+    """The value as if its arrays had no owner: then there are no references to be counted."""
     if isinstance(kind, types.BaseTuple):
         for place, part in enumerate(kind):
             borrowed = _borrow(context, builder, part, builder.extract_value(value, place))
@@ -77,8 +77,8 @@ def machine_code(compiled: Any, *arguments: Any) -> Any:
     """What a kernel runs for arguments of these types, to be called as it is.
 
     Numba looks up the types of all arguments at each call, which takes half a microsecond where a
-    handle is among them. This is without: whoever calls it hands over arguments of exactly these
-    types. Compiles what is not compiled yet.
+    handle is among them. The entry point does not: its caller hands over arguments of exactly
+    these types. Compiles what is not compiled yet.
 
     Args:
         compiled: A kernel.
@@ -93,8 +93,8 @@ def machine_code(compiled: Any, *arguments: Any) -> Any:
 def _make_packer(kind: Any) -> Any:
     """What packs one kind of tuple.
 
-    Each has a cache of its own: who reads a cache must be able to import all kinds that are in it,
-    and one of them may be somebody else's.
+    Each has a cache of its own: a process that reads a cache must be able to import all kinds
+    that are in it, and one of them may belong to another program.
     """
 
     def pack_content(content: Any) -> Any:

@@ -30,7 +30,7 @@ class TolerantCache(caching.FunctionCache):  # type: ignore[misc]  # a class of 
     """A cache that begins anew where it holds what this process cannot import.
 
     Its index names all types that a kernel was ever compiled for, and so those of a script that was
-    run from elsewhere: to whoever comes after, that must be no more than a cache without an entry.
+    run from elsewhere: to a later process, that must be no more than a cache without an entry.
     """
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from armguard.contact.earliest import Certificate
+from armguard.jit.numerics import SUM_ROUNDING
 from armguard.monitor.committed_plan import CommittedPlan
 from armguard.monitor.levels import VerdictRule
 from armguard.monitor.settings import MonitorSettings
@@ -63,8 +64,7 @@ class Judge:
                 watch, settings.period, settings.horizon, settings.slow_margin, settings.rise_delay
             )
             states.delay_braking(self._stopping.looks_ahead - self._horizon)
-        # By more than rounding costs.
-        self._far = (self._until_braking + 1.0 / self._braking_scale) * (1.0 + 1e-12)
+        self._far = (self._until_braking + 1.0 / self._braking_scale) * (1.0 + SUM_ROUNDING)
         """What is later lets any arm brake in time, in [s]."""
         self.plan = None
         if watch.arm.motion.planned is not None:

@@ -241,7 +241,7 @@ class Monitor(MonitorAnswers):
             return refuse_plan("last step", f"was a STOP: {self._standing}")
         if self.robot.revision != self._watch.arm.revision:
             return refuse_plan("tool", "was attached or detached since the last step: step first")
-        if obstacles.has_membership_news or obstacles.table.changed_count[0] > 0:
+        if obstacles.has_membership_changes or obstacles.table.changed_count[0] > 0:
             detail = "have changed since the last step by more than it allowed for: step first"
             return refuse_plan("obstacles", detail)
         if not obstacles.is_quiet(self._now, self._source_timeout):

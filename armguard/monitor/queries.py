@@ -68,7 +68,7 @@ class MonitorAnswers:
         if tick is None or look.pair == NOBODY or self._unplaced:
             return None
         row = look.pair // len(self._watch.arm.links)
-        if row in self.obstacles.changed_rows():
+        if row in self.obstacles.membership_changes():
             return None
         self._watch.prepare(tick)
         response_time = self.settings.horizon + self.settings.reaction_time

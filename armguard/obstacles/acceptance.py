@@ -1,10 +1,10 @@
 """The compiled rule that takes or refuses samples of obstacles.
 
 It knows no names: it sees rows of the table and numbers. What it refuses it keeps beside the
-accepted state, for both may be true; several refused samples in a row that agree with each other
-become the accepted track, once they are newer than it. Of two samples the older one says what the
-newer one may be, whichever of them came first: a late sample that agrees changes nothing, and one
-that disagrees is refused as any other.
+accepted state, for both may be true. Track confirmation decides between them: several refused
+samples in a row that agree with each other become the accepted track, once they are newer than it.
+Of two samples the older one says what the newer one may be, whichever of them came first: a late
+sample that agrees changes nothing, and one that disagrees is refused as any other.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
-from armguard.jit.numerics import ALLOWED, SHAPE, SLACK, VELOCITY_BY_ACCEL
+from armguard.jit.numerics import ACCEPTANCE_SLACK, ALLOWED, SHAPE, VELOCITY_BY_ACCEL
 from armguard.obstacles.consistency import body_allows
 from armguard.obstacles.reference_states import allows_reference_state
 from armguard.obstacles.table import Rows, Samples, States, Told, note_row
 
-TRACK_SAMPLES = 5
-"""So many consecutive samples that agree with each other make another track believable."""
+CONFIRMING_SAMPLES = 5
+"""So many consecutive samples that agree with each other confirm another track."""
 
 TOLD_FOR = 0.2
 """How long, in [s], bounds that were told of a body count in deciding whether its samples agree, at
@@ -45,7 +45,7 @@ TRACK_CHANGED = 12
 TOO_FAST = 13
 TOO_FAR = 14
 NOT_FINITE = 20
-"""Plus the number of the field; NEGATIVE and TOO_LARGE alike."""
+"""Plus the number of the field; so are NEGATIVE and TOO_LARGE."""
 NEGATIVE = 30
 TOO_LARGE = 40
 FIELDS = ("position", "velocity", "radius", "accel", "speed", "position_error", "velocity_error")
@@ -117,7 +117,7 @@ def _find_flaw(samples: Samples, i: int, speed_is_error: bool, extent: float) ->
                 return TOO_FAR, position
             square += velocity * velocity
         fastest = max(fastest, math.sqrt(square))
-    if not (fastest < math.inf and fastest <= top_speed * (1.0 + SLACK)):
+    if not (fastest < math.inf and fastest <= top_speed * (1.0 + ACCEPTANCE_SLACK)):
         return TOO_FAST, fastest
     return TAKEN, 0.0
 
@@ -173,7 +173,7 @@ def _agrees(
         i: Its place.
         stamp: Of the sample, in [s].
         accel: Bound on acceleration that was told of this body lately, in [m/s²].
-        speed: Bound on speed alike, in [m/s].
+        speed: Bound on speed that was told of this body lately, in [m/s].
     """
     points, velocities = states.points[row], states.velocities[row]
     told_points, told_velocities = samples.points[i], samples.velocities[i]
@@ -246,38 +246,40 @@ def _largest_step(before: FloatArray, after: FloatArray) -> float:
 def _set_aside(
     table: Rows, row: int, samples: Samples, i: int, stamp: float, code: int, value: float
 ) -> tuple[int, float]:
-    """Keep a sample beside the accepted state, unless it makes another track believable.
+    """Keep a sample beside the accepted state, unless it confirms another track.
 
     Returns:
         Its final code, and the value that a fault would show.
     """
     accepted, refused, marks = table.accepted, table.refused, table.marks
     if code >= TOO_FAST:
-        marks.streak[row] = 0
+        marks.confirmations[row] = 0
         marks.refused[row] = True
         marks.refused_finite[row] = code == TOO_FAST
         _write(refused, row, samples, i, stamp)
         return code, value
-    known = marks.streak[row] > 0
+    # A candidate track grows by samples that follow its last one, and begins anew with others.
+    known = marks.confirmations[row] > 0
     follows = (
         known
         and _agrees(refused, row, samples, i, stamp, samples.accel[i], samples.speed[i]) == ALLOWED
     )
     late = not stamp > accepted.stamp[row]
     if follows and stamp > refused.stamp[row]:
-        marks.streak[row] += 1
+        marks.confirmations[row] += 1
         _write(refused, row, samples, i, stamp)
     elif not follows and not (known and late):
-        # A late message must not hide a track that is about to be believed.
-        marks.streak[row] = 1
+        # A late message must not hide a track that is about to be confirmed.
+        marks.confirmations[row] = 1
         _write(refused, row, samples, i, stamp)
+    # What a fault shows: how far the sample is off the accepted state.
     if code == VELOCITY_BY_ACCEL:
         value = _largest_step(accepted.velocities[row], samples.velocities[i])
     elif code == SHAPE:
         value = float(samples.points.shape[1])
     else:
         value = _largest_step(accepted.points[row], samples.points[i])
-    if marks.streak[row] >= TRACK_SAMPLES and not late:
+    if marks.confirmations[row] >= CONFIRMING_SAMPLES and not late:
         return TRACK_CHANGED, value
     marks.refused[row] = True
     marks.refused_finite[row] = True
@@ -302,7 +304,8 @@ def take_samples(
     """Take or refuse the samples of one call.
 
     Args:
-        handle: On the table's `Rows`; written. News are whatever reference states do not allow for.
+        handle: On the table's `Rows`; written. A row is noted as changed where its
+            reference state does not allow for what was written.
         rows: Row of each sample, -1 to leave it alone. Shape (n,).
         samples: The samples; moved to the world frame in place.
         stamp: Of all of them, in [s].
@@ -320,7 +323,7 @@ def take_samples(
     """
     table = handle.content
     accepted, marks, told = table.accepted, table.marks, table.told
-    news, reference_states = table.news, table.reference_states
+    changed_rows, reference_states = table.changed_rows, table.reference_states
     taken = 0
     for i in range(rows.shape[0]):
         row = rows[i]
@@ -329,10 +332,12 @@ def take_samples(
         if not in_world:
             _move_to_world(samples, i, rotation, translation)
             samples.position_error[i] += frame_error
+        # Read: values that cannot be used at all, and errors below what numbers resolve.
         code, value = _find_flaw(samples, i, speed_is_error, extent)
         if code == TAKEN:
             samples.position_error[i] = max(samples.position_error[i], RESOLUTION)
             samples.velocity_error[i] = max(samples.velocity_error[i], RESOLUTION)
+        # Gate: does it agree with the accepted state, by all bounds that were told lately?
         if code == TAKEN and marks.has_state[row]:
             accel = max(told.accel[row], told.accel_before[row])
             speed = max(told.speed[row], told.speed_before[row])
@@ -342,29 +347,32 @@ def take_samples(
                 code = LATE
                 if stamp == accepted.stamp[row] and _widen(accepted, row, samples, i):
                     marks.revision[row] += 1
-                    note_row(news, row)
+                    note_row(changed_rows, row)
+        # Confirm: what does not agree is set aside, or completes another track.
         if code not in (TAKEN, LATE):
             code, value = _set_aside(table, row, samples, i, stamp, code, value)
         codes[i] = code
         values[i] = value
-        is_news = code != LATE
+        # Write: what agrees or confirms a track replaces the accepted state and clears a refused
+        # one. The row has changed, unless its reference state allows for what was written.
+        is_changed = code != LATE
         if code == TAKEN and not marks.refused[row]:
             _write(accepted, row, samples, i, stamp)
             marks.has_state[row] = True
-            marks.streak[row] = 0
+            marks.confirmations[row] = 0
             marks.revision[row] += 1
             taken += 1
             allowed, grown = allows_reference_state(accepted, reference_states, row, row)
-            is_news = grown or not allowed
+            is_changed = grown or not allowed
         elif code in (TAKEN, TRACK_CHANGED):
             _write(accepted, row, samples, i, stamp)
             marks.has_state[row] = True
             marks.refused[row] = False
-            marks.streak[row] = 0
+            marks.confirmations[row] = 0
             marks.revision[row] += 1
             taken += 1
         if code in (TAKEN, LATE, TRACK_CHANGED):
             _remember_bounds(told, row, samples, i, stamp)
-        if is_news:
-            note_row(news, row)
+        if is_changed:
+            note_row(changed_rows, row)
     return taken

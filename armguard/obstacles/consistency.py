@@ -14,11 +14,11 @@ import math
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import (
+    ACCEPTANCE_SLACK,
     ALLOWED,
     POSITION_BY_ACCEL,
     POSITION_BY_SPEED,
     SHAPE,
-    SLACK,
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
 )
@@ -72,8 +72,9 @@ def body_allows(
     """
     if not (1 <= count1 == count0 <= points0.shape[0] and count1 <= points1.shape[0]):
         return SHAPE
+    # What the bounds allow in the time between the records, whichever of them is older.
     elapsed = stamp1 - stamp0
-    clock_slack = SLACK * (abs(stamp0) + abs(stamp1))
+    clock_slack = ACCEPTANCE_SLACK * (abs(stamp0) + abs(stamp1))
     duration = abs(elapsed) + clock_slack
     # An infinite bound must not meet a duration of zero in a product: that would be NaN.
     by_speed = math.inf if speed0 == math.inf else speed0 * duration
@@ -85,7 +86,10 @@ def body_allows(
     room = radius0 + position_error0 + position_error1
     velocity_change += velocity_error0 + velocity_error1
     top_speed = speed0 + velocity_error1
+    # Each point by itself; the bounds hold for every one of them.
     for k in range(count0):
+        # Squared: departure from uniform motion, displacement, change of velocity, and speed;
+        # and the magnitudes that rounding goes by.
         stray2 = step2 = change2 = velocity2 = 0.0
         length = rate = 0.0
         for axis in range(3):
@@ -100,17 +104,18 @@ def body_allows(
             length += abs(x0) + abs(x1) + abs(v0) * duration
             rate += abs(v0) + abs(v1)
         stray = math.sqrt(stray2)
-        bound = room + by_accel + SLACK * (length + room + radius1) + clock_slack * rate
+        bound = room + by_accel + ACCEPTANCE_SLACK * (length + room + radius1) + clock_slack * rate
         if not (stray < math.inf and stray + radius1 <= bound):
             return POSITION_BY_ACCEL
         step = math.sqrt(step2)
-        bound = room + by_speed + SLACK * (length + room + radius1)
+        bound = room + by_speed + ACCEPTANCE_SLACK * (length + room + radius1)
         if not (step < math.inf and step + radius1 <= bound):
             return POSITION_BY_SPEED
         change = math.sqrt(change2)
-        if not (change < math.inf and change <= velocity_change + SLACK * rate):
+        if not (change < math.inf and change <= velocity_change + ACCEPTANCE_SLACK * rate):
             return VELOCITY_BY_ACCEL
         velocity = math.sqrt(velocity2)
-        if not (velocity < math.inf and velocity <= top_speed + SLACK * (rate + top_speed)):
+        fastest = top_speed + ACCEPTANCE_SLACK * (rate + top_speed)
+        if not (velocity < math.inf and velocity <= fastest):
             return VELOCITY_BY_SPEED
     return ALLOWED

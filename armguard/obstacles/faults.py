@@ -1,7 +1,7 @@
 """What was wrong with data about obstacles: small records, kept until the next monitor step.
 
 Bad data never raises inside the loop; it is refused, and what was refused is told once. The queue
-is bounded, so that a source that talks nonsense costs no memory, and it counts what it drops.
+is bounded, so that a source that sends nonsense costs no memory, and it counts what it drops.
 One fault lasts longer: an obstacle that found no room in the table is in the cell all the same.
 """
 
@@ -39,7 +39,7 @@ class Fault:
 
     Attributes:
         kind: What was wrong.
-        source: Who said it.
+        source: Name of the source that it came from.
         id: Of which obstacle; empty for a malformed call.
         field: Which field or argument.
         value: What was found there: the offending number, the length of a jump in [m] or [m]/[s],
@@ -59,9 +59,9 @@ class FaultQueue:
     """Faults since they were last taken.
 
     Attributes:
-        waiting: Those that nobody has taken yet, oldest first.
+        waiting: Those that were not taken yet, oldest first.
         count: All faults so far.
-        dropped: How many of them nobody will see, because the queue was full.
+        dropped: How many of them were not kept, because the queue was full.
     """
 
     def __init__(self) -> None:

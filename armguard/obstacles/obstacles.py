@@ -59,8 +59,8 @@ for _field, _name in enumerate(rule.FIELDS):
 class Obstacles(ObstacleRegister):
     """The table of obstacles, as sources and applications write to it.
 
-    It belongs to the thread of the monitor that watches it: whoever measures in another thread
-    hands over what was measured, by a queue or a stream, and updates between two steps.
+    It belongs to the thread of the monitor that watches it. Another thread hands over what it has
+    measured, by a queue or a stream, and this one writes it to the table between two steps.
     """
 
     def __init__(
@@ -161,7 +161,7 @@ class Obstacles(ObstacleRegister):
             speed: Bound on speed, in [m]/[s]; None: the table's for each id. Shape () or (n,).
             position_error: What positions may be off by, in [m]. Shape () or (n,).
             velocity_error: What velocities may be off by, in [m]/[s]. Shape () or (n,).
-            source: Who speaks; required from then on.
+            source: Name of the source that speaks; required from then on.
             frame: In which frame, one of the table's.
             snapshot: Whether this source sees the whole cell: its absent ids are removed.
 
@@ -190,9 +190,9 @@ class Obstacles(ObstacleRegister):
             )
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
-        known = self._book.find(source)
+        known = self._sources.find(source)
         late = known is not None and time < known.newest
-        state = self._book.hear(source, time)
+        state = self._sources.hear(source, time)
         if snapshot and not late:
             self._unplaced.forget(state.index)
         places = list(map(self._rows_of(state.index).get, names, repeat(-1)))
@@ -259,7 +259,8 @@ class Obstacles(ObstacleRegister):
         Args:
             ids: Names of the obstacles.
             stamp: From when they are gone, in [s]; None: now, whatever their stamps.
-            source: Who says so; None: the application itself, which may remove anybody's.
+            source: Name of the source that says so; None: the application itself, which may remove
+                obstacles of all sources.
 
         Raises:
             ObstacleError: The call is malformed; nothing is removed, and a fault is left.
@@ -271,12 +272,12 @@ class Obstacles(ObstacleRegister):
                 self._check_source(source)
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
-        state = None if source is None else self._book.find(source)
+        state = None if source is None else self._sources.find(source)
         if source is not None and time is not None:
-            state = self._book.hear(source, time)
+            state = self._sources.hear(source, time)
         for name in names:
             if source is None:
-                # The application itself knows of whom it speaks: of all that bear the name.
+                # The application itself removes all obstacles of this name, whatever their sources.
                 owners = [owner for owner, rows in self._rows.items() if name in rows]
             else:
                 owners = [] if state is None else [state.index]
@@ -285,7 +286,7 @@ class Obstacles(ObstacleRegister):
     def _check_source(self, source: object) -> None:
         if not isinstance(source, str) or not source:
             raise ObstacleError("source", f"is {show(source)}", expected="a name")
-        self._book.check_room(source)
+        self._sources.check_room(source)
 
     def _check_frame(self, frame: object) -> None:
         if not isinstance(frame, str) or frame not in self._frames:

@@ -1,7 +1,7 @@
 """Bounds of obstacles whose messages bring none, by patterns of their ids.
 
 A hand, a head and a ball that is thrown have little in common, and few perception systems say what
-each can do. Who sets up a cell knows, and says it once, by id.
+each can do. The person who sets up a cell knows it, and says it once, by id.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _REMEMBERED = 4096
 
 
 class PatternBounds:
-    """What obstacles can do that do not say so themselves.
+    """Bounds of obstacles whose messages give none.
 
     Args:
         accel: Bound on acceleration of ids that no pattern fits, in [m]/[s]².

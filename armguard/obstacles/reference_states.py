@@ -10,20 +10,17 @@ from __future__ import annotations
 import numpy as np
 
 from armguard.jit.kernels import kernel
-from armguard.jit.numerics import ALLOWED
+from armguard.jit.numerics import ALLOWED, TIME_ROUNDING
 from armguard.obstacles.consistency import body_allows
 from armguard.obstacles.table import Marks, States
-
-ROUNDING = 2.0**-50
-"""Relative: what a deadline is early by, above all that sums and differences of times lose."""
 
 
 @kernel
 def expire(now: float, contact_time: float) -> float:
-    """When a certificate ends; early by more than rounding costs, from now on to its last use."""
+    """When a certificate ends, in [s]: early by more than rounding costs up to its last use."""
     if contact_time == np.inf:
         return np.inf
-    return now + contact_time - ROUNDING * (abs(now) + contact_time)
+    return now + contact_time - TIME_ROUNDING * (abs(now) + contact_time)
 
 
 @kernel
@@ -54,8 +51,8 @@ def allows_reference_state(
 ) -> tuple[bool, bool]:
     """Whether a state of an obstacle can be true if its reference state is, and its bounds grew.
 
-    Where there is no reference state it grew: it had no accepted state when it was looked at, and
-    has one.
+    Where there is no reference state the bounds grew: there was no accepted state when the obstacle
+    was evaluated, and there is one now.
     """
     if reference_states.point_count[place] == 0:
         return True, True

@@ -1,7 +1,7 @@
 """The side of the obstacle table that the monitor sees, and the register of its ids.
 
-Which row belongs to which id and source, who has gone silent, what was refused, which rows came
-and went: questions that are asked in every tick and answered without looking at each row.
+Which row belongs to which id and source, which sources have gone silent, what was refused, which
+rows came and went: questions that are asked in every tick and answered without reading each row.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from armguard.exceptions import ObstacleError
 from armguard.jit.arrays import IntArray
 from armguard.obstacles.faults import Fault, FaultQueue, Unplaced
-from armguard.obstacles.sources import NO_SOURCE, Source, SourceBook, Tombstones
+from armguard.obstacles.sources import NO_SOURCE, Source, Sources, Tombstones
 from armguard.obstacles.table import ObstacleTable
 
 NO_ROWS: IntArray = np.zeros(0, dtype=np.int64)
@@ -28,7 +28,7 @@ class ObstacleRegister:
         ids: Id of each row; empty where the row is free.
         late_count: Late messages, by obstacle, that were ignored.
         expects_sources: Whether sources are to come of which none was named.
-        watcher: Number of whoever follows the rows; see `start_watching`.
+        watcher: Number of the scheduler that follows the rows; see `start_watching`.
     """
 
     def __init__(self, sources: Iterable[str | Source]) -> None:
@@ -39,7 +39,7 @@ class ObstacleRegister:
         self.late_count = 0
         self.expects_sources = False
         self.watcher = 0
-        self._book = SourceBook(sources)
+        self._sources = Sources(sources)
         self._rows: dict[int, dict[str, int]] = {NO_SOURCE: {}}
         self._tombstones = Tombstones()
         self._faults = FaultQueue()
@@ -75,12 +75,12 @@ class ObstacleRegister:
     def source_of(self, row: int) -> str:
         """Name of the source that a row belongs to; empty for a static obstacle."""
         owner = int(self.table.owner[row])
-        return "" if owner == NO_SOURCE else self._book.states[owner].source.name
+        return "" if owner == NO_SOURCE else self._sources.states[owner].source.name
 
     def start_watching(self) -> int:
-        """Makes every row in use news to a new watcher, and returns its number.
+        """Lets every row in use count as added, for a new watcher, and returns its number.
 
-        What is drained is gone: only the watcher that came last learns of all rows.
+        Rows that were drained are not told again: only the watcher that came last learns of all.
         """
         self.watcher += 1
         self._removed.clear()
@@ -89,7 +89,7 @@ class ObstacleRegister:
         return self.watcher
 
     @property
-    def has_membership_news(self) -> bool:
+    def has_membership_changes(self) -> bool:
         """Whether `drain_membership` would name any row."""
         return bool(self._added or self._removed)
 
@@ -106,7 +106,7 @@ class ObstacleRegister:
         self._removed.clear()
         return added, removed
 
-    def changed_rows(self) -> IntArray:
+    def membership_changes(self) -> IntArray:
         """Rows whose occupants came or went since `drain_membership` was called. Shape (c,)."""
         return np.array([*self._added, *self._removed], dtype=np.int64)
 
@@ -131,16 +131,16 @@ class ObstacleRegister:
     @property
     def source_names(self) -> list[str]:
         """Sources that were named or have spoken, in order of appearance."""
-        return [state.source.name for state in self._book.states]
+        return [state.source.name for state in self._sources.states]
 
     @property
     def has_sources(self) -> bool:
         """Whether any source was named or has spoken."""
-        return bool(self._book.states)
+        return bool(self._sources.states)
 
     def silent_sources(self, now: float, default_timeout: float) -> list[str]:
         """Required sources that are silent for longer than their timeout, in [s]."""
-        return self._book.silent(now, default_timeout)
+        return self._sources.silent(now, default_timeout)
 
     def ahead_sources(self, now: float, tolerance: float) -> list[str]:
         """Sources whose last stamp is more than `tolerance` [s] ahead of `now`.
@@ -149,11 +149,11 @@ class ObstacleRegister:
         """
         if not self._tombstones.newest - now <= tolerance:
             self._tombstones.limit(now)
-        return self._book.ahead(now, tolerance)
+        return self._sources.ahead(now, tolerance)
 
     def quiet_until(self, default_timeout: float) -> float:
         """When a source may have been silent for too long, in [s], at the earliest."""
-        return self._book.quiet_until(default_timeout)
+        return self._sources.quiet_until(default_timeout)
 
     def is_quiet(self, now: float, tolerance: float) -> bool:
         """Whether nothing is wrong at `now` in [s], silence apart: quick to tell in every tick.
@@ -161,10 +161,15 @@ class ObstacleRegister:
         No faults to take, nothing refused or unplaced, no stamp more than `tolerance` [s] ahead,
         and `quiet_until` as it was when asked last, or later.
         """
-        book = self._book
+        sources = self._sources
         return (
-            not (self._any_refused or self._faults.waiting or book.unsettled or self._unplaced.some)
-            and book.newest - now <= tolerance
+            not (
+                self._any_refused
+                or self._faults.waiting
+                or sources.unsettled
+                or self._unplaced.some
+            )
+            and sources.newest - now <= tolerance
             and self._newest - now <= tolerance
             and self._tombstones.newest - now <= tolerance
         )
@@ -184,7 +189,7 @@ class ObstacleRegister:
 
     @property
     def dropped_faults(self) -> int:
-        """Faults that nobody will see, because too many came between two steps."""
+        """Faults that were dropped, because too many came between two steps."""
         return self._faults.dropped
 
     def _take_row(self, name: str, owner: int, stamp: float) -> int:
@@ -207,14 +212,14 @@ class ObstacleRegister:
         name = self.ids[row]
         if owner != NO_SOURCE:
             if time is None:
-                time = self._book.states[owner].newest
+                time = self._sources.states[owner].newest
                 if table.has_state[row]:
                     time = max(time, float(table.stamp[row]))
             self._tombstones.add(name, time, owner)
         table.free_row(row)
         del self._rows[owner][name]
         self.ids[row] = ""
-        # A row that came and went between two looks of the monitor was never there for it.
+        # A row that came and went between two steps of the monitor was never there for it.
         if row in self._added:
             self._added.discard(row)
         else:

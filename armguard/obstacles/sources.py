@@ -1,7 +1,7 @@
-"""Who speaks about obstacles, when each was last heard, and what was removed when.
+"""Sources of obstacle states, when each was last heard, and which ids were removed when.
 
 A source is required when it was named as such, and every source is from the moment it first
-speaks: silence of something that used to see people is not news of an empty cell.
+speaks: silence of something that used to see people does not say that the cell is empty.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class SourceState:
         return self.heard or self.source.required
 
 
-class SourceBook:
+class Sources:
     """All sources that were named or have spoken, in order of appearance.
 
     Attributes:

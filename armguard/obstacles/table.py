@@ -1,8 +1,8 @@
 """The arrays of the obstacle table.
 
 A struct of arrays, one stable slot (row) for each obstacle, so that compiled loops read it as it
-is. Beside its last accepted state each row keeps its last refused sample, since both may be true.
-Rows whose states changed are listed, so that whoever watches looks at those and at no others.
+is. Beside its last accepted state each row keeps its last refused sample, since both may be true
+(`acceptance`). Rows whose states changed are listed, so that a scheduler evaluates those alone.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ class Marks(NamedTuple):
     """Goes up whenever the accepted state changes. Shape (rows,)."""
     owner: IntArray
     """Number of the source that it belongs to. Shape (rows,)."""
-    streak: IntArray
-    """Consecutive samples beside the accepted track that agree with each other. Shape (rows,)."""
+    confirmations: IntArray
+    """Consecutive samples beside the accepted track that confirm another one. Shape (rows,)."""
 
 
 class Told(NamedTuple):
@@ -85,7 +85,7 @@ class Told(NamedTuple):
     """Stamp of a sample, [s]. Shape (rows,)."""
 
 
-class News(NamedTuple):
+class ChangedRows(NamedTuple):
     """Rows that changed by more than their reference states allow, and were not read since."""
 
     changed: IntArray
@@ -105,9 +105,9 @@ class Rows(NamedTuple):
     """Last refused samples."""
     marks: Marks
     told: Told
-    news: News
+    changed_rows: ChangedRows
     reference_states: States
-    """States that somebody's certificates rest on; without points where there are none."""
+    """States that certificates rest on; without points where there are none."""
 
 
 class Samples(NamedTuple):
@@ -132,7 +132,7 @@ class Samples(NamedTuple):
 class ObstacleTable:
     """Rows of obstacles; the arrays are replaced by larger ones when rows or points need room.
 
-    The fields of `States`, `Marks` and `News` are attributes (`table.points`, `table.alive`,
+    The fields of `States`, `Marks` and `ChangedRows` are attributes (`table.points`, `table.alive`,
     `table.changed`, …); those of the last refused samples are called `refused_points`, and so on.
     All of them together, as `Rows`, cross to compiled code as `table.handle`.
     """
@@ -162,7 +162,7 @@ class ObstacleTable:
     refused_finite: BoolArray
     revision: IntArray
     owner: IntArray
-    streak: IntArray
+    confirmations: IntArray
     changed: IntArray
     is_changed: BoolArray
     changed_count: IntArray
@@ -171,18 +171,20 @@ class ObstacleTable:
     def __init__(self, capacity: int = 64) -> None:
         self._free: list[int] = []
         nothing = np.zeros(0, dtype=np.int64)
-        self.news = News(nothing, np.zeros(0, dtype=bool), np.zeros(1, dtype=np.int64))
+        self.changed_rows = ChangedRows(
+            nothing, np.zeros(0, dtype=bool), np.zeros(1, dtype=np.int64)
+        )
         self.marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 3))
         self._told = Told(*([np.zeros(0)] * 5))
         self.accepted = make_states(0)
         self.reference_states = make_states(0)
-        """States that whoever watches has proved things from; no points where there is none."""
+        """States that certificates rest on; without points where there are none."""
         self.changes = 0
-        """Goes up after rows came or went, arrays were replaced, or somebody began to watch."""
+        """Goes up after rows came or went, arrays were replaced, or a scheduler began to watch."""
         self.refused_states = make_states(0)
         self._grow(capacity)
-        note_row(self.news, 0)  # compiles it
-        clear_news(self.news)
+        note_row(self.changed_rows, 0)  # compiles it
+        clear_changed_rows(self.changed_rows)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "handle"}
@@ -204,19 +206,19 @@ class ObstacleTable:
             mark[row] = False
         self.alive[row] = True
         self.owner[row] = owner
-        self.streak[row] = 0
+        self.confirmations[row] = 0
         self._told.since[row] = -np.inf
         self.point_count[row] = 1
         self.reference_states.point_count[row] = 0
         self.revision[row] += 1
-        note_row(self.news, row)
+        note_row(self.changed_rows, row)
         return row
 
     def free_row(self, row: int) -> None:
         """Gives a row back."""
         self.alive[row] = self.has_state[row] = self.refused[row] = False
         self._free.append(row)
-        note_row(self.news, row)
+        note_row(self.changed_rows, row)
 
     def place_static(self, row: int, points: FloatArray, radius: float) -> None:
         """Lets a row stand still for ever: points in [m] of shape (k, 3), radius in [m]."""
@@ -227,7 +229,7 @@ class ObstacleTable:
         self.point_count[row] = len(points)
         self.radius[row] = radius
         self.static[row] = self.has_state[row] = True
-        note_row(self.news, row)
+        note_row(self.changed_rows, row)
 
     def widen(self, points: int) -> None:
         """Makes room for bodies of so many points, at most `MAXIMUM_POINTS`."""
@@ -243,17 +245,17 @@ class ObstacleTable:
             refused[row] = accepted[row]
         self.has_state[row] = False
         self.refused[row] = self.refused_finite[row] = True
-        self.streak[row] = 0
+        self.confirmations[row] = 0
         self.revision[row] += 1
-        note_row(self.news, row)
+        note_row(self.changed_rows, row)
 
     def _grow(self, capacity: int) -> None:
         first = len(self.marks.alive)
         self._free.extend(range(capacity - 1, first - 1, -1))
         self.marks = Marks(*(extend_rows(array, capacity) for array in self.marks))
         self._told = Told(*(extend_rows(array, capacity) for array in self._told))
-        changed, is_changed, changed_count = self.news
-        self.news = News(
+        changed, is_changed, changed_count = self.changed_rows
+        self.changed_rows = ChangedRows(
             extend_rows(changed, capacity), extend_rows(is_changed, capacity), changed_count.copy()
         )
         self._resize(capacity, self.accepted.points.shape[1])
@@ -264,7 +266,7 @@ class ObstacleTable:
         # Most rows never have a refused sample: what is not written takes no memory.
         aside = np.flatnonzero(self.marks.refused)
         self.refused_states = resize_states(self.refused_states, capacity, width, aside)
-        for group in (self.accepted, self.marks, self.news):
+        for group in (self.accepted, self.marks, self.changed_rows):
             for name, array in group._asdict().items():
                 setattr(self, name, array)
         for name, array in self.refused_states._asdict().items():
@@ -275,7 +277,7 @@ class ObstacleTable:
                 self.refused_states,
                 self.marks,
                 self._told,
-                self.news,
+                self.changed_rows,
                 self.reference_states,
             )
         )
@@ -283,20 +285,20 @@ class ObstacleTable:
 
 
 @kernel
-def note_row(news: News, row: int) -> None:
+def note_row(changed_rows: ChangedRows, row: int) -> None:
     """Enter a row among those that changed."""
-    if not news.is_changed[row]:
-        news.is_changed[row] = True
-        news.changed[news.changed_count[0]] = row
-        news.changed_count[0] += 1
+    if not changed_rows.is_changed[row]:
+        changed_rows.is_changed[row] = True
+        changed_rows.changed[changed_rows.changed_count[0]] = row
+        changed_rows.changed_count[0] += 1
 
 
 @kernel
-def clear_news(news: News) -> None:
+def clear_changed_rows(changed_rows: ChangedRows) -> None:
     """Let no row count as changed; takes as long as there are changed ones."""
-    for i in range(news.changed_count[0]):
-        news.is_changed[news.changed[i]] = False
-    news.changed_count[0] = 0
+    for i in range(changed_rows.changed_count[0]):
+        changed_rows.is_changed[changed_rows.changed[i]] = False
+    changed_rows.changed_count[0] = 0
 
 
 def make_states(rows: int, width: int = 1) -> States:

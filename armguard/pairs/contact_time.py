@@ -16,11 +16,9 @@ import numpy as np
 from armguard.bounds.table_time import table_contact_time
 from armguard.contact.advancement import pair_distance_time, row_contact_time
 from armguard.jit.kernels import inlined_kernel, kernel
+from armguard.jit.numerics import TABLE_END_SLACK, TERM_ROUNDING
 from armguard.obstacles.table import States
 from armguard.pairs.scene import DISTANCE, ISOTROPIC, JOINT, REACH, Scene
-
-ROUNDING = 1e-14
-"""Relative widening of a sum of a few contact distances, far above its rounding error."""
 
 REACH_ADVANCES = 2
 """Tangent advances against what stands still: the second one nearly always is the last."""
@@ -32,7 +30,7 @@ def reach_time(
 ) -> float:
     """Contact time of a body and a ball that stands still for ever."""
     distance = (radius + bodies.radius[row] + margin + bodies.position_error[row]) * (
-        1.0 + ROUNDING
+        1.0 + TERM_ROUNDING
     )
     time: float = row_contact_time(
         x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
@@ -48,7 +46,7 @@ def contact_distance(scene: Scene, node: int, bodies: States, row: int) -> float
     """Distance of a sphere's centre and a body's hull that counts as contact, errors included."""
     reach: float = scene.tree.radius[node] + bodies.radius[row] + scene.settings.margin
     reach += scene.arm.position_error[node] + bodies.position_error[row]
-    return reach * (1.0 + ROUNDING)
+    return reach * (1.0 + TERM_ROUNDING)
 
 
 @inlined_kernel
@@ -298,7 +296,7 @@ def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) ->
     if not is_known(scene, row):
         return TOUCHES, 0
     marks, tree, table = scene.marks, scene.tree, scene.braking
-    rest = table.time[table.time.shape[0] - 1] * (1.0 - 1e-11)
+    rest = table.time[table.time.shape[0] - 1] * (1.0 - TABLE_END_SLACK)
     evaluations = 0
     for refused in (False, True):
         if not (marks.refused[row] if refused else marks.has_state[row]):

@@ -20,13 +20,12 @@ import pinocchio
 
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
+from armguard.jit.numerics import HULL_ROUNDING
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.robot import Robot
 
 THINNEST = 1e-4
 """Hulls flatter than this share of their length are fattened for Coal, which needs a volume."""
-ROUNDING = 1e-13
-"""Subtracted from a gap, relative to the coordinates that it is the difference of."""
 
 Z_AXIS = np.array([0.0, 0.0, 1.0])
 
@@ -111,7 +110,7 @@ class ExactGeometry:
             normal = Z_AXIS
         vertices = self._vertices[link_index]
         front = float((vertices @ (normal @ rotation)).max()) + float(normal @ translation)
-        slack = ROUNDING * (largest + self._reach[link_index] + radius)
+        slack = HULL_ROUNDING * (largest + self._reach[link_index] + radius)
         gap = float((corners @ normal).min()) - front - radius - slack
         return (
             gap,

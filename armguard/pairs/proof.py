@@ -15,8 +15,8 @@ import numpy as np
 
 from armguard.contact.earliest import Certificate, certify
 from armguard.jit.arrays import FloatArray
+from armguard.jit.numerics import TERM_ROUNDING
 from armguard.obstacles.table import States
-from armguard.pairs.contact_time import ROUNDING
 from armguard.pairs.evaluate import TickState
 
 
@@ -72,7 +72,7 @@ def _describe(
         "v2": np.array(bodies.velocities[row, :count]),
         "a2": float(bodies.accel[row]),
         "s2": float(bodies.speed[row]),
-        "contact_distance": float(reach) * (1.0 + ROUNDING),
+        "contact_distance": float(reach) * (1.0 + TERM_ROUNDING),
         "age1": state.arm_age,
         "age2": age,
         "velocity_error1": float(arm.velocity_error[sphere]),
@@ -93,7 +93,7 @@ def _describe_ball(state: TickState, ball: FloatArray, row: int, age: float) -> 
         "v2": np.array(bodies.velocities[row, :count]),
         "a2": float(bodies.accel[row]),
         "s2": float(bodies.speed[row]),
-        "contact_distance": float(reach) * (1.0 + ROUNDING),
+        "contact_distance": float(reach) * (1.0 + TERM_ROUNDING),
         "age1": 0.0,
         "age2": age,
         "velocity_error1": 0.0,

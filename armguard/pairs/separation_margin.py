@@ -23,13 +23,11 @@ from armguard.contact.gjk import nearest_on_hull
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import BoolArray, FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.table import Marks, States
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import ArmArrays, SphereTree
 from armguard.pairs.separation import HUMAN_SPEED, separation_of
-
-ROUNDING = 1e-12
-"""Relative widening of every sum, thousands of times its rounding error."""
 
 
 class SeparationRule(NamedTuple):
@@ -109,7 +107,7 @@ class SeparationMargin:
 
 @kernel
 def _speed_of(x: float, y: float, z: float) -> float:
-    return math.sqrt(x * x + y * y + z * z) * (1.0 + ROUNDING)
+    return math.sqrt(x * x + y * y + z * z) * (1.0 + SUM_ROUNDING)
 
 
 @kernel
@@ -142,7 +140,7 @@ def _look_at(
     for k in range(count):
         ax, ay, az = points[k, 0], points[k, 1], points[k, 2]
         along = nx * (ax - x) + ny * (ay - y) + nz * (az - z)
-        along -= ROUNDING * (abs(ax) + abs(ay) + abs(az) + abs(x) + abs(y) + abs(z))
+        along -= SUM_ROUNDING * (abs(ax) + abs(ay) + abs(az) + abs(x) + abs(y) + abs(z))
         if math.isnan(along):
             return nx, ny, nz, along
         least = min(least, along)
@@ -241,7 +239,7 @@ def _bodies_margin(
                 balls[ball, 0], balls[ball, 1], balls[ball, 2], points, velocities, corners
             )
             away = separation_of(balls[ball, 4], response, braking, walks, offsets + balls[ball, 5])
-            if room - (balls[ball, 3] + body_radius + away) * (1.0 + ROUNDING) >= best:
+            if room - (balls[ball, 3] + body_radius + away) * (1.0 + SUM_ROUNDING) >= best:
                 # No leaf in this ball can be nearer than that.
                 if ball == count:
                     break
@@ -260,7 +258,7 @@ def _bodies_margin(
                 speed = _speed_of(ux, uy, uz)
                 top = _top_speed(speed, arm.speed[i], arm.velocity_error[i])
                 stale = _since(speed, arm.velocity_error[i], arm.accel[i], top, arm_age)
-                towards = nx * ux + ny * uy + nz * uz + ROUNDING * speed
+                towards = nx * ux + ny * uy + nz * uz + SUM_ROUNDING * speed
                 if nx == 0.0 and ny == 0.0 and nz == 0.0:
                     towards = speed  # inside the body, every way leads towards it
                 towards += arm.velocity_error[i]
@@ -271,7 +269,7 @@ def _bodies_margin(
                 away = separation_of(
                     towards, response, braking, walks, offsets + arm.position_error[i] + stale
                 )
-                margin = room - (tree.radius[i] + body_radius + away) * (1.0 + ROUNDING)
+                margin = room - (tree.radius[i] + body_radius + away) * (1.0 + SUM_ROUNDING)
                 if not margin > -math.inf:
                     return -math.inf
                 best = min(best, margin)

@@ -22,9 +22,9 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import (
+    ACCEPTANCE_SLACK,
     POSITION_BY_ACCEL,
     POSITION_BY_SPEED,
-    SLACK,
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
 )
@@ -95,7 +95,7 @@ def make_history(
 def _is_no_faster(limits: FloatArray, joint: int, q: float, v: float) -> bool:
     """Whether a state is finite, and its velocity within limit and error."""
     top_speed, velocity_error = limits[0, joint], limits[3, joint]
-    fast = abs(v) <= (top_speed + velocity_error) * (1.0 + SLACK)
+    fast = abs(v) <= (top_speed + velocity_error) * (1.0 + ACCEPTANCE_SLACK)
     return fast & (abs(q) < math.inf) & (abs(v) < math.inf)
 
 
@@ -113,7 +113,7 @@ def _is_in_reach(
     top_speed, position_error = limits[0, joint], limits[2, joint]
     # Within the measurement's error a joint that reads faster than its limit is believed.
     speed = max(top_speed, max(abs(v), abs(v0)))
-    moved = speed * duration + position_error + SLACK * (abs(q) + position_error)
+    moved = speed * duration + position_error + ACCEPTANCE_SLACK * (abs(q) + position_error)
     return (reachable[1, joint] - moved <= q) & (q <= reachable[0, joint] + moved)
 
 
@@ -123,7 +123,7 @@ def _is_no_change_too_fast(
 ) -> bool:
     """Whether a velocity is one that all states so far let the joint get to."""
     accel, velocity_error = limits[1, joint], limits[3, joint]
-    changed = accel * duration + velocity_error + SLACK * (abs(v) + velocity_error)
+    changed = accel * duration + velocity_error + ACCEPTANCE_SLACK * (abs(v) + velocity_error)
     return (reachable[3, joint] - changed <= v) & (v <= reachable[2, joint] + changed)
 
 
@@ -135,7 +135,8 @@ def _is_near_course(
     accel, position_error, velocity_error = limits[1, joint], limits[2, joint], limits[3, joint]
     duration = since + clock_slack
     bound = 2.0 * position_error + (0.5 * accel * duration + velocity_error) * duration
-    bound += SLACK * (abs(q) + abs(q0) + abs(v0) * duration + bound) + clock_slack * abs(v0)
+    slack = ACCEPTANCE_SLACK * (abs(q) + abs(q0) + abs(v0) * duration + bound)
+    bound += slack + clock_slack * abs(v0)
     return abs(q - q0 - v0 * since) <= bound
 
 
@@ -148,7 +149,7 @@ def _find_joint_failure(
     top_speed, accel = limits[0, joint], limits[1, joint]
     position_error, velocity_error = limits[2, joint], limits[3, joint]
     q0, v0 = history.positions[0, joint], history.velocities[0, joint]
-    clock_slack = SLACK * (abs(stamp) + abs(history.stamps[0]))
+    clock_slack = ACCEPTANCE_SLACK * (abs(stamp) + abs(history.stamps[0]))
     duration = stamp - history.stamps[0] + clock_slack
     numbers[2] = stamp - history.stamps[0]
     if not _is_no_faster(limits, joint, q, v):
@@ -215,7 +216,7 @@ def passes_history(history: JointHistory, stamp: float, q: FloatArray, v: FloatA
     limits, reachable = history.limits, history.reachable
     if not stamp >= history.stamps[0]:
         return False
-    clock_slack = SLACK * (abs(stamp) + abs(history.stamps[0]))
+    clock_slack = ACCEPTANCE_SLACK * (abs(stamp) + abs(history.stamps[0]))
     duration = stamp - history.stamps[0] + clock_slack
     passed = True
     for joint in range(q.shape[0]):
@@ -257,8 +258,8 @@ def extend_history(history: JointHistory, stamp: float, q: FloatArray, v: FloatA
         top_speed, accel = limits[0, joint], limits[1, joint]
         position_error, velocity_error = limits[2, joint], limits[3, joint]
         speed = max(top_speed, abs(v[joint]), abs(history.velocities[0, joint]))
-        moved = speed * elapsed + SLACK * (abs(q[joint]) + position_error)
-        changed = accel * elapsed + SLACK * (abs(v[joint]) + velocity_error)
+        moved = speed * elapsed + ACCEPTANCE_SLACK * (abs(q[joint]) + position_error)
+        changed = accel * elapsed + ACCEPTANCE_SLACK * (abs(v[joint]) + velocity_error)
         reachable[0, joint] = min(reachable[0, joint] + moved, q[joint] + position_error)
         reachable[1, joint] = max(reachable[1, joint] - moved, q[joint] - position_error)
         reachable[2, joint] = min(reachable[2, joint] + changed, v[joint] + velocity_error)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.jit.layout import make_records
-from armguard.obstacles.table import News, States, extend_rows, make_states
+from armguard.obstacles.table import ChangedRows, States, extend_rows, make_states
 from armguard.pairs.scene import UNKNOWN
 from armguard.scheduling.timing_wheel import Wheel, grow_wheel, make_due, make_wheel, take_out
 from armguard.scheduling.tournament import find_least, grow_tournament, make_tournament, set_value
@@ -30,7 +30,7 @@ class Book(NamedTuple):
     """Tournament of the ends of their certificates, in [s] since the monitor's epoch."""
     reference_states: States
     """The table's: the states that certificates rest on; no points where there was none."""
-    news: News
+    news: ChangedRows
     watched: NDArray[np.bool_]
     """Which links are watched against it. Shape (rows, links)."""
     evaluated_at: FloatArray
@@ -55,7 +55,7 @@ def make_book(links: int) -> Book:
         wheel=make_wheel(0),
         soonest=make_tournament(1),
         reference_states=make_states(0),
-        news=News(
+        news=ChangedRows(
             np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_), np.zeros(1, dtype=np.int64)
         ),
         **_make_rows(0, links),
@@ -76,7 +76,7 @@ def _make_rows(rows: int, links: int) -> dict[str, NDArray[Any]]:
     return dict(zip(fields, make_records(rows, **fields), strict=True))
 
 
-def grow_book(book: Book, news: News, reference_states: States) -> Book:
+def grow_book(book: Book, news: ChangedRows, reference_states: States) -> Book:
     """The same book for an obstacle table whose arrays are these, and may have more rows."""
     rows = len(reference_states.stamp)
     leaves = len(book.soonest) // 2

@@ -261,7 +261,7 @@ class ObstacleWatch:
         rows = np.zeros(wanted, dtype=np.int64)
         rows = rows[: find_soonest(self._handle, rows)]
         # Obstacles may have been removed since, and others taken their rows.
-        rows = rows[~np.isin(rows, self._obstacles.changed_rows())]
+        rows = rows[~np.isin(rows, self._obstacles.membership_changes())]
         row_expiry = book.soonest[len(book.soonest) // 2 + rows]
         pairs = (rows[:, None] * links + np.arange(links))[book.watched[rows]]
         expiry = book.pair_expiry[pairs // links, pairs % links]
@@ -314,7 +314,7 @@ class ObstacleWatch:
     def _fit(self) -> None:
         """Follow the obstacle table's size."""
         table = self._obstacles.table
-        self.book = grow_book(self.book, table.news, table.reference_states)
+        self.book = grow_book(self.book, table.changed_rows, table.reference_states)
         self._suspects = np.zeros(len(self.book.watched), dtype=np.int64)
         self._handle = pack(self.book)
         scene = self.arm.state.scene

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import inlined_kernel, kernel
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
-from armguard.obstacles.table import clear_news
+from armguard.obstacles.table import clear_changed_rows
 from armguard.pairs.contact_time import arm_reach_time, is_known, link_time, pair_time, root_time
 from armguard.pairs.scene import REACH, UNKNOWN, Scene, prepare_arm
 from armguard.robot.joint_acceptance import Guard
@@ -72,7 +72,7 @@ def _read_news(scene: Scene, book: Book) -> int:
             broken += 1
         void(book, row)
     book.numbers[BROKEN] = broken
-    clear_news(book.news)
+    clear_changed_rows(book.news)
     return overtaken
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.obstacles.obstacles import Obstacles
-from armguard.obstacles.table import clear_news
+from armguard.obstacles.table import clear_changed_rows
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.evaluate import evaluate, find_unsafe_pair
 from armguard.pairs.scene import REACH
@@ -75,7 +75,7 @@ class PairWatch:
         if self._robot.revision != self.arm.revision:
             self.schedule.remove(self.schedule.ranking())
             self._prepare()
-        if not self._obstacles.has_membership_news:
+        if not self._obstacles.has_membership_changes:
             return
         added, removed = self._obstacles.drain_membership()
         fresh, gone = self.ledger.change(added, removed, len(self._obstacles.table.alive))
@@ -132,7 +132,7 @@ class PairWatch:
             contact_time = self._flagged.contact_time(*divmod(pair, ledger.link_count))
             ledger.extend(pair, contact_time, tick.time, tick.number, state)
         # Of no use to schedules of pairs, whose ledger tests every state.
-        clear_news(self._obstacles.table.news)
+        clear_changed_rows(self._obstacles.table.changed_rows)
         pair, expiry, overdue = ledger.earliest(tick.time, tick.number)
         rows = dict.fromkeys((broken // ledger.link_count).tolist()) if len(broken) else ()
         return Look(pair, expiry, overdue, self._evaluated, tuple(rows))
@@ -175,7 +175,7 @@ class PairWatch:
         """What is most imminent at `time`."""
         ledger = self.ledger
         # Obstacles may have been removed since, and others taken their rows.
-        gone = np.isin(ledger.pairs // ledger.link_count, self._obstacles.changed_rows())
+        gone = np.isin(ledger.pairs // ledger.link_count, self._obstacles.membership_changes())
         there = ledger.pairs[~gone]
         order = np.argsort(ledger.expiry[there], kind="stable")
         pairs = there[order]

@@ -15,8 +15,9 @@ import math
 import numpy as np
 
 from armguard.contact.advancement import ball_contact_time
-from armguard.contact.gap import NO_BOUND, SLACK
+from armguard.contact.gap import NO_BOUND
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import GAP_ROUNDING
 
 BLOCK = 128
 COMMON = 1e30
@@ -53,9 +54,9 @@ def _prepare(buffer):
         common &= ((size > 1.0 / COMMON) & (size < COMMON)) | (size == 0.0)
         common &= ((accel > 1.0 / COMMON) & (accel < COMMON)) | (accel == 0.0)
         common &= (speed > 1.0 / COMMON) | (speed == 0.0)
-        common &= square * (1.0 + SLACK) <= speed * speed
+        common &= square * (1.0 + GAP_ROUNDING) <= speed * speed
         buffer[LENGTH + i] = length if common else math.nan
-        buffer[MARGIN + i] = SLACK * size
+        buffer[MARGIN + i] = GAP_ROUNDING * size
         # Only says when top speed is taken to be met, which need not be exact: single will do.
         buffer[INVERSE + i] = np.float32(1.0) / np.float32(accel)
         buffer[TOP + i] = min(speed, NO_BOUND)
@@ -88,15 +89,15 @@ def _advance(buffer):
         fast = abs(start) + gain
         gap = (px * x + py * y + pz * z) * inverse - buffer[DISTANCE + i]
         gap -= until * (start + 0.5 * gain) + cruise
-        gap -= SLACK * (buffer[LENGTH + i] + until * fast + cruise)
+        gap -= GAP_ROUNDING * (buffer[LENGTH + i] + until * fast + cruise)
         left = bite - until
-        slope = start + gain + SLACK * fast
+        slope = start + gain + GAP_ROUNDING * fast
         last_gap = gap - left * (slope + 0.5 * accel * left)
-        last_gap -= SLACK * (gap + left * (abs(slope) + accel * left))
+        last_gap -= GAP_ROUNDING * (gap + left * (abs(slope) + accel * left))
         is_last = (last_gap > 0.0) & (left < COMMON * COMMON)
         past = left if is_last else 0.0
         rest = last_gap if is_last else gap
-        slope = top * (1.0 + SLACK) if is_last else slope
+        slope = top * (1.0 + GAP_ROUNDING) if is_last else slope
         accel = 0.0 if is_last else accel
         under = slope * slope + 2.0 * accel * rest
         root = math.sqrt(under)
@@ -104,7 +105,7 @@ def _advance(buffer):
         below = slope + root
         above = 2.0 * rest if slope >= 0.0 else above
         below = below if slope >= 0.0 else accel
-        after = (t + (past + above / below * (1.0 - SLACK))) * (1.0 - SLACK)
+        after = (t + (past + above / below * (1.0 - GAP_ROUNDING))) * (1.0 - GAP_ROUNDING)
         # Beyond these windows squares may have lost bits; 0 where nothing moves is exact.
         proved = (square > 1e-80) & (square < 1e160) & (gap > 0.0) & (after > t)
         proved &= ((under > 1e-200) & (under < 1e200)) | ((under == 0.0) & (accel == 0.0))

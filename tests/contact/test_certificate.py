@@ -222,28 +222,28 @@ def test_forgeries_are_refused():
         case = grazing_case(rng) if tried % 2 else ordinary_case(rng, 1 + tried % 3)
         case["clock_error2"] = 0.0  # the kernel adds that of the fastest corner to all of them
         certificate = certify(**case, advances=40)
-        time, times, witnesses = certificate
+        time, times, directions = certificate
         if not 0.0 < time < math.inf:
             continue
         tried += 1
-        later = Certificate(time * (1.0 + 1e-6), times, witnesses)
+        later = Certificate(time * (1.0 + 1e-6), times, directions)
         assert not verify(later, **case)
-        assert not verify(Certificate(math.inf, times, witnesses), **case)
-        assert not verify(Certificate(math.nan, times, witnesses), **case)
-        assert not verify(Certificate(time, times, -witnesses), **case)
-        assert not verify(Certificate(time, times, 0.0 * witnesses), **case)
-        assert not verify(Certificate(time, times + time, witnesses), **case)
-        assert not verify(Certificate(time, times[:0], witnesses[:0]), **case)
+        assert not verify(Certificate(math.inf, times, directions), **case)
+        assert not verify(Certificate(math.nan, times, directions), **case)
+        assert not verify(Certificate(time, times, -directions), **case)
+        assert not verify(Certificate(time, times, 0.0 * directions), **case)
+        assert not verify(Certificate(time, times + time, directions), **case)
+        assert not verify(Certificate(time, times[:0], directions[:0]), **case)
         assert not verify(certificate, **case | {"contact_distance": 1e6})
         assert not verify(certificate, **case | {"contact_distance": math.nan})
         assert not verify(certificate, **case | {"a1": -1.0})
         assert not verify(certificate, **case | {"p1": [math.nan, 0.0, 0.0]})
 
 
-def _last_gap(case, witness, time):
-    """The gap of one witness at `time`, to 60 digits, by the formulas for two free balls."""
+def _last_gap(case, direction, time):
+    """The gap of one direction at `time`, to 60 digits, by the formulas for two free balls."""
     mpf = mpmath.mpf
-    n = [mpf(c) for c in witness.tolist()]
+    n = [mpf(c) for c in direction.tolist()]
     length = mpmath.sqrt(sum(c * c for c in n))
 
     def advance(v, sign, i):
@@ -270,7 +270,7 @@ def _last_gap(case, witness, time):
 
 
 def test_the_checker_is_sharp_to_the_last_bit():
-    """It takes the very last float before the last witness's root, and not the next."""
+    """It takes the very last float before the last direction's root, and not the next."""
     rng = np.random.default_rng(15)
     tried = 0
     with mpmath.workdps(60):
@@ -281,13 +281,13 @@ def test_the_checker_is_sharp_to_the_last_bit():
             if not 0.0 < low < math.inf:
                 continue
             high = 2.0 * low
-            witness = certificate.witnesses[-1]
-            if _last_gap(case, witness, high) >= 0:
+            direction = certificate.witnesses[-1]
+            if _last_gap(case, direction, high) >= 0:
                 continue
             tried += 1
             while np.nextafter(low, high) < high:
                 middle = 0.5 * (low + high)
-                if _last_gap(case, witness, middle) >= 0:
+                if _last_gap(case, direction, middle) >= 0:
                     low = middle
                 else:
                     high = middle
@@ -317,43 +317,43 @@ def test_mutilated_certificates_are_refused():
     while tried < 200:
         case = ordinary_case(rng, 1 + tried % 3) | {"clock_error2": 0.0}
         certificate = certify(**case, advances=40)
-        time, times, witnesses = certificate
+        time, times, directions = certificate
         if not 0.0 < time < math.inf or len(times) < 2:
             continue
         tried += 1
-        assert not verify(Certificate(time, times[1:], witnesses[1:]), **case)
-        assert not verify(Certificate(time, times, witnesses[:-1]), **case)
-        assert not verify(Certificate(time, times[::-1], witnesses), **case)
-        turned = witnesses.copy()
+        assert not verify(Certificate(time, times[1:], directions[1:]), **case)
+        assert not verify(Certificate(time, times, directions[:-1]), **case)
+        assert not verify(Certificate(time, times[::-1], directions), **case)
+        turned = directions.copy()
         turned[-1] += 0.1 * np.linalg.norm(turned[-1]) * rng.normal(size=3)
         refused += not verify(Certificate(time, times, turned), **case)
-        refused += not verify(Certificate(time, times, np.roll(witnesses, 1, axis=0)), **case)
-    assert refused > 0.9 * 2 * tried  # by chance another witness may do as well
+        refused += not verify(Certificate(time, times, np.roll(directions, 1, axis=0)), **case)
+    assert refused > 0.9 * 2 * tried  # by chance another direction may do as well
 
 
-def test_every_witness_takes_over_before_the_time_that_is_claimed():
+def test_every_direction_takes_over_before_the_time_that_is_claimed():
     """One that comes later has no part in the proof: such a certificate is malformed."""
     rng = np.random.default_rng(17)
     tried = 0
     while tried < 100:
         case = ordinary_case(rng, 1 + tried % 3)
         certificate = certify(**case, advances=40)
-        time, times, witnesses = certificate
+        time, times, directions = certificate
         if not 0.0 < time < math.inf or len(times) < 3:
             continue
         tried += 1
         for claimed in (times[-1], 0.5 * (times[-2] + times[-1]), times[1], 0.5 * times[1]):
-            assert not verify(Certificate(claimed, times, witnesses), **case)
+            assert not verify(Certificate(claimed, times, directions), **case)
             # Without what comes too late, the claim is as good as the greater one.
             kept = times < claimed
-            assert verify(Certificate(claimed, times[kept], witnesses[kept]), **case)
+            assert verify(Certificate(claimed, times[kept], directions[kept]), **case)
 
 
-def test_length_of_a_witness_does_not_matter():
+def test_length_of_a_direction_does_not_matter():
     case = _filled(HOSTILE["old and new"])
-    time, times, witnesses = certify(**case)
+    time, times, directions = certify(**case)
     for factor in (1e-300, 3.0, 1e300):
-        assert verify(Certificate(time, times, witnesses * factor), **case)
+        assert verify(Certificate(time, times, directions * factor), **case)
 
 
 def test_nothing_claimed_is_true():

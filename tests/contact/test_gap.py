@@ -1,4 +1,4 @@
-"""How long one witness keeps two bodies apart, against motions taken step by step."""
+"""How long one direction keeps two bodies apart, against motions taken step by step."""
 
 import math
 from fractions import Fraction

@@ -73,7 +73,7 @@ def _is_slow(case, i):
     ],
 )  # fmt: skip
 def test_looser_bounds_never_raise_the_time(name):
-    """Speed bounds that are nearly met turn witnesses with them, at the cost of tightness only."""
+    """Speed bounds that are nearly met turn directions with them, at the cost of tightness only."""
     cases = [
         case
         for case in _law_cases(4, 800)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from armguard.obstacles import Fault, FaultKind, Obstacles
-from armguard.obstacles.table import clear_news
+from armguard.obstacles.table import clear_changed_rows
 from support.obstacle_samples import check_invariants, kinds, see
 
 INF = math.inf
@@ -382,7 +382,7 @@ def test_jumps_beyond_bounds_and_errors_are_always_refused():
 
 def drain(table):
     rows = table.changed[: table.changed_count[0]].tolist()
-    clear_news(table.news)
+    clear_changed_rows(table.changed_rows)
     return rows
 
 
@@ -427,7 +427,7 @@ def test_rows_that_are_no_news_are_as_they_were():
 
     quiet = 0
     for step in range(600):
-        clear_news(table.news)
+        clear_changed_rows(table.changed_rows)
         before = known()
         for name in rng.choice(names, 2, replace=False):
             stamp = 1.0 + 0.01 * (step // 6) + rng.choice([-0.02, 0.0, 0.01])

@@ -4,7 +4,7 @@ import pytest
 
 from armguard.exceptions import ObstacleError
 from armguard.obstacles import Source
-from armguard.obstacles.sources import MAXIMUM_SOURCES, MAXIMUM_TOMBSTONES, SourceBook, Tombstones
+from armguard.obstacles.sources import MAXIMUM_SOURCES, MAXIMUM_TOMBSTONES, Sources, Tombstones
 
 
 @pytest.mark.parametrize("timeout", [0.0, -1.0, math.nan, math.inf])
@@ -14,33 +14,33 @@ def test_timeouts_are_checked(timeout):
 
 
 def test_who_was_named_is_required_and_who_speaks_is_from_then_on():
-    book = SourceBook(["camera", Source("lidar", timeout=1.0), Source("guest", required=False)])
-    assert book.silent(0.0, 0.2) == ["camera", "lidar"]
+    sources = Sources(["camera", Source("lidar", timeout=1.0), Source("guest", required=False)])
+    assert sources.silent(0.0, 0.2) == ["camera", "lidar"]
     for name in ("camera", "lidar", "guest", "stranger"):
-        book.hear(name, 1.0)
-    assert book.silent(1.2, 0.2) == []
-    assert book.silent(1.3, 0.2) == ["camera", "guest", "stranger"]
-    assert book.silent(2.1, 0.2) == ["camera", "lidar", "guest", "stranger"]
-    assert book.silent(math.nan, 0.2) == book.silent(2.1, 0.2)
+        sources.hear(name, 1.0)
+    assert sources.silent(1.2, 0.2) == []
+    assert sources.silent(1.3, 0.2) == ["camera", "guest", "stranger"]
+    assert sources.silent(2.1, 0.2) == ["camera", "lidar", "guest", "stranger"]
+    assert sources.silent(math.nan, 0.2) == sources.silent(2.1, 0.2)
 
 
 def test_stamps_ahead_are_of_the_last_message():
-    book = SourceBook([])
-    book.hear("camera", 5.0)
-    assert book.ahead(4.75, 0.25) == []
-    assert book.ahead(4.5, 0.25) == ["camera"]
-    book.hear("camera", 4.5)
-    assert book.ahead(4.5, 0.25) == []
+    sources = Sources([])
+    sources.hear("camera", 5.0)
+    assert sources.ahead(4.75, 0.25) == []
+    assert sources.ahead(4.5, 0.25) == ["camera"]
+    sources.hear("camera", 4.5)
+    assert sources.ahead(4.5, 0.25) == []
 
 
-def test_a_book_of_sources_is_bounded():
-    book = SourceBook([])
+def test_number_of_sources_is_bounded():
+    sources = Sources([])
     for k in range(MAXIMUM_SOURCES):
-        book.check_room(f"{k}")
-        book.hear(f"{k}", 0.0)
-    book.check_room("0")
+        sources.check_room(f"{k}")
+        sources.hear(f"{k}", 0.0)
+    sources.check_room("0")
     with pytest.raises(ObstacleError, match="one too many"):
-        book.check_room("another")
+        sources.check_room("another")
 
 
 def test_a_tombstone_covers_what_is_older():
@@ -77,25 +77,25 @@ def test_no_tombstone_stays_ahead_of_the_clock():
 
 
 def test_a_late_message_does_not_make_its_source_look_silent():
-    book = SourceBook([])
-    book.hear("cam", 1.0)
-    assert book.quiet_until(0.2) == 1.2
-    book.hear("cam", 0.5)
-    assert not book.unsettled
-    assert book.silent(1.1, 0.2) == []
-    assert book.silent(1.3, 0.2) == ["cam"]
+    sources = Sources([])
+    sources.hear("cam", 1.0)
+    assert sources.quiet_until(0.2) == 1.2
+    sources.hear("cam", 0.5)
+    assert not sources.unsettled
+    assert sources.silent(1.1, 0.2) == []
+    assert sources.silent(1.3, 0.2) == ["cam"]
 
 
 def test_a_stamp_far_ahead_hides_no_silence():
-    book = SourceBook([])
-    book.hear("cam", 1000.0)
-    assert book.ahead(1.0, 0.2) == ["cam"]
-    book.hear("cam", 1.01)
-    assert book.ahead(1.02, 0.2) == []
-    assert book.silent(1.1, 0.2) == []
-    assert book.silent(1.3, 0.2) == ["cam"]
+    sources = Sources([])
+    sources.hear("cam", 1000.0)
+    assert sources.ahead(1.0, 0.2) == ["cam"]
+    sources.hear("cam", 1.01)
+    assert sources.ahead(1.02, 0.2) == []
+    assert sources.silent(1.1, 0.2) == []
+    assert sources.silent(1.3, 0.2) == ["cam"]
     # Also where it was put right before anything asked.
-    book.hear("cam", 1000.0)
-    book.hear("cam", 1.5)
-    assert book.ahead(1.5, 0.2) == []
-    assert book.silent(1.8, 0.2) == ["cam"]
+    sources.hear("cam", 1000.0)
+    sources.hear("cam", 1.5)
+    assert sources.ahead(1.5, 0.2) == []
+    assert sources.silent(1.8, 0.2) == ["cam"]

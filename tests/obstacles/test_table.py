@@ -105,7 +105,7 @@ def drain(table):
     rows = table.changed[: table.changed_count[0]].tolist()
     assert table.is_changed.sum() == len(set(rows)) == len(rows)
     assert table.is_changed[rows].all()
-    obstacle_table.clear_news(table.news)
+    obstacle_table.clear_changed_rows(table.changed_rows)
     assert not table.is_changed.any()
     return rows
 
@@ -133,7 +133,7 @@ def test_changed_rows_survive_growth():
     table = ObstacleTable(2)
     for _ in range(9):
         table.take_row(0)
-    assert table.changed is table.news.changed
+    assert table.changed is table.changed_rows.changed
     assert len(table.changed) == len(table.is_changed) == len(table.alive)
     assert drain(table) == list(range(9))
     table.take_row(0)
@@ -199,7 +199,7 @@ def test_a_track_about_to_be_believed_survives_a_larger_table():
     see(obstacles, 1.01, x=1.0)
     assert obstacles.table.refused[row]
     kept = [array[row].copy() for array in obstacles.table.refused_states]
-    assert obstacles.table.streak[row] == 1
+    assert obstacles.table.confirmations[row] == 1
     names = [f"n{i}" for i in range(300)]
     obstacles.update(names, 1.0, np.zeros((300, 8, 3)), radius=0.1)
     for before, after in zip(kept, obstacles.table.refused_states, strict=True):
@@ -208,5 +208,5 @@ def test_a_track_about_to_be_believed_survives_a_larger_table():
 
 def test_ten_thousand_balls_take_little_memory():
     table = ObstacleTable(10_000)
-    groups = (table.accepted, table.refused_states, table.marks, table.news)
+    groups = (table.accepted, table.refused_states, table.marks, table.changed_rows)
     assert sum(array.nbytes for group in groups for array in group) < 260 * 10_000

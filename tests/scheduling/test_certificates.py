@@ -22,7 +22,7 @@ from armguard.scheduling.timing_wheel import DUE, TURNING, WAITING, most_urgent,
 from armguard.scheduling.tournament import find_least, set_value
 
 LINKS = 3
-NEWS = ObstacleTable().news
+NEWS = ObstacleTable().changed_rows
 
 
 def new_book(rows=8):

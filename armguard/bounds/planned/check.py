@@ -20,6 +20,7 @@ from armguard.bounds.planned import curve
 from armguard.bounds.planned.curve import evaluate_curve, find_excess
 from armguard.bounds.planned.plan import Plan, Refusal, read_plan
 from armguard.jit.arrays import FloatArray
+from armguard.jit.numerics import LIMIT_SLACK
 from armguard.robot.robot import Robot
 from armguard.robot.turns import MOST_TURNS, TURN, align_turns, find_continuous
 
@@ -32,9 +33,6 @@ __all__ = [
     "check_plan",
     "deviation_speed",
 ]
-
-SLACK = 1e-9
-"""What a sum of a limit and an error may be off by, in [rad], [m] or per second."""
 
 
 class CheckedPlan(NamedTuple):
@@ -160,7 +158,7 @@ def check_following(
         stamp: When they were measured, in [s].
     """
     along = stamp - plan.stamp
-    if not along <= plan.times[-1] + SLACK:
+    if not along <= plan.times[-1] + LIMIT_SLACK:
         return Refusal(
             "plan", f"is over: it ended {along - plan.times[-1]:.3g} s before the joint state"
         )
@@ -170,7 +168,7 @@ def check_following(
     wait = max(-along, 0.0)
     reach = wait * (robot.velocity_error + 0.5 * robot.acceleration_limit * wait)
     found = align_turns(q + wait * v, position, _find_continuous(robot))
-    allowed = plan.deviation + reach + SLACK + (wait > 0.0) * robot.position_error
+    allowed = plan.deviation + reach + LIMIT_SLACK + (wait > 0.0) * robot.position_error
     off = np.flatnonzero(~(np.abs(found - position) <= allowed))
     when = f"when it begins, {wait:.3g} s on," if wait > 0.0 else f"{along:.3g} s into the plan"
     if len(off):
@@ -181,7 +179,7 @@ def check_following(
             f"expected within {allowed[j]:.3g}",
         )
     speed = deviation_speed(plan.deviation, plan.acceleration, plan.times[-1] - max(along, 0.0))
-    allowed = np.minimum(plan.velocity_deviation, speed) + robot.velocity_error + SLACK
+    allowed = np.minimum(plan.velocity_deviation, speed) + robot.velocity_error + LIMIT_SLACK
     allowed = allowed + robot.acceleration_limit * wait
     off = np.flatnonzero(~(np.abs(v - velocity) <= allowed))
     if len(off):
@@ -221,7 +219,7 @@ def bound_velocity_deviation(
         evaluate_curve(plan.times, plan.q, plan.v, along, position, velocity)
         away = max(last - along, along - first)
         off = np.abs(plan.measured_v - velocity) + velocity_error
-        bound = np.minimum(bound, off + away * plan.acceleration * (1.0 + SLACK))
+        bound = np.minimum(bound, off + away * plan.acceleration * (1.0 + LIMIT_SLACK))
     return bound
 
 
@@ -240,7 +238,8 @@ def deviation_speed(deviation: FloatArray, acceleration: FloatArray, time: float
         return np.full(len(deviation), np.inf)
     with np.errstate(over="ignore"):
         span = np.minimum(2.0 * np.sqrt(deviation / acceleration), time)
-        speed: FloatArray = (2.0 * deviation / span + 0.5 * acceleration * span) * (1.0 + SLACK)
+        speed: FloatArray = 2.0 * deviation / span + 0.5 * acceleration * span
+        speed *= 1.0 + LIMIT_SLACK
     return speed
 
 
@@ -260,7 +259,7 @@ def _align(plan: Plan, robot: Robot, q: FloatArray, v: FloatArray, stamp: float)
     if not continuous.any():
         return plan
     times, positions = np.asarray(plan.times), np.array(plan.q)
-    fastest = robot.velocity_limit + robot.velocity_error + SLACK
+    fastest = robot.velocity_limit + robot.velocity_error + LIMIT_SLACK
     for j in np.flatnonzero(continuous):
         with np.errstate(over="ignore"):
             turns = -np.floor(np.diff(positions[:, j]) / TURN + 0.5)
@@ -292,10 +291,10 @@ def _check_time(plan: Plan, now: float, longest_lead: float, longest_lag: float)
 def _check_curve(plan: Plan, robot: Robot, peak: FloatArray) -> Refusal | None:
     """Limits on the whole curve; fills the greatest acceleration of each joint."""
     times = np.asarray(plan.times)
-    lower = robot.lower_position_limit - robot.position_error - SLACK
-    upper = robot.upper_position_limit + robot.position_error + SLACK
-    fastest = robot.velocity_limit + robot.velocity_error + SLACK
-    allowed = robot.acceleration_limit * (1.0 + SLACK)
+    lower = robot.lower_position_limit - robot.position_error - LIMIT_SLACK
+    upper = robot.upper_position_limit + robot.position_error + LIMIT_SLACK
+    fastest = robot.velocity_limit + robot.velocity_error + LIMIT_SLACK
+    allowed = robot.acceleration_limit * (1.0 + LIMIT_SLACK)
     kind, joint, sample, value = find_excess(
         times, np.asarray(plan.q), np.asarray(plan.v), lower, upper, fastest, allowed, peak
     )
@@ -325,7 +324,7 @@ def _check_end(plan: Plan, robot: Robot) -> Refusal | None:
     q, v = np.asarray(plan.q)[-1], np.asarray(plan.v)[-1]
     upwards = robot.upper_position_limit + robot.position_error - q
     downwards = q - robot.lower_position_limit + robot.position_error
-    room = np.where(v > 0.0, upwards, downwards) + SLACK
+    room = np.where(v > 0.0, upwards, downwards) + LIMIT_SLACK
     off = np.flatnonzero(~(v * v <= 2.0 * robot.acceleration_limit * room))
     if not len(off):
         return None

@@ -16,11 +16,11 @@ import math
 from typing import NamedTuple
 
 from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, deviation_along
-from armguard.bounds.sums import ROUNDING
 from armguard.bounds.table_time import obstacle_room
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.table import Marks, States
 
 NOBODY = -1
@@ -85,7 +85,7 @@ def _is_ball_free(
     """Whether a body stays out of a ball from `start` to `end`, counted from its stamp."""
     room, _, _, _ = _look(ball[0], ball[1], ball[2], bodies, row, start, end)
     reach = ball[3] + bodies.radius[row] + margin + bodies.position_error[row]
-    return room > reach * (1.0 + ROUNDING)
+    return room > reach * (1.0 + SUM_ROUNDING)
 
 
 @kernel
@@ -105,7 +105,7 @@ def _is_sphere_free(
     px, py, pz = center[0], center[1], center[2]
     room, nx, ny, nz = _look(px, py, pz, bodies, row, start, end)
     reach = arm.radius[node] + bodies.radius[row] + margin + bodies.position_error[row]
-    room -= reach * (1.0 + ROUNDING)
+    room -= reach * (1.0 + SUM_ROUNDING)
     if not room > 0.0:
         return False
     way = deviation_along(
@@ -245,4 +245,4 @@ def find_planned_contact(
     if limit == slabs:
         return math.inf, NOBODY, NOBODY, evaluated
     begin = float(course.start[limit] - offset)
-    return max(begin, 0.0) * (1.0 - ROUNDING), deciding_pair, deciding_sphere, evaluated
+    return max(begin, 0.0) * (1.0 - SUM_ROUNDING), deciding_pair, deciding_sphere, evaluated

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from armguard.bounds.sums import ROUNDING
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import SUM_ROUNDING
 
 BLOCK = 8
 """Slabs that are looked at together first."""
@@ -111,4 +111,4 @@ def deviation_along(
         else:
             bent += radius * half[j] * before
     size = most + (abs(px) + abs(py) + abs(pz)) * (1.0 + before)
-    return min(straight + bent, most) + ROUNDING * size
+    return min(straight + bent, most) + SUM_ROUNDING * size

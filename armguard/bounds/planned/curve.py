@@ -17,9 +17,8 @@ import numpy as np
 
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import TERM_ROUNDING
 
-ROUNDING = 1e-14
-"""Relative widening of extremes, far above the rounding error of the few terms within."""
 FINE, POSITION, VELOCITY, RATE, CURVE = 0, 1, 2, 3, 4
 """What `find_excess` can say: nothing, or what is beyond its limit."""
 
@@ -89,7 +88,7 @@ def _range_within(
         low = min(low, value)
         high = max(high, value)
     size = abs(start) + last * (abs(speed) + last * (abs(c) + last * abs(d)))
-    return low - ROUNDING * size, high + ROUNDING * size
+    return low - TERM_ROUNDING * size, high + TERM_ROUNDING * size
 
 
 @kernel
@@ -150,8 +149,8 @@ def speed_range(
             size = abs(v[k, j]) + h * (2.0 * abs(c) + 3.0 * abs(d) * h)
             for u in (begin, end, min(max(turn, begin), end)):
                 speed = v[k, j] + u * (2.0 * c + 3.0 * d * u)
-                low[j] = min(low[j], speed - ROUNDING * size)
-                high[j] = max(high[j], speed + ROUNDING * size)
+                low[j] = min(low[j], speed - TERM_ROUNDING * size)
+                high[j] = max(high[j], speed + TERM_ROUNDING * size)
 
 
 @kernel
@@ -199,7 +198,7 @@ def find_excess(
             if not pace <= fastest[j]:
                 return VELOCITY, j, k, pace
             # What rounding of the samples themselves does to the differences below.
-            slack = 8.0 * ROUNDING * ((abs(q[k, j]) + abs(q[k + 1, j])) / h + pace) / h
+            slack = 8.0 * TERM_ROUNDING * ((abs(q[k, j]) + abs(q[k + 1, j])) / h + pace) / h
             allowed = acceleration[j] + slack
             rate = (v[k + 1, j] - v[k, j]) / h
             if not abs(rate) <= allowed:

@@ -21,9 +21,10 @@ from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, devia
 from armguard.bounds.planned.curve import evaluate_curve
 from armguard.bounds.planned.plan import Plan, Refusal
 from armguard.bounds.planned.slabs import make_slabs
-from armguard.bounds.sums import ROUNDING, compute_levers
+from armguard.bounds.sums import compute_levers
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
+from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.table import Marks, States, make_states
 from armguard.robot.joints import is_prismatic
 from armguard.robot.kinematics import Kinematics
@@ -223,5 +224,5 @@ class PlannedMotion:
 
 def _widen(balls: FloatArray) -> FloatArray:
     """The balls with room for the rounding of what they were made from. Shape (..., 4)."""
-    balls[..., 3] += ROUNDING * np.abs(balls).sum(axis=-1)
+    balls[..., 3] += SUM_ROUNDING * np.abs(balls).sum(axis=-1)
     return balls

@@ -17,10 +17,10 @@ import numpy as np
 from armguard.bounds.limits import JointLimits
 from armguard.bounds.planned.check import CheckedPlan, bound_velocity_deviation
 from armguard.bounds.planned.curve import curve_range, evaluate_curve, speed_range
-from armguard.bounds.sums import ROUNDING
 from armguard.bounds.travel import brake, fill_displacements
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
+from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.stop_time import compute_stop_time
 
 SLAB = 5e-3
@@ -101,7 +101,7 @@ def _leave(
         fastest[k] = np.minimum(fastest[k] + off, plan.measured_v + reach)
     pace = np.maximum(-slowest, fastest)
     top = np.maximum(limits.velocity, np.abs(plan.v).max(axis=0))
-    rest = float((np.minimum(pace, top) / limits.braking).max()) * (1.0 + ROUNDING)
+    rest = float((np.minimum(pace, top) / limits.braking).max()) * (1.0 + SUM_ROUNDING)
     nodes = np.concatenate([leaving, leaving[-1] + np.linspace(0.0, rest, BRAKING_SLABS + 1)[1:]])
     low, high = np.empty((2, len(nodes) - 1, len(top)))
     _fill_leaving(nodes, low_on, high_on, slowest, fastest, top, limits, low, high)
@@ -112,7 +112,7 @@ def _reach(plan: CheckedPlan, limits: JointLimits, along: float) -> FloatArray:
     """How far velocities can have come from the measured ones by then, and since the check."""
     stamp = plan.measured_stamp - plan.stamp
     away = max(abs(along - stamp), abs(plan.now - plan.measured_stamp))
-    return limits.velocity_error + away * limits.acceleration * (1.0 + ROUNDING)
+    return limits.velocity_error + away * limits.acceleration * (1.0 + SUM_ROUNDING)
 
 
 def _overrun(
@@ -150,7 +150,7 @@ def _join(
     high = np.concatenate([high for _, _, high in parts])
     low = np.maximum(low, limits.lower - 2.0 * limits.position_error)
     high = np.minimum(high, limits.upper + 2.0 * limits.position_error)
-    half = 0.5 * (high - low) + ROUNDING * (np.abs(low) + np.abs(high))
+    half = 0.5 * (high - low) + SUM_ROUNDING * (np.abs(low) + np.abs(high))
     return JointSlabs(np.concatenate(starts), np.concatenate(ends), 0.5 * (high + low), half)
 
 
