@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.travel import fill_eased_displacements
+from armguard.bounds.displacement import fill_eased_displacements
 from armguard.bounds.joint import JointSpaceMotion
 from armguard.bounds.joint_table import JointTable, set_columns, set_span
 from armguard.bounds.limits import JointLimits, check_state

@@ -196,7 +196,8 @@ def free_advance(closing: float, accel: float, speed: float, t: float) -> float:
     """Displacement by time t of a body that closes in as hard as its bounds allow, in [m].
 
     It may be negative: a body that moves away must first turn round. As a function of t it is
-    convex and starts at 0, so the larger of it and 0 bounds all times up to t.
+    convex and starts at 0, so the larger of it and 0 bounds all times up to t. `free_body` has it
+    for compiled code, which rounds by the magnitudes that enter; this rounds by the result alone.
 
     Args:
         closing: Velocity along the direction, error included, in [m]/[s], <= speed.

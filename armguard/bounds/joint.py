@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.travel import fill_displacements
+from armguard.bounds.displacement import fill_displacements
 from armguard.bounds.joint_table import (
     JointTable,
     advance_in_span,
