@@ -13,6 +13,7 @@ from armguard.bounds.isotropic import IsotropicMotion
 from armguard.bounds.joint import JointMotion
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.reach import ReachMotion
+from armguard.bounds.sums import compute_sphere_levers
 from armguard.robot.robot import Robot
 
 PLANNED = "planned"
@@ -52,11 +53,14 @@ class ArmMotion:
         with_joints: bool = True,
         with_plans: bool = False,
     ) -> None:
-        self.isotropic = IsotropicMotion(robot, base_placement)
+        lever = compute_sphere_levers(robot)
+        self.isotropic = IsotropicMotion(robot, base_placement, lever=lever)
         self.reach = ReachMotion(robot, base_placement)
-        self.joint = JointMotion(robot, base_placement)
-        self.braking = BrakingMotion(robot, reaction_time, base_placement)
-        self.planned = PlannedMotion(robot, reaction_time, base_placement) if with_plans else None
+        self.joint = JointMotion(robot, base_placement, lever=lever)
+        self.braking = BrakingMotion(robot, reaction_time, base_placement, lever=lever)
+        self.planned = (
+            PlannedMotion(robot, reaction_time, base_placement, lever=lever) if with_plans else None
+        )
         self.with_joints = with_joints
         self.table = self.joint.table
         self.braking_table = self.braking.table

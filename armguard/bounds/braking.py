@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
+from armguard.bounds.displacement import fill_eased_displacements
 from armguard.bounds.joint import JointSpaceMotion
 from armguard.bounds.joint_table import JointTable, set_columns, set_span
 from armguard.bounds.limits import JointLimits, check_state
 from armguard.bounds.model import check_duration
 from armguard.bounds.sums import sum_levers, sum_second_order
-from armguard.bounds.travel import fill_eased_displacements
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
@@ -41,6 +41,8 @@ class BrakingMotion(JointSpaceMotion):
         robot: Robot,
         reaction_time: float,
         base_placement: pinocchio.SE3 | None = None,
+        *,
+        lever: FloatArray | None = None,
     ) -> None:
         """Compute the levers of all spheres.
 
@@ -48,12 +50,13 @@ class BrakingMotion(JointSpaceMotion):
             robot: The arm.
             reaction_time: From command to braking torque, in [s], >= 0.
             base_placement: Placement of the robot's base in the world; None: they coincide.
+            lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
 
         Raises:
             ArmguardError: The reaction time is negative or not finite, or a limit of the robot is
                 missing or unusable.
         """
-        super().__init__(robot, base_placement)
+        super().__init__(robot, base_placement, lever=lever)
         self.reaction_time = check_duration("reaction_time", reaction_time)
         self.table = self._make_table(np.zeros(FREE_NODES + BRAKING_NODES + 1))
 

@@ -15,6 +15,7 @@ import pinocchio
 from armguard.bounds.model import check_question, check_vector, read_only
 from armguard.bounds.sums import (
     compute_levers,
+    compute_sphere_levers,
     sum_accelerations,
     sum_levers,
     turning_joints,
@@ -58,12 +59,19 @@ class IsotropicMotion:
         surface_position_error: What any point of each link may be off by, in [m]. Shape (L,).
     """
 
-    def __init__(self, robot: Robot, base_placement: pinocchio.SE3 | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        base_placement: pinocchio.SE3 | None = None,
+        *,
+        lever: FloatArray | None = None,
+    ) -> None:
         """Compute the levers and what follows from them; about a second for 1,000 spheres.
 
         Args:
             robot: The arm, with its limits and errors.
             base_placement: Placement of the robot's base in the world; None: they coincide.
+            lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
         """
         self._robot = robot
         self._data = robot.model.createData()
@@ -71,14 +79,7 @@ class IsotropicMotion:
             np.eye(3) if base_placement is None else np.array(base_placement.rotation)
         )
         trees = [robot.cover.tree(link) for link in robot.links]
-        self.lever = read_only(
-            np.concatenate(
-                [
-                    compute_levers(robot, link, tree.spheres[:, :3])
-                    for link, tree in zip(robot.links, trees, strict=True)
-                ]
-            )
-        )
+        self.lever = compute_sphere_levers(robot) if lever is None else read_only(lever)
         # Every point of a link is in one of the leaves, so these bound the whole of it.
         leaf = np.concatenate([tree.child_count for tree in trees]) == 0
         link_of = np.repeat(np.arange(len(trees)), [len(tree.spheres) for tree in trees])
@@ -195,7 +196,8 @@ def free_advance(closing: float, accel: float, speed: float, t: float) -> float:
     """Displacement by time t of a body that closes in as hard as its bounds allow, in [m].
 
     It may be negative: a body that moves away must first turn round. As a function of t it is
-    convex and starts at 0, so the larger of it and 0 bounds all times up to t.
+    convex and starts at 0, so the larger of it and 0 bounds all times up to t. `free_body` has it
+    for compiled code, which rounds by the magnitudes that enter; this rounds by the result alone.
 
     Args:
         closing: Velocity along the direction, error included, in [m]/[s], <= speed.

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
+from armguard.bounds.displacement import fill_displacements
 from armguard.bounds.joint_table import (
     JointTable,
     advance_in_span,
@@ -17,8 +18,12 @@ from armguard.bounds.joint_table import (
 )
 from armguard.bounds.limits import check_state, find_flaw, read_limits, refuse_flaw
 from armguard.bounds.model import check_question, read_only
-from armguard.bounds.sums import compute_levers, sum_levers, velocity_error_terms
-from armguard.bounds.travel import fill_displacements
+from armguard.bounds.sums import (
+    compute_levers,
+    compute_sphere_levers,
+    sum_levers,
+    velocity_error_terms,
+)
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
@@ -45,7 +50,13 @@ class JointSpaceMotion(ABC):
     interpolates: bool
     """Whether displacements are convex in time, so that tables may be interpolated."""
 
-    def __init__(self, robot: Robot, base_placement: pinocchio.SE3 | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        base_placement: pinocchio.SE3 | None = None,
+        *,
+        lever: FloatArray | None = None,
+    ) -> None:
         self._robot = robot
         self.limits = read_limits(robot)
         self._data = robot.model.createData()
@@ -53,16 +64,12 @@ class JointSpaceMotion(ABC):
         model = robot.model
         numbers = [model.getJointId(joint) for joint in robot.joints]
         self._turning = np.array([not is_prismatic(model, number) for number in numbers])
-        lever = np.concatenate(
-            [
-                compute_levers(robot, link, robot.cover.tree(link).spheres[:, :3])
-                for link in robot.links
-            ]
+        self.lever = compute_sphere_levers(robot) if lever is None else read_only(lever)
+        slope_error, _ = velocity_error_terms(
+            self.lever, robot.position_error, robot.velocity_error
         )
-        slope_error, _ = velocity_error_terms(lever, robot.position_error, robot.velocity_error)
-        self.lever = read_only(lever)
         self.slope_error = read_only(slope_error)
-        self.position_error = read_only(sum_levers(lever, robot.position_error))
+        self.position_error = read_only(sum_levers(self.lever, robot.position_error))
 
     def advance(
         self,
@@ -172,6 +179,7 @@ class JointMotion(JointSpaceMotion):
         base_placement: pinocchio.SE3 | None = None,
         *,
         slices: int = SLICES,
+        lever: FloatArray | None = None,
     ) -> None:
         """Compute the levers of all spheres.
 
@@ -180,6 +188,7 @@ class JointMotion(JointSpaceMotion):
             base_placement: Placement of the robot's base in the world; None: they coincide.
             slices: Steps of the table in time, at least 1: what is free of contact is proved step
                 by step, so more of them see later contacts and take longer; any number is safe.
+            lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
 
         Raises:
             ArmguardError: A limit of the robot is missing or unusable, or `slices` is no whole
@@ -187,7 +196,7 @@ class JointMotion(JointSpaceMotion):
         """
         if isinstance(slices, bool) or not isinstance(slices, int) or not slices >= 1:
             raise ArmguardError("slices", f"is {slices!r}", expected="a whole number, at least 1")
-        super().__init__(robot, base_placement)
+        super().__init__(robot, base_placement, lever=lever)
         # Dense where displacements grow like t².
         self.table = self._make_table(END * (np.arange(slices + 1) / slices) ** 2.0)
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armguard.bounds.levers import bound_levers, moving_joints
+from armguard.bounds.model import read_only
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.numerics import SUM_ROUNDING
@@ -47,6 +48,25 @@ def compute_levers(robot: Robot, link: str, points: npt.ArrayLike) -> FloatArray
             expected="finite numbers, shape (n, 3)",
         )
     return bound_levers(robot.model, robot.joint_index(link), places, widened_ranges(robot))
+
+
+def compute_sphere_levers(robot: Robot) -> FloatArray:
+    """Levers of all sphere centres of the arm, in the order of `robot.links`; read-only.
+
+    They take about a second for 1,000 spheres: compute them once, and hand them to each motion
+    model of the arm.
+
+    Returns:
+        R_j of each sphere's centre, as `compute_levers` has it. Shape (n, nv).
+    """
+    return read_only(
+        np.concatenate(
+            [
+                compute_levers(robot, link, robot.cover.tree(link).spheres[:, :3])
+                for link in robot.links
+            ]
+        )
+    )
 
 
 def widened_ranges(robot: Robot) -> FloatArray:

@@ -16,8 +16,13 @@ from __future__ import annotations
 
 import math
 
+from armguard.bounds.free_body import (
+    displacement_at,
+    length_above,
+    saturation_time,
+    top_speed,
+)
 from armguard.bounds.joint_table import JointTable, advance_in_span, set_columns, set_span
-from armguard.bounds.travel import travel
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
@@ -27,18 +32,6 @@ FIRST_STRIDE = 4
 """How many steps of the table the search takes at first."""
 HALVINGS = 3
 """How often the step of the table in which it ends is halved."""
-
-
-@kernel
-def _free_travel(closing: float, error: float, accel: float, top: float, s: float) -> float:
-    """A free body's way along a direction, `s` seconds from its stamp."""
-    if s == 0.0:
-        return 0.0
-    if s > 0.0:
-        way: float = travel(closing + error, accel, top, s)
-    else:
-        way = travel(error - closing, accel, top, -s)
-    return way
 
 
 @kernel
@@ -63,13 +56,13 @@ def obstacle_room(
     for k in range(count):
         x, y, z = points[k, 0] - px, points[k, 1] - py, points[k, 2] - pz
         ux, uy, uz = velocities[k, 0], velocities[k, 1], velocities[k, 2]
-        pace = math.sqrt(ux * ux + uy * uy + uz * uz) * (1.0 + SUM_ROUNDING)
-        top = speed if pace <= speed + velocity_error else pace + velocity_error
+        pace = length_above(ux, uy, uz)
+        top = top_speed(pace, speed, velocity_error)
         closing = -(nx * ux + ny * uy + nz * uz)
         error = velocity_error + SUM_ROUNDING * pace
         room = nx * x + ny * y + nz * z - SUM_ROUNDING * (abs(x) + abs(y) + abs(z))
-        before = room - _free_travel(closing, error, accel, top, start)
-        after = room - _free_travel(closing, error, accel, top, end)
+        before = room - displacement_at(closing, error, accel, top, start)
+        after = room - displacement_at(closing, error, accel, top, end)
         if math.isnan(before + after):
             return math.nan
         least = min(least, before, after)
@@ -102,12 +95,9 @@ def _aim(
             y += table.columns[1, j] * middle
             z += table.columns[2, j] * middle
     ux, uy, uz = velocities[0, 0], velocities[0, 1], velocities[0, 2]
-    pace = math.sqrt(ux * ux + uy * uy + uz * uz)
-    carried = age + table.time[node]
-    if accel > 0.0:
-        # Beyond the time at which its speed bound bites it may go anywhere.
-        carried = min(carried, max(speed - pace, 0.0) / accel)
-    x, y, z = nearest_on_hull(x, y, z, points, velocities, count, carried)
+    # Beyond that time the obstacle may be headed anywhere.
+    ahead = min(age + table.time[node], saturation_time(ux, uy, uz, accel, speed))
+    x, y, z = nearest_on_hull(x, y, z, points, velocities, count, ahead)
     length = math.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
 

@@ -19,6 +19,11 @@ from numpy.typing import ArrayLike
 from armguard.bounds.planned.plan import Plan
 from armguard.exceptions import ArmguardError
 from armguard.monitor.committed_plan import PlanVerdict, refuse_plan
+from armguard.monitor.joint_reasons import (
+    describe_refusal,
+    describe_runaway,
+    read_joint_vectors,
+)
 from armguard.monitor.judge import Judge
 from armguard.monitor.levels import VerdictRule
 from armguard.monitor.obstacle_reasons import describe_no_sources, take_obstacle_reasons
@@ -262,7 +267,7 @@ class Monitor(MonitorAnswers):
             self._epoch = now
         epoch = self._epoch
         if not states.is_plain(q, v):
-            read = states.read(q, v)
+            read = read_joint_vectors(q, v, len(states.q))
             if isinstance(read, Reason):
                 return self._refuse(stamp, read)
             q, v = read
@@ -270,7 +275,7 @@ class Monitor(MonitorAnswers):
         seen = watch.advance(stamp, q, v, now, epoch, number, quiet)
         found, joint, stop_time, late, _, row, link, expiry, overdue, evaluated, news = seen
         if found < BELIEVED:
-            return self._refuse(stamp, states.describe(found, joint, stamp, q, v))
+            return self._refuse(stamp, describe_refusal(states, found, joint, stamp, q, v))
         if row >= 0 and not (overdue or news or self._no_sources or self._ignored.unmatched):
             verdict = self._judge.judge_clear(
                 stamp, number, now, expiry - (now - epoch), stop_time, late, row, link, evaluated
@@ -281,9 +286,9 @@ class Monitor(MonitorAnswers):
                 return verdict
         reasons: list[Reason] = []
         if found:
-            stopping = states.stopping()
-            if stopping is not None:
-                reasons.append(stopping)
+            runaway = describe_runaway(states)
+            if runaway is not None:
+                reasons.append(runaway)
         if (found or watch.arm.motion.isotropic.is_widened) and watch.arm.follow_limits(states.v):
             watch.doubt()
         if not quiet:

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from armguard.bounds.displacement import fill_displacements
 from armguard.bounds.isotropic import VelocityErrors, fill_velocity_errors
 from armguard.bounds.joint_table import JointTable
 from armguard.bounds.limits import JointLimits
-from armguard.bounds.travel import fill_displacements
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.obstacles.table import Marks, States

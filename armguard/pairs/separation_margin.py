@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armguard.bounds.travel import travel
+from armguard.bounds.free_body import displacement_at, length_above, top_speed
 from armguard.contact.gjk import nearest_on_hull
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import BoolArray, FloatArray
@@ -106,23 +106,6 @@ class SeparationMargin:
 
 
 @kernel
-def _speed_of(x: float, y: float, z: float) -> float:
-    return math.sqrt(x * x + y * y + z * z) * (1.0 + SUM_ROUNDING)
-
-
-@kernel
-def _top_speed(pace: float, bound: float, error: float) -> float:
-    """A speed bound, or what was measured where that breaks it."""
-    return bound if pace <= bound + error else pace + error
-
-
-@kernel
-def _since(pace: float, error: float, accel: float, top: float, age: float) -> float:
-    """How far a body can be from where it was at its stamp, either way in time."""
-    return travel(pace + error, accel, top, abs(age)) if age != 0.0 else 0.0
-
-
-@kernel
 def _look_at(
     x: float, y: float, z: float, points: FloatArray, velocities: FloatArray, count: int
 ) -> tuple[float, float, float, float]:
@@ -169,16 +152,16 @@ def _fill_balls(tree: SphereTree, arm: ArmArrays, arm_age: float, balls: FloatAr
             link += 1
         if tree.first_child[i] >= 0:
             continue
-        pace = _speed_of(arm.velocities[i, 0], arm.velocities[i, 1], arm.velocities[i, 2])
-        top = _top_speed(pace, arm.speed[i], arm.velocity_error[i])
+        pace = length_above(arm.velocities[i, 0], arm.velocities[i, 1], arm.velocities[i, 2])
+        top = top_speed(pace, arm.speed[i], arm.velocity_error[i])
         error = arm.position_error[i]
-        error += _since(pace, arm.velocity_error[i], arm.accel[i], top, arm_age)
+        error += displacement_at(pace, arm.velocity_error[i], arm.accel[i], top, abs(arm_age))
         fastest = pace + arm.velocity_error[i]
         if arm_age != 0.0:
             fastest += arm.accel[i] * abs(arm_age)
         fastest = min(fastest, top)
         for ball in (link, count):
-            away = _speed_of(
+            away = length_above(
                 arm.centers[i, 0] - balls[ball, 0],
                 arm.centers[i, 1] - balls[ball, 1],
                 arm.centers[i, 2] - balls[ball, 2],
@@ -224,11 +207,11 @@ def _bodies_margin(
         if refused or not marks.static[row]:
             error, pace = bodies.velocity_error[row], 0.0
             for k in range(corners):
-                pace = max(pace, _speed_of(velocities[k, 0], velocities[k, 1], velocities[k, 2]))
-            top = _top_speed(pace, bodies.speed[row], error)
+                pace = max(pace, length_above(velocities[k, 0], velocities[k, 1], velocities[k, 2]))
+            top = top_speed(pace, bodies.speed[row], error)
             walks = top if own_speed else human_speed
             age = now - bodies.stamp[row]
-            offsets += intrusion + _since(pace, error, bodies.accel[row], top, age)
+            offsets += intrusion + displacement_at(pace, error, bodies.accel[row], top, abs(age))
         for step in range(count + 1):
             # The whole arm first.
             ball = step - 1 if step > 0 else count
@@ -255,9 +238,11 @@ def _bodies_margin(
                     points, velocities, corners,
                 )  # fmt: skip
                 ux, uy, uz = arm.velocities[i, 0], arm.velocities[i, 1], arm.velocities[i, 2]
-                speed = _speed_of(ux, uy, uz)
-                top = _top_speed(speed, arm.speed[i], arm.velocity_error[i])
-                stale = _since(speed, arm.velocity_error[i], arm.accel[i], top, arm_age)
+                speed = length_above(ux, uy, uz)
+                top = top_speed(speed, arm.speed[i], arm.velocity_error[i])
+                stale = displacement_at(
+                    speed, arm.velocity_error[i], arm.accel[i], top, abs(arm_age)
+                )
                 towards = nx * ux + ny * uy + nz * uz + SUM_ROUNDING * speed
                 if nx == 0.0 and ny == 0.0 and nz == 0.0:
                     towards = speed  # inside the body, every way leads towards it

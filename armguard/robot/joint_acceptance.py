@@ -1,7 +1,7 @@
 """Whether a joint state is believed, in compiled code.
 
 One function decides, for every state of every tick. It answers with a code and a joint; words are
-made of them in `joint_states`, where the code says that the state is refused. Nothing but scratch
+made of them in `monitor`, where the code says that the state is refused. Nothing but scratch
 is written before a state is believed, so what others read is always what was believed last.
 """
 
@@ -24,7 +24,7 @@ from armguard.robot.joint_history import (
 from armguard.robot.stop_time import compute_stop_time
 from armguard.robot.turns import nearest_turn
 
-NOBODY = -1
+NO_JOINT = -1
 """In place of a joint's index, where every joint is as it should be."""
 
 BELIEVED, RUNAWAY, FAST = 0, 1, 2
@@ -122,12 +122,12 @@ def accept(
 
     Returns:
         What was found, or minus the code of what the state is refused for; the joint that it is
-        refused for, NOBODY if none; the time in which all joints surely rest, and the same for an
+        refused for, NO_JOINT if none; the time in which all joints surely rest, and the same for an
         arm that brakes later by the guard's delay, in [s], inf where the state is refused.
     """
     q, v = guard.read_q, guard.read_v
     if not (q_given.shape[0] == q.shape[0] == v_given.shape[0]):
-        return -WRONG_LENGTH, NOBODY, np.inf, np.inf
+        return -WRONG_LENGTH, NO_JOINT, np.inf, np.inf
     is_first = guard.heard[0] == -np.inf
     for j in range(q.shape[0]):
         q[j], v[j] = q_given[j], v_given[j]
@@ -161,10 +161,10 @@ def accept(
     runaway = find_runaway(
         q, v, guard.lower, guard.upper, guard.velocity_error, guard.acceleration_limit
     )
-    if runaway != NOBODY:
+    if runaway != NO_JOINT:
         found |= RUNAWAY
     stop_time, late_stop_time = stop_times(guard, v, now - stamp)
-    return found, NOBODY, stop_time, late_stop_time
+    return found, NO_JOINT, stop_time, late_stop_time
 
 
 @inlined_kernel
@@ -222,17 +222,17 @@ def _find_fault(
     since = stamp - guard.heard[0]
     numbers[ALLOWED], numbers[DURATION] = guard.timeout, since
     if not since >= 0.0:
-        return STAMP_BACKWARDS, NOBODY
+        return STAMP_BACKWARDS, NO_JOINT
     numbers[VALUE] = now - stamp
     if not abs(now - stamp) <= guard.timeout:
-        return TOO_OLD, NOBODY
+        return TOO_OLD, NO_JOINT
     numbers[VALUE] = since
     if not since <= guard.timeout and not is_first:
-        return GAP, NOBODY
+        return GAP, NO_JOINT
     numbers[VALUE] = _stands_for(guard, stamp, now, ticks)
     numbers[DURATION] = ticks
     if not numbers[VALUE] <= guard.timeout:
-        return STAMP_STANDS, NOBODY
+        return STAMP_STANDS, NO_JOINT
     code, joint = find_failure(guard.history, stamp, q, v, numbers)
     return code, joint
 
@@ -305,4 +305,4 @@ def find_runaway(
             and down * down <= reach * (q[joint] - lower[joint])
         ):
             return joint
-    return NOBODY
+    return NO_JOINT

@@ -1,8 +1,9 @@
-"""Which joint states the monitor believes, and why not the others, in words.
+"""Which joint states are believed.
 
 A state is believed when it is well formed, inside the robot's limits and errors, fresh, and
 reachable from every state believed before. The first that is not latches a STOP: a robot that
-reports the impossible is a robot about which nothing is known. `joint_acceptance` decides.
+reports the impossible is a robot about which nothing is known. `joint_acceptance` decides, and
+answers with a code, a joint and numbers; `armguard.monitor.joint_reasons` makes words of them.
 """
 
 from __future__ import annotations
@@ -10,24 +11,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import machine_code, pack
-from armguard.jit.numerics import (
-    POSITION_BY_ACCEL,
-    POSITION_BY_SPEED,
-    VELOCITY_BY_ACCEL,
-    VELOCITY_BY_SPEED,
-)
-from armguard.robot import joint_acceptance as acceptance
-from armguard.robot.joint_acceptance import NOBODY, Guard, accept_at, find_runaway
+from armguard.robot.joint_acceptance import Guard, accept_at, find_runaway
 from armguard.robot.joint_history import make_history
-from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
 from armguard.robot.stop_time import compute_stop_time
 from armguard.robot.turns import find_continuous
-from armguard.verdict import Reason, ReasonKind
 
 FLOAT = np.dtype(np.float64)
 
@@ -58,9 +49,8 @@ class JointStates:
         those before, whatever its driver says. Shape (nv,)."""
         self.v: FloatArray = np.zeros(joints)
         """Joint velocities believed last, [rad/s] or [m/s]. Shape (nv,)."""
-        self._robot = robot
-        slides = [is_prismatic(robot.model, 1 + joint) for joint in range(joints)]
-        self._units = ["m" if sliding else "rad" for sliding in slides]
+        self.robot = robot
+        """Whose states these are."""
         self.guard = Guard(
             q=self.q,
             v=self.v,
@@ -112,14 +102,6 @@ class JointStates:
             and q.ndim == 1 == v.ndim
         )
 
-    def read(self, q: ArrayLike, v: ArrayLike) -> tuple[FloatArray, FloatArray] | Reason:
-        """Plain arrays of whatever was given for positions and velocities, or what is wrong."""
-        read_q = self._read("q", q)
-        if isinstance(read_q, Reason):
-            return read_q
-        read_v = self._read("v", v)
-        return read_v if isinstance(read_v, Reason) else (read_q, read_v)
-
     def accept(
         self, stamp: float, q: FloatArray, v: FloatArray, now: float
     ) -> tuple[int, int, float, float]:
@@ -138,126 +120,18 @@ class JointStates:
         found: tuple[int, int, float, float] = self._accept(self._handle, stamp, q, v, now)
         return found
 
-    def describe(
-        self, found: int, joint: int, stamp: float, q: FloatArray, v: FloatArray
-    ) -> Reason:
-        """Why the state handed over last was refused.
-
-        Args:
-            found: As it was found, below 0.
-            joint: For which it was refused.
-            stamp: Of the state, in [s].
-            q: Its positions, [rad] or [m].
-            v: Its velocities, [rad/s] or [m/s].
-        """
-        code, guard = -found, self.guard
-        value, allowed, duration = guard.numbers.tolist()
-        if code == acceptance.WRONG_LENGTH:
-            name, array = ("q", q) if q.shape != self.q.shape else ("v", v)
-            detail = f"shape {array.shape}, expected {self.q.shape}"
-            return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, detail)
-        at_most = f"expected at most {guard.timeout:.3g} s"
-        about_time = {
-            acceptance.STAMP_BACKWARDS: (
-                ReasonKind.TIME_BACKWARDS,
-                f"{stamp!r} after {float(guard.heard[0])!r}",
-            ),
-            acceptance.TOO_OLD: (ReasonKind.JOINT_STATE_GAP, f"{value:.3g} s old, {at_most}"),
-            acceptance.GAP: (
-                ReasonKind.JOINT_STATE_GAP,
-                f"{value:.3g} s between two, {at_most}",
-            ),
-            acceptance.STAMP_STANDS: (
-                ReasonKind.JOINT_STATE_GAP,
-                f"stamp {stamp!r} has not changed for {value:.3g} s, {at_most}",
-            ),
-        }
-        if code in about_time:
-            kind, detail = about_time[code]
-            return Reason(kind, "joint states", detail)
-        subject = self._robot.joints[joint]
-        unit = self._units[joint]
-        if code in (acceptance.POSITION_NOT_FINITE, acceptance.VELOCITY_NOT_FINITE):
-            name = "q" if code == acceptance.POSITION_NOT_FINITE else "v"
-            return Reason(ReasonKind.JOINT_STATE_MALFORMED, subject, f"{name} is {value}")
-        if code in (acceptance.POSITION_BEYOND_LIMITS, acceptance.VELOCITY_BEYOND_LIMITS):
-            name, lower, upper = "v", -allowed, allowed
-            unit = f"{unit}/s"
-            if code == acceptance.POSITION_BEYOND_LIMITS:
-                name, lower, upper = "q", float(guard.lower[joint]), float(guard.upper[joint])
-                unit = self._units[joint]
-            found_text, lower_text, upper_text = _spell(value, lower, upper, digits=6)
-            detail = f"{name} is {found_text} {unit}, limits with errors are "
-            detail += f"{lower_text} to {upper_text} {unit}"
-            return Reason(ReasonKind.JOINT_STATE_BEYOND_LIMITS, subject, detail)
-        text, rate = {
-            POSITION_BY_ACCEL: ("moved off its course by", ""),
-            POSITION_BY_SPEED: ("moved by", ""),
-            VELOCITY_BY_ACCEL: ("changed its velocity by", "/s"),
-            VELOCITY_BY_SPEED: ("moved at", "/s"),
-        }[code]
-        found_text, limit_text = _spell(value, allowed, digits=3)
-        detail = (
-            f"{text} {found_text} {unit}{rate} in {_spell_time(duration)}, "
-            f"limit {limit_text} {unit}{rate}"
-        )
-        return Reason(ReasonKind.JOINT_STATE_JUMPED, subject, detail)
-
-    def stopping(self) -> Reason | None:
-        """Why a joint cannot be kept from running into its stop; None if all can."""
-        robot, guard = self._robot, self.guard
-        joint = find_runaway(
+    def find_runaway(self) -> int:
+        """First joint that cannot be kept from running into its stop; NO_JOINT if all can."""
+        robot, guard = self.robot, self.guard
+        joint: int = find_runaway(
             self.q, self.v, guard.lower, guard.upper, robot.velocity_error, robot.acceleration_limit
         )
-        if joint == NOBODY:
-            return None
-        limits = robot.lower_position_limit[joint], robot.upper_position_limit[joint]
-        return Reason(
-            ReasonKind.JOINT_STOP_AHEAD,
-            robot.joints[joint],
-            f"at {self.q[joint]:.6g} with velocity {self.v[joint]:.3g}, "
-            f"between stops at {limits[0]:.6g} and {limits[1]:.6g}",
-        )
-
-    def _read(self, name: str, values: ArrayLike) -> FloatArray | Reason:
-        try:
-            if isinstance(values, np.ma.MaskedArray):
-                # What was masked out was not measured.
-                values = np.ma.filled(values.astype(np.float64), np.nan)
-            array = np.asarray(values)
-            # NumPy would read strings of digits as numbers, and drop imaginary parts.
-            if array.dtype.kind not in "fiu":
-                detail = f"array of {array.dtype}, expected numbers"
-                return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, detail)
-            if array.shape != self.q.shape:
-                detail = f"shape {array.shape}, expected {self.q.shape}"
-                return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, detail)
-            with np.errstate(all="ignore"):
-                # What is too large for a float becomes infinite, and is refused as that.
-                return np.array(array, dtype=np.float64)
-        except Exception:
-            # Whatever an object of somebody else's raises here, it is no array.
-            return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, "not an array of numbers")
+        return joint
 
     def _compile(self) -> None:
         """Run every kernel once, so that none is compiled in a tick."""
-        self.stopping()
+        self.find_runaway()
         # Explanations ask for it by itself.
         guard = self.guard
         limits = guard.velocity_error, guard.velocity_limit, guard.acceleration_limit
         compute_stop_time(self.v, *limits, guard.braking_deceleration, 0.0, 0.0, 0.0)
-
-
-def _spell(value: float, *limits: float, digits: int) -> list[str]:
-    """A value and its limits with at least so many digits, and as many as tell it from them."""
-    while digits < 17:
-        texts = [f"{number:.{digits}g}" for number in (value, *limits)]
-        if texts[0] not in texts[1:]:
-            break
-        digits += 3
-    return texts
-
-
-def _spell_time(duration: float) -> str:
-    """A duration in [s], in words."""
-    return f"{1e3 * duration:.3g} ms" if duration < 1.0 else f"{duration:.3g} s"

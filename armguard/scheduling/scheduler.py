@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.pairs.arm import WatchedArm
-from armguard.robot.joint_acceptance import BELIEVED
-from armguard.robot.joint_acceptance import NOBODY as NO_JOINT
+from armguard.robot.joint_acceptance import BELIEVED, NO_JOINT
 from armguard.scheduling.certificates import UNSEEN
 from armguard.scheduling.timing_wheel import NOBODY
 

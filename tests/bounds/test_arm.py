@@ -2,7 +2,14 @@ import numpy as np
 import pinocchio
 import pytest
 
-from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, ReachMotion
+from armguard.bounds import (
+    BrakingMotion,
+    IsotropicMotion,
+    JointMotion,
+    ReachMotion,
+    compute_levers,
+    sums,
+)
 from armguard.bounds.arm import MOTIONS, ArmMotion
 from support.panda_monitor import HOME, panda
 
@@ -28,6 +35,21 @@ def test_each_model_is_what_it_is_alone(base):
                 question = HOME, V, link, point, direction, t
                 assert together.advance(*question) == model.advance(*question)
     assert motion.braking.stop_time(HOME, V, 0.0, 0.003) > 0.05
+
+
+def test_levers_are_computed_once_for_all_models(monkeypatch):
+    asked = []
+
+    def count(robot, link, points):
+        asked.append(link)
+        return compute_levers(robot, link, points)
+
+    monkeypatch.setattr(sums, "compute_levers", count)
+    motion = ArmMotion(panda(), 0.02, with_plans=True)
+    assert tuple(asked) == panda().links
+    assert np.shares_memory(motion.isotropic.lever, motion.joint.lever)
+    assert np.shares_memory(motion.isotropic.lever, motion.braking.lever)
+    assert not motion.isotropic.lever.flags.writeable
 
 
 def test_tables_are_those_that_are_filled_tick_by_tick():

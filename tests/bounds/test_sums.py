@@ -1,12 +1,25 @@
 import numpy as np
 import pytest
 
-from armguard.bounds import IsotropicMotion
+from armguard.bounds import IsotropicMotion, compute_levers
+from armguard.bounds.sums import compute_sphere_levers
 
 
 @pytest.fixture(scope="module")
 def motion(robot):
     return IsotropicMotion(robot)
+
+
+def test_levers_of_spheres_are_those_of_each_link_in_turn(robot):
+    levers = compute_sphere_levers(robot)
+    assert not levers.flags.writeable
+    begin = 0
+    for link in robot.links:
+        centers = robot.cover.tree(link).spheres[:, :3]
+        end = begin + len(centers)
+        assert (levers[begin:end] == compute_levers(robot, link, centers)).all()
+        begin = end
+    assert begin == len(levers)
 
 
 def test_sums_agree_with_their_formulas(robot, motion):

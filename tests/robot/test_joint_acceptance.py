@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from armguard.jit.numerics import POSITION_BY_ACCEL, POSITION_BY_SPEED, VELOCITY_BY_ACCEL
+from armguard.monitor.joint_reasons import describe_refusal
 from armguard.robot import JointStates, Robot
 from armguard.robot.joint_acceptance import (
     BELIEVED,
     FAST,
     GAP,
-    NOBODY,
+    NO_JOINT,
     POSITION_BEYOND_LIMITS,
     POSITION_NOT_FINITE,
     RUNAWAY,
@@ -44,11 +45,11 @@ def test_the_first_state_is_held_against_limits_alone():
     for timeout in (TIMEOUT, math.inf):
         for stamp in (-1e9, 0.0, 1e9):
             states = JointStates(panda(), timeout)
-            assert states.accept(stamp, HOME, STILL, stamp)[:2] == (BELIEVED, NOBODY)
+            assert states.accept(stamp, HOME, STILL, stamp)[:2] == (BELIEVED, NO_JOINT)
             assert (states.q == HOME).all()
     states = make_states()
     assert states.accept(0.0, HOME * 9.0, STILL, 0.0)[:2] == (-POSITION_BEYOND_LIMITS, 1)
-    assert states.accept(0.0, HOME, STILL, 9.0)[:2] == (-TOO_OLD, NOBODY)
+    assert states.accept(0.0, HOME, STILL, 9.0)[:2] == (-TOO_OLD, NO_JOINT)
     assert (states.q == 0.0).all()
     assert states.accept(0.0, HOME, STILL, 0.0)[0] == BELIEVED
 
@@ -173,11 +174,11 @@ def test_it_believes_what_the_rules_believe_and_nothing_else():
             assert (states.q == before[0]).all()
             assert (states.v == before[1]).all()
             assert stop_times == [math.inf, math.inf]
-            assert states.describe(found, joint, stamp, q, v).detail
+            assert describe_refusal(states, found, joint, stamp, q, v).detail
         else:
             assert (states.q == q).all()
             assert (states.v == v).all()
-            assert bool(found & RUNAWAY) == (states.stopping() is not None)
+            assert bool(found & RUNAWAY) == (states.find_runaway() != NO_JOINT)
         if rng.random() < 0.05:
             plain = Plain(robot)
             states.reset()
@@ -198,7 +199,7 @@ def test_a_stamp_that_stands_while_the_clock_goes_on(ahead):
     assert found == (-STAMP_STANDS if ahead else -TOO_OLD)
     assert k - 1 in (50, 51)
     if ahead:
-        detail = states.describe(found, joint, stamp, HOME, STILL).detail
+        detail = describe_refusal(states, found, joint, stamp, HOME, STILL).detail
         assert "7.04" in detail
         assert "0.05" in detail
     if ahead:
@@ -255,7 +256,7 @@ def test_a_driver_that_wraps_is_believed_for_many_turns(pace, step):
         jumps += np.count_nonzero(np.abs(given - last) > 3.0)
         last = given
         found, joint, *_ = states.accept(k * step, given, v, k * step)
-        assert found == BELIEVED, states.describe(found, joint, k * step, given, v)
+        assert found == BELIEVED, describe_refusal(states, found, joint, k * step, given, v)
         assert np.abs(states.q - read).max() < 1e-12
     assert jumps >= 3
 
@@ -291,7 +292,7 @@ def test_what_is_off_by_anything_but_turns_has_jumped():
         found, joint, *_ = states.accept(PERIOD, given, still, PERIOD)
         assert found < 0
         assert joint == j
-        detail = states.describe(found, joint, PERIOD, given, still).detail
+        detail = describe_refusal(states, found, joint, PERIOD, given, still).detail
         assert detail.startswith("moved by 3.14" if off == math.pi else "moved by 0.1 rad")
 
 

@@ -37,14 +37,6 @@ ROOMS = {
     "app": EVERYTHING,
 }
 
-# Single imports against the law, each to be mended: a module and what it imports.
-LENT = {
-    (
-        "armguard.robot.joint_states",
-        "armguard.verdict",
-    ),  # words for refused states are still made where the states are tested
-}
-
 
 def read_modules(package=PACKAGE):
     """Syntax trees of all modules under `package`, by dotted name, and whether each is a face."""
@@ -94,7 +86,7 @@ def test_a_module_imports_only_what_its_room_may(name):
     )
     for imported in read_imports(name):
         other = read_room(imported)
-        if other in (room, "exceptions") or (name, imported) in LENT:
+        if other in (room, "exceptions"):
             continue
         assert other in ROOMS[room].split() or ROOMS[room] == EVERYTHING, (
             f"{name} imports {imported}, which its room may not: move what both need to a room "
@@ -106,11 +98,6 @@ def test_the_table_names_nothing_that_is_not_there():
     assert set(ROOMS) == {read_room(name) for name in set(MODULES) - ABOVE_ALL}
     named = {word for rooms in ROOMS.values() for word in rooms.split()} - {EVERYTHING}
     assert named <= set(ROOMS)
-
-
-def test_what_is_lent_is_still_needed():
-    for name, imported in LENT:
-        assert imported in read_imports(name), f"{name} no longer imports {imported}: drop it"
 
 
 def test_no_module_imports_itself_by_way_of_others():

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from armguard.bounds.free_body import saturation_time
 from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, deviation_along
 from armguard.bounds.table_time import obstacle_room
 from armguard.contact.gjk import nearest_on_hull
@@ -48,13 +49,10 @@ def _look(
     """A witness from p to a body, and least n.x of it from `start` to `end` after its stamp."""
     points, velocities, count = bodies.points[row], bodies.velocities[row], bodies.point_count[row]
     accel, speed = bodies.accel[row], bodies.speed[row]
-    carried = end
-    if accel > 0.0:
-        ux, uy, uz = velocities[0, 0], velocities[0, 1], velocities[0, 2]
-        pace = math.sqrt(ux * ux + uy * uy + uz * uz)
-        # Beyond the time at which its speed bound bites it may go anywhere.
-        carried = min(carried, max(speed - pace, 0.0) / accel)
-    x, y, z = nearest_on_hull(px, py, pz, points, velocities, count, carried)
+    ux, uy, uz = velocities[0, 0], velocities[0, 1], velocities[0, 2]
+    # Beyond that time the obstacle may be headed anywhere.
+    ahead = min(end, saturation_time(ux, uy, uz, accel, speed))
+    x, y, z = nearest_on_hull(px, py, pz, points, velocities, count, ahead)
     length = math.sqrt(x * x + y * y + z * z)
     nx, ny, nz = x / length, y / length, z / length
     room = obstacle_room(

@@ -14,14 +14,14 @@ import numpy.typing as npt
 import pinocchio
 
 from armguard.bounds.limits import read_limits
-from armguard.bounds.model import check_duration, check_question
+from armguard.bounds.model import check_duration, check_question, read_only
 from armguard.bounds.planned.check import CheckedPlan, check_plan
 from armguard.bounds.planned.contact import PlannedContact, find_planned_contact
 from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, deviation_along
 from armguard.bounds.planned.curve import evaluate_curve
 from armguard.bounds.planned.plan import Plan, Refusal
 from armguard.bounds.planned.slabs import make_slabs
-from armguard.bounds.sums import compute_levers
+from armguard.bounds.sums import compute_levers, compute_sphere_levers
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.numerics import SUM_ROUNDING
@@ -39,6 +39,8 @@ class PlannedMotion:
         robot: Robot,
         reaction_time: float,
         base_placement: pinocchio.SE3 | None = None,
+        *,
+        lever: FloatArray | None = None,
     ) -> None:
         """Compute the levers of all spheres, and compile.
 
@@ -46,6 +48,7 @@ class PlannedMotion:
             robot: The arm.
             reaction_time: From the plan's end to braking torque, in [s], >= 0.
             base_placement: Placement of the robot's base in the world; None: they coincide.
+            lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
 
         Raises:
             ArmguardError: The reaction time is negative or not finite, the placement is no rigid
@@ -57,16 +60,12 @@ class PlannedMotion:
         self._kinematics = Kinematics(robot, base_placement)
         spheres = self._kinematics.spheres
         numbers = [robot.model.getJointId(joint) for joint in robot.joints]
-        levers = [
-            compute_levers(robot, link, robot.cover.tree(link).spheres[:, :3])
-            for link in robot.links
-        ]
         self._arm = ArmShape(
             radius=spheres.radius,
             first_child=spheres.first_child,
             child_count=spheres.child_count,
             root=spheres.root,
-            lever=np.concatenate(levers),
+            lever=compute_sphere_levers(robot) if lever is None else read_only(lever),
             turning=np.array([not is_prismatic(robot.model, number) for number in numbers]),
             stack=np.zeros(len(spheres), dtype=np.int64),
         )

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from armguard.bounds.displacement import brake, fill_displacements
 from armguard.bounds.limits import JointLimits
 from armguard.bounds.planned.check import CheckedPlan, bound_velocity_deviation
 from armguard.bounds.planned.curve import curve_range, evaluate_curve, speed_range
-from armguard.bounds.travel import brake, fill_displacements
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
@@ -218,10 +218,10 @@ def _fill_leaving(
                 longest = nodes[k + 1] - nodes[i]
                 shortest = max(nodes[k] - nodes[i + 1], 0.0)
                 up, down = min(fastest[i, j], top[j]), min(-slowest[i, j], top[j])
-                way = brake(up, accel, braking, longest if up > 0.0 else shortest)
-                highest = max(highest, high_on[i, j] + way)
-                way = brake(down, accel, braking, longest if down > 0.0 else shortest)
-                lowest = min(lowest, low_on[i, j] - way)
+                braked = brake(up, accel, braking, longest if up > 0.0 else shortest)
+                highest = max(highest, high_on[i, j] + braked)
+                braked = brake(down, accel, braking, longest if down > 0.0 else shortest)
+                lowest = min(lowest, low_on[i, j] - braked)
             # One that stops at a limit gets no further, however fast it was.
             high[k, j] = max(highest, limits.lower[j] + limits.position_error[j])
             low[k, j] = min(lowest, limits.upper[j] - limits.position_error[j])

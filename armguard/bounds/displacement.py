@@ -3,7 +3,7 @@
 A joint that is measured at q with velocity v may truly be anywhere within its errors of both. Its
 displacement from where it truly was at the stamp lies between `low` and `high`:
 
-- By acceleration and speed: the free body's bound, convex in time.
+- By acceleration and speed: the free body's bound (`free_body`), convex in time.
 - By position limits: it stays between the limits, or within what was measured beyond them.
 - At a stop: no joint is to run into one, but should it do so, it may be at rest at the limit from
   the moment on at which it can have got there first, and come back from there.
@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 
+from armguard.bounds.free_body import free_displacement
 from armguard.bounds.limits import JointLimits
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
@@ -23,22 +24,11 @@ from armguard.jit.numerics import SUM_ROUNDING
 
 
 @kernel
-def travel(start: float, accel: float, top: float, s: float) -> float:
-    """Way along a direction within `s` >= 0 seconds of the fastest body that starts at `start`.
-
-    It accelerates at `accel` up to `top` and may be negative; rounded up. Bounds may be infinite.
-    """
-    start = min(start, top)
-    reached = start + accel * s
-    if reached < top:
-        return s * (start + 0.5 * accel * s) + SUM_ROUNDING * s * (abs(start) + accel * s)
-    ramp = min((top - start) / accel, s) if start < top and accel < math.inf else 0.0
-    return 0.5 * (start + top) * ramp + top * (s - ramp) + SUM_ROUNDING * top * s
-
-
-@kernel
 def arrival(start: float, accel: float, top: float, room: float) -> float:
-    """Earliest time at which that body can have gone `room`, rounded down; inf if never."""
+    """Earliest time at which the fastest body can have gone `room`, rounded down; inf if never.
+
+    It starts at `start` and accelerates at `accel` up to `top`, as in `free_displacement`.
+    """
     if not room > 0.0:
         return 0.0
     if room == math.inf:
@@ -63,38 +53,38 @@ def rise(
     """
     if s < 0.0:
         return -top * s * (1.0 + SUM_ROUNDING)
-    highest = travel(velocity, accel, top, s)
+    highest = free_displacement(velocity, accel, top, s)
     if s > below:
-        highest = max(highest, travel(0.0, accel, top, s - below) - max(room_below, 0.0))
+        highest = max(highest, free_displacement(0.0, accel, top, s - below) - max(room_below, 0.0))
     return highest
 
 
 @kernel
 def brake(velocity: float, accel: float, deceleration: float, s: float) -> float:
-    """Greatest way within `s` seconds of braking from a velocity of at most `velocity`.
+    """Greatest displacement within `s` seconds of braking from a velocity of at most `velocity`.
 
-    A joint that goes the right way decelerates by at least `deceleration`, one that goes the other
-    way by at most `accel`, each until it rests.
+    A joint that moves forwards decelerates by at least `deceleration`, one that moves backwards by
+    at most `accel`, each until it rests.
     """
     slows = deceleration if velocity > 0.0 else accel
     until = min(s, abs(velocity) / slows)
-    way = until * (abs(velocity) - 0.5 * slows * until)
-    return math.copysign(way, velocity) + SUM_ROUNDING * way
+    distance = until * (abs(velocity) - 0.5 * slows * until)
+    return math.copysign(distance, velocity) + SUM_ROUNDING * distance
 
 
 @kernel
 def _ease(
     velocity: float, accel: float, deceleration: float, pace: float, s: float
 ) -> tuple[float, float]:
-    """Greatest way within `s` seconds of keeping to a pace, and the greatest velocity then.
+    """Greatest displacement in `s` seconds of keeping to a pace, and the greatest velocity then.
 
     A joint that is faster decelerates by at least `deceleration`, any other gets no faster.
     """
     if velocity <= pace:
-        return travel(velocity, accel, pace, s), min(pace, velocity + accel * s)
+        return free_displacement(velocity, accel, pace, s), min(pace, velocity + accel * s)
     until = min(s, (velocity - pace) / deceleration)
-    way = until * (velocity - 0.5 * deceleration * until) + pace * (s - until)
-    return way * (1.0 + SUM_ROUNDING), max(pace, velocity - deceleration * s)
+    distance = until * (velocity - 0.5 * deceleration * until) + pace * (s - until)
+    return distance * (1.0 + SUM_ROUNDING), max(pace, velocity - deceleration * s)
 
 
 @kernel
@@ -112,22 +102,27 @@ def _settle(
     s: float,
 ) -> float:
     """`rise` of a joint that eases from `free` seconds after the stamp on, and then brakes."""
+    # Free: from the stamp until `free`.
     displacement = rise(velocity, accel, top, room_below, below, min(s, free))
     if s > free:
+        # Easing: for `going_on` seconds, from the greatest velocity that it can have reached.
         reached = min(top, velocity + accel * free)
         if free > below:
             reached = max(reached, min(top, accel * (free - below)))
-        way, left = _ease(reached, accel, deceleration, pace, min(s - free, going_on))
-        displacement = min(displacement, highest) + way
+        eased, left = _ease(reached, accel, deceleration, pace, min(s - free, going_on))
+        displacement = min(displacement, highest) + eased
         if free < below < s:
             # It may have come to rest at its stop meanwhile, and come back from there.
             back = min(s, free + going_on) - below
             if back > 0.0:
-                displacement = max(displacement, travel(0.0, accel, pace, back) - room_below)
+                displacement = max(
+                    displacement, free_displacement(0.0, accel, pace, back) - room_below
+                )
                 left = max(left, min(pace, accel * back))
         if s > free + going_on:
-            way = brake(left, accel, deceleration, s - free - going_on)
-            displacement = min(displacement, highest) + way
+            # Braking: until it rests, from the greatest velocity that easing has left it.
+            braked = brake(left, accel, deceleration, s - free - going_on)
+            displacement = min(displacement, highest) + braked
     # One that stops at its limit below gets no further down, however fast it was.
     return max(displacement, -max(room_below, 0.0))
 

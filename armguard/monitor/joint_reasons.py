@@ -1,0 +1,157 @@
+"""What is wrong with a joint state, as the reason of a verdict.
+
+`armguard.robot` decides which states are believed and answers with a code, a joint and numbers;
+here they become words. What was handed over instead of arrays is read here as well, before that
+decision.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armguard.jit.arrays import FloatArray
+from armguard.jit.numerics import (
+    POSITION_BY_ACCEL,
+    POSITION_BY_SPEED,
+    VELOCITY_BY_ACCEL,
+    VELOCITY_BY_SPEED,
+)
+from armguard.robot import joint_acceptance as acceptance
+from armguard.robot.joint_acceptance import NO_JOINT
+from armguard.robot.joint_states import JointStates
+from armguard.robot.joints import is_prismatic
+from armguard.verdict import Reason, ReasonKind
+
+
+def read_joint_vectors(
+    q: ArrayLike, v: ArrayLike, joints: int
+) -> tuple[FloatArray, FloatArray] | Reason:
+    """Plain arrays of whatever was given for positions and velocities, or what is wrong.
+
+    Args:
+        q: Joint positions, [rad] or [m]; expected of shape (nv,).
+        v: Joint velocities, [rad/s] or [m/s]; expected of shape (nv,).
+        joints: How many joints there are, nv.
+    """
+    read_q = _read_vector("q", q, joints)
+    if isinstance(read_q, Reason):
+        return read_q
+    read_v = _read_vector("v", v, joints)
+    return read_v if isinstance(read_v, Reason) else (read_q, read_v)
+
+
+def describe_refusal(
+    states: JointStates, found: int, joint: int, stamp: float, q: FloatArray, v: FloatArray
+) -> Reason:
+    """Why the joint state handed over last was refused.
+
+    Args:
+        states: What refused it.
+        found: What `JointStates.accept` found, below 0.
+        joint: For which it was refused.
+        stamp: Of the state, in [s].
+        q: Its positions, [rad] or [m].
+        v: Its velocities, [rad/s] or [m/s].
+    """
+    code, guard = -found, states.guard
+    value, allowed, duration = guard.numbers.tolist()
+    if code == acceptance.WRONG_LENGTH:
+        name, array = ("q", q) if q.shape != states.q.shape else ("v", v)
+        detail = f"shape {array.shape}, expected {states.q.shape}"
+        return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, detail)
+    at_most = f"expected at most {guard.timeout:.3g} s"
+    about_time = {
+        acceptance.STAMP_BACKWARDS: (
+            ReasonKind.TIME_BACKWARDS,
+            f"{stamp!r} after {float(guard.heard[0])!r}",
+        ),
+        acceptance.TOO_OLD: (ReasonKind.JOINT_STATE_GAP, f"{value:.3g} s old, {at_most}"),
+        acceptance.GAP: (
+            ReasonKind.JOINT_STATE_GAP,
+            f"{value:.3g} s between two, {at_most}",
+        ),
+        acceptance.STAMP_STANDS: (
+            ReasonKind.JOINT_STATE_GAP,
+            f"stamp {stamp!r} has not changed for {value:.3g} s, {at_most}",
+        ),
+    }
+    if code in about_time:
+        kind, detail = about_time[code]
+        return Reason(kind, "joint states", detail)
+    subject = states.robot.joints[joint]
+    if code in (acceptance.POSITION_NOT_FINITE, acceptance.VELOCITY_NOT_FINITE):
+        name = "q" if code == acceptance.POSITION_NOT_FINITE else "v"
+        return Reason(ReasonKind.JOINT_STATE_MALFORMED, subject, f"{name} is {value}")
+    unit = "m" if is_prismatic(states.robot.model, 1 + joint) else "rad"
+    if code in (acceptance.POSITION_BEYOND_LIMITS, acceptance.VELOCITY_BEYOND_LIMITS):
+        name, lower, upper, rate = "v", -allowed, allowed, "/s"
+        if code == acceptance.POSITION_BEYOND_LIMITS:
+            name, lower, upper = "q", float(guard.lower[joint]), float(guard.upper[joint])
+            rate = ""
+        found_text, lower_text, upper_text = _spell(value, lower, upper, digits=6)
+        detail = f"{name} is {found_text} {unit}{rate}, limits with errors are "
+        detail += f"{lower_text} to {upper_text} {unit}{rate}"
+        return Reason(ReasonKind.JOINT_STATE_BEYOND_LIMITS, subject, detail)
+    text, rate = {
+        POSITION_BY_ACCEL: ("moved off its course by", ""),
+        POSITION_BY_SPEED: ("moved by", ""),
+        VELOCITY_BY_ACCEL: ("changed its velocity by", "/s"),
+        VELOCITY_BY_SPEED: ("moved at", "/s"),
+    }[code]
+    found_text, limit_text = _spell(value, allowed, digits=3)
+    detail = (
+        f"{text} {found_text} {unit}{rate} in {_spell_time(duration)}, "
+        f"limit {limit_text} {unit}{rate}"
+    )
+    return Reason(ReasonKind.JOINT_STATE_JUMPED, subject, detail)
+
+
+def describe_runaway(states: JointStates) -> Reason | None:
+    """Why a joint cannot be kept from running into its stop; None if all can."""
+    joint, robot = states.find_runaway(), states.robot
+    if joint == NO_JOINT:
+        return None
+    limits = robot.lower_position_limit[joint], robot.upper_position_limit[joint]
+    return Reason(
+        ReasonKind.JOINT_STOP_AHEAD,
+        robot.joints[joint],
+        f"at {states.q[joint]:.6g} with velocity {states.v[joint]:.3g}, "
+        f"between stops at {limits[0]:.6g} and {limits[1]:.6g}",
+    )
+
+
+def _read_vector(name: str, values: ArrayLike, joints: int) -> FloatArray | Reason:
+    try:
+        if isinstance(values, np.ma.MaskedArray):
+            # What was masked out was not measured.
+            values = np.ma.filled(values.astype(np.float64), np.nan)
+        array = np.asarray(values)
+        # NumPy would read strings of digits as numbers, and drop imaginary parts.
+        if array.dtype.kind not in "fiu":
+            detail = f"array of {array.dtype}, expected numbers"
+            return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, detail)
+        if array.shape != (joints,):
+            detail = f"shape {array.shape}, expected {(joints,)}"
+            return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, detail)
+        with np.errstate(all="ignore"):
+            # What is too large for a float becomes infinite, and is refused as that.
+            return np.array(array, dtype=np.float64)
+    except Exception:
+        # Whatever a foreign object raises here, it is no array.
+        return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, "not an array of numbers")
+
+
+def _spell(value: float, *limits: float, digits: int) -> list[str]:
+    """A value and its limits with at least so many digits, and as many as tell it from them."""
+    while digits < 17:
+        texts = [f"{number:.{digits}g}" for number in (value, *limits)]
+        if texts[0] not in texts[1:]:
+            break
+        digits += 3
+    return texts
+
+
+def _spell_time(duration: float) -> str:
+    """A duration in [s], in words."""
+    return f"{1e3 * duration:.3g} ms" if duration < 1.0 else f"{duration:.3g} s"
