@@ -16,7 +16,7 @@ asks `monitor.commit(plan)` whether it is safe. With a `SeparationRule` each ver
 margin of the usual separation distance, too.
 """
 
-from armguard import bounds, contact
+from armguard import bounds, contact, people
 from armguard.bounds import Plan
 from armguard.contact import Certificate, certificate
 from armguard.cover import Cover, CoverReport
@@ -61,4 +61,5 @@ __all__ = [
     "bounds",
     "certificate",
     "contact",
+    "people",
 ]
