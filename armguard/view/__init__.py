@@ -10,7 +10,7 @@ from armguard.view.buckets import NO_BUCKET, compute_buckets
 from armguard.view.messages import (
     FrameMessage,
     LinkCover,
-    Obstacles,
+    ObstacleShapes,
     Pairs,
     SceneMessage,
     VerdictSummary,
@@ -23,7 +23,7 @@ __all__ = [
     "FrameMessage",
     "FramePublisher",
     "LinkCover",
-    "Obstacles",
+    "ObstacleShapes",
     "Pairs",
     "SceneMessage",
     "VerdictSummary",

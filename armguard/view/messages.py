@@ -114,7 +114,7 @@ class Load(msgspec.Struct, frozen=True, kw_only=True):
     p99: float
 
 
-class Obstacles(msgspec.Struct, frozen=True):
+class ObstacleShapes(msgspec.Struct, frozen=True):
     """Obstacles of one frame, each the hull of up to 8 points, rounded by a radius.
 
     Attributes:
@@ -143,7 +143,7 @@ class Obstacles(msgspec.Struct, frozen=True):
         counts: ArrayLike | None = None,
         refused: ArrayLike | None = None,
         buckets: ArrayLike | None = None,
-    ) -> Obstacles:
+    ) -> ObstacleShapes:
         """Pack the obstacles of one frame.
 
         Args:
@@ -242,7 +242,7 @@ class FrameMessage(msgspec.Struct, frozen=True, tag="frame", kw_only=True):
     verdict: VerdictSummary
     load: Load | None = None
     sphere_buckets: bytes = b""
-    obstacles: Obstacles = Obstacles()
+    obstacles: ObstacleShapes = ObstacleShapes()
     pairs: Pairs = Pairs()
 
 

@@ -25,7 +25,7 @@ from armguard.view.buckets import (
     parse_colour,
 )
 from armguard.view.drawing import Command
-from armguard.view.messages import FrameMessage, Obstacles, Pairs, SceneMessage
+from armguard.view.messages import FrameMessage, ObstacleShapes, Pairs, SceneMessage
 
 ROOT = "/armguard"
 COVER_OPACITY = 0.2
@@ -38,7 +38,7 @@ _BALL_DIRECTIONS = np.array(
 _BALL_DIRECTIONS /= np.linalg.norm(_BALL_DIRECTIONS, axis=1, keepdims=True)
 
 
-class Scene:
+class Picture:
     """The picture of one monitor.
 
     Args:
@@ -134,7 +134,7 @@ class Scene:
             )
         )
 
-    def _draw_obstacles(self, obstacles: Obstacles) -> None:
+    def _draw_obstacles(self, obstacles: ObstacleShapes) -> None:
         colours = self._colours[obstacles.buckets]
         colours[obstacles.refused] = parse_colour(REFUSED_COLOUR)
         counts, points, radii = obstacles.counts.astype(np.int64), obstacles.points, obstacles.radii
