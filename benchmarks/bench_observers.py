@@ -34,7 +34,7 @@ WITH_VIEW = CASES[2:5]
 
 
 class Resting:
-    """An input from within: a resting arm, and a person who stands at it."""
+    """An input without a socket: a resting arm, and a person who stands at it."""
 
     def __init__(self, clock, obstacles, names, offset):
         self.ended = False

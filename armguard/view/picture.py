@@ -1,8 +1,8 @@
 """What to draw: turns the feed's messages into the latest values of drawing commands.
 
 Everything that is coloured is coloured by imminence: a cover ball by its most imminent pair, an
-obstacle likewise, a line by its pair. Of a refused obstacle the last accepted state is shown, in
-a colour that the scale does not have.
+obstacle by its most imminent pair, a line by its pair. Of a refused obstacle the last accepted
+state is shown, in a colour that the scale does not have.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _BALL_DIRECTIONS /= np.linalg.norm(_BALL_DIRECTIONS, axis=1, keepdims=True)
 
 
 class Picture:
-    """The picture of one monitor.
+    """What is drawn of one monitor.
 
     Args:
         draw: Takes each command; of a key, the latest counts.
