@@ -8,15 +8,15 @@ obstacles do within their bounds, and whether the arm can still stop before that
     monitor = armguard.Monitor(robot, obstacles)
     verdict = monitor.step(stamp, q, v)
 
-By default the arm may do whatever its joints' limits allow, and each obstacle is looked at in time,
+By default the arm may do whatever its joints' limits allow, and each obstacle is evaluated in time,
 at the price of a few. Between ticks `monitor.explain()` says why a verdict is as it is,
 `monitor.headroom()` how much more could be watched, and `monitor.attention()` which obstacle a
-sensor had better look at next. A controller that shares its next piece of trajectory, a `Plan`,
+sensor should measure next. A controller that shares its next piece of trajectory, a `Plan`,
 asks `monitor.commit(plan)` whether it is safe. With a `SeparationRule` each verdict carries the
 margin of the usual separation distance, too.
 """
 
-from armguard import bounds, contact
+from armguard import bounds, contact, people
 from armguard.bounds import Plan
 from armguard.contact import Certificate, certificate
 from armguard.cover import Cover, CoverReport
@@ -61,4 +61,5 @@ __all__ = [
     "bounds",
     "certificate",
     "contact",
+    "people",
 ]

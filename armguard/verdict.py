@@ -76,7 +76,7 @@ class Reason(NamedTuple):
 
     kind: ReasonKind
     subject: str = ""
-    """Who or what: a source, an obstacle, a joint, a link and an obstacle."""
+    """What it is about: a source, an obstacle, a joint, a link and an obstacle."""
     detail: str = ""
     """Value found and value expected, in plain words."""
 
@@ -103,7 +103,7 @@ class Verdict(NamedTuple):
     link: str | None
     """Link of the deciding pair; None without pairs or where not all that is there is known."""
     obstacle: str | None
-    """Obstacle of the deciding pair; None alike."""
+    """Obstacle of the deciding pair; None where `link` is."""
     complete: bool
     """Whether a certificate in force stands behind every pair."""
     evaluated: int

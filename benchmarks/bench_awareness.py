@@ -3,7 +3,7 @@
     python benchmarks/bench_awareness.py [--pairs 60000] [--only deadline powers] [--ticks 3000] …
 
 A Panda at work (`scene/crowds.py`) amid balls that walk in circles about a hall, each measured at
-100 Hz; ticks at 1 kHz. All schedules see the same ticks: `full` looks at every pair; `daa` comes
+100 Hz; ticks at 1 kHz. All schedules see the same ticks: `full` evaluates every pair; `daa` comes
 with both laws of partition and both sorts; `deadline` is the monitor's own. Contact times are those
 of the library's compiled evaluation, joint bounds and all. Pairs that `daa` flags are counted, not
 measured exactly: that takes a call from Python for each of them in every tick, and nearly all of
@@ -47,7 +47,7 @@ from armguard.scheduling import DaaSchedule, FullSchedule
 from armguard.scheduling.paper.partition import make_partition
 from armguard.scheduling.scheduler import Tick
 from scene.crowds import RATE, REACTION_TIME, Work, publish
-from scene.lookouts import AWARE_MARGIN, FRESHNESS, Deadline, Full, PairSchedule, Walkers
+from scene.lookouts import AWARE_MARGIN, MAX_STALENESS, Deadline, Full, PairSchedule, Walkers
 from scene.machine import describe_machine
 
 LADDER = (60, 600, 6_000, 60_000)  # pairs
@@ -68,7 +68,7 @@ class Score:
         self.evaluations, self.durations = [], []
         self.delays: list[int] = []
         self.waiting: list[tuple[int, int]] = []
-        """Pairs that became the most imminent and were not looked at since, and when that was."""
+        """Pairs that became the most imminent and were not evaluated since, and when that was."""
 
     def judge(self, contestant, times, spent: int, duration: int) -> None:
         """Hold an answer against all contact times (obstacles, links) of its tick."""
@@ -85,7 +85,7 @@ class Score:
         self.durations.append(duration / 1e3)
 
     def notice(self, contestant) -> None:
-        """Settle who has been looked at since they became the most imminent."""
+        """Settle which pairs were evaluated since they became the most imminent."""
         still = []
         for pair, since in self.waiting:
             seen = contestant.last_look(pair)
@@ -151,15 +151,15 @@ class Trial:
         self._arm = arm = make_arm()
         pairs = count * len(arm.links)
         self._full = Full(FullSchedule(), arm, pairs)
-        everyone = {
+        contestants = {
             f"daa, {law}, {sort}": PairSchedule(DaaSchedule(1.0 / RATE, law, sort), arm, pairs)
             for law in ("powers", "fibonacci")
             for sort in ("partial", "total")
         }
-        everyone["deadline"] = Deadline(work.robot, obstacles, make_arm)
+        contestants["deadline"] = Deadline(work.robot, obstacles, make_arm)
         self._contestants = {
             name: contestant
-            for name, contestant in everyone.items()
+            for name, contestant in contestants.items()
             if not options.only or any(word in name for word in options.only)
         }
         self.scores = {name: Score() for name in ("full", *self._contestants)}
@@ -169,7 +169,7 @@ class Trial:
 
     @property
     def is_settled(self) -> bool:
-        """Whether every schedule has looked at all that it had to notice."""
+        """Whether every schedule has evaluated all that it had to notice."""
         return not any(score.waiting for score in self.scores.values())
 
     def pass_tick(self, *, counts: bool) -> None:
@@ -189,7 +189,7 @@ class Trial:
         names, position, velocity = self._walkers.measure(number)
         if names:
             publish(self._obstacles, names, now, position, velocity)
-        refinement_threshold = (stop_time + AWARE_MARGIN) / (1.0 - FRESHNESS)
+        refinement_threshold = (stop_time + AWARE_MARGIN) / (1.0 - MAX_STALENESS)
         self._arm.kinematics.place(q)
         state.begin(now, 0.0, refinement_threshold)
         state.prepare_arm(q, v)
@@ -208,7 +208,7 @@ class Trial:
             score.notice(contestant)
 
     def _follow_leader(self, number: int) -> None:
-        """See whether another pair is the most imminent now: everybody has to notice it."""
+        """See whether another pair is the most imminent now: each contestant has to notice it."""
         times = self._full.times
         if self._leader >= 0 and times[self._leader] <= times.min() * EQUAL:
             return

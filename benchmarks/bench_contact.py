@@ -77,7 +77,7 @@ def _numpy_roots(position, velocity, distance, accel):  # type: ignore[no-untype
 
 
 def _numpy_advances(position, velocity, distance, accel, advances):  # type: ignore[no-untyped-def]
-    """Tangent advancement over whole NumPy arrays, without care for rounding."""
+    """Conservative advancement over whole NumPy arrays, without care for rounding."""
     t = np.zeros(len(position))
     for _ in range(advances):
         ahead = position + velocity * t[:, None]

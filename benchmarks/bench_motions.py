@@ -34,7 +34,7 @@ from scene.configurations import draw_configuration
 
 TIMES = (0.05, 0.1, 0.2)
 STEP = 1e-3
-WATCHED = 25  # steps between looks at a motion
+WATCHED = 25  # steps between the places of a motion that are kept
 MOTIONS, ROUNDS = 64, 4
 REACTION, HORIZON = 0.02, 0.003
 REPEATS = 2000
@@ -48,7 +48,7 @@ def integrate(robot, q, v, first, switch, second):
     Args:
         robot: Whose limits apply.
         q: Where it starts, in [rad] or [m]. Shape (nv,).
-        v: Alike, in [rad]/[s] or [m]/[s]. Shape (nv,).
+        v: Joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
         first: Share of the acceleration limit at first, in [-1, 1]. Shape (n, nv).
         switch: When it changes, in [s]. Shape (n, nv).
         second: Share from then on. Shape (n, nv).

@@ -1,16 +1,16 @@
 """What observers cost the loop: a view absent, attached, hung or killed, a reader that never reads.
 
-One monitor at its rate, the same scene throughout; the cases take turns of a few seconds, again and
-again, so that whatever else the machine does falls on all of them alike. Times are in microseconds,
-and beside them the ratio to "no view": frames published to nobody. "no feed" has nothing to publish
-for: one tick in thirty is spared the making of a frame.
+One monitor runs at its rate in the same scene throughout; the cases take turns of a few seconds, so
+that whatever else the machine does falls on all of them. Times are in microseconds, and beside them
+the ratio to "no view": frames are published, and no view reads them. In the case "no feed" one tick
+in thirty is spared the making of a frame.
 
-    python benchmarks/bench_observers.py [ROUNDS] [SECONDS]
+    python benchmarks/bench_observers.py --rounds 5 --seconds 4
 """
 
+import argparse
 import os
 import signal
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -33,8 +33,8 @@ CASES = ("no feed", "no view", "view", "hung view", "killed view", "reader that 
 WITH_VIEW = CASES[2:5]
 
 
-class Scene:
-    """An input from within: a resting arm, and a person who stands at it."""
+class Resting:
+    """An input without a socket: a resting arm, and a person who stands at it."""
 
     def __init__(self, clock, obstacles, names, offset):
         self.ended = False
@@ -70,7 +70,7 @@ def run_case(case, build, folder, seconds):
     clock = MonotonicClock()
     robot, obstacles, monitor = build()
     edge = Edge(obstacles, robot.joints, clock, FaultLog(clock.now))
-    scene = Scene(clock, obstacles, robot.joints, edge.offset)
+    resting = Resting(clock, obstacles, robot.joints, edge.offset)
     verdicts = VerdictPublisher(f"ipc://{folder}/verdicts", edge.offset)
     context = zmq.Context()
     if case.startswith("reader"):
@@ -86,7 +86,7 @@ def run_case(case, build, folder, seconds):
             if feed is not None:
                 feed.observe(verdict, clock.now(), loop.durations, loop.late)
 
-        loop = TimedLoop(monitor, edge, [scene], clock, verdicts.publish, observe)
+        loop = TimedLoop(monitor, edge, [resting], clock, verdicts.publish, observe)
         if view is not None:
             loop.run(1.0)
             if case == "hung view":
@@ -123,8 +123,13 @@ def compute_figures(durations):
     return np.append(np.percentile(times, [50, 99, 99.9]), times.max())
 
 
-def main(rounds=5, seconds=4.0):
-    """Print the table."""
+def main(arguments=None):
+    """Measure, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--seconds", type=float, default=4.0, help="of each case in each round")
+    options = parser.parse_args(arguments)
+    rounds, seconds = options.rounds, options.seconds
     spent = {case: [] for case in CASES}
     cell = Cell.from_text(CELL)
     with tempfile.TemporaryDirectory() as folder:
@@ -145,4 +150,4 @@ def main(rounds=5, seconds=4.0):
 
 
 if __name__ == "__main__":
-    main(*(kind(value) for kind, value in zip((int, float), sys.argv[1:], strict=False)))
+    main()

@@ -74,7 +74,7 @@ def make_tables(paths: Sequence[Path]) -> str:
 
 
 def _short_window(reports: dict[str, BoundReport]) -> list[str]:
-    """Accelerations where 20 ms either side are looked at: sharper, and noisier."""
+    """Accelerations where 20 ms either side are taken: sharper, and noisier."""
     lines = [
         "The same with 20 ms either side of the middle, not 30 ms, and 2.25 times the noise:",
         "",

@@ -11,7 +11,7 @@ lets the robot swing at up to a share of its velocity limits, a ball with the bo
 - braking: the share in which there is none before it rests if it is told to brake a tick later,
   beside what braking bounds, which know of no plan, say of that.
 
-Then the price in µs: of checking a plan, of laying it out, and of one look at all pairs.
+Then the price in µs: of checking a plan, of laying it out, and of one evaluation of all pairs.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ A Panda moves between random points of its workspace, its base at several places
 people were recorded. Every rule judges every tick, with the same errors, delays and bounds on
 people, and holds a STOP for as long as it takes a monitor to believe that it is over. First the arm
 goes on whatever they say, so that all rules judge the same states. Then it obeys them, one by one:
-after the delays its brakes bite with what deceleration they guarantee, and once it may, it returns
+after the delays its brakes act with what deceleration they guarantee, and once it may, it returns
 to its path.
 
 | column | what it is |
@@ -58,7 +58,7 @@ from scene.stop_rules import (
 from scene.working_arm import WorkingArm
 
 ACCEL, SPEED = 10.0, 2.0  # bounds on people, [m/s²] and [m/s]
-REACTION, LATENCY, HOLD = 0.02, 0.002, 0.3  # [s]
+REACTION, LATENCY, RISE_DELAY = 0.02, 0.002, 0.3  # [s]
 INTRUSION = 0.2  # [m], in the second of the rows of the separation distance
 # Of the arm's base at the recordings' table: x and y in [m], and which way it faces, in degrees.
 PLACEMENTS = ((0.0, 0.7, -90.0), (-0.9, 0.7, -50.0), (0.0, 1.1, -90.0), (0.9, 0.7, -130.0))
@@ -85,7 +85,7 @@ class Outcome:
 class Holder:
     """A verdict that falls at once and rises after `rise_delay` seconds without a STOP."""
 
-    def __init__(self, rise_delay: float = HOLD) -> None:
+    def __init__(self, rise_delay: float = RISE_DELAY) -> None:
         self.stops = True
         self._rise_delay = rise_delay
         self._last = -np.inf
@@ -192,7 +192,7 @@ def play(case, rules, outcomes, scene, trajectory, seconds, obeys):  # type: ign
     for rule in rules:
         rule.begin(scene)
     arm, contacts = WorkingArm(trajectory), Contacts(scene, recording)
-    holders = [(Holder(0.0 if rule.holds else HOLD), Holder()) for rule in rules]
+    holders = [(Holder(0.0 if rule.holds else RISE_DELAY), Holder()) for rule in rules]
     brakes = Brakes(arm, rules[0].delay)
     period = scene.timing.period
     ticks = int(min(recording.duration, seconds) / period)
@@ -316,7 +316,7 @@ def main(arguments: list[str] | None = None) -> dict[float, tuple[list, list, li
     timing = Timing(1.0 / options.rate, LATENCY, REACTION)
     print(
         f"grid {options.rate:g} Hz, latency {1e3 * LATENCY:g} ms, reaction {1e3 * REACTION:g} ms, "
-        f"rise delay {HOLD} s, brakes {share:.0%} of the acceleration limits; "
+        f"rise delay {RISE_DELAY} s, brakes {share:.0%} of the acceleration limits; "
         f"people: {ACCEL:g} m/s², {SPEED:g} m/s; separation: {HUMAN_SPEED:g} m/s"
     )
     found = {}

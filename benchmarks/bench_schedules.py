@@ -5,21 +5,21 @@
 
 A Panda works slowly amid balls that wander about a hall (`scene/crowds.py`); every contestant
 (`scene/rivals.py`) sees the same joint states at 1 kHz and the same balls, each measured at 100 Hz,
-or at 1 Hz where there are 100,000. Nobody comes so near that even the crudest bound would stop the
-arm: whoever says STOP nevertheless is marked, since a monitor that stops the arm has an easy time.
+or at 1 Hz where there are 100,000. No ball comes so near that even the crudest bound would stop the
+arm: a contestant that says STOP nevertheless is marked, since stopping the arm is easy.
 
-`sweep, spheres` looks at all pairs of a ball and one of the cover's finest spheres in every tick,
-with a vectorised bound, and at the exact time only where that beats the best so far. `sweep,
+`sweep, spheres` evaluates all pairs of a ball and one of the cover's finest spheres in every tick,
+with a vectorised bound, and the exact time only where that beats the best so far. `sweep,
 bounds` does so with one ball around each link instead; `sweep, reach` (and `reach32`, in single
 precision) rules out most balls by what the arm cannot leave. ÷ is a sweep's median over that of the
 line.
 
 Contestants take turns of so many ticks, again and again, so that whatever else the machine does
-falls on all of them alike. Times are of one core, in microseconds: the median over turns of each
+falls on each of them. Times are of one core, in microseconds: the median over turns of each
 turn's median and 99 % of its ticks, and the slowest of all ticks. `update` is the median of taking
 in what was measured in that tick, which is timed apart. Garbage is collected before a turn and not
 during it, the first ticks of a turn are not counted, nor are those before the first turn, in which
-the schedules spread their load. Whoever is slow takes fewer ticks, from the beginning. Memory is
+the schedules spread their load. A slow contestant takes fewer ticks, from the beginning. Memory is
 what the process grew by, from making a contestant to its first tick, for each obstacle.
 """
 
@@ -140,7 +140,7 @@ def _trim() -> None:
 
 
 def make_runs(count: int, work: Work, crowd: Crowd, options) -> list[Run]:
-    """All who take part, in an order that is printed with who does not and why."""
+    """All that take part; what does not is printed with its reason."""
     runs = []
     for name, _, most, make, arguments in CONTESTANTS:
         if options.only and not any(word in name for word in options.only):
@@ -195,7 +195,7 @@ def compare(count: int, options) -> None:
     crowd = Crowd(count, nearest, 1.0 / interval)
     print(
         f"\narm at up to {100.0 * options.speed:g} % of its speed limits, stops within "
-        f"{work.stop_time.max():.3f} s; nobody nearer than {nearest:.2f} m, each measured once in "
+        f"{work.stop_time.max():.3f} s; no ball nearer than {nearest:.2f} m, each measured once in "
         f"{crowd.group_count} ticks; load {_load()}"
     )
     runs = make_runs(count, work, crowd, options)

@@ -1,4 +1,4 @@
-"""The paper's own experiment: three objects in the plane, and who could collide first.
+"""The paper's own experiment: three objects in the plane, and which two could collide first.
 
 Section 7 of "The Use of Awareness in Collision Prediction" once more, on the same schedules that
 the monitor runs on: they see pair numbers and times, so any world will do. Here it has three

@@ -26,7 +26,7 @@ QUEUE_LIMIT = 256
 """Lines that wait for a slow terminal; further ones are dropped and counted."""
 
 _WAKE = 0.05
-"""Between two looks of the thread at the queue, in [s]."""
+"""Between two readings of the queue by the thread, in [s]."""
 
 _GOODBYE = 1.0
 """How long the end of a run waits for a terminal to take the last lines, in [s]."""

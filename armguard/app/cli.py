@@ -47,7 +47,7 @@ class Demo:
     obstacles: int = 0
     """How many balls wander about the cell besides."""
     schedule: Literal["deadline", "full", "distance", "daa"] = "deadline"
-    """Which pairs are looked at in each tick."""
+    """Which pairs are evaluated in each tick."""
     seed: int = 0
     """Of the arm's, the person's and the balls' motions."""
     no_view: Flag = False

@@ -1,6 +1,6 @@
 """`armguard cover`: fit, prove and write covers; prove them again; exchange them with other tools.
 
-What it is asked about is a robot that armguard knows, or anybody's URDF. A URDF without limits is
+What it is asked about is a robot that armguard knows, or any other URDF. A URDF without limits is
 enough, since only geometry matters here.
 """
 

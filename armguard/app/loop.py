@@ -32,7 +32,7 @@ from armguard.verdict import Level, Reason, ReasonKind, Verdict
 LONGEST_SPELL = 0.19
 REST = 0.01
 """[s]. A loop that had no time to sleep for so long sleeps for so long: with real-time scheduling,
-nobody else may have run meanwhile. It is the part of the time that Linux keeps for others too."""
+no other process may have run meanwhile. Linux keeps the same part of the time for others."""
 
 
 class LoopReport(NamedTuple):

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from types import FrameType
 
 PARENT_CHECK_INTERVAL = 0.25
-"""Between two looks at whether the parent is still there, in [s]."""
+"""Between two checks that the parent is still there, in [s]."""
 
 COMPLAINT = 1
 """Exit code of a process that did what it was asked, until something else failed it."""
@@ -36,12 +36,12 @@ def termination_as_interrupt() -> Iterator[None]:
 def end_with(parent: int) -> None:
     """From now on, send this process SIGTERM when process `parent` is no longer its parent."""
 
-    def look(number: int, frame: FrameType | None) -> None:
+    def check_parent(number: int, frame: FrameType | None) -> None:
         if os.getppid() != parent:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             os.kill(os.getpid(), signal.SIGTERM)
 
-    signal.signal(signal.SIGALRM, look)
+    signal.signal(signal.SIGALRM, check_parent)
     # While Python shuts down its handlers are gone already, and an alarm would kill.
     atexit.register(signal.setitimer, signal.ITIMER_REAL, 0.0)
     signal.setitimer(signal.ITIMER_REAL, PARENT_CHECK_INTERVAL, PARENT_CHECK_INTERVAL)

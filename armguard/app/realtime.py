@@ -25,7 +25,7 @@ PRIORITY = 10
 """Before all ordinary work, and after whatever else on the machine was given more thought."""
 
 MAXIMUM_PRIORITY = 49
-"""The kernel's interrupt threads have 50: who keeps them waiting waits for them."""
+"""The kernel's interrupt threads have 50: a process that keeps them waiting waits for them."""
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30

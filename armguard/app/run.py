@@ -1,4 +1,4 @@
-"""`armguard run`, `reset` and `view`: a cell supervised from streams, and a look at it."""
+"""`armguard run`, `reset` and `view`: a cell supervised from streams, its reset and its view."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from armguard.app.announcer import Announcer
 from armguard.app.cell.cell import Cell
 from armguard.app.loop import RateLoop, run
 from armguard.app.processes import COMPLAINT, complain
-from armguard.app.summary import Tally, draw_summary, summarise
+from armguard.app.summary import VerdictCounts, draw_summary, summarise
 from armguard.app.view_feed import MonitorFeed
 from armguard.exceptions import ArmguardError, StreamError
 from armguard.streams.addresses import (
@@ -36,7 +36,7 @@ REACH_TIMEOUT = 3.0
 """How long `armguard reset` waits for the monitor to answer, in [s]."""
 
 PAGE_CHECK_INTERVAL = 0.25
-"""Between two looks at whether the page is still served, in [s]."""
+"""Between two checks that the page is still served, in [s]."""
 
 
 def supervise(
@@ -117,7 +117,7 @@ def supervise(
                 listening=tell_addresses,
                 tell=announcer.tell,
             )
-    summary = summarise(report, observer.tally)
+    summary = summarise(report, observer.counts)
     if as_json:
         sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
     else:
@@ -191,7 +191,7 @@ class _Observer:
     """Counts and announces every verdict, and feeds the views if there is an address for them."""
 
     def __init__(self, cell: Cell, publisher: FramePublisher | None, announcer: Announcer) -> None:
-        self.tally = Tally()
+        self.counts = VerdictCounts()
         self._announcer = announcer
         self._cell = cell
         self._publisher = publisher
@@ -199,7 +199,7 @@ class _Observer:
 
     def observe(self, loop: RateLoop, verdict: Verdict) -> None:
         """Called after each verdict was published."""
-        self.tally.count(verdict)
+        self.counts.count(verdict)
         self._announcer.observe(loop.clock.now(), verdict)
         if self._publisher is None:
             return

@@ -20,16 +20,16 @@ REASONS_SHOWN = 8
 COLORS = {"STOP": "red", "SLOW": "yellow", "AWARE": "cyan", "CLEAR": "green"}
 
 
-def summarise(report: LoopReport, tally: Tally) -> dict[str, Any]:
+def summarise(report: LoopReport, counts: VerdictCounts) -> dict[str, Any]:
     """The object that `--json` prints; a time that there is not is null."""
     times = {"p50": report.p50, "p99": report.p99, "p99.9": report.p999, "max": report.longest}
-    soonest = tally.min_contact_time
+    soonest = counts.min_contact_time
     return {
-        "ticks": report.ticks - tally.waiting,
-        "waiting": tally.waiting,
-        "stops": tally.stops,
-        "stop_reasons": dict(tally.reasons.most_common()),
-        "levels": {level.name: count for level, count in tally.levels.items()},
+        "ticks": report.ticks - counts.waiting,
+        "waiting": counts.waiting,
+        "stops": counts.stops,
+        "stop_reasons": dict(counts.reasons.most_common()),
+        "levels": {level.name: count for level, count in counts.levels.items()},
         "min_contact_time": soonest if math.isfinite(soonest) else None,
         "tick_us": {
             name: round(1e6 * time, 1) if math.isfinite(time) else None
@@ -37,7 +37,7 @@ def summarise(report: LoopReport, tally: Tally) -> dict[str, Any]:
         },
         "late": report.late,
         "realtime": _describe_realtime(report.realtime),
-        "incomplete": tally.incomplete,
+        "incomplete": counts.incomplete,
         "faults": report.monitor_faults + sum(report.faults.values()),
         "received": report.received,
         "message_faults": report.faults,
@@ -100,7 +100,7 @@ REASON_LIMIT = 64
 """Reasons of stops that are told apart; further ones are counted as "other reasons"."""
 
 
-class Tally:
+class VerdictCounts:
     """Counts verdicts; its size does not grow.
 
     Attributes:

@@ -19,7 +19,7 @@ from armguard.view.messages import (
     FrameMessage,
     LinkCover,
     Load,
-    Obstacles,
+    ObstacleShapes,
     Pairs,
     SceneMessage,
     VerdictSummary,
@@ -113,7 +113,7 @@ class MonitorFeed:
             ),
             load=load,
             sphere_buckets=compute_buckets(sphere_times, period).tobytes(),
-            obstacles=Obstacles.pack(
+            obstacles=ObstacleShapes.pack(
                 [monitor.obstacles.ids[row] for row in rows],
                 np.where(
                     table.has_state[rows][:, None, None],

@@ -5,8 +5,8 @@ each part, with its percentile and its source; `find_bounds` finds it by the id 
 `list_bounds` gives all of them as `Obstacles(bounds=…)` takes them. In a cell file `[bounds.of]`
 names parts by patterns of ids.
 
-`measure_motion` and `check_bounds` hold other recordings against them: whoever has people of their
-own should. docs/people.md says how, and what was found.
+`measure_motion` and `check_bounds` hold other recordings against them, which is needed wherever
+other people work. docs/people.md says how, and what was found.
 """
 
 from armguard.people.body_parts import BOUNDS, PATTERNS, PartBounds, find_bounds, list_bounds

@@ -1,6 +1,6 @@
 """Simulated arms, people and parts, and recordings of real people, for demos and studies.
 
-Whatever is published here goes through the same door as real perception: `Obstacles.update`.
+What is published here is taken as real perception is: by `Obstacles.update`.
 """
 
 from armguard.simulation.arm import SimulatedArm

@@ -88,7 +88,7 @@ def publish_person(
         stamp: Time of the frame, in [s].
         position: Of the tracked points in the world, NaN where one was not seen, in [m].
             Shape (9, 3).
-        velocity: Alike, in [m]/[s]. Shape (9, 3).
+        velocity: Of these points, in [m]/[s]. Shape (9, 3).
         velocity_error: What each may be off by, in [m]/[s]. Shape (9,).
         position_error: What each point may be off by, in [m].
         accel: Bound on accelerations, in [m]/[s²]; None: the sink's.

@@ -3,7 +3,7 @@
 The whole motion is one closed formula of time, made of polynomials, sines and cosines. Velocities
 are its derivative by the complex step, Im f(t + ih) / h, which is exact to rounding
 [SquireTrapp1998]_: no second formula has to be kept in step with the first, and positions and
-velocities agree as the monitor's tests of plausibility demand.
+velocities agree as the obstacle table demands (`obstacles.consistency`).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _REACH_TIME = 1.0  # for that, at least, in [s]
 _UPPER_ARM, _FOREARM = 0.30, 0.33  # shoulder to elbow, elbow to the middle of the hand, in [m]
 _LEAN = 0.12  # how far the shoulders come forward to reach, in [m]
 _HANGING = (0.05, 0.35)  # angles of upper arm and forearm from straight down, in [rad]
-_LOWEST, _HIGHEST = (-0.3, 0.0), (1.1, 1.6)  # how far back and up he reaches, alike
+_LOWEST, _HIGHEST = (-0.3, 0.0), (1.1, 1.6)  # bounds of hands, back and up, in [m]
 _HANDS_APART = 0.12  # of the middle between them, each, in [m]
 
 # Trunk points, relative to the feet, in [m]: forward, left, up from the base of the arm, which

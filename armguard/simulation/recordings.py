@@ -49,7 +49,7 @@ class Recording(SampledSource):
     Attributes:
         position: Of the tracked points in the world, NaN where one was not seen, in [m], in the
             order of `bodies.POINTS`. Shape (frames, 9, 3).
-        velocity: From past samples, alike, in [m]/[s]. Shape (frames, 9, 3).
+        velocity: Of these points, from past samples, in [m]/[s]. Shape (frames, 9, 3).
         velocity_error: What each velocity may be off by, in [m]/[s]. Shape (frames, 9).
 
     Raises:

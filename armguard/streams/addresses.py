@@ -41,7 +41,7 @@ def check_address(address: str) -> None:
             address,
             "could be reached from other machines, or is a name",
             expected=_EXPECTED,
-            remedy="armguard's streams are open to whoever can connect: keep them on this machine",
+            remedy="all that can connect may use armguard's streams: keep them on this machine",
         )
     if port != "*" and not 0 < int(port) < 65536:
         raise StreamError(address, f"port {port} does not exist", expected="1 to 65535")
@@ -79,7 +79,7 @@ def _check_path_free(address: str) -> None:
         probe.setblocking(False)
         try:
             probe.connect(path)
-        except BlockingIOError:  # somebody listens, too busy to answer
+        except BlockingIOError:  # a process listens, too busy to answer
             pass
         except OSError:
             return

@@ -95,7 +95,8 @@ class Edge:
             that was there before hands over what has waited.
         speed: Speed bound of obstacles that bring none and that no pattern of the table's fits, in
             [m/s]; for sources without a clock.
-        accel: Acceleration bound of obstacles that bring none, in [m/s²]; alike.
+        accel: Acceleration bound of obstacles that bring none and that no pattern of the table's
+            fits, in [m/s²]; for sources without a clock.
         reset_token: What a reset message must carry; without one, none is obeyed.
         monotonic: Reads the clock of `monotonic` stamps, in [s].
         unix: Reads the clock of `unix` stamps, in [s].
@@ -125,7 +126,7 @@ class Edge:
         self.dropped_age = math.nan
         """How old the last joint state was that was dropped as a backlog, in [s]; nan: none was."""
         self.reset_requested = False
-        """Whether a reset with the right token came; whoever obeys it sets it back."""
+        """Whether a reset with the right token came; the loop that obeys it sets it back."""
         start, machine, gap = _compare(clock, monotonic, 0.0)
         self.offset = machine - start
         """Machine's monotonic clock minus the monitor's, in [s]; never too small."""
@@ -203,7 +204,7 @@ class Edge:
         # What is not finite is no backlog: the monitor refuses it by its name.
         is_stale = newest is not None and now - newest.stamp > self._joint_timeout
         if self.reset_requested and is_stale:
-            # A reset would be void at once: whoever comes next begins anew.
+            # The monitor would refuse this state right after its reset; the next one begins anew.
             self._awaits_fresh, self._newest = True, None
         elif self._awaits_fresh and is_emptied and newest is not None:
             if is_stale:

@@ -15,7 +15,7 @@ _KEYS = 512
 """Kinds of faults kept apart; what comes beyond is counted under one name."""
 
 _WIDTH = 240
-"""Longest quotation, in characters, of what somebody sent."""
+"""Longest quotation of a message, in characters."""
 
 logger = logging.getLogger("armguard.streams")
 
@@ -70,7 +70,7 @@ class FaultLog:
 
         Args:
             kind: What sort of fault it is, in one word or two.
-            source: Who sent it.
+            source: Name of the source that sent it.
             sequence: Number of the message, where it has one.
             problem: Field, value found, and what was expected.
             times: How many faults of the kind this is.

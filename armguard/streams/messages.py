@@ -215,7 +215,9 @@ def to_points(field: str, points: Points, count: int) -> NDArray[np.float64]:
     Raises:
         MessageError: If the number of rows, points or coordinates is not that.
     """
-    expected = f"{count} rows of 3 coordinates, or of 1 to {POINT_LIMIT} such points alike"
+    expected = (
+        f"{count} rows of 3 coordinates, or of 1 to {POINT_LIMIT} such points, as many in each row"
+    )
     if isinstance(points, bytes):
         per_row, rest = divmod(len(points), 24 * count) if count else (0, len(points))
         if rest or not (count == 0 or 1 <= per_row <= POINT_LIMIT):

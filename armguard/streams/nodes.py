@@ -67,7 +67,7 @@ class Publisher:
         self._sequence = 0
         self._joints_sequence = 0
         self._connected = False
-        # XPUB publishes as PUB does, and lets us see when somebody begins to listen.
+        # XPUB publishes as PUB does, and tells when a monitor begins to listen.
         self._socket = _connect(address, zmq.XPUB)
 
     def wait(self, timeout: float) -> bool:
@@ -101,12 +101,12 @@ class Publisher:
             ids: Names of the obstacles. Length n.
             stamp: When they were there, in [s].
             position: Centres in [m], shape (n, 3); or points of their hulls, shape (n, k, 3).
-            velocity: Alike, in [m/s]; None where it is not known.
+            velocity: Of these points in [m/s], shape as of `position`; None: unknown.
             radius: In [m], one for all or shape (n,); needed wherever there are ids.
             accel: Bounds on acceleration in [m/s²], one or shape (n,); None: the cell's.
-            speed: Bounds on speed in [m/s], alike.
+            speed: Bounds on speed in [m/s], one or shape (n,); None: the cell's.
             position_error: What positions may be off by, in [m], one or shape (n,).
-            velocity_error: What velocities may be off by, in [m/s], alike.
+            velocity_error: What velocities may be off by, in [m/s], one or shape (n,).
             frame: Name of the frame that all of it is given in.
             snapshot: Whether this is all that is in the cell, so that absent ids are gone.
 
@@ -196,7 +196,7 @@ def _pack_values(field: str, values: ArrayLike | None, count: int) -> Values | N
 
 
 class VerdictPublisher:
-    """Sends verdicts to whoever listens; a reader that never reads loses some, nobody waits.
+    """Sends verdicts to all readers, and waits for none: one that never reads loses some.
 
     Args:
         address: Where readers connect to; bound.
@@ -228,7 +228,7 @@ class VerdictPublisher:
 
 
 class VerdictReader:
-    """Receives verdicts; for a controller, which must brake on STOP and on silence alike.
+    """Receives verdicts; for a controller, which must brake on STOP, and on silence as well.
 
     Times of the verdicts are seconds of the machine's monotonic clock. What is malformed or comes
     from another version is counted in `refused` and otherwise treated as silence.

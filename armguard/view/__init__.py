@@ -1,6 +1,6 @@
 """The view: awareness in the browser, drawn by a process of its own.
 
-A monitor publishes snapshots with a `FramePublisher`, which never waits for anybody. The view
+A monitor publishes frames with a `FramePublisher`, which never waits for a view. The view
 process (`launch`, or `python -m armguard.view ADDRESS`) keeps the newest one, turns it into
 drawing commands and serves Meshcat's viewer on the loopback interface. However slow or dead the
 view or a browser may be, no tick of the monitor is ever delayed by it.
@@ -10,7 +10,7 @@ from armguard.view.buckets import NO_BUCKET, compute_buckets
 from armguard.view.messages import (
     FrameMessage,
     LinkCover,
-    Obstacles,
+    ObstacleShapes,
     Pairs,
     SceneMessage,
     VerdictSummary,
@@ -23,7 +23,7 @@ __all__ = [
     "FrameMessage",
     "FramePublisher",
     "LinkCover",
-    "Obstacles",
+    "ObstacleShapes",
     "Pairs",
     "SceneMessage",
     "VerdictSummary",

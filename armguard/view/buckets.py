@@ -3,7 +3,7 @@
 A pair belongs to bucket k = floor(log2(tau / dt)), clipped to 0 ... 15: every bucket is twice as
 long as the one before. A colour stands for a time, whatever the rate of the monitor: red within a
 tenth of a second, over amber and yellow to green at a few seconds and blue-grey beyond. Colours
-between the reference states are mixed in Oklab, so that equal steps look equal, and lightness
+between these are mixed in Oklab, so that equal steps look equal, and lightness
 rises from red to yellow and falls again, so that the scale also works without telling red from
 green.
 """

@@ -21,7 +21,7 @@ class Command(NamedTuple):
     """One packed command."""
 
     key: str
-    """What it sets; a later command of the same key makes this one void."""
+    """What it sets; a later command of the same key replaces this one."""
     payload: bytes
     """msgpack, as the page takes it."""
 

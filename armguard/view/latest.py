@@ -25,7 +25,7 @@ class Reader:
         self._owed[key] = None
 
     def restart(self) -> None:
-        """Forget what was owed: all values are void."""
+        """Forget what was owed: no value holds any more."""
         self._owed.clear()
 
     def take(self, preface: bytes) -> bytes | None:
@@ -62,14 +62,14 @@ class LatestValues:
             reader.owe(command.key)
 
     def clear(self, command: Command) -> None:
-        """Void all values; `command` tells browsers to forget what they have drawn."""
+        """Drop all values; `command` tells browsers to forget what they have drawn."""
         self._values.clear()
         for reader in self._readers:
             reader.restart()
         self.set(command)
 
     def attach(self) -> Reader:
-        """A new reader, who is owed everything."""
+        """A new reader, to which all values are new."""
         reader = Reader(self._values)
         self._readers.add(reader)
         return reader

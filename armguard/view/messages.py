@@ -57,7 +57,7 @@ class SceneMessage(msgspec.Struct, frozen=True, tag="scene", kw_only=True):
         base: Pose of the URDF's root in the world, a homogeneous matrix in row-major order.
         cover: The arm's spheres; their order is that of `FrameMessage.sphere_buckets`.
         period: One tick of the monitor, in [s]: the unit of the buckets.
-        urdf: Path of anybody's own URDF; its meshes are read by the view itself.
+        urdf: Path of a URDF that armguard does not come with; the view itself reads its meshes.
         package_dirs: Folders in which its `package://` names are looked up.
         locked: Where joints that are not watched rest, in [rad] or [m]; those not named: at zero.
     """
@@ -82,7 +82,7 @@ class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
         speed_scale: Share of its speed that the arm may use, 0 to 1.
         link: Link of the pair that decides; empty if none.
         obstacle: Obstacle of that pair.
-        complete: Whether every pair was looked at in time.
+        complete: Whether every pair was evaluated in time.
         reasons: What the verdict rests on, in plain words.
     """
 
@@ -114,8 +114,8 @@ class Load(msgspec.Struct, frozen=True, kw_only=True):
     p99: float
 
 
-class Obstacles(msgspec.Struct, frozen=True):
-    """Obstacles of one frame, each the hull of up to 8 points, rounded by a radius.
+class ObstacleShapes(msgspec.Struct, frozen=True):
+    """Shapes of the obstacles in one frame, each the hull of up to 8 points, rounded by a radius.
 
     Attributes:
         ids: Their names.
@@ -143,7 +143,7 @@ class Obstacles(msgspec.Struct, frozen=True):
         counts: ArrayLike | None = None,
         refused: ArrayLike | None = None,
         buckets: ArrayLike | None = None,
-    ) -> Obstacles:
+    ) -> ObstacleShapes:
         """Pack the obstacles of one frame.
 
         Args:
@@ -242,7 +242,7 @@ class FrameMessage(msgspec.Struct, frozen=True, tag="frame", kw_only=True):
     verdict: VerdictSummary
     load: Load | None = None
     sphere_buckets: bytes = b""
-    obstacles: Obstacles = Obstacles()
+    obstacles: ObstacleShapes = ObstacleShapes()
     pairs: Pairs = Pairs()
 
 

@@ -1,8 +1,8 @@
 """What to draw: turns the feed's messages into the latest values of drawing commands.
 
 Everything that is coloured is coloured by imminence: a cover ball by its most imminent pair, an
-obstacle likewise, a line by its pair. Of a refused obstacle the last accepted state is shown, in
-a colour that the scale does not have.
+obstacle by its most imminent pair, a line by its pair. Of a refused obstacle the last accepted
+state is shown, in a colour that the scale does not have.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from armguard.view.buckets import (
     parse_colour,
 )
 from armguard.view.drawing import Command
-from armguard.view.messages import FrameMessage, Obstacles, Pairs, SceneMessage
+from armguard.view.messages import FrameMessage, ObstacleShapes, Pairs, SceneMessage
 
 ROOT = "/armguard"
 COVER_OPACITY = 0.2
@@ -38,8 +38,8 @@ _BALL_DIRECTIONS = np.array(
 _BALL_DIRECTIONS /= np.linalg.norm(_BALL_DIRECTIONS, axis=1, keepdims=True)
 
 
-class Scene:
-    """The picture of one monitor.
+class Picture:
+    """What is drawn of one monitor.
 
     Args:
         draw: Takes each command; of a key, the latest counts.
@@ -134,7 +134,7 @@ class Scene:
             )
         )
 
-    def _draw_obstacles(self, obstacles: Obstacles) -> None:
+    def _draw_obstacles(self, obstacles: ObstacleShapes) -> None:
         colours = self._colours[obstacles.buckets]
         colours[obstacles.refused] = parse_colour(REFUSED_COLOUR)
         counts, points, radii = obstacles.counts.astype(np.int64), obstacles.points, obstacles.radii

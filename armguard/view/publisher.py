@@ -1,4 +1,4 @@
-"""Publishes snapshots for whoever looks, and never waits for them.
+"""Publishes frames for the views that are attached, and never waits for one.
 
 ZeroMQ's PUB socket drops what a subscriber does not take; two messages at most are kept for each,
 so a view that hangs costs neither time nor memory, and finds the present when it wakes.
@@ -39,7 +39,7 @@ class FramePublisher:
         self.problem = ""
         self._scene: SceneMessage | None = None
         self._frames_since_scene = 0
-        # A context of its own: closing waits for nobody else's sockets.
+        # A context of its own: closing it waits for no other sockets.
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.PUB)
         self._socket.set(zmq.SNDHWM, 2)
@@ -58,7 +58,7 @@ class FramePublisher:
         self._send(scene)
 
     def publish_frame(self, frame: FrameMessage) -> None:
-        """Tell one moment; whoever does not keep up misses it."""
+        """Tell one moment; a view that does not keep up misses it."""
         self._frames_since_scene += 1
         if self._frames_since_scene >= SCENE_INTERVAL and self._scene is not None:
             self._frames_since_scene = 0

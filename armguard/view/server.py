@@ -110,7 +110,7 @@ class ViewServer:
 
 
 class _LocalOnly(tornado.web.RequestHandler):
-    """Answers only those who address this machine by a local name.
+    """Answers only requests that address this machine by a local name.
 
     A page of elsewhere whose name was made to resolve to 127.0.0.1 still says that name in its
     Host header.

@@ -16,7 +16,7 @@ from armguard.exceptions import ArmguardError
 from armguard.view import drawing
 from armguard.view.latest import LatestValues
 from armguard.view.messages import FrameMessage, SceneMessage, decode_message
-from armguard.view.picture import ROOT, Scene
+from armguard.view.picture import ROOT, Picture
 from armguard.view.server import ViewServer
 
 PARENT_CHECK_INTERVAL = 0.25
@@ -57,7 +57,7 @@ class Watch:
         except ArmguardError:
             self._context.destroy(linger=0)
             raise
-        self._scene = Scene(self._values.set, self._forget)
+        self._picture = Picture(self._values.set, self._forget)
         self._complained = -COMPLAINT_INTERVAL
         self._complaints = 0
         self.url = self._server.url
@@ -91,9 +91,9 @@ class Watch:
                 frame = message
         try:
             if scene is not None:
-                self._scene.draw_scene(scene)
+                self._picture.draw_scene(scene)
             if frame is not None:
-                self._scene.draw_frame(frame)
+                self._picture.draw_frame(frame)
         except Exception as error:  # one bad picture must not end the view
             self._complain(f"{type(error).__name__}: {error}")
             return

@@ -1,6 +1,6 @@
 """The scene and the contestants of `bench_awareness.py`: walking balls, schedules to question.
 
-Every schedule, whether of pairs or of obstacles, answers the same questions about its last look.
+Every schedule, whether of pairs or of obstacles, answers the same questions about its last tick.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from scene.crowds import HEIGHT, LATENCY, OUTER, RATE, REACTION_TIME
 
 GROUPS = 10  # of balls that are measured in turn, one in each tick
 CIRCLE, PACE = (0.5, 3.0), (0.3, 1.5)  # radii [m] and speeds [m/s] of the balls' walks
-FRESHNESS, JOINT_TIMEOUT = 0.25, 0.05  # the monitor's defaults
-AWARE_MARGIN = 0.3  # likewise, [s]
+MAX_STALENESS, JOINT_TIMEOUT = 0.25, 0.05  # the monitor's defaults
+AWARE_MARGIN = 0.3  # AWARE that long after the stop time, [s]
 HORIZON = 1.0 / RATE + LATENCY + REACTION_TIME  # [s]
 
 
@@ -102,7 +102,7 @@ class PairSchedule:
         return float(self._expiry.min() - self._now)
 
     def count_expired(self) -> int:
-        """Pairs without a certificate in force or a look in this tick."""
+        """Pairs without a certificate in force or an evaluation in this tick."""
         held = (self._expiry > self._now) | (self._looked_at == self._number)
         return int(np.count_nonzero(~held))
 
@@ -134,7 +134,7 @@ class Deadline:
             make_arm,
             self._states,
             HORIZON,
-            FRESHNESS,
+            MAX_STALENESS,
             AWARE_MARGIN,
             1.0 / RATE,
             None,
@@ -164,9 +164,9 @@ class Deadline:
         return self._look.overdue
 
     def count_flagged(self) -> int:
-        """None: nobody waits beyond what matters to a stop."""
+        """None: no ball waits beyond what matters to a stop."""
         return 0
 
     def last_look(self, pair: int) -> int:
-        """Tick of the last look at a pair's obstacle."""
+        """Tick in which a pair's obstacle was last evaluated."""
         return round(self._watch.recall(pair).evaluated_at * RATE)

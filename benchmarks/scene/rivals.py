@@ -1,4 +1,4 @@
-"""Who takes part in `bench_schedules.py`: armguard, the sweeps, and what users pick today.
+"""What takes part in `bench_schedules.py`: armguard, the sweeps, and what users pick today.
 
 All are shown the same balls and joint states. What each is asked differs: contact times by armguard
 and the sweeps; distances by Pinocchio and MuJoCo, whose least over the speed bounds is a time too;
@@ -110,7 +110,7 @@ class Sweep:
         return Answer(float(time), float(spent), bool(time > self._stop_time))
 
 
-# Name, what it is asked, the most obstacles that it is asked about unless somebody insists (beyond
+# Name, what it is asked, the most obstacles that it is asked about unless told otherwise (beyond
 # that a tick or the making of it takes seconds or minutes), and how it is made.
 CONTESTANTS = (
     ("deadline, joint", "contact times", math.inf, Watch, ("deadline", "joint")),

@@ -1,8 +1,8 @@
 """Rules that say, tick by tick, whether an arm must stop: side by side, on the same scene.
 
 Each is put together from the library's motion models and the kernels that prove an interval free.
-All of them look at every pair in every tick, descend each link's tree of spheres no further than
-it takes, and reckon with accepted and refused samples alike.
+All of them evaluate every pair in every tick, descend each link's tree of spheres no further than
+it takes, and reckon with refused samples as well as accepted ones.
 """
 
 from __future__ import annotations
@@ -108,13 +108,13 @@ class Scene:
         self.watch(Obstacles())
 
     def watch(self, obstacles: Obstacles) -> None:
-        """Look at another table from now on."""
+        """Read another table from now on."""
         self.obstacles = obstacles
         self.parts: Parts | None = None
         self.view()
 
     def view(self) -> None:
-        """Look at the table's arrays, which are replaced when it grows."""
+        """Take the table's arrays, which are replaced when it grows."""
         table = self.obstacles.table
         if self.parts is not None and self.parts.bodies is table.accepted:
             return

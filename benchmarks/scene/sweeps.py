@@ -1,6 +1,6 @@
 """The strongest sweeps over all pairs that we could write: what `deadline` has to beat.
 
-A sweep looks at every pair of link, or of sphere, and obstacle in every tick. It keeps no
+A sweep evaluates every pair of link, or of sphere, and obstacle in every tick. It keeps no
 certificates, so it needs no bookkeeping; all that it can save is the exact contact time where
 something cheap proves that a pair cannot decide. Obstacles lie in rows of one array, loops are free
 of branches so that they run several obstacles at a time, and a tick is one call of Pinocchio and
@@ -36,7 +36,7 @@ ADVANCES = 8  # as the monitor's
 BLOCK = 256
 SLACK = 1e-12  # relative, of sums of a few terms
 ROOM, ROOM_SINGLE = 1e-9, 1e-4  # [m]: beyond what is lost to rounding within 100 m
-NEARLY = 1e-3  # so little of a time is not worth a look at each link: then the arm's stands for all
+NEARLY = 1e-3  # relative; where links gain less, the arm's time stands for all
 EPOCH = 4.0  # [s]: stamps count from a time nearer than this, so that single precision keeps them
 
 # Rows of the obstacles' array.
@@ -86,7 +86,7 @@ def _place_links(rotation, translation, jacobian, v, links):  # type: ignore[no-
 
 @kernel
 def _pair_time(links, i, bodies, j, now):  # type: ignore[no-untyped-def]
-    """Exact contact time of a link's ball and an obstacle, isotropic; of a workspace ball alike."""
+    """Exact contact time of a link's ball and an obstacle, isotropic; or of a workspace ball."""
     return ball_contact_time(
         bodies[X, j] - links[LX, i], bodies[Y, j] - links[LY, i], bodies[Z, j] - links[LZ, i],
         (links[LSIZE, i] + bodies[SIZE, j]) * (1.0 + SLACK),

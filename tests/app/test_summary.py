@@ -6,7 +6,7 @@ from rich.console import Console
 
 from armguard.app.loop import LoopReport
 from armguard.app.realtime import Realtime
-from armguard.app.summary import COLORS, REASON_LIMIT, Tally, draw_summary, summarise
+from armguard.app.summary import COLORS, REASON_LIMIT, VerdictCounts, draw_summary, summarise
 from armguard.verdict import Level, Reason, ReasonKind
 from support.verdict_samples import verdict
 
@@ -28,7 +28,7 @@ def make_report(**changes):
 
 
 def test_programs_find_every_key_and_strict_json():
-    summary = summarise(make_report(), Tally())
+    summary = summarise(make_report(), VerdictCounts())
     expected = {"ticks", "stops", "levels", "min_contact_time", "tick_us", "incomplete", "faults"}
     assert expected <= set(summary)
     assert {"p50", "p99", "max"} <= set(summary["tick_us"])
@@ -37,30 +37,30 @@ def test_programs_find_every_key_and_strict_json():
 
 
 def test_faults_are_those_of_messages_and_of_the_monitor():
-    assert summarise(make_report(), Tally())["faults"] == 7
+    assert summarise(make_report(), VerdictCounts())["faults"] == 7
 
 
 def test_ticks_are_those_that_judged_an_arm():
-    tally = Tally()
-    tally.waiting = 5
-    assert summarise(make_report(), tally)["ticks"] == 7
+    counts = VerdictCounts()
+    counts.waiting = 5
+    assert summarise(make_report(), counts)["ticks"] == 7
 
 
 def test_a_run_without_joint_states_was_a_stop_all_the_time():
-    tally = Tally()
-    tally.waiting = 12
-    shown = show(summarise(make_report(), tally), 80)
+    counts = VerdictCounts()
+    counts.waiting = 12
+    shown = show(summarise(make_report(), counts), 80)
     assert "%" not in shown
     assert "all the time: no joint state came" in shown
     assert "none possible" not in shown
 
 
 def test_stops_are_listed_with_their_reasons_the_most_frequent_first():
-    tally = Tally()
-    tally.stops = 13
-    tally.reasons.update({"gap in joint states": 1, "source silent: [bold]cam": 9})
-    tally.reasons.update({f"obstacle refused: {n}": 1 for n in range(10)})
-    summary = summarise(make_report(), tally)
+    counts = VerdictCounts()
+    counts.stops = 13
+    counts.reasons.update({"gap in joint states": 1, "source silent: [bold]cam": 9})
+    counts.reasons.update({f"obstacle refused: {n}": 1 for n in range(10)})
+    summary = summarise(make_report(), counts)
     assert next(iter(summary["stop_reasons"].items())) == ("source silent: [bold]cam", 9)
     assert len(summary["stop_reasons"]) == 12
     shown = show(summary, 80)
@@ -71,7 +71,7 @@ def test_stops_are_listed_with_their_reasons_the_most_frequent_first():
 
 def test_a_run_without_a_single_tick_has_a_summary():
     nothing = make_report(ticks=0, p50=math.nan, p99=math.nan, p999=math.nan, longest=0.0)
-    summary = summarise(nothing, Tally())
+    summary = summarise(nothing, VerdictCounts())
     assert summary["tick_us"] == {"p50": None, "p99": None, "p99.9": None, "max": 0.0}
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
     assert "ticks" in show(summary, 80)
@@ -87,7 +87,7 @@ def test_a_run_without_a_single_tick_has_a_summary():
     ],
 )
 def test_what_the_system_granted_is_told(granted, words):
-    summary = summarise(make_report(realtime=granted), Tally())
+    summary = summarise(make_report(realtime=granted), VerdictCounts())
     known = granted and {"priority": granted.priority, "memory_locked": granted.memory_locked}
     assert summary["realtime"] == known
     assert words in show(summary, 80)
@@ -95,9 +95,9 @@ def test_what_the_system_granted_is_told(granted, words):
 
 @pytest.mark.parametrize("width", [40, 80, 200])
 def test_people_see_it_whole_at_any_width(width):
-    tally = Tally()
-    tally.min_contact_time = 0.125
-    shown = show(summarise(make_report(), tally), width)
+    counts = VerdictCounts()
+    counts.min_contact_time = 0.125
+    shown = show(summarise(make_report(), counts), width)
     assert "0.125 s" in shown
     assert all(level.name in shown for level in Level)
     assert max(map(len, shown.splitlines())) <= width
@@ -116,17 +116,17 @@ def show(summary, width):
 
 
 def count(*verdicts):
-    tally = Tally()
+    counts = VerdictCounts()
     for one in verdicts:
-        tally.count(one)
-    return tally
+        counts.count(one)
+    return counts
 
 
 def test_every_tick_is_counted_once():
     levels = [Level.STOP, Level.SLOW, Level.STOP, Level.CLEAR, Level.CLEAR]
-    tally = count(*map(verdict, levels))
-    assert tally.levels == {Level.STOP: 2, Level.SLOW: 1, Level.AWARE: 0, Level.CLEAR: 2}
-    assert sum(tally.levels.values()) == len(levels)
+    counts = count(*map(verdict, levels))
+    assert counts.levels == {Level.STOP: 2, Level.SLOW: 1, Level.AWARE: 0, Level.CLEAR: 2}
+    assert sum(counts.levels.values()) == len(levels)
 
 
 def test_a_stop_is_a_fall_to_it_and_a_beginning_with_it():
@@ -138,18 +138,18 @@ def test_a_stop_is_a_fall_to_it_and_a_beginning_with_it():
 
 def test_ticks_without_any_joint_state_count_only_as_waiting():
     waiting = verdict(Level.STOP, 0.0, sequence=0, link=None, complete=False)
-    tally = count(waiting, waiting, verdict(Level.CLEAR))
-    assert tally.waiting == 2
-    assert tally.stops == tally.incomplete == tally.levels[Level.STOP] == 0
-    assert tally.min_contact_time == 1.0
+    counts = count(waiting, waiting, verdict(Level.CLEAR))
+    assert counts.waiting == 2
+    assert counts.stops == counts.incomplete == counts.levels[Level.STOP] == 0
+    assert counts.min_contact_time == 1.0
 
 
 def test_the_soonest_contact_is_of_a_pair():
     assert count().min_contact_time == math.inf
     unknown = verdict(Level.STOP, 0.0, link=None, complete=False)
-    tally = count(verdict(Level.CLEAR, math.inf, link=None), unknown, verdict(Level.SLOW, 0.25))
-    assert tally.min_contact_time == 0.25
-    assert tally.incomplete == 1
+    counts = count(verdict(Level.CLEAR, math.inf, link=None), unknown, verdict(Level.SLOW, 0.25))
+    assert counts.min_contact_time == 0.25
+    assert counts.incomplete == 1
 
 
 def test_stops_are_counted_by_their_weightiest_reason():
@@ -159,35 +159,35 @@ def test_stops_are_counted_by_their_weightiest_reason():
     hold = Reason(ReasonKind.HOLD)
     stops = [(silent, contact), (later,), (later, hold), (hold, contact), ()]
     clear = verdict(Level.CLEAR)
-    tally = Tally()
+    counts = VerdictCounts()
     for reasons in stops:
         for one in (verdict(Level.STOP, reasons=reasons), verdict(Level.STOP), clear):
-            tally.count(one)
-    assert tally.reasons == {
+            counts.count(one)
+    assert counts.reasons == {
         "source silent: cam": 3,
         "contact possible: hand and ball": 1,
         "no reason": 1,
     }
-    assert tally.reasons.total() == tally.stops
+    assert counts.reasons.total() == counts.stops
 
 
 def test_names_made_up_from_outside_neither_fill_the_memory_nor_move_the_cursor():
-    tally = Tally()
+    counts = VerdictCounts()
     for number in range(1000):
         reason = Reason(ReasonKind.SOURCE_SILENT, f"\x1b[2J{number}" + "x" * 10_000)
-        tally.count(verdict(Level.STOP, reasons=(reason,)))
-        tally.count(verdict(Level.CLEAR))
-    assert len(tally.reasons) == REASON_LIMIT + 1
-    assert tally.reasons["other reasons"] == 1000 - REASON_LIMIT
-    assert all(reason.isprintable() and len(reason) < 300 for reason in tally.reasons)
+        counts.count(verdict(Level.STOP, reasons=(reason,)))
+        counts.count(verdict(Level.CLEAR))
+    assert len(counts.reasons) == REASON_LIMIT + 1
+    assert counts.reasons["other reasons"] == 1000 - REASON_LIMIT
+    assert all(reason.isprintable() and len(reason) < 300 for reason in counts.reasons)
 
 
 def test_ticks_that_knew_nothing_have_no_contact():
     silent = Reason(ReasonKind.SOURCE_SILENT, "cam")
     contact = Reason(ReasonKind.CONTACT, "hand and ball")
     # Where a source was silent for long, its obstacle could be anywhere.
-    tally = count(verdict(Level.STOP, 0.0, reasons=(silent, contact)))
-    assert tally.min_contact_time == math.inf
+    counts = count(verdict(Level.STOP, 0.0, reasons=(silent, contact)))
+    assert counts.min_contact_time == math.inf
     assert count(verdict(Level.STOP, 0.0, complete=False)).min_contact_time == math.inf
     assert count(verdict(Level.STOP, math.nan, link=None)).min_contact_time == math.inf
     # Touching is a contact, and so is what is possible soon, whatever else is wrong.

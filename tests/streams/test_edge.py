@@ -64,7 +64,7 @@ def test_clock_errors_of_sources_widen_what_they_say():
 def test_clock_errors_widen_a_hand_by_what_hands_do():
     clocks = {"cam0": StampClock("monotonic", 0.0, 0.02)}
     bounds = [("*_hand", 40.0, 3.0)]
-    world = World(bounds, stamp_clocks=clocks, speed=2.0, accel=10.0)
+    world = World(bounds=bounds, stamp_clocks=clocks, speed=2.0, accel=10.0)
     position, velocity = [[1.0, 2.0, 3.0]] * 2, [[0.0, 0.0, 0.5]] * 2
     world.send(obstacles(ids=["left_hand", "a"], position=position, velocity=velocity))
     accepted = world.obstacles.table.accepted

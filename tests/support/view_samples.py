@@ -10,7 +10,7 @@ import numpy as np
 from armguard.view import (
     FrameMessage,
     LinkCover,
-    Obstacles,
+    ObstacleShapes,
     Pairs,
     SceneMessage,
     VerdictSummary,
@@ -52,7 +52,7 @@ def make_frame(contact_time: float = 0.3, sequence: int = 1, **changes: Any) -> 
             reasons=("contact possible",),
         ),
         "sphere_buckets": bytes([bucket] * 14),
-        "obstacles": Obstacles.pack(
+        "obstacles": ObstacleShapes.pack(
             ["hand", "arm", "box"], points, [0.15, 0.1, 0.0], counts=[1, 2, 8], buckets=[bucket] * 3
         ),
         "pairs": Pairs.pack([[[0.5, 0.0, 0.6], [0.8, 0.1, 0.7]]], [bucket]),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armguard.exceptions import ArmguardError
-from armguard.view import LinkCover, Obstacles, Pairs, VerdictSummary
+from armguard.view import LinkCover, ObstacleShapes, Pairs, VerdictSummary
 from armguard.view.messages import decode_message, encode_message
 from support.view_samples import make_frame, make_scene
 
@@ -29,12 +29,14 @@ def test_a_frame_comes_back_as_it_was():
 
 
 def test_balls_need_no_counts_and_nothing_is_a_frame_too():
-    balls = Obstacles.pack(["a", "b"], [[0, 0, 1], [0, 0, 2]], [0.1, 0.2], refused=[False, True])
+    balls = ObstacleShapes.pack(
+        ["a", "b"], [[0, 0, 1], [0, 0, 2]], [0.1, 0.2], refused=[False, True]
+    )
     assert balls.counts.tolist() == [1, 1]
     assert balls.refused.tolist() == [False, True]
     assert balls.buckets.tolist() == [255, 255]
     nothing = make_frame(
-        obstacles=Obstacles.pack([], np.zeros((0, 3)), []), pairs=Pairs.pack([], [])
+        obstacles=ObstacleShapes.pack([], np.zeros((0, 3)), []), pairs=Pairs.pack([], [])
     )
     assert decode_message(encode_message(nothing)) == nothing
 
@@ -54,9 +56,9 @@ def test_numbers_of_numpy_are_numbers():
         make_scene(period=0.0),
         make_scene(base=(1.0, 0.0)),
         make_scene(cover=(LinkCover("a", "b", b"123"),)),
-        make_frame(obstacles=Obstacles(("a",))),
-        make_frame(obstacles=Obstacles(("a",), b"\x02", bytes(12), bytes(4), b"\0", b"\0")),
-        make_frame(obstacles=Obstacles(("a",), b"\x00", b"", bytes(4), b"\0", b"\0")),
+        make_frame(obstacles=ObstacleShapes(("a",))),
+        make_frame(obstacles=ObstacleShapes(("a",), b"\x02", bytes(12), bytes(4), b"\0", b"\0")),
+        make_frame(obstacles=ObstacleShapes(("a",), b"\x00", b"", bytes(4), b"\0", b"\0")),
         make_frame(pairs=Pairs(bytes(24), b"\0\0")),
     ],
 )

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from armguard.robot.description import find_example_urdf
-from armguard.view import NO_BUCKET, Obstacles, Pairs, compute_buckets
+from armguard.view import NO_BUCKET, ObstacleShapes, Pairs, compute_buckets
 from armguard.view.buckets import REFUSED_COLOUR, compute_colours, parse_colour
-from armguard.view.picture import Scene
+from armguard.view.picture import Picture
 from support.view_samples import PERIOD, make_frame, make_scene, read_command
 
 
-class Picture:
+class Page:
     """What the page would show."""
 
     def __init__(self):
         self.payloads = {}
-        self.scene = Scene(self.draw, self.payloads.clear)
+        self.picture = Picture(self.draw, self.payloads.clear)
 
     def draw(self, command):
         self.payloads[command.key] = command.payload
@@ -25,29 +25,29 @@ class Picture:
 
 
 @pytest.fixture(scope="module")
-def shared_picture():
-    picture = Picture()
-    picture.scene.draw_scene(make_scene())
-    return picture
+def shared_page():
+    page = Page()
+    page.picture.draw_scene(make_scene())
+    return page
 
 
 @pytest.fixture
-def picture(shared_picture):
-    shared_picture.scene.draw_frame(make_frame())
-    return shared_picture
+def page(shared_page):
+    shared_page.picture.draw_frame(make_frame())
+    return shared_page
 
 
-def test_the_arm_is_drawn_from_its_visual_meshes_with_a_pose_each(picture):
-    meshes = [key for key in picture.payloads if key.startswith("set_object /armguard/arm/")]
-    poses = [key for key in picture.payloads if key.startswith("set_transform /armguard/arm/")]
+def test_the_arm_is_drawn_from_its_visual_meshes_with_a_pose_each(page):
+    meshes = [key for key in page.payloads if key.startswith("set_object /armguard/arm/")]
+    poses = [key for key in page.payloads if key.startswith("set_transform /armguard/arm/")]
     assert len(meshes) == len(poses) == 11
-    assert all(picture[key]["object"]["object"]["format"] == "dae" for key in meshes)
-    assert picture["banner "]["notes"] == []
+    assert all(page[key]["object"]["object"]["format"] == "dae" for key in meshes)
+    assert page["banner "]["notes"] == []
 
 
 @pytest.mark.parametrize("contact_time", [0.01, 0.3, 3.0, math.inf])
-def test_everything_has_the_colour_of_its_bucket(picture, contact_time):
-    picture.scene.draw_frame(make_frame(contact_time))
+def test_everything_has_the_colour_of_its_bucket(page, contact_time):
+    page.picture.draw_frame(make_frame(contact_time))
     colour = compute_colours(PERIOD)[compute_buckets(contact_time, PERIOD)]
     for key in (
         "instances /armguard/cover",
@@ -57,17 +57,17 @@ def test_everything_has_the_colour_of_its_bucket(picture, contact_time):
         "surface /armguard/obstacles/hulls",
         "lines /armguard/pairs/lines",
     ):
-        colours = picture[key]["colours"].reshape(-1, 3)
+        colours = page[key]["colours"].reshape(-1, 3)
         assert len(colours)
         assert np.allclose(colours, colour), key
 
 
-def test_matrices_place_balls_and_rods(picture):
-    balls = picture["instances /armguard/obstacles/balls"]["matrices"].reshape(-1, 4, 4)
+def test_matrices_place_balls_and_rods(page):
+    balls = page["instances /armguard/obstacles/balls"]["matrices"].reshape(-1, 4, 4)
     assert len(balls) == 3  # one ball, and the two ends of a capsule
     assert np.allclose(balls[0, 3, :3], (0.9, 0.1, 0.7))
     assert np.allclose(np.diag(balls[0])[:3], 0.15)
-    (rod,) = picture["instances /armguard/obstacles/rods"]["matrices"].reshape(-1, 4, 4)
+    (rod,) = page["instances /armguard/obstacles/rods"]["matrices"].reshape(-1, 4, 4)
     assert np.allclose(rod[3, :3], (0.2, 0.7, 0.55))
     assert np.allclose(rod[1, :3], (0.0, 0.0, 0.7), atol=1e-6)
     axes = rod[:3, :3].astype(float)
@@ -75,56 +75,56 @@ def test_matrices_place_balls_and_rods(picture):
     assert np.linalg.det(axes) > 0.0
 
 
-def test_a_hull_spans_its_points(picture):
-    corners = picture["surface /armguard/obstacles/hulls"]["positions"].reshape(-1, 3)
+def test_a_hull_spans_its_points(page):
+    corners = page["surface /armguard/obstacles/hulls"]["positions"].reshape(-1, 3)
     assert np.allclose(corners.min(axis=0), (0.4, -0.9, 0.2), atol=2e-3)
     assert np.allclose(corners.max(axis=0), (0.8, -0.5, 0.4), atol=2e-3)
 
 
-def test_flat_and_repeated_hulls_are_drawn_too(picture):
+def test_flat_and_repeated_hulls_are_drawn_too(page):
     flat = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
-    obstacles = Obstacles.pack(["flat", "point"], [flat, [[1, 1, 1]] * 4], [0.0, 0.0])
-    picture.scene.draw_frame(make_frame(obstacles=obstacles))
-    assert len(picture["surface /armguard/obstacles/hulls"]["positions"]) > 0
-    assert picture["banner "]["obstacles"] == 2
+    obstacles = ObstacleShapes.pack(["flat", "point"], [flat, [[1, 1, 1]] * 4], [0.0, 0.0])
+    page.picture.draw_frame(make_frame(obstacles=obstacles))
+    assert len(page["surface /armguard/obstacles/hulls"]["positions"]) > 0
+    assert page["banner "]["obstacles"] == 2
 
 
-def test_a_refused_obstacle_has_a_colour_of_its_own(picture):
-    obstacles = Obstacles.pack(["ghost"], [[0, 0, 1]], [0.1], refused=[True], buckets=[0])
-    picture.scene.draw_frame(make_frame(obstacles=obstacles))
-    colours = picture["instances /armguard/obstacles/balls"]["colours"]
+def test_a_refused_obstacle_has_a_colour_of_its_own(page):
+    obstacles = ObstacleShapes.pack(["ghost"], [[0, 0, 1]], [0.1], refused=[True], buckets=[0])
+    page.picture.draw_frame(make_frame(obstacles=obstacles))
+    colours = page["instances /armguard/obstacles/balls"]["colours"]
     assert np.allclose(colours, parse_colour(REFUSED_COLOUR))
     assert NO_BUCKET not in compute_buckets([0.0, math.inf], PERIOD)
 
 
-def test_what_is_nowhere_is_not_drawn(picture):
+def test_what_is_nowhere_is_not_drawn(page):
     points = [[0, 0, 1], [math.nan, 0, 1], [0, 0, 2], [0, math.inf, 0]]
-    obstacles = Obstacles.pack(list("abcd"), points, [0.1, 0.1, math.nan, 0.1])
+    obstacles = ObstacleShapes.pack(list("abcd"), points, [0.1, 0.1, math.nan, 0.1])
     pairs = Pairs.pack([[[0, 0, 0], [0, 0, math.nan]]], [0])
-    picture.scene.draw_frame(make_frame(obstacles=obstacles, pairs=pairs))
-    assert picture["instances /armguard/obstacles/balls"]["colours"].size == 3
-    assert picture["lines /armguard/pairs/lines"]["positions"].size == 0
+    page.picture.draw_frame(make_frame(obstacles=obstacles, pairs=pairs))
+    assert page["instances /armguard/obstacles/balls"]["colours"].size == 3
+    assert page["lines /armguard/pairs/lines"]["positions"].size == 0
 
 
 @pytest.mark.parametrize(
     "changes",
     [{"q": (0.0,) * 6}, {"q": (math.nan,) * 7}, {"sphere_buckets": b"\0"}],
 )
-def test_an_arm_that_cannot_be_placed_is_said_and_the_rest_is_drawn(picture, changes):
-    picture.scene.draw_frame(make_frame(sequence=77, **changes))
-    banner = picture["banner "]
+def test_an_arm_that_cannot_be_placed_is_said_and_the_rest_is_drawn(page, changes):
+    page.picture.draw_frame(make_frame(sequence=77, **changes))
+    banner = page["banner "]
     assert "not moved" in banner["notes"][0]
     assert banner["sequence"] == 77
 
 
 def test_an_unknown_robot_is_said_and_the_rest_is_drawn():
-    picture = Picture()
-    picture.scene.draw_frame(make_frame())
-    assert not picture.payloads
-    picture.scene.draw_scene(make_scene(robot="no-such-arm"))
-    picture.scene.draw_frame(make_frame())
-    assert "no-such-arm" in picture["banner "]["notes"][0]
-    assert "instances /armguard/obstacles/balls" in picture.payloads
+    page = Page()
+    page.picture.draw_frame(make_frame())
+    assert not page.payloads
+    page.picture.draw_scene(make_scene(robot="no-such-arm"))
+    page.picture.draw_frame(make_frame())
+    assert "no-such-arm" in page["banner "]["notes"][0]
+    assert "instances /armguard/obstacles/balls" in page.payloads
 
 
 def test_collision_geometry_stands_in_for_missing_meshes_and_says_so(tmp_path):
@@ -132,19 +132,19 @@ def test_collision_geometry_stands_in_for_missing_meshes_and_says_so(tmp_path):
     text = urdf.read_text().replace("meshes/visual/", "meshes/nowhere/")
     path = tmp_path / "own.urdf"
     path.write_text(text)
-    picture = Picture()
-    picture.scene.draw_scene(make_scene(robot="own", urdf=str(path), package_dirs=(str(packages),)))
-    picture.scene.draw_frame(make_frame())
-    assert "collision geometry" in picture["banner "]["notes"][0]
-    mesh = picture["set_object /armguard/arm/panda_link1_0"]["object"]["geometries"][0]
+    page = Page()
+    page.picture.draw_scene(make_scene(robot="own", urdf=str(path), package_dirs=(str(packages),)))
+    page.picture.draw_frame(make_frame())
+    assert "collision geometry" in page["banner "]["notes"][0]
+    mesh = page["set_object /armguard/arm/panda_link1_0"]["object"]["geometries"][0]
     assert mesh["data"]["attributes"]["position"]["array"].size > 100
 
 
 def test_the_same_scene_again_costs_nothing_and_another_one_starts_afresh():
-    picture = Picture()
-    picture.scene.draw_scene(make_scene(robot="a"))
-    picture.payloads["marker"] = b""
-    picture.scene.draw_scene(make_scene(robot="a"))
-    assert "marker" in picture.payloads
-    picture.scene.draw_scene(make_scene(robot="b"))
-    assert "marker" not in picture.payloads
+    page = Page()
+    page.picture.draw_scene(make_scene(robot="a"))
+    page.payloads["marker"] = b""
+    page.picture.draw_scene(make_scene(robot="a"))
+    assert "marker" in page.payloads
+    page.picture.draw_scene(make_scene(robot="b"))
+    assert "marker" not in page.payloads

@@ -16,7 +16,7 @@ RECORDINGS = Path(os.environ.get("ARMGUARD_RECORDINGS", "/nowhere"))
 @pytest.fixture
 def benchmark_people(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    return importlib.import_module("people")
+    return importlib.import_module("bench_people")
 
 
 @pytest.mark.skipif(not RECORDINGS.is_dir(), reason="no recordings on this machine")

@@ -170,3 +170,11 @@ def test_the_architecture_page_tells_the_same_rooms():
         told[room] = EVERYTHING if imports == "all" else " ".join(re.findall(r"`(\w+)`", imports))
     packages = {name: ROOMS[name] for name in ROOMS if (PACKAGE / name).is_dir()}
     assert told == packages
+
+
+def test_the_architecture_page_names_what_is_there():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`((?:[a-z]+/)+[a-z_]+)`", page)) - {"armguard/robots"}
+    assert "scheduling/certificates" in named
+    missing = {name for name in named if not (PACKAGE / f"{name}.py").is_file()}
+    assert not missing, f"docs/architecture.md names modules that are not there: {missing}"

@@ -39,7 +39,7 @@ class BaseTable(_Table, frozen=True, kw_only=True):
 
 
 class RobotTable(_Table, frozen=True, kw_only=True):
-    """`[robot]`: one that armguard knows, or anybody's URDF with a file of limits."""
+    """`[robot]`: one that armguard knows, or any other URDF with a file of limits."""
 
     name: Name | None = None
     urdf: Name | None = None
@@ -131,7 +131,7 @@ class BoundsTable(_Table, frozen=True, kw_only=True):
 
 
 class MonitorTable(_Table, frozen=True, kw_only=True):
-    """`[monitor]`: how often and how pairs are looked at."""
+    """`[monitor]`: how often and how pairs are evaluated."""
 
     rate: Positive | UnsetType = UNSET
     schedule: Name | UnsetType = UNSET

@@ -35,7 +35,7 @@ ROBOT_PERIOD = 0.001
 """Between two joint states, in [s]."""
 
 PERCEPTION_PERIOD = 0.005
-"""Between two looks at what is due, in [s]."""
+"""Between two checks of what is due, in [s]."""
 
 SPEED_FRACTION = 0.2
 """Share of its velocity limits that the arm works at."""

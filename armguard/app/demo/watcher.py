@@ -155,13 +155,13 @@ class Watcher:
         return self._monitor.communicate()[0]
 
     def _tell_log(self) -> None:
-        """Show what the processes wrote since the last look."""
+        """Show what the processes wrote since it was last read."""
         words = self._read_log()
         if words:
             sys.stderr.write(f"{words}\n")  # Rich puts it above its table
 
     def _read_log(self) -> str:
-        """What was added since the last look; a line that is still being written waits."""
+        """What was added since it was last read; a line that is still being written waits."""
         with self._log.open("rb") as log:
             log.seek(self._told)
             lines, newline, _ = log.read().rpartition(b"\n")
