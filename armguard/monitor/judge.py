@@ -21,6 +21,9 @@ from armguard.scheduling.scheduler import Look, Tick, Watch
 from armguard.scheduling.timing_wheel import NOBODY
 from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict
 
+NO_NAMES = (None, None)
+"""Of link and obstacle, where no pair decides."""
+
 
 class Judge:
     """Makes verdicts of ticks whose arm state is believed.
@@ -63,9 +66,6 @@ class Judge:
                 watch, settings.period, settings.horizon, settings.slow_margin, settings.rise_delay
             )
             states.delay_braking(self._stopping.looks_ahead - self._horizon)
-        # By more than rounding costs.
-        self._far = (self._until_braking + 1.0 / self._braking_scale) * (1.0 + 1e-12)
-        """What is later lets any arm brake in time, in [s]."""
         self.plan = None
         if watch.arm.motion.planned is not None:
             self.plan = CommittedPlan(robot, watch, settings.horizon, settings.margin)
@@ -73,14 +73,7 @@ class Judge:
         if separation is not None:
             self._separation = SeparationMargin(separation, self._until_braking)
         self.certificate_inputs: dict[str, Any] | None = None
-        self._is_plain = not certify and separation is None and self.plan is None
-        """Whether verdicts are about levels and speed scales alone."""
         self._compile(robot)
-
-    @property
-    def _spent(self) -> int:
-        """Evaluations by the table of braking so far."""
-        return 0 if self._stopping is None else self._stopping.evaluated
 
     def reset(self) -> None:
         """Forget speed scales and the plan."""
@@ -92,65 +85,6 @@ class Judge:
         """Let no earlier tick's proof count: what it rests on has changed."""
         if self._stopping is not None:
             self._stopping.restart_search()
-
-    def judge_clear(
-        self,
-        stamp: float,
-        number: int,
-        now: float,
-        contact_time: float,
-        stop_time: float,
-        late_stop_time: float,
-        row: int,
-        link: int,
-        evaluated: int,
-    ) -> Verdict | None:
-        """The verdict of a tick that is as most are: nothing near, nothing wrong, none waited for.
-
-        None where there is anything else to be said, or to be done: `judge` would then, and says
-        the same otherwise, in five times the time.
-
-        Args:
-            stamp: Of the joint state, in [s].
-            number: Of the tick.
-            now: Its time, in [s].
-            contact_time: Earliest possible contact, in [s] from now.
-            stop_time: In which the arm surely rests, in [s].
-            late_stop_time: The same for one that goes on as a speed scale lets it.
-            row: Of the obstacle that could be touched first.
-            link: That could touch it first.
-            evaluated: Evaluations in this tick.
-        """
-        rule, stopping = self._rule, self._stopping
-        if not (
-            contact_time > (self._far if stopping is None else late_stop_time)
-            and contact_time > stop_time + rule.aware_margin
-            and self._is_plain
-            and rule.is_clear(now)
-            and (stopping is None or not stopping.held)
-        ):
-            return None
-        arm = self._watch.arm
-        # A named tuple's own constructor takes twice as long.
-        return tuple.__new__(
-            Verdict,
-            (
-                stamp,
-                number,
-                Level.CLEAR,
-                contact_time,
-                stop_time,
-                1.0,
-                arm.links[link],
-                arm.obstacles.ids[row],
-                True,
-                evaluated,
-                (),
-                math.nextafter(now + self._horizon, -math.inf),
-                None,
-                None,
-            ),
-        )
 
     def judge(
         self, stamp: float, tick: Tick, look: Look, reasons: list[Reason], *, unplaced: bool
@@ -164,10 +98,8 @@ class Judge:
             reasons: What there is to say already; more is added.
             unplaced: Whether there are obstacles that found no room, and could be anywhere.
         """
+        rule, stopping, plan = self._rule, self._stopping, self.plan
         pair, contact_time = look.pair, max(0.0, look.expiry - tick.time)
-        if self._stopping is not None:
-            self._stopping.left = 0
-        spent_before = self._spent
         if unplaced:
             pair, contact_time = NOBODY, 0.0
         if look.overdue:
@@ -176,13 +108,17 @@ class Judge:
             reason.kind.effect is Effect.STANDING for reason in reasons
         )
         complete = not look.overdue
+        spent_before = 0
+        if stopping is not None:
+            stopping.left = 0
+            spent_before = stopping.evaluated
         rests = (
-            self._stopping is not None
+            stopping is not None
             and complete
             and not (standing or unplaced or contact_time > tick.stop_time)
-            and (self._stopping.rests(tick) or (self.plan is not None and self.plan.rests(tick)))
+            and (stopping.rests(tick) or (plan is not None and plan.rests(tick)))
         )
-        level, held = self._rule.decide(
+        level, held = rule.decide(
             tick.now,
             contact_time,
             tick.stop_time,
@@ -190,17 +126,73 @@ class Judge:
             standing=standing,
             rests=rests,
         )
-        link, obstacle = (None, None) if pair == NOBODY else self._watch.arm.names(pair)
-        grade = self._rule.grade(contact_time, tick.stop_time, rests=rests)
-        if pair != NOBODY and grade is not Level.CLEAR:
+        names = NO_NAMES if pair == NOBODY else self._watch.arm.names(pair)
+        if (
+            level is not Level.CLEAR
+            and pair != NOBODY
+            and rule.grade(contact_time, tick.stop_time, rests=rests) is not Level.CLEAR
+        ):
             bound = BOUND_NAMES[self._watch.recall(pair).bound]
             detail = f"in {contact_time:.4g} s by the {bound} bound"
-            reasons.append(Reason(ReasonKind.CONTACT, f"{link} and {obstacle}", detail))
+            reasons.append(Reason(ReasonKind.CONTACT, f"{names[0]} and {names[1]}", detail))
         if held:
             reasons.append(Reason(ReasonKind.HOLD))
         scale = self._scale(tick, level, contact_time)
-        if self._stopping is not None and self._stopping.left:
-            reasons.append(self._tell_spent(self._stopping))
+        evaluated = look.evaluated
+        if stopping is not None:
+            evaluated += stopping.evaluated - spent_before
+            if stopping.left:
+                reasons.append(self._tell_spent(stopping))
+        separation = certificate = None
+        if self._separation is not None:
+            separation = self._measure_separation(tick, unplaced=unplaced)
+        if self._certify:
+            certificate = self._prove(tick, pair)
+        return self._make_verdict(
+            stamp,
+            tick,
+            level,
+            contact_time,
+            scale,
+            names,
+            complete,
+            evaluated,
+            reasons,
+            separation,
+            certificate,
+        )
+
+    def refuse(self, stamp: float, tick: Tick, reason: Reason, since: str) -> Verdict:
+        """The verdict of a tick whose joint state is not believed: the worst of everything.
+
+        Args:
+            stamp: Of the joint state, in [s]; it may be no number.
+            tick: The tick, whose arm may never stop.
+            reason: What there is against the joint state; it is latched.
+            since: When that was, in words.
+        """
+        if self.plan is not None:
+            self.plan.reset()
+        self.certificate_inputs = None
+        self._rule.latch(reason, since)
+        level, _ = self._rule.decide(tick.now, 0.0, tick.stop_time, complete=False, standing=True)
+        return self._make_verdict(stamp, tick, level, 0.0, 0.0, NO_NAMES, False, 0, [])
+
+    def _make_verdict(
+        self,
+        stamp: float,
+        tick: Tick,
+        level: Level,
+        contact_time: float,
+        speed_scale: float,
+        names: tuple[str, str] | tuple[None, None],
+        complete: bool,
+        evaluated: int,
+        reasons: list[Reason],
+        separation: float | None = None,
+        certificate: Certificate | None = None,
+    ) -> Verdict:
+        """The one place where a verdict is made; the arguments are named as its fields are."""
         # By position: names would cost as much as the whole tuple.
         return Verdict(
             stamp,
@@ -208,15 +200,15 @@ class Judge:
             level,
             contact_time,
             tick.stop_time,
-            scale,
-            link,
-            obstacle,
+            speed_scale,
+            names[0],
+            names[1],
             complete,
-            look.evaluated + self._spent - spent_before,
+            evaluated,
             (*self._rule.latched.values(), *reasons),
             math.nextafter(tick.now + self._horizon, -math.inf),
-            None if self._separation is None else self._measure_separation(tick, unplaced=unplaced),
-            self._prove(tick, pair) if self._certify else None,
+            separation,
+            certificate,
         )
 
     def _tell_spent(self, stopping: StopDecision) -> Reason:

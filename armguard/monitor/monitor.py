@@ -19,10 +19,13 @@ from numpy.typing import ArrayLike
 from armguard.bounds.planned.plan import Plan
 from armguard.exceptions import ArmguardError
 from armguard.monitor.committed_plan import PlanVerdict, refuse_plan
+from armguard.monitor.explain import Explanation
+from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.judge import Judge
 from armguard.monitor.levels import VerdictRule
 from armguard.monitor.obstacle_reasons import describe_no_sources, take_obstacle_reasons
-from armguard.monitor.queries import MonitorAnswers
+from armguard.monitor.queries import Queries
+from armguard.monitor.reports import PairReport, Snapshot
 from armguard.monitor.settings import make_watch, read_number, read_settings
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm import IgnoredPairs
@@ -31,14 +34,15 @@ from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import Schedule
-from armguard.scheduling.scheduler import NOTHING_FOUND, Look, Seen, Tick
-from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict
+from armguard.scheduling.scheduler import NOTHING_FOUND, Look, Tick
+from armguard.scheduling.timing_wheel import NOBODY
+from armguard.verdict import Effect, Reason, ReasonKind, Verdict
 
 NEVER = -sys.float_info.max
 """Time of the last tick before the first one, in [s]."""
 
 
-class Monitor(MonitorAnswers):
+class Monitor:
     """Supervises one arm among obstacles.
 
     Everything is compiled here, in the constructor, so that the first tick is like any other.
@@ -141,8 +145,8 @@ class Monitor(MonitorAnswers):
         self._judge = Judge(
             robot, self._watch, self._states, self._rule, settings, separation, certify=certify
         )
+        self._queries = Queries(robot, obstacles, settings, self._watch, self._states)
         self._last: tuple[Tick | None, Look] = None, NOTHING_FOUND
-        self._clear: tuple[int, float, float, Seen] | None = None
         self._epoch = math.nan
         self._now = NEVER
         self._quiet_until = -math.inf
@@ -207,7 +211,7 @@ class Monitor(MonitorAnswers):
         self._states.reset()
         self._watch.restart()
         self._judge.reset()
-        self._last, self._clear = (None, NOTHING_FOUND), None
+        self._last = None, NOTHING_FOUND
         self._now = NEVER
         self._epoch = math.nan
         self._quiet_until = -math.inf
@@ -229,7 +233,7 @@ class Monitor(MonitorAnswers):
         """
         if self._judge.plan is None:
             raise ArmguardError("commit", "needs plans", remedy='Monitor(..., motion="planned")')
-        tick, _ = self._recall()
+        tick, _ = self._last
         obstacles, latched = self.obstacles, self._rule.latched
         if tick is None:
             return refuse_plan("arm", "its state is not known: step first")
@@ -247,6 +251,52 @@ class Monitor(MonitorAnswers):
         if not obstacles.is_quiet(self._now, self._source_timeout):
             return refuse_plan("obstacles", "were refused, or a source is new: step first")
         return self._judge.plan.commit(plan, tick)
+
+    def pairs(self, limit: int = 64) -> list[PairReport]:
+        """The most imminent pairs as of the last tick, soonest first, at most `limit`.
+
+        Raises:
+            ArmguardError: The limit is no whole number.
+        """
+        return self._queries.pairs(self._last[0], limit)
+
+    def explain(self) -> Explanation | None:
+        """Why the last verdict is as it is, and what would have made it better.
+
+        None where no pair decided it: there are none, or its reasons alone did. None as well where
+        the obstacle was removed since, so that nothing is known of it any more.
+        """
+        tick, look = self._last
+        if tick is None or look.pair == NOBODY or self._unplaced:
+            return None
+        return self._queries.explain(tick, look.pair)
+
+    def headroom(self) -> Headroom:
+        """What looks cost now, and at how many obstacles or which rate the budget would break."""
+        return self._queries.headroom(self._last[0])
+
+    def attention(self, limit: int = 8) -> list[Attention]:
+        """The obstacles whose fresh states would raise the verdict's contact time most.
+
+        Args:
+            limit: At most so many, first things first.
+
+        Raises:
+            ArmguardError: The limit is no whole number.
+        """
+        return self._queries.attention(self._last[0], limit)
+
+    def snapshot(self, *, pair_limit: int, row_limit: int) -> Snapshot:
+        """What there is to see of the last tick, for observers; cheap, and their own to keep.
+
+        Args:
+            pair_limit: At most so many pairs, the most imminent ones.
+            row_limit: At most so many obstacles, likewise.
+
+        Raises:
+            ArmguardError: A limit is no whole number.
+        """
+        return self._queries.snapshot(self._last[0], pair_limit, row_limit)
 
     def _step(self, stamp: float, q: Any, v: Any, now: float) -> Verdict:
         if not (type(stamp) is float and type(now) is float):
@@ -268,17 +318,9 @@ class Monitor(MonitorAnswers):
             q, v = read
         quiet = now < self._quiet_until and obstacles.is_quiet(now, self._source_timeout)
         seen = watch.advance(stamp, q, v, now, epoch, number, quiet)
-        found, joint, stop_time, late, _, row, link, expiry, overdue, evaluated, news = seen
+        found, joint, stop_time, late = seen[:4]
         if found < BELIEVED:
             return self._refuse(stamp, states.describe(found, joint, stamp, q, v))
-        if row >= 0 and not (overdue or news or self._no_sources or self._ignored.unmatched):
-            verdict = self._judge.judge_clear(
-                stamp, number, now, expiry - (now - epoch), stop_time, late, row, link, evaluated
-            )
-            if verdict is not None:
-                self._clear = number, stamp, now, seen
-                self._standing = None
-                return verdict
         reasons: list[Reason] = []
         if found:
             stopping = states.stopping()
@@ -301,7 +343,7 @@ class Monitor(MonitorAnswers):
             late,
         )
         look = watch.look(tick, seen)
-        self._last, self._clear = (tick, look), None
+        self._last = tick, look
         if look.disturbed:
             self._judge.forget_proofs()
         if self._judge.plan is not None:
@@ -329,18 +371,6 @@ class Monitor(MonitorAnswers):
             self._unmatched = changes, named
         return self._unmatched[1]
 
-    def _recall(self) -> tuple[Tick | None, Look]:
-        """The last tick whose state was believed, and what the last look found."""
-        if self._clear is not None:
-            number, stamp, now, seen = self._clear
-            _, _, stop_time, late, refinement_threshold, row, link, expiry, _, evaluated, _ = seen
-            time, age, q, v = now - self._epoch, now - stamp, self._states.q, self._states.v
-            tick = Tick(number, now, time, q, v, age, stop_time, refinement_threshold, late)
-            pair = row * len(self._watch.arm.links) + link
-            self._last = tick, Look(pair, expiry, 0, evaluated, disturbed=False)
-            self._clear = None
-        return self._last
-
     def _read_obstacles(self, now: float) -> list[Reason]:
         """What is wrong with the obstacle table, and until when silence is no reason."""
         obstacles = self.obstacles
@@ -364,26 +394,11 @@ class Monitor(MonitorAnswers):
     def _refuse(self, stamp: float, reason: Reason) -> Verdict:
         """The verdict of a tick whose arm state is not believed: the worst of everything."""
         self._disbelieved += 1
-        self._last, self._clear = (self._recall()[0], NOTHING_FOUND), None
+        self._last = self._last[0], NOTHING_FOUND
         self._watch.doubt()
-        if self._judge.plan is not None:
-            self._judge.plan.reset()
-        self._judge.certificate_inputs = None
         is_known = self._now != NEVER
         now = self._now if is_known else 0.0
-        self._rule.latch(reason, f"{now:.3f} s" if is_known else "before the first tick")
-        self._rule.decide(now, 0.0, math.inf, complete=False, standing=True)
-        return Verdict(
-            stamp=stamp,
-            sequence=self._sequence,
-            level=Level.STOP,
-            contact_time=0.0,
-            stop_time=math.inf,
-            speed_scale=0.0,
-            link=None,
-            obstacle=None,
-            complete=False,
-            evaluated=0,
-            reasons=tuple(self._rule.latched.values()),
-            valid_until=math.nextafter(now + self._horizon, -math.inf),
-        )
+        since = f"{now:.3f} s" if is_known else "before the first tick"
+        q, v = self._states.q, self._states.v
+        tick = Tick(self._sequence, now, 0.0, q, v, 0.0, math.inf, 0.0)
+        return self._judge.refuse(stamp, tick, reason, since)

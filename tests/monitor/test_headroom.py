@@ -32,7 +32,7 @@ def watch_crowd(count, *, rate=1000.0, budget=BUDGET, duration=0.4):
             see(obstacles, tick / rate, places, names, velocity=np.zeros((count, 3)))
         verdicts.append(monitor.step(tick / rate, HOME, STILL))
         # Closer looks before a stop are no part of what the budget is for.
-        spent.append(monitor._recall()[1].evaluated)
+        spent.append(monitor._last[1].evaluated)
     late = verdicts[-round(0.3 * duration * rate) :]
     overdue = sum(ReasonKind.OVERDUE in kinds(verdict) for verdict in late)
     evaluations = float(np.mean(spent[-len(late) :]))
@@ -179,5 +179,5 @@ def test_other_schedules_answer_too(schedule):
     see(obstacles, 0.0, [[1.0, 0.0, 0.5], [2.0, 0.0, 0.5]], ("near", "far"))
     for tick in range(3):
         monitor.step(tick * PERIOD, HOME, STILL)
-    assert monitor.headroom().evaluations == monitor._recall()[1].evaluated
+    assert monitor.headroom().evaluations == monitor._last[1].evaluated
     assert [one.obstacle for one in monitor.attention()] == ["near", "far"]

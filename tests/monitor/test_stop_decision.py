@@ -227,7 +227,7 @@ def test_a_scale_that_is_given_out_is_safe_now_however_late_ticks_come(pace):
         if not verdict.speed_scale > 0.0 or verdict.speed_scale == 1.0:
             continue
         given += 1
-        tick = monitor._recall()[0]
+        tick = monitor._last[0]
         table = braking.tabulate(
             HOME, STILL, 0.0, PERIOD + LATENCY, going_on=SLOW, scale=verdict.speed_scale
         )
@@ -249,7 +249,7 @@ def test_a_scale_found_before_there_were_news_is_not_given_out_after():
             verdict = monitor.step(now, HOME, STILL)
             given.append(verdict.speed_scale)
             if 0.0 < verdict.speed_scale < 1.0:
-                tick = monitor._recall()[0]
+                tick = monitor._last[0]
                 table = braking.tabulate(
                     HOME, STILL, 0.0, PERIOD + LATENCY, going_on=SLOW, scale=verdict.speed_scale
                 )

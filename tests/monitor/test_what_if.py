@@ -21,7 +21,7 @@ CHANGES = [
 
 def ask(monitor, change=UNCHANGED, **options):
     """Contact times of all links with the ball, as of a monitor's last tick."""
-    monitor._watch.prepare(monitor._recall()[0])
+    monitor._watch.prepare(monitor._last[0])
     row = monitor.obstacles.row("ball")
     return contact_times(monitor._watch.arm.state, row, change, **options)
 

@@ -60,7 +60,7 @@ def places_near_the_hand(count):
     """Nearer and farther, from where there is no time to stop to where there is."""
     _, monitor = make_monitor()
     monitor.step(0.0, HOME, STILL)
-    monitor._watch.prepare(monitor._recall()[0])
+    monitor._watch.prepare(monitor._last[0])
     hand = monitor._watch.arm.kinematics.centers[-1].copy()
     return [hand + np.array([away, 0.0, 0.1]) for away in np.linspace(0.1, 0.35, count)]
 
