@@ -1,4 +1,4 @@
-"""From what a tick's look found to its verdict: level, speed scale, proof and margin."""
+"""From what a tick's evaluations found to its verdict: level, speed scale, proof and margin."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from armguard.pairs.scene import BOUND_NAMES
 from armguard.pairs.separation_margin import SeparationMargin, SeparationRule
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
-from armguard.scheduling.scheduler import Look, Tick, Watch
+from armguard.scheduling.scheduler import Scheduler, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
 from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict
 
@@ -30,7 +30,7 @@ class Judge:
 
     Args:
         robot: The arm.
-        watch: Knows the pairs.
+        scheduler: Knows the pairs.
         states: Knows the joint states.
         rule: Makes levels.
         settings: Of the monitor.
@@ -45,7 +45,7 @@ class Judge:
     def __init__(
         self,
         robot: Robot,
-        watch: Watch,
+        scheduler: Scheduler,
         states: JointStates,
         rule: VerdictRule,
         settings: MonitorSettings,
@@ -53,25 +53,29 @@ class Judge:
         *,
         certify: bool,
     ) -> None:
-        self._watch = watch
+        self._scheduler = scheduler
         self._rule = rule
         self._certify = certify
         self._budget = settings.budget
-        self._horizon = settings.horizon
-        self._until_braking = settings.horizon + settings.reaction_time
+        self._response_time = settings.response_time
+        self._braking_delay = settings.response_time + settings.reaction_time
         self._braking_scale = float(np.min(robot.braking_deceleration / robot.velocity_limit))
         self._stopping = None
         if settings.with_joints:
             self._stopping = StopDecision(
-                watch, settings.period, settings.horizon, settings.slow_margin, settings.rise_delay
+                scheduler,
+                settings.period,
+                settings.response_time,
+                settings.slow_margin,
+                settings.rise_delay,
             )
-            states.delay_braking(self._stopping.looks_ahead - self._horizon)
+            states.delay_braking(self._stopping.looks_ahead - self._response_time)
         self.plan = None
-        if watch.arm.motion.planned is not None:
-            self.plan = CommittedPlan(robot, watch, settings.horizon, settings.margin)
+        if scheduler.arm.motion.planned is not None:
+            self.plan = CommittedPlan(robot, scheduler, settings.response_time, settings.margin)
         self._separation = None
         if separation is not None:
-            self._separation = SeparationMargin(separation, self._until_braking)
+            self._separation = SeparationMargin(separation, self._braking_delay)
         self.certificate_inputs: dict[str, Any] | None = None
         self._compile(robot)
 
@@ -87,27 +91,27 @@ class Judge:
             self._stopping.restart_search()
 
     def judge(
-        self, stamp: float, tick: Tick, look: Look, reasons: list[Reason], *, unplaced: bool
+        self, stamp: float, tick: Tick, result: TickResult, reasons: list[Reason], *, unplaced: bool
     ) -> Verdict:
         """The verdict of a tick.
 
         Args:
             stamp: Of the joint state, in [s].
             tick: The tick.
-            look: What its look found.
+            result: What its evaluations found.
             reasons: What there is to say already; more is added.
             unplaced: Whether there are obstacles that found no room, and could be anywhere.
         """
         rule, stopping, plan = self._rule, self._stopping, self.plan
-        pair, contact_time = look.pair, max(0.0, look.expiry - tick.time)
+        pair, contact_time = result.pair, max(0.0, result.expiry - tick.time)
         if unplaced:
             pair, contact_time = NOBODY, 0.0
-        if look.overdue:
-            reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{look.overdue} pairs"))
+        if result.overdue:
+            reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{result.overdue} pairs"))
         standing = bool(reasons) and any(
             reason.kind.effect is Effect.STANDING for reason in reasons
         )
-        complete = not look.overdue
+        complete = not result.overdue
         spent_before = 0
         if stopping is not None:
             stopping.left = 0
@@ -126,19 +130,19 @@ class Judge:
             standing=standing,
             rests=rests,
         )
-        names = NO_NAMES if pair == NOBODY else self._watch.arm.names(pair)
+        names = NO_NAMES if pair == NOBODY else self._scheduler.arm.names(pair)
         if (
             level is not Level.CLEAR
             and pair != NOBODY
             and rule.grade(contact_time, tick.stop_time, rests=rests) is not Level.CLEAR
         ):
-            bound = BOUND_NAMES[self._watch.recall(pair).bound]
+            bound = BOUND_NAMES[self._scheduler.recall(pair).bound]
             detail = f"in {contact_time:.4g} s by the {bound} bound"
             reasons.append(Reason(ReasonKind.CONTACT, f"{names[0]} and {names[1]}", detail))
         if held:
             reasons.append(Reason(ReasonKind.HOLD))
         scale = self._scale(tick, level, contact_time)
-        evaluated = look.evaluated
+        evaluated = result.evaluated
         if stopping is not None:
             evaluated += stopping.evaluated - spent_before
             if stopping.left:
@@ -206,7 +210,7 @@ class Judge:
             complete,
             evaluated,
             (*self._rule.latched.values(), *reasons),
-            math.nextafter(tick.now + self._horizon, -math.inf),
+            math.nextafter(tick.now + self._response_time, -math.inf),
             separation,
             certificate,
         )
@@ -224,7 +228,7 @@ class Judge:
         stopping = self._stopping
         if stopping is None:
             # An arm that is no faster can brake before contact, whatever it does in this tick.
-            scale = (contact_time - self._until_braking) * self._braking_scale
+            scale = (contact_time - self._braking_delay) * self._braking_scale
             return min(max(scale, 0.0), 1.0)
         # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
         scale = 1.0 if contact_time > tick.late_stop_time else stopping.find_scale(tick)
@@ -235,8 +239,8 @@ class Judge:
         assert self._separation is not None, "called only where there is a rule"
         if unplaced:
             return -math.inf
-        self._watch.prepare(tick)
-        state, watched = self._watch.arm.state, self._watch.watched_pairs()
+        self._scheduler.prepare(tick)
+        state, watched = self._scheduler.arm.state, self._scheduler.watched_pairs()
         return self._separation.margin(state, tick.stop_time, watched)
 
     def _prove(self, tick: Tick, pair: int) -> Certificate | None:
@@ -244,8 +248,8 @@ class Judge:
         self.certificate_inputs = None
         if pair == NOBODY:
             return None
-        self._watch.prepare(tick)
-        proof = self._watch.arm.prove(pair, self._watch.recall(pair).sphere)
+        self._scheduler.prepare(tick)
+        proof = self._scheduler.arm.prove(pair, self._scheduler.recall(pair).sphere)
         if proof is None:
             return None
         certificate, self.certificate_inputs = proof
@@ -260,6 +264,6 @@ class Judge:
             self._stopping.find_scale(tick)
             self._stopping.reset()
         if self._separation is not None:
-            self._separation.compile(self._watch.arm.state)
+            self._separation.compile(self._scheduler.arm.state)
         if self._certify:
             compile_proof()

@@ -26,7 +26,7 @@ from armguard.monitor.levels import VerdictRule
 from armguard.monitor.obstacle_reasons import describe_no_sources, take_obstacle_reasons
 from armguard.monitor.queries import Queries
 from armguard.monitor.reports import PairReport, Snapshot
-from armguard.monitor.settings import make_watch, read_number, read_settings
+from armguard.monitor.settings import make_scheduler, read_number, read_settings
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm import IgnoredPairs
 from armguard.pairs.separation_margin import SeparationRule
@@ -34,7 +34,7 @@ from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import Schedule
-from armguard.scheduling.scheduler import NOTHING_FOUND, Look, Tick
+from armguard.scheduling.scheduler import NOTHING_FOUND, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
 from armguard.verdict import Effect, Reason, ReasonKind, Verdict
 
@@ -78,7 +78,7 @@ class Monitor:
         certify: Attach to each verdict a certificate of the pair that decides it, by free bodies;
             takes a fraction of a millisecond a tick.
         separation: Attach to each verdict the margin of the speed-and-separation distance by this
-            rule; takes a look at every pair in every tick.
+            rule; evaluates every pair in every tick.
 
     Raises:
         ArmguardError: If an argument is out of range or names what does not exist.
@@ -129,24 +129,24 @@ class Monitor:
         self.robot = robot
         self.obstacles = obstacles
         self.base_placement = settings.base_placement
-        self._horizon = settings.horizon
+        self._response_time = settings.response_time
         self._source_timeout = settings.source_timeout
         self._rule = VerdictRule(slow_margin, aware_margin, rise_delay)
         self._states = JointStates(
             robot,
             settings.joint_timeout,
-            settings.horizon,
+            settings.response_time,
             settings.reaction_time,
             settings.period,
         )
         sources = obstacles.source_names
         self._ignored = IgnoredPairs(ignore, robot, sources)
-        self._watch = make_watch(robot, obstacles, settings, self._ignored, self._states)
+        self._scheduler = make_scheduler(robot, obstacles, settings, self._ignored, self._states)
         self._judge = Judge(
-            robot, self._watch, self._states, self._rule, settings, separation, certify=certify
+            robot, self._scheduler, self._states, self._rule, settings, separation, certify=certify
         )
-        self._queries = Queries(robot, obstacles, settings, self._watch, self._states)
-        self._last: tuple[Tick | None, Look] = None, NOTHING_FOUND
+        self._queries = Queries(robot, obstacles, settings, self._scheduler, self._states)
+        self._last: tuple[Tick | None, TickResult] = None, NOTHING_FOUND
         self._epoch = math.nan
         self._now = NEVER
         self._quiet_until = -math.inf
@@ -195,21 +195,21 @@ class Monitor:
 
         Args:
             source: Arguments of `step`, one tuple a tick: stamp, q, v and, where it is not the
-                stamp, now. Whoever makes them may update the obstacles in between.
+                stamp, now. What makes them may update the obstacles in between.
             sink: Is called with each verdict.
         """
         for state in source:
             sink(self.step(*state))
 
     def reset(self) -> None:
-        """Forget latched faults and past joint states; every pair is looked at anew.
+        """Forget latched faults and past joint states; every pair is evaluated anew.
 
         Levels rise only after `rise_delay` seconds of evidence, counted from the next tick on; its
         time may be earlier than that of the ticks before.
         """
         self._rule.reset()
         self._states.reset()
-        self._watch.restart()
+        self._scheduler.restart()
         self._judge.reset()
         self._last = None, NOTHING_FOUND
         self._now = NEVER
@@ -243,7 +243,7 @@ class Monitor:
             return refuse_plan("obstacles", "some found no room, and could be anywhere")
         if self._standing is not None:
             return refuse_plan("last step", f"was a STOP: {self._standing}")
-        if self.robot.revision != self._watch.arm.revision:
+        if self.robot.revision != self._scheduler.arm.revision:
             return refuse_plan("tool", "was attached or detached since the last step: step first")
         if obstacles.has_membership_news or obstacles.table.changed_count[0] > 0:
             detail = "have changed since the last step by more than it allowed for: step first"
@@ -266,10 +266,10 @@ class Monitor:
         None where no pair decided it: there are none, or its reasons alone did. None as well where
         the obstacle was removed since, so that nothing is known of it any more.
         """
-        tick, look = self._last
-        if tick is None or look.pair == NOBODY or self._unplaced:
+        tick, result = self._last
+        if tick is None or result.pair == NOBODY or self._unplaced:
             return None
-        return self._queries.explain(tick, look.pair)
+        return self._queries.explain(tick, result.pair)
 
     def headroom(self) -> Headroom:
         """What looks cost now, and at how many obstacles or which rate the budget would break."""
@@ -306,8 +306,9 @@ class Monitor:
         self._now = now
         if not -math.inf < stamp < math.inf:
             return self._refuse_time(stamp, now)
-        watch, states, obstacles, number = self._watch, self._states, self.obstacles, self._sequence
-        watch.follow()
+        scheduler, states = self._scheduler, self._states
+        obstacles, number = self.obstacles, self._sequence
+        scheduler.follow()
         if math.isnan(self._epoch):
             self._epoch = now
         epoch = self._epoch
@@ -317,7 +318,7 @@ class Monitor:
                 return self._refuse(stamp, read)
             q, v = read
         quiet = now < self._quiet_until and obstacles.is_quiet(now, self._source_timeout)
-        seen = watch.advance(stamp, q, v, now, epoch, number, quiet)
+        seen = scheduler.advance(stamp, q, v, now, epoch, number, quiet)
         found, joint, stop_time, late = seen[:4]
         if found < BELIEVED:
             return self._refuse(stamp, states.describe(found, joint, stamp, q, v))
@@ -326,8 +327,10 @@ class Monitor:
             stopping = states.stopping()
             if stopping is not None:
                 reasons.append(stopping)
-        if (found or watch.arm.motion.isotropic.is_widened) and watch.arm.follow_limits(states.v):
-            watch.doubt()
+        if (found or scheduler.arm.motion.isotropic.is_widened) and scheduler.arm.follow_limits(
+            states.v
+        ):
+            scheduler.invalidate_all()
         if not quiet:
             reasons += self._read_obstacles(now)
         tick = Tick(
@@ -342,21 +345,21 @@ class Monitor:
             (stop_time + self._rule.aware_margin) / (1.0 - self.settings.max_staleness),
             late,
         )
-        look = watch.look(tick, seen)
-        self._last = tick, look
-        if look.disturbed:
+        result = scheduler.evaluate_due(tick, seen)
+        self._last = tick, result
+        if result.disturbed:
             self._judge.forget_proofs()
         if self._judge.plan is not None:
-            void = self._judge.plan.void(tick, stamp)
-            if void is not None:
-                reasons.append(void)
-        for row in look.broken:
+            strayed = self._judge.plan.check_followed(tick, stamp)
+            if strayed is not None:
+                reasons.append(strayed)
+        for row in result.broken:
             reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
         if self._no_sources:
             reasons.append(describe_no_sources(obstacles))
         if self._ignored.unmatched:
             reasons += self._tell_unmatched()
-        verdict = self._judge.judge(stamp, tick, look, reasons, unplaced=self._unplaced)
+        verdict = self._judge.judge(stamp, tick, result, reasons, unplaced=self._unplaced)
         standing = (one for one in reasons if one.kind.effect is Effect.STANDING)
         self._standing = next(standing, None)
         return verdict
@@ -379,7 +382,7 @@ class Monitor:
         self._no_sources = not obstacles.has_sources
         self._quiet_until = -math.inf
         if not self._unplaced:
-            # Until then nobody can have been silent for too long; rounding is allowed for.
+            # Until then no source can have been silent for too long; rounding is allowed for.
             self._quiet_until = obstacles.quiet_until(self._source_timeout) - self.period
         return reasons
 
@@ -395,7 +398,7 @@ class Monitor:
         """The verdict of a tick whose arm state is not believed: the worst of everything."""
         self._disbelieved += 1
         self._last = self._last[0], NOTHING_FOUND
-        self._watch.doubt()
+        self._scheduler.invalidate_all()
         is_known = self._now != NEVER
         now = self._now if is_known else 0.0
         since = f"{now:.3f} s" if is_known else "before the first tick"

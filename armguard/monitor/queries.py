@@ -13,17 +13,17 @@ from armguard.monitor.settings import MonitorSettings, read_limit
 from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
-from armguard.scheduling.scheduler import Tick, Watch
+from armguard.scheduling.scheduler import Scheduler, Tick
 
 
 class Queries:
-    """Answers from what the pairs' watch knows; `Monitor` says what each of them means.
+    """Answers from what the pairs' scheduler knows; `Monitor` says what each of them means.
 
     Args:
         robot: The arm.
         obstacles: The table.
         settings: What the monitor was told.
-        watch: Knows the pairs.
+        scheduler: Knows the pairs.
         states: Knows the joint states.
     """
 
@@ -32,13 +32,13 @@ class Queries:
         robot: Robot,
         obstacles: Obstacles,
         settings: MonitorSettings,
-        watch: Watch,
+        scheduler: Scheduler,
         states: JointStates,
     ) -> None:
         self._robot = robot
         self._obstacles = obstacles
         self._settings = settings
-        self._watch = watch
+        self._scheduler = scheduler
         self._states = states
 
     def pairs(self, tick: Tick | None, limit: int) -> list[PairReport]:
@@ -46,9 +46,9 @@ class Queries:
         limit = read_limit("limit", limit)
         if tick is None:
             return []
-        self._watch.prepare(tick)
-        time, arm, period = tick.time, self._watch.arm, self._settings.period
-        listing = self._watch.list_imminent(time, row_limit=0, pair_limit=limit)
+        self._scheduler.prepare(tick)
+        time, arm, period = tick.time, self._scheduler.arm, self._settings.period
+        listing = self._scheduler.list_imminent(time, row_limit=0, pair_limit=limit)
         return [
             report_pair(listing, index, time, period, arm.names(int(pair)), arm.state, arm.exact)
             for index, pair in enumerate(listing.pairs)
@@ -56,17 +56,17 @@ class Queries:
 
     def explain(self, tick: Tick, pair: int) -> Explanation | None:
         """Why the verdict that this pair decided is as it is; None where it is gone since."""
-        row = pair // len(self._watch.arm.links)
+        row = pair // len(self._scheduler.arm.links)
         if row in self._obstacles.changed_rows():
             return None
-        self._watch.prepare(tick)
-        response_time = self._settings.horizon + self._settings.reaction_time
-        return explain_pair(self._watch, self._robot, tick, pair, response_time)
+        self._scheduler.prepare(tick)
+        braking_delay = self._settings.response_time + self._settings.reaction_time
+        return explain_pair(self._scheduler, self._robot, tick, pair, braking_delay)
 
     def headroom(self, tick: Tick | None) -> Headroom:
         """What looks cost now; nothing is watched before the first tick."""
         watched = len(self._obstacles) if tick is not None else 0
-        expected = self._watch.expect_evaluations()
+        expected = self._scheduler.expect_evaluations()
         return predict_headroom(watched, expected, self._settings.period, self._settings.budget)
 
     def attention(self, tick: Tick | None, limit: int) -> list[Attention]:
@@ -74,18 +74,18 @@ class Queries:
         limit = read_limit("limit", limit)
         if tick is None:
             return []
-        watch = self._watch
-        watch.prepare(tick)
-        listing = watch.list_imminent(tick.time, row_limit=limit + 1, pair_limit=0)
-        watched, ids = watch.watched_pairs(), self._obstacles.ids
-        return rank_attention(listing, watch.arm.state, watched, tick, ids, limit)
+        scheduler = self._scheduler
+        scheduler.prepare(tick)
+        listing = scheduler.list_imminent(tick.time, row_limit=limit + 1, pair_limit=0)
+        watched, ids = scheduler.watched_pairs(), self._obstacles.ids
+        return rank_attention(listing, scheduler.arm.state, watched, tick, ids, limit)
 
     def snapshot(self, tick: Tick | None, pair_limit: int, row_limit: int) -> Snapshot:
         """What there is to see; before the first tick, the arm as it is known then."""
         pair_limit = read_limit("pair_limit", pair_limit)
         row_limit = read_limit("row_limit", row_limit)
-        watch, q, v = self._watch, self._states.q, self._states.v
+        scheduler, q, v = self._scheduler, self._states.q, self._states.v
         tick = tick or Tick(-1, 0.0, 0.0, q, v, 0.0, 0.0, 0.0)
-        watch.prepare(tick)
-        listing = watch.list_imminent(tick.time, row_limit=row_limit, pair_limit=pair_limit)
-        return take_snapshot(listing, watch.arm.state, q, tick.time)
+        scheduler.prepare(tick)
+        listing = scheduler.list_imminent(tick.time, row_limit=row_limit, pair_limit=pair_limit)
+        return take_snapshot(listing, scheduler.arm.state, q, tick.time)
