@@ -272,7 +272,7 @@ class Monitor:
         return self._queries.explain(tick, result.pair)
 
     def headroom(self) -> Headroom:
-        """What looks cost now, and at how many obstacles or which rate the budget would break."""
+        """What evaluations cost now, and which number or rate would break the budget."""
         return self._queries.headroom(self._last[0])
 
     def attention(self, limit: int = 8) -> list[Attention]:
@@ -341,7 +341,7 @@ class Monitor:
             states.v,
             now - stamp,
             stop_time,
-            # Children are opened only where a closer look could still matter to the level.
+            # Children are opened only where a refinement could still matter to the level.
             (stop_time + self._rule.aware_margin) / (1.0 - self.settings.max_staleness),
             late,
         )

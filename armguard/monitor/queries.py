@@ -64,7 +64,7 @@ class Queries:
         return explain_pair(self._scheduler, self._robot, tick, pair, braking_delay)
 
     def headroom(self, tick: Tick | None) -> Headroom:
-        """What looks cost now; nothing is watched before the first tick."""
+        """What evaluations cost now; nothing is watched before the first tick."""
         watched = len(self._obstacles) if tick is not None else 0
         expected = self._scheduler.expect_evaluations()
         return predict_headroom(watched, expected, self._settings.period, self._settings.budget)
