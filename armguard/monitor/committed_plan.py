@@ -18,7 +18,7 @@ from armguard.bounds.planned.course import PlannedCourse
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import Plan, Refusal
 from armguard.robot.robot import Robot
-from armguard.scheduling.scheduler import Tick, Watch
+from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.verdict import Reason, ReasonKind
 
 
@@ -43,15 +43,17 @@ class CommittedPlan:
 
     Args:
         robot: The arm.
-        watch: Knows the pairs.
-        horizon: Until the verdict after the present one is obeyed, in [s].
+        scheduler: Knows the pairs.
+        response_time: Until the verdict after the present one is obeyed, in [s].
         margin: Distance that counts as contact already, [m].
     """
 
-    def __init__(self, robot: Robot, watch: Watch, horizon: float, margin: float) -> None:
+    def __init__(
+        self, robot: Robot, scheduler: Scheduler, response_time: float, margin: float
+    ) -> None:
         self._robot = robot
-        self._watch = watch
-        self._horizon = horizon
+        self._scheduler = scheduler
+        self._response_time = response_time
         self._margin = margin
         self.reset()
 
@@ -67,7 +69,7 @@ class CommittedPlan:
         checked = check_plan(plan, self._robot, now, tick.q, tick.v, now - tick.arm_age)
         if isinstance(checked, Refusal):
             return refuse_plan(checked.subject, checked.detail)
-        motion = self._watch.arm.motion.planned
+        motion = self._scheduler.arm.motion.planned
         assert motion is not None, "a monitor commits to plans only where it bounds them"
         course = motion.lay_out(checked)
         found = self._find_contact(motion, course, tick)
@@ -76,11 +78,11 @@ class CommittedPlan:
         self._plan, self._checked, self._motion = _own(plan), checked, motion
         return PlanVerdict(True, math.inf, None, None, ())
 
-    def void(self, tick: Tick, stamp: float) -> Reason | None:
+    def check_followed(self, tick: Tick, stamp: float) -> Reason | None:
         """Why the arm does not follow its plan any more; None if it does, or has none."""
         if self._checked is None:
             return None
-        if self._motion is not self._watch.arm.motion.planned:
+        if self._motion is not self._scheduler.arm.motion.planned:
             self.reset()
             return Reason(ReasonKind.PLAN_VOID, "tool", "was changed meanwhile")
         strayed = check_following(self._checked, self._robot, tick.q, tick.v, stamp)
@@ -109,23 +111,23 @@ class CommittedPlan:
         )
         if isinstance(checked, Refusal) or plan.stamp > tick.now:
             return False
-        course = motion.lay_out(checked, brake_after=self._horizon)
+        course = motion.lay_out(checked, brake_after=self._response_time)
         return self._find_contact(motion, course, tick) is None
 
     def _find_contact(
         self, motion: PlannedMotion, course: PlannedCourse, tick: Tick
     ) -> PlanVerdict | None:
         """What could touch the arm on its course; None if nothing can."""
-        watch = self._watch
+        scheduler = self._scheduler
         rest = course.epoch + float(course.end[-1])
-        pairs = watch.near_pairs(tick, rest - tick.now)
-        state = watch.arm.state
+        pairs = scheduler.near_pairs(tick, rest - tick.now)
+        state = scheduler.arm.state
         found = motion.contact_time(
             course, pairs, tick.now, self._margin, state.bodies, state.refused_bodies, state.marks
         )
         if found.time == math.inf:
             return None
-        link, obstacle = (None, None) if found.pair < 0 else watch.arm.names(found.pair)
+        link, obstacle = (None, None) if found.pair < 0 else scheduler.arm.names(found.pair)
         detail = f"contact possible in {found.time:.4g} s"
         reason = Reason(ReasonKind.PLAN_UNSAFE, f"{link} and {obstacle}", detail)
         return PlanVerdict(False, found.time, link, obstacle, (reason,))
@@ -141,7 +143,7 @@ def _find_fault(reason: Reason) -> PlanVerdict:
 
 
 def _own(plan: Plan) -> Plan:
-    """A plan whose arrays nobody else can change."""
+    """A plan whose arrays no other code can change."""
     return Plan._make(field if field is None else np.array(field) for field in plan)._replace(
         stamp=float(plan.stamp)
     )

@@ -18,7 +18,7 @@ from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import BOUND_NAMES, JOINT
 from armguard.robot.robot import Robot
 from armguard.robot.stop_time import compute_stop_time
-from armguard.scheduling.scheduler import Tick, Watch
+from armguard.scheduling.scheduler import Scheduler, Tick
 
 STEPS = 21
 """Evaluations behind each figure."""
@@ -78,20 +78,20 @@ class Explanation(NamedTuple):
 
 
 def explain_pair(
-    watch: Watch, robot: Robot, tick: Tick, pair: int, response_time: float
+    scheduler: Scheduler, robot: Robot, tick: Tick, pair: int, braking_delay: float
 ) -> Explanation:
     """Explain the pair that decided a tick.
 
     Args:
-        watch: Knows the pairs; its arm prepared for the tick.
+        scheduler: Knows the pairs; its arm prepared for the tick.
         robot: The arm.
         tick: The last one.
         pair: Row × links + link.
-        response_time: From a tick until its STOP brakes, in [s]: period, latency and reaction.
+        braking_delay: From a tick until its STOP brakes, in [s]: period, latency and reaction.
     """
-    state, names = watch.arm.state, watch.arm.names(pair)
-    row, link = divmod(pair, len(watch.arm.links))
-    known = watch.recall(pair)
+    state, names = scheduler.arm.state, scheduler.arm.names(pair)
+    row, link = divmod(pair, len(scheduler.arm.links))
+    known = scheduler.recall(pair)
 
     # Copies that can be written to are what this was compiled for.
     limits = [
@@ -114,7 +114,7 @@ def explain_pair(
         )
         return time
 
-    saved = stop_time(response_time) - stop_time(max(response_time - MILLISECOND, 0.0))
+    saved = stop_time(braking_delay) - stop_time(max(braking_delay - MILLISECOND, 0.0))
     return Explanation(
         link=names[0],
         obstacle=names[1],

@@ -17,7 +17,7 @@ from armguard.scheduling.scheduler import Listing, Tick
 
 
 class Headroom(NamedTuple):
-    """What a monitor spends on looks, and what it could still take on before its budget breaks.
+    """What a monitor spends, and what it could still take on before its budget breaks.
 
     Predicted from how imminent all obstacles are now: as many times as many of them, spread alike.
     """

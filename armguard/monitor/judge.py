@@ -1,4 +1,4 @@
-"""From what a tick's look found to its verdict: level, speed scale, proof and margin."""
+"""From what a tick's evaluations found to its verdict: level, speed scale, proof and margin."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from armguard.contact.earliest import Certificate
-from armguard.jit.numerics import SUM_ROUNDING
 from armguard.monitor.committed_plan import CommittedPlan
 from armguard.monitor.levels import VerdictRule
 from armguard.monitor.settings import MonitorSettings
@@ -18,9 +17,12 @@ from armguard.pairs.scene import BOUND_NAMES
 from armguard.pairs.separation_margin import SeparationMargin, SeparationRule
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
-from armguard.scheduling.scheduler import Look, Tick, Watch
+from armguard.scheduling.scheduler import Scheduler, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
 from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict
+
+NO_NAMES = (None, None)
+"""Of link and obstacle, where no pair decides."""
 
 
 class Judge:
@@ -28,7 +30,7 @@ class Judge:
 
     Args:
         robot: The arm.
-        watch: Knows the pairs.
+        scheduler: Knows the pairs.
         states: Knows the joint states.
         rule: Makes levels.
         settings: Of the monitor.
@@ -43,7 +45,7 @@ class Judge:
     def __init__(
         self,
         robot: Robot,
-        watch: Watch,
+        scheduler: Scheduler,
         states: JointStates,
         rule: VerdictRule,
         settings: MonitorSettings,
@@ -51,36 +53,31 @@ class Judge:
         *,
         certify: bool,
     ) -> None:
-        self._watch = watch
+        self._scheduler = scheduler
         self._rule = rule
         self._certify = certify
         self._budget = settings.budget
-        self._horizon = settings.horizon
-        self._until_braking = settings.horizon + settings.reaction_time
+        self._response_time = settings.response_time
+        self._braking_delay = settings.response_time + settings.reaction_time
         self._braking_scale = float(np.min(robot.braking_deceleration / robot.velocity_limit))
         self._stopping = None
         if settings.with_joints:
             self._stopping = StopDecision(
-                watch, settings.period, settings.horizon, settings.slow_margin, settings.rise_delay
+                scheduler,
+                settings.period,
+                settings.response_time,
+                settings.slow_margin,
+                settings.rise_delay,
             )
-            states.delay_braking(self._stopping.looks_ahead - self._horizon)
-        self._far = (self._until_braking + 1.0 / self._braking_scale) * (1.0 + SUM_ROUNDING)
-        """What is later lets any arm brake in time, in [s]."""
+            states.delay_braking(self._stopping.looks_ahead - self._response_time)
         self.plan = None
-        if watch.arm.motion.planned is not None:
-            self.plan = CommittedPlan(robot, watch, settings.horizon, settings.margin)
+        if scheduler.arm.motion.planned is not None:
+            self.plan = CommittedPlan(robot, scheduler, settings.response_time, settings.margin)
         self._separation = None
         if separation is not None:
-            self._separation = SeparationMargin(separation, self._until_braking)
+            self._separation = SeparationMargin(separation, self._braking_delay)
         self.certificate_inputs: dict[str, Any] | None = None
-        self._is_plain = not certify and separation is None and self.plan is None
-        """Whether verdicts are about levels and speed scales alone."""
         self._compile(robot)
-
-    @property
-    def _spent(self) -> int:
-        """Evaluations by the table of braking so far."""
-        return 0 if self._stopping is None else self._stopping.evaluated
 
     def reset(self) -> None:
         """Forget speed scales and the plan."""
@@ -93,96 +90,39 @@ class Judge:
         if self._stopping is not None:
             self._stopping.restart_search()
 
-    def judge_clear(
-        self,
-        stamp: float,
-        number: int,
-        now: float,
-        contact_time: float,
-        stop_time: float,
-        late_stop_time: float,
-        row: int,
-        link: int,
-        evaluated: int,
-    ) -> Verdict | None:
-        """The verdict of a tick that is as most are: nothing near, nothing wrong, none waited for.
-
-        None where there is anything else to be said, or to be done: `judge` would then, and says
-        the same otherwise, in five times the time.
-
-        Args:
-            stamp: Of the joint state, in [s].
-            number: Of the tick.
-            now: Its time, in [s].
-            contact_time: Earliest possible contact, in [s] from now.
-            stop_time: In which the arm surely rests, in [s].
-            late_stop_time: The same for one that goes on as a speed scale lets it.
-            row: Of the obstacle that could be touched first.
-            link: That could touch it first.
-            evaluated: Evaluations in this tick.
-        """
-        rule, stopping = self._rule, self._stopping
-        if not (
-            contact_time > (self._far if stopping is None else late_stop_time)
-            and contact_time > stop_time + rule.aware_margin
-            and self._is_plain
-            and rule.is_clear(now)
-            and (stopping is None or not stopping.held)
-        ):
-            return None
-        arm = self._watch.arm
-        # A named tuple's own constructor takes twice as long.
-        return tuple.__new__(
-            Verdict,
-            (
-                stamp,
-                number,
-                Level.CLEAR,
-                contact_time,
-                stop_time,
-                1.0,
-                arm.links[link],
-                arm.obstacles.ids[row],
-                True,
-                evaluated,
-                (),
-                math.nextafter(now + self._horizon, -math.inf),
-                None,
-                None,
-            ),
-        )
-
     def judge(
-        self, stamp: float, tick: Tick, look: Look, reasons: list[Reason], *, unplaced: bool
+        self, stamp: float, tick: Tick, result: TickResult, reasons: list[Reason], *, unplaced: bool
     ) -> Verdict:
         """The verdict of a tick.
 
         Args:
             stamp: Of the joint state, in [s].
             tick: The tick.
-            look: What its look found.
+            result: What its evaluations found.
             reasons: What there is to say already; more is added.
             unplaced: Whether there are obstacles that found no room, and could be anywhere.
         """
-        pair, contact_time = look.pair, max(0.0, look.expiry - tick.time)
-        if self._stopping is not None:
-            self._stopping.left = 0
-        spent_before = self._spent
+        rule, stopping, plan = self._rule, self._stopping, self.plan
+        pair, contact_time = result.pair, max(0.0, result.expiry - tick.time)
         if unplaced:
             pair, contact_time = NOBODY, 0.0
-        if look.overdue:
-            reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{look.overdue} pairs"))
+        if result.overdue:
+            reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{result.overdue} pairs"))
         standing = bool(reasons) and any(
             reason.kind.effect is Effect.STANDING for reason in reasons
         )
-        complete = not look.overdue
+        complete = not result.overdue
+        spent_before = 0
+        if stopping is not None:
+            stopping.left = 0
+            spent_before = stopping.evaluated
         rests = (
-            self._stopping is not None
+            stopping is not None
             and complete
             and not (standing or unplaced or contact_time > tick.stop_time)
-            and (self._stopping.rests(tick) or (self.plan is not None and self.plan.rests(tick)))
+            and (stopping.rests(tick) or (plan is not None and plan.rests(tick)))
         )
-        level, held = self._rule.decide(
+        level, held = rule.decide(
             tick.now,
             contact_time,
             tick.stop_time,
@@ -190,17 +130,73 @@ class Judge:
             standing=standing,
             rests=rests,
         )
-        link, obstacle = (None, None) if pair == NOBODY else self._watch.arm.names(pair)
-        grade = self._rule.grade(contact_time, tick.stop_time, rests=rests)
-        if pair != NOBODY and grade is not Level.CLEAR:
-            bound = BOUND_NAMES[self._watch.recall(pair).bound]
+        names = NO_NAMES if pair == NOBODY else self._scheduler.arm.names(pair)
+        if (
+            level is not Level.CLEAR
+            and pair != NOBODY
+            and rule.grade(contact_time, tick.stop_time, rests=rests) is not Level.CLEAR
+        ):
+            bound = BOUND_NAMES[self._scheduler.recall(pair).bound]
             detail = f"in {contact_time:.4g} s by the {bound} bound"
-            reasons.append(Reason(ReasonKind.CONTACT, f"{link} and {obstacle}", detail))
+            reasons.append(Reason(ReasonKind.CONTACT, f"{names[0]} and {names[1]}", detail))
         if held:
             reasons.append(Reason(ReasonKind.HOLD))
         scale = self._scale(tick, level, contact_time)
-        if self._stopping is not None and self._stopping.left:
-            reasons.append(self._tell_spent(self._stopping))
+        evaluated = result.evaluated
+        if stopping is not None:
+            evaluated += stopping.evaluated - spent_before
+            if stopping.left:
+                reasons.append(self._tell_spent(stopping))
+        separation = certificate = None
+        if self._separation is not None:
+            separation = self._measure_separation(tick, unplaced=unplaced)
+        if self._certify:
+            certificate = self._prove(tick, pair)
+        return self._make_verdict(
+            stamp,
+            tick,
+            level,
+            contact_time,
+            scale,
+            names,
+            complete,
+            evaluated,
+            reasons,
+            separation,
+            certificate,
+        )
+
+    def refuse(self, stamp: float, tick: Tick, reason: Reason, since: str) -> Verdict:
+        """The verdict of a tick whose joint state is not believed: the worst of everything.
+
+        Args:
+            stamp: Of the joint state, in [s]; it may be no number.
+            tick: The tick, whose arm may never stop.
+            reason: What there is against the joint state; it is latched.
+            since: When that was, in words.
+        """
+        if self.plan is not None:
+            self.plan.reset()
+        self.certificate_inputs = None
+        self._rule.latch(reason, since)
+        level, _ = self._rule.decide(tick.now, 0.0, tick.stop_time, complete=False, standing=True)
+        return self._make_verdict(stamp, tick, level, 0.0, 0.0, NO_NAMES, False, 0, [])
+
+    def _make_verdict(
+        self,
+        stamp: float,
+        tick: Tick,
+        level: Level,
+        contact_time: float,
+        speed_scale: float,
+        names: tuple[str, str] | tuple[None, None],
+        complete: bool,
+        evaluated: int,
+        reasons: list[Reason],
+        separation: float | None = None,
+        certificate: Certificate | None = None,
+    ) -> Verdict:
+        """The one place where a verdict is made; the arguments are named as its fields are."""
         # By position: names would cost as much as the whole tuple.
         return Verdict(
             stamp,
@@ -208,15 +204,15 @@ class Judge:
             level,
             contact_time,
             tick.stop_time,
-            scale,
-            link,
-            obstacle,
+            speed_scale,
+            names[0],
+            names[1],
             complete,
-            look.evaluated + self._spent - spent_before,
+            evaluated,
             (*self._rule.latched.values(), *reasons),
-            math.nextafter(tick.now + self._horizon, -math.inf),
-            None if self._separation is None else self._measure_separation(tick, unplaced=unplaced),
-            self._prove(tick, pair) if self._certify else None,
+            math.nextafter(tick.now + self._response_time, -math.inf),
+            separation,
+            certificate,
         )
 
     def _tell_spent(self, stopping: StopDecision) -> Reason:
@@ -232,7 +228,7 @@ class Judge:
         stopping = self._stopping
         if stopping is None:
             # An arm that is no faster can brake before contact, whatever it does in this tick.
-            scale = (contact_time - self._until_braking) * self._braking_scale
+            scale = (contact_time - self._braking_delay) * self._braking_scale
             return min(max(scale, 0.0), 1.0)
         # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
         scale = 1.0 if contact_time > tick.late_stop_time else stopping.find_scale(tick)
@@ -243,8 +239,8 @@ class Judge:
         assert self._separation is not None, "called only where there is a rule"
         if unplaced:
             return -math.inf
-        self._watch.prepare(tick)
-        state, watched = self._watch.arm.state, self._watch.watched_pairs()
+        self._scheduler.prepare(tick)
+        state, watched = self._scheduler.arm.state, self._scheduler.watched_pairs()
         return self._separation.margin(state, tick.stop_time, watched)
 
     def _prove(self, tick: Tick, pair: int) -> Certificate | None:
@@ -252,8 +248,8 @@ class Judge:
         self.certificate_inputs = None
         if pair == NOBODY:
             return None
-        self._watch.prepare(tick)
-        proof = self._watch.arm.prove(pair, self._watch.recall(pair).sphere)
+        self._scheduler.prepare(tick)
+        proof = self._scheduler.arm.prove(pair, self._scheduler.recall(pair).sphere)
         if proof is None:
             return None
         certificate, self.certificate_inputs = proof
@@ -268,6 +264,6 @@ class Judge:
             self._stopping.find_scale(tick)
             self._stopping.reset()
         if self._separation is not None:
-            self._separation.compile(self._watch.arm.state)
+            self._separation.compile(self._scheduler.arm.state)
         if self._certify:
             compile_proof()

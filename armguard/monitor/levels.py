@@ -57,10 +57,6 @@ class VerdictRule:
             detail = f"{reason.detail}; latched since {since}".removeprefix("; ")
             self.latched[reason.kind] = reason._replace(detail=detail)
 
-    def is_clear(self, now: float) -> bool:
-        """Whether at `now`, in [s], nothing keeps the level below what the tick itself earns."""
-        return self._settled and not self.latched and not now - self._low_at < self.rise_delay
-
     def grade(self, contact_time: float, stop_time: float, *, rests: bool = False) -> Level:
         """The level that one contact time earns by itself.
 

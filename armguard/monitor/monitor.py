@@ -19,6 +19,8 @@ from numpy.typing import ArrayLike
 from armguard.bounds.planned.plan import Plan
 from armguard.exceptions import ArmguardError
 from armguard.monitor.committed_plan import PlanVerdict, refuse_plan
+from armguard.monitor.explain import Explanation
+from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.joint_reasons import (
     describe_refusal,
     describe_runaway,
@@ -27,8 +29,9 @@ from armguard.monitor.joint_reasons import (
 from armguard.monitor.judge import Judge
 from armguard.monitor.levels import VerdictRule
 from armguard.monitor.obstacle_reasons import describe_no_sources, take_obstacle_reasons
-from armguard.monitor.queries import MonitorAnswers
-from armguard.monitor.settings import make_watch, read_number, read_settings
+from armguard.monitor.queries import Queries
+from armguard.monitor.reports import PairReport, Snapshot
+from armguard.monitor.settings import make_scheduler, read_number, read_settings
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm import IgnoredPairs
 from armguard.pairs.separation_margin import SeparationRule
@@ -36,14 +39,15 @@ from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import Schedule
-from armguard.scheduling.scheduler import NOTHING_FOUND, Look, Seen, Tick
-from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict
+from armguard.scheduling.scheduler import NOTHING_FOUND, Tick, TickResult
+from armguard.scheduling.timing_wheel import NOBODY
+from armguard.verdict import Effect, Reason, ReasonKind, Verdict
 
 NEVER = -sys.float_info.max
 """Time of the last tick before the first one, in [s]."""
 
 
-class Monitor(MonitorAnswers):
+class Monitor:
     """Supervises one arm among obstacles.
 
     Everything is compiled here, in the constructor, so that the first tick is like any other.
@@ -79,7 +83,7 @@ class Monitor(MonitorAnswers):
         certify: Attach to each verdict a certificate of the pair that decides it, by free bodies;
             takes a fraction of a millisecond a tick.
         separation: Attach to each verdict the margin of the speed-and-separation distance by this
-            rule; takes a look at every pair in every tick.
+            rule; evaluates every pair in every tick.
 
     Raises:
         ArmguardError: If an argument is out of range or names what does not exist.
@@ -130,24 +134,24 @@ class Monitor(MonitorAnswers):
         self.robot = robot
         self.obstacles = obstacles
         self.base_placement = settings.base_placement
-        self._horizon = settings.horizon
+        self._response_time = settings.response_time
         self._source_timeout = settings.source_timeout
         self._rule = VerdictRule(slow_margin, aware_margin, rise_delay)
         self._states = JointStates(
             robot,
             settings.joint_timeout,
-            settings.horizon,
+            settings.response_time,
             settings.reaction_time,
             settings.period,
         )
         sources = obstacles.source_names
         self._ignored = IgnoredPairs(ignore, robot, sources)
-        self._watch = make_watch(robot, obstacles, settings, self._ignored, self._states)
+        self._scheduler = make_scheduler(robot, obstacles, settings, self._ignored, self._states)
         self._judge = Judge(
-            robot, self._watch, self._states, self._rule, settings, separation, certify=certify
+            robot, self._scheduler, self._states, self._rule, settings, separation, certify=certify
         )
-        self._last: tuple[Tick | None, Look] = None, NOTHING_FOUND
-        self._clear: tuple[int, float, float, Seen] | None = None
+        self._queries = Queries(robot, obstacles, settings, self._scheduler, self._states)
+        self._last: tuple[Tick | None, TickResult] = None, NOTHING_FOUND
         self._epoch = math.nan
         self._now = NEVER
         self._quiet_until = -math.inf
@@ -196,23 +200,23 @@ class Monitor(MonitorAnswers):
 
         Args:
             source: Arguments of `step`, one tuple a tick: stamp, q, v and, where it is not the
-                stamp, now. Whoever makes them may update the obstacles in between.
+                stamp, now. What makes them may update the obstacles in between.
             sink: Is called with each verdict.
         """
         for state in source:
             sink(self.step(*state))
 
     def reset(self) -> None:
-        """Forget latched faults and past joint states; every pair is looked at anew.
+        """Forget latched faults and past joint states; every pair is evaluated anew.
 
         Levels rise only after `rise_delay` seconds of evidence, counted from the next tick on; its
         time may be earlier than that of the ticks before.
         """
         self._rule.reset()
         self._states.reset()
-        self._watch.restart()
+        self._scheduler.restart()
         self._judge.reset()
-        self._last, self._clear = (None, NOTHING_FOUND), None
+        self._last = None, NOTHING_FOUND
         self._now = NEVER
         self._epoch = math.nan
         self._quiet_until = -math.inf
@@ -234,7 +238,7 @@ class Monitor(MonitorAnswers):
         """
         if self._judge.plan is None:
             raise ArmguardError("commit", "needs plans", remedy='Monitor(..., motion="planned")')
-        tick, _ = self._recall()
+        tick, _ = self._last
         obstacles, latched = self.obstacles, self._rule.latched
         if tick is None:
             return refuse_plan("arm", "its state is not known: step first")
@@ -244,7 +248,7 @@ class Monitor(MonitorAnswers):
             return refuse_plan("obstacles", "some found no room, and could be anywhere")
         if self._standing is not None:
             return refuse_plan("last step", f"was a STOP: {self._standing}")
-        if self.robot.revision != self._watch.arm.revision:
+        if self.robot.revision != self._scheduler.arm.revision:
             return refuse_plan("tool", "was attached or detached since the last step: step first")
         if obstacles.has_membership_changes or obstacles.table.changed_count[0] > 0:
             detail = "have changed since the last step by more than it allowed for: step first"
@@ -252,6 +256,52 @@ class Monitor(MonitorAnswers):
         if not obstacles.is_quiet(self._now, self._source_timeout):
             return refuse_plan("obstacles", "were refused, or a source is new: step first")
         return self._judge.plan.commit(plan, tick)
+
+    def pairs(self, limit: int = 64) -> list[PairReport]:
+        """The most imminent pairs as of the last tick, soonest first, at most `limit`.
+
+        Raises:
+            ArmguardError: The limit is no whole number.
+        """
+        return self._queries.pairs(self._last[0], limit)
+
+    def explain(self) -> Explanation | None:
+        """Why the last verdict is as it is, and what would have made it better.
+
+        None where no pair decided it: there are none, or its reasons alone did. None as well where
+        the obstacle was removed since, so that nothing is known of it any more.
+        """
+        tick, result = self._last
+        if tick is None or result.pair == NOBODY or self._unplaced:
+            return None
+        return self._queries.explain(tick, result.pair)
+
+    def headroom(self) -> Headroom:
+        """What evaluations cost now, and which number or rate would break the budget."""
+        return self._queries.headroom(self._last[0])
+
+    def attention(self, limit: int = 8) -> list[Attention]:
+        """The obstacles whose fresh states would raise the verdict's contact time most.
+
+        Args:
+            limit: At most so many, first things first.
+
+        Raises:
+            ArmguardError: The limit is no whole number.
+        """
+        return self._queries.attention(self._last[0], limit)
+
+    def snapshot(self, *, pair_limit: int, row_limit: int) -> Snapshot:
+        """What there is to see of the last tick, for observers; cheap, and their own to keep.
+
+        Args:
+            pair_limit: At most so many pairs, the most imminent ones.
+            row_limit: At most so many obstacles, likewise.
+
+        Raises:
+            ArmguardError: A limit is no whole number.
+        """
+        return self._queries.snapshot(self._last[0], pair_limit, row_limit)
 
     def _step(self, stamp: float, q: Any, v: Any, now: float) -> Verdict:
         if not (type(stamp) is float and type(now) is float):
@@ -261,8 +311,9 @@ class Monitor(MonitorAnswers):
         self._now = now
         if not -math.inf < stamp < math.inf:
             return self._refuse_time(stamp, now)
-        watch, states, obstacles, number = self._watch, self._states, self.obstacles, self._sequence
-        watch.follow()
+        scheduler, states = self._scheduler, self._states
+        obstacles, number = self.obstacles, self._sequence
+        scheduler.follow()
         if math.isnan(self._epoch):
             self._epoch = now
         epoch = self._epoch
@@ -272,25 +323,19 @@ class Monitor(MonitorAnswers):
                 return self._refuse(stamp, read)
             q, v = read
         quiet = now < self._quiet_until and obstacles.is_quiet(now, self._source_timeout)
-        seen = watch.advance(stamp, q, v, now, epoch, number, quiet)
-        found, joint, stop_time, late, _, row, link, expiry, overdue, evaluated, news = seen
+        seen = scheduler.advance(stamp, q, v, now, epoch, number, quiet)
+        found, joint, stop_time, late = seen[:4]
         if found < BELIEVED:
             return self._refuse(stamp, describe_refusal(states, found, joint, stamp, q, v))
-        if row >= 0 and not (overdue or news or self._no_sources or self._ignored.unmatched):
-            verdict = self._judge.judge_clear(
-                stamp, number, now, expiry - (now - epoch), stop_time, late, row, link, evaluated
-            )
-            if verdict is not None:
-                self._clear = number, stamp, now, seen
-                self._standing = None
-                return verdict
         reasons: list[Reason] = []
         if found:
             runaway = describe_runaway(states)
             if runaway is not None:
                 reasons.append(runaway)
-        if (found or watch.arm.motion.isotropic.is_widened) and watch.arm.follow_limits(states.v):
-            watch.doubt()
+        if (found or scheduler.arm.motion.isotropic.is_widened) and scheduler.arm.follow_limits(
+            states.v
+        ):
+            scheduler.invalidate_all()
         if not quiet:
             reasons += self._read_obstacles(now)
         tick = Tick(
@@ -301,25 +346,25 @@ class Monitor(MonitorAnswers):
             states.v,
             now - stamp,
             stop_time,
-            # Children are opened only where a closer look could still matter to the level.
+            # Children are opened only where a refinement could still matter to the level.
             (stop_time + self._rule.aware_margin) / (1.0 - self.settings.max_staleness),
             late,
         )
-        look = watch.look(tick, seen)
-        self._last, self._clear = (tick, look), None
-        if look.disturbed:
+        result = scheduler.evaluate_due(tick, seen)
+        self._last = tick, result
+        if result.disturbed:
             self._judge.forget_proofs()
         if self._judge.plan is not None:
-            void = self._judge.plan.void(tick, stamp)
-            if void is not None:
-                reasons.append(void)
-        for row in look.broken:
+            strayed = self._judge.plan.check_followed(tick, stamp)
+            if strayed is not None:
+                reasons.append(strayed)
+        for row in result.broken:
             reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
         if self._no_sources:
             reasons.append(describe_no_sources(obstacles))
         if self._ignored.unmatched:
             reasons += self._tell_unmatched()
-        verdict = self._judge.judge(stamp, tick, look, reasons, unplaced=self._unplaced)
+        verdict = self._judge.judge(stamp, tick, result, reasons, unplaced=self._unplaced)
         standing = (one for one in reasons if one.kind.effect is Effect.STANDING)
         self._standing = next(standing, None)
         return verdict
@@ -334,18 +379,6 @@ class Monitor(MonitorAnswers):
             self._unmatched = changes, named
         return self._unmatched[1]
 
-    def _recall(self) -> tuple[Tick | None, Look]:
-        """The last tick whose state was believed, and what the last look found."""
-        if self._clear is not None:
-            number, stamp, now, seen = self._clear
-            _, _, stop_time, late, refinement_threshold, row, link, expiry, _, evaluated, _ = seen
-            time, age, q, v = now - self._epoch, now - stamp, self._states.q, self._states.v
-            tick = Tick(number, now, time, q, v, age, stop_time, refinement_threshold, late)
-            pair = row * len(self._watch.arm.links) + link
-            self._last = tick, Look(pair, expiry, 0, evaluated, disturbed=False)
-            self._clear = None
-        return self._last
-
     def _read_obstacles(self, now: float) -> list[Reason]:
         """What is wrong with the obstacle table, and until when silence is no reason."""
         obstacles = self.obstacles
@@ -354,7 +387,7 @@ class Monitor(MonitorAnswers):
         self._no_sources = not obstacles.has_sources
         self._quiet_until = -math.inf
         if not self._unplaced:
-            # Until then nobody can have been silent for too long; rounding is allowed for.
+            # Until then no source can have been silent for too long; rounding is allowed for.
             self._quiet_until = obstacles.quiet_until(self._source_timeout) - self.period
         return reasons
 
@@ -369,26 +402,11 @@ class Monitor(MonitorAnswers):
     def _refuse(self, stamp: float, reason: Reason) -> Verdict:
         """The verdict of a tick whose arm state is not believed: the worst of everything."""
         self._disbelieved += 1
-        self._last, self._clear = (self._recall()[0], NOTHING_FOUND), None
-        self._watch.doubt()
-        if self._judge.plan is not None:
-            self._judge.plan.reset()
-        self._judge.certificate_inputs = None
+        self._last = self._last[0], NOTHING_FOUND
+        self._scheduler.invalidate_all()
         is_known = self._now != NEVER
         now = self._now if is_known else 0.0
-        self._rule.latch(reason, f"{now:.3f} s" if is_known else "before the first tick")
-        self._rule.decide(now, 0.0, math.inf, complete=False, standing=True)
-        return Verdict(
-            stamp=stamp,
-            sequence=self._sequence,
-            level=Level.STOP,
-            contact_time=0.0,
-            stop_time=math.inf,
-            speed_scale=0.0,
-            link=None,
-            obstacle=None,
-            complete=False,
-            evaluated=0,
-            reasons=tuple(self._rule.latched.values()),
-            valid_until=math.nextafter(now + self._horizon, -math.inf),
-        )
+        since = f"{now:.3f} s" if is_known else "before the first tick"
+        q, v = self._states.q, self._states.v
+        tick = Tick(self._sequence, now, 0.0, q, v, 0.0, math.inf, 0.0)
+        return self._judge.refuse(stamp, tick, reason, since)

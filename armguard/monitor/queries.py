@@ -1,6 +1,7 @@
 """What can be asked of a monitor between ticks: pairs, reasons, and what lies ahead.
 
-Nothing here is part of a tick, and nothing here changes what the next one says.
+Nothing here is part of a tick, and nothing here changes what the next one says. Each answer is
+about the tick that is handed over, the last one whose joint state was believed.
 """
 
 from __future__ import annotations
@@ -12,107 +13,79 @@ from armguard.monitor.settings import MonitorSettings, read_limit
 from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
-from armguard.scheduling.scheduler import Look, Tick, Watch
-from armguard.scheduling.timing_wheel import NOBODY
+from armguard.scheduling.scheduler import Scheduler, Tick
 
 
-class MonitorAnswers:
-    """The questions; what they are answered from belongs to `Monitor`.
+class Queries:
+    """Answers from what the pairs' scheduler knows; `Monitor` says what each of them means.
 
-    Attributes:
+    Args:
         robot: The arm.
         obstacles: The table.
         settings: What the monitor was told.
-        period: Of ticks, in [s].
+        scheduler: Knows the pairs.
+        states: Knows the joint states.
     """
 
-    robot: Robot
-    obstacles: Obstacles
-    settings: MonitorSettings
-    period: float
-    _watch: Watch
-    _states: JointStates
-    _unplaced: bool
+    def __init__(
+        self,
+        robot: Robot,
+        obstacles: Obstacles,
+        settings: MonitorSettings,
+        scheduler: Scheduler,
+        states: JointStates,
+    ) -> None:
+        self._robot = robot
+        self._obstacles = obstacles
+        self._settings = settings
+        self._scheduler = scheduler
+        self._states = states
 
-    def _recall(self) -> tuple[Tick | None, Look]:
-        """The last tick whose state was believed, and what the last look found."""
-        raise NotImplementedError("the monitor, which makes ticks, recalls them")
-
-    def pairs(self, limit: int = 64) -> list[PairReport]:
-        """The most imminent pairs as of the last tick, soonest first, at most `limit`.
-
-        Raises:
-            ArmguardError: The limit is no whole number.
-        """
+    def pairs(self, tick: Tick | None, limit: int) -> list[PairReport]:
+        """The most imminent pairs, soonest first; none before the first tick."""
         limit = read_limit("limit", limit)
-        tick, _ = self._recall()
         if tick is None:
             return []
-        self._watch.prepare(tick)
-        time, arm = tick.time, self._watch.arm
-        listing = self._watch.list_imminent(time, row_limit=0, pair_limit=limit)
+        self._scheduler.prepare(tick)
+        time, arm, period = tick.time, self._scheduler.arm, self._settings.period
+        listing = self._scheduler.list_imminent(time, row_limit=0, pair_limit=limit)
         return [
-            report_pair(
-                listing, index, time, self.period, arm.names(int(pair)), arm.state, arm.exact
-            )
+            report_pair(listing, index, time, period, arm.names(int(pair)), arm.state, arm.exact)
             for index, pair in enumerate(listing.pairs)
         ]
 
-    def explain(self) -> Explanation | None:
-        """Why the last verdict is as it is, and what would have made it better.
-
-        None where no pair decided it: there are none, or its reasons alone did. None as well where
-        the obstacle was removed since, so that nothing is known of it any more.
-        """
-        tick, look = self._recall()
-        if tick is None or look.pair == NOBODY or self._unplaced:
+    def explain(self, tick: Tick, pair: int) -> Explanation | None:
+        """Why the verdict that this pair decided is as it is; None where it is gone since."""
+        row = pair // len(self._scheduler.arm.links)
+        if row in self._obstacles.membership_changes():
             return None
-        row = look.pair // len(self._watch.arm.links)
-        if row in self.obstacles.membership_changes():
-            return None
-        self._watch.prepare(tick)
-        response_time = self.settings.horizon + self.settings.reaction_time
-        return explain_pair(self._watch, self.robot, tick, look.pair, response_time)
+        self._scheduler.prepare(tick)
+        braking_delay = self._settings.response_time + self._settings.reaction_time
+        return explain_pair(self._scheduler, self._robot, tick, pair, braking_delay)
 
-    def headroom(self) -> Headroom:
-        """What looks cost now, and at how many obstacles or which rate the budget would break."""
-        watched = len(self.obstacles) if self._recall()[0] is not None else 0
-        expected = self._watch.expect_evaluations()
-        return predict_headroom(watched, expected, self.period, self.settings.budget)
+    def headroom(self, tick: Tick | None) -> Headroom:
+        """What evaluations cost now; nothing is watched before the first tick."""
+        watched = len(self._obstacles) if tick is not None else 0
+        expected = self._scheduler.expect_evaluations()
+        return predict_headroom(watched, expected, self._settings.period, self._settings.budget)
 
-    def attention(self, limit: int = 8) -> list[Attention]:
-        """The obstacles whose fresh states would raise the verdict's contact time most.
-
-        Args:
-            limit: At most so many, first things first.
-
-        Raises:
-            ArmguardError: The limit is no whole number.
-        """
+    def attention(self, tick: Tick | None, limit: int) -> list[Attention]:
+        """The obstacles whose fresh states would help most; none before the first tick."""
         limit = read_limit("limit", limit)
-        tick, _ = self._recall()
         if tick is None:
             return []
-        watch = self._watch
-        watch.prepare(tick)
-        listing = watch.list_imminent(tick.time, row_limit=limit + 1, pair_limit=0)
-        watched, ids = watch.watched_pairs(), self.obstacles.ids
-        return rank_attention(listing, watch.arm.state, watched, tick, ids, limit)
+        scheduler = self._scheduler
+        scheduler.prepare(tick)
+        listing = scheduler.list_imminent(tick.time, row_limit=limit + 1, pair_limit=0)
+        watched, ids = scheduler.watched_pairs(), self._obstacles.ids
+        return rank_attention(listing, scheduler.arm.state, watched, tick, ids, limit)
 
-    def snapshot(self, *, pair_limit: int, row_limit: int) -> Snapshot:
-        """What there is to see of the last tick, for observers; cheap, and their own to keep.
-
-        Args:
-            pair_limit: At most so many pairs, the most imminent ones.
-            row_limit: At most so many obstacles, likewise.
-
-        Raises:
-            ArmguardError: A limit is no whole number.
-        """
+    def snapshot(self, tick: Tick | None, pair_limit: int, row_limit: int) -> Snapshot:
+        """What there is to see; before the first tick, the arm as it is known then."""
         pair_limit = read_limit("pair_limit", pair_limit)
         row_limit = read_limit("row_limit", row_limit)
-        watch, q, v = self._watch, self._states.q, self._states.v
-        tick = self._recall()[0] or Tick(-1, 0.0, 0.0, q, v, 0.0, 0.0, 0.0)
-        watch.prepare(tick)
-        listing = watch.list_imminent(tick.time, row_limit=row_limit, pair_limit=pair_limit)
-        return take_snapshot(listing, watch.arm.state, q, tick.time)
+        scheduler, q, v = self._scheduler, self._states.q, self._states.v
+        tick = tick or Tick(-1, 0.0, 0.0, q, v, 0.0, 0.0, 0.0)
+        scheduler.prepare(tick)
+        listing = scheduler.list_imminent(tick.time, row_limit=row_limit, pair_limit=pair_limit)
+        return take_snapshot(listing, scheduler.arm.state, q, tick.time)

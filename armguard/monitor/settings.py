@@ -1,4 +1,4 @@
-"""What a monitor is told when it is made, checked once, and the watch that it asks for."""
+"""What a monitor is told when it is made, checked once, and the scheduler that it asks for."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm import IgnoredPairs, WatchedArm
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
-from armguard.scheduling.deadline import ObstacleWatch
-from armguard.scheduling.pair_scheduler import PairWatch
+from armguard.scheduling.deadline import DeadlineScheduler
+from armguard.scheduling.pair_scheduler import PairScheduler
 from armguard.scheduling.schedule import DEADLINE, Schedule, make_schedule
-from armguard.scheduling.scheduler import Watch
+from armguard.scheduling.scheduler import Scheduler
 
 MOST_EVALUATIONS = 2**62
 """A budget that nothing exceeds."""
@@ -46,7 +46,7 @@ class MonitorSettings(NamedTuple):
     base_placement: pinocchio.SE3
 
     @property
-    def horizon(self) -> float:
+    def response_time(self) -> float:
         """Until the verdict after the present one is obeyed."""
         return self.period + self.latency
 
@@ -120,12 +120,12 @@ def read_number(value: object) -> float:
             return math.nan
         return float(value)
     except Exception:
-        # Whatever an object of somebody else's raises here, it is no number.
+        # Whatever a foreign object raises here, it is no number.
         return math.nan
 
 
 def read_limit(name: str, limit: object) -> int:
-    """How many somebody asks for; below 0 is none.
+    """How many are asked for; below 0 is none.
 
     Args:
         name: What to call it in errors.
@@ -152,20 +152,20 @@ def _read_budget(budget: object, *, by_deadline: bool) -> int | None:
     return min(int(budget), MOST_EVALUATIONS)
 
 
-def make_watch(
+def make_scheduler(
     robot: Robot,
     obstacles: Obstacles,
     settings: MonitorSettings,
     ignored: IgnoredPairs,
     states: JointStates,
-) -> Watch:
-    """A watch over the pairs of an arm and obstacles, compiled and ready.
+) -> Scheduler:
+    """A scheduler over the pairs of an arm and obstacles, compiled and ready.
 
     Args:
         robot: The arm.
-        obstacles: The table; the watch is the one that follows its rows from now on.
-        settings: Which watch, and how cautious.
-        ignored: Pairs that nobody watches.
+        obstacles: The table; the scheduler is the one that follows its rows from now on.
+        settings: Which scheduler, and how cautious.
+        ignored: Pairs that are not watched.
         states: Where joint positions and velocities of each tick stand.
     """
     schedule = settings.schedule
@@ -184,13 +184,13 @@ def make_watch(
         )
 
     if schedule is not None:
-        return PairWatch(robot, obstacles, schedule, make_arm, states)
-    return ObstacleWatch(
+        return PairScheduler(robot, obstacles, schedule, make_arm, states)
+    return DeadlineScheduler(
         robot,
         obstacles,
         make_arm,
         states,
-        settings.horizon + settings.reaction_time,
+        settings.response_time + settings.reaction_time,
         settings.max_staleness,
         settings.aware_margin,
         settings.period,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from armguard.scheduling.scheduler import Tick, Watch
+from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.scheduling.timing_wheel import NOBODY
 
 HALVINGS = 5
@@ -22,12 +22,12 @@ STEP, PAUSE = 1e-3, 10e-3
 
 
 class StopDecision:
-    """Asks a watch whether the arm rests in time, by its table of braking.
+    """Asks a scheduler whether the arm rests in time, by its table of braking.
 
     Args:
-        watch: Knows the pairs.
+        scheduler: Knows the pairs.
         period: Of ticks, in [s].
-        horizon: Period plus latency, in [s]: until the verdict after this one is obeyed.
+        response_time: Period plus latency, in [s]: until the verdict after this one is obeyed.
         going_on: How long a speed scale must be safe, in [s].
         rise_delay: How long a higher scale must have been safe before it is given out, in [s].
 
@@ -41,11 +41,16 @@ class StopDecision:
     """
 
     def __init__(
-        self, watch: Watch, period: float, horizon: float, going_on: float, rise_delay: float
+        self,
+        scheduler: Scheduler,
+        period: float,
+        response_time: float,
+        going_on: float,
+        rise_delay: float,
     ) -> None:
         self.evaluated = self.left = 0
-        self._watch = watch
-        self._horizon = horizon
+        self._scheduler = scheduler
+        self._response_time = response_time
         self._rise_delay = rise_delay
         self._steps = max(1, math.ceil(period / STEP))
         """Steps of the search in each tick."""
@@ -57,7 +62,7 @@ class StopDecision:
         self._lasting = (2 * ticks + self._pause) * period
         """How long a scale counts once it was found safe: to the end of the next search, [s]."""
         # What a search finds is obeyed only when it is over, and must last until the next one is.
-        self._obeyed_after = horizon + self._searching
+        self._obeyed_after = response_time + self._searching
         self._going_on = going_on + self._lasting
         self.looks_ahead = self._obeyed_after + self._going_on
         self.reset()
@@ -76,8 +81,8 @@ class StopDecision:
 
     def rests(self, tick: Tick) -> bool:
         """Whether the arm surely rests before contact, braking only after the next tick."""
-        braking = self._watch.arm.motion.braking
-        table = braking.tabulate(tick.q, tick.v, tick.arm_age, self._horizon)
+        braking = self._scheduler.arm.motion.braking
+        table = braking.tabulate(tick.q, tick.v, tick.arm_age, self._response_time)
         return self._is_free(tick, float(table.time[-1]))
 
     def find_scale(self, tick: Tick) -> float:
@@ -93,7 +98,7 @@ class StopDecision:
             # There is nothing to give out meanwhile: search to the end.
             self._step, steps = 0, HALVINGS + 1
         elif 0 < self._step <= HALVINGS and not tick.time - self._began_at <= self._searching:
-            # Ticks came late, or nobody asked meanwhile: what was found is obeyed too late.
+            # Ticks came late, or none was asked for meanwhile: what was found is obeyed too late.
             self._step = 0
         for _ in range(steps):
             if not self._search(tick):
@@ -135,13 +140,13 @@ class StopDecision:
         return recent[0][1] if recent else 1.0
 
     def _is_safe(self, tick: Tick, scale: float) -> bool:
-        table = self._watch.arm.motion.braking.tabulate(
+        table = self._scheduler.arm.motion.braking.tabulate(
             tick.q, tick.v, tick.arm_age, self._obeyed_after, going_on=self._going_on, scale=scale
         )
         return self._is_free(tick, float(table.time[-1]))
 
     def _is_free(self, tick: Tick, stop_time: float) -> bool:
-        unsafe = self._watch.find_unsafe(tick, stop_time)
+        unsafe = self._scheduler.find_unsafe(tick, stop_time)
         self.evaluated += unsafe.evaluated
         self.left = max(self.left, unsafe.left)
         return unsafe.pair == NOBODY

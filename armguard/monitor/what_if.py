@@ -40,7 +40,7 @@ def contact_times(
         state: The tick's numbers, with the arm prepared.
         row: Of the obstacle.
         change: What would be different.
-        refinement_threshold: What could be touched before this, in [s], is looked at closer, as a
+        refinement_threshold: What could be touched before this, in [s], is refined, as a
             tick has it; inf: everything.
     """
     scene = state.scene

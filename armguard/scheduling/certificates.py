@@ -1,4 +1,4 @@
-"""What is known of every obstacle: until when, by what, and when it must be looked at again."""
+"""What is known of every obstacle: until when, by what, and when it must be evaluated again."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from armguard.scheduling.timing_wheel import Wheel, grow_wheel, make_due, make_w
 from armguard.scheduling.tournament import find_least, grow_tournament, make_tournament, set_value
 
 UNSEEN, UNPLACED = -3, -2
-"""In place of a row, where nothing was looked at yet, or the arm must be placed first."""
+"""In place of a row, where nothing was evaluated yet, or the arm must be placed first."""
 
-ACTIVE, PREPARED, STALE, LOOKS, SPENT, BROKEN = range(6)
-"""Places in `Book.numbers`."""
+ACTIVE, PREPARED, STALE, EVALUATED_ROWS, SPENT, BROKEN = range(6)
+"""Places in `Certificates.numbers`."""
 
 
-class Book(NamedTuple):
+class Certificates(NamedTuple):
     """What is known of each row of the obstacle table, and what it rests on."""
 
     wheel: Wheel
-    soonest: FloatArray
-    """Tournament of the ends of their certificates, in [s] since the monitor's epoch."""
+    expiry_tree: FloatArray
+    """Tournament tree of the ends of their certificates, in [s] since the monitor's epoch."""
     reference_states: States
     """The table's: the states that certificates rest on; no points where there was none."""
     news: ChangedRows
     watched: NDArray[np.bool_]
     """Which links are watched against it. Shape (rows, links)."""
     evaluated_at: FloatArray
-    """Time of the last look, in [s] since the epoch. Shape (rows,)."""
+    """Time of the last evaluation, in [s] since the epoch. Shape (rows,)."""
     pair_expiry: FloatArray
     """End of each pair's certificate, alike: at least this. Shape (rows, links)."""
     pair_sphere: NDArray[np.int32]
@@ -42,18 +42,19 @@ class Book(NamedTuple):
     pair_bound: NDArray[np.int8]
     """What that rests on, an index of `BOUND_NAMES`. Shape (rows, links)."""
     broken: IntArray
-    """Rows whose news broke the bounds behind their certificates. Shape (rows,)."""
+    """Rows whose changes broke the bounds behind their certificates. Shape (rows,)."""
     numbers: IntArray
-    """Rows that are watched, the tick that the arm was last prepared for, how many looks came later
-    than max_staleness asked for, and of late, looks at rows and evaluations spent on them; and
+    """Rows that are watched, the tick that the arm was last prepared for, how many rows were
+    evaluated later than max_staleness asked for, and of late, evaluated rows and evaluations spent
+    on them; and
     how many of `broken` are in use. Shape (6,)."""
 
 
-def make_book(links: int) -> Book:
-    """A book without rows, for an arm of so many links."""
-    return Book(
+def make_certificates(links: int) -> Certificates:
+    """Certificates of no rows, for an arm of so many links."""
+    return Certificates(
         wheel=make_wheel(0),
-        soonest=make_tournament(1),
+        expiry_tree=make_tournament(1),
         reference_states=make_states(0),
         news=ChangedRows(
             np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_), np.zeros(1, dtype=np.int64)
@@ -65,7 +66,7 @@ def make_book(links: int) -> Book:
 
 
 def _make_rows(rows: int, links: int) -> dict[str, NDArray[Any]]:
-    """The fields of a book that are read together, without anything in them."""
+    """The fields of certificates that are read together, without anything in them."""
     fields: dict[str, tuple[type, tuple[int, ...]]] = {
         "evaluated_at": (float, ()),
         "pair_expiry": (float, (links,)),
@@ -76,70 +77,74 @@ def _make_rows(rows: int, links: int) -> dict[str, NDArray[Any]]:
     return dict(zip(fields, make_records(rows, **fields), strict=True))
 
 
-def grow_book(book: Book, news: ChangedRows, reference_states: States) -> Book:
-    """The same book for an obstacle table whose arrays are these, and may have more rows."""
+def grow_certificates(
+    certificates: Certificates, news: ChangedRows, reference_states: States
+) -> Certificates:
+    """The same certificates for an obstacle table with these arrays, which may have more rows."""
     rows = len(reference_states.stamp)
-    leaves = len(book.soonest) // 2
-    grown = _make_rows(rows, book.watched.shape[1])
+    leaves = len(certificates.expiry_tree) // 2
+    grown = _make_rows(rows, certificates.watched.shape[1])
     for name, array in grown.items():
-        before = getattr(book, name)
+        before = getattr(certificates, name)
         array[: len(before)] = before
-    return book._replace(
-        wheel=grow_wheel(book.wheel, rows),
-        soonest=grow_tournament(book.soonest, max(leaves, 1 << (rows - 1).bit_length())),
+    return certificates._replace(
+        wheel=grow_wheel(certificates.wheel, rows),
+        expiry_tree=grow_tournament(
+            certificates.expiry_tree, max(leaves, 1 << (rows - 1).bit_length())
+        ),
         reference_states=reference_states,
         news=news,
         **grown,
-        broken=extend_rows(book.broken, rows),
+        broken=extend_rows(certificates.broken, rows),
     )
 
 
 @kernel
-def void(book: Book, row: int) -> None:
-    """Let no certificate of a row hold: it is to be looked at at once."""
-    for link in range(book.watched.shape[1]):
-        book.pair_expiry[row, link] = -np.inf
-    make_due(book.wheel, row, -np.inf)
-    set_value(book.soonest, row, -np.inf)
+def invalidate(certificates: Certificates, row: int) -> None:
+    """Invalidate all certificates of a row: it is to be evaluated at once."""
+    for link in range(certificates.watched.shape[1]):
+        certificates.pair_expiry[row, link] = -np.inf
+    make_due(certificates.wheel, row, -np.inf)
+    set_value(certificates.expiry_tree, row, -np.inf)
 
 
 @kernel
-def admit(handle: Any, rows: IntArray, masks: NDArray[np.bool_]) -> None:
-    """Take in rows, to be looked at in the next tick; masks, (n, links), say which links watch."""
-    book = handle.content
+def insert(handle: Any, rows: IntArray, masks: NDArray[np.bool_]) -> None:
+    """Insert rows, due in the next tick; masks, (n, links), say which links are watched."""
+    certificates = handle.content
     for i in range(rows.shape[0]):
         row = rows[i]
         some = False
         for link in range(masks.shape[1]):
-            book.watched[row, link] = masks[i, link]
-            book.pair_bound[row, link] = UNKNOWN
+            certificates.watched[row, link] = masks[i, link]
+            certificates.pair_bound[row, link] = UNKNOWN
             some = some or masks[i, link]
-        book.reference_states.point_count[row] = 0
-        book.evaluated_at[row] = -np.inf
+        certificates.reference_states.point_count[row] = 0
+        certificates.evaluated_at[row] = -np.inf
         if some:
-            book.numbers[ACTIVE] += 1
-            void(book, row)
+            certificates.numbers[ACTIVE] += 1
+            invalidate(certificates, row)
 
 
 @kernel
-def dismiss(handle: Any, rows: IntArray) -> None:
-    """Let go of rows."""
-    book = handle.content
+def remove(handle: Any, rows: IntArray) -> None:
+    """Remove rows."""
+    certificates = handle.content
     for row in rows:
-        if book.watched[row].any():
-            book.numbers[ACTIVE] -= 1
-        book.watched[row] = False
-        take_out(book.wheel, row)
-        set_value(book.soonest, row, np.inf)
+        if certificates.watched[row].any():
+            certificates.numbers[ACTIVE] -= 1
+        certificates.watched[row] = False
+        take_out(certificates.wheel, row)
+        set_value(certificates.expiry_tree, row, np.inf)
 
 
 @kernel
-def doubt_all(handle: Any) -> None:
-    """Let no certificate hold: everything is to be looked at."""
-    book = handle.content
-    for row in range(book.watched.shape[0]):
-        if book.watched[row].any():
-            void(book, row)
+def invalidate_all(handle: Any) -> None:
+    """Invalidate all certificates: everything is to be evaluated."""
+    certificates = handle.content
+    for row in range(certificates.watched.shape[0]):
+        if certificates.watched[row].any():
+            invalidate(certificates, row)
 
 
 @kernel
@@ -155,25 +160,25 @@ def first_link(watched: NDArray[np.bool_], pair_expiry: FloatArray, row: int) ->
 
 
 @kernel
-def find_soonest(book_handle: Any, rows: IntArray) -> int:
-    """Fill `rows` with those whose certificates end first, soonest first; how many there are."""
-    book = book_handle.content
-    wanted = min(rows.shape[0], book.numbers[ACTIVE])
+def find_most_imminent(certificates_handle: Any, rows: IntArray) -> int:
+    """Fill `rows` with those whose certificates end first, in order; how many there are."""
+    certificates = certificates_handle.content
+    wanted = min(rows.shape[0], certificates.numbers[ACTIVE])
     values = np.empty(wanted)
     count = 0
-    while count < wanted and book.soonest[1] < np.inf:
-        # Each is taken out of the tournament until all are found.
-        values[count] = book.soonest[1]
-        rows[count] = find_least(book.soonest)
-        set_value(book.soonest, rows[count], np.inf)
+    while count < wanted and certificates.expiry_tree[1] < np.inf:
+        # Each is taken out of the tournament tree until all are found.
+        values[count] = certificates.expiry_tree[1]
+        rows[count] = find_least(certificates.expiry_tree)
+        set_value(certificates.expiry_tree, rows[count], np.inf)
         count += 1
     for i in range(count):
-        set_value(book.soonest, rows[i], values[i])
-    half = book.soonest.shape[0] // 2
-    for row in range(book.watched.shape[0]):
+        set_value(certificates.expiry_tree, rows[i], values[i])
+    half = certificates.expiry_tree.shape[0] // 2
+    for row in range(certificates.watched.shape[0]):
         if count == wanted:
             break
-        if book.soonest[half + row] == np.inf and book.watched[row].any():
+        if certificates.expiry_tree[half + row] == np.inf and certificates.watched[row].any():
             rows[count] = row
             count += 1
     return count

@@ -1,9 +1,9 @@
 """What is known about every pair: until when its certificate holds, and what it rests on.
 
 A certificate says "no contact before `expiry`, whatever happens within the bounds". It stays good
-while every newer state of its obstacle lies within what the record behind it allowed; the ledger
-keeps that record for each pair (its reference state) and tests new states against it. Schedules
-that look at every pair in every tick need no reference states.
+while every newer state of its obstacle lies within what the record behind it allowed; that record
+(the reference state) is kept for each pair, and new states are tested against it. Schedules that
+evaluate every pair in every tick need no reference states.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import DISTANCE
 
 NEVER = -1
-"""In place of a tick, for a pair that was never looked at."""
+"""In place of a tick, for a pair that was never evaluated."""
 
 NOBODY = -1
 """In place of a pair number, where there are no pairs."""
@@ -31,7 +31,7 @@ UNDISTURBED, GROWN, BROKEN = 0, 1, 2
 """What newer states did to the ground that a certificate stands on."""
 
 
-class PairLedger:
+class PairCertificates:
     """Certificates of all pairs; pair = obstacle row × links + link.
 
     Args:
@@ -68,7 +68,7 @@ class PairLedger:
         # Two rows at least: arrays of fewer would be of another type for compiled code.
         self._reference_states = make_states(2)
         self._outcomes: NDArray[np.int8] = np.zeros(0, dtype=np.int8)
-        self._doubted = False
+        self._all_invalid = False
 
     def change(
         self, added: IntArray, removed: IntArray, capacity: int
@@ -129,33 +129,33 @@ class PairLedger:
         if deadline > self.expiry[pair]:
             self.expiry[pair] = deadline
             self.bound[pair] = DISTANCE
-            # What stands now rests on the present state, no longer on the one behind the last look.
+            # It rests on the present state, no longer on the one behind the last evaluation.
             self._keep_reference_states(np.array([pair]), state)
 
-    def void(self, pairs: IntArray) -> None:
-        """Let the certificates of `pairs` end at once."""
+    def invalidate(self, pairs: IntArray) -> None:
+        """Invalidate the certificates of `pairs`."""
         self.expiry[pairs] = -np.inf
 
-    def doubt(self) -> None:
-        """Let `disturbed` name all pairs once: what they rest on beside their obstacles is gone."""
-        self._doubted = True
+    def invalidate_all(self) -> None:
+        """Invalidate all certificates: the arm's bounds or state have changed."""
+        self._all_invalid = True
 
     def disturbed(self, state: TickState, revision: IntArray) -> tuple[IntArray, IntArray]:
         """Pairs whose certificates no longer stand on firm ground.
 
         Returns:
             Pairs to be evaluated at once because a bound of their obstacle grew, a refused sample
-            stands beside it, or all are in doubt; and pairs whose obstacle broke the bounds behind
+            stands beside it, or all are invalid; and pairs whose obstacle broke the bounds behind
             them.
         """
         if not self.keeps_certificates or not len(self.pairs):
             return self.pairs[:0], self.pairs[:0]
         outcomes = self._test(self.pairs, state, revision)
-        # The table may have grown for rows that were gone again before anybody looked.
+        # The table may have grown for rows that were gone again before they were read.
         known = len(self._seen_revision)
         self._seen_revision[:] = revision[:known]
-        grown = self.pairs if self._doubted else self.pairs[outcomes == GROWN]
-        self._doubted = False
+        grown = self.pairs if self._all_invalid else self.pairs[outcomes == GROWN]
+        self._all_invalid = False
         return grown, self.pairs[outcomes == BROKEN]
 
     def earliest(self, now: float, tick: int) -> tuple[int, float, int]:
@@ -167,8 +167,8 @@ class PairLedger:
 
         Returns:
             Pair number (NOBODY without pairs), the end of its certificate in [s] since the epoch
-            (inf without pairs), and how many pairs have neither a certificate in force nor a look
-            in this tick.
+            (inf without pairs), and how many pairs have neither a certificate in force nor an
+            evaluation in this tick.
         """
         pair, expiry, overdue = _earliest(self.pairs, self.expiry, self.tick, now, tick)
         return pair, expiry, overdue

@@ -1,4 +1,4 @@
-"""The watch that lets a schedule of pair numbers decide whom to look at.
+"""The scheduler that lets a schedule of pair numbers decide what is evaluated.
 
 It follows the obstacle table, asks the schedule, evaluates those pairs, checks flagged ones
 exactly, and keeps the certificates of all. This is what the schedules of the paper run on.
@@ -21,26 +21,26 @@ from armguard.pairs.scene import REACH
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.scheduling.flagged_pairs import FlaggedCheck
-from armguard.scheduling.pair_certificates import PairLedger
+from armguard.scheduling.pair_certificates import PairCertificates
 from armguard.scheduling.schedule import Schedule
 from armguard.scheduling.scheduler import (
-    NOTHING_SEEN,
+    NOTHING_EVALUATED,
+    AdvanceResult,
     Listing,
-    Look,
-    Recollection,
-    Seen,
+    PairResult,
     Tick,
+    TickResult,
     Unsafe,
 )
 
 
-class PairWatch:
-    """Looks at pairs as a schedule demands, and knows for each until when it is safe.
+class PairScheduler:
+    """Evaluates pairs as a schedule demands, and knows for each until when it is safe.
 
     Args:
         robot: The arm.
-        obstacles: The table; this watch is the one that follows its rows from now on.
-        schedule: Says which pairs to look at.
+        obstacles: The table; this scheduler is the one that follows its rows from now on.
+        schedule: Says which pairs to evaluate.
         make_arm: Lays out the arm as it is now.
         states: Where joint positions and velocities of each tick stand.
     """
@@ -64,7 +64,7 @@ class PairWatch:
         """Take in what was attached to the robot, and obstacles that came or went.
 
         Raises:
-            ArmguardError: Another watch follows the table, so that news of it is lost.
+            ArmguardError: Another scheduler follows the table, so that news of it is lost.
         """
         if self._obstacles.watcher != self._watcher:
             raise ArmguardError(
@@ -78,11 +78,11 @@ class PairWatch:
         if not self._obstacles.has_membership_changes:
             return
         added, removed = self._obstacles.drain_membership()
-        fresh, gone = self.ledger.change(added, removed, len(self._obstacles.table.alive))
+        fresh, gone = self.certificates.change(added, removed, len(self._obstacles.table.alive))
         self.schedule.remove(gone)
         self.schedule.insert(fresh)
-        if len(self._contact_times) < len(self.ledger.active):
-            self._make_room(len(self.ledger.active))
+        if len(self._contact_times) < len(self.certificates.active):
+            self._make_room(len(self.certificates.active))
 
     def restart(self) -> None:
         """Start again with all obstacles that are there, whatever happened before.
@@ -90,12 +90,12 @@ class PairWatch:
         An error may have struck anywhere, so nothing that is known of pairs is kept.
         """
         self.schedule.remove(self.schedule.ranking())
-        self.ledger.clear()
+        self.certificates.clear()
         self._watcher = self._obstacles.start_watching()
 
-    def doubt(self) -> None:
-        """Let no certificate hold: what they rest on beside their obstacles is gone."""
-        self.ledger.doubt()
+    def invalidate_all(self) -> None:
+        """Invalidate all certificates: the arm's bounds or state have changed."""
+        self.certificates.invalidate_all()
 
     def advance(
         self,
@@ -105,114 +105,117 @@ class PairWatch:
         now: float,
         epoch: float,
         number: int,
-        may_look: bool,
-    ) -> Seen:
-        """Take a joint state that there is nothing to be said against; the look comes later."""
-        return (*self._states.accept(stamp, q, v, now), *NOTHING_SEEN[4:])
+        may_evaluate: bool,
+    ) -> AdvanceResult:
+        """Accept a joint state; evaluations come later."""
+        return (*self._states.accept(stamp, q, v, now), *NOTHING_EVALUATED[4:])
 
-    def look(self, tick: Tick, seen: Seen = NOTHING_SEEN) -> Look:
+    def evaluate_due(self, tick: Tick, seen: AdvanceResult = NOTHING_EVALUATED) -> TickResult:
         """Evaluate the pairs that are due and check the flagged ones exactly."""
-        ledger, state, schedule = self.ledger, self.arm.state, self.schedule
+        certificates, state, schedule = self.certificates, self.arm.state, self.schedule
         self.arm.kinematics.place(tick.q)
         state.begin(tick.now, tick.arm_age, tick.refinement_threshold)
         state.prepare_arm(tick.q, tick.v)
-        grown, broken = ledger.disturbed(state, self._obstacles.table.revision)
+        grown, broken = certificates.disturbed(state, self._obstacles.table.revision)
         for disturbed in (grown, broken):
             if len(disturbed):
-                ledger.void(disturbed)
+                certificates.invalidate(disturbed)
                 schedule.touch(disturbed)
         due = np.array(schedule.due())
         times = self._contact_times[: len(due)]
         spheres = self._spheres[: len(due)]
         bounds = self._bounds[: len(due)]
         self._evaluated = evaluate(state, due, times, spheres, bounds)
-        ledger.record(due, times, spheres, bounds, tick.time, tick.number, state)
+        certificates.record(due, times, spheres, bounds, tick.time, tick.number, state)
         schedule.settle(times, tick.stop_time)
         for pair in schedule.flagged().tolist():
-            contact_time = self._flagged.contact_time(*divmod(pair, ledger.link_count))
-            ledger.extend(pair, contact_time, tick.time, tick.number, state)
-        # Of no use to schedules of pairs, whose ledger tests every state.
+            contact_time = self._flagged.contact_time(*divmod(pair, certificates.link_count))
+            certificates.extend(pair, contact_time, tick.time, tick.number, state)
+        # Of no use to schedules of pairs: every state is tested against their certificates.
         clear_changed_rows(self._obstacles.table.changed_rows)
-        pair, expiry, overdue = ledger.earliest(tick.time, tick.number)
-        rows = dict.fromkeys((broken // ledger.link_count).tolist()) if len(broken) else ()
-        return Look(pair, expiry, overdue, self._evaluated, tuple(rows))
+        pair, expiry, overdue = certificates.earliest(tick.time, tick.number)
+        rows = dict.fromkeys((broken // certificates.link_count).tolist()) if len(broken) else ()
+        return TickResult(pair, expiry, overdue, self._evaluated, tuple(rows))
 
     def prepare(self, tick: Tick) -> None:
-        """Place the arm and fill its bounds for a tick: its look has done so."""
+        """Place the arm and fill its bounds for a tick: its evaluations have done so."""
         self.arm.kinematics.place(tick.q)
         self.arm.state.now, self.arm.state.arm_age = tick.now, tick.arm_age
         self.arm.state.prepare_arm(tick.q, tick.v)
 
     def near_pairs(self, tick: Tick, duration: float) -> IntArray:
         """Pairs that could touch within `duration`, in [s]."""
-        pairs = self.ledger.pairs
-        return pairs[~(self.ledger.expiry[pairs] > tick.time + duration)]
+        pairs = self.certificates.pairs
+        return pairs[~(self.certificates.expiry[pairs] > tick.time + duration)]
 
     def watched_pairs(self) -> NDArray[np.bool_]:
         """Which pairs are watched, by row × links + link."""
-        return self.ledger.active
+        return self.certificates.active
 
     def expect_evaluations(self) -> float:
         """How many evaluations a tick costs: as many as the last one."""
         return float(self._evaluated)
 
     def find_unsafe(self, tick: Tick, stop_time: float) -> Unsafe:
-        """A pair that might touch before the arm rests; all pairs that are near are looked at."""
+        """A pair that might touch before the arm rests; all pairs that are near are evaluated."""
         near = self.near_pairs(tick, stop_time)
         return Unsafe(*find_unsafe_pair(self.arm.state, near), left=0)
 
-    def recall(self, pair: int) -> Recollection:
+    def recall(self, pair: int) -> PairResult:
         """What is known of one pair."""
-        ledger = self.ledger
-        return Recollection(
-            float(ledger.expiry[pair]),
-            float(ledger.evaluated_at[pair]),
-            int(ledger.sphere[pair]),
-            int(ledger.bound[pair]),
+        certificates = self.certificates
+        return PairResult(
+            float(certificates.expiry[pair]),
+            float(certificates.evaluated_at[pair]),
+            int(certificates.sphere[pair]),
+            int(certificates.bound[pair]),
         )
 
     def list_imminent(self, time: float, *, row_limit: int, pair_limit: int) -> Listing:
         """What is most imminent at `time`."""
-        ledger = self.ledger
+        certificates = self.certificates
         # Obstacles may have been removed since, and others taken their rows.
-        gone = np.isin(ledger.pairs // ledger.link_count, self._obstacles.membership_changes())
-        there = ledger.pairs[~gone]
-        order = np.argsort(ledger.expiry[there], kind="stable")
+        gone = np.isin(
+            certificates.pairs // certificates.link_count, self._obstacles.membership_changes()
+        )
+        there = certificates.pairs[~gone]
+        order = np.argsort(certificates.expiry[there], kind="stable")
         pairs = there[order]
-        rows, first = np.unique(pairs // ledger.link_count, return_index=True)
+        rows, first = np.unique(pairs // certificates.link_count, return_index=True)
         imminent = np.argsort(first, kind="stable")[:row_limit]
         sphere_expiry = self._sphere_expiry(time)
         chosen = pairs[:pair_limit]
         return Listing(
             rows=rows[imminent],
-            row_expiry=ledger.expiry[pairs[first[imminent]]],
+            row_expiry=certificates.expiry[pairs[first[imminent]]],
             pairs=chosen,
-            expiry=ledger.expiry[chosen],
-            evaluated_at=ledger.evaluated_at[chosen],
-            sphere=ledger.sphere[chosen],
-            bound=ledger.bound[chosen].astype(np.int64),
+            expiry=certificates.expiry[chosen],
+            evaluated_at=certificates.evaluated_at[chosen],
+            sphere=certificates.sphere[chosen],
+            bound=certificates.bound[chosen].astype(np.int64),
             sphere_expiry=sphere_expiry,
         )
 
     def _sphere_expiry(self, time: float) -> FloatArray:
-        """Soonest contact of each finest sphere; what was not looked at has its link's time."""
-        ledger, state = self.ledger, self.arm.state
+        """Soonest contact of each finest sphere; what was not evaluated has its link's time."""
+        certificates, state = self.certificates, self.arm.state
         tree = state.tree
         seen = state.sphere_time + time
         # Parents stand before their children: one that was not opened shares its parent's time.
         for node in np.flatnonzero((tree.parent >= 0) & np.isinf(seen)):
             seen[node] = seen[tree.parent[node]]
-        waiting = ledger.pairs[
-            (ledger.evaluated_at[ledger.pairs] < time) | (ledger.bound[ledger.pairs] <= REACH)
+        waiting = certificates.pairs[
+            (certificates.evaluated_at[certificates.pairs] < time)
+            | (certificates.bound[certificates.pairs] <= REACH)
         ]
-        link_expiry = np.full(ledger.link_count, np.inf)
-        np.minimum.at(link_expiry, waiting % ledger.link_count, ledger.expiry[waiting])
+        link_expiry = np.full(certificates.link_count, np.inf)
+        np.minimum.at(link_expiry, waiting % certificates.link_count, certificates.expiry[waiting])
         return np.minimum(seen, link_expiry[state.link_of])[tree.first_child < 0]
 
     def _prepare(self) -> None:
         """Lay out everything for the links that the robot has now."""
         self.arm = arm = self._make_arm()
-        self.ledger = PairLedger(
+        self.certificates = PairCertificates(
             len(arm.links),
             arm.watched_links,
             keeps_certificates=not self.schedule.every_tick,
@@ -237,4 +240,4 @@ class PairWatch:
         state.prepare_arm(zeros, zeros)
         evaluate(state, none, self._contact_times, self._spheres, self._bounds)
         find_unsafe_pair(state, none)
-        self.ledger.compile(state, self._obstacles.table.revision)
+        self.certificates.compile(state, self._obstacles.table.revision)

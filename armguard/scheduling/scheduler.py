@@ -1,6 +1,6 @@
-"""What the monitor asks of a watch over pairs of link and obstacle.
+"""What the monitor asks of a scheduler over pairs of link and obstacle.
 
-Two watches keep this promise: one that looks at obstacles by their deadlines in one compiled call,
+Two schedulers keep this promise: one evaluates obstacles by their deadlines in one compiled call,
 and one that lets any schedule of pair numbers decide.
 """
 
@@ -18,19 +18,20 @@ from armguard.robot.joint_acceptance import BELIEVED, NO_JOINT
 from armguard.scheduling.certificates import UNSEEN
 from armguard.scheduling.timing_wheel import NOBODY
 
-Seen = tuple[int, int, float, float, float, int, int, float, int, int, int]
-"""What an advance saw, as compiled code returns it: what was found of the joint state, below 0
+AdvanceResult = tuple[int, int, float, float, float, int, int, float, int, int, int]
+"""Result of an advance, as compiled code returns it: what was found of the joint state, below 0
 where it is refused, and the joint that it is refused for, both stop times in [s], and unless the
-row is UNSEEN the opening time in [s]; then row and link whose certificate ends first, that end in
-[s] since the epoch, how many obstacles are overdue, evaluations, and how many rows news have
-overtaken."""
+row is UNSEEN the refinement threshold in [s]; then row and link whose certificate ends first, that
+end in [s] since the epoch, how many obstacles are overdue, evaluations, and how many rows changes
+have overtaken."""
 
-NOTHING_SEEN: Seen = (BELIEVED, NO_JOINT, math.inf, math.inf, 0.0, UNSEEN, 0, 0.0, 0, 0, 0)
-"""By an advance that looked at no obstacle."""
+_NO_STATE = BELIEVED, NO_JOINT, math.inf, math.inf
+NOTHING_EVALUATED: AdvanceResult = (*_NO_STATE, 0.0, UNSEEN, 0, 0.0, 0, 0, 0)
+"""Result of an advance in which nothing was evaluated."""
 
 
 class Tick(NamedTuple):
-    """One tick, as a watch is told of it; times in [s]."""
+    """One tick, as a scheduler is told of it; times in [s]."""
 
     number: int
     now: float
@@ -46,30 +47,30 @@ class Tick(NamedTuple):
     stop_time: float
     """In which the arm surely rests."""
     refinement_threshold: float
-    """What could be touched before this is looked at closer."""
+    """What could be touched before this is refined."""
     late_stop_time: float = math.inf
     """In which the arm surely rests that brakes only when a speed scale has run out."""
 
 
-class Look(NamedTuple):
-    """What a tick's look at the pairs found."""
+class TickResult(NamedTuple):
+    """What a tick's evaluations of pairs found."""
 
     pair: int
     """Whose certificate ends first, row × links + link; NOBODY without pairs."""
     expiry: float
     """When that is, in [s] since the monitor's epoch; inf without pairs."""
     overdue: int
-    """How many pairs or obstacles have neither a certificate in force nor a look in this tick."""
+    """How many have neither a certificate in force nor an evaluation in this tick."""
     evaluated: int
     """Evaluations spent."""
     broken: tuple[int, ...] = ()
     """Rows of obstacles that broke the bounds behind their certificates."""
     disturbed: bool = True
-    """Whether there may be news that proofs of earlier ticks do not allow for."""
+    """Whether there may be changes that proofs of earlier ticks do not allow for."""
 
 
-NOTHING_FOUND = Look(NOBODY, math.inf, 0, 0)
-"""By no look at all."""
+NOTHING_FOUND = TickResult(NOBODY, math.inf, 0, 0)
+"""Result of a tick in which nothing was evaluated."""
 
 
 class Listing(NamedTuple):
@@ -84,7 +85,7 @@ class Listing(NamedTuple):
     expiry: FloatArray
     """When each pair's certificate ends. Shape (m,)."""
     evaluated_at: FloatArray
-    """When each was looked at last. Shape (m,)."""
+    """When each was evaluated last. Shape (m,)."""
     sphere: IntArray
     """Sphere that decided each. Shape (m,)."""
     bound: IntArray
@@ -104,21 +105,21 @@ class Unsafe(NamedTuple):
     """Obstacles that were not decided about when the budget was spent; 0 if it was not."""
 
 
-class Recollection(NamedTuple):
+class PairResult(NamedTuple):
     """What is known of one pair; times in [s] since the monitor's epoch."""
 
     expiry: float
     """When its certificate ends."""
     evaluated_at: float
-    """When it was looked at."""
+    """When it was evaluated."""
     sphere: int
     """Sphere that decided it."""
     bound: int
     """What the certificate rests on, an index of `BOUND_NAMES`."""
 
 
-class Watch(Protocol):
-    """Looks at pairs, and knows for each until when it is safe."""
+class Scheduler(Protocol):
+    """Evaluates pairs, and knows for each until when it is safe."""
 
     arm: WatchedArm
 
@@ -126,7 +127,7 @@ class Watch(Protocol):
         """Take in what was attached to the robot, and obstacles that came or went.
 
         Raises:
-            ArmguardError: Another watch follows the table, so that news of it is lost.
+            ArmguardError: Another scheduler follows the table, so that news of it is lost.
         """
         ...
 
@@ -134,8 +135,8 @@ class Watch(Protocol):
         """Start again with all obstacles that are there, whatever happened before."""
         ...
 
-    def doubt(self) -> None:
-        """Let no certificate hold: what they rest on beside their obstacles is gone."""
+    def invalidate_all(self) -> None:
+        """Invalidate all certificates: the arm's bounds or state have changed."""
         ...
 
     def advance(
@@ -146,9 +147,9 @@ class Watch(Protocol):
         now: float,
         epoch: float,
         number: int,
-        may_look: bool,
-    ) -> Seen:
-        """Take a joint state that there is nothing to be said against, and look if that is all.
+        may_evaluate: bool,
+    ) -> AdvanceResult:
+        """Accept a joint state, and evaluate what is due if nothing else needs to be done.
 
         Args:
             stamp: When the state was measured, in [s].
@@ -157,16 +158,16 @@ class Watch(Protocol):
             now: Time of the tick, in [s].
             epoch: Since when the monitor counts time, in [s].
             number: Of the tick.
-            may_look: Whether there is nothing to be seen to between state and look.
+            may_evaluate: Whether nothing needs to be done between state and evaluations.
         """
         ...
 
-    def look(self, tick: Tick, seen: Seen = NOTHING_SEEN) -> Look:
-        """Look at the pairs that are due, from where the tick's advance left off."""
+    def evaluate_due(self, tick: Tick, seen: AdvanceResult = NOTHING_EVALUATED) -> TickResult:
+        """Evaluate the pairs that are due, from where the tick's advance left off."""
         ...
 
     def prepare(self, tick: Tick) -> None:
-        """Place the arm and fill its bounds for a tick, whether its look needed that or not."""
+        """Place the arm and fill its bounds for a tick, needed by its evaluations or not."""
         ...
 
     def near_pairs(self, tick: Tick, duration: float) -> IntArray:
@@ -193,6 +194,6 @@ class Watch(Protocol):
         """What is most imminent at `time`, in [s] since the epoch; cheap, and the caller's own."""
         ...
 
-    def recall(self, pair: int) -> Recollection:
+    def recall(self, pair: int) -> PairResult:
         """What is known of one pair."""
         ...

@@ -2,11 +2,11 @@
 
 One slot for each tick to come, so that an entry goes in and comes out in a few nanoseconds however
 many there are, and none is moved on the way. Several levels of coarser slots would save memory that
-nobody needs, and pay for it by moving a whole slot of entries in one tick. What falls due later
+no one needs, and pay for it by moving a whole slot of entries in one tick. What falls due later
 than the wheel reaches comes out when it has turned once.
 
-Entries that are due wait in a heap by their deadlines until somebody takes them out: where not all
-can be looked at, the most urgent are.
+Entries that are due wait in a heap by their deadlines until they are taken out: where not all
+can be evaluated, the most urgent are.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from armguard.obstacles import Obstacles
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.evaluate import evaluate
 from armguard.robot import JointStates, Robot
-from armguard.scheduling.deadline import ObstacleWatch
+from armguard.scheduling.deadline import DeadlineScheduler
 from armguard.scheduling.scheduler import Tick
 from scene.crowds import HEIGHT, LATENCY, OUTER, RATE, REACTION_TIME
 
@@ -80,7 +80,7 @@ class PairSchedule:
         self._number, self._now = -1, 0.0
 
     def step(self, tick: Tick) -> int:
-        """Look at what is due; evaluations."""
+        """Evaluate what is due; how many evaluations that took."""
         due = self._schedule.due()
         spent = evaluate(self._state, due, self.times, self._nodes, self._bounds)
         self._schedule.settle(self.times[: len(due)], tick.stop_time)
@@ -124,11 +124,11 @@ class Full(PairSchedule):
 
 
 class Deadline:
-    """The monitor's own watch over obstacles, asked what `PairSchedule` is asked."""
+    """The monitor's own scheduler over obstacles, asked what `PairSchedule` is asked."""
 
     def __init__(self, robot: Robot, obstacles: Obstacles, make_arm) -> None:
         self._states = JointStates(robot, JOINT_TIMEOUT)
-        self._watch = ObstacleWatch(
+        self._scheduler = DeadlineScheduler(
             robot,
             obstacles,
             make_arm,
@@ -141,32 +141,32 @@ class Deadline:
         )
 
     def step(self, tick: Tick) -> int:
-        """Look at what is due; evaluations."""
-        self._watch.follow()
+        """Evaluate what is due; how many evaluations that took."""
+        self._scheduler.follow()
         self._states.q[:], self._states.v[:] = tick.q, tick.v
-        self._look = self._watch.look(tick)
-        return self._look.evaluated
+        self._result = self._scheduler.evaluate_due(tick)
+        return self._result.evaluated
 
     def record(self, tick: Tick) -> None:
-        """Remember when that was; the watch remembers all else."""
+        """Remember when that was; the scheduler remembers all else."""
         self._now = tick.time
 
     def name(self) -> int:
         """The pair whose certificate ends first."""
-        return self._look.pair
+        return self._result.pair
 
     def find_earliest(self) -> float:
         """End of the first certificate, in [s] from now."""
-        return self._look.expiry - self._now
+        return self._result.expiry - self._now
 
     def count_expired(self) -> int:
         """Obstacles that are overdue."""
-        return self._look.overdue
+        return self._result.overdue
 
     def count_flagged(self) -> int:
-        """None: no ball waits beyond what matters to a stop."""
+        """None: nothing waits beyond what matters to a stop."""
         return 0
 
     def last_look(self, pair: int) -> int:
-        """Tick in which a pair's obstacle was last evaluated."""
-        return round(self._watch.recall(pair).evaluated_at * RATE)
+        """Tick of the last look at a pair's obstacle."""
+        return round(self._scheduler.recall(pair).evaluated_at * RATE)

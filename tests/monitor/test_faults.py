@@ -106,7 +106,7 @@ def test_an_error_inside_is_a_latched_stop(schedule, monkeypatch):
     obstacles, monitor = make_monitor(schedule)
     keep(obstacles, monitor, 0, 5)
     with monkeypatch.context() as patch:
-        patch.setattr(monitor._watch, "_advance", lambda *_: 1 // 0, raising=False)
+        patch.setattr(monitor._scheduler, "_advance", lambda *_: 1 // 0, raising=False)
         patch.setattr(pair_scheduler, "evaluate", lambda *_: 1 // 0)
         (verdict,) = keep(obstacles, monitor, 5, 1)
     assert (verdict.level, verdict.contact_time) == (Level.STOP, 0.0)
@@ -128,7 +128,7 @@ def test_an_error_in_a_schedule_loses_no_pair(schedule, method, monkeypatch):
     obstacles.remove(["goes"])
     see(obstacles, PERIOD, [0.6, 0.0, 0.5], ("comes",))
     with monkeypatch.context() as patch:
-        patch.setattr(monitor._watch.schedule, method, lambda *_: 1 // 0, raising=True)
+        patch.setattr(monitor._scheduler.schedule, method, lambda *_: 1 // 0, raising=True)
         (verdict,) = steps(monitor, 1, 1)
     assert ReasonKind.INTERNAL_ERROR in kinds(verdict)
     monitor.reset()
@@ -139,7 +139,7 @@ def test_an_error_in_a_schedule_loses_no_pair(schedule, method, monkeypatch):
     assert watched == {(link, name) for link in panda().links for name in ("stays", "comes")}
 
 
-@pytest.mark.parametrize("part", ["admit", "dismiss", "_advance", "_look"])
+@pytest.mark.parametrize("part", ["insert", "remove", "_advance", "_evaluate_due"])
 def test_an_error_in_the_watch_by_deadlines_loses_no_obstacle(part, monkeypatch):
     """Likewise."""
     obstacles, monitor = make_monitor()
@@ -148,7 +148,7 @@ def test_an_error_in_the_watch_by_deadlines_loses_no_obstacle(part, monkeypatch)
     obstacles.remove(["goes"])
     see(obstacles, PERIOD, [0.6, 0.0, 0.5], ("comes",))
     with monkeypatch.context() as patch:
-        place = monitor._watch if part.startswith("_") else deadline
+        place = monitor._scheduler if part.startswith("_") else deadline
         patch.setattr(place, part, lambda *_: 1 // 0)
         (verdict,) = steps(monitor, 1, 1)
     assert ReasonKind.INTERNAL_ERROR in kinds(verdict)

@@ -32,7 +32,7 @@ def watch_crowd(count, *, rate=1000.0, budget=BUDGET, duration=0.4):
             see(obstacles, tick / rate, places, names, velocity=np.zeros((count, 3)))
         verdicts.append(monitor.step(tick / rate, HOME, STILL))
         # Closer looks before a stop are no part of what the budget is for.
-        spent.append(monitor._recall()[1].evaluated)
+        spent.append(monitor._last[1].evaluated)
     late = verdicts[-round(0.3 * duration * rate) :]
     overdue = sum(ReasonKind.OVERDUE in kinds(verdict) for verdict in late)
     evaluations = float(np.mean(spent[-len(late) :]))
@@ -114,7 +114,7 @@ def test_fresh_states_of_those_named_first_gain_what_is_promised(seed):
         assert one.age == pytest.approx(verdict.stamp)
         place, pace = balls[one.obstacle]
         see(obstacles, verdict.stamp, place + verdict.stamp * pace, [one.obstacle], velocity=[pace])
-        monitor._watch.doubt()  # let all be looked at again, as they are in time
+        monitor._scheduler.invalidate_all()  # let all be looked at again, as they are in time
         after = monitor.step(verdict.stamp, HOME, STILL).contact_time
         # The others were looked at some ticks ago, and by now more can be told of them too.
         assert after - before == pytest.approx(one.gain, abs=5.0 * PERIOD)
@@ -156,7 +156,7 @@ def test_a_link_that_need_not_be_watched_costs_nobody_attention():
             verdict = monitor.step(tick * PERIOD, HOME, STILL)
         (one,) = monitor.attention()
         see(obstacles, verdict.stamp, [1.0, 0.0, 0.5], velocity=[[0.0, 0.0, 0.0]])
-        monitor._watch.doubt()
+        monitor._scheduler.invalidate_all()
         after = monitor.step(verdict.stamp, HOME, STILL)
         assert after.contact_time - verdict.contact_time == pytest.approx(one.gain, abs=1e-9)
         assert one.gain > 0.0
@@ -179,5 +179,5 @@ def test_other_schedules_answer_too(schedule):
     see(obstacles, 0.0, [[1.0, 0.0, 0.5], [2.0, 0.0, 0.5]], ("near", "far"))
     for tick in range(3):
         monitor.step(tick * PERIOD, HOME, STILL)
-    assert monitor.headroom().evaluations == monitor._recall()[1].evaluated
+    assert monitor.headroom().evaluations == monitor._last[1].evaluated
     assert [one.obstacle for one in monitor.attention()] == ["near", "far"]

@@ -1,12 +1,14 @@
 """What a verdict carries beside its level, by the real monitor."""
 
+import ast
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from armguard import monitor as room_of_monitor
 from armguard.contact import certificate
-from armguard.monitor.judge import Judge
 from armguard.pairs import SeparationRule
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, STILL, kinds, make_monitor, see, steps
@@ -97,11 +99,15 @@ def test_what_found_no_room_could_be_anywhere(monkeypatch):
     assert steps(monitor, 2, 1)[0].separation > 0.0
 
 
-def live(motion, seed):
-    """Verdicts of a life with people who come near and go, hiccups, doubts and new faces."""
+def live(motion, seed, *, asks):
+    """Verdicts of a life with people who come near and go, hiccups, doubts and new faces.
+
+    And the answers to questions in between, if any are asked.
+    """
     rng = np.random.default_rng(seed)
     obstacles, monitor = make_monitor(motion=motion, rate=200.0, joint_timeout=0.2)
-    said, phase, pose = [], rng.uniform(0.0, 6.0, 3), rng.uniform(0.0, 6.0, 7)
+    said, answers = [], []
+    phase, pose = rng.uniform(0.0, 6.0, 3), rng.uniform(0.0, 6.0, 7)
     for tick in range(1500):
         now = 0.005 * tick
         if tick % 4 == 0:
@@ -117,25 +123,32 @@ def live(motion, seed):
         stamp = now - (0.003 if tick % 20 == 7 else 0.0)
         q, v = HOME + 0.2 * np.sin(stamp + pose), 0.2 * np.cos(stamp + pose)
         said.append(monitor.step(stamp, q, v, now))
-        if tick % 100 == 50:
-            said.append(monitor.pairs(3))
-            said.append(monitor.headroom())
-    return said
+        if asks and tick % 25 == 0:
+            answers.append((monitor.pairs(3), monitor.headroom(), monitor.explain()))
+            answers.append((monitor.attention(), monitor.snapshot(pair_limit=3, row_limit=2)))
+    return said, answers
 
 
 @pytest.mark.parametrize("motion", ["joint", "isotropic"])
-def test_the_short_way_says_to_the_bit_what_the_long_one_does(motion, monkeypatch):
-    calls, short = [], Judge.judge_clear
+def test_verdicts_are_the_same_to_the_bit_whether_questions_are_asked_or_not(motion):
+    asked, answers = live(motion, 1, asks=True)
+    alone, none = live(motion, 1, asks=False)
+    assert list(map(repr, asked)) == list(map(repr, alone))
+    assert {verdict.level for verdict in alone} == set(Level)
+    assert len(answers) > 0 == len(none)
 
-    def count(self, *arguments):
-        verdict = short(self, *arguments)
-        calls.append(verdict is not None)
-        return verdict
 
-    monkeypatch.setattr(Judge, "judge_clear", count)
-    by_both = live(motion, 1)
-    assert 200 < sum(calls) < len(calls) - 50
-    monkeypatch.setattr(Judge, "judge_clear", lambda *_: None)
-    by_long = live(motion, 1)
-    assert list(map(repr, by_both)) == list(map(repr, by_long))
-    assert len({v.level for v in by_long if hasattr(v, "level")}) == 4
+def test_a_verdict_is_made_in_one_place():
+    room = Path(room_of_monitor.__file__).parent
+    makers = [
+        (path.name, function.name)
+        for path in room.rglob("*.py")
+        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(function, ast.FunctionDef)
+        for node in ast.walk(function)
+        if isinstance(node, ast.Call)
+        and any(
+            isinstance(one, ast.Name) and one.id == "Verdict" for one in (node.func, *node.args)
+        )
+    ]
+    assert makers == [("judge.py", "_make_verdict")]

@@ -283,7 +283,7 @@ def test_whole_numbers_are_numbers_like_others():
     _, usual = make_monitor()
     numbers = {"aware_margin": 1, "reaction_time": 0, "latency": 0, "max_staleness": 0, "margin": 0}
     _, other = make_monitor(rate=np.float32(500.0), **numbers)
-    for handle in ("_watching", "_handle"):
-        kinds = [numba.typeof(getattr(monitor._watch, handle)) for monitor in (usual, other)]
+    for handle in ("_tick_data", "_handle"):
+        kinds = [numba.typeof(getattr(monitor._scheduler, handle)) for monitor in (usual, other)]
         assert kinds[0] == kinds[1]
     assert other.headroom().evaluations == 0.0

@@ -47,11 +47,11 @@ def test_pairs_without_a_look_are_overdue():
 def test_a_certificate_that_ran_out_is_overdue():
     obstacles, monitor = make_monitor(ForgetfulSchedule())
     evaluate_once = np.arange(len(panda().links))
-    monitor._watch.schedule.due = lambda: evaluate_once
+    monitor._scheduler.schedule.due = lambda: evaluate_once
     see(obstacles, 0.0, [3.0, 0.0, 0.5])
     (first,) = steps(monitor, 0, 1)
     assert (first.level, first.complete) == (Level.CLEAR, True)
-    del monitor._watch.schedule.due
+    del monitor._scheduler.schedule.due
     for i in range(1, 2000):
         obstacles.update([], i * PERIOD)
         (verdict,) = steps(monitor, i, 1)

@@ -104,7 +104,7 @@ def test_observers_see_the_state_that_was_believed(schedule):
     before = monitor.pairs(), monitor.snapshot(pair_limit=5, row_limit=5)
     for q, v in ((HOME + 0.3, STILL), (HOME, STILL + 1.5), (HOME + 9.0, STILL)):
         monitor.step(0.003, q, v)
-        assert (monitor._recall()[0].q == HOME).all()
+        assert (monitor._last[0].q == HOME).all()
         after = monitor.pairs(), monitor.snapshot(pair_limit=5, row_limit=5)
         for one, other in zip(before[0], after[0], strict=True):
             np.testing.assert_array_equal(one.point_on_link, other.point_on_link)

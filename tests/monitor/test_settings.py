@@ -8,13 +8,13 @@ import pytest
 
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
-from armguard.monitor.settings import make_watch, read_limit, read_number, read_settings
+from armguard.monitor.settings import make_scheduler, read_limit, read_number, read_settings
 from armguard.obstacles import Obstacles
 from armguard.pairs.arm import IgnoredPairs
 from armguard.robot import JointStates, Robot
 from armguard.scheduling import SCHEDULES, make_schedule
-from armguard.scheduling.deadline import ObstacleWatch
-from armguard.scheduling.pair_scheduler import PairWatch
+from armguard.scheduling.deadline import DeadlineScheduler
+from armguard.scheduling.pair_scheduler import PairScheduler
 from support.panda_monitor import panda
 
 
@@ -94,7 +94,7 @@ def settings(**changes):
 
 def test_usual_settings_and_what_follows_from_them():
     usual = settings(latency=0.004)
-    assert (usual.period, usual.horizon) == (0.002, 0.002 + 0.004)
+    assert (usual.period, usual.response_time) == (0.002, 0.002 + 0.004)
     assert (usual.schedule, usual.motion, usual.budget) == (None, "joint", None)
     assert usual.with_joints
     assert usual.base_placement == pinocchio.SE3.Identity()
@@ -182,13 +182,13 @@ def make(**changes):
     obstacles.add_static("post", [1.0, 0.0, 0.0], 0.1)
     states = JointStates(panda(), 0.05)
     settings = read_settings(panda(), obstacles, **usual | changes)
-    return make_watch(panda(), obstacles, settings, ignored, states)
+    return make_scheduler(panda(), obstacles, settings, ignored, states)
 
 
 def test_obstacles_by_their_deadlines_unless_a_schedule_of_pairs_is_asked_for():
-    assert isinstance(make(), ObstacleWatch)
+    assert isinstance(make(), DeadlineScheduler)
     for name in set(SCHEDULES) - {"deadline"}:
-        assert isinstance(make(schedule=name), PairWatch)
+        assert isinstance(make(schedule=name), PairScheduler)
     own = make_schedule("daa", 0.001)
     assert make(schedule=own).schedule is own
 

@@ -218,7 +218,7 @@ def test_an_arm_that_moves_away_need_not_slow_down():
 def test_a_scale_that_is_given_out_is_safe_now_however_late_ticks_come(pace):
     """Somebody walks up to an arm that stands still: each scale is proved anew when it is given."""
     obstacles, monitor = make_monitor("deadline", rise_delay=0.0, latency=LATENCY)
-    braking, given = monitor._watch.arm.motion.braking, 0
+    braking, given = monitor._scheduler.arm.motion.braking, 0
     for k in range(int(1.4 / pace)):
         now = k * pace
         place = [2.0 - 0.9 * now, 0.0, 0.6]
@@ -227,11 +227,11 @@ def test_a_scale_that_is_given_out_is_safe_now_however_late_ticks_come(pace):
         if not verdict.speed_scale > 0.0 or verdict.speed_scale == 1.0:
             continue
         given += 1
-        tick = monitor._recall()[0]
+        tick = monitor._last[0]
         table = braking.tabulate(
             HOME, STILL, 0.0, PERIOD + LATENCY, going_on=SLOW, scale=verdict.speed_scale
         )
-        assert monitor._watch.find_unsafe(tick, float(table.time[-1]))[0] == -1, (now, verdict)
+        assert monitor._scheduler.find_unsafe(tick, float(table.time[-1]))[0] == -1, (now, verdict)
     assert given > 10
 
 
@@ -240,7 +240,7 @@ def test_a_scale_found_before_there_were_news_is_not_given_out_after():
     tightened = 0
     for nearer in (1.25, 1.35, 1.45, 1.55):
         obstacles, monitor = make_monitor("deadline", rise_delay=0.0, latency=LATENCY)
-        braking, given = monitor._watch.arm.motion.braking, []
+        braking, given = monitor._scheduler.arm.motion.braking, []
         for k in range(90):
             now, seen = k * PERIOD, {"near": [1.9, 0.0, 0.6], "nearer": [nearer, 0.0, 0.6]}
             if k < 60:
@@ -249,11 +249,11 @@ def test_a_scale_found_before_there_were_news_is_not_given_out_after():
             verdict = monitor.step(now, HOME, STILL)
             given.append(verdict.speed_scale)
             if 0.0 < verdict.speed_scale < 1.0:
-                tick = monitor._recall()[0]
+                tick = monitor._last[0]
                 table = braking.tabulate(
                     HOME, STILL, 0.0, PERIOD + LATENCY, going_on=SLOW, scale=verdict.speed_scale
                 )
-                unsafe, _ = monitor._watch.find_unsafe(tick, float(table.time[-1]))
+                unsafe, _ = monitor._scheduler.find_unsafe(tick, float(table.time[-1]))
                 assert unsafe == -1, (nearer, k, verdict)
         tightened += 0.0 < given[-1] < given[59] < 1.0
     assert tightened > 1

@@ -21,9 +21,9 @@ CHANGES = [
 
 def ask(monitor, change=UNCHANGED, **options):
     """Contact times of all links with the ball, as of a monitor's last tick."""
-    monitor._watch.prepare(monitor._recall()[0])
+    monitor._scheduler.prepare(monitor._last[0])
     row = monitor.obstacles.row("ball")
-    return contact_times(monitor._watch.arm.state, row, change, **options)
+    return contact_times(monitor._scheduler.arm.state, row, change, **options)
 
 
 def look(*, stamp=0.0, place=PLACE, speed=2.0, margin=0.0, motion="joint", **fields):

@@ -11,7 +11,7 @@ from support.panda_monitor import HOME, STILL, make_monitor, panda, see, steps
 
 
 def arm_of(monitor):
-    return monitor._watch.arm
+    return monitor._scheduler.arm
 
 
 @pytest.fixture(scope="module")

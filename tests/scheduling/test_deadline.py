@@ -1,4 +1,4 @@
-"""The watch over obstacles by their deadlines: nothing is ever missed, whatever happens to it."""
+"""Obstacles scheduled by their deadlines: nothing is ever missed, whatever happens to them."""
 
 import math
 
@@ -53,9 +53,9 @@ def test_attackers_find_what_is_wrong():
 
 def check_book(obstacles, monitor):
     """Each obstacle that is there is in the wheel or waits, once; nobody else is."""
-    book = monitor._watch.book
+    certificates = monitor._scheduler.certificates
     alive = np.flatnonzero(obstacles.table.alive)
-    wheel = book.wheel
+    wheel = certificates.wheel
     waiting = wheel.heap[: wheel.numbers[0]].tolist()
     turning = []
     for first in wheel.first[wheel.first >= 0]:
@@ -64,12 +64,12 @@ def check_book(obstacles, monitor):
             turning.append(int(entry))
             entry = wheel.after[entry]
     assert sorted(waiting + turning) == alive.tolist()
-    half = len(book.soonest) // 2
-    least = book.soonest[half : half + len(book.watched)]
-    assert book.soonest[1] == least.min(initial=math.inf)
+    half = len(certificates.expiry_tree) // 2
+    least = certificates.expiry_tree[half : half + len(certificates.watched)]
+    assert certificates.expiry_tree[1] == least.min(initial=math.inf)
     assert np.isinf(np.delete(least, alive)).all()
     for row in alive:
-        expiry = book.pair_expiry[row][book.watched[row]]
+        expiry = certificates.pair_expiry[row][certificates.watched[row]]
         assert least[row] <= expiry.min() or least[row] == -math.inf
 
 
@@ -200,7 +200,7 @@ def test_a_state_that_breaks_what_certificates_rest_on_is_due_at_once():
     still = {"velocity": [[0.0, 0.0, 0.0]], "velocity_error": 0.01}
     see(obstacles, 0.0, [3.0, 0.0, 0.5], accel=0.01, speed=0.02, **still)
     steps(monitor, 0, 10)
-    # Five agreeing samples of another track are believed; then its certificates are void.
+    # Five agreeing samples of another track are believed; then its certificates hold no longer.
     seen = set()
     for k in range(10, 40):
         see(obstacles, k * PERIOD, [2.0, 0.0, 0.5], accel=0.01, speed=0.02, **still)
@@ -227,7 +227,7 @@ def test_an_overload_is_a_stop_that_says_so_and_ends_by_itself():
     (verdict,) = steps(monitor, 0, 1)
     assert (verdict.level, verdict.complete) == (Level.STOP, False)
     assert ReasonKind.OVERDUE in kinds(verdict)
-    one_look = 2 * len(monitor._watch.arm.state.tree.radius) + 2 * len(panda().links) + 2
+    one_look = 2 * len(monitor._scheduler.arm.state.tree.radius) + 2 * len(panda().links) + 2
     verdicts = steps(monitor, 1, 600)
     assert all(one.evaluated <= 40 + one_look for one in verdicts)
     assert all(one.level is Level.STOP or one.complete for one in verdicts)

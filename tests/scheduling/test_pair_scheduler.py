@@ -22,7 +22,7 @@ from support.panda_monitor import (
 
 def all_times(monitor, obstacles, now, arm_age=0.0):
     """Contact time of every pair, by a look of our own at the monitor's tick."""
-    arm = monitor._watch.arm
+    arm = monitor._scheduler.arm
     state = TickState(
         arm.kinematics, arm.motion, obstacles, margin=0.0, advances=ADVANCES, by_distance=False
     )

@@ -1,4 +1,4 @@
-"""What the monitor asks of a watch, asked of each watch there is."""
+"""What the monitor asks of a scheduler, asked of each scheduler there is."""
 
 import math
 
@@ -16,26 +16,26 @@ NEAR, MIDDLE = [0.6, 0.0, 0.5], [2.5, 0.0, 0.5]
 
 
 class World:
-    """A watch, and ticks that are told to it as a monitor does."""
+    """A scheduler, and ticks that are told to it as a monitor does."""
 
     def __init__(self, schedule, **settings):
         self.obstacles, monitor = make_monitor(schedule, **settings)
-        self.watch = monitor._watch
+        self.scheduler = monitor._scheduler
         self.number = 0
         self.tick = None
 
     def look(self, stop_time=0.1):
         self.number += 1
         now = self.number * PERIOD
-        self.watch.follow()
+        self.scheduler.follow()
         self.tick = Tick(
             number=self.number, now=now, time=now, q=HOME, v=STILL, arm_age=0.0,
             stop_time=stop_time, refinement_threshold=0.6,
         )  # fmt: skip
-        return self.watch.look(self.tick)
+        return self.scheduler.evaluate_due(self.tick)
 
     def list(self, rows=10**4, pairs=10**4):
-        return self.watch.list_imminent(self.tick.time, row_limit=rows, pair_limit=pairs)
+        return self.scheduler.list_imminent(self.tick.time, row_limit=rows, pair_limit=pairs)
 
     def see(self, positions, names, **fields):
         see(self.obstacles, (self.number + 1) * PERIOD, positions, names, **fields)
@@ -56,10 +56,10 @@ def test_nobody_is_one_and_the_same():
 
 
 def test_without_obstacles_there_is_nothing_to_see(world):
-    look = world.look()
+    look = world.evaluate_due()
     assert (look.pair, look.expiry, look.overdue, look.evaluated) == (NOBODY, math.inf, 0, 0)
     assert not look.broken
-    assert world.watch.find_unsafe(world.tick, 10.0)[0] == NOBODY
+    assert world.scheduler.find_unsafe(world.tick, 10.0)[0] == NOBODY
     listing = world.list()
     assert len(listing.rows) == len(listing.pairs) == 0
     assert np.isinf(listing.sphere_expiry).all()
@@ -67,17 +67,17 @@ def test_without_obstacles_there_is_nothing_to_see(world):
 
 def test_who_comes_is_looked_at_at_once_and_who_goes_is_gone(world):
     world.see([FAR, MIDDLE], ["far", "middle"])
-    first = world.look()
+    first = world.evaluate_due()
     assert first.overdue == 0
     assert world.obstacles.ids[first.pair // LINKS] == "middle"
     assert first.expiry > world.tick.time
     world.see([NEAR], ["near"])
-    second = world.look()
+    second = world.evaluate_due()
     assert world.obstacles.ids[second.pair // LINKS] == "near"
     assert second.expiry < first.expiry
     assert (second.overdue, second.evaluated > 0) == (0, True)
     world.obstacles.remove(["near", "middle"])
-    third = world.look()
+    third = world.evaluate_due()
     assert world.obstacles.ids[third.pair // LINKS] == "far"
     assert set(world.list().rows) == {world.obstacles.row("far")}
 
@@ -89,7 +89,7 @@ def test_the_soonest_is_the_soonest_of_all(world):
         positions *= rng.uniform(1.2, 4.0, (30, 1)) / np.linalg.norm(positions, axis=1)[:, None]
         world.obstacles.remove([name for name in world.obstacles.ids if name])
         world.see(positions, [f"b{world.number}-{k}" for k in range(30)])
-        look = world.look()
+        look = world.evaluate_due()
         listing = world.list()
         assert (look.pair, look.expiry) == (listing.pairs[0], listing.expiry[0])
         assert (listing.rows[0], listing.row_expiry[0]) == (look.pair // LINKS, look.expiry)
@@ -99,7 +99,7 @@ def test_the_soonest_is_the_soonest_of_all(world):
         assert (np.diff(listing.row_expiry) >= 0.0).all()
         for row, expiry in zip(listing.rows, listing.row_expiry, strict=True):
             assert expiry == listing.expiry[listing.pairs // LINKS == row].min()
-        of_link = world.watch.arm.state.link_of[listing.sphere]
+        of_link = world.scheduler.arm.state.link_of[listing.sphere]
         assert np.array_equal(of_link, listing.pairs % LINKS)
         assert (listing.evaluated_at <= world.tick.time).all()
         few = world.list(rows=3, pairs=5)
@@ -110,12 +110,12 @@ def test_the_soonest_is_the_soonest_of_all(world):
 def test_certificates_wait_until_they_are_doubted_or_restarted(schedule):
     world = World(schedule)
     world.see([FAR, [0.0, 20.0, 0.5]], ["a", "b"])
-    first = world.look()
+    first = world.evaluate_due()
     for _ in range(3):
-        idle = world.look()
-    for renew in (world.watch.doubt, world.watch.restart):
+        idle = world.evaluate_due()
+    for renew in (world.scheduler.invalidate_all, world.scheduler.restart):
         renew()
-        again = world.look()
+        again = world.evaluate_due()
         assert again.evaluated >= first.evaluated
         assert again.overdue == 0
         assert again.expiry == pytest.approx(first.expiry + again.expiry - first.expiry)
@@ -125,50 +125,50 @@ def test_certificates_wait_until_they_are_doubted_or_restarted(schedule):
 def test_what_touches_before_the_arm_rests_is_found(world):
     """Among pairs that are near enough to matter; by joint bounds, which distances do not use."""
     world.see([FAR], ["far"])
-    world.look()
-    motion = world.watch.arm.motion
+    world.evaluate_due()
+    motion = world.scheduler.arm.motion
     motion.braking.tabulate(HOME, STILL, 0.0, 0.003)
     stop_time = float(motion.braking_table.time[-1])
-    assert world.watch.find_unsafe(world.tick, stop_time)[0] == NOBODY
-    inside = world.watch.arm.kinematics.centers[-1]
+    assert world.scheduler.find_unsafe(world.tick, stop_time)[0] == NOBODY
+    inside = world.scheduler.arm.kinematics.centers[-1]
     world.see([inside], ["inside"])
-    world.look()
-    pair = world.watch.find_unsafe(world.tick, stop_time).pair
+    world.evaluate_due()
+    pair = world.scheduler.find_unsafe(world.tick, stop_time).pair
     assert world.obstacles.ids[pair // LINKS] == "inside"
 
 
 def test_news_that_break_a_bound_are_told_once(schedule):
     world = World(schedule)
     world.see([FAR], ["ball"], position_error=0.05)
-    world.look()
+    world.evaluate_due()
     broken = []
     for i in range(1, 8):
         world.see([[FAR[0] - 0.09 * i, 0.0, 0.5]], ["ball"], position_error=0.05)
-        look = world.look()
+        look = world.evaluate_due()
         assert look.overdue == 0
         broken += look.broken
     keeps = schedule in ("deadline", "daa")
     assert set(broken) == ({world.obstacles.row("ball")} if keeps else set())
-    assert not world.look().broken
+    assert not world.evaluate_due().broken
 
 
 def test_a_watch_whose_table_another_one_follows_says_so(world):
-    world.look()
+    world.evaluate_due()
     world.obstacles.start_watching()
     with pytest.raises(ArmguardError, match="another monitor"):
-        world.look()
-    world.watch.restart()
-    world.look()
+        world.evaluate_due()
+    world.scheduler.restart()
+    world.evaluate_due()
 
 
 def test_who_is_named_is_watched_even_where_nothing_can_touch(schedule):
     world = World(schedule, ignore=[("*", "table")])
     for k, name in enumerate(("gone", "table", "post")):
         world.obstacles.add_static(name, [5.0 + k, 0.0, 0.5], 0.1)
-    world.look()
+    world.evaluate_due()
     world.obstacles.remove(["gone"])
-    look = world.look()
+    look = world.evaluate_due()
     assert world.obstacles.ids[look.pair // LINKS] == "post"
     assert look.expiry == math.inf or schedule == "distance"
     world.obstacles.remove(["post"])
-    assert world.look()[:2] == (NOBODY, math.inf)
+    assert world.evaluate_due()[:2] == (NOBODY, math.inf)

@@ -18,6 +18,7 @@ import numpy as np
 
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
+from armguard.scheduling.deadline import DeadlineScheduler
 from armguard.scheduling.timing_wheel import SLOTS
 from armguard.verdict import Level
 from support import attackers, true_arm
@@ -187,12 +188,14 @@ class Hunt:
 
     def read_schedule(self):
         """Ticks since each ball was looked at, until it will be, and from one to the other."""
-        watch = self.monitor._watch
-        if not hasattr(watch, "book"):
+        scheduler = self.monitor._scheduler
+        if not isinstance(scheduler, DeadlineScheduler):
             return (np.zeros(self.count, np.int64),) * 3
-        book, rows = watch.book, [self.obstacles.row(name) for name in self.names]
-        since = np.clip((self.tick * self.step - book.evaluated_at[rows]) / self.step, 0.0, 1e6)
-        slots = book.wheel.slot[rows]
+        certificates = scheduler.certificates
+        rows = [self.obstacles.row(name) for name in self.names]
+        age = self.tick * self.step - certificates.evaluated_at[rows]
+        since = np.clip(age / self.step, 0.0, 1e6)
+        slots = certificates.wheel.slot[rows]
         until = np.where(slots >= 0, (slots - self.tick) % SLOTS, 0)
         since = np.rint(since).astype(np.int64)
         return since, until, since + until

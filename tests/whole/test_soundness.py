@@ -129,7 +129,7 @@ def watch(truth, schedule, seed):
             v + noise[1] * robot.velocity_error, now,
         )  # fmt: skip
         if not isinstance(schedule, str):
-            flagged += len(monitor._watch.schedule.flagged())
+            flagged += len(monitor._scheduler.schedule.flagged())
     if not isinstance(schedule, str):
         assert flagged > 0
 

@@ -8,7 +8,7 @@ the same places: log2 M evaluations and a short sort for M pairs.
 Two things differ from the paper's text. Pairs come and go: a new one stands at the end, a removed
 one leaves its place to the last, and both are looked at in the next tick. And a pair that could be
 too near before its next visit is flagged (eq. 10, with the stop time added), for somebody else to
-watch in every tick.
+scheduler in every tick.
 
 With powers of two as bucket sizes a place only ever meets the same ones before it (slot s of
 bucket k meets slot s mod 2^j of bucket j), so that resting contact times end up ordered as a heap.

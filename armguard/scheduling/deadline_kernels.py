@@ -1,0 +1,511 @@
+"""The compiled tick of the deadline scheduler: accept a joint state, evaluate what is due.
+
+An obstacle is the unit that falls due: all watched links are evaluated together, since the soonest
+of them decides when it must be evaluated again, and one record of the obstacle is what all of its
+certificates rest on. A tick takes out of the wheel what is due, the most urgent first, and puts
+each back for the time by which it could matter to a stop, or look stale.
+
+An evaluation starts with what the whole arm cannot leave; most obstacles are done with then.
+Otherwise links follow in the order of their imminence, so that most of them need no refinement.
+
+Two questions about what could be touched soon stand here as well: which obstacles those are, and
+whether the arm rests before. They are asked where a contact time alone would stop the arm.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.jit.arrays import FloatArray, IntArray
+from armguard.jit.kernels import inlined_kernel, kernel
+from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
+from armguard.obstacles.table import clear_changed_rows
+from armguard.pairs.contact_time import (
+    RESTS,
+    UNDECIDED,
+    arm_reach_time,
+    is_known,
+    link_time,
+    pair_time,
+    rests_in_time,
+    root_time,
+)
+from armguard.pairs.scene import REACH, UNKNOWN, Scene, prepare_arm
+from armguard.robot.joint_acceptance import BELIEVED, Guard, accept
+from armguard.scheduling.certificates import (
+    ACTIVE,
+    BROKEN,
+    EVALUATED_ROWS,
+    PREPARED,
+    SPENT,
+    STALE,
+    UNPLACED,
+    UNSEEN,
+    Certificates,
+    first_link,
+    invalidate,
+)
+from armguard.scheduling.timing_wheel import (
+    NOBODY,
+    TURNING,
+    WAITING,
+    is_idle,
+    most_urgent,
+    put_off,
+    turn,
+)
+from armguard.scheduling.tournament import find_below, find_least, set_value
+
+RECENT = 4096
+"""Evaluated rows over which their price is averaged."""
+
+LATEST = sys.float_info.max
+"""Latest time that is asked for: what is not watched has no end, nor has what never comes near."""
+
+CROWD = 64
+"""Evaluations in a tick beyond which, once contact is certain, other obstacles wait."""
+
+
+@inlined_kernel
+def _read_changes(scene: Scene, certificates: Certificates) -> int:
+    """Invalidate the certificates that changes of their rows have overtaken; how many rows."""
+    overtaken = broken = 0
+    for i in range(certificates.news.changed_count[0]):
+        row = certificates.news.changed[i]
+        if not certificates.watched[row].any():
+            continue
+        overtaken += 1
+        if scene.marks.static[row] and not scene.marks.refused[row]:
+            # One that never moves is news when it comes, and then it is due already.
+            continue
+        allowed, _ = allows_reference_state(scene.bodies, certificates.reference_states, row, row)
+        if not allowed and scene.marks.has_state[row]:
+            certificates.broken[broken] = row
+            broken += 1
+        invalidate(certificates, row)
+    certificates.numbers[BROKEN] = broken
+    clear_changed_rows(certificates.news)
+    return overtaken
+
+
+@inlined_kernel
+def _evaluate_links(
+    scene: Scene,
+    certificates: Certificates,
+    row: int,
+    now: float,
+    time: float,
+    arm_age: float,
+    refinement_threshold: float,
+    floor: float,
+) -> tuple[float, int]:
+    """Evaluate all watched links of one obstacle: soonest contact time in [s], and evaluations."""
+    links = certificates.watched.shape[1]
+    evaluations = 0
+    best = np.inf
+    # `best` is the soonest contact time so far: a link that cannot beat it is not refined.
+    if scene.marks.refused[row]:
+        # Beside a refused sample, both states may be true; each link is evaluated by both.
+        for each in range(links):
+            if not certificates.watched[row, each]:
+                continue
+            found, node, bound, spent = pair_time(
+                scene, each, row, now, arm_age, floor, refinement_threshold, best
+            )
+            evaluations += spent
+            best = min(best, found)
+            certificates.pair_expiry[row, each] = expire(time, found)
+            certificates.pair_sphere[row, each] = node
+            certificates.pair_bound[row, each] = bound
+        return best, evaluations
+    age = 0.0 if scene.marks.static[row] else now - scene.bodies.stamp[row]
+    # The times of the roots order the links: later ones seldom need a refinement.
+    for each in range(links):
+        if certificates.watched[row, each]:
+            at_root, bound, spent = root_time(scene, each, row, arm_age, age, floor)
+            evaluations += spent
+            scene.link_time[each] = at_root
+            scene.link_bound[each] = bound
+    # Each round takes the most imminent link that is left; -1 marks those that are done.
+    for _ in range(links):
+        link: Any = np.int64(-1)
+        for other in range(links):
+            left = scene.link_time[other] >= 0.0 and certificates.watched[row, other]
+            if left and (link < 0 or scene.link_time[other] < scene.link_time[link]):
+                link = other
+        if link < 0:
+            break
+        found, bound = scene.link_time[link], scene.link_bound[link]
+        node = scene.tree.root[link]
+        scene.link_time[link] = -1.0
+        if found < best and found < refinement_threshold:
+            found, node, bound, spent = link_time(
+                scene,
+                link,
+                row,
+                scene.bodies,
+                arm_age,
+                age,
+                found,
+                bound,
+                refinement_threshold,
+                best,
+            )
+            evaluations += spent
+        best = min(best, found)
+        certificates.pair_expiry[row, link] = expire(time, found)
+        certificates.pair_sphere[row, link] = node
+        certificates.pair_bound[row, link] = bound
+    return best, evaluations
+
+
+@inlined_kernel
+def _evaluate_obstacle(
+    scene: Scene,
+    certificates: Certificates,
+    row: int,
+    q: FloatArray,
+    v: FloatArray,
+    placed: bool,
+    now: float,
+    time: float,
+    tick: int,
+    arm_age: float,
+    refinement_threshold: float,
+) -> tuple[float, int]:
+    """Evaluate one obstacle: its soonest contact time in [s], and evaluations.
+
+    The time is NaN, and nothing is entered, where the arm must be placed first.
+    """
+    best, evaluations = 0.0, 0
+    bound = UNKNOWN
+    if is_known(scene, row):
+        best, evaluations = arm_reach_time(scene, row, now)
+        bound = REACH
+        if best < refinement_threshold:
+            if not placed:
+                return np.nan, evaluations
+            if certificates.numbers[PREPARED] != tick:
+                prepare_arm(scene, q, v, arm_age)
+                certificates.numbers[PREPARED] = tick
+            best, spent = _evaluate_links(
+                scene, certificates, row, now, time, arm_age, refinement_threshold, best
+            )
+            set_value(certificates.expiry_tree, row, expire(time, best))
+            return best, evaluations + spent
+    expiry = expire(time, best)
+    for link in range(certificates.watched.shape[1]):
+        certificates.pair_expiry[row, link] = expiry
+        certificates.pair_sphere[row, link] = scene.tree.root[link]
+        certificates.pair_bound[row, link] = bound
+    set_value(certificates.expiry_tree, row, expiry)
+    return best, evaluations
+
+
+@inlined_kernel
+def time_to_spare(
+    scene: Scene, v: FloatArray, contact_time: float, arm_age: float, braking_delay: float
+) -> float:
+    """Time in [s] in which a contact time cannot matter to a stop, the arm's speeding up included.
+
+    Too long a time would cost false stops, never safety: what counts is the end of certificates.
+    """
+    limits = scene.limits
+    spare = np.inf
+    for j in range(v.shape[0]):
+        top, accel, braking = limits.velocity[j], limits.acceleration[j], limits.braking[j]
+        speed = abs(v[j]) + 3.0 * limits.velocity_error[j]
+        speed += accel * (max(arm_age, 0.0) + braking_delay)
+        stop = braking_delay + min(top, speed) / braking
+        at_most = contact_time - braking_delay - top / braking
+        spare = min(spare, max(at_most, (contact_time - stop) / (1.0 + accel / braking)))
+    return spare
+
+
+class TickData(NamedTuple):
+    """All that the compiled tick reads and writes."""
+
+    scene: Scene
+    certificates: Certificates
+    guard: Guard
+    """What joint states are compared with; holds the positions and velocities believed last."""
+    braking_delay: float
+    """Period plus latency plus reaction time, in [s]."""
+    max_staleness: float
+    """How stale an answer may look, as a fraction of itself."""
+    aware_margin: float
+    """Beyond the stopping time, in [s]: what could be touched within is refined."""
+    period: float
+    """Of ticks, in [s]."""
+    budget: int
+    """Evaluations in a tick after which nothing further is begun."""
+
+
+@inlined_kernel
+def tick_of(time: float, period: float) -> int:
+    """Number of the tick at a time, to the nearest: those of a loop are never quite on time."""
+    return int(time / period + 0.5)
+
+
+@inlined_kernel
+def count_lost(numbers: IntArray, wheel_numbers: IntArray) -> int:
+    """How many watched rows are neither in the wheel nor waiting: none would fall due."""
+    lost: int = abs(numbers[ACTIVE] - wheel_numbers[WAITING] - wheel_numbers[TURNING])
+    return lost
+
+
+@kernel
+def _find_first(
+    numbers: IntArray, tournament: FloatArray, watched: NDArray[np.bool_], pair_expiry: FloatArray
+) -> tuple[int, int, float]:
+    """Row and link whose certificate ends first, and that end; NOBODY where nothing is watched."""
+    if numbers[ACTIVE] == 0:
+        return NOBODY, 0, np.inf
+    row = find_least(tournament)
+    while not watched[row].any():
+        # The certificates of unwatched rows never end either.
+        row += 1
+    return row, first_link(watched, pair_expiry, row), tournament[1]
+
+
+@kernel
+def evaluate_due(
+    handle: Any,
+    placed: bool,
+    spent_before: int,
+    now: float,
+    time: float,
+    tick: int,
+    arm_age: float,
+    refinement_threshold: float,
+) -> tuple[int, int, float, int, int, int]:
+    """Evaluate what is due in a tick, as far as the budget goes.
+
+    Where contact is certain already, what still waits is not overdue: the arm stops in any case,
+    and goes on only when all of it has been evaluated.
+
+    Args:
+        handle: On a `TickData`.
+        placed: Whether Pinocchio has placed the arm for this tick.
+        spent_before: Evaluations of this tick before the arm was placed.
+        now: Time of the tick on the obstacles' clock, in [s].
+        time: The same since the monitor's epoch.
+        tick: Number of the tick.
+        arm_age: Age of the joint state, in [s].
+        refinement_threshold: What could be touched before this, in [s], is refined.
+
+    Returns:
+        Row whose certificate ends first (NOBODY without any, UNPLACED where the arm must be placed
+        before the evaluations can go on), its link, the end in [s] since the epoch, obstacles
+        overdue, evaluations, and rows that changes have overtaken.
+    """
+    certificates = handle.content.certificates
+    clock = tick_of(time, handle.content.period)
+    if certificates.news.changed_count[0] == 0 and is_idle(certificates.wheel, clock):
+        turn(certificates.wheel, clock)
+        row, link, expiry = _find_first(
+            certificates.numbers,
+            certificates.expiry_tree,
+            certificates.watched,
+            certificates.pair_expiry,
+        )
+        lost = count_lost(certificates.numbers, certificates.wheel.numbers)
+        return row, link, expiry, lost, spent_before, 0
+    found: tuple[int, int, float, int, int, int] = _evaluate_due(
+        handle, placed, spent_before, now, time, tick, arm_age, refinement_threshold
+    )
+    return found
+
+
+@kernel
+def _evaluate_due(
+    handle: Any,
+    placed: bool,
+    spent_before: int,
+    now: float,
+    time: float,
+    tick: int,
+    arm_age: float,
+    refinement_threshold: float,
+) -> tuple[int, int, float, int, int, int]:
+    """`evaluate_due` where there is something to be done: all arrays are taken in hand.
+
+    Invariant: a watched row either waits, with a deadline, or stands in a slot of the wheel.
+    """
+    watching = handle.content
+    scene, certificates, q, v = (
+        watching.scene,
+        watching.certificates,
+        watching.guard.q,
+        watching.guard.v,
+    )
+    braking_delay, max_staleness = watching.braking_delay, watching.max_staleness
+    period, budget = watching.period, watching.budget
+    wheel = certificates.wheel
+    # What has changed falls due now.
+    overtaken = _read_changes(scene, certificates)
+    clock = tick_of(time, period)
+    turn(wheel, clock)
+    # The most urgent row first, until nothing waits or the budget is spent.
+    evaluated = spent_before
+    certain = False
+    while evaluated < budget and not (certain and evaluated > CROWD):
+        row = most_urgent(wheel)
+        if row == NOBODY:
+            break
+        contact_time, spent = _evaluate_obstacle(
+            scene, certificates, row, q, v, placed, now, time, tick, arm_age, refinement_threshold
+        )
+        evaluated += spent
+        if math.isnan(contact_time):
+            # The row still waits: the next call begins with it.
+            return UNPLACED, 0, 0.0, 0, evaluated, overtaken
+        # Enter the evaluation and what it rests on.
+        certificates.evaluated_at[row] = time
+        certificates.numbers[EVALUATED_ROWS] += 1
+        certificates.numbers[SPENT] += spent
+        keep_reference_state(scene.bodies, certificates.reference_states, scene.marks, row, row)
+        # Back into the wheel, for when the row could matter to a stop or its answer look stale.
+        spare = time_to_spare(scene, v, contact_time, arm_age, braking_delay)
+        if scene.marks.refused[row] or not is_known(scene, row):
+            spare = 0.0
+        wait = min(spare, max_staleness * contact_time)
+        certain = certain or contact_time <= period
+        due = clock + (int(min(wait / period, 1e9)) if wait > 0.0 else 0)
+        put_off(wheel, row, due, time + spare)
+    if certificates.numbers[EVALUATED_ROWS] > RECENT:
+        certificates.numbers[EVALUATED_ROWS] //= 2
+        certificates.numbers[SPENT] //= 2
+    # What still waits is late: overdue where its deadline has passed, else merely stale.
+    overdue = 0
+    for place in range(wheel.numbers[WAITING]):
+        if not wheel.deadline[wheel.heap[place]] < time:
+            certificates.numbers[STALE] += 1
+        elif not certain:
+            overdue += 1
+    overdue += count_lost(certificates.numbers, wheel.numbers)
+    row, link, expiry = _find_first(
+        certificates.numbers,
+        certificates.expiry_tree,
+        certificates.watched,
+        certificates.pair_expiry,
+    )
+    return row, link, expiry, overdue, evaluated, overtaken
+
+
+@kernel
+def advance(
+    handle: Any,
+    stamp: float,
+    q: FloatArray,
+    v: FloatArray,
+    now: float,
+    epoch: float,
+    number: int,
+    may_evaluate: bool,
+) -> tuple[int, int, float, float, float, int, int, float, int, int, int]:
+    """Accept a joint state if there is nothing to be said against it, and evaluate what is due.
+
+    Args:
+        handle: On a `TickData`.
+        stamp: When the state was measured, in [s].
+        q: Joint positions, [rad] or [m]; any strides. Shape (nv,).
+        v: Joint velocities, [rad/s] or [m/s]; any strides. Shape (nv,).
+        now: Time of the tick, in [s].
+        epoch: Since when the monitor counts time, in [s].
+        number: Of the tick.
+        may_evaluate: Whether nothing needs to be done between state and evaluations.
+
+    Returns:
+        See `scheduler.AdvanceResult`.
+    """
+    found, joint, stop_time, late_stop_time = accept(handle.content.guard, stamp, q, v, now)
+    if found != BELIEVED or not may_evaluate:
+        return found, joint, stop_time, late_stop_time, 0.0, UNSEEN, 0, 0.0, 0, 0, 0
+    refinement_threshold = (stop_time + handle.content.aware_margin) / (
+        1.0 - handle.content.max_staleness
+    )
+    row, link, expiry, overdue, evaluated, overtaken = evaluate_due(
+        handle, False, 0, now, now - epoch, number, now - stamp, refinement_threshold
+    )
+    return (
+        found,
+        joint,
+        stop_time,
+        late_stop_time,
+        refinement_threshold,
+        row,
+        link,
+        expiry,
+        overdue,
+        evaluated,
+        overtaken,
+    )
+
+
+@kernel
+def find_unsafe(
+    handle: Any,
+    now: float,
+    time: float,
+    tick: int,
+    arm_age: float,
+    stop_time: float,
+    last_offender: int,
+    budget: int,
+    rows: IntArray,
+) -> tuple[int, int, int, int]:
+    """The first pair that might touch before the arm rests, by the scene's table of braking.
+
+    Only what could be touched within `stop_time` is evaluated. Where the budget is spent, the
+    obstacle at hand counts as unsafe.
+
+    Args:
+        handle: On a `TickData`.
+        now: Time of the tick on the obstacles' clock, in [s].
+        time: The same since the monitor's epoch.
+        tick: Number of the tick.
+        arm_age: Age of the joint state, in [s].
+        stop_time: When the table of braking ends, in [s].
+        last_offender: Row to decide about first if it is as near: what was unsafe lately likely is
+            again.
+        budget: Evaluations that may be spent.
+        rows: Room to work in, for all rows of the obstacle table.
+
+    Returns:
+        Row and link, NOBODY if the arm surely rests before it touches anything; evaluations, and
+        how many obstacles were not decided about when the budget was spent, 0 if it was not.
+    """
+    scene, certificates = handle.content.scene, handle.content.certificates
+    if certificates.numbers[PREPARED] != tick:
+        prepare_arm(scene, handle.content.guard.q, handle.content.guard.v, arm_age)
+        certificates.numbers[PREPARED] = tick
+    latest = time + stop_time
+    count = find_below(certificates.expiry_tree, min(latest, LATEST), rows)
+    # The last offender first: one unsafe pair is answer enough.
+    for i in range(count):
+        if rows[i] == last_offender:
+            rows[0], rows[i] = rows[i], rows[0]
+    evaluations = 0
+    for i in range(count):
+        row = rows[i]
+        for link in range(certificates.watched.shape[1]):
+            if not certificates.watched[row, link] or certificates.pair_expiry[row, link] > latest:
+                continue
+            answer, spent = rests_in_time(scene, link, row, now, budget - evaluations)
+            evaluations += spent
+            if answer != RESTS:
+                return row, link, evaluations, count - i if answer == UNDECIDED else 0
+    return NOBODY, NOBODY, evaluations, 0
+
+
+@kernel
+def find_near(handle: Any, latest: float, rows: IntArray) -> int:
+    """Fill `rows`, which has room for all, with those whose certificates end by `latest`."""
+    count: int = find_below(handle.content.certificates.expiry_tree, min(latest, LATEST), rows)
+    return count

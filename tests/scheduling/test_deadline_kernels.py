@@ -1,0 +1,330 @@
+"""Looks at what is due: as good as a look at everything, in time, and never too many at once."""
+
+import math
+
+import numpy as np
+import pytest
+
+from armguard.pairs.evaluate import evaluate, find_unsafe_pair
+from armguard.robot.joint_acceptance import BELIEVED
+from armguard.robot.stop_time import compute_stop_time
+from armguard.scheduling.certificates import UNPLACED, UNSEEN
+from armguard.scheduling.deadline_kernels import CROWD, time_to_spare
+from armguard.scheduling.scheduler import Tick
+from armguard.scheduling.timing_wheel import NOBODY, take_out
+from armguard.verdict import Level, ReasonKind
+from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps
+
+HORIZON = PERIOD + 0.002 + 0.02
+
+
+def scatter(rng, count, nearest=0.9, farthest=4.0):
+    """Places around the arm."""
+    place = rng.normal(size=(count, 3))
+    place /= np.linalg.norm(place, axis=1)[:, None]
+    return place * rng.uniform(nearest, farthest, (count, 1)) + (0.0, 0.0, 0.4)
+
+
+def test_a_fresh_look_finds_what_a_look_at_every_pair_finds():
+    rng, links = np.random.default_rng(1), len(panda().links)
+    for _ in range(5):
+        obstacles, monitor = make_monitor("deadline")
+        names = [f"b{k}" for k in range(40)]
+        see(obstacles, 0.0, scatter(rng, 40), names, velocity=rng.uniform(-1, 1, (40, 3)))
+        # Some are seen elsewhere meanwhile: they may be at either place.
+        see(obstacles, 0.5 * PERIOD, scatter(rng, 10), names[:10])
+        assert obstacles.table.refused.sum() == 10
+        v = rng.uniform(-0.3, 0.3, 7) * panda().velocity_limit
+        verdict = monitor.step(PERIOD, HOME, v)
+        scheduler = monitor._scheduler
+        state, certificates = scheduler.arm.state, scheduler.certificates
+        state.begin(PERIOD, 0.0, verdict.stop_time + 10.0)
+        state.prepare_arm(HOME, v)
+        pairs = np.arange(40 * links)
+        times, nodes = np.zeros(len(pairs)), np.zeros(len(pairs), dtype=np.int64)
+        evaluate(state, pairs, times, nodes, np.zeros(len(pairs), dtype=np.int8))
+        soonest = times.reshape(40, links).min(axis=1)
+        half = len(certificates.expiry_tree) // 2
+        expiry = certificates.expiry_tree[half : half + 40]
+        # A closer look may find later times, never earlier ones; near ones are looked at closely.
+        assert (expiry <= soonest + 1e-9).all()
+        assert verdict.contact_time == pytest.approx(expiry.min(), abs=1e-12)
+        assert verdict.contact_time >= 0.9 * soonest.min() - 1e-9
+
+
+def test_certificates_hold_until_the_next_look():
+    """What was proved before is never later than what is proved anew, but for looser bounds."""
+    rng = np.random.default_rng(2)
+    max_staleness = 0.25
+    obstacles, monitor = make_monitor("deadline", max_staleness=max_staleness, source_timeout=10.0)
+    names = [f"b{k}" for k in range(60)]
+    see(obstacles, 0.0, scatter(rng, 60, 1.5, 6.0), names)
+    certificates = None
+    for k in range(300):
+        steps(monitor, k, 1)
+        certificates, time = monitor._scheduler.certificates, k * PERIOD
+        half = len(certificates.expiry_tree) // 2
+        found = certificates.expiry_tree[half : half + 60] - certificates.evaluated_at[:60]
+        age = time - certificates.evaluated_at[:60]
+        assert (age <= np.maximum(max_staleness * found, PERIOD) + PERIOD).all()
+    assert monitor._scheduler.stale_evaluations == 0
+
+
+def test_time_to_spare_is_time_in_which_nothing_matters():
+    rng, robot = np.random.default_rng(3), panda()
+    obstacles, monitor = make_monitor("deadline")
+    see(obstacles, 0.0, [3.0, 0.0, 0.5])
+    steps(monitor, 0, 1)
+    scene = monitor._scheduler.arm.state.scene
+    limits = robot.velocity_limit, robot.acceleration_limit, robot.braking_deceleration
+    some = 0
+    for _ in range(2000):
+        v = rng.uniform(-1.0, 1.0, 7) * robot.velocity_limit * rng.choice([0.0, 0.3, 1.0])
+        tau, age = rng.uniform(0.0, 3.0), rng.choice([0.0, 0.005, 0.02])
+        spare = float(time_to_spare(scene, v, tau, age, HORIZON))
+        if not spare > 0.0:
+            continue
+        some += 1
+        # The worst arm: faster and faster until then.
+        wait = spare * rng.uniform(0.0, 1.0)
+        faster = np.minimum(
+            np.abs(v) + robot.velocity_error + robot.acceleration_limit * (wait + age), limits[0]
+        )
+        stop = compute_stop_time(faster, robot.velocity_error, *limits, 0.0, HORIZON - 0.02, 0.02)
+        assert stop <= tau - wait + 1e-9
+    assert some > 500
+
+
+@pytest.mark.parametrize("count", [1, 50, 3000])
+def test_all_in_contact_at_once_is_a_stop_at_a_bounded_price(count):
+    obstacles, monitor = make_monitor("deadline", source_timeout=10.0)
+    names = [f"b{k}" for k in range(count)]
+    at_hand = np.tile([0.3, 0.0, 0.6], (count, 1))
+    most = 0
+    for k in range(5):
+        see(obstacles, k * PERIOD, at_hand, names)
+        (verdict,) = steps(monitor, k, 1)
+        assert (verdict.level, verdict.contact_time) == (Level.STOP, 0.0)
+        assert ReasonKind.OVERDUE not in {reason.kind for reason in verdict.reasons}
+        most = max(most, verdict.evaluated)
+    one_look = 2 * len(monitor._scheduler.arm.state.tree.radius) + 2 * len(panda().links) + 2
+    assert most <= CROWD + one_look
+    # They leave, and all of them are looked at before the arm may go on.
+    see(obstacles, 5 * PERIOD, [50.0, 0.0, 0.0], ["other"], snapshot=True)
+    verdicts = steps(monitor, 5, 400)
+    assert verdicts[-1].level is Level.CLEAR
+
+
+def test_a_crowd_that_waits_is_looked_at_before_the_arm_may_go_on():
+    """Contact with one is certain; the others wait, and one of them is as near."""
+    obstacles, monitor = make_monitor("deadline", rise_delay=0.0)
+    rng = np.random.default_rng(5)
+    names = [f"b{k}" for k in range(500)]
+    places = scatter(rng, 500, 1.5, 3.0)
+    places[0] = places[250] = [0.3, 0.0, 0.6]
+    see(obstacles, 0.0, places, names)
+    (verdict,) = steps(monitor, 0, 1)
+    assert verdict.level is Level.STOP
+    obstacles.remove(["b0"])
+    assert all(one.level is Level.STOP for one in steps(monitor, 1, 20))
+    obstacles.remove(["b250"])
+    see(obstacles, 0.021, [60.0, 0.0, 0.0], ["far"])
+    for verdict in steps(monitor, 21, 20):
+        certificates = monitor._scheduler.certificates
+        if verdict.level > Level.STOP:
+            assert np.isfinite(certificates.evaluated_at[certificates.watched.any(axis=1)]).all()
+
+
+@pytest.mark.parametrize("others", [0, 5])
+def test_one_that_nobody_would_look_at_is_overdue(others):
+    """Whether there is anything else to look at in the tick or not."""
+    obstacles, monitor = make_monitor("deadline", source_timeout=10.0)
+    see(obstacles, 0.0, [9.0, 0.0, 0.5], ["lost"])
+    assert all(one.level is Level.CLEAR for one in steps(monitor, 0, 5))
+    take_out(monitor._scheduler.certificates.wheel, obstacles.row("lost"))
+    for k in range(5, 10):
+        if others:
+            places = np.tile([12.0, 0.0, 0.5], (others, 1))
+            see(obstacles, k * PERIOD, places, [f"b{k}-{i}" for i in range(others)])
+        (verdict,) = steps(monitor, k, 1)
+        assert (verdict.level, verdict.complete) == (Level.STOP, False)
+        assert ReasonKind.OVERDUE in {reason.kind for reason in verdict.reasons}
+
+
+def test_nothing_at_all_and_things_that_stand_still():
+    obstacles, monitor = make_monitor("deadline")
+    assert all(one.contact_time == math.inf for one in steps(monitor, 0, 3, HOME, STILL))
+    for k in range(50):
+        obstacles.add_static(f"post{k}", [4.0, 0.1 * k, 0.0], 0.1)
+    (first,) = steps(monitor, 3, 1)
+    later = steps(monitor, 4, 200)
+    assert first.evaluated >= 50
+    # What the arm cannot reach can never be touched: one look is enough for ever.
+    assert first.contact_time == math.inf
+    assert all((one.contact_time, one.level) == (math.inf, Level.CLEAR) for one in later)
+    assert sum(one.evaluated for one in later) <= 2 * 50
+    obstacles.add_static("near", [0.6, 0.3, 0.3], 0.05)
+    verdicts = steps(monitor, 204, 100)
+    assert all(0.0 <= one.contact_time < 2.0 and one.complete for one in verdicts)
+    assert verdicts[0].obstacle == "near"
+
+
+FAR, NEAR = [8.0, 0.0, 0.5], [0.9, 0.0, 0.5]
+
+
+def advance(monitor, number, q=HOME, v=STILL, *, now=None, may_evaluate=True):
+    stamp = number * 1e-3
+    now = stamp if now is None else now
+    return monitor._scheduler.advance(stamp, q, v, now, 0.0, number + 1, may_evaluate)
+
+
+def watched(position):
+    obstacles, monitor = make_monitor()
+    see(obstacles, 0.0, position)
+    steps(monitor, 0, 1)
+    return obstacles, monitor
+
+
+def test_state_and_look_in_one_call():
+    _, monitor = watched(FAR)
+    verdict = monitor.step(1e-3, HOME, STILL)
+    found, _, stop_time, late, opening, row, link, expiry, overdue, _, news = advance(monitor, 2)
+    assert (found, overdue, news) == (BELIEVED, 0, 0)
+    assert stop_time == verdict.stop_time
+    assert stop_time < late < math.inf
+    assert opening == (stop_time + 0.3) / 0.75
+    assert monitor._scheduler.arm.names(row * len(monitor.robot.links) + link) == (
+        verdict.link,
+        verdict.obstacle,
+    )
+    assert abs(expiry - 1e-3 - verdict.contact_time) < 1e-9
+
+
+def test_without_leave_it_does_not_look():
+    _, monitor = watched(FAR)
+    found, *_, row, _, _, _, _, _ = advance(monitor, 1, may_evaluate=False)
+    assert (found, row) == (BELIEVED, UNSEEN)
+
+
+def test_a_refused_state_leaves_the_last_one_as_it_was():
+    _, monitor = watched(FAR)
+    for q, v, now in (
+        (HOME + np.nan, STILL, None),
+        (HOME, STILL + 99.0, None),
+        (HOME, STILL, 9.0),
+    ):
+        seen = advance(monitor, 1, q, v, now=now)
+        assert seen[0] < BELIEVED
+        assert seen[5] == UNSEEN
+        assert (monitor._states.q == HOME).all()
+    assert advance(monitor, 1)[0] == BELIEVED
+
+
+def test_doubt_waits_for_the_look_that_knows_of_it():
+    _, monitor = watched(FAR)
+    monitor._scheduler.invalidate_all()
+    assert advance(monitor, 1)[5] == UNSEEN
+
+
+def test_where_the_arm_is_needed_it_says_so():
+    obstacles, monitor = watched(FAR)
+    see(obstacles, 1e-3, NEAR, ids=["near"])
+    monitor._scheduler.follow()
+    assert advance(monitor, 1)[5] == UNPLACED
+
+
+def test_unsafe_pairs_are_those_that_brute_force_finds():
+    rng, links = np.random.default_rng(4), len(panda().links)
+    found = []
+    for _ in range(30):
+        obstacles, monitor = make_monitor("deadline")
+        names = [f"b{k}" for k in range(25)]
+        speeds = rng.uniform(0.1, 2.0, 25)
+        nearest = rng.choice([0.9, 1.3])
+        see(obstacles, 0.0, scatter(rng, 25, nearest, 3.0), names, speed=speeds)
+        v = rng.uniform(-0.1, 0.1, 7) * panda().velocity_limit
+        verdict = monitor.step(0.0, HOME, v)
+        scheduler = monitor._scheduler
+        table = scheduler.arm.motion.braking.tabulate(HOME, v, 0.0, PERIOD + 0.002)
+        end = float(table.time[-1])
+        tick = Tick(1, 0.0, 0.0, HOME, v, 0.0, verdict.stop_time, end)
+        pair, spent, left = scheduler.find_unsafe(tick, end)
+        assert spent >= 0
+        assert left == 0
+        truth, _ = find_unsafe_pair(scheduler.arm.state, np.arange(25 * links))
+        if truth == NOBODY:
+            assert pair == NOBODY
+        elif pair == NOBODY:
+            # Brute force knows nothing but braking; certificates may know better.
+            row, link = divmod(truth, links)
+            assert scheduler.certificates.pair_expiry[row, link] > end
+        found.append(pair == NOBODY)
+        assert (verdict.level is Level.STOP) == (pair != NOBODY)
+    assert any(found)
+    assert not all(found)
+
+
+def stand_beside(copies, place, *, schedule="deadline", **settings):
+    """Verdicts of an arm that stands still beside so many of one and the same thing."""
+    obstacles, monitor = make_monitor(schedule, rise_delay=0.0, **settings)
+    for k in range(copies):
+        obstacles.add_static(f"post{k}", place, 0.05)
+    return [monitor.step(tick * PERIOD, HOME, STILL) for tick in range(10)]
+
+
+def places_near_the_hand(count):
+    """Nearer and farther, from where there is no time to stop to where there is."""
+    _, monitor = make_monitor()
+    monitor.step(0.0, HOME, STILL)
+    monitor._scheduler.prepare(monitor._last[0])
+    hand = monitor._scheduler.arm.kinematics.centers[-1].copy()
+    return [hand + np.array([away, 0.0, 0.1]) for away in np.linspace(0.1, 0.35, count)]
+
+
+@pytest.mark.parametrize(("schedule", "copies"), [("deadline", 1500), ("daa", 160)])
+def test_many_copies_of_one_thing_are_as_good_as_one(schedule, copies):
+    """How many things are near is no reason for a STOP: nobody set a limit to that."""
+    stops, settings = [], {"max_staleness": 0.0} if schedule == "deadline" else {}
+    for place in places_near_the_hand(6):
+        one = stand_beside(1, place, schedule=schedule, **settings)
+        many = stand_beside(copies, place, schedule=schedule, **settings)
+        assert [v.level is Level.STOP for v in many] == [v.level is Level.STOP for v in one]
+        if schedule == "deadline":
+            assert [v.level for v in many] == [v.level for v in one]
+            assert [v.speed_scale for v in many] == [v.speed_scale for v in one]
+        assert not any(ReasonKind.BUDGET_SPENT in kinds(v) for v in many)
+        stops.append(one[-1].level is Level.STOP)
+    assert stops[0]
+    assert not stops[-1]
+
+
+def test_a_budget_that_is_spent_is_told_with_its_numbers():
+    """A look that was begun is finished; what follows may find too little left for its question."""
+    told = set()
+    for place in places_near_the_hand(8):
+        free = stand_beside(1, place)
+        for budget in (2, 4, 12, 10**6):
+            for verdict, without in zip(stand_beside(1, place, budget=budget), free, strict=True):
+                reasons = [r for r in verdict.reasons if r.kind is ReasonKind.BUDGET_SPENT]
+                assert verdict.level is without.level or reasons or not verdict.complete
+                assert verdict.level <= without.level
+                for reason in reasons:
+                    told.add((budget, verdict.level))
+                    assert reason.subject == f"budget={budget}"
+                    assert (
+                        reason.detail == f"1 obstacle not decided about after {budget} evaluations"
+                    )
+    assert {4, 12} <= {budget for budget, _ in told} <= {2, 4, 12}
+    assert {level for _, level in told} >= {Level.STOP, Level.SLOW}
+
+
+@pytest.mark.parametrize("budget", [1, 20])
+def test_without_a_budget_for_a_closer_look_near_is_a_stop(budget):
+    rng = np.random.default_rng(2)
+    places = scatter(rng, 20, 1.15, 1.3)
+    obstacles, monitor = make_monitor("deadline", budget=budget, rise_delay=0.0)
+    see(obstacles, 0.0, places, [f"b{k}" for k in range(20)], speed=0.3)
+    verdict = monitor.step(0.0, HOME, np.zeros(7))
+    assert verdict.level is Level.STOP
+    assert verdict.speed_scale == 0.0
+    assert ReasonKind.BUDGET_SPENT in kinds(verdict) or not verdict.complete
