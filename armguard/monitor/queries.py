@@ -53,7 +53,13 @@ class MonitorAnswers:
         listing = self._watch.list_imminent(time, row_limit=0, pair_limit=limit)
         return [
             report_pair(
-                listing, index, time, self.period, arm.names(int(pair)), arm.state, arm.exact
+                listing,
+                index,
+                time,
+                self.period,
+                arm.names(int(pair)),
+                arm.state,
+                arm.hull_distance,
             )
             for index, pair in enumerate(listing.pairs)
         ]
