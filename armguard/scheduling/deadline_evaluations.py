@@ -85,7 +85,7 @@ def _look_at_links(
     time: float,
     arm_age: float,
     refinement_threshold: float,
-    floor: float,
+    lower_bound: float,
 ) -> tuple[float, int]:
     """Look at all watched links of one obstacle: soonest contact time in [s], and evaluations."""
     links = book.watched.shape[1]
@@ -96,7 +96,7 @@ def _look_at_links(
             if not book.watched[row, each]:
                 continue
             found, node, bound, spent = pair_time(
-                scene, each, row, now, arm_age, floor, refinement_threshold, best
+                scene, each, row, now, arm_age, lower_bound, refinement_threshold, best
             )
             evaluations += spent
             best = min(best, found)
@@ -108,7 +108,7 @@ def _look_at_links(
     # What is known at a glance, links in the order of it: later ones seldom need a closer look.
     for each in range(links):
         if book.watched[row, each]:
-            glance, bound, spent = root_time(scene, each, row, arm_age, age, floor)
+            glance, bound, spent = root_time(scene, each, row, arm_age, age, lower_bound)
             evaluations += spent
             scene.link_time[each] = glance
             scene.link_bound[each] = bound
