@@ -24,7 +24,7 @@ from armguard.robot.robot import Robot
 from armguard.robot.stop_time import compute_stop_time
 
 FREE_NODES = 4
-"""Steps of the table before the brakes bite."""
+"""Steps of the table before braking begins."""
 BRAKING_NODES = 28
 """Steps of the table from then until the arm rests."""
 GOING_NODES = 8

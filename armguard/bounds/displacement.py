@@ -174,10 +174,12 @@ def fill_eased_displacements(
         up, down = v[j] + limits.velocity_error[j], -v[j] + limits.velocity_error[j]
         error, braking = limits.position_error[j], limits.braking[j]
         room_above, room_below = limits.upper[j] - q[j] - error, q[j] - limits.lower[j] - error
+        # When the joint can have got to each of its stops first, and where it is clipped to them.
         above = arrival(up, accel, top, room_above)
         below = arrival(down, accel, top, room_below)
         highest[j] = max(limits.upper[j] - q[j], 0.0) + error
         lowest[j] = min(limits.lower[j] - q[j], 0.0) - error
+        # Downwards is upwards mirrored: signs of positions and velocities change.
         for k in range(time.shape[0]):
             s = age + time[k]
             if s <= free:

@@ -32,7 +32,7 @@ class VelocityErrors(NamedTuple):
 
     rate: FloatArray
     """What the errors grow by with joint speeds, [m] or 1. Shape (n, nv)."""
-    floor: FloatArray
+    at_rest: FloatArray
     """Errors at rest, [m/s]. Shape (n,)."""
     error: FloatArray
     """Errors at the joint velocity of the last filling, [m/s]. Shape (n,)."""
@@ -169,8 +169,8 @@ class IsotropicMotion:
         fastest = np.maximum(robot.velocity_limit, np.abs(velocity))
         speed = float(sum_levers(lever, fastest)[0])
         accel = float(sum_accelerations(lever, fastest, robot.acceleration_limit)[0])
-        rate, floor = velocity_error_terms(lever, robot.position_error, robot.velocity_error)
-        velocity_error = float((rate @ np.abs(velocity) + floor)[0])
+        rate, at_rest = velocity_error_terms(lever, robot.position_error, robot.velocity_error)
+        velocity_error = float((rate @ np.abs(velocity) + at_rest)[0])
 
         pinocchio.forwardKinematics(robot.model, self._data, position, velocity)
         joint = robot.joint_index(link)
@@ -224,7 +224,7 @@ def free_advance(closing: float, accel: float, speed: float, t: float) -> float:
 def fill_velocity_errors(velocity: FloatArray, errors: VelocityErrors) -> None:
     """Fill the velocity errors of all spheres for the measured joint velocities, (nv,)."""
     for i in range(errors.rate.shape[0]):
-        error = errors.floor[i]
+        error = errors.at_rest[i]
         for j in range(velocity.shape[0]):
             error += errors.rate[i, j] * abs(velocity[j])
         errors.error[i] = error * (1.0 + SUM_ROUNDING)

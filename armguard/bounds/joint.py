@@ -11,7 +11,7 @@ import pinocchio
 from armguard.bounds.displacement import fill_displacements
 from armguard.bounds.joint_table import (
     JointTable,
-    advance_in_span,
+    displacement_in_span,
     make_table,
     set_columns,
     set_span,
@@ -102,7 +102,7 @@ class JointSpaceMotion(ABC):
         table = self._make_table(np.append(nodes[nodes < t], t))
         self._fill(position, velocity, 0.0, self._free_time(), table)
         along = self._base.rotation.T @ along
-        return float(_largest_advance(along, place, jacobian, lever[0], slope_error[0], table))
+        return float(_largest_displacement(along, place, jacobian, lever[0], slope_error[0], table))
 
     @abstractmethod
     def _free_time(self) -> float:
@@ -139,7 +139,7 @@ def grid(nodes: int) -> FloatArray:
 
 
 @kernel
-def _largest_advance(
+def _largest_displacement(
     along: FloatArray,
     place: FloatArray,
     jacobian: FloatArray,
@@ -147,13 +147,15 @@ def _largest_advance(
     slope_error: FloatArray,
     table: JointTable,
 ) -> float:
-    """Greatest advance over any step of the table; 0 if all are negative."""
+    """Greatest displacement over any step of the table; 0 if all are negative."""
     largest = 0.0
     set_columns(place[0], place[1], place[2], jacobian, table)
     for node in range(table.time.shape[0] - 1):
         set_span(table, node, node + 1, 1.0)
-        advance = advance_in_span(along[0], along[1], along[2], jacobian, lever, slope_error, table)
-        largest = max(largest, advance)
+        displacement = displacement_in_span(
+            along[0], along[1], along[2], jacobian, lever, slope_error, table
+        )
+        largest = max(largest, displacement)
     return largest
 
 

@@ -4,7 +4,7 @@ From the true configuration q0 to q0 + D along a straight path, at the fraction 
 
     n . (p(q0 + D) - p(q0)) = sum_i D_i * (mean over s of the slope n . dp/dq_i).
 
-With R_max(i, j, ...) the lever of the most distal of some joints, which no derivative of p with
+With R_max(i, j, ...) the reach about the most distal of some joints, which no derivative of p with
 respect to them exceeds, dq the position errors, c and h the first and second derivatives of n . p
 at the *measured* configuration, the slope of joint i is within
 
@@ -43,7 +43,7 @@ class JointTable(NamedTuple):
     high: FloatArray
     """Greatest displacements at each node, in [rad] or [m], not yet clipped. Shape (nodes, nv)."""
     low: FloatArray
-    """Least displacements, likewise. Shape (nodes, nv)."""
+    """Least displacements at each node, in [rad] or [m], not yet clipped. Shape (nodes, nv)."""
     highest: FloatArray
     """What `high` is clipped to. Shape (nv,)."""
     lowest: FloatArray
@@ -84,7 +84,7 @@ def make_table(
 
 @kernel
 def set_span(table: JointTable, first: int, last: int, part: float) -> None:
-    """Fill `table.span` for the time from one node to a fraction of the way to another."""
+    """Fill `table.span` for the time from one node to a fraction of the time to another."""
     if not table.interpolates:
         part = 1.0
     for j in range(table.turning.shape[0]):
@@ -150,7 +150,7 @@ def _set_bend(
 
 
 @kernel
-def advance_in_span(
+def displacement_in_span(
     nx: float,
     ny: float,
     nz: float,
@@ -166,7 +166,8 @@ def advance_in_span(
     """
     span, columns = table.span, table.columns
     _set_bend(nx, ny, nz, jacobian, lever, table)
-    # Sums over the joints behind joint j, taken off one by one.
+    # Towards the tip: sums over all joints of second and third order. In the second pass those of
+    # the joints up to j are taken off one by one, which leaves the joints behind joint j.
     beyond = 0.0
     beyond_third = 0.0
     moved = 0.0
@@ -181,6 +182,7 @@ def advance_in_span(
                 moved += size
                 wide += wider
     largest = beyond * (1.0 + moved) + beyond_third * wide
+    # From the base to the tip: `moved` and `wide` are the angles turned up to joint j.
     moved = 0.0
     wide = 0.0
     total = 0.0
@@ -200,6 +202,7 @@ def advance_in_span(
         else:
             spread = radius * moved
             third = radius * wide * wide
+        # Mean slope of joint j along n, upwards and downwards: the lesser of both bounds above.
         slope = nx * columns[0, j] + ny * columns[1, j] + nz * columns[2, j]
         slope = min(max(slope, -radius), radius)
         error = slope_error[j]
@@ -210,6 +213,7 @@ def advance_in_span(
         falling = -min(
             _mean_slope(error - slope, spread, radius), 0.5 * table.bend[1, j] - slope + rest
         )
+        # Convex in the joint's displacement: one end of its range decides.
         upwards = high * (rising if high > 0.0 else falling)
         downwards = low * (rising if low > 0.0 else falling)
         total += max(upwards, downwards)

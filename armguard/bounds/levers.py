@@ -1,4 +1,7 @@
-"""How far a point at the end of a chain of joints can get from each joint's axis.
+"""How far a point at the end of a chain of joints can get from each joint's axis: its levers.
+
+The lever of a point and a joint is the point's reach about the joint. Drake calls it lambda, and
+robot dynamics the moment arm at its longest.
 
 From the point inwards, the set of all places that it can take is enclosed in the convex hull of a
 few circles, written in a frame whose z axis is the axis of the joint at hand:
@@ -13,8 +16,9 @@ few circles, written in a frame whose z axis is the axis of the joint at hand:
 - A prismatic joint moves the hull along its axis: the circles at both ends of its travel span
   all that it sweeps.
 
-So every lever is a proved bound over all configurations. Neither step loses more than a factor
-1.0012, which makes it the supremum over unlimited revolute joints up to about a percent.
+So every reach about a joint is a proved bound over all configurations. Neither step loses more
+than a factor 1.0012, which makes it the supremum over unlimited revolute joints up to about a
+percent.
 """
 
 from __future__ import annotations
@@ -90,7 +94,7 @@ def bound_outlines(
 def _walk(
     model: Any, joint: int, points: FloatArray, travel: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Levers of the joints that move the points, (n, joints), and supports, (n, TANGENTS)."""
+    """Reaches about the joints that move the points, (n, joints); supports, (n, TANGENTS)."""
     chain = moving_joints(model, joint)
     columns = [model.idx_vs[number] for number in chain]
     prismatic = np.array([is_prismatic(model, number) for number in chain])
@@ -172,20 +176,25 @@ def _walk_inwards(
     """
     for i in range(points.shape[0]):
         supports = outlines[i]
+        # The point itself is a circle without radii, in the frame of the outermost joint's axis.
         circles[0, 0] = points[i]
         circles[0, 1:] = 0.0
         count = 1
         scale = 0.0
+        # Invariant: all places that the joints behind joint j can bring the point to lie in the
+        # convex hull of the circles, written in the frame of the axis of joint j.
         for j in range(steps.shape[0] - 1, -1, -1):
             if prismatic[j]:
                 levers[i, j] = 1.0
                 count = _slide(circles, count, travel[j, 0], travel[j, 1])
             else:
+                # Supports of all places, about this axis; the middle one is the reach about it.
                 single = count == 1
                 scale = max(scale, _bound_meridian(circles, count, tangents, corners, supports))
                 for k in range(supports.shape[0]):
                     supports[k] += SUM_ROUNDING * scale
                 levers[i, j] = supports[tangents.shape[0] // 2]
+                # Turned through all angles: one exact circle, or circles that enclose the solid.
                 if single and _is_point(circles[0]):
                     _turn_point(circles)
                 else:

@@ -3,8 +3,8 @@
 `armguard.bounds.levers` encloses all that a point can take in a solid of revolution about the first
 revolute joint's axis; a ball with its centre on that axis contains the solid if it contains the
 circles on which its outline's corners turn. Its centre is put at the height that needs the least
-radius. Prismatic joints before that one carry the ball along, at most half their travel either
-way from the middle. Angle limits are not used, limits of travel are.
+radius. Prismatic joints before that one move the ball along, by at most half their travel to
+either side of the middle. Angle limits are not used, limits of travel are.
 
 For an obstacle far away this is the tightest bound there is: the arm stays in its ball for ever,
 so the obstacle alone moves.

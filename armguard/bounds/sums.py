@@ -1,8 +1,10 @@
 """What limits on joints mean for points of the arm: levers, and the sums taken with them.
 
-A lever R_j is the greatest distance that a point of the arm can have from the axis of joint j,
-whatever the configuration; `armguard.bounds.levers` proves it. With R_max(i, j) the lever of the
-more distal of two joints, no second derivative of the point's position with respect to joints i and
+A lever R_j is the reach of a point of the arm about joint j: the greatest distance that it can have
+from the joint's axis, whatever the configuration (the lambda of Drake's motion bounds). It turns
+the joint's angle into the greatest displacement of the point, and the joint's rate into its
+greatest speed. `armguard.bounds.levers` proves it. With R_max(i, j) the reach about the more distal
+of two joints, no second derivative of the point's position with respect to joints i and
 j is longer than that, and so sums over joints bound what the point does.
 """
 
@@ -84,7 +86,10 @@ def turning_joints(robot: Robot, link: str) -> npt.NDArray[np.bool_]:
 
 
 def sum_levers(lever: FloatArray, rates: FloatArray) -> FloatArray:
-    """Bound sum_j R_j x_j: of joint velocities, a point's speed; of angles, its way. Shape (n,)."""
+    """Bound sum_j R_j x_j: the speed, or the displacement, of a point. Shape (n,).
+
+    The rates, (nv,), are velocities or angles of the joints, greatest magnitudes of either.
+    """
     return (lever @ rates) * (1.0 + SUM_ROUNDING)
 
 
@@ -118,7 +123,7 @@ def sum_second_order(lever: FloatArray, displacements: FloatArray) -> FloatArray
 def velocity_error_terms(
     lever: FloatArray, position_error: FloatArray, velocity_error: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Rate (n, nv) and floor (n,) of a point's velocity error, which is rate |qd| + floor.
+    """Rate (n, nv) and at_rest (n,) of a point's velocity error, which is rate |qd| + at_rest.
 
     The error is sum_j R_j dqd_j + sum_ij R_max(i, j) (|qd_i| + dqd_i) dq_j: the joint rates are
     wrong, and so is the Jacobian that they are taken with.
@@ -129,5 +134,5 @@ def velocity_error_terms(
     up_to = np.cumsum(errors, axis=1)
     beyond = weighted.sum(axis=1, keepdims=True) - np.cumsum(weighted, axis=1)
     rate = np.where(moved, lever * up_to + np.maximum(beyond, 0.0), 0.0) * (1.0 + SUM_ROUNDING)
-    floor = (lever @ velocity_error + rate @ velocity_error) * (1.0 + SUM_ROUNDING)
-    return rate, floor
+    at_rest = (lever @ velocity_error + rate @ velocity_error) * (1.0 + SUM_ROUNDING)
+    return rate, at_rest

@@ -2,14 +2,15 @@
 
 An interval [a, b] is free of contact if some unit vector n from sphere to obstacle proves it:
 
-    n.x - contact_distance - (arm's advance over [a, b]) - max(D2(a), D2(b)) > 0
+    n.x - contact_distance - D1(a, b) - max(D2(a), D2(b)) > 0
 
-for every point of the obstacle's hull, D2 being its free bound, convex in time; the arm's advance
-comes from a table of joint displacements that serves all pairs. The search strides ahead: while
-intervals turn out free they grow, and one that its witness does not prove is halved, at last within
-a single step of the table. Each interval gets a witness of its own, which looks from the middle of
-where the sphere can be by its end to where the obstacle is headed. What the search reaches is a
-proved lower bound, whichever intervals and witnesses it took.
+for every point of the obstacle's hull. D1 bounds the sphere's displacement along n from a to b, and
+comes from a table of joint displacements that serves all pairs; D2 is the bound of a free body,
+convex in time. The search strides ahead: while intervals turn out free they grow, and one that its
+direction does not prove is halved, at last within a single step of the table. Each interval gets a
+separating direction of its own, which points from the middle of where the sphere can be by its end
+to where the obstacle is headed. What the search reaches is a proved lower bound, whichever
+intervals and directions it took.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from armguard.bounds.free_body import (
     saturation_time,
     top_speed,
 )
-from armguard.bounds.joint_table import JointTable, advance_in_span, set_columns, set_span
+from armguard.bounds.joint_table import JointTable, displacement_in_span, set_columns, set_span
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
@@ -53,6 +54,7 @@ def obstacle_room(
 ) -> float:
     """Least n.x over the hull at any time from `start` to `end`, counted from its stamp."""
     least = math.inf
+    # The bound of a free body is convex in time, so the ends of the interval decide.
     for k in range(count):
         x, y, z = points[k, 0] - px, points[k, 1] - py, points[k, 2] - pz
         ux, uy, uz = velocities[k, 0], velocities[k, 1], velocities[k, 2]
@@ -84,7 +86,7 @@ def _aim(
     speed: float,
     age: float,
 ) -> tuple[float, float, float]:
-    """A witness for the time of a node: from the middle of where the sphere can be to the hull."""
+    """A separating direction for the time of a node, from the middle of where the sphere can be."""
     x, y, z = px, py, pz
     for j in range(lever.shape[0]):
         if lever[j] > 0.0:
@@ -160,6 +162,7 @@ def table_contact_time(
     )
     if not usable or not reached < time[nodes]:
         return reached
+    # Begin at the step of the table up to which another proof reaches.
     first = 0
     while time[first + 1] <= reached:
         first += 1
@@ -167,15 +170,17 @@ def table_contact_time(
     if not abs(table.columns.sum()) < math.inf:
         return reached
     stride = FIRST_STRIDE
-    ceiling = nodes + 1  # the last node that failed
+    failing = nodes + 1  # the last node that failed; beyond the table: none
     part, proved, failed = 1.0, 0.0, 1.0
     halvings = 0
     nx = ny = nz = math.nan
+    # Invariant: there is no contact before `reached`, nor before the time of node `first`.
     while first < nodes and reached < enough:
+        # Choose the interval, and what joints can do in it.
         last = min(first + stride, nodes)
         end = time[first] + part * (time[last] - time[first])
         set_span(table, first, last, part)
-        free = False
+        # Try to separate both: one direction an interval, kept where only its part is halved.
         if halvings == 0:
             nx, ny, nz = _aim(
                 px, py, pz, lever, table, last, points, velocities, count, accel, speed, age
@@ -185,7 +190,7 @@ def table_contact_time(
             accel, speed, velocity_error, age + time[first], age + end,
         )  # fmt: skip
         room -= contact_distance * (1.0 + SUM_ROUNDING)
-        room -= advance_in_span(nx, ny, nz, jacobian, lever, slope_error, table)
+        room -= displacement_in_span(nx, ny, nz, jacobian, lever, slope_error, table)
         free = room > 0.0
         if free:
             reached = max(reached, end * (1.0 - SUM_ROUNDING))
@@ -200,13 +205,15 @@ def table_contact_time(
             halvings += 1
             part = 0.5 * (proved + failed)
         elif free:
+            # Go on from there: half-way to the node that failed, or with twice the stride.
             first = last
-            if first < ceiling <= nodes:
-                stride = max(1, (ceiling - first) // 2)
+            if first < failing <= nodes:
+                stride = max(1, (failing - first) // 2)
             else:
                 stride *= 2
-                ceiling = nodes + 1
+                failing = nodes + 1
         else:
-            ceiling = last
+            # Try again with half the stride.
+            failing = last
             stride //= 2
     return reached

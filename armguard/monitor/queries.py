@@ -50,7 +50,9 @@ class Queries:
         time, arm, period = tick.time, self._scheduler.arm, self._settings.period
         listing = self._scheduler.list_imminent(time, row_limit=0, pair_limit=limit)
         return [
-            report_pair(listing, index, time, period, arm.names(int(pair)), arm.state, arm.exact)
+            report_pair(
+                listing, index, time, period, arm.names(int(pair)), arm.state, arm.hull_distance
+            )
             for index, pair in enumerate(listing.pairs)
         ]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.hull_distance import ExactGeometry
+from armguard.pairs.hull_distance import HullDistance
 from armguard.pairs.scene import BOUND_NAMES
 from armguard.scheduling.scheduler import Listing
 
@@ -53,7 +53,7 @@ def report_pair(
     period: float,
     names: tuple[str, str],
     state: TickState,
-    exact: ExactGeometry,
+    exact: HullDistance,
 ) -> PairReport:
     """Tell what is known about a pair.
 

@@ -20,22 +20,22 @@ from armguard.contact.earliest import Certificate
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.hull_distance import ExactGeometry
+from armguard.pairs.hull_distance import HullDistance
 from armguard.pairs.proof import prove_pair
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.robot import Robot
 
 ADVANCES = 8
-"""Tangent advances per evaluation; nearly every pair has converged by then."""
+"""Steps of conservative advancement per evaluation; nearly every pair has converged by then."""
 
 
 class WatchedArm:
-    """Kinematics, motion models, exact geometry and the tick's numbers of one arm.
+    """Kinematics, motion models, hull distances and the tick's numbers of one arm.
 
     Args:
         robot: The arm.
         obstacles: The table.
-        ignored: Pairs that nobody watches.
+        ignored: Pairs that are not watched.
         margin: Distance that counts as contact already, [m].
         reaction_time: From a STOP to braking torque, [s].
         base_placement: Of the robot's base in the world; None: at the origin.
@@ -84,7 +84,7 @@ class WatchedArm:
             by_distance=by_distance,
         )
         ignored.follow(robot)
-        self.exact = ExactGeometry(robot, self.kinematics)
+        self.hull_distance = HullDistance(robot, self.kinematics)
         # Compiled now: joints beyond their limits must not wait for it in their tick.
         self.follow_limits(np.zeros(len(robot.joints)))
 
@@ -124,7 +124,7 @@ class IgnoredPair(NamedTuple):
     ids: str
     """Pattern of obstacle ids."""
     source: str | None
-    """Whose obstacles alone are meant; None: everybody's, and what never moves."""
+    """Whose obstacles alone are meant; None: those of all sources, and what never moves."""
 
 
 class IgnoredPairs:

@@ -3,8 +3,8 @@
 Each bound on the arm's motion is a proof by itself, so the latest of their times stands, and they
 are tried from the cheapest to the dearest: what the link cannot leave, its spheres as free bodies,
 its joints within their limits. A node's bound holds for everything that it owns. Its children are
-opened only while a closer look could matter to the verdict, and what is later than the soonest
-sphere found so far is not looked at closer.
+opened only while their times could matter to the verdict, and what is later than the soonest
+sphere found so far is not refined.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from armguard.obstacles.table import States
 from armguard.pairs.scene import DISTANCE, ISOTROPIC, JOINT, REACH, Scene
 
 REACH_ADVANCES = 2
-"""Tangent advances against what stands still: the second one nearly always is the last."""
+"""Steps of conservative advancement against what stands still: the second is nearly always last."""
 
 
 @inlined_kernel
@@ -83,10 +83,10 @@ def link_time(
     bodies: States,
     arm_age: float,
     age: float,
-    floor: float,
-    floor_bound: int,
+    lower_bound: float,
+    lower_bound_kind: int,
     refinement_threshold: float,
-    ceiling: float,
+    cut_off: float,
 ) -> tuple[float, int, int, int]:
     """Earliest contact of one link and one body.
 
@@ -97,10 +97,10 @@ def link_time(
         bodies: Its states: accepted or refused ones.
         arm_age: Age of the joint state, in [s].
         age: Of the body's state, in [s].
-        floor: What is known of the whole link already, in [s].
-        floor_bound: What that rests on.
-        refinement_threshold: Nodes that could be touched before this, in [s], are looked at closer.
-        ceiling: What is later than this, in [s], need not be known any better.
+        lower_bound: What is known of the whole link already, in [s].
+        lower_bound_kind: What that rests on.
+        refinement_threshold: Nodes that could be touched before this, in [s], are refined.
+        cut_off: What is later than this, in [s], need not be known any better.
 
     Returns:
         Contact time in [s], the sphere that decided, what its time rests on, and evaluations.
@@ -109,19 +109,23 @@ def link_time(
     node_time, node_bound = scene.node_time, scene.node_bound
     best = np.inf
     best_node = node = tree.root[link]
-    best_bound = floor_bound
+    best_bound = lower_bound_kind
     evaluations = 0
+    # Depth first, without a stack: `first_child` goes down, `skip` on to what is not below a node.
+    # Invariant: what the nodes passed so far own is not touched before `best`.
     while node >= 0:
         # The parent's bound holds for all that this node owns, so the later of the two stands.
         parent = tree.parent[node]
-        time = floor if parent < 0 else node_time[parent]
-        bound = floor_bound if parent < 0 else node_bound[parent]
-        limit = min(best, ceiling)
+        time = lower_bound if parent < 0 else node_time[parent]
+        bound = lower_bound_kind if parent < 0 else node_bound[parent]
+        limit = min(best, cut_off)
         distance = contact_distance(scene, node, bodies, row)
+        # The sphere as a free body: cheap, and enough for most nodes.
         free = _free_time(scene, node, bodies, row, arm_age, age, distance)
         evaluations += 1
         if not time >= free:
             time, bound = free, DISTANCE if settings.by_distance else ISOTROPIC
+        # Joints within their limits: dearer, and only where the time could still decide.
         if settings.with_joints and time < limit:
             slower = table_contact_time(
                 scene.arm.centers[node, 0], scene.arm.centers[node, 1], scene.arm.centers[node, 2],
@@ -136,6 +140,7 @@ def link_time(
         node_time[node] = time
         node_bound[node] = bound
         scene.sphere_time[node] = min(scene.sphere_time[node], time)
+        # Refine a node that matters and has children; else its time stands for all that it owns.
         if tree.first_child[node] >= 0 and time < refinement_threshold and time < limit:
             node = tree.first_child[node]
             continue
@@ -147,7 +152,7 @@ def link_time(
 
 @inlined_kernel
 def root_time(
-    scene: Scene, link: int, row: int, arm_age: float, age: float, floor: float
+    scene: Scene, link: int, row: int, arm_age: float, age: float, lower_bound: float
 ) -> tuple[float, int, int]:
     """What is cheap to know of one link and one obstacle's accepted state.
 
@@ -157,12 +162,12 @@ def root_time(
         row: Of the obstacle.
         arm_age: Age of the joint state, in [s].
         age: Of the obstacle's state, in [s].
-        floor: What the arm's reach says of all links, in [s].
+        lower_bound: What the arm's reach says of all links, in [s].
 
     Returns:
         Contact time in [s], what it rests on, and evaluations.
     """
-    time, bound, evaluations = floor, REACH, 1
+    time, bound, evaluations = lower_bound, REACH, 1
     if scene.settings.with_reach:
         ball = scene.arm.link_balls[link]
         by_reach = reach_time(
@@ -185,9 +190,9 @@ def pair_time(
     row: int,
     now: float,
     arm_age: float,
-    floor: float,
+    lower_bound: float,
     refinement_threshold: float,
-    ceiling: float,
+    cut_off: float,
 ) -> tuple[float, int, int, int]:
     """Earliest contact of one link and one obstacle, whichever of its states is true.
 
@@ -198,9 +203,9 @@ def pair_time(
             with, or both.
         now: Time of the tick on the obstacles' clock, in [s].
         arm_age: Age of the joint state, in [s].
-        floor: What the arm's reach says of all links, in [s].
+        lower_bound: What the arm's reach says of all links, in [s].
         refinement_threshold: As for `link_time`.
-        ceiling: As for `link_time`.
+        cut_off: As for `link_time`.
 
     Returns:
         As `link_time`.
@@ -214,7 +219,7 @@ def pair_time(
         # Both tracks are possible until one of them is confirmed.
         bodies = scene.refused if refused else scene.bodies
         age = 0.0 if marks.static[row] and not refused else now - bodies.stamp[row]
-        known = floor
+        known = lower_bound
         if settings.with_reach:
             ball = scene.arm.link_balls[link]
             by_reach = reach_time(
@@ -225,9 +230,9 @@ def pair_time(
         time, node = known, scene.tree.root[link]
         # Of one type wherever it comes from: each other one would be compiled for.
         bound: Any = np.int64(REACH)
-        if known < refinement_threshold and known < ceiling:
+        if known < refinement_threshold and known < cut_off:
             time, node, bound, spent = link_time(
-                scene, link, row, bodies, arm_age, age, known, bound, refinement_threshold, ceiling
+                scene, link, row, bodies, arm_age, age, known, bound, refinement_threshold, cut_off
             )
             evaluations += spent
         if time < best:
@@ -303,6 +308,7 @@ def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) ->
             continue
         bodies = scene.refused if refused else scene.bodies
         age = 0.0 if marks.static[row] and not refused else now - bodies.stamp[row]
+        # Invariant: whatever the nodes passed so far own rests before it is touched.
         node = tree.root[link]
         while node >= 0:
             if not evaluations < budget:

@@ -34,7 +34,7 @@ class TickState:
         motion: Whose bounds are read.
         obstacles: Whose table is read.
         margin: Distance in [m] that counts as contact already.
-        advances: Tangent advances per evaluation; any number is safe.
+        advances: Steps of conservative advancement per evaluation; any number is safe.
         by_distance: Evaluate distance over closing-speed bound instead of contact time.
 
     Attributes:
@@ -42,7 +42,7 @@ class TickState:
         handle: The same as one argument for it.
         now: Time of this tick on the obstacles' clock, in [s].
         arm_age: Age of the joint state, in [s]; negative where it is newer than `now`.
-        refinement_threshold: Nodes that could be touched before this, in [s], are looked at closer.
+        refinement_threshold: Nodes that could be touched before this, in [s], are refined.
     """
 
     scene: Scene
@@ -102,8 +102,7 @@ class TickState:
         Args:
             now: Time of this tick on the obstacles' clock, in [s].
             arm_age: Age of the joint state, in [s]; negative where it is newer than `now`.
-            refinement_threshold: Nodes that could be touched before this, in [s], are looked at
-                closer.
+            refinement_threshold: Nodes that could be touched before this, in [s], are refined.
         """
         self.now = now
         self.arm_age = arm_age
@@ -116,7 +115,7 @@ class TickState:
         _prepare_arm(self.handle, q, v, self.arm_age)
 
     def view_table(self) -> bool:
-        """Look at the table's arrays, which are replaced whenever it grows; whether they were."""
+        """View the table's arrays, which are replaced whenever it grows; whether they were."""
         table = self._obstacles.table
         if table.accepted is self._accepted:
             return False
@@ -166,7 +165,7 @@ def evaluate_handle(
     scene = handle.content
     links = scene.tree.root.shape[0]
     evaluations = 0
-    last_row, floor = -1, 0.0
+    last_row, lower_bound = -1, 0.0
     for index in range(pairs.shape[0]):
         row, link = pairs[index] // links, pairs[index] % links
         contact_times[index] = 0.0
@@ -176,10 +175,10 @@ def evaluate_handle(
             continue
         if row != last_row:
             last_row = row
-            floor, spent = arm_reach_time(scene, row, now)
+            lower_bound, spent = arm_reach_time(scene, row, now)
             evaluations += spent
         time, node, bound, spent = pair_time(
-            scene, link, row, now, arm_age, floor, refinement_threshold, np.inf
+            scene, link, row, now, arm_age, lower_bound, refinement_threshold, np.inf
         )
         evaluations += spent
         contact_times[index] = time

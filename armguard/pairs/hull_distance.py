@@ -30,7 +30,7 @@ THINNEST = 1e-4
 Z_AXIS = np.array([0.0, 0.0, 1.0])
 
 
-class ExactGeometry:
+class HullDistance:
     """Distances from the true geometry of the arm's links to obstacles.
 
     Placements are those of the last `Kinematics.compute`.

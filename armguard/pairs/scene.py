@@ -64,7 +64,7 @@ class ArmArrays(NamedTuple):
     link_balls: FloatArray
     """What each link cannot leave: centre and radius, [m]. Shape (links, 4)."""
     arm_ball: FloatArray
-    """What the arm cannot leave, alike. Shape (4,)."""
+    """What the arm cannot leave: centre and radius, [m]. Shape (4,)."""
 
 
 class Settings(NamedTuple):
@@ -73,7 +73,7 @@ class Settings(NamedTuple):
     margin: float
     """Distance that counts as contact already, [m]."""
     advances: int
-    """Tangent advances per evaluation; any number is safe."""
+    """Steps of conservative advancement per evaluation; any number is safe."""
     by_distance: bool
     """Evaluate distance over closing speed instead of contact time."""
     with_reach: bool
@@ -105,9 +105,9 @@ class Scene(NamedTuple):
     node_bound: IntArray
     """Room to work in: what that rests on. Shape (n,)."""
     link_time: FloatArray
-    """Room to work in, likewise for links. Shape (links,)."""
+    """Room to work in: times that links were given, [s]. Shape (links,)."""
     link_bound: IntArray
-    """Room to work in, likewise. Shape (links,)."""
+    """Room to work in: what those rest on. Shape (links,)."""
     sphere_time: FloatArray
     """Soonest contact time that each sphere was given in this tick, [s]. Shape (n,)."""
 

@@ -4,9 +4,10 @@ The rule in use today beside people, with the symbols of ISO/TS 15066 [Separatio
 
     Sp = Sh + Sr + Ss + C + Zd + Zr
 
-the person's way until the robot rests, the robot's until it brakes and while it brakes, how far a
-person reaches past the sensor before it sees them, and what both positions may be off by. armguard
-computes it to be compared with; it is no claim that anything conforms to a standard.
+how far the person gets until the robot rests, the robot gets until it brakes, and it gets while it
+brakes; how far a person reaches past the sensor before it sees them; and what both positions may be
+off by. armguard computes it to be compared with; it is no claim that anything conforms to a
+standard.
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ def compute_separation(
         reaction_time: Until braking begins, T_r, in [s]. Shape (...).
         stopping_time: From then until the robot rests, T_s, in [s]. Shape (...).
         human_speed: Speed of the person towards the robot, v_h, in [m/s]. Shape (...).
-        stopping_distance: The robot's way while it brakes, Ss, in [m]; None: v_r T_s / 2, that of
-            a constant deceleration. Shape (...).
+        stopping_distance: How far the robot gets while it brakes, Ss, in [m]; None: v_r T_s / 2,
+            as with a constant deceleration. Shape (...).
         intrusion_distance: How far a person reaches before they are seen, C, in [m]. Shape (...).
         human_uncertainty: Of the person's position, Zd, in [m]. Shape (...).
         robot_uncertainty: Of the robot's position, Zr, in [m]. Shape (...).
@@ -93,14 +94,14 @@ def separation_of(
     The robot brakes at a constant rate; `offsets` is C + Zd + Zr. Arguments as for
     `compute_separation`.
     """
-    approach = way(human_speed, reaction_time + stopping_time)
-    return (
-        approach + way(robot_speed, reaction_time) + 0.5 * way(robot_speed, stopping_time) + offsets
-    )
+    human = distance_covered(human_speed, reaction_time + stopping_time)
+    robot = distance_covered(robot_speed, reaction_time)
+    braking = 0.5 * distance_covered(robot_speed, stopping_time)
+    return human + robot + braking + offsets
 
 
 @kernel
-def way(speed: float, duration: float) -> float:
+def distance_covered(speed: float, duration: float) -> float:
     """How far a speed leads in a time; nowhere if either is 0, even if the other is infinite."""
     if (speed == 0.0 and duration >= 0.0) or (duration == 0.0 and speed >= 0.0):
         return 0.0
@@ -108,10 +109,10 @@ def way(speed: float, duration: float) -> float:
 
 
 def _times(speed: Any, duration: Any) -> Any:
-    """A way; nothing moves it at speed 0, however long it takes."""
+    """Distance covered; none at speed 0, however long it takes."""
     with np.errstate(invalid="ignore"):
-        way = speed * duration
-    return np.where((speed == 0.0) | (duration == 0.0), 0.0, way)
+        distance = speed * duration
+    return np.where((speed == 0.0) | (duration == 0.0), 0.0, distance)
 
 
 def _amount(name: str, value: ArrayLike) -> Any:

@@ -106,7 +106,7 @@ class SeparationMargin:
 
 
 @kernel
-def _look_at(
+def _find_direction(
     x: float, y: float, z: float, points: FloatArray, velocities: FloatArray, count: int
 ) -> tuple[float, float, float, float]:
     """Direction from a point to a hull, and a distance that the hull is surely away.
@@ -200,6 +200,7 @@ def _bodies_margin(
     for row in range(marks.alive.shape[0]):
         if not (marks.alive[row] and (marks.refused[row] if refused else marks.has_state[row])):
             continue
+        # What the body adds to the distance, whichever sphere of the arm it is near.
         points, velocities = bodies.points[row], bodies.velocities[row]
         corners, body_radius = bodies.point_count[row], bodies.radius[row]
         walks = 0.0
@@ -212,13 +213,13 @@ def _bodies_margin(
             walks = top if own_speed else human_speed
             age = now - bodies.stamp[row]
             offsets += intrusion + displacement_at(pace, error, bodies.accel[row], top, abs(age))
+        # Balls first, the whole arm's before those of its links: most need no sphere evaluated.
         for step in range(count + 1):
-            # The whole arm first.
             ball = step - 1 if step > 0 else count
             pair = row * count + ball
             if ball < count and pair < watched.shape[0] and not watched[pair]:
                 continue
-            _, _, _, room = _look_at(
+            _, _, _, room = _find_direction(
                 balls[ball, 0], balls[ball, 1], balls[ball, 2], points, velocities, corners
             )
             away = separation_of(balls[ball, 4], response, braking, walks, offsets + balls[ball, 5])
@@ -229,11 +230,12 @@ def _bodies_margin(
                 continue
             if ball == count:
                 continue
+            # Then the leaves of a link that is near enough to matter.
             last = tree.root[ball + 1] if ball + 1 < count else tree.radius.shape[0]
             for i in range(tree.root[ball], last):
                 if tree.first_child[i] >= 0:
                     continue
-                nx, ny, nz, room = _look_at(
+                nx, ny, nz, room = _find_direction(
                     arm.centers[i, 0], arm.centers[i, 1], arm.centers[i, 2],
                     points, velocities, corners,
                 )  # fmt: skip
@@ -243,9 +245,10 @@ def _bodies_margin(
                 stale = displacement_at(
                     speed, arm.velocity_error[i], arm.accel[i], top, abs(arm_age)
                 )
+                # The sphere's speed towards the body, at its greatest since the stamp.
                 towards = nx * ux + ny * uy + nz * uz + SUM_ROUNDING * speed
                 if nx == 0.0 and ny == 0.0 and nz == 0.0:
-                    towards = speed  # inside the body, every way leads towards it
+                    towards = speed  # inside the body, every direction is towards it
                 towards += arm.velocity_error[i]
                 if arm_age != 0.0:
                     towards += arm.accel[i] * abs(arm_age)

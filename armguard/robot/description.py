@@ -64,7 +64,7 @@ class OperatingDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
     """What those who make or drive a robot publish of what its controller keeps to at work.
 
     By joint, in [rad]/[s] and [rad]/[s²], or [m]/[s] and [m]/[s²]. No limits of the hardware: an
-    emergency may exceed them, and so may whoever configures the controller otherwise.
+    emergency may exceed them, and so may a controller that is configured otherwise.
     """
 
     sources: OperatingSources

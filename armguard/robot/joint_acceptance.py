@@ -57,7 +57,7 @@ class Guard(NamedTuple):
     q: FloatArray
     """Last believed joint positions, [rad] or [m]; written. Shape (nv,)."""
     v: FloatArray
-    """Last believed joint velocities, alike; written. Shape (nv,)."""
+    """Last believed joint velocities, [rad/s] or [m/s]; written. Shape (nv,)."""
     read_q: FloatArray
     """Scratch: the positions at hand, whole turns nearest to the last. Shape (nv,)."""
     read_v: FloatArray
@@ -117,7 +117,7 @@ def accept(
         stamp: When it was measured, in [s]; finite.
         q_given: Joint positions, [rad] or [m]; any strides, and of any length, since shape (nv,)
             is what is expected.
-        v_given: Joint velocities, [rad/s] or [m/s]; alike.
+        v_given: Joint velocities, [rad/s] or [m/s]; of any strides and any length.
         now: Time of the tick, in [s]; finite.
 
     Returns:
@@ -125,6 +125,7 @@ def accept(
         refused for, NO_JOINT if none; the time in which all joints surely rest, and the same for an
         arm that brakes later by the guard's delay, in [s], inf where the state is refused.
     """
+    # Read: a copy in contiguous memory, continuous joints whole turns nearest to the last.
     q, v = guard.read_q, guard.read_v
     if not (q_given.shape[0] == q.shape[0] == v_given.shape[0]):
         return -WRONG_LENGTH, NO_JOINT, np.inf, np.inf
@@ -136,6 +137,7 @@ def accept(
     ticks = 0.0
     if stamp == guard.heard[0] and not now > guard.standing[LAST_NOW]:
         ticks = guard.standing[TICKS] + 1.0
+    # Decide: the usual state passes one test; what does not is searched for its first fault.
     if not _is_fine(guard, stamp, now, is_first, ticks):
         code, joint = _find_fault(guard, stamp, now, is_first, ticks)
         if code == GAP:
@@ -143,7 +145,7 @@ def accept(
             guard.standing[FIRST_NOW], guard.standing[LAST_NOW] = now, now
             guard.standing[TICKS] = 0.0
         return -code, joint, np.inf, np.inf
-    # From here on the state is believed.
+    # Take: from here on the state is believed.
     if is_first:
         begin_history(guard.history, stamp, q, v)
     else:
@@ -153,6 +155,7 @@ def accept(
     guard.standing[LAST_NOW] = now
     guard.standing[TICKS] = ticks
     guard.heard[0] = stamp
+    # What to say of it beside.
     found = BELIEVED
     for j in range(q.shape[0]):
         guard.q[j], guard.v[j] = q[j], v[j]
@@ -291,9 +294,9 @@ def find_runaway(
     Args:
         q: Joint positions, [rad] or [m]. Shape (nv,).
         v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
-        lower: Lower position limits less their errors, alike. Shape (nv,).
-        upper: Upper position limits plus their errors, alike. Shape (nv,).
-        velocity_error: What velocities may be off by, alike. Shape (nv,).
+        lower: Lower position limits less their errors, [rad] or [m]. Shape (nv,).
+        upper: Upper position limits plus their errors, [rad] or [m]. Shape (nv,).
+        velocity_error: What velocities may be off by, [rad/s] or [m/s]. Shape (nv,).
         acceleration_limit: [rad/s²] or [m/s²]. Shape (nv,).
     """
     for joint in range(q.shape[0]):

@@ -1,11 +1,11 @@
 """Is a new joint state inside what all states before it allow?
 
 A state must agree with every earlier one: v - dv <= v_k + dv + A (s - s_k) and its mirror image, q
-with the speed limit alike, and the quadratic test against the state before and a few reference
-states. The first two need no memory of each state: what all of them allow together is one interval
-for each joint's true position and one for its velocity, which widen with time and shrink with each
-measurement. Motion within limits and errors never fails; a joint that reads faster than its limit,
-but within its error, is taken to be that fast.
+in the same way with the speed limit, and the quadratic test against the state before and a few
+reference states. The first two need no memory of each state: what all of them allow together is one
+interval for each joint's true position and one for its velocity, which widen with time and shrink
+with each measurement. Motion within limits and errors never fails; a joint that reads faster than
+its limit, but within its error, is taken to be that fast.
 
 The codes and the rounding are those of `jit.numerics`: what rounding could be to blame for passes.
 """

@@ -124,7 +124,7 @@ class Kinematics:
                 if joint > 0:
                     moves[carried, self.model.idx_vs[joint]] = True
         pinocchio.computeJointJacobians(self.model, self.data, pinocchio.neutral(self.model))
-        # Its views do not keep `data` alive: whoever uses it holds on to this object.
+        # Its views do not keep `data` alive: what uses it must hold on to this object.
         self.placement = ArmPlacement(
             *_view_data(self.data, self.model.njoints),
             # Pinocchio shows that of a single joint without its second axis.
@@ -257,7 +257,7 @@ def _address(array: npt.NDArray[Any]) -> int:
 
 
 def _frozen(values: npt.ArrayLike, dtype: type) -> Any:
-    """A contiguous copy that nobody can write to."""
+    """A contiguous copy that cannot be written to."""
     array: npt.NDArray[Any] = np.array(values, dtype=dtype, order="C")
     array.flags.writeable = False
     return array

@@ -53,7 +53,7 @@ class PublishedLimits(NamedTuple):
     acceleration: FloatArray
     """At most the robot's, in [rad]/[s²] or [m]/[s²]. Shape (nv,)."""
     source: str
-    """Where both come from; "CHOSEN" marks a figure that nobody publishes."""
+    """Where both come from; "CHOSEN" marks a figure that is published nowhere."""
 
 
 class _Link(NamedTuple):
@@ -161,7 +161,7 @@ class Robot:
         package_dirs: Sequence[str | Path] = (),
         cover: str | Path | None = None,
     ) -> Robot:
-        """Load anybody's robot.
+        """Load a robot from files of your own.
 
         Args:
             path: Its URDF.
@@ -236,7 +236,7 @@ class Robot:
             bodies = self._bodies
             joint, pieces = bodies.links[link].joint, body.surface(name)
             new = _Link(joint, body.triangles(name), pieces, is_attached=True)
-            # Whoever reads meanwhile finds a cover for every link that there is.
+            # Another thread that reads meanwhile finds a cover for every link that there is.
             self.cover = _extend(self.cover, fitted)
             self._bodies = _Bodies({**bodies.links, name: new}, bodies.revision + 1)
 

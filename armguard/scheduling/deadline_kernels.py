@@ -102,7 +102,7 @@ def _evaluate_links(
     time: float,
     arm_age: float,
     refinement_threshold: float,
-    floor: float,
+    lower_bound: float,
 ) -> tuple[float, int]:
     """Evaluate all watched links of one obstacle: soonest contact time in [s], and evaluations."""
     links = certificates.watched.shape[1]
@@ -115,7 +115,7 @@ def _evaluate_links(
             if not certificates.watched[row, each]:
                 continue
             found, node, bound, spent = pair_time(
-                scene, each, row, now, arm_age, floor, refinement_threshold, best
+                scene, each, row, now, arm_age, lower_bound, refinement_threshold, best
             )
             evaluations += spent
             best = min(best, found)
@@ -127,7 +127,7 @@ def _evaluate_links(
     # The times of the roots order the links: later ones seldom need a refinement.
     for each in range(links):
         if certificates.watched[row, each]:
-            at_root, bound, spent = root_time(scene, each, row, arm_age, age, floor)
+            at_root, bound, spent = root_time(scene, each, row, arm_age, age, lower_bound)
             evaluations += spent
             scene.link_time[each] = at_root
             scene.link_bound[each] = bound

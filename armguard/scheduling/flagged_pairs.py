@@ -11,7 +11,7 @@ import math
 
 from armguard.bounds.isotropic import IsotropicMotion
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.hull_distance import ExactGeometry
+from armguard.pairs.hull_distance import HullDistance
 
 
 class FlaggedCheck:
@@ -23,7 +23,7 @@ class FlaggedCheck:
         state: The tick's numbers.
     """
 
-    def __init__(self, exact: ExactGeometry, motion: IsotropicMotion, state: TickState) -> None:
+    def __init__(self, exact: HullDistance, motion: IsotropicMotion, state: TickState) -> None:
         self._exact = exact
         self._motion = motion
         self._state = state

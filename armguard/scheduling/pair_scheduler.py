@@ -220,7 +220,7 @@ class PairScheduler:
             arm.watched_links,
             keeps_certificates=not self.schedule.every_tick,
         )
-        self._flagged = FlaggedCheck(arm.exact, arm.motion.isotropic, arm.state)
+        self._flagged = FlaggedCheck(arm.hull_distance, arm.motion.isotropic, arm.state)
         self._evaluated = 0
         self._make_room(0)
         self._compile()

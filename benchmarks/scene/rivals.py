@@ -66,7 +66,7 @@ class Sweep:
         spheres, placement = self._kinematics.spheres, self._kinematics.placement
         chosen = np.flatnonzero(spheres.child_count == 0) if rung == "spheres" else spheres.root
         motion, reach = IsotropicMotion(robot), ReachMotion(robot)
-        rate, floor = motion.velocity_errors.rate[chosen], motion.velocity_errors.floor[chosen]
+        rate, floor = motion.velocity_errors.rate[chosen], motion.velocity_errors.at_rest[chosen]
         joint_count, joint = len(robot.joints), spheres.joint[chosen]
         self._links = np.zeros((sweeps.RATE + 2 * joint_count, len(chosen)))
         self._links[sweeps.LSIZE] = (spheres.radius + motion.position_error)[chosen]

@@ -5,7 +5,7 @@ import pinocchio
 import pytest
 
 from armguard.bounds import compute_levers
-from armguard.bounds.joint_table import advance_in_span, make_table, set_columns, set_span
+from armguard.bounds.joint_table import displacement_in_span, make_table, set_columns, set_span
 from armguard.bounds.sums import turning_joints
 from support.example_arms import load_arm
 from support.motion_questions import HAND_POINT, unit
@@ -64,7 +64,7 @@ def test_no_configuration_in_the_box_is_further(name, size):
         jacobian = np.array(pinocchio.computeJointJacobians(model, data, start))
         place = data.oMi[joint].act(HAND_POINT)
         set_columns(*place, jacobian, table)
-        bound = advance_in_span(*along, jacobian, lever, np.zeros(count), table)
+        bound = displacement_in_span(*along, jacobian, lever, np.zeros(count), table)
         slopes = along @ table.columns
         furthest = 0.0
         for moved in [np.where(slopes > 0.0, high, low), *random.uniform(low, high, (50, count))]:

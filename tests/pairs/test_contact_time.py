@@ -21,7 +21,7 @@ from armguard.pairs.contact_time import (
     root_time,
 )
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.hull_distance import ExactGeometry
+from armguard.pairs.hull_distance import HullDistance
 from armguard.pairs.scene import ISOTROPIC, JOINT, REACH
 from armguard.robot import Kinematics
 from support.panda_monitor import panda
@@ -246,7 +246,7 @@ def test_no_contact_comes_earlier(seed):
     world, rng = World(seed, errors=False), np.random.default_rng([seed, 1])
     promised = np.array([[world.pair(link, row)[0] for row in world.rows] for link in range(LINKS)])
     leaves, alone = np.flatnonzero(SPHERES.child_count == 0), Kinematics(panda())
-    exact = ExactGeometry(panda(), alone)
+    exact = HullDistance(panda(), alone)
     reach = (SPHERES.radius + 0.05 + MARGIN)[leaves, None]
     first = np.full((LINKS, len(world.rows)), math.inf)
     for _ in range(12):

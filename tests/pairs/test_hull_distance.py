@@ -3,7 +3,7 @@ import pinocchio
 import pytest
 
 from armguard.exceptions import ArmguardError
-from armguard.pairs.hull_distance import ExactGeometry, _build_hull
+from armguard.pairs.hull_distance import HullDistance, _build_hull
 from armguard.robot import Kinematics, Robot
 
 TOLERANCE = 1e-5
@@ -23,7 +23,7 @@ def kinematics(robot):
 
 @pytest.fixture(scope="module")
 def exact(robot, kinematics):
-    return ExactGeometry(robot, kinematics)
+    return HullDistance(robot, kinematics)
 
 
 def closest_in_hull(points, iterations=200):
@@ -134,7 +134,7 @@ def test_overlap_is_negative_to_the_depth(robot, kinematics, exact):
 
 def test_distance_follows_the_arm(robot):
     kinematics = Kinematics(robot)
-    exact = ExactGeometry(robot, kinematics)
+    exact = HullDistance(robot, kinematics)
     ball = np.array([[0.9, 0.0, 0.5]])
     link = robot.links.index("panda_hand")
     away = np.array([np.pi / 2, 0.5, 0.0, -1.0, 0.0, 1.5, 0.0])
@@ -212,7 +212,7 @@ def test_bad_obstacles_are_refused(exact, arguments, offender):
 
 def test_an_unknown_arm_is_refused(robot):
     kinematics = Kinematics(robot)
-    exact = ExactGeometry(robot, kinematics)
+    exact = HullDistance(robot, kinematics)
     kinematics.compute(np.full(7, np.nan), np.zeros(7))
     with pytest.raises(ArmguardError, match="obstacle or arm"):
         exact.distance(6, np.zeros((1, 3)), 0.1)

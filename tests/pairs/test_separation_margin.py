@@ -15,7 +15,7 @@ from armguard.obstacles import Obstacles
 from armguard.pairs import SeparationRule, compute_separation
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import ArmArrays, SphereTree, thread_tree
-from armguard.pairs.separation import separation_of, way
+from armguard.pairs.separation import distance_covered, separation_of
 from armguard.pairs.separation_margin import SeparationMargin
 from armguard.robot import Kinematics, Robot
 
@@ -356,6 +356,6 @@ def test_the_compiled_formula_is_the_public_one():
         )
         found = separation_of(speed, reaction, stopping, human, sum(offsets))
         assert found == pytest.approx(expected, rel=1e-12)
-    assert way(0.0, math.inf) == way(math.inf, 0.0) == 0.0
-    assert math.isnan(way(math.nan, 0.0))
+    assert distance_covered(0.0, math.inf) == distance_covered(math.inf, 0.0) == 0.0
+    assert math.isnan(distance_covered(math.nan, 0.0))
     assert math.isnan(separation_of(1.0, 0.1, math.nan, 1.0, 0.0))

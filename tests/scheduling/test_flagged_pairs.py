@@ -6,13 +6,13 @@ import pytest
 from armguard.bounds.arm import ArmMotion
 from armguard.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.hull_distance import ExactGeometry
+from armguard.pairs.hull_distance import HullDistance
 from armguard.robot import Kinematics
 from armguard.scheduling.flagged_pairs import FlaggedCheck
 from support.panda_monitor import HOME, panda
 
 KINEMATICS = Kinematics(panda())
-EXACT = ExactGeometry(panda(), KINEMATICS)
+EXACT = HullDistance(panda(), KINEMATICS)
 LINKS = len(panda().links)
 
 

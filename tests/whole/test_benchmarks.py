@@ -8,7 +8,7 @@ import pytest
 
 from armguard.bounds import IsotropicMotion, ReachMotion
 from armguard.contact import earliest_contact_pair
-from armguard.pairs.hull_distance import ExactGeometry
+from armguard.pairs.hull_distance import HullDistance
 from armguard.robot import Kinematics, Robot
 from armguard.robot.kinematics import ArmSpheres
 
@@ -143,7 +143,7 @@ def test_distances_are_those_of_the_true_geometry(load, panda, work, name):
     answer = watch(contestant, balls, work)
     kinematics = Kinematics(panda)
     kinematics.compute(work.q[100], work.v[100])
-    exact = ExactGeometry(panda, kinematics)
+    exact = HullDistance(panda, kinematics)
     nearest = min(
         exact.distance(link, position[k : k + 1], RADIUS)[0]
         for link in range(len(panda.links))

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from armguard.pairs.hull_distance import ExactGeometry
+from armguard.pairs.hull_distance import HullDistance
 from armguard.robot import Kinematics
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, SCHEDULES, make_monitor, panda
@@ -21,7 +21,7 @@ PERIOD = 2e-3
 TICKS = 500
 POSITION_ERROR, VELOCITY_ERROR = 0.01, 0.05
 KINEMATICS = Kinematics(panda())
-EXACT = ExactGeometry(panda(), KINEMATICS)
+EXACT = HullDistance(panda(), KINEMATICS)
 LINKS = len(panda().links)
 
 

@@ -3,7 +3,7 @@
 A `Plan` is the next piece of a trajectory, with how far off it the arm may be. `check_plan` either
 refuses it, and says why, or hands back a `CheckedPlan`, which exists only if all of this holds: the
 curve through its samples keeps to the robot's limits everywhere, not just at samples; it is due
-now; and the arm is where the plan begins, or well on its way along it.
+now; and the arm is where the plan begins, or follows it already.
 
 Nothing is clamped or guessed. What is not within limits is refused.
 """
@@ -36,7 +36,7 @@ __all__ = [
 
 
 class CheckedPlan(NamedTuple):
-    """A plan that `check_plan` has found within limits and under way. Arrays are its own."""
+    """A plan that `check_plan` has found within limits and followed. Arrays are its own."""
 
     stamp: float
     """When the arm is at the first sample, in [s]."""
@@ -49,7 +49,7 @@ class CheckedPlan(NamedTuple):
     deviation: FloatArray
     """How far joints may truly be off the curve, all errors included, in [rad] or [m]. (nv,)."""
     acceleration: FloatArray
-    """Greatest acceleration of the way that joints are off the curve: the robot's limit and the
+    """Greatest acceleration of the deviation of joints from the curve: the robot's limit and the
     curve's greatest together, in [rad]/[s²] or [m]/[s²]. Shape (nv,)."""
     velocity_deviation: FloatArray
     """How far velocities may truly be off the curve's as the controller states it, all errors
@@ -87,7 +87,7 @@ def check_plan(
         robot: Whose limits and errors apply.
         now: In [s] on the clock of all stamps.
         q: Measured joint positions, believed already, in [rad] or [m]. Shape (nv,).
-        v: Measured joint velocities, alike, in [rad]/[s] or [m]/[s]. Shape (nv,).
+        v: Measured joint velocities, believed already, in [rad]/[s] or [m]/[s]. Shape (nv,).
         stamp: When they were measured, in [s].
         longest_lead: How far ahead of `now` the plan may begin, in [s].
         longest_lag: How long ago it may have begun, in [s].
@@ -146,7 +146,7 @@ def _check_read(
 def check_following(
     plan: CheckedPlan, robot: Robot, q: FloatArray, v: FloatArray, stamp: float
 ) -> Refusal | None:
-    """Why a measured state shows that the arm is not on its way along a plan; None if it may be.
+    """Why a measured state shows that the arm does not follow a plan; None if it may be.
 
     Before the plan begins, the state must allow for being where it begins by then.
 
@@ -226,7 +226,7 @@ def bound_velocity_deviation(
 def deviation_speed(deviation: FloatArray, acceleration: FloatArray, time: float) -> FloatArray:
     """How fast what stays within +-deviation for `time` can be at either end of that time.
 
-    With d the way, |d| <= e, and M its greatest acceleration, d(0) = d(s) - d'(0) s + r with
+    With d the deviation, |d| <= e, and M its greatest acceleration, d(0) = d(s) - d'(0) s + r with
     |r| <= M s²/2, so |d'(0)| <= 2 e/s + M s/2 for every s up to `time`; s = 2 sqrt(e/M) is best.
 
     Args:

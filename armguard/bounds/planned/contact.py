@@ -7,7 +7,7 @@ that they do not touch within one of them:
 
 for every point of the obstacle's hull, D2 being its free bound, convex in time. What one sphere
 does not prove, its children in the cover's tree may. Balls around all that a link sweeps in some
-slabs, and the arm in all of them, spare most obstacles a closer look.
+slabs, and the arm in all of them, spare most obstacles an evaluation sphere by sphere.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.table import Marks, States
 
-NOBODY = -1
+NONE = -1
 """In place of a pair's or a sphere's number, where none decides."""
 
 
@@ -34,19 +34,20 @@ class PlannedContact(NamedTuple):
     time: float
     """No contact before this, in [s] from now; inf: none before the arm rests after the plan."""
     pair: int
-    """The pair that decides, obstacle row × links + link; NOBODY where time is inf, and where the
+    """The pair that decides, obstacle row × links + link; NONE where time is inf, and where the
     course does not say where the arm is now."""
     sphere: int
-    """The sphere that decides; NOBODY alike, and where nothing is known of the obstacle."""
+    """The sphere that decides; NONE where there is no such pair, and where nothing is known of the
+    obstacle."""
     evaluated: int
-    """Spheres looked at, for one slab and one obstacle each."""
+    """Spheres evaluated, for one slab and one obstacle each."""
 
 
 @kernel
-def _look(
+def _find_room(
     px: float, py: float, pz: float, bodies: States, row: int, start: float, end: float
 ) -> tuple[float, float, float, float]:
-    """A witness from p to a body, and least n.x of it from `start` to `end` after its stamp."""
+    """Least n.x of a body from `start` to `end` after its stamp, and n, from p towards it."""
     points, velocities, count = bodies.points[row], bodies.velocities[row], bodies.point_count[row]
     accel, speed = bodies.accel[row], bodies.speed[row]
     ux, uy, uz = velocities[0, 0], velocities[0, 1], velocities[0, 2]
@@ -81,7 +82,7 @@ def _is_ball_free(
     ball: FloatArray, bodies: States, row: int, start: float, end: float, margin: float
 ) -> bool:
     """Whether a body stays out of a ball from `start` to `end`, counted from its stamp."""
-    room, _, _, _ = _look(ball[0], ball[1], ball[2], bodies, row, start, end)
+    room, _, _, _ = _find_room(ball[0], ball[1], ball[2], bodies, row, start, end)
     reach = ball[3] + bodies.radius[row] + margin + bodies.position_error[row]
     return room > reach * (1.0 + SUM_ROUNDING)
 
@@ -101,16 +102,16 @@ def _is_sphere_free(
     """Whether a body stays out of a sphere of the arm in one slab."""
     center = course.centers[slab, node]
     px, py, pz = center[0], center[1], center[2]
-    room, nx, ny, nz = _look(px, py, pz, bodies, row, start, end)
+    room, nx, ny, nz = _find_room(px, py, pz, bodies, row, start, end)
     reach = arm.radius[node] + bodies.radius[row] + margin + bodies.position_error[row]
     room -= reach * (1.0 + SUM_ROUNDING)
     if not room > 0.0:
         return False
-    way = deviation_along(
+    deviation = deviation_along(
         nx, ny, nz, px, py, pz,
         course.jacobian[slab], course.half[slab], arm.lever[node], arm.turning,
     )  # fmt: skip
-    return room > way
+    return room > deviation
 
 
 @kernel
@@ -126,15 +127,17 @@ def _find_contact(
     age: float,
     margin: float,
 ) -> tuple[int, int, int]:
-    """First slab before `limit` that is not proved free, the sphere that is not, and looks spent.
+    """First slab before `limit` that is not proved free, the sphere that is not, and evaluations.
 
     `limit` where all are.
     """
     evaluated = 0
     slab = first
+    # Invariant: the link is proved free in every slab from `first` up to `slab`.
     while slab < limit:
         start = age + max(course.start[slab] - offset, 0.0)
         if slab == first or slab % BLOCK == 0:
+            # A ball around all that the link sweeps in the slabs of a block may prove them at once.
             block = slab // BLOCK
             last = min((block + 1) * BLOCK, course.end.shape[0]) - 1
             evaluated += 1
@@ -143,6 +146,7 @@ def _find_contact(
                 slab = last + 1
                 continue
         end = age + (course.end[slab] - offset)
+        # Else the slab by itself: down the tree, to the children of spheres that are not free.
         arm.stack[0] = arm.root[link]
         waiting = 1
         while waiting > 0:
@@ -157,7 +161,7 @@ def _find_contact(
                 arm.stack[waiting] = arm.first_child[node] + child
                 waiting += 1
         slab += 1
-    return limit, NOBODY, evaluated
+    return limit, NONE, evaluated
 
 
 @kernel
@@ -189,31 +193,34 @@ def find_planned_contact(
     links = arm.root.shape[0]
     slabs = course.start.shape[0]
     offset = now - course.epoch
+    # The slab that the arm is in now.
     first = 0
     while first < slabs and not course.end[first] > offset:
         first += 1
     if not (first < slabs and offset >= 0.0):
-        return 0.0, NOBODY, NOBODY, 0
+        return 0.0, NONE, NONE, 0
     left = course.end[slabs - 1] - offset
     limit = slabs
     evaluated = 0
-    seen = NOBODY
+    seen = NONE
     away = False
-    deciding_pair = NOBODY
-    deciding_sphere = NOBODY
+    deciding_pair = NONE
+    deciding_sphere = NONE
+    # Invariant: the pairs before `index` are free in every slab before `limit`.
     for index in range(pairs.shape[0]):
         row, link = pairs[index] // links, pairs[index] % links
         age = 0.0 if marks.static[row] else now - bodies.stamp[row]
         refused_age = now - refused_bodies.stamp[row]
         tracked, doubtful = marks.has_state[row], marks.refused[row]
         if row != seen:
+            # A new obstacle: is it known, and is it away from all that the arm sweeps?
             unknown = not (tracked or doubtful) or (doubtful and not marks.refused_finite[row])
             if tracked:
                 unknown |= not _is_usable(bodies, row, age, margin)
             if doubtful:
                 unknown |= not _is_usable(refused_bodies, row, refused_age, margin)
             if unknown:
-                return 0.0, pairs[index], NOBODY, evaluated
+                return 0.0, pairs[index], NONE, evaluated
             seen = row
             away = True
             if tracked:
@@ -226,6 +233,7 @@ def find_planned_contact(
             evaluated += 1
         if away:
             continue
+        # Each of its states that may be true: slab by slab, up to the first contact so far.
         if tracked:
             slab, sphere, spent = _find_contact(
                 link, first, limit, offset, course, arm, bodies, row, age, margin
@@ -241,6 +249,6 @@ def find_planned_contact(
             if slab < limit:
                 limit, deciding_pair, deciding_sphere = slab, pairs[index], sphere
     if limit == slabs:
-        return math.inf, NOBODY, NOBODY, evaluated
+        return math.inf, NONE, NONE, evaluated
     begin = float(course.start[limit] - offset)
     return max(begin, 0.0) * (1.0 - SUM_ROUNDING), deciding_pair, deciding_sphere, evaluated

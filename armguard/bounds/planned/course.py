@@ -6,7 +6,7 @@ at that configuration, along any unit vector n, by at most
 
     min( sum_j |n.J_j| h_j + sum_ij R_max(i, j) h_i h_j / 2,  sum_j R_j h_j ),
 
-the first being Taylor's bound, the second what levers alone say.
+the first being Taylor's bound, the second what the reaches about the joints say.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 
 BLOCK = 8
-"""Slabs that are looked at together first."""
+"""Slabs that are evaluated together first."""
 
 
 class ArmShape(NamedTuple):
@@ -48,11 +48,11 @@ class PlannedCourse(NamedTuple):
     start: FloatArray
     """Of each slab, in [s]. Shape (slabs,)."""
     end: FloatArray
-    """Likewise; the next one's start. After the last, the arm rests. Shape (slabs,)."""
+    """Of each slab, in [s]: the next one's start. After the last, the arm rests. Shape (slabs,)."""
     middle: FloatArray
     """Joint positions that each slab's box is around, in [rad] or [m]. Shape (slabs, nv)."""
     half: FloatArray
-    """How far from there joints can be, alike. Shape (slabs, nv)."""
+    """How far from there joints can be, in [rad] or [m]. Shape (slabs, nv)."""
     centers: FloatArray
     """Of all spheres in those positions, in the world, in [m]. Shape (slabs, n, 3)."""
     jacobian: FloatArray
@@ -87,13 +87,14 @@ def deviation_along(
         pz: As px.
         jacobian: Pinocchio's `data.J` there. Shape (6, nv).
         half: Half the widths of the box, in [rad] or [m]. Shape (nv,).
-        lever: The point's levers. Shape (nv,).
+        lever: The point's reaches about the joints. Shape (nv,).
         turning: Which joints are revolute. Shape (nv,).
     """
     straight = 0.0
     bent = 0.0
     most = 0.0
-    # The angles of those joints nearer to the base: what bends the path of a joint's own way.
+    # The angles of the joints nearer to the base, which bend the path that this one gives the
+    # point.
     before = 0.0
     for j in range(lever.shape[0]):
         radius = lever[j]

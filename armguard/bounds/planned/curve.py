@@ -110,7 +110,7 @@ def curve_range(
         first: In [s], within `times`.
         last: In [s], within `times`, >= first.
         low: Filled, in [rad] or [m]. Shape (nv,).
-        high: Filled, alike. Shape (nv,).
+        high: Filled, in [rad] or [m]. Shape (nv,).
     """
     low[:] = math.inf
     high[:] = -math.inf
@@ -171,10 +171,11 @@ def find_excess(
         q: As for `evaluate_curve`.
         v: As for `evaluate_curve`.
         lower: Least positions, in [rad] or [m]. Shape (nv,).
-        upper: Greatest positions, alike. Shape (nv,).
+        upper: Greatest positions, in [rad] or [m]. Shape (nv,).
         fastest: Greatest speeds, in [rad]/[s] or [m]/[s]. Shape (nv,).
         acceleration: Greatest accelerations, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
-        peak: Filled with the greatest acceleration of each joint, alike. Shape (nv,).
+        peak: Filled with the greatest acceleration of each joint, in [rad]/[s²] or [m]/[s²].
+            Shape (nv,).
 
     Returns:
         What is beyond its limit, the joint, the sample before, and the value found: FINE; POSITION

@@ -1,7 +1,7 @@
 """What the arm does if it follows a plan: obstacles are then all that is unknown.
 
 The controller tells its next piece of trajectory and how far off it the arm may be; at its end the
-arm brakes. Where it can be on the way is laid out once for each plan, and then asked for contact
+arm brakes. Where it can be meanwhile is laid out once for each plan, and then asked for contact
 times as often as obstacles change.
 """
 
@@ -185,10 +185,10 @@ class PlannedMotion:
         for slab in np.flatnonzero(course.start <= t):
             kinematics.compute(course.middle[slab], self._still)
             place = kinematics.data.oMi[joint].act(local)
-            way = deviation_along(
+            deviation = deviation_along(
                 *along, *place, course.jacobian[slab], course.half[slab], lever, self._arm.turning
             )
-            largest = max(largest, float(along @ place) - origin + way)
+            largest = max(largest, float(along @ place) - origin + deviation)
         return largest
 
     def _enclose(self, centers: FloatArray, half: FloatArray) -> tuple[FloatArray, FloatArray]:

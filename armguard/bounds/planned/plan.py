@@ -86,7 +86,7 @@ def read_plan(plan: object, joints: int) -> Plan | Refusal:
 
 
 def _read_array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray | Refusal:
-    """A finite float64 copy, which nobody else writes to; -1 in `shape` is any length."""
+    """A finite float64 copy, which nothing else writes to; -1 in `shape` is any length."""
     try:
         if isinstance(values, np.ma.MaskedArray):
             # What was masked out was not planned.
@@ -103,7 +103,7 @@ def _read_array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray | 
         with np.errstate(all="ignore"):
             array: FloatArray = np.array(given, dtype=np.float64, order="C")
     except Exception:
-        # Whatever an object of somebody else's raises here, it is no array.
+        # Whatever a foreign object raises here, it is no array.
         return Refusal(name, "is no array of numbers")
     if not np.isfinite(array).all():
         return Refusal(name, "is not finite everywhere")

@@ -42,7 +42,7 @@ class JointSlabs(NamedTuple):
     middle: FloatArray
     """Middles of the boxes, in [rad] or [m]. Shape (slabs, nv)."""
     half: FloatArray
-    """Half their widths, alike. Shape (slabs, nv)."""
+    """Half their widths, in [rad] or [m]. Shape (slabs, nv)."""
 
 
 def make_slabs(

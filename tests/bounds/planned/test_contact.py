@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armguard.bounds import Plan, PlannedCourse, PlannedMotion, check_plan
-from armguard.bounds.planned.contact import NOBODY, find_planned_contact
+from armguard.bounds.planned.contact import NONE, find_planned_contact
 from armguard.bounds.planned.course import ArmShape
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
@@ -103,9 +103,9 @@ def random_place(random, least=0.3, most=1.5):
 
 
 def test_nobody_and_the_far_are_free(arm):
-    assert ask(arm, crowd([])) == (np.inf, NOBODY, NOBODY, 0)
+    assert ask(arm, crowd([])) == (np.inf, NONE, NONE, 0)
     found = ask(arm, crowd([[5.0, 0.0, 0.0], [0.0, 0.0, 9.0]]))
-    assert found[:3] == (np.inf, NOBODY, NOBODY)
+    assert found[:3] == (np.inf, NONE, NONE)
     assert found.evaluated > 0
 
 
@@ -130,7 +130,7 @@ def test_the_earliest_of_all_pairs_decides_whatever_their_order(arm):
         found = ask(arm, obstacles)
         assert found.time == min(alone)
         assert ask(arm, obstacles, pairs=random.permutation(pairs)).time == found.time
-        if found.pair != NOBODY:
+        if found.pair != NONE:
             assert alone[list(pairs).index(found.pair)] == found.time
             others = pairs[pairs // len(arm[0].links) != found.pair // len(arm[0].links)]
             assert ask(arm, obstacles, pairs=others).time >= found.time
@@ -176,7 +176,7 @@ def test_where_nothing_is_known_contact_is_now(arm):
         unseen = crowd([9.0, 0.0, 0.0])
         unseen.update(["ball0"], NOW, [position], np.zeros((1, 3)), radius=0.1)
         found = ask(arm, unseen)
-        assert (found.time, found.sphere) == (0.0, NOBODY)
+        assert (found.time, found.sphere) == (0.0, NONE)
         assert found.pair // len(arm[0].links) in np.flatnonzero(unseen.table.alive)
     never = crowd([9.0, 0.0, 0.0])
     never.table.has_state[:] = False
@@ -248,4 +248,4 @@ def test_a_contact_time_is_when_a_slab_begins_rounded_down(arm):
 
 @pytest.mark.parametrize("now", [NOW - 1e-6, NOW + 10.0, np.nan, np.inf, -np.inf])
 def test_outside_the_course_nothing_is_known(arm, now):
-    assert ask(arm, crowd([9.0, 0.0, 0.0]), now=now)[:3] == (0.0, NOBODY, NOBODY)
+    assert ask(arm, crowd([9.0, 0.0, 0.0]), now=now)[:3] == (0.0, NONE, NONE)
