@@ -164,9 +164,9 @@ class Deadline:
         return self._look.overdue
 
     def count_flagged(self) -> int:
-        """None: no ball waits beyond what matters to a stop."""
+        """None: nothing waits beyond what matters to a stop."""
         return 0
 
     def last_look(self, pair: int) -> int:
-        """Tick in which a pair's obstacle was last evaluated."""
+        """Tick of the last look at a pair's obstacle."""
         return round(self._watch.recall(pair).evaluated_at * RATE)
