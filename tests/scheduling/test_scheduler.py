@@ -24,7 +24,7 @@ class World:
         self.number = 0
         self.tick = None
 
-    def look(self, stop_time=0.1):
+    def evaluate_due(self, stop_time=0.1):
         self.number += 1
         now = self.number * PERIOD
         self.scheduler.follow()
