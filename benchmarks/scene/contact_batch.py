@@ -1,4 +1,4 @@
-"""The first tangent advances for arrays of pairs, without branches, so that they run side by side.
+"""The first advances for arrays of pairs, without branches, so that they run side by side.
 
 For sweeps over very many pairs in the relative form: body 2 moves, with one bound on acceleration
 and one on speed. The mathematics and the account of its rounding are those of `witness`. Blocks of
