@@ -38,7 +38,7 @@ class Scene:
         added, removed = self.obstacles.drain_membership()
         return self.certificates.change(added, removed, len(self.obstacles.table.alive))
 
-    def look(self, pairs, time=5.0, now=0.0):
+    def enter(self, pairs, time=5.0, now=0.0):
         self.tick += 1
         self.state.begin(now, 0.0, 0.0)
         times = np.full(len(pairs), time)
@@ -84,7 +84,7 @@ def test_a_row_with_another_occupant_starts_anew():
     scene = Scene()
     row = scene.see(0.0, 3.0)
     fresh, _ = scene.follow()
-    scene.evaluate_due(fresh)
+    scene.enter(fresh)
     assert scene.earliest(0.0, scene.tick)[2] == 0
     scene.obstacles.remove(["ball"])
     assert scene.see(0.1, 0.5, name="other") == row
@@ -99,7 +99,7 @@ def test_doubt_touches_all_pairs_once():
     scene = Scene()
     scene.see(0.0, 3.0)
     fresh, _ = scene.follow()
-    scene.evaluate_due(fresh)
+    scene.enter(fresh)
     assert scene.disturbed() == ([], [])
     scene.certificates.invalidate_all()
     assert scene.disturbed() == (fresh.tolist(), [])
@@ -118,7 +118,7 @@ def test_pairs_that_nobody_watches():
 def test_the_table_may_grow_for_rows_that_never_were():
     scene = Scene()
     row = scene.see(0.0, 3.0)
-    scene.evaluate_due(scene.follow()[0])
+    scene.enter(scene.follow()[0])
     names = [f"brief{i}" for i in range(200)]
     scene.obstacles.update(names, 0.1, np.full((200, 3), 9.0), radius=0.1)
     scene.obstacles.remove(names)
@@ -131,7 +131,7 @@ def test_the_table_may_grow_for_rows_that_never_were():
 def test_a_clear_ledger_knows_nothing():
     scene = Scene()
     scene.see(0.0, 3.0)
-    scene.evaluate_due(scene.follow()[0])
+    scene.enter(scene.follow()[0])
     scene.certificates.clear()
     assert scene.earliest(0.0, 1) == (NOBODY, math.inf, 0)
     scene.obstacles.start_watching()
@@ -147,7 +147,7 @@ def test_deadlines_are_never_late(now, contact_time, wait):
     scene = Scene(keeps_certificates=False)
     scene.see(0.0, 3.0)
     pairs, _ = scene.follow()
-    scene.evaluate_due(pairs, contact_time, now)
+    scene.enter(pairs, contact_time, now)
     later = now + wait
     _, left, overdue = scene.earliest(later, scene.tick + 1)
     exact = Fraction(now) + Fraction(contact_time) - Fraction(later)
@@ -160,7 +160,7 @@ def test_never_stays_never():
     scene = Scene()
     scene.see(0.0, 3.0)
     pairs, _ = scene.follow()
-    scene.evaluate_due(pairs, math.inf)
+    scene.enter(pairs, math.inf)
     assert scene.earliest(7.0, scene.tick)[1] == math.inf
 
 
@@ -168,8 +168,8 @@ def test_the_earliest_of_all_certificates_counts():
     scene = Scene()
     scene.see(0.0, 3.0)
     pairs, _ = scene.follow()
-    scene.evaluate_due(pairs, 5.0)
-    scene.evaluate_due(pairs[1:2], 2.0)
+    scene.enter(pairs, 5.0)
+    scene.enter(pairs[1:2], 2.0)
     pair, time, overdue = scene.earliest(1.0, 9)
     assert pair == pairs[1]
     assert time == pytest.approx(1.0)
@@ -184,7 +184,7 @@ def test_the_earliest_of_all_certificates_counts():
 def test_motion_within_bounds_disturbs_nothing():
     scene = Scene()
     scene.see(0.0, 3.0)
-    scene.evaluate_due(scene.follow()[0])
+    scene.enter(scene.follow()[0])
     for i in range(1, 50):
         t = 0.01 * i
         scene.see(
@@ -210,12 +210,12 @@ def test_motion_within_bounds_disturbs_nothing():
 def test_growth_is_no_broken_bound(change):
     scene = Scene()
     row = scene.see(0.0, 3.0)
-    scene.evaluate_due(scene.follow()[0])
+    scene.enter(scene.follow()[0])
     scene.see(0.1, 3.0, **change)
     assert scene.obstacles.take_faults() == []
     assert scene.disturbed() == (pairs_of(row), [])
     # Told once; a look would renew the ground, and shrinking needs none.
-    scene.evaluate_due(np.array(pairs_of(row)))
+    scene.enter(np.array(pairs_of(row)))
     scene.see(0.2, 3.0)
     assert scene.disturbed() == ([], [])
     scene.see(0.3, 3.0, **change)
@@ -226,7 +226,7 @@ def test_bounds_that_grow_back_after_a_look_at_smaller_ones():
     scene = Scene()
     row = scene.see(0.0, 3.0, radius=0.5)
     pairs, _ = scene.follow()
-    scene.evaluate_due(pairs)
+    scene.enter(pairs)
     scene.see(0.1, 3.0, radius=0.1)
     assert scene.disturbed() == ([], [])
     scene.certificates.extend(pairs_of(row)[1], 50.0, 0.1, 2, scene.state)
@@ -239,7 +239,7 @@ def test_an_extension_that_adds_nothing_leaves_the_older_proof():
     scene = Scene()
     row = scene.see(0.0, 3.0, radius=0.5)
     pairs, _ = scene.follow()
-    scene.evaluate_due(pairs, 5.0)
+    scene.enter(pairs, 5.0)
     scene.see(0.1, 3.0, radius=0.1)
     scene.disturbed()
     scene.certificates.extend(pairs_of(row)[0], 1.0, 0.1, 2, scene.state)
@@ -254,7 +254,7 @@ def test_a_state_may_be_inside_the_last_one_and_outside_an_older_one():
     scene = Scene(accel=10.0, speed=2.0)
     row = scene.see(0.0, 3.0, position_error=0.05)
     pairs, _ = scene.follow()
-    scene.evaluate_due(pairs)
+    scene.enter(pairs)
     broken = []
     for i in range(1, 12):
         scene.see(0.001 * i, 3.0 - 0.09 * i, position_error=0.05)
@@ -269,11 +269,11 @@ def test_a_state_may_be_inside_the_last_one_and_outside_an_older_one():
 def test_a_refused_sample_grows_and_a_new_track_breaks():
     scene = Scene()
     row = scene.see(0.0, 3.0)
-    scene.evaluate_due(scene.follow()[0])
+    scene.enter(scene.follow()[0])
     for i in range(1, 5):
         scene.see(0.01 * i, 1.0)
         assert scene.disturbed() == (pairs_of(row), [])
-        scene.evaluate_due(np.array(pairs_of(row)))
+        scene.enter(np.array(pairs_of(row)))
     scene.see(0.05, 1.0)
     assert scene.disturbed() == ([], pairs_of(row))
 
@@ -281,7 +281,7 @@ def test_a_refused_sample_grows_and_a_new_track_breaks():
 def test_the_first_state_after_refused_ones_breaks_nothing():
     scene = Scene()
     row = scene.see(0.0, math.nan)
-    scene.evaluate_due(scene.follow()[0], 0.0)
+    scene.enter(scene.follow()[0], 0.0)
     assert scene.disturbed() == (pairs_of(row), [])
     scene.see(0.1, 3.0)
     assert scene.disturbed() == (pairs_of(row), [])
@@ -290,10 +290,10 @@ def test_the_first_state_after_refused_ones_breaks_nothing():
 def test_a_distrusted_state_is_looked_at_again():
     scene = Scene()
     row = scene.see(0.0, 3.0)
-    scene.evaluate_due(scene.follow()[0])
+    scene.enter(scene.follow()[0])
     scene.obstacles.distrust(row)
     assert scene.disturbed() == (pairs_of(row), [])
-    scene.evaluate_due(np.array(pairs_of(row)), 0.0)
+    scene.enter(np.array(pairs_of(row)), 0.0)
     scene.see(0.1, 0.7)
     assert scene.disturbed() == (pairs_of(row), [])
 
@@ -301,7 +301,7 @@ def test_a_distrusted_state_is_looked_at_again():
 def test_statics_are_never_disturbed():
     scene = Scene()
     scene.obstacles.add_static("table", [1.0, 0.0, 0.0], 0.1)
-    scene.evaluate_due(scene.follow()[0])
+    scene.enter(scene.follow()[0])
     assert scene.disturbed(1e6) == ([], [])
 
 
@@ -318,21 +318,21 @@ def test_reference_states_of_balls_and_boxes_side_by_side():
     """A box that comes later gives every reference state more room; those of balls still hold."""
     scene = Scene()
     ball = scene.see(0.0, 3.0)
-    scene.evaluate_due(scene.follow()[0])
+    scene.enter(scene.follow()[0])
     points = np.random.default_rng(0).normal(size=(1, 8, 3)) + 5.0
     still = np.zeros((1, 8, 3))
     scene.obstacles.update(["box"], 0.0, points, still, radius=0.1)
     fresh, _ = scene.follow()
     scene.see(0.01, 3.0)
     assert scene.disturbed() == ([], [])
-    scene.evaluate_due(fresh)
+    scene.enter(fresh)
     box = scene.obstacles.row("box")
     assert fresh.tolist() == pairs_of(box)
     scene.obstacles.update(["box"], 0.02, points, still, radius=0.1)
     assert scene.disturbed() == ([], [])
     scene.obstacles.update(["box"], 0.04, points, still, radius=0.2)
     assert scene.disturbed() == (pairs_of(box), [])
-    scene.evaluate_due(fresh)
+    scene.enter(fresh)
     for i in range(5):
         moved = points.copy()
         moved[0, 7] += 1.0
