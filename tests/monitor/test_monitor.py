@@ -29,7 +29,7 @@ def test_an_empty_cell_is_clear_and_says_why(schedule):
     (verdict,) = steps(monitor, 0, 1)
     assert (verdict.level, verdict.contact_time) == (Level.CLEAR, math.inf)
     assert (verdict.link, verdict.obstacle, verdict.evaluated) == (None, None, 0)
-    assert kinds(verdict) == {ReasonKind.NO_SOURCES}
+    assert kinds(verdict) == {ReasonKind.NO_SOURCES_EXPECTED}
     assert (verdict.complete, verdict.speed_scale, verdict.sequence) == (True, 1.0, 1)
 
 

@@ -300,7 +300,7 @@ def test_a_refused_sample_counts_beside_the_accepted_one():
 
 
 def test_extreme_values_end_in_contact_times():
-    obstacles, tiny, huge = Obstacles(), 5e-324, 1e300
+    obstacles, tiny, huge = Obstacles(extent=math.inf), 5e-324, 1e300
     for i, (x, v, radius, accel, speed) in enumerate(
         [
             (huge, 0.0, 0.1, 10.0, 2.0),

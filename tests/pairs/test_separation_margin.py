@@ -25,6 +25,7 @@ SPHERES = KINEMATICS.spheres
 LEAVES = np.flatnonzero(SPHERES.child_count == 0)
 LINKS = len(PANDA.links)
 MOTION = IsotropicMotion(PANDA)
+NEARLY = 2e-9  # no position is known more exactly than to a nanometre
 RESPONSE_TIME, STOP_TIME = 0.03, 0.25
 
 
@@ -76,7 +77,7 @@ def scene_of(tree, arm, obstacles, now=0.0, arm_age=0.0):
 
 
 def ball(position, radius=0.1, stamp=0.0, **fields):
-    obstacles = Obstacles()
+    obstacles = Obstacles(extent=math.inf)
     obstacles.update(["ball"], stamp, [position], [[0.0, 0.0, 0.0]], radius, **fields)
     return obstacles
 
@@ -91,17 +92,17 @@ def test_worked_case(distance):
     arm = one_sphere([0.0, 0.0, 0.0], [1.0, 0.5, 0.0], 0.1)
     state = scene_of(*arm, ball([distance + 0.1 + 0.2, 0.0, 0.0], radius=0.2))
     rule = SeparationRule(1.6, 0.20, 0.10, 0.05)
-    assert margin_of(state, rule, 0.40, response=0.10) == pytest.approx(distance - 1.24, abs=1e-9)
+    assert margin_of(state, rule, 0.40, response=0.10) == pytest.approx(distance - 1.24, abs=NEARLY)
 
 
 def test_a_receding_sphere_adds_nothing_and_errors_count():
     obstacles = ball([1.0, 0.0, 0.0], position_error=0.01)
     away = scene_of(*one_sphere([0.0, 0.0, 0.0], [-2.0, 0.0, 0.0], 0.1), obstacles)
-    assert margin_of(away) == pytest.approx(0.8 - 0.01 - 1.6 * 0.25, abs=1e-9)
+    assert margin_of(away) == pytest.approx(0.8 - 0.01 - 1.6 * 0.25, abs=NEARLY)
     errors = {"position_error": 0.02, "velocity_error": 0.3}
     still = scene_of(*one_sphere([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], 0.1, **errors), obstacles)
     expected = 0.8 - 0.01 - 0.02 - compute_separation(0.3, 0.03, 0.22)
-    assert margin_of(still) == pytest.approx(expected, abs=1e-9)
+    assert margin_of(still) == pytest.approx(expected, abs=NEARLY)
 
 
 def test_what_may_have_happened_since_a_stamp_counts():
@@ -109,21 +110,21 @@ def test_what_may_have_happened_since_a_stamp_counts():
     obstacles = ball([2.0, 0.0, 0.0], accel=10.0, speed=2.0)
     fresh = margin_of(scene_of(*arm, obstacles))
     # From rest at 10 m/s²: 0.05 m in 0.1 s, then at 2 m/s.
-    assert margin_of(scene_of(*arm, obstacles, now=0.1)) == pytest.approx(fresh - 0.05, abs=1e-9)
-    assert margin_of(scene_of(*arm, obstacles, now=0.3)) == pytest.approx(fresh - 0.4, abs=1e-9)
+    assert margin_of(scene_of(*arm, obstacles, now=0.1)) == pytest.approx(fresh - 0.05, abs=NEARLY)
+    assert margin_of(scene_of(*arm, obstacles, now=0.3)) == pytest.approx(fresh - 0.4, abs=NEARLY)
     for age in (0.1, -0.1):
         aged = margin_of(scene_of(*arm, obstacles, arm_age=age))
         gone = 0.1 + 0.5 * 2.0 * 0.1**2
         faster = compute_separation(1.2, 0.03, 0.22) - compute_separation(1.0, 0.03, 0.22)
-        assert aged == pytest.approx(fresh - gone - faster, abs=1e-9)
+        assert aged == pytest.approx(fresh - gone - faster, abs=NEARLY)
 
 
 def test_speed_bounds_of_obstacles_where_told_so():
     arm = one_sphere([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], 0.1)
     obstacles = ball([3.0, 0.0, 0.0], speed=2.5)
     own = margin_of(scene_of(*arm, obstacles), SeparationRule(human_speed=None))
-    assert own == pytest.approx(2.8 - 2.5 * 0.25, abs=1e-9)
-    assert margin_of(scene_of(*arm, obstacles)) == pytest.approx(2.8 - 1.6 * 0.25, abs=1e-9)
+    assert own == pytest.approx(2.8 - 2.5 * 0.25, abs=NEARLY)
+    assert margin_of(scene_of(*arm, obstacles)) == pytest.approx(2.8 - 1.6 * 0.25, abs=NEARLY)
     unbounded = ball([3.0, 0.0, 0.0], speed=math.inf)
     state = scene_of(*arm, unbounded)
     assert margin_of(state, SeparationRule(human_speed=None)) == -math.inf
@@ -136,7 +137,8 @@ def test_statics_do_not_walk():
     arm = one_sphere([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.1)
     rule = SeparationRule(intrusion_distance=0.3)
     expected = 1.4 - compute_separation(1.0, 0.03, 0.22, human_speed=0.0)
-    assert margin_of(scene_of(*arm, obstacles, now=9.0), rule) == pytest.approx(expected, abs=1e-9)
+    margin = margin_of(scene_of(*arm, obstacles, now=9.0), rule)
+    assert margin == pytest.approx(expected, abs=NEARLY)
 
 
 def random_scene(random):
@@ -273,7 +275,7 @@ def test_both_tracks_count_until_one_is_confirmed():
     obstacles.update(["ball"], 0.01, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], 0.1)
     assert obstacles.table.refused.any()
     refused = margin_of(scene_of(*arm, obstacles, now=0.01))
-    assert refused == pytest.approx(0.8 - 1.6 * 0.25, abs=1e-9)
+    assert refused == pytest.approx(0.8 - 1.6 * 0.25, abs=NEARLY)
 
 
 def test_what_is_unknown_is_the_worst():
@@ -304,7 +306,7 @@ def test_an_arm_that_is_nowhere_has_no_margin(where, bad):
     margin = margin_of(scene_of(*one_sphere(**fields), ball([3.0, 0.0, 0.0])))
     if where == "velocity_error" and bad == math.inf:
         # Its speed is bounded all the same.
-        assert margin == pytest.approx(2.8 - compute_separation(5.0, 0.03, 0.22), abs=1e-9)
+        assert margin == pytest.approx(2.8 - compute_separation(5.0, 0.03, 0.22), abs=NEARLY)
     else:
         assert margin == -math.inf
 
