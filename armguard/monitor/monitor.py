@@ -365,8 +365,10 @@ class Monitor:
         if self._ignored.unmatched:
             reasons += self._tell_unmatched()
         verdict = self._judge.judge(stamp, tick, result, reasons, unplaced=self._unplaced)
-        standing = (one for one in reasons if one.kind.effect is Effect.STANDING)
-        self._standing = next(standing, None)
+        self._standing = None
+        if reasons:
+            standing = (one for one in reasons if one.kind.effect is Effect.STANDING)
+            self._standing = next(standing, None)
         return verdict
 
     def _tell_unmatched(self) -> list[Reason]:

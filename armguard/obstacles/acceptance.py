@@ -334,7 +334,7 @@ def take_samples(
             samples.position_error[i] += frame_error
         # Read: values that cannot be used at all, and errors below what numbers resolve.
         code, value = _find_flaw(samples, i, speed_is_error, extent)
-        if code == TAKEN:
+        if code in (TAKEN, TOO_FAST):
             samples.position_error[i] = max(samples.position_error[i], RESOLUTION)
             samples.velocity_error[i] = max(samples.velocity_error[i], RESOLUTION)
         # Gate: does it agree with the accepted state, by all bounds that were told lately?

@@ -253,7 +253,7 @@ def test_a_scale_found_before_there_were_news_is_not_given_out_after():
                 table = braking.tabulate(
                     HOME, STILL, 0.0, PERIOD + LATENCY, going_on=SLOW, scale=verdict.speed_scale
                 )
-                unsafe, _ = monitor._scheduler.find_unsafe(tick, float(table.time[-1]))
+                unsafe = monitor._scheduler.find_unsafe(tick, float(table.time[-1])).pair
                 assert unsafe == -1, (nearer, k, verdict)
         tightened += 0.0 < given[-1] < given[59] < 1.0
     assert tightened > 1

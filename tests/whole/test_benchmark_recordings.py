@@ -139,8 +139,8 @@ def test_a_stop_is_held(load):
     holder = benchmark.Holder()
     assert not holder.update(0.0, True)
     assert holder.update(0.1, False)
-    assert holder.update(0.1 + 0.9 * benchmark.HOLD, True)
-    assert not holder.update(0.1 + 1.1 * benchmark.HOLD, True)
+    assert holder.update(0.1 + 0.9 * benchmark.RISE_DELAY, True)
+    assert not holder.update(0.1 + 1.1 * benchmark.RISE_DELAY, True)
 
 
 def test_the_recordings_origin_is_where_the_base_sees_it(load):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from contact_batch import batch_contact_times, finish_contact_times
+from scene.contact_batch import batch_contact_times, finish_contact_times
 
 from armguard.contact import Certificate, earliest_contact, verify
 
