@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from scene.contact_batch import batch_contact_times, finish_contact_times
 
 from armguard.contact import Certificate, earliest_contact, verify
+from scene.contact_batch import batch_contact_times, finish_contact_times
 
 
 def _pairs(rng, count, decades):
