@@ -135,6 +135,7 @@ class Monitor:
         self.obstacles = obstacles
         self.base_placement = settings.base_placement
         self._response_time = settings.response_time
+        self._max_staleness = settings.max_staleness
         self._source_timeout = settings.source_timeout
         self._rule = VerdictRule(slow_margin, aware_margin, rise_delay)
         self._states = JointStates(
@@ -338,17 +339,20 @@ class Monitor:
             scheduler.invalidate_all()
         if not quiet:
             reasons += self._read_obstacles(now)
-        tick = Tick(
-            number,
-            now,
-            now - self._epoch,
-            states.q,
-            states.v,
-            now - stamp,
-            stop_time,
-            # Children are opened only where a refinement could still matter to the level.
-            (stop_time + self._rule.aware_margin) / (1.0 - self.settings.max_staleness),
-            late,
+        tick: Tick = tuple.__new__(
+            Tick,
+            (
+                number,
+                now,
+                now - epoch,
+                states.q,
+                states.v,
+                now - stamp,
+                stop_time,
+                # Children are opened only where a refinement could still matter to the level.
+                (stop_time + self._rule.aware_margin) / (1.0 - self._max_staleness),
+                late,
+            ),
         )
         result = scheduler.evaluate_due(tick, seen)
         self._last = tick, result
