@@ -80,6 +80,10 @@ def machine_code(compiled: Any, *arguments: Any) -> Any:
     handle is among them. The entry point does not: its caller hands over arguments of exactly
     these types. Compiles what is not compiled yet.
 
+    Over whole ticks among 10 and 1,000 obstacles that is 0.5 to 0.7 µs less in the median, and
+    nothing at p99. It stays for another reason: a kernel called the usual way is compiled anew, in
+    the middle of a tick, for each memory layout of the joint vectors that a caller hands over.
+
     Args:
         compiled: A kernel.
         arguments: For example.
