@@ -255,6 +255,21 @@ def test_the_older_of_two_samples_says_what_the_newer_may_be():
         assert obstacles.table.refused[row], late_first
 
 
+@pytest.mark.parametrize("bound", [{"accel": 50.0}, {"speed": 20.0, "accel": 1e3}])
+def test_bounds_that_were_told_just_now_count_whenever_they_are_narrowed(bound):
+    """However long the source has spoken before: nothing depends on where its time is cut."""
+    for begun in (0.0, 0.1, 0.195, 0.3, 0.395):
+        obstacles = Obstacles(accel=1.0, speed=1.0)
+        row = see(obstacles, 1.0 - begun)
+        see(obstacles, 1.0, **bound)
+        see(obstacles, 1.01)
+        # As the wider bound allows, and the narrower one does not.
+        by_speed = "speed" in bound
+        fields = {"x": 0.03, "accel": 1e3} if by_speed else {"x": 1e-3}
+        see(obstacles, 1.02, velocity=[[0.2, 0.0, 0.0]], **fields)
+        assert not obstacles.table.refused[row], begun
+
+
 def test_positions_that_were_summed_up_are_as_exact_as_sums():
     obstacles = Obstacles()
     step, x = 0.1 / 3.0, 0.0
