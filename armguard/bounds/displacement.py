@@ -10,7 +10,8 @@ displacement from where it truly was at the stamp lies between `low` and `high`:
 - By position limits: it stays between the limits, or within what was measured beyond them.
 - At a stop: no joint is to run into one, but should it do so, it may be at rest at the limit from
   the moment on at which it can have got there first, and come back from there; what throws it
-  back is no controller's doing, so it speeds up by as much as the acceleration limit.
+  back is no controller's doing, so it speeds up by as much as the acceleration limit. (One that
+  was thrown back before its stamp, and still speeds up so, breaks its operating limits.)
 
 Before its stamp a joint was nowhere that its top speed does not reach: backwards in time, what
 slows down by the acceleration limit speeds up by it. Both bounds, before they
@@ -166,6 +167,8 @@ def _settle(
         reached = operating_velocity(velocity, accel, speeding, top, free)
         if free > below:
             reached = max(reached, min(top, accel * (free - below)))
+            # What a stop has thrown back still speeds up as hard.
+            speeding = accel
         eased, left = _ease(reached, accel, speeding, deceleration, pace, min(s - free, going_on))
         displacement = min(displacement, highest) + eased
         if free < below < s:

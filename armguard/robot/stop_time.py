@@ -23,8 +23,9 @@ def compute_stop_time(
     """Time in which every joint surely comes to rest, in [s] from now.
 
     Until braking begins, a joint may speed up at its operating acceleration from its measured
-    speed, but never beyond its velocity limit (or its measured speed, if that is larger within errors).
-    Before a state that is yet to be measured it may have been as much faster as it can slow down.
+    speed, but never beyond its velocity limit (or its measured speed, if that is larger within
+    errors). Before a state that is yet to be measured it may have been as much faster as it can
+    slow down.
 
     Args:
         velocity: Measured joint velocities, [rad/s] or [m/s]. Shape (nv,).
