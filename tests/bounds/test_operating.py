@@ -8,22 +8,22 @@ import os
 import numba
 import numpy as np
 import pytest
-from support.hostile_joints import chain_to, place_point
-from support.operating_motions import Law, record_joint
-from support.example_arms import load_arm
 
 from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion
-from armguard.bounds.limits import JointLimits
 from armguard.bounds.displacement import (
     arrival,
     fill_displacements,
     fill_eased_displacements,
+    free_displacement,
     operating_arrival,
     operating_displacement,
     operating_velocity,
-    free_displacement,
 )
+from armguard.bounds.limits import JointLimits
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
+from support.example_arms import load_arm
+from support.hostile_joints import chain_to, place_point
+from support.operating_motions import Law, record_joint
 
 MOTIONS = int(os.environ.get("ARMGUARD_MOTIONS", "30000"))
 ARMS = ("panda", "ur5")
@@ -71,13 +71,18 @@ def test_nothing_arrives_early_and_nothing_much_later(start, accel, speeding, to
     time = operating_arrival(start, *law, room)
     slack = 1e-9 * top * time
     assert operating_displacement(start, *law, time) <= room * (1.0 + 1e-9) + slack
-    assert operating_displacement(start, *law, time * (1.0 + 1e-6) + 1e-9) >= room * (1.0 - 1e-5) - slack
+    assert (
+        operating_displacement(start, *law, time * (1.0 + 1e-6) + 1e-9)
+        >= room * (1.0 - 1e-5) - slack
+    )
 
 
 @pytest.mark.parametrize("start", [-2.0, -0.3, 0.0, 0.4, 3.0])
 def test_with_the_hardware_s_acceleration_nothing_changes_to_the_bit(start):
     for s in np.linspace(0.0, 2.0, 101):
-        assert operating_displacement(start, 0.7, 0.7, 1.5, s) == free_displacement(start, 0.7, 1.5, s)
+        assert operating_displacement(start, 0.7, 0.7, 1.5, s) == free_displacement(
+            start, 0.7, 1.5, s
+        )
         assert operating_velocity(start, 0.7, 0.7, 1.5, s) == min(1.5, start + 0.7 * s)
         assert operating_arrival(start, 0.7, 0.7, 1.5, s) == arrival(start, 0.7, 1.5, s)
 

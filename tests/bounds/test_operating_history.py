@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-from support.motion_questions import altered
-from support.operating_motions import Law, record_joint
-from support.panda_monitor import panda
 
 from armguard.bounds.operating_history import (
     TOO_FAR,
@@ -15,6 +12,9 @@ from armguard.bounds.operating_history import (
     make_empty_record,
 )
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
+from support.motion_questions import altered
+from support.operating_motions import Law, record_joint
+from support.panda_monitor import panda
 
 HOLD = 0.3
 VELOCITY, ACCELERATION = 1.0, 2.0

@@ -8,18 +8,27 @@ import os
 import coal
 import numpy as np
 import pytest
-from support.operating_motions import Law, record_joint
-from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps, subjects
 
-from armguard.bounds import PlannedMotion
+from armguard.bounds import Plan, PlannedMotion, check_plan
 from armguard.exceptions import ArmguardError
-from armguard.robot.kinematics import Kinematics
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.robot.operating_limits import OperatingLimits
-from armguard.bounds import Plan, check_plan
 from armguard.robot import Robot
+from armguard.robot.kinematics import Kinematics
+from armguard.robot.operating_limits import OperatingLimits
 from armguard.verdict import Level, ReasonKind
+from support.operating_motions import Law, record_joint
+from support.panda_monitor import (
+    HOME,
+    PERIOD,
+    STILL,
+    kinds,
+    make_monitor,
+    panda,
+    see,
+    steps,
+    subjects,
+)
 
 PAIR_TICKS = int(os.environ.get("ARMGUARD_PAIR_TICKS", "12000"))
 THIRD = np.eye(7)[2]
@@ -194,7 +203,10 @@ def test_a_tool_attached_meanwhile_has_the_limits_in_force():
     monitor.step(10 * PERIOD, HOME, HARD * THIRD)
     robot.attach("tool", "panda_hand", coal.Sphere(0.05))
     monitor.step(11 * PERIOD, HOME, HARD * THIRD)
-    isotropic, limits = monitor._scheduler.arm.motion.isotropic, monitor._scheduler.arm.state.scene.limits
+    isotropic, limits = (
+        monitor._scheduler.arm.motion.isotropic,
+        monitor._scheduler.arm.state.scene.limits,
+    )
     assert "tool" in monitor._scheduler.arm.links
     np.testing.assert_array_equal(limits.operating_velocity, panda().velocity_limit)
     np.testing.assert_array_equal(isotropic._fastest, panda().velocity_limit)

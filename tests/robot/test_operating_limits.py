@@ -4,8 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.motion_questions import altered
-from support.panda_monitor import panda
 
 from armguard.exceptions import ArmguardError
 from armguard.robot.operating_limits import (
@@ -14,6 +12,8 @@ from armguard.robot.operating_limits import (
     put_in_force,
     read_operating,
 )
+from support.motion_questions import altered
+from support.panda_monitor import panda
 
 
 def test_one_number_is_for_all_joints_and_what_is_left_out_is_the_hardware_s():
