@@ -58,9 +58,7 @@ class ArmMotion:
         self.reach = ReachMotion(robot, base_placement)
         self.joint = JointMotion(robot, base_placement, lever=lever)
         self.braking = BrakingMotion(robot, reaction_time, base_placement, lever=lever)
-        self.planned = (
-            PlannedMotion(robot, reaction_time, base_placement, lever=lever) if with_plans else None
-        )
+        self.planned = PlannedMotion(robot, base_placement, lever=lever) if with_plans else None
         self.with_joints = with_joints
         self.table = self.joint.table
         self.braking_table = self.braking.table
