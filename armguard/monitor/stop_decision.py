@@ -91,7 +91,7 @@ class StopDecision:
         return self._is_free(tick, float(table.time[-1]))
 
     def find_scale(self, tick: Tick, is_free: IsFree | None = None) -> float:
-        """The greatest fraction of their velocity limits at which joints may go on, in [0, 1].
+        """The greatest fraction of their operating velocities at which joints may go on, in [0, 1].
 
         Of an arm on a known path it is its clock that is scaled, and `is_free` that is asked.
 

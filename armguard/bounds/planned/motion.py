@@ -42,7 +42,11 @@ from armguard.robot.robot import Robot
 
 
 class PlannedMotion:
-    """The arm follows a plan within its deviation, to rest at its end or until it is stopped."""
+    """The arm follows a plan within its deviation, to rest at its end or until it is stopped.
+
+    Beside the plan itself it is the robot's own limits that count: operating limits may cease to be
+    in force, and what was proved of a piece is to stand until its end.
+    """
 
     def __init__(
         self,
