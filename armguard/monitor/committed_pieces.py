@@ -17,7 +17,7 @@ import numpy as np
 
 from armguard.bounds.planned.check import check_plan, check_stop
 from armguard.bounds.planned.course import PlannedCourse
-from armguard.bounds.planned.following import check_following, find_disagreement
+from armguard.bounds.planned.following import check_following, find_disagreement, is_covered
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
 from armguard.jit.arrays import BoolArray, IntArray
@@ -110,10 +110,13 @@ class CommittedPieces:
         if pieces and not kept:
             assert refusal is not None, "the last one disagreed"
             return refuse_plan(*refusal)
+        going_on = kept
+        # One at whose every place the arm is on the new piece, too, need not be kept.
+        kept = [piece for piece in kept if not is_covered(piece.plan, checked, robot, first)]
         if len(kept) >= MOST_PIECES:
             detail = f"is the {MOST_PIECES + 1}th that the arm may be on: commit less often"
             return refuse_plan("plan", detail)
-        before = tuple(piece.plan for piece in kept)
+        before = tuple(piece.plan for piece in going_on)
         course = self._planned_motion().lay_out(checked, before)
         contact = self._find_contact(course, tick)
         if contact is not None:

@@ -171,7 +171,11 @@ def check_following(
 
 
 def find_disagreement(
-    before: CheckedPlan, after: CheckedPlan, robot: Robot, first: float, last: float
+    before: CheckedPlan,
+    after: CheckedPlan,
+    robot: Robot,
+    first: float,
+    last: float,
 ) -> Refusal | None:
     """Where two plans differ by more than the arm may be off either; None if nowhere.
 
@@ -217,3 +221,21 @@ def find_disagreement(
                 f"{room[j]:.3g} from {first:.6g} s to {last:.6g} s",
             )
     return None
+
+
+def is_covered(before: CheckedPlan, after: CheckedPlan, robot: Robot, first: float) -> bool:
+    """Whether an arm on one plan is on another as well, from some time on until both end.
+
+    Args:
+        before: The plan that the arm may be on.
+        after: The other.
+        robot: Whose joints these are.
+        first: From when on, in [s].
+    """
+    if not (before.deviation <= after.deviation + LIMIT_SLACK).all():
+        return False
+    # Compared as if neither might be left by more than a slack.
+    sharp = np.zeros_like(before.deviation)
+    one, other = before._replace(deviation=sharp), after._replace(deviation=sharp)
+    last = max(before.end, after.end, first)
+    return find_disagreement(one, other, robot, first, last) is None
