@@ -163,6 +163,7 @@ def test_a_piece_rests_on_the_robot_s_own_limits_and_may_be_finished_though_othe
     steps(monitor, 0, 10)
     rest = Plan(0.01, [0.0, 0.5], [HOME, HOME], [STILL, STILL], np.full(7, 0.01), np.full(7, 5.0))
     assert monitor.commit(rest).safe
+    steps(monitor, 10, 5)
     verdict = monitor.step(15 * PERIOD, HOME, HARD * THIRD)
     assert ReasonKind.OPERATING_LIMITS_BROKEN in kinds(verdict)
     assert (verdict.level, verdict.stop) == (Level.STOP, "finish")
