@@ -27,7 +27,7 @@ from armguard.streams.edge import Edge, StampClock
 from armguard.streams.faults import FaultLog
 from armguard.streams.inputs import Input, LineInput, PacedInput, SocketInput
 from armguard.streams.nodes import VerdictPublisher
-from armguard.verdict import Level, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, Level, Reason, ReasonKind, Verdict
 
 LONGEST_SPELL = 0.19
 REST = 0.01
@@ -316,6 +316,7 @@ def _wait_for_joints(now: float, dropped_age: float) -> Verdict:
         evaluated=0,
         reasons=(reason,),
         valid_until=now,
+        stop=BRAKE,
     )
 
 

@@ -65,9 +65,7 @@ class ArmMotion:
         )
         self.planned = None
         if with_plans:
-            self.planned = PlannedMotion(
-                robot, reaction_time, base_placement, lever=lever, operating=in_force
-            )
+            self.planned = PlannedMotion(robot, base_placement, lever=lever)
         self.with_joints = with_joints
         self.table = self.joint.table
         self.braking_table = self.braking.table

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from armguard.contact.earliest import Certificate
-from armguard.monitor.committed_plan import CommittedPlan
+from armguard.monitor.known_path import KnownPath
 from armguard.monitor.levels import VerdictRule
 from armguard.monitor.settings import MonitorSettings
 from armguard.monitor.stop_decision import StopDecision
@@ -19,7 +19,7 @@ from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
-from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, FINISH, Effect, Level, Reason, ReasonKind, Verdict
 
 NO_NAMES = (None, None)
 """Of link and obstacle, where no pair decides."""
@@ -38,7 +38,7 @@ class Judge:
         certify: Whether each verdict is to carry a certificate.
 
     Attributes:
-        plan: The plan that the arm follows; None where plans are not judged.
+        path: What is known of the arm's way; None where plans are not judged.
         certificate_inputs: What the last verdict's certificate is about.
     """
 
@@ -62,6 +62,7 @@ class Judge:
         fastest = scheduler.arm.state.scene.limits.operating_velocity
         self._braking_scale = float(np.min(robot.braking_deceleration / fastest))
         self._stopping = None
+        self._late_delay = 0.0
         if settings.with_joints:
             self._stopping = StopDecision(
                 scheduler,
@@ -71,9 +72,11 @@ class Judge:
                 settings.rise_delay,
             )
             states.delay_braking(self._stopping.looks_ahead - self._response_time)
-        self.plan = None
+            self._late_delay = self._stopping.looks_ahead + settings.reaction_time
+        self.path = None
         if scheduler.arm.motion.planned is not None:
-            self.plan = CommittedPlan(robot, scheduler, settings.response_time, settings.margin)
+            self.path = KnownPath(robot, scheduler, settings)
+        self._was_followed = False
         self._separation = None
         if separation is not None:
             self._separation = SeparationMargin(separation, self._braking_delay)
@@ -81,8 +84,8 @@ class Judge:
         self._compile(robot)
 
     def reset(self) -> None:
-        """Forget speed scales and the plan."""
-        for memory in (self._stopping, self.plan):
+        """Forget speed scales and what is known of the arm's way."""
+        for memory in (self._stopping, self.path):
             if memory is not None:
                 memory.reset()
 
@@ -103,7 +106,7 @@ class Judge:
             reasons: What there is to say already; more is added.
             unplaced: Whether there are obstacles that found no room, and could be anywhere.
         """
-        rule, stopping, plan = self._rule, self._stopping, self.plan
+        rule, stopping, path = self._rule, self._stopping, self.path
         pair, contact_time = result.pair, max(0.0, result.expiry - tick.time)
         if unplaced:
             pair, contact_time = NOBODY, 0.0
@@ -117,11 +120,23 @@ class Judge:
         if stopping is not None:
             stopping.left = 0
             spent_before = stopping.evaluated
+        # On a piece that is proved safe to its end, the arm rests whatever verdicts say.
+        is_proved = path is not None and path.is_proved
+        # Brakes that keep the arm on its path take longer than each joint's own.
+        lasting = None if path is None else path.stop_lasting
+        if path is not None and lasting is not None:
+            tick = tick._replace(
+                stop_time=max(tick.stop_time, self._braking_delay + lasting),
+                late_stop_time=max(tick.late_stop_time, self._late_delay + lasting),
+            )
         rests = (
-            stopping is not None
-            and complete
+            complete
             and not (standing or unplaced or contact_time > tick.stop_time)
-            and (stopping.rests(tick) or (plan is not None and plan.rests(tick)))
+            and (
+                is_proved
+                or (stopping is not None and lasting is None and stopping.rests(tick))
+                or (path is not None and path.rests(tick))
+            )
         )
         level, held = rule.decide(
             tick.now,
@@ -142,8 +157,10 @@ class Judge:
             reasons.append(Reason(ReasonKind.CONTACT, f"{names[0]} and {names[1]}", detail))
         if held:
             reasons.append(Reason(ReasonKind.HOLD))
-        scale = self._find_scale(tick, level, contact_time)
+        scale = self._find_scale(tick, level, contact_time, is_proved=is_proved)
         evaluated = result.evaluated
+        if path is not None:
+            evaluated += path.evaluated
         if stopping is not None:
             evaluated += stopping.evaluated - spent_before
             if stopping.left:
@@ -165,6 +182,7 @@ class Judge:
             reasons,
             separation,
             certificate,
+            is_proved=is_proved,
         )
 
     def refuse(self, stamp: float, tick: Tick, reason: Reason, since: str) -> Verdict:
@@ -176,8 +194,8 @@ class Judge:
             reason: What there is against the joint state; it is latched.
             since: When that was, in words.
         """
-        if self.plan is not None:
-            self.plan.reset()
+        if self.path is not None:
+            self.path.reset()
         self.certificate_inputs = None
         self._rule.latch(reason, since)
         level, _ = self._rule.decide(tick.now, 0.0, tick.stop_time, complete=False, standing=True)
@@ -196,9 +214,14 @@ class Judge:
         reasons: list[Reason],
         separation: float | None = None,
         certificate: Certificate | None = None,
+        *,
+        is_proved: bool = False,
     ) -> Verdict:
         """The one place where a verdict is made; the arguments are named as its fields are."""
         latched = self._rule.latched
+        stop = None
+        if level is Level.STOP:
+            stop = FINISH if is_proved else BRAKE
         # A named tuple's own constructor takes twice as long.
         return tuple.__new__(
             Verdict,
@@ -217,6 +240,7 @@ class Judge:
                 math.nextafter(tick.now + self._response_time, -math.inf),
                 separation,
                 certificate,
+                stop,
             ),
         )
 
@@ -226,7 +250,9 @@ class Judge:
         detail = f"{some} not decided about after {self._budget} evaluations"
         return Reason(ReasonKind.BUDGET_SPENT, f"budget={self._budget}", detail)
 
-    def _find_scale(self, tick: Tick, level: Level, contact_time: float) -> float:
+    def _find_scale(
+        self, tick: Tick, level: Level, contact_time: float, *, is_proved: bool
+    ) -> float:
         """The speed scale of a tick: 0 in STOP, 1 in AWARE and CLEAR, and in SLOW what is proved.
 
         Where nothing is near there is nothing to slow down for: SLOW comes in time, for while a
@@ -234,15 +260,23 @@ class Judge:
         """
         if level is Level.STOP:
             return 0.0
-        if level is not Level.SLOW:
+        if level is not Level.SLOW or is_proved:
             return 1.0
-        stopping = self._stopping
+        stopping, path = self._stopping, self.path
         if stopping is None:
             # An arm that is no faster can brake before contact, whatever it does in this tick.
             scale = (contact_time - self._braking_delay) * self._braking_scale
             return min(max(scale, 0.0), 1.0)
         # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
-        scale = 1.0 if contact_time > tick.late_stop_time else stopping.find_scale(tick)
+        is_followed = path is not None and path.is_followed
+        if is_followed is not self._was_followed:
+            # Scales of another kind, found so far, say nothing of this one.
+            stopping.reset()
+            self._was_followed = is_followed
+        scale = 1.0
+        if not contact_time > tick.late_stop_time:
+            is_free = path.is_free if path is not None and is_followed else None
+            scale = stopping.find_scale(tick, is_free)
         return stopping.hold_scale(tick.now, scale)
 
     def _measure_separation(self, tick: Tick, *, unplaced: bool) -> float:
@@ -274,6 +308,8 @@ class Judge:
         if self._stopping is not None:
             self._stopping.find_scale(tick)
             self._stopping.reset()
+        if self.path is not None:
+            self.path.compile(tick)
         if self._separation is not None:
             self._separation.compile(self._scheduler.arm.state)
         if self._certify:

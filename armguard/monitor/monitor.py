@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 from armguard.bounds.operating_history import UNKEPT, OperatingHistory
 from armguard.bounds.planned.plan import Plan
 from armguard.exceptions import ArmguardError
-from armguard.monitor.committed_plan import PlanVerdict, refuse_plan
 from armguard.monitor.explain import Explanation
 from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.joint_reasons import (
@@ -29,8 +28,10 @@ from armguard.monitor.joint_reasons import (
     read_joint_vectors,
 )
 from armguard.monitor.judge import Judge
+from armguard.monitor.known_path import KnownPath
 from armguard.monitor.levels import VerdictRule
 from armguard.monitor.obstacle_reasons import describe_no_sources, take_obstacle_reasons
+from armguard.monitor.plan_verdict import PlanVerdict, refuse_plan
 from armguard.monitor.queries import Queries
 from armguard.monitor.reports import PairReport, Snapshot
 from armguard.monitor.settings import make_scheduler, read_number, read_settings
@@ -62,8 +63,11 @@ class Monitor:
         schedule: "deadline", "full", "distance", "daa", or a `Schedule` of your own.
         motion: How the arm's possible motion is bounded: "joint" (by its joints' limits, and a STOP
             only where braking after the next tick could be too late), "planned" (the same, and the
-            controller tells what it is about to do by `commit`), or "isotropic" (points of the arm
+            controller tells its path, by `commit` or `follow`), or "isotropic" (points of the arm
             as free bodies; cheaper, and far more cautious).
+        stop: How an arm that follows a trajectory stops, for motion="planned": "joints", each by
+            itself from a moment of its own, or "path", together and on the path. The same goes for
+            what `with_stop` appends.
         ignore: Pairs not to be watched, as (link, pattern of obstacle ids); "*" is any. A pattern
             that has fitted no obstacle yet is a STOP that names it. With a third element, the name
             of one of the obstacles' sources, only what that source reports is ignored, and may come
@@ -103,6 +107,7 @@ class Monitor:
         rate: float = 1000.0,
         schedule: str | Schedule = "deadline",
         motion: str = "joint",
+        stop: str = "joints",
         ignore: Iterable[Sequence[str]] = (),
         reaction_time: float = 0.02,
         latency: float = 0.002,
@@ -125,6 +130,7 @@ class Monitor:
             rate=rate,
             schedule=schedule,
             motion=motion,
+            stop=stop,
             joint_timeout=joint_timeout,
             max_staleness=max_staleness,
             budget=budget,
@@ -188,7 +194,14 @@ class Monitor:
         """Faults since construction: refused rows and calls, and states not believed."""
         return self._disbelieved + self.obstacles.fault_count - self._faults_before
 
-    def step(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float | None = None) -> Verdict:
+    def step(
+        self,
+        stamp: float,
+        q: ArrayLike,
+        v: ArrayLike,
+        now: float | None = None,
+        path_time: float | None = None,
+    ) -> Verdict:
         """Judge one joint state.
 
         Never raises on bad data: whatever cannot be believed is a STOP with its reason.
@@ -198,12 +211,15 @@ class Monitor:
             q: Joint positions in the order of `robot.joints`, [rad] or [m]. Shape (nv,).
             v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
             now: Time of this tick, in [s]; the stamp unless given.
+            path_time: Where on the trajectory that it follows the arm was at the stamp, in [s] as
+                in the plan's times; its clock may stand still, and is never faster than time. Once
+                told, it is told in every step. Default: the trajectory is followed on time.
         """
         self._sequence += 1
         if now is None:
             now = stamp
         try:
-            return self._step(stamp, q, v, now)
+            return self._step(stamp, q, v, now, path_time)
         except Exception as error:
             # Whatever went wrong inside, the arm must stop.
             return self._refuse(
@@ -216,7 +232,7 @@ class Monitor:
 
         Args:
             source: Arguments of `step`, one tuple a tick: stamp, q, v and, where it is not the
-                stamp, now. What makes them may update the obstacles in between.
+                stamp, now, and path_time. What makes them may update the obstacles in between.
             sink: Is called with each verdict.
         """
         for state in source:
@@ -241,13 +257,31 @@ class Monitor:
         self._quiet_until = -math.inf
         self._standing = None
 
+    def with_stop(self, plan: Plan) -> Plan:
+        """A plan with a stop at its end, as hard as brakes guarantee, to be committed.
+
+        Each joint decelerates as its own brake can; all together, straight on, where the monitor
+        was made with stop="path". A plan that ends at rest stays as it is.
+
+        Raises:
+            ArmguardError: The plan is malformed, or the monitor was not made with motion="planned".
+        """
+        return self._known_path("with_stop").with_stop(plan)
+
     def commit(self, plan: Plan) -> PlanVerdict:
-        """Judge the next piece of the controller's trajectory: is it safe to commit?
+        """Judge the next piece of the controller's trajectory, which ends at rest: is it safe?
+
+        A piece is safe if nothing can touch the arm on it until it rests. Then it is what the arm
+        may be on from now on, until joint states tell that it is on another one or on none. It must
+        agree with the one before until the answer has arrived, `latency` from now. While a piece is
+        followed, and nothing new is seen, it stays safe without a further look; what it may not
+        allow for judges it anew, in that tick, and a STOP says by `stop` whether to finish it or to
+        leave it. An arm that brakes joint by joint on the way, at an emergency stop or without
+        power, is not on its piece any more, and that is not covered.
 
         Judged on what the last step saw, so commit after a step: where something is not as it was
-        then, or was not as it should be, the piece is refused and the reason told. A safe piece is
-        what the arm is taken to follow from now on, until another one is safe, it strays from it by
-        more than its tracking error, or it rests. Nothing in a plan makes this raise.
+        then, or was not as it should be, the piece is refused and the reason told. Nothing in a
+        plan makes this raise.
 
         Args:
             plan: The piece, on the clock of the joint states' stamps.
@@ -255,26 +289,33 @@ class Monitor:
         Raises:
             ArmguardError: The monitor was not made with motion="planned".
         """
-        if self._judge.plan is None:
-            raise ArmguardError("commit", "needs plans", remedy='Monitor(..., motion="planned")')
-        tick, _ = self._last
-        obstacles, latched = self.obstacles, self._rule.latched
-        if tick is None:
-            return refuse_plan("arm", "its state is not known: step first")
-        if latched:
-            return refuse_plan("arm", f"its state is not believed: {next(iter(latched.values()))}")
-        if obstacles.unplaced():
-            return refuse_plan("obstacles", "some found no room, and could be anywhere")
-        if self._standing is not None:
-            return refuse_plan("last step", f"was a STOP: {self._standing}")
-        if self.robot.revision != self._scheduler.arm.revision:
-            return refuse_plan("tool", "was attached or detached since the last step: step first")
-        if obstacles.has_membership_changes or obstacles.table.changed_count[0] > 0:
-            detail = "have changed since the last step by more than it allowed for: step first"
-            return refuse_plan("obstacles", detail)
-        if not obstacles.is_quiet(self._now, self._source_timeout):
-            return refuse_plan("obstacles", "were refused, or a source is new: step first")
-        return self._judge.plan.commit(plan, tick)
+        path = self._known_path("commit")
+        tick = self._find_tick_to_plan()
+        return tick if isinstance(tick, PlanVerdict) else path.commit(plan, tick)
+
+    def follow(self, plan: Plan) -> PlanVerdict:
+        """Take a whole trajectory, at whose end the arm rests, as the one that it follows.
+
+        From then on each step that would be a STOP asks whether the arm can still be stopped on it
+        in time: brakes bite at any time until the next verdict has been obeyed, and until then the
+        arm is on the trajectory. It ends where the arm strays from it, and where another one takes
+        its place: that must agree with it until the answer has arrived, `latency` from now. After
+        its end the arm stays there. Judged on what the last step saw, as `commit` is; nothing in a
+        plan makes this raise.
+
+        Args:
+            plan: The trajectory, on the clock of the joint states' stamps.
+
+        Returns:
+            Safe if it is in order, and followed from now on; its contact time is that of an arm
+            that is told to stop after the next step.
+
+        Raises:
+            ArmguardError: The monitor was not made with motion="planned".
+        """
+        path = self._known_path("follow")
+        tick = self._find_tick_to_plan()
+        return tick if isinstance(tick, PlanVerdict) else path.follow(plan, tick)
 
     def pairs(self, limit: int = 64) -> list[PairReport]:
         """The most imminent pairs as of the last tick, soonest first, at most `limit`.
@@ -322,7 +363,7 @@ class Monitor:
         """
         return self._queries.snapshot(self._last[0], pair_limit, row_limit)
 
-    def _step(self, stamp: float, q: Any, v: Any, now: float) -> Verdict:
+    def _step(self, stamp: float, q: Any, v: Any, now: float, path_time: object) -> Verdict:
         if not (type(stamp) is float and type(now) is float):
             stamp, now = read_number(stamp), read_number(now)
         if not self._now <= now < math.inf:
@@ -383,10 +424,12 @@ class Monitor:
         self._last = tick, result
         if result.disturbed:
             self._judge.forget_proofs()
-        if self._judge.plan is not None:
-            strayed = self._judge.plan.check_followed(tick, stamp)
-            if strayed is not None:
-                reasons.append(strayed)
+        path = self._judge.path
+        if path is not None:
+            disturbed = result.disturbed or bool(result.broken) or not quiet
+            told = path.update(tick, stamp, path_time, disturbed=disturbed)
+            if told is not None:
+                reasons.append(told)
         for row in result.broken:
             reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
         if self._no_sources:
@@ -400,16 +443,40 @@ class Monitor:
             self._standing = next(standing, None)
         return verdict
 
+    def _known_path(self, method: str) -> KnownPath:
+        if self._judge.path is None:
+            raise ArmguardError(method, "needs plans", remedy='Monitor(..., motion="planned")')
+        return self._judge.path
+
+    def _find_tick_to_plan(self) -> Tick | PlanVerdict:
+        """The last tick, if a plan can be judged by it; else why not."""
+        tick, _ = self._last
+        obstacles, latched = self.obstacles, self._rule.latched
+        if tick is None:
+            return refuse_plan("arm", "its state is not known: step first")
+        if latched:
+            return refuse_plan("arm", f"its state is not believed: {next(iter(latched.values()))}")
+        if obstacles.unplaced():
+            return refuse_plan("obstacles", "some found no room, and could be anywhere")
+        if self._standing is not None:
+            return refuse_plan("last step", f"was a STOP: {self._standing}")
+        if self.robot.revision != self._scheduler.arm.revision:
+            return refuse_plan("tool", "was attached or detached since the last step: step first")
+        if obstacles.has_membership_changes or obstacles.table.changed_count[0] > 0:
+            detail = "have changed since the last step by more than it allowed for: step first"
+            return refuse_plan("obstacles", detail)
+        if not obstacles.is_quiet(self._now, self._source_timeout):
+            return refuse_plan("obstacles", "were refused, or a source is new: step first")
+        return tick
+
     def _suspend(self, operating: OperatingHistory, now: float) -> list[Reason]:
-        """Put the hardware's limits in force: nothing that was proved with others holds."""
+        """Put the hardware's limits in force: nothing that was proved with others holds.
+
+        What is known of the arm's path rests on the hardware's alone.
+        """
         operating.suspend(now)
-        reasons = [describe_break(self._states, operating.record)]
         self._scheduler.invalidate_all()
-        if self._judge.plan is not None:
-            void = self._judge.plan.drop("operating limits", "are broken")
-            if void is not None:
-                reasons.append(void)
-        return reasons
+        return [describe_break(self._states, operating.record)]
 
     def _tell_unmatched(self) -> list[Reason]:
         """Reasons about patterns to ignore that have fitted no obstacle; only news change them."""

@@ -21,6 +21,9 @@ from armguard.scheduling.pair_scheduler import PairScheduler
 from armguard.scheduling.schedule import DEADLINE, Schedule, make_schedule
 from armguard.scheduling.scheduler import Scheduler
 
+STOPS = ("joints", "path")
+"""How an arm stops that follows a trajectory: each joint by itself, or all of them on the path."""
+
 MOST_EVALUATIONS = 2**62
 """A budget that nothing exceeds."""
 
@@ -34,6 +37,8 @@ class MonitorSettings(NamedTuple):
     """Of pairs; None: obstacles by their deadlines."""
     motion: str
     """One of `MOTIONS`."""
+    stop: str
+    """One of `STOPS`."""
     reaction_time: float
     latency: float
     slow_margin: float
@@ -68,6 +73,7 @@ def read_settings(
     rate: float,
     schedule: str | Schedule,
     motion: str,
+    stop: str,
     joint_timeout: float | None,
     max_staleness: float,
     budget: int | None,
@@ -106,11 +112,18 @@ def read_settings(
         raise ArmguardError("base_placement", f"is {base_placement!r}", expected="a pinocchio.SE3")
     if not (isinstance(motion, str) and motion in MOTIONS):
         raise ArmguardError("motion", f"is {motion!r}", expected=f"one of {', '.join(MOTIONS)}")
+    if not (isinstance(stop, str) and stop in STOPS):
+        raise ArmguardError("stop", f"is {stop!r}", expected=f"one of {', '.join(STOPS)}")
+    if stop != "joints" and motion != PLANNED:
+        raise ArmguardError(
+            "stop", f"is {stop!r}", expected='"joints" unless motion="planned" tells the path'
+        )
     by_deadline = isinstance(schedule, str) and schedule == DEADLINE
     return MonitorSettings(
         period=period,
         schedule=None if by_deadline else make_schedule(schedule, period),
         motion=motion,
+        stop=stop,
         max_staleness=float(max_staleness),
         budget=_read_budget(budget, by_deadline=by_deadline),
         base_placement=base_placement or pinocchio.SE3.Identity(),

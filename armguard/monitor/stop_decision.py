@@ -10,9 +10,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.scheduling.timing_wheel import NOBODY
+
+IsFree = Callable[[Tick, float, float, float], bool]
+"""Says of a tick whether the arm surely rests before contact if it goes on as before for some time,
+keeps to a scale for some more, in [s], and is told to stop then."""
 
 HALVINGS = 5
 """Of the interval in which the speed scale is sought."""
@@ -85,8 +90,10 @@ class StopDecision:
         table = braking.tabulate(tick.q, tick.v, tick.arm_age, self._response_time)
         return self._is_free(tick, float(table.time[-1]))
 
-    def find_scale(self, tick: Tick) -> float:
+    def find_scale(self, tick: Tick, is_free: IsFree | None = None) -> float:
         """The greatest fraction of their operating velocities at which joints may go on, in [0, 1].
+
+        Of an arm on a known path it is its clock that is scaled, and `is_free` that is asked.
 
         An arm that obeys and keeps to it for `going_on` seconds, and brakes then, surely rests
         before contact: joints that are faster slow down as if they braked, the others get no
@@ -101,11 +108,11 @@ class StopDecision:
             # Ticks came late, or none was asked for meanwhile: what was found is obeyed too late.
             self._step = 0
         for _ in range(steps):
-            if not self._search(tick):
+            if not self._search(tick, is_free or self._is_free_below):
                 break
         return self._safe if tick.time - self._safe_at < self._lasting else 0.0
 
-    def _search(self, tick: Tick) -> bool:
+    def _search(self, tick: Tick, is_free: IsFree) -> bool:
         """One step: the first tries the whole, the others halve. Whether there is another one."""
         if self._step > HALVINGS:
             self._step += 1
@@ -116,7 +123,7 @@ class StopDecision:
             self._low, self._high, self._low_at = 0.0, 1.0, tick.time
             self._began_at = tick.time
         scale = 1.0 if self._step == 0 else 0.5 * (self._low + self._high)
-        if self._is_safe(tick, scale):
+        if is_free(tick, self._obeyed_after, self._going_on, scale):
             self._low, self._low_at = scale, tick.time
         else:
             self._high = scale
@@ -139,9 +146,11 @@ class StopDecision:
             recent.popleft()
         return recent[0][1] if recent else 1.0
 
-    def _is_safe(self, tick: Tick, scale: float) -> bool:
+    def _is_free_below(
+        self, tick: Tick, obeyed_after: float, going_on: float, scale: float
+    ) -> bool:
         table = self._scheduler.arm.motion.braking.tabulate(
-            tick.q, tick.v, tick.arm_age, self._obeyed_after, going_on=self._going_on, scale=scale
+            tick.q, tick.v, tick.arm_age, obeyed_after, going_on=going_on, scale=scale
         )
         return self._is_free(tick, float(table.time[-1]))
 

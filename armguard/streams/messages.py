@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -136,6 +136,7 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     valid_until: float
     separation: float | None = None
     certificate: CertificateMessage | None = None
+    stop: Literal["finish", "brake"] | None = None
 
 
 _encoder = msgspec.msgpack.Encoder()
@@ -267,6 +268,7 @@ def encode_verdict(verdict: Verdict, offset: float) -> bytes:
             math.nextafter(verdict.valid_until + offset, -math.inf),  # never too long
             verdict.separation,
             certificate,
+            verdict.stop,
         )
     )
 

@@ -66,7 +66,14 @@ def test_every_setting_of_the_monitor_has_a_key():
     # `[robot.operating]` have places of their own.
     others = {"robot", "obstacles", "ignore", "base_placement", "certify", "separation"}
     others.add("operating")
+    # How an arm on a known path stops: no cell tells a path.
+    others.add("stop")
     assert keys == set(inspect.signature(Monitor).parameters) - others
+
+
+def test_a_cell_in_which_no_path_can_be_told_does_not_take_planned_motion():
+    with pytest.raises(CellError, match=r"monitor\.motion.*planned.*same program"):
+        Cell.from_text(ROBOT + '\n[monitor]\nmotion = "planned"\n').build()
 
 
 def test_the_example_explains_every_key():

@@ -3,7 +3,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from armguard.bounds import Plan, PlannedCourse, PlannedMotion, check_plan
+from armguard.bounds import Plan, PlannedCourse, PlannedMotion, append_stop, check_plan
 from armguard.bounds.planned.contact import NONE, find_planned_contact
 from armguard.bounds.planned.course import ArmShape
 from armguard.obstacles import Obstacles
@@ -21,10 +21,11 @@ LUCK = 0.02
 def arm():
     """A robot, its motion, and a course: joint 1 turns for 0.2 s and brakes."""
     robot = Robot.load("panda")
-    motion = PlannedMotion(robot, 0.02)
+    motion = PlannedMotion(robot)
     q, v = np.tile(HOME, (21, 1)), np.zeros((21, 7))
     q[:, 0], v[:, 0] = TIMES, 1.0
     plan = Plan(NOW, TIMES, q, v, np.full(7, 1e-3), np.full(7, 0.02))
+    plan = append_stop(plan, robot.braking_deceleration, on_path=False)
     return robot, motion, motion.lay_out(check_plan(plan, robot, NOW, q[0], v[0], NOW))
 
 
