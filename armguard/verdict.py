@@ -131,3 +131,19 @@ class Verdict(NamedTuple):
     stop: Literal["finish", "brake"] | None = None
     """How to obey a STOP; None where the level is another. FINISH: run the committed piece to rest,
     which is proved safe. BRAKE: leave it and brake, for there is no such proof."""
+
+
+class PlanVerdict(NamedTuple):
+    """Whether the arm may follow a plan; frozen."""
+
+    safe: bool
+    """Whether it may: then it is what the monitor takes the arm to follow from now on."""
+    contact_time: float
+    """Earliest possible contact on the way, in [s] from now; inf if there is none before the arm
+    rests, 0 where that is unknown. Of a trajectory, on the way until it could be stopped."""
+    link: str | None
+    """Link of the pair that could touch first; None if none can."""
+    obstacle: str | None
+    """Its obstacle, alike."""
+    reasons: tuple[Reason, ...]
+    """Why not."""

@@ -6,8 +6,8 @@ Its judge, the decision to stop, the plan it follows, and what can be asked of i
 from armguard.monitor.explain import Explanation, Gain
 from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.monitor import Monitor
-from armguard.monitor.plan_verdict import PlanVerdict
 from armguard.monitor.reports import PairReport, Snapshot
+from armguard.verdict import PlanVerdict
 
 __all__ = [
     "Attention",

@@ -22,12 +22,12 @@ from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
 from armguard.jit.arrays import BoolArray, IntArray
 from armguard.jit.kernels import kernel
-from armguard.monitor.plan_verdict import PlanVerdict, find_course_contact, refuse_plan
+from armguard.monitor.plan_verdict import find_course_contact, refuse_plan
 from armguard.obstacles.reference_states import allows_reference_state, keep_reference_state
 from armguard.obstacles.table import Marks, States, make_states
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick
-from armguard.verdict import Reason, ReasonKind
+from armguard.verdict import PlanVerdict, Reason, ReasonKind
 
 MOST_PIECES = 64
 """Pieces that the arm may be on at a time."""

@@ -23,14 +23,13 @@ from armguard.bounds.planned.slabs import PathClock
 from armguard.jit.numerics import LIMIT_SLACK
 from armguard.monitor.plan_verdict import (
     CourseContact,
-    PlanVerdict,
     find_course_contact,
     refuse_plan,
 )
 from armguard.monitor.settings import read_number
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick
-from armguard.verdict import Reason, ReasonKind
+from armguard.verdict import PlanVerdict, Reason, ReasonKind
 
 MOST_TRAJECTORIES = 16
 """Trajectories that the arm may be on at a time."""

@@ -9,11 +9,11 @@ from armguard.bounds.planned.stop import append_stop
 from armguard.exceptions import ArmguardError
 from armguard.monitor.committed_pieces import CommittedPieces
 from armguard.monitor.followed_trajectory import FollowedTrajectory
-from armguard.monitor.plan_verdict import PlanVerdict, refuse_plan
+from armguard.monitor.plan_verdict import refuse_plan
 from armguard.monitor.settings import MonitorSettings
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick
-from armguard.verdict import Reason
+from armguard.verdict import PlanVerdict, Reason
 
 
 class KnownPath:

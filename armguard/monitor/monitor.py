@@ -31,7 +31,7 @@ from armguard.monitor.judge import Judge
 from armguard.monitor.known_path import KnownPath
 from armguard.monitor.levels import VerdictRule
 from armguard.monitor.obstacle_reasons import describe_no_sources, take_obstacle_reasons
-from armguard.monitor.plan_verdict import PlanVerdict, refuse_plan
+from armguard.monitor.plan_verdict import refuse_plan
 from armguard.monitor.queries import Queries
 from armguard.monitor.reports import PairReport, Snapshot
 from armguard.monitor.settings import make_scheduler, read_number, read_settings
@@ -45,7 +45,7 @@ from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import Schedule
 from armguard.scheduling.scheduler import NOTHING_FOUND, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
-from armguard.verdict import Effect, Reason, ReasonKind, Verdict
+from armguard.verdict import Effect, PlanVerdict, Reason, ReasonKind, Verdict
 
 NEVER = -sys.float_info.max
 """Time of the last tick before the first one, in [s]."""

@@ -9,23 +9,7 @@ from armguard.bounds.planned.course import PlannedCourse
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.jit.arrays import IntArray
 from armguard.scheduling.scheduler import Scheduler, Tick
-from armguard.verdict import Reason, ReasonKind
-
-
-class PlanVerdict(NamedTuple):
-    """Whether the arm may follow a plan; frozen."""
-
-    safe: bool
-    """Whether it may: then it is what the monitor takes the arm to follow from now on."""
-    contact_time: float
-    """Earliest possible contact on the way, in [s] from now; inf if there is none before the arm
-    rests, 0 where that is unknown. Of a trajectory, on the way until it could be stopped."""
-    link: str | None
-    """Link of the pair that could touch first; None if none can."""
-    obstacle: str | None
-    """Its obstacle, alike."""
-    reasons: tuple[Reason, ...]
-    """Why not."""
+from armguard.verdict import PlanVerdict, Reason, ReasonKind
 
 
 def refuse_plan(subject: str, detail: str) -> PlanVerdict:
