@@ -215,7 +215,7 @@ class PlannedMotion:
         plan = check_plan(rest, robot, 0.0, q, still, 0.0)
         if isinstance(plan, Refusal):
             raise ArmguardError(robot.name, f"cannot even rest: {plan}")
-        marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 3))
+        marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 4))
         none = np.zeros(0, dtype=np.int64)
         self.lay_out(plan, 0.0)
         self.contact_time(self.lay_out(plan), none, 0.0, 0.0, make_states(0), make_states(0), marks)
