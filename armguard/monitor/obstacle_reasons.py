@@ -52,9 +52,7 @@ def take_obstacle_reasons(
 
 def describe_spreads(obstacles: Obstacles) -> list[Reason]:
     """Whose samples are off by more than their source says."""
-    return [
-        Reason(ReasonKind.ERRORS_EXCEEDED, *told) for told in obstacles.describe_spreads()
-    ]
+    return [Reason(ReasonKind.ERRORS_EXCEEDED, *told) for told in obstacles.describe_spreads()]
 
 
 def describe_no_sources(obstacles: Obstacles) -> Reason:

@@ -46,10 +46,14 @@ its stamps."""
 
 BROKEN_FOR = 2.0
 
-BELIEVABLE = 5.0
+BELIEVABLE_ACCEL = 5.0
+BELIEVABLE_SPEED = 2.0
 """A body may break its bounds up to so many times; what would have had to break them by more was
-another body, or is no measurement. Of people at work, hands reach four times the 10 m/s² that count
-unless told otherwise (docs/people.md)."""
+another body, or is no measurement. Of people at work, hands reach four times the 10 m/s² and 1.7
+times the 2 m/s that count unless told otherwise (docs/people.md)."""
+
+SEEN_WITHIN = 0.1
+"""Between samples farther apart than this, in [s], nothing is seen of how a body moved."""
 
 RESOLUTION = 1e-9
 """What positions and velocities are off by at the least, in [m] and [m/s]: numbers that a source
@@ -268,9 +272,12 @@ def _largest_step(before: FloatArray, after: FloatArray) -> float:
 def _measure_bounds(
     states: States, row: int, samples: Samples, i: int, stamp: float
 ) -> tuple[float, float]:
-    """Acceleration and speed that a body needed at the least to be in a state and in a sample."""
+    """Acceleration and speed that a body needed at the least to be in a state and in a sample.
+
+    inf where nothing can be said of that.
+    """
     duration = abs(stamp - states.stamp[row])
-    if not (duration > 0.0 and states.point_count[row] == samples.points.shape[1]):
+    if not (0.0 < duration <= SEEN_WITHIN and states.point_count[row] == samples.points.shape[1]):
         return math.inf, math.inf
     elapsed = stamp - states.stamp[row]
     error = states.position_error[row] + samples.position_error[i]
@@ -297,14 +304,18 @@ def _measure_bounds(
 def _widen_broken_bounds(
     table: Rows, states: States, row: int, samples: Samples, i: int, stamp: float
 ) -> bool:
-    """Let what a body has shown count, if it may have broken its bounds between a state and a
-    sample; whether it may have. A larger acceleration or speed makes contact times shorter.
+    """Let what a body has shown between a state and a sample count, if that is believable.
+
+    Larger bounds make contact times shorter.
+
+    Returns:
+        Whether it may have broken its bounds, rather than be another body.
     """
     told, accepted = table.told, table.accepted
     accel = max(told.accel[row], told.accel_before[row], samples.accel[i])
     speed = max(told.speed[row], told.speed_before[row], samples.speed[i])
     seen_accel, seen_speed = _measure_bounds(states, row, samples, i, stamp)
-    if not (seen_accel <= BELIEVABLE * accel and seen_speed <= BELIEVABLE * speed):
+    if not (seen_accel <= BELIEVABLE_ACCEL * accel and seen_speed <= BELIEVABLE_SPEED * speed):
         return False
     if not stamp <= told.broken_until[row]:
         told.broken_accel[row] = told.broken_speed[row] = 0.0
@@ -381,7 +392,6 @@ def _set_aside(
         marks.confirmations[row] = 0
         lose_sight(marks, table.refusals, row)
         return code, value
-    # A body within five times its bounds is the same one; one that is too fast is at least as fast.
     if marks.has_state[row] and code != SHAPE:
         _widen_broken_bounds(table, accepted, row, samples, i, stamp)
     if code == TOO_FAST:
@@ -495,6 +505,7 @@ def take_samples(
         # Confirm: what does not agree is set aside, or completes another track.
         if code not in (TAKEN, LATE):
             code, value = _set_aside(table, row, samples, i, stamp, code, value)
+            marks.revision[row] += 1
         codes[i] = code
         values[i] = value
         # Write: what agrees or confirms a track replaces the accepted state. The row has changed,
@@ -504,7 +515,7 @@ def take_samples(
             _write(accepted, row, samples, i, stamp)
             marks.has_state[row] = True
             marks.confirmations[row] = 0
-            marks.revision[row] += 1
+            marks.revision[row] += code == TAKEN
             taken += 1
         if code == TAKEN:
             allowed, grown = allows_reference_state(accepted, reference_states, row, row)

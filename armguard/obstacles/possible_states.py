@@ -1,9 +1,9 @@
 """The states of an obstacle that may be true: its accepted one and those of refused samples.
 
-A refused sample contradicts the accepted state, so one of the two is wrong, and none can be told from the
-other. Until that is settled each is bounded by itself, with its own errors, bounds and age, and
-what is proved of an obstacle must hold for all of them. This is the one place that says which they
-are; `possible_states` and `state_at` are how everything reads them.
+A refused sample contradicts the accepted state: one of the two is wrong, and none can tell which.
+Until that is settled each is bounded by itself, with its own errors, bounds and age, and what is
+proved of an obstacle must hold for all of them. This is the one place that says which they are;
+`possible_states` and `state_at` are how everything reads them.
 """
 
 from __future__ import annotations

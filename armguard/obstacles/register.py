@@ -16,7 +16,7 @@ from armguard.jit.arrays import IntArray
 from armguard.obstacles.faults import Fault, FaultQueue, Unplaced
 from armguard.obstacles.possible_states import distrust, forget_expired
 from armguard.obstacles.sources import NO_SOURCE, Source, Sources, Tombstones
-from armguard.obstacles.spread import TOLD_BEYOND
+from armguard.obstacles.spread import describe_spread
 from armguard.obstacles.table import ObstacleTable
 
 NO_ROWS: IntArray = np.zeros(0, dtype=np.int64)
@@ -220,17 +220,10 @@ class ObstacleRegister:
 
         See `spread` for what is found; at most `SPREADS_TOLD` are named.
         """
-        spreads = self.table.spreads
-        told = []
+        spreads, told = self.table.spreads, []
         for row in np.flatnonzero(spreads.is_wide)[:SPREADS_TOLD].tolist():
-            name, source = self.ids[row], self.source_of(row)
-            stated = max(spreads.position_error[row], spreads.last_error[row])
-            if spreads.position[row] > TOLD_BEYOND * stated:
-                told.append((name, f"{source}: the spread of {name} is "
-                    f"{1e3 * spreads.position[row]:.3g} mm, {1e3 * stated:.3g} mm were promised"))
-            else:
-                told.append((name, f"{source}: velocities of {name} are off by "
-                    f"{spreads.velocity[row]:.3g} m/s, {spreads.velocity_error[row]:.3g} m/s were promised"))
+            words = describe_spread(spreads, row, self.ids[row])
+            told.append((self.ids[row], f"{self.source_of(row)}: {words}"))
         return told
 
     def unplaced(self) -> list[str]:

@@ -79,10 +79,12 @@ class Spreads(NamedTuple):
 
 def make_spreads(rows: int, width: int) -> Spreads:
     """Room for so many rows of bodies of at most `width` points, of which nothing is known."""
-    scalars = dict.fromkeys(Spreads._fields[2:9], (float, ()))
-    fields = {"before": (float, (width, 3)), "last": (float, (width, 3)), **scalars}
+    fields: dict[str, tuple[type, tuple[int, ...]]]
+    fields = {"before": (float, (width, 3)), "last": (float, (width, 3))}
+    fields |= dict.fromkeys(Spreads._fields[2:9], (float, ()))
     fields |= {"point_count": (int, ()), "samples": (int, ()), "is_wide": (bool, ())}
-    return Spreads(*make_records(rows, **fields), np.zeros(1, dtype=np.int64))
+    arrays = make_records(rows, **fields)
+    return Spreads._make([*arrays, np.zeros(1, dtype=np.int64)])
 
 
 def resize_spreads(spreads: Spreads, rows: int, width: int) -> Spreads:
@@ -105,6 +107,16 @@ def forget_spread(spreads: Spreads, row: int) -> None:
     if spreads.is_wide[row]:
         spreads.is_wide[row] = False
         spreads.wide_count[0] -= 1
+
+
+def describe_spread(spreads: Spreads, row: int, name: str) -> str:
+    """What was found of a row, and what is stated of it."""
+    stated = max(spreads.position_error[row], spreads.last_error[row])
+    found = spreads.position[row]
+    if found > TOLD_BEYOND * stated:
+        return f"the spread of {name} is {1e3 * found:.3g} mm, {1e3 * stated:.3g} mm were promised"
+    found, stated = spreads.velocity[row], spreads.velocity_error[row]
+    return f"velocities of {name} are off by {found:.3g} m/s, {stated:.3g} m/s were promised"
 
 
 @kernel

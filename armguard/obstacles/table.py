@@ -17,7 +17,7 @@ from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 from armguard.jit.layout import make_records
-from armguard.obstacles.spread import Spreads, forget_spread, resize_spreads, make_spreads
+from armguard.obstacles.spread import Spreads, forget_spread, make_spreads, resize_spreads
 
 MAXIMUM_POINTS = 8
 MAXIMUM_ROWS = 2**18
@@ -71,7 +71,7 @@ class Marks(NamedTuple):
     refused_count: IntArray
     """Refused states that can be, at most `MOST_REFUSED`. Shape (rows,)."""
     revision: IntArray
-    """Goes up whenever the accepted state changes. Shape (rows,)."""
+    """Goes up whenever what is known of it changes, a refused sample too. Shape (rows,)."""
     owner: IntArray
     """Number of the source that it belongs to. Shape (rows,)."""
     confirmations: IntArray

@@ -249,9 +249,7 @@ def arm_reach_time(scene: Scene, row: int, now: float) -> tuple[float, int]:
     evaluations = 0
     for number in possible_states(marks, row):
         bodies, place, age = state_at(scene.bodies, scene.refused, marks, row, number, now)
-        time = reach_time(
-            ball[0], ball[1], ball[2], ball[3], bodies, place, age, settings.margin
-        )
+        time = reach_time(ball[0], ball[1], ball[2], ball[3], bodies, place, age, settings.margin)
         soonest = min(soonest, time)
         evaluations += 1
     return soonest, evaluations

@@ -211,10 +211,14 @@ def _bodies_margin(
             if number > 0 or not marks.static[row]:
                 error, pace = bodies.velocity_error[place], 0.0
                 for k in range(corners):
-                    pace = max(pace, length_above(velocities[k, 0], velocities[k, 1], velocities[k, 2]))
+                    pace = max(
+                        pace, length_above(velocities[k, 0], velocities[k, 1], velocities[k, 2])
+                    )
                 top = top_speed(pace, bodies.speed[place], error)
                 walks = top if own_speed else human_speed
-                offsets += intrusion + displacement_at(pace, error, bodies.accel[place], top, abs(age))
+                offsets += intrusion + displacement_at(
+                    pace, error, bodies.accel[place], top, abs(age)
+                )
             # Balls first, the whole arm's before those of its links: most need no sphere evaluated.
             for step in range(count + 1):
                 ball = step - 1 if step > 0 else count
@@ -224,7 +228,9 @@ def _bodies_margin(
                 _, _, _, room = _find_direction(
                     balls[ball, 0], balls[ball, 1], balls[ball, 2], points, velocities, corners
                 )
-                away = separation_of(balls[ball, 4], response, braking, walks, offsets + balls[ball, 5])
+                away = separation_of(
+                    balls[ball, 4], response, braking, walks, offsets + balls[ball, 5]
+                )
                 if room - (balls[ball, 3] + body_radius + away) * (1.0 + SUM_ROUNDING) >= best:
                     # No leaf in this ball can be nearer than that.
                     if ball == count:
