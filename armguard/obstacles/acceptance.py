@@ -476,6 +476,7 @@ def take_samples(
             _move_to_world(samples, i, rotation, translation)
             samples.position_error[i] += frame_error
         # Read: values that cannot be used at all, and errors below what numbers resolve.
+        stated_accel = samples.accel[i]
         _count_broken_bounds(told, row, samples, i, stamp)
         code, value = _find_flaw(samples, i, speed_is_error, extent)
         if code in (TAKEN, TOO_FAST):
@@ -486,7 +487,7 @@ def take_samples(
                 row,
                 samples.points[i],
                 samples.velocities[i],
-                samples.accel[i],
+                stated_accel,
                 samples.position_error[i],
                 samples.velocity_error[i],
                 stamp,

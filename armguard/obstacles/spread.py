@@ -9,8 +9,8 @@ if no position is off by more than dp. So each three consecutive samples prove t
 was off by (what is observed - A h2 (h1 + h2) / 2) / (2 + 2 r) at the least. Two prove the same of
 the later one's velocity, by |v1 - (x1 - x0) / h1| <= A h1 / 2 + 2 dp / h1 + dv.
 
-Of these proved errors a running median is kept: it goes up by 2 % where the next one is above it,
-and else down. Errors larger than stated are told while the median is above one and a half times
+Of these proved errors a running median is kept: from the least of the first ten samples on it goes
+up by 2 % where the next one is above it, and else down. Errors larger than stated are told while the median is above one and a half times
 what is stated, once 50 samples have come. A body that keeps its bounds and errors is never told of,
 for none of its proved errors is above the stated one; nor, but for chance, is one of whose samples
 fewer than half are swapped or jump (a jump spoils three): with three in ten, the median is at one
@@ -38,6 +38,9 @@ TOLD_BEYOND = 1.5
 
 FEWEST_SAMPLES = 50
 """Samples before anything is told."""
+
+BEGINNING = 10
+"""Samples of which a running median begins with the least proved error."""
 
 FORGOTTEN_AFTER = 1.0
 """A sample so much older than the last one, in [s], or so much newer, begins anew."""
@@ -120,7 +123,11 @@ def describe_spread(spreads: Spreads, row: int, name: str) -> str:
 
 
 @kernel
-def _follow_median(median: float, value: float) -> float:
+def _follow_median(median: float, value: float, known: int) -> float:
+    """The running median after another value, of which so many samples were known before."""
+    if known < BEGINNING:
+        # One that begins among glitches must not begin there.
+        return min(median, value)
     if value > median:
         return max(median, LEAST_ERROR) * STEP
     return max(median / STEP, LEAST_ERROR)
@@ -168,9 +175,8 @@ def follow_spread(
                 mean = (points[k, axis] - spreads.last[row, k, axis]) / later
                 square += (velocities[k, axis] - mean) ** 2
             proved = max(proved, math.sqrt(square) - room)
-        start = max(proved, LEAST_ERROR)
-        median = spreads.velocity[row]
-        spreads.velocity[row] = start if known == 1 else _follow_median(median, proved)
+        median = math.inf if known == 1 else spreads.velocity[row]
+        spreads.velocity[row] = _follow_median(median, proved, known)
     if known > 1:
         # Three samples: what one of their positions must have been off by.
         earlier = spreads.last_stamp[row] - spreads.before_stamp[row]
@@ -184,9 +190,8 @@ def follow_spread(
                 went = middle - spreads.before[row, k, axis]
                 square += (points[k, axis] - middle - ratio * went) ** 2
             proved = max(proved, (math.sqrt(square) - room) / (2.0 + 2.0 * ratio))
-        start = max(proved, LEAST_ERROR)
-        median = spreads.position[row]
-        spreads.position[row] = start if known == 2 else _follow_median(median, proved)
+        median = math.inf if known == 2 else spreads.position[row]
+        spreads.position[row] = _follow_median(median, proved, known)
         if known == FEWEST_SAMPLES:
             is_wide = (
                 spreads.position[row] > TOLD_BEYOND * stated

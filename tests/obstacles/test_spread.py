@@ -65,7 +65,7 @@ def test_errors_larger_than_promised_are_named_with_their_size(factor):
     positions, velocities = walk(rng, 600, 0.01)
     positions = positions + factor * 0.002 * on_sphere(rng, len(positions))
     obstacles, told = tell(positions, velocities, 0.01, 0.002, 3.0)
-    assert told > 400
+    assert told > 350
     ((name, detail),) = obstacles.describe_spreads()
     assert name == "body"
     words = detail.split()
