@@ -205,7 +205,9 @@ class ObstacleTable:
         self.candidates = make_states(0)
         self.spreads = make_spreads(2, 1)
         self._grow(capacity)
-        note_row(self.changed_rows, 0)  # compiles it
+        # Both compile what they run.
+        note_row(self.changed_rows, 0)
+        forget_spread(self.spreads, 0)
         clear_changed_rows(self.changed_rows)
 
     def __getstate__(self) -> dict[str, Any]:

@@ -44,7 +44,7 @@ def test_a_refused_sample_far_away_changes_neither_the_level_nor_any_stop(schedu
         verdict = step(monitor, tick)
         assert (verdict.level, verdict.complete) == (Level.CLEAR, True)
         assert verdict.speed_scale == 1.0 or schedule == "distance"
-        assert verdict.contact_time > 0.5
+        assert verdict.contact_time > 0.4
         said = {ReasonKind.OBSTACLE_REFUSED} if 100 <= tick <= 399 else set()
         assert kinds(verdict) == said
     assert ReasonKind.OBSTACLE_REFUSED.effect is Effect.NOTE
