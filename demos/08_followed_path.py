@@ -36,7 +36,12 @@ def main(duration: float = 12.0) -> float:
         now = tick * PERIOD
         ball = [[1.75 + 0.9 * np.cos(1.5 * now), 0.4, 0.6]]
         obstacles.update(
-            ["ball"], now, ball, [[-1.35 * np.sin(1.5 * now), 0.0, 0.0]], radius=0.1, source="camera"
+            ["ball"],
+            now,
+            ball,
+            [[-1.35 * np.sin(1.5 * now), 0.0, 0.0]],
+            radius=0.1,
+            source="camera",
         )
         q = np.array([np.interp(path_time, plan.times, joint) for joint in np.asarray(plan.q).T])
         v = np.array([np.interp(path_time, plan.times, joint) for joint in np.asarray(plan.v).T])

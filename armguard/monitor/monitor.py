@@ -30,7 +30,11 @@ from armguard.monitor.joint_reasons import (
 from armguard.monitor.judge import Judge
 from armguard.monitor.known_path import KnownPath
 from armguard.monitor.levels import VerdictRule
-from armguard.monitor.obstacle_reasons import describe_no_sources, take_obstacle_reasons
+from armguard.monitor.obstacle_reasons import (
+    describe_no_sources,
+    describe_spreads,
+    take_obstacle_reasons,
+)
 from armguard.monitor.plan_verdict import refuse_plan
 from armguard.monitor.queries import Queries
 from armguard.monitor.reports import PairReport, Snapshot
@@ -76,7 +80,8 @@ class Monitor:
         latency: Of computing and transporting a verdict, lateness of a tick included, [s].
         slow_margin: Beyond the stopping time, [s]: SLOW below.
         aware_margin: Beyond the stopping time, [s]: AWARE below.
-        rise_delay: Evidence needed before a level rises, [s]; after `reset` as well.
+        rise_delay: Evidence needed before a level rises, [s]; after `reset` as well. As long a
+            sample that was refused counts as one that may be true.
         source_timeout: Silence that a source may keep, and lead of its stamps, [s].
         joint_timeout: Longest step between joint states, their longest age, and the longest time
             for which one stamp may stand, [s]; default max(0.05, 5 periods).
@@ -151,6 +156,7 @@ class Monitor:
         self._response_time = settings.response_time
         self._max_staleness = settings.max_staleness
         self._source_timeout = settings.source_timeout
+        self._rise_delay = float(rise_delay)
         self._rule = VerdictRule(slow_margin, aware_margin, rise_delay)
         self._operating = in_force = None
         if settings.operating is not None:
@@ -432,6 +438,8 @@ class Monitor:
                 reasons.append(told)
         for row in result.broken:
             reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
+        if obstacles.has_wide_spreads:
+            reasons += describe_spreads(obstacles)
         if self._no_sources:
             reasons.append(describe_no_sources(obstacles))
         if self._ignored.unmatched:
@@ -465,7 +473,7 @@ class Monitor:
         if obstacles.has_membership_changes or obstacles.table.changed_count[0] > 0:
             detail = "have changed since the last step by more than it allowed for: step first"
             return refuse_plan("obstacles", detail)
-        if not obstacles.is_quiet(self._now, self._source_timeout):
+        if not obstacles.is_settled(self._now, self._source_timeout):
             return refuse_plan("obstacles", "were refused, or a source is new: step first")
         return tick
 
@@ -491,7 +499,7 @@ class Monitor:
     def _read_obstacles(self, now: float) -> list[Reason]:
         """What is wrong with the obstacle table, and until when silence is no reason."""
         obstacles = self.obstacles
-        reasons = take_obstacle_reasons(obstacles, now, self._source_timeout)
+        reasons = take_obstacle_reasons(obstacles, now, self._source_timeout, self._rise_delay)
         self._unplaced = bool(obstacles.unplaced())
         self._no_sources = not obstacles.has_sources
         self._quiet_until = -math.inf

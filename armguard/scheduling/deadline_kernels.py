@@ -28,13 +28,13 @@ from armguard.bounds.operating_history import (
 )
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import inlined_kernel, kernel
+from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
 from armguard.obstacles.table import clear_changed_rows
 from armguard.pairs.contact_time import (
     RESTS,
     UNDECIDED,
     arm_reach_time,
-    is_known,
     link_time,
     pair_time,
     rests_in_time,
@@ -115,7 +115,7 @@ def _evaluate_links(
     best = np.inf
     # `best` is the soonest contact time so far: a link that cannot beat it is not refined.
     if scene.marks.refused[row]:
-        # Beside a refused sample, both states may be true; each link is evaluated by both.
+        # More than one state may be true; each link is evaluated by all of them.
         for each in range(links):
             if not certificates.watched[row, each]:
                 continue
@@ -189,7 +189,7 @@ def _evaluate_obstacle(
     """
     best, evaluations = 0.0, 0
     bound = UNKNOWN
-    if is_known(scene, row):
+    if is_known(scene.marks, row):
         best, evaluations = arm_reach_time(scene, row, now)
         bound = REACH
         if best < refinement_threshold:
@@ -380,7 +380,7 @@ def _evaluate_due(
         keep_reference_state(scene.bodies, certificates.reference_states, scene.marks, row, row)
         # Back into the wheel, for when the row could matter to a stop or its answer look stale.
         spare = time_to_spare(scene, v, contact_time, arm_age, braking_delay)
-        if scene.marks.refused[row] or not is_known(scene, row):
+        if not is_known(scene.marks, row):
             spare = 0.0
         wait = min(spare, max_staleness * contact_time)
         certain = certain or contact_time <= period

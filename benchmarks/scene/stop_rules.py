@@ -27,6 +27,7 @@ from armguard.contact.advancement import row_contact_time
 from armguard.jit import kernel, pack
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
+from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.pairs import SeparationRule
 from armguard.pairs.scene import thread_tree
 from armguard.pairs.separation_margin import SeparationMargin
@@ -299,25 +300,21 @@ def is_free(handle, table, now, limit, by_reach, as_free, by_table):  # type: ig
     for row in range(marks.alive.shape[0]):
         if not marks.alive[row]:
             continue
-        if marks.refused[row] and not marks.refused_finite[row]:
+        if not is_known(marks, row):
             return False
-        if not (marks.has_state[row] or marks.refused[row]):
-            return False
-        for refused in (False, True):
-            if not (marks.refused[row] if refused else marks.has_state[row]):
-                continue
-            bodies = parts.refused if refused else parts.bodies
-            age = 0.0 if marks.static[row] and not refused else now - bodies.stamp[row]
-            points, paces, count = bodies.points[row], bodies.velocities[row], bodies.point_count
-            accel, speed = bodies.accel[row], bodies.speed[row]
-            error, size = bodies.velocity_error[row], bodies.radius[row]
-            size += bodies.position_error[row]
+        for number in possible_states(marks, row):
+            bodies, place, age = state_at(parts.bodies, parts.refused, marks, row, number, now)
+            points, paces = bodies.points[place], bodies.velocities[place]
+            count = bodies.point_count
+            accel, speed = bodies.accel[place], bodies.speed[place]
+            error, size = bodies.velocity_error[place], bodies.radius[place]
+            size += bodies.position_error[place]
             for link in range(tree.root.shape[0]):
                 if by_reach:
                     ball = arm.balls[link]
                     time = row_contact_time(
                         ball[0], ball[1], ball[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-                        bodies.points, bodies.velocities, row, count[row], accel, speed, error,
+                        bodies.points, bodies.velocities, place, count[place], accel, speed, error,
                         age, (ball[3] + size) * (1.0 + ROUNDING), ADVANCES,
                     )  # fmt: skip
                     if time >= limit:
@@ -332,13 +329,13 @@ def is_free(handle, table, now, limit, by_reach, as_free, by_table):  # type: ig
                         ux, uy, uz = arm.velocities[node]
                         time = row_contact_time(
                             x, y, z, ux, uy, uz, arm.accel[node], arm.speed[node],
-                            arm.velocity_error[node], 0.0, bodies.points, bodies.velocities, row,
-                            count[row], accel, speed, error, age, distance, ADVANCES,
+                            arm.velocity_error[node], 0.0, bodies.points, bodies.velocities, place,
+                            count[place], accel, speed, error, age, distance, ADVANCES,
                         )  # fmt: skip
                     if by_table and not time >= limit:
                         time = table_contact_time(
                             x, y, z, arm.jacobian, arm.lever[node], arm.slope_error[node], table,
-                            points, paces, count[row], accel, speed, error, age, distance, 0.0,
+                            points, paces, count[place], accel, speed, error, age, distance, 0.0,
                         )  # fmt: skip
                     if time >= limit:
                         node = tree.skip[node]

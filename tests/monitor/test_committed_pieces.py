@@ -587,7 +587,7 @@ def break_a_bound(obstacles):
     see(obstacles, PERIOD, [FAR[0] + 0.5, 0.0, 0.5])
 
 
-@pytest.mark.parametrize("act", [refuse_a_row, refuse_a_call, hurry, break_a_bound])
+@pytest.mark.parametrize("act", [refuse_a_call, hurry])
 def test_what_no_step_has_seen_yet_and_what_was_wrong_then_lets_nothing_be_committed(act):
     obstacles, monitor = start()
     see(obstacles, 0.0, FAR)
@@ -598,6 +598,22 @@ def test_what_no_step_has_seen_yet_and_what_was_wrong_then_lets_nothing_be_commi
     verdict = monitor.step(PERIOD, HOME, STILL)
     assert verdict.level is Level.STOP
     assert "was a STOP" in str(refusal(monitor))
+
+
+@pytest.mark.parametrize(("act", "safe"), [(refuse_a_row, False), (break_a_bound, True)])
+def test_a_refused_sample_that_no_step_has_seen_lets_nothing_be_committed_and_then_counts(
+    act, safe
+):
+    """As anything that may be true: where it is far away, the next piece is safe all the same."""
+    obstacles, monitor = start()
+    see(obstacles, 0.0, FAR)
+    monitor.step(0.0, HOME, STILL)
+    assert monitor.commit(make_plan()).safe
+    act(obstacles)
+    assert refusal(monitor)
+    verdict = monitor.step(PERIOD, HOME, STILL)
+    assert (verdict.level > Level.STOP) == safe
+    assert monitor.commit(make_plan(stamp=PERIOD)).safe == safe
 
 
 def test_a_joint_that_runs_into_its_stop_and_a_budget_that_is_spent_commit_to_nothing():

@@ -151,7 +151,8 @@ class Cell:
         sources = None
         if self.tables.sources is not UNSET:
             sources = [
-                Source(name, table.timeout, table.required) for name, table in self.sources.items()
+                Source(name, table.timeout, table.required, table.on_refusal)
+                for name, table in self.sources.items()
             ]
         frames = {
             name: Frame(placement.rotation, placement.translation, placement.calibration_error)

@@ -88,6 +88,7 @@ class SourceTable(_Table, frozen=True, kw_only=True):
     latency: NotNegative = 0.0
     clock_error: NotNegative = 0.0
     required: bool = True
+    on_refusal: Literal["bound", "stop"] = "bound"
 
 
 class StaticTable(_Table, frozen=True, kw_only=True):

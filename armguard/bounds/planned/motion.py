@@ -280,7 +280,7 @@ class PlannedMotion:
         check_path_stop(plan, robot)
         self.lay_out(plan._replace(now=-0.1), [plan])
         course = self.lay_out(plan._replace(now=-0.1))
-        marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 3))
+        marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 4))
         none = np.zeros(0, dtype=np.int64)
         self.contact_time(course, none, 0.0, 0.0, make_states(0), make_states(0), marks)
 
