@@ -32,7 +32,7 @@ from armguard.monitor import (
 )
 from armguard.obstacles import Fault, Frame, Obstacles, Source
 from armguard.pairs import SeparationRule
-from armguard.robot import Robot
+from armguard.robot import OperatingLimits, Robot
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
 
 __all__ = [
@@ -48,6 +48,7 @@ __all__ = [
     "Level",
     "Monitor",
     "Obstacles",
+    "OperatingLimits",
     "PairReport",
     "Plan",
     "PlanVerdict",

@@ -58,6 +58,7 @@ class ReasonKind(enum.Enum):
     OVERDUE = ("pair overdue", Effect.STANDING)
     IGNORE_UNMATCHED = ("ignored pair matches nothing", Effect.STANDING)
     JOINT_STOP_AHEAD = ("joint runs into its stop", Effect.STANDING)
+    OPERATING_LIMITS_BROKEN = ("operating limits broken", Effect.STANDING)
     JOINT_STATE_MALFORMED = ("joint state malformed", Effect.LATCHED)
     JOINT_STATE_BEYOND_LIMITS = ("joint state beyond its limits", Effect.LATCHED)
     JOINT_STATE_JUMPED = ("joint state jumped", Effect.LATCHED)
@@ -99,7 +100,8 @@ class Verdict(NamedTuple):
     stop_time: float
     """Time within which the arm surely stands still, counted from `now`."""
     speed_scale: float
-    """Safe to go on while every joint keeps below this fraction of its velocity limit."""
+    """Safe to go on while every joint keeps below this fraction of its operating velocity, or of
+    its velocity limit where none is stated."""
     link: str | None
     """Link of the deciding pair; None without pairs or where not all that is there is known."""
     obstacle: str | None

@@ -14,6 +14,7 @@ from armguard.bounds.joint import JointMotion
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.reach import ReachMotion
 from armguard.bounds.sums import compute_sphere_levers
+from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 
 PLANNED = "planned"
@@ -32,6 +33,7 @@ class ArmMotion:
         base_placement: Placement of the robot's base in the world; None: they coincide.
         with_joints: Whether joint and braking bounds are to be used.
         with_plans: Whether plans are to be judged.
+        in_force: What joints keep to while the arm works, shared; None: the robot's limits.
 
     Attributes:
         isotropic: Spheres as free bodies.
@@ -52,15 +54,20 @@ class ArmMotion:
         *,
         with_joints: bool = True,
         with_plans: bool = False,
+        in_force: LimitsInForce | None = None,
     ) -> None:
         lever = compute_sphere_levers(robot)
-        self.isotropic = IsotropicMotion(robot, base_placement, lever=lever)
+        self.isotropic = IsotropicMotion(robot, base_placement, lever=lever, operating=in_force)
         self.reach = ReachMotion(robot, base_placement)
-        self.joint = JointMotion(robot, base_placement, lever=lever)
-        self.braking = BrakingMotion(robot, reaction_time, base_placement, lever=lever)
-        self.planned = (
-            PlannedMotion(robot, reaction_time, base_placement, lever=lever) if with_plans else None
+        self.joint = JointMotion(robot, base_placement, lever=lever, operating=in_force)
+        self.braking = BrakingMotion(
+            robot, reaction_time, base_placement, lever=lever, operating=in_force
         )
+        self.planned = None
+        if with_plans:
+            self.planned = PlannedMotion(
+                robot, reaction_time, base_placement, lever=lever, operating=in_force
+            )
         self.with_joints = with_joints
         self.table = self.joint.table
         self.braking_table = self.braking.table

@@ -20,6 +20,7 @@ from armguard.bounds.sums import sum_levers, sum_second_order
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
+from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.robot.stop_time import compute_stop_time
 
@@ -43,6 +44,7 @@ class BrakingMotion(JointSpaceMotion):
         base_placement: pinocchio.SE3 | None = None,
         *,
         lever: FloatArray | None = None,
+        operating: OperatingLimits | LimitsInForce | None = None,
     ) -> None:
         """Compute the levers of all spheres.
 
@@ -51,12 +53,13 @@ class BrakingMotion(JointSpaceMotion):
             reaction_time: From command to braking torque, in [s], >= 0.
             base_placement: Placement of the robot's base in the world; None: they coincide.
             lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
+            operating: What joints keep to until they brake; None: the robot's limits.
 
         Raises:
-            ArmguardError: The reaction time is negative or not finite, or a limit of the robot is
-                missing or unusable.
+            ArmguardError: The reaction time is negative or not finite, a limit of the robot is
+                missing or unusable, or operating limits do not fit it.
         """
-        super().__init__(robot, base_placement, lever=lever)
+        super().__init__(robot, base_placement, lever=lever, operating=operating)
         self.reaction_time = check_duration("reaction_time", reaction_time)
         self.table = self._make_table(np.zeros(FREE_NODES + BRAKING_NODES + 1))
 
@@ -93,8 +96,8 @@ class BrakingMotion(JointSpaceMotion):
             age: Now minus the stamp of the state, in [s]; negative where that is newer.
             horizon: Until braking is commanded, in [s] from now.
             going_on: How long the arm goes on after that at the pace of `scale`, in [s].
-            scale: Fraction of their velocity limits that joints keep to meanwhile; faster ones slow
-                down as if they braked.
+            scale: Fraction of their operating velocities that joints keep to meanwhile; faster ones
+                slow down as if they braked.
 
         Returns:
             The table; always the same one, filled anew.
@@ -160,12 +163,13 @@ class BrakingMotion(JointSpaceMotion):
         stop_time: float = compute_stop_time(
             velocity,
             limits.velocity_error,
-            limits.velocity,
+            limits.operating_velocity,
             limits.acceleration,
             limits.braking,
             age,
             horizon,
             self.reaction_time,
+            limits.operating_acceleration,
         )
         return stop_time
 
@@ -185,16 +189,18 @@ def _spread_nodes(
 ) -> None:
     """Fill the times of a table: up to `free`, while going on, and until all joints rest."""
     rest = 0.0
-    # Either way between the stamp and the moment when the command is obeyed.
-    before = max(max(age, 0.0) + free, -age)
+    # Between the stamp and the moment when the command is obeyed: what slows down is faster before.
+    after, before = max(age, 0.0) + free, -age
     for j in range(v.shape[0]):
-        top = max(limits.velocity[j], abs(v[j]))
-        speed = min(top, abs(v[j]) + limits.velocity_error[j] + limits.acceleration[j] * before)
-        pace = scale * limits.velocity[j]
+        top, speeding = limits.operating_velocity[j], limits.operating_acceleration[j]
+        top = max(top, abs(v[j]))
+        gained = max(speeding * after, limits.acceleration[j] * before)
+        speed = min(top, abs(v[j]) + limits.velocity_error[j] + gained)
+        pace = scale * limits.operating_velocity[j]
         if speed > pace:
             speed = max(pace, speed - limits.braking[j] * going_on)
         else:
-            speed = min(pace, speed + limits.acceleration[j] * going_on)
+            speed = min(pace, speed + speeding * going_on)
         rest = max(rest, speed / limits.braking[j])
     going = GOING_NODES if going_on > 0.0 else 0
     braking = time.shape[0] - 1 - FREE_NODES - going

@@ -3,12 +3,18 @@
 A joint that is measured at q with velocity v may truly be anywhere within its errors of both. Its
 displacement from where it truly was at the stamp lies between `low` and `high`:
 
-- By acceleration and speed: the free body's bound (`free_body`), convex in time.
+- By acceleration and speed: the free body's bound (`free_body`), convex in time. A joint speeds up
+  by no more than the operating acceleration, and to no more than the operating velocity; it slows
+  down by as much as the acceleration limit, so that one that goes the wrong way turns round as hard
+  as that.
 - By position limits: it stays between the limits, or within what was measured beyond them.
 - At a stop: no joint is to run into one, but should it do so, it may be at rest at the limit from
-  the moment on at which it can have got there first, and come back from there.
+  the moment on at which it can have got there first, and come back from there; what throws it
+  back is no controller's doing, so it speeds up by as much as the acceleration limit. (One that
+  was thrown back before its stamp, and still speeds up so, breaks its operating limits.)
 
-Before its stamp a joint was nowhere that its top speed does not reach. Both bounds, before they
+Before its stamp a joint was nowhere that its top speed does not reach: backwards in time, what
+slows down by the acceleration limit speeds up by it. Both bounds, before they
 are clipped to the limits, are convex (`high`) and concave (`low`) functions of time.
 """
 
@@ -43,8 +49,58 @@ def arrival(start: float, accel: float, top: float, room: float) -> float:
 
 
 @kernel
+def operating_velocity(start: float, accel: float, speeding: float, top: float, s: float) -> float:
+    """Greatest velocity `s` >= 0 seconds after one of at most `start`.
+
+    A joint that goes the other way turns round by at most `accel`, one that does not speeds up by
+    at most `speeding`, and up to `top`.
+    """
+    if start < 0.0 and speeding < accel:
+        turn = -start / accel
+        if s <= turn:
+            return start + accel * s + SUM_ROUNDING * accel * s
+        return min(top, speeding * (s - turn) + SUM_ROUNDING * accel * s)
+    return min(top, start + speeding * s)
+
+
+@kernel
+def operating_displacement(
+    start: float, accel: float, speeding: float, top: float, s: float
+) -> float:
+    """How far that joint gets within `s` >= 0 seconds, rounded up."""
+    if not (start < 0.0 and speeding < accel):
+        displacement: float = free_displacement(start, speeding, top, s)
+        return displacement
+    turn = -start / accel
+    if s <= turn:
+        displacement = s * (start + 0.5 * accel * s)
+    else:
+        displacement = free_displacement(0.0, speeding, top, s - turn) + 0.5 * start * turn
+    return displacement + SUM_ROUNDING * s * (accel * s - start)
+
+
+@kernel
+def operating_arrival(
+    start: float, accel: float, speeding: float, top: float, room: float
+) -> float:
+    """Earliest time at which that joint can have gone `room`, rounded down; inf if never."""
+    if not (start < 0.0 and speeding < accel and 0.0 < room < math.inf):
+        time: float = arrival(start, speeding, top, room)
+        return time
+    turn = -start / accel
+    time = turn + arrival(0.0, speeding, top, room - 0.5 * start * turn)
+    return time * (1.0 - SUM_ROUNDING)
+
+
+@kernel
 def rise(
-    velocity: float, accel: float, top: float, room_below: float, below: float, s: float
+    velocity: float,
+    accel: float,
+    speeding: float,
+    top: float,
+    room_below: float,
+    below: float,
+    s: float,
 ) -> float:
     """Greatest displacement `s` seconds from the stamp, before it is clipped.
 
@@ -53,7 +109,7 @@ def rise(
     """
     if s < 0.0:
         return -top * s * (1.0 + SUM_ROUNDING)
-    highest = free_displacement(velocity, accel, top, s)
+    highest = operating_displacement(velocity, accel, speeding, top, s)
     if s > below:
         highest = max(highest, free_displacement(0.0, accel, top, s - below) - max(room_below, 0.0))
     return highest
@@ -74,14 +130,15 @@ def brake(velocity: float, accel: float, deceleration: float, s: float) -> float
 
 @kernel
 def _ease(
-    velocity: float, accel: float, deceleration: float, pace: float, s: float
+    velocity: float, accel: float, speeding: float, deceleration: float, pace: float, s: float
 ) -> tuple[float, float]:
     """Greatest displacement in `s` seconds of keeping to a pace, and the greatest velocity then.
 
     A joint that is faster decelerates by at least `deceleration`, any other gets no faster.
     """
     if velocity <= pace:
-        return free_displacement(velocity, accel, pace, s), min(pace, velocity + accel * s)
+        eased = operating_displacement(velocity, accel, speeding, pace, s)
+        return eased, operating_velocity(velocity, accel, speeding, pace, s)
     until = min(s, (velocity - pace) / deceleration)
     distance = until * (velocity - 0.5 * deceleration * until) + pace * (s - until)
     return distance * (1.0 + SUM_ROUNDING), max(pace, velocity - deceleration * s)
@@ -91,6 +148,7 @@ def _ease(
 def _settle(
     velocity: float,
     accel: float,
+    speeding: float,
     top: float,
     deceleration: float,
     highest: float,
@@ -103,13 +161,15 @@ def _settle(
 ) -> float:
     """`rise` of a joint that eases from `free` seconds after the stamp on, and then brakes."""
     # Free: from the stamp until `free`.
-    displacement = rise(velocity, accel, top, room_below, below, min(s, free))
+    displacement = rise(velocity, accel, speeding, top, room_below, below, min(s, free))
     if s > free:
         # Easing: for `going_on` seconds, from the greatest velocity that it can have reached.
-        reached = min(top, velocity + accel * free)
+        reached = operating_velocity(velocity, accel, speeding, top, free)
         if free > below:
             reached = max(reached, min(top, accel * (free - below)))
-        eased, left = _ease(reached, accel, deceleration, pace, min(s - free, going_on))
+            # What a stop has thrown back still speeds up as hard.
+            speeding = accel
+        eased, left = _ease(reached, accel, speeding, deceleration, pace, min(s - free, going_on))
         displacement = min(displacement, highest) + eased
         if free < below < s:
             # It may have come to rest at its stop meanwhile, and come back from there.
@@ -166,32 +226,45 @@ def fill_eased_displacements(
     """`fill_displacements` of joints that keep to a fraction of their speed before they brake.
 
     For `going_on` seconds after they were free, those that are faster than `scale` times their
-    velocity limits slow down as if they braked, and the others get no faster than that.
+    operating velocities slow down as if they braked, and the others get no faster than that.
     """
     for j in range(q.shape[0]):
-        accel, top = limits.acceleration[j], max(limits.velocity[j], abs(v[j]))
-        pace = scale * limits.velocity[j]
+        accel, speeding = limits.acceleration[j], limits.operating_acceleration[j]
+        top = max(limits.operating_velocity[j], abs(v[j]))
+        pace = scale * limits.operating_velocity[j]
         up, down = v[j] + limits.velocity_error[j], -v[j] + limits.velocity_error[j]
         error, braking = limits.position_error[j], limits.braking[j]
         room_above, room_below = limits.upper[j] - q[j] - error, q[j] - limits.lower[j] - error
         # When the joint can have got to each of its stops first, and where it is clipped to them.
-        above = arrival(up, accel, top, room_above)
-        below = arrival(down, accel, top, room_below)
+        above = operating_arrival(up, accel, speeding, top, room_above)
+        below = operating_arrival(down, accel, speeding, top, room_below)
         highest[j] = max(limits.upper[j] - q[j], 0.0) + error
         lowest[j] = min(limits.lower[j] - q[j], 0.0) - error
         # Downwards is upwards mirrored: signs of positions and velocities change.
         for k in range(time.shape[0]):
             s = age + time[k]
             if s <= free:
-                high[k, j] = rise(up, accel, top, room_below, below, s)
-                low[k, j] = -rise(down, accel, top, room_above, above, s)
+                high[k, j] = rise(up, accel, speeding, top, room_below, below, s)
+                low[k, j] = -rise(down, accel, speeding, top, room_above, above, s)
             else:
                 high[k, j] = _settle(
-                    up, accel, top, braking, highest[j], room_below, below, free, going_on, pace, s
+                    up,
+                    accel,
+                    speeding,
+                    top,
+                    braking,
+                    highest[j],
+                    room_below,
+                    below,
+                    free,
+                    going_on,
+                    pace,
+                    s,
                 )
                 low[k, j] = -_settle(
                     down,
                     accel,
+                    speeding,
                     top,
                     braking,
                     -lowest[j],

@@ -1,7 +1,8 @@
 """The plainest motion model: each point of the arm as a free body with bounds of its own.
 
 With joint velocities and accelerations within their limits, a point's speed is at most
-sum_j R_j qd_j, and its acceleration at most sum_j R_j qdd_j + sum_ij R_max(i, j) qd_i qd_j.
+sum_j R_j qd_j, and its acceleration at most sum_j R_j qdd_j + sum_ij R_max(i, j) qd_i qd_j. Of
+operating limits, velocities count alone: joints slow down by as much as the hardware allows.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from armguard.bounds.sums import (
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
+from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, put_in_force
 from armguard.robot.robot import Robot
 
 
@@ -65,6 +67,7 @@ class IsotropicMotion:
         base_placement: pinocchio.SE3 | None = None,
         *,
         lever: FloatArray | None = None,
+        operating: OperatingLimits | LimitsInForce | None = None,
     ) -> None:
         """Compute the levers and what follows from them; about a second for 1,000 spheres.
 
@@ -72,8 +75,14 @@ class IsotropicMotion:
             robot: The arm, with its limits and errors.
             base_placement: Placement of the robot's base in the world; None: they coincide.
             lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
+            operating: What joints keep to while the arm works; None: the robot's limits.
+
+        Raises:
+            ArmguardError: Operating limits do not fit the robot.
         """
         self._robot = robot
+        self._in_force = put_in_force(robot, operating)
+        self._revision = self._in_force.revision
         self._data = robot.model.createData()
         self._world_rotation: FloatArray = (
             np.eye(3) if base_placement is None else np.array(base_placement.rotation)
@@ -106,7 +115,7 @@ class IsotropicMotion:
             *velocity_error_terms(self.lever, robot.position_error, robot.velocity_error),
             self._velocity_error,
         )
-        self._fastest = np.array(robot.velocity_limit, dtype=np.float64)
+        self._fastest = np.array(self._in_force.velocity, dtype=np.float64)
         self.is_widened = False
         self._fill_bounds()
 
@@ -114,7 +123,7 @@ class IsotropicMotion:
         """Fill `velocity_error` for the measured joint velocity, and widen the bounds if need be.
 
         Compiled code may do the first by `fill_velocity_errors`, and need only call this where a
-        joint is measured beyond its limit, or was in the last call.
+        joint is measured beyond its limit, or was in the last call, or other limits are in force.
 
         A joint that is measured faster than its limit counts with what was measured: it may be
         so within its error, and beyond that a monitor stops anyway.
@@ -130,11 +139,12 @@ class IsotropicMotion:
             ArmguardError: The vector has the wrong length or is not finite.
         """
         velocity = check_vector("joint velocities", v, len(self._fastest))
-        limit = self._robot.velocity_limit
+        limit, revision = self._in_force.velocity, self._in_force.revision
         fill_velocity_errors(velocity, self.velocity_errors)
         self.is_widened, was_widened = exceeds(velocity, limit), self.is_widened
-        if not (self.is_widened or was_widened):
+        if not (self.is_widened or was_widened or revision != self._revision):
             return False
+        self._revision = revision
         fastest = np.maximum(np.abs(velocity), limit)
         grew = bool((fastest > self._fastest).any())
         self._fastest = fastest
@@ -166,7 +176,7 @@ class IsotropicMotion:
         velocity = check_vector("joint velocities", v, joint_count)
         local, along = check_question(point, direction, t)
         lever = compute_levers(robot, link, local[None])
-        fastest = np.maximum(robot.velocity_limit, np.abs(velocity))
+        fastest = np.maximum(self._in_force.velocity, np.abs(velocity))
         speed = float(sum_levers(lever, fastest)[0])
         accel = float(sum_accelerations(lever, fastest, robot.acceleration_limit)[0])
         rate, at_rest = velocity_error_terms(lever, robot.position_error, robot.velocity_error)
@@ -182,6 +192,8 @@ class IsotropicMotion:
         return max(0.0, free_advance(min(speed, closing), accel, speed, float(t)))
 
     def _fill_bounds(self) -> None:
+        # Not the operating acceleration: where joint motions cancel, one that slows down as hard
+        # as it can speeds up the sphere.
         self._speed[:] = sum_levers(self.lever, self._fastest)
         self._accel[:] = sum_accelerations(
             self.lever, self._fastest, self._robot.acceleration_limit

@@ -28,6 +28,7 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.robot.joints import is_prismatic
+from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, put_in_force
 from armguard.robot.robot import Robot
 
 GRID_STEP = 1e-3
@@ -56,9 +57,13 @@ class JointSpaceMotion(ABC):
         base_placement: pinocchio.SE3 | None = None,
         *,
         lever: FloatArray | None = None,
+        operating: OperatingLimits | LimitsInForce | None = None,
     ) -> None:
         self._robot = robot
+        # The robot's own limits first, so that theirs are the errors that name what is unusable.
         self.limits = read_limits(robot)
+        if operating is not None:
+            self.limits = read_limits(robot, put_in_force(robot, operating))
         self._data = robot.model.createData()
         self._base = pinocchio.SE3.Identity() if base_placement is None else base_placement
         model = robot.model
@@ -182,6 +187,7 @@ class JointMotion(JointSpaceMotion):
         *,
         slices: int = SLICES,
         lever: FloatArray | None = None,
+        operating: OperatingLimits | LimitsInForce | None = None,
     ) -> None:
         """Compute the levers of all spheres.
 
@@ -191,14 +197,15 @@ class JointMotion(JointSpaceMotion):
             slices: Steps of the table in time, at least 1: what is free of contact is proved step
                 by step, so more of them see later contacts and take longer; any number is safe.
             lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
+            operating: What joints keep to while the arm works; None: the robot's limits.
 
         Raises:
-            ArmguardError: A limit of the robot is missing or unusable, or `slices` is no whole
-                number above 0.
+            ArmguardError: A limit of the robot is missing or unusable, operating limits do not fit
+                it, or `slices` is no whole number above 0.
         """
         if isinstance(slices, bool) or not isinstance(slices, int) or not slices >= 1:
             raise ArmguardError("slices", f"is {slices!r}", expected="a whole number, at least 1")
-        super().__init__(robot, base_placement, lever=lever)
+        super().__init__(robot, base_placement, lever=lever, operating=operating)
         # Dense where displacements grow like t².
         self.table = self._make_table(END * (np.arange(slices + 1) / slices) ** 2.0)
 

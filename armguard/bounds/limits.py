@@ -13,6 +13,7 @@ from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import LIMIT_SLACK
 from armguard.robot.joints import is_prismatic
+from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 
 
@@ -29,10 +30,19 @@ class JointLimits(NamedTuple):
     """Guaranteed decelerations."""
     position_error: FloatArray
     velocity_error: FloatArray
+    operating_velocity: FloatArray
+    """What joints keep to while they work; `velocity` where no operating limits are in force."""
+    operating_acceleration: FloatArray
+    """With which they speed up then; `acceleration` where no operating limits are in force."""
 
 
-def read_limits(robot: Robot) -> JointLimits:
+def read_limits(robot: Robot, in_force: LimitsInForce | None = None) -> JointLimits:
     """The robot's limits.
+
+    Args:
+        robot: The arm.
+        in_force: What joints keep to while they work, shared, so that it may change; None: the
+            robot's limits.
 
     Raises:
         RobotError: One of them is missing, zero, negative or not finite.
@@ -54,7 +64,14 @@ def read_limits(robot: Robot) -> JointLimits:
                 f"have the shape {np.shape(values)}",
                 expected=f"({count},), one for each joint",
             )
-    limits = JointLimits(**{key: np.array(values, float) for key, values in arrays.items()})
+    own = {key: np.array(values, float) for key, values in arrays.items()}
+    limits = JointLimits(
+        **own,
+        operating_velocity=own["velocity"].copy() if in_force is None else in_force.velocity,
+        operating_acceleration=(
+            own["acceleration"].copy() if in_force is None else in_force.acceleration
+        ),
+    )
     for j, joint in enumerate(robot.joints):
         where = f"joint {joint!r}"
         for key in ("velocity", "acceleration", "braking"):

@@ -91,6 +91,13 @@ class CommittedPlan:
         self.reset()
         return Reason(ReasonKind.PLAN_VOID, strayed.subject, strayed.detail)
 
+    def drop(self, subject: str, detail: str) -> Reason | None:
+        """Forget the plan, whose proof rests on what is gone; None if there is no plan."""
+        if self._checked is None:
+            return None
+        self.reset()
+        return Reason(ReasonKind.PLAN_VOID, subject, detail)
+
     def rests(self, tick: Tick) -> bool:
         """Whether the arm, on its plan, rests before contact if it brakes after the next tick.
 

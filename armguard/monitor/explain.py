@@ -94,11 +94,12 @@ def explain_pair(
     known = scheduler.recall(pair)
 
     # Copies that can be written to are what this was compiled for.
+    scene_limits = state.scene.limits
     limits = [
         np.array(limit)
         for limit in (
             robot.velocity_error,
-            robot.velocity_limit,
+            scene_limits.operating_velocity,
             robot.acceleration_limit,
             robot.braking_deceleration,
         )
@@ -111,6 +112,7 @@ def explain_pair(
             tick.arm_age,
             response,
             0.0,
+            scene_limits.operating_acceleration,
         )
         return time
 

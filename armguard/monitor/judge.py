@@ -59,7 +59,8 @@ class Judge:
         self._budget = settings.budget
         self._response_time = settings.response_time
         self._braking_delay = settings.response_time + settings.reaction_time
-        self._braking_scale = float(np.min(robot.braking_deceleration / robot.velocity_limit))
+        fastest = scheduler.arm.state.scene.limits.operating_velocity
+        self._braking_scale = float(np.min(robot.braking_deceleration / fastest))
         self._stopping = None
         if settings.with_joints:
             self._stopping = StopDecision(

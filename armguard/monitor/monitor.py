@@ -16,12 +16,14 @@ from typing import Any
 import pinocchio
 from numpy.typing import ArrayLike
 
+from armguard.bounds.operating_history import UNKEPT, OperatingHistory
 from armguard.bounds.planned.plan import Plan
 from armguard.exceptions import ArmguardError
 from armguard.monitor.committed_plan import PlanVerdict, refuse_plan
 from armguard.monitor.explain import Explanation
 from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.joint_reasons import (
+    describe_break,
     describe_refusal,
     describe_runaway,
     read_joint_vectors,
@@ -37,6 +39,7 @@ from armguard.pairs.arm import IgnoredPairs
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
+from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import Schedule
 from armguard.scheduling.scheduler import NOTHING_FOUND, Tick, TickResult
@@ -80,6 +83,9 @@ class Monitor:
             not suffice, the answer is the cautious one, and a reason says so. For "deadline" only;
             default: no limit.
         base_placement: Of the robot's base in the world; default at the origin.
+        operating: What the controller keeps to while the arm works, enforced by it and tested here
+            at every joint state; "published": what the robot's description has from published
+            sources; default: the robot's limits.
         certify: Attach to each verdict a certificate of the pair that decides it, by free bodies;
             takes a fraction of a millisecond a tick.
         separation: Attach to each verdict the margin of the speed-and-separation distance by this
@@ -109,6 +115,7 @@ class Monitor:
         max_staleness: float = 0.25,
         budget: int | None = None,
         base_placement: pinocchio.SE3 | None = None,
+        operating: OperatingLimits | str | None = None,
         certify: bool = False,
         separation: SeparationRule | None = None,
     ) -> None:
@@ -122,6 +129,7 @@ class Monitor:
             max_staleness=max_staleness,
             budget=budget,
             base_placement=base_placement,
+            operating=operating,
             reaction_time=reaction_time,
             latency=latency,
             slow_margin=slow_margin,
@@ -138,16 +146,23 @@ class Monitor:
         self._max_staleness = settings.max_staleness
         self._source_timeout = settings.source_timeout
         self._rule = VerdictRule(slow_margin, aware_margin, rise_delay)
+        self._operating = in_force = None
+        if settings.operating is not None:
+            in_force = LimitsInForce(robot, settings.operating)
+            self._operating = OperatingHistory(robot, in_force, rise_delay)
         self._states = JointStates(
             robot,
             settings.joint_timeout,
             settings.response_time,
             settings.reaction_time,
             settings.period,
+            in_force,
         )
         sources = obstacles.source_names
         self._ignored = IgnoredPairs(ignore, robot, sources)
-        self._scheduler = make_scheduler(robot, obstacles, settings, self._ignored, self._states)
+        self._scheduler = make_scheduler(
+            robot, obstacles, settings, self._ignored, self._states, self._operating
+        )
         self._judge = Judge(
             robot, self._scheduler, self._states, self._rule, settings, separation, certify=certify
         )
@@ -215,6 +230,9 @@ class Monitor:
         """
         self._rule.reset()
         self._states.reset()
+        if self._operating is not None:
+            self._operating.reset()
+            self._scheduler.arm.follow_limits(self._states.v)
         self._scheduler.restart()
         self._judge.reset()
         self._last = None, NOTHING_FOUND
@@ -323,12 +341,19 @@ class Monitor:
             if isinstance(read, Reason):
                 return self._refuse(stamp, read)
             q, v = read
+        operating = self._operating
+        if operating is not None and operating.resumes(now):
+            # What was proved with wider limits holds with these, too.
+            scheduler.arm.follow_limits(states.v)
         quiet = now < self._quiet_until and obstacles.is_quiet(now, self._source_timeout)
         seen = scheduler.advance(stamp, q, v, now, epoch, number, quiet)
         found, joint, stop_time, late = seen[:4]
         if found < BELIEVED:
             return self._refuse(stamp, describe_refusal(states, found, joint, stamp, q, v))
         reasons: list[Reason] = []
+        if operating is not None and found & UNKEPT:
+            reasons += self._suspend(operating, now)
+            stop_time, late = states.stop_times(now - stamp)
         if found:
             runaway = describe_runaway(states)
             if runaway is not None:
@@ -374,6 +399,17 @@ class Monitor:
             standing = (one for one in reasons if one.kind.effect is Effect.STANDING)
             self._standing = next(standing, None)
         return verdict
+
+    def _suspend(self, operating: OperatingHistory, now: float) -> list[Reason]:
+        """Put the hardware's limits in force: nothing that was proved with others holds."""
+        operating.suspend(now)
+        reasons = [describe_break(self._states, operating.record)]
+        self._scheduler.invalidate_all()
+        if self._judge.plan is not None:
+            void = self._judge.plan.drop("operating limits", "are broken")
+            if void is not None:
+                reasons.append(void)
+        return reasons
 
     def _tell_unmatched(self) -> list[Reason]:
         """Reasons about patterns to ignore that have fitted no obstacle; only news change them."""

@@ -9,10 +9,12 @@ import numpy as np
 import pinocchio
 
 from armguard.bounds.arm import MOTIONS, PLANNED
+from armguard.bounds.operating_history import OperatingHistory
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm import IgnoredPairs, WatchedArm
 from armguard.robot.joint_states import JointStates
+from armguard.robot.operating_limits import OperatingLimits, read_operating
 from armguard.robot.robot import Robot
 from armguard.scheduling.deadline import DeadlineScheduler
 from armguard.scheduling.pair_scheduler import PairScheduler
@@ -44,6 +46,8 @@ class MonitorSettings(NamedTuple):
     max_staleness: float
     budget: int | None
     base_placement: pinocchio.SE3
+    operating: OperatingLimits | None = None
+    """What the controller keeps to; None: the robot's limits."""
 
     @property
     def response_time(self) -> float:
@@ -68,6 +72,7 @@ def read_settings(
     max_staleness: float,
     budget: int | None,
     base_placement: pinocchio.SE3 | None,
+    operating: object = None,
     **amounts: float,
 ) -> MonitorSettings:
     """Check the arguments of a `Monitor`; `amounts` are its durations and lengths.
@@ -109,6 +114,7 @@ def read_settings(
         max_staleness=float(max_staleness),
         budget=_read_budget(budget, by_deadline=by_deadline),
         base_placement=base_placement or pinocchio.SE3.Identity(),
+        operating=read_operating(robot, operating),
         **{name: float(amount) for name, amount in amounts.items()},
     )
 
@@ -158,6 +164,7 @@ def make_scheduler(
     settings: MonitorSettings,
     ignored: IgnoredPairs,
     states: JointStates,
+    operating: OperatingHistory | None = None,
 ) -> Scheduler:
     """A scheduler over the pairs of an arm and obstacles, compiled and ready.
 
@@ -167,6 +174,7 @@ def make_scheduler(
         settings: Which scheduler, and how cautious.
         ignored: Pairs that are not watched.
         states: Where joint positions and velocities of each tick stand.
+        operating: What tests joint states against operating limits; None: there are none.
     """
     schedule = settings.schedule
 
@@ -181,10 +189,11 @@ def make_scheduler(
             with_joints=settings.with_joints,
             with_plans=settings.motion == PLANNED,
             by_distance=schedule is not None and schedule.measure == "distance",
+            in_force=None if operating is None else operating.in_force,
         )
 
     if schedule is not None:
-        return PairScheduler(robot, obstacles, schedule, make_arm, states)
+        return PairScheduler(robot, obstacles, schedule, make_arm, states, operating)
     return DeadlineScheduler(
         robot,
         obstacles,
@@ -195,4 +204,5 @@ def make_scheduler(
         settings.aware_margin,
         settings.period,
         settings.budget,
+        operating,
     )

@@ -86,7 +86,7 @@ class StopDecision:
         return self._is_free(tick, float(table.time[-1]))
 
     def find_scale(self, tick: Tick) -> float:
-        """The greatest fraction of their velocity limits at which joints may go on, in [0, 1].
+        """The greatest fraction of their operating velocities at which joints may go on, in [0, 1].
 
         An arm that obeys and keeps to it for `going_on` seconds, and brakes then, surely rests
         before contact: joints that are faster slow down as if they braked, the others get no

@@ -23,6 +23,7 @@ from armguard.pairs.evaluate import TickState
 from armguard.pairs.hull_distance import HullDistance
 from armguard.pairs.proof import prove_pair
 from armguard.robot.kinematics import Kinematics
+from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 
 ADVANCES = 8
@@ -42,6 +43,7 @@ class WatchedArm:
         with_joints: Whether joint and braking bounds are used.
         with_plans: Whether plans are judged.
         by_distance: Whether pairs are ranked by distance over closing speed.
+        in_force: What joints keep to while the arm works, shared; None: the robot's limits.
 
     Attributes:
         links: Names of the links, as of the revision below.
@@ -60,6 +62,7 @@ class WatchedArm:
         with_joints: bool,
         with_plans: bool,
         by_distance: bool,
+        in_force: LimitsInForce | None = None,
     ) -> None:
         # What is attached meanwhile, in another thread, does not reach the copy.
         robot = copy.copy(robot)
@@ -74,6 +77,7 @@ class WatchedArm:
             base_placement,
             with_joints=with_joints,
             with_plans=with_plans,
+            in_force=in_force,
         )
         self.state = TickState(
             self.kinematics,
@@ -89,7 +93,7 @@ class WatchedArm:
         self.follow_limits(np.zeros(len(robot.joints)))
 
     def follow_limits(self, v: NDArray[np.float64]) -> bool:
-        """Widen the bounds if joints are measured faster than their limits, (nv,).
+        """Widen the bounds if joints are measured faster than the limits in force, (nv,).
 
         Returns:
             Whether a bound grew, so that nothing that was proved before holds.

@@ -29,7 +29,7 @@ NO_JOINT = -1
 
 BELIEVED, RUNAWAY, FAST = 0, 1, 2
 """What was found of a state that is believed, added up: a joint that runs into its stop, one that
-is faster than its limit, but within its error."""
+is faster than the limit in force, but within its error."""
 
 (
     WRONG_LENGTH,
@@ -70,7 +70,10 @@ class Guard(NamedTuple):
     """Greatest speeds, errors included. Shape (nv,)."""
     continuous: NDArray[np.bool_]
     """Which joints have no position limits. Shape (nv,)."""
-    velocity_limit: FloatArray
+    operating_velocity: FloatArray
+    """What joints keep to while the arm works, in force now; shared. Shape (nv,)."""
+    operating_acceleration: FloatArray
+    """With which they speed up then; shared. Shape (nv,)."""
     velocity_error: FloatArray
     acceleration_limit: FloatArray
     braking_deceleration: FloatArray
@@ -159,7 +162,7 @@ def accept(
     found = BELIEVED
     for j in range(q.shape[0]):
         guard.q[j], guard.v[j] = q[j], v[j]
-        if not abs(v[j]) <= guard.velocity_limit[j]:
+        if not abs(v[j]) <= guard.operating_velocity[j]:
             found |= FAST
     runaway = find_runaway(
         q, v, guard.lower, guard.upper, guard.velocity_error, guard.acceleration_limit
@@ -259,12 +262,13 @@ def _stop_time(guard: Guard, v: FloatArray, age: float) -> float:
     stop_time: float = compute_stop_time(
         v,
         guard.velocity_error,
-        guard.velocity_limit,
+        guard.operating_velocity,
         guard.acceleration_limit,
         guard.braking_deceleration,
         age,
         guard.horizon,
         guard.reaction_time,
+        guard.operating_acceleration,
     )
     return stop_time
 

@@ -14,8 +14,9 @@ import numpy as np
 
 from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import machine_code, pack
-from armguard.robot.joint_acceptance import Guard, accept_at, find_runaway
+from armguard.robot.joint_acceptance import Guard, accept_at, find_runaway, stop_times
 from armguard.robot.joint_history import make_history
+from armguard.robot.operating_limits import LimitsInForce, put_in_force
 from armguard.robot.robot import Robot
 from armguard.robot.stop_time import compute_stop_time
 from armguard.robot.turns import find_continuous
@@ -33,6 +34,7 @@ class JointStates:
         horizon: Until the verdict after the present one is obeyed, in [s].
         reaction_time: From command to braking torque, in [s].
         period: Of ticks, in [s]; what passes in each where their time stands.
+        in_force: What joints keep to while the arm works, shared; None: the robot's limits.
     """
 
     def __init__(
@@ -42,7 +44,9 @@ class JointStates:
         horizon: float = 0.0,
         reaction_time: float = 0.0,
         period: float = 0.0,
+        in_force: LimitsInForce | None = None,
     ) -> None:
+        in_force = put_in_force(robot, in_force)
         joints = len(robot.joints)
         self.q: FloatArray = np.zeros(joints)
         """Joint positions believed last, [rad] or [m]; of a continuous joint whole turns nearest to
@@ -60,7 +64,8 @@ class JointStates:
             upper=robot.upper_position_limit + robot.position_error,
             fastest=robot.velocity_limit + robot.velocity_error,
             continuous=find_continuous(robot.lower_position_limit, robot.upper_position_limit),
-            velocity_limit=np.array(robot.velocity_limit),
+            operating_velocity=in_force.velocity,
+            operating_acceleration=in_force.acceleration,
             velocity_error=np.array(robot.velocity_error),
             acceleration_limit=np.array(robot.acceleration_limit),
             braking_deceleration=np.array(robot.braking_deceleration),
@@ -91,6 +96,15 @@ class JointStates:
     def delay_braking(self, delay: float) -> None:
         """Say how much later than at once the second stop time lets braking begin, in [s]."""
         self.guard.delay[0] = delay
+
+    def stop_times(self, age: float) -> tuple[float, float]:
+        """Both stop times of the state believed last, in [s]; see `joint_acceptance.stop_times`.
+
+        Args:
+            age: Of that state, in [s].
+        """
+        times: tuple[float, float] = stop_times(self.guard, self.v, age)
+        return times
 
     def is_plain(self, q: object, v: object) -> bool:
         """Whether these are arrays that compiled code can be handed as they are, of any length."""
@@ -133,5 +147,8 @@ class JointStates:
         self.find_runaway()
         # Explanations ask for it by itself.
         guard = self.guard
-        limits = guard.velocity_error, guard.velocity_limit, guard.acceleration_limit
-        compute_stop_time(self.v, *limits, guard.braking_deceleration, 0.0, 0.0, 0.0)
+        limits = guard.velocity_error, guard.operating_velocity, guard.acceleration_limit
+        times, operating = (0.0, 0.0, 0.0), guard.operating_acceleration
+        compute_stop_time(self.v, *limits, guard.braking_deceleration, *times, operating)
+        # Limits may change after a state was accepted.
+        self.stop_times(0.0)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.bounds.operating_history import OperatingHistory, make_empty_record
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
@@ -72,6 +73,7 @@ class DeadlineScheduler:
         period: Of ticks, in [s].
         budget: Evaluations in a tick after which nothing further is begun, and those of a question
             by the stop decision; None: no limit.
+        operating: What tests joint states against operating limits; None: there are none.
     """
 
     def __init__(
@@ -85,11 +87,13 @@ class DeadlineScheduler:
         aware_margin: float,
         period: float,
         budget: int | None,
+        operating: OperatingHistory | None = None,
     ) -> None:
         self._robot = robot
         self._obstacles = obstacles
         self._make_arm = make_arm
         self._states = states
+        self._record = make_empty_record() if operating is None else operating.record
         self._max_staleness, self._period = max_staleness, period
         self._budget = UNLIMITED if budget is None else budget
         self._pace = braking_delay, max_staleness, aware_margin, period, self._budget
@@ -333,7 +337,8 @@ class DeadlineScheduler:
         self._candidates = np.zeros(len(self.certificates.watched), dtype=np.int64)
         self._handle = pack(self.certificates)
         scene = self.arm.state.scene
-        self._tick_data = pack(TickData(scene, self.certificates, self._states.guard, *self._pace))
+        guard, record = self._states.guard, self._record
+        self._tick_data = pack(TickData(scene, self.certificates, guard, record, *self._pace))
         self._bind()
 
     def _bind(self) -> None:

@@ -21,6 +21,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.bounds.operating_history import (
+    UNKEPT,
+    OperatingRecord,
+    keeps_operating_limits,
+)
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import inlined_kernel, kernel
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
@@ -218,7 +223,8 @@ def time_to_spare(
     limits = scene.limits
     spare = np.inf
     for j in range(v.shape[0]):
-        top, accel, braking = limits.velocity[j], limits.acceleration[j], limits.braking[j]
+        top, accel = limits.operating_velocity[j], limits.operating_acceleration[j]
+        braking = limits.braking[j]
         speed = abs(v[j]) + 3.0 * limits.velocity_error[j]
         speed += accel * (max(arm_age, 0.0) + braking_delay)
         stop = braking_delay + min(top, speed) / braking
@@ -234,6 +240,8 @@ class TickData(NamedTuple):
     certificates: Certificates
     guard: Guard
     """What joint states are compared with; holds the positions and velocities believed last."""
+    operating: OperatingRecord
+    """What joint states are tested against that are to keep operating limits."""
     braking_delay: float
     """Period plus latency plus reaction time, in [s]."""
     max_staleness: float
@@ -425,6 +433,11 @@ def advance(
         See `scheduler.AdvanceResult`.
     """
     found, joint, stop_time, late_stop_time = accept(handle.content.guard, stamp, q, v, now)
+    if found >= BELIEVED:
+        # The state as the guard now has it: continuous joints whole turns nearest to the last.
+        guard = handle.content.guard
+        if not keeps_operating_limits(handle.content.operating, stamp, guard.q, guard.v):
+            found |= UNKEPT
     if found != BELIEVED or not may_evaluate:
         return found, joint, stop_time, late_stop_time, 0.0, UNSEEN, 0, 0.0, 0, 0, 0
     refinement_threshold = (stop_time + handle.content.aware_margin) / (

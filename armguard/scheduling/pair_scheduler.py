@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.bounds.operating_history import UNKEPT, OperatingHistory
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.obstacles.obstacles import Obstacles
@@ -18,6 +19,7 @@ from armguard.obstacles.table import clear_changed_rows
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.evaluate import evaluate, find_unsafe_pair
 from armguard.pairs.scene import REACH
+from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.scheduling.flagged_pairs import FlaggedCheck
@@ -43,6 +45,7 @@ class PairScheduler:
         schedule: Says which pairs to evaluate.
         make_arm: Lays out the arm as it is now.
         states: Where joint positions and velocities of each tick stand.
+        operating: What tests joint states against operating limits; None: there are none.
     """
 
     def __init__(
@@ -52,12 +55,14 @@ class PairScheduler:
         schedule: Schedule,
         make_arm: Callable[[], WatchedArm],
         states: JointStates,
+        operating: OperatingHistory | None = None,
     ) -> None:
         self._robot = robot
         self._obstacles = obstacles
         self.schedule = schedule
         self._make_arm = make_arm
         self._states = states
+        self._operating = operating
         self._prepare()
 
     def follow(self) -> None:
@@ -108,7 +113,12 @@ class PairScheduler:
         may_evaluate: bool,
     ) -> AdvanceResult:
         """Accept a joint state; evaluations come later."""
-        return (*self._states.accept(stamp, q, v, now), *NOTHING_EVALUATED[4:])
+        found, joint, stop_time, late_stop_time = self._states.accept(stamp, q, v, now)
+        operating = self._operating
+        if operating is not None and found >= BELIEVED:
+            kept = operating.accept(stamp, self._states.q, self._states.v)
+            found |= 0 if kept else UNKEPT
+        return (found, joint, stop_time, late_stop_time, *NOTHING_EVALUATED[4:])
 
     def evaluate_due(self, tick: Tick, seen: AdvanceResult = NOTHING_EVALUATED) -> TickResult:
         """Evaluate the pairs that are due and check the flagged ones exactly."""

@@ -79,7 +79,7 @@ def random_joints(random, count):
     room = random.uniform(0.02, 1.0, (2, count)) * random.choice([0.1, 1.0, np.inf], (2, count))
     limits = JointLimits(
         -room[0], room[1], top, accel, accel * random.uniform(0.2, 1.0, count),
-        random.choice([0.0, 1e-3, 0.02], count), random.choice([0.0, 0.02, 0.2], count),
+        random.choice([0.0, 1e-3, 0.02], count), random.choice([0.0, 0.02, 0.2], count), top, accel,
     )  # fmt: skip
     return limits, np.zeros(count), top * random.uniform(-1.0, 1.0, count)
 

@@ -35,6 +35,7 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.people import BOUNDS
+from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.streams.edge import HELD_UP
 
@@ -183,6 +184,7 @@ class Cell:
                 ignore=ignore,
                 base_placement=placement,
                 separation=self._make_rule(),
+                operating=self._make_operating(robot),
                 **settings,
             )
 
@@ -212,6 +214,26 @@ class Cell:
         if table.human_speed == "own":
             numbers["human_speed"] = None
         return SeparationRule(**numbers)
+
+    def _make_operating(self, robot: Robot) -> OperatingLimits | None:
+        """What the controller keeps to; None if the file does not say."""
+        table = self.tables.robot.operating
+        if table is UNSET:
+            return None
+        if isinstance(table, str):
+            return self._attempt("robot.operating", OperatingLimits.published, robot)
+        hardware = {"velocity": robot.velocity_limit, "acceleration": robot.acceleration_limit}
+        limits = {
+            key: value if isinstance(value, list) else value * hardware[key]
+            for key, value in given(table).items()
+        }
+
+        def make() -> OperatingLimits:
+            operating = OperatingLimits(**limits)
+            operating.resolve(robot)
+            return operating
+
+        return self._attempt("robot.operating", make)
 
     def _check_robot(self) -> None:
         table = self.tables.robot

@@ -20,6 +20,7 @@ from armguard.exceptions import CellError
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
+Fraction = Annotated[float, Meta(gt=0.0, le=1.0)]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Name = Annotated[str, Meta(min_length=1)]
@@ -38,6 +39,16 @@ class BaseTable(_Table, frozen=True, kw_only=True):
     quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
+class OperatingTable(_Table, frozen=True, kw_only=True):
+    """`[robot.operating]`: what the controller keeps to while the arm works.
+
+    One number is a fraction of the hardware's limits; a list has one limit for each joint.
+    """
+
+    velocity: Fraction | list[Positive] | UnsetType = UNSET
+    acceleration: Fraction | list[Positive] | UnsetType = UNSET
+
+
 class RobotTable(_Table, frozen=True, kw_only=True):
     """`[robot]`: one that armguard knows, or any other URDF with a file of limits."""
 
@@ -48,6 +59,7 @@ class RobotTable(_Table, frozen=True, kw_only=True):
     joints: list[Name] | None = None
     cover: Name | None = None
     base: BaseTable = BaseTable()
+    operating: OperatingTable | Literal["published"] | UnsetType = UNSET
 
 
 class StampTable(_Table, frozen=True, kw_only=True):

@@ -28,6 +28,7 @@ from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.table import Marks, States, make_states
 from armguard.robot.joints import is_prismatic
 from armguard.robot.kinematics import Kinematics
+from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, put_in_force
 from armguard.robot.robot import Robot
 
 
@@ -41,6 +42,7 @@ class PlannedMotion:
         base_placement: pinocchio.SE3 | None = None,
         *,
         lever: FloatArray | None = None,
+        operating: OperatingLimits | LimitsInForce | None = None,
     ) -> None:
         """Compute the levers of all spheres, and compile.
 
@@ -49,14 +51,17 @@ class PlannedMotion:
             reaction_time: From the plan's end to braking torque, in [s], >= 0.
             base_placement: Placement of the robot's base in the world; None: they coincide.
             lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
+            operating: What joints keep to where no plan says where they are, before it begins and
+                after its end until they brake; None: the robot's limits.
 
         Raises:
             ArmguardError: The reaction time is negative or not finite, the placement is no rigid
-                motion, or a limit of the robot is missing or unusable.
+                motion, a limit of the robot is missing or unusable, or operating limits do not fit
+                it.
         """
         self._robot = robot
         self.reaction_time = check_duration("reaction_time", reaction_time)
-        self._limits = read_limits(robot)
+        self._limits = read_limits(robot, put_in_force(robot, operating))
         self._kinematics = Kinematics(robot, base_placement)
         spheres = self._kinematics.spheres
         numbers = [robot.model.getJointId(joint) for joint in robot.joints]

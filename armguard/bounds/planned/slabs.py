@@ -57,6 +57,11 @@ def make_slabs(
         brake_after: When braking is commanded, in [s] from when the plan was checked, and not
             before the plan begins; at its end at the latest.
     """
+    if not (np.abs(plan.v) <= limits.operating_velocity + limits.velocity_error).all():
+        # Its controller does not keep to what it was said to keep to.
+        limits = limits._replace(
+            operating_velocity=limits.velocity, operating_acceleration=limits.acceleration
+        )
     waiting = max(plan.stamp - plan.now, 0.0)
     begin = max(plan.now - plan.stamp, 0.0)
     last = float(plan.times[-1])
@@ -100,7 +105,7 @@ def _leave(
         slowest[k] = np.maximum(slowest[k] - off, plan.measured_v - reach)
         fastest[k] = np.minimum(fastest[k] + off, plan.measured_v + reach)
     pace = np.maximum(-slowest, fastest)
-    top = np.maximum(limits.velocity, np.abs(plan.v).max(axis=0))
+    top = np.maximum(limits.operating_velocity, np.abs(plan.v).max(axis=0))
     rest = float((np.minimum(pace, top) / limits.braking).max()) * (1.0 + SUM_ROUNDING)
     nodes = np.concatenate([leaving, leaving[-1] + np.linspace(0.0, rest, BRAKING_SLABS + 1)[1:]])
     low, high = np.empty((2, len(nodes) - 1, len(top)))
@@ -125,7 +130,15 @@ def _overrun(
     off = np.minimum(off, np.abs(plan.measured_v - v) + _reach(plan, limits, command))
     errors = limits._replace(position_error=plan.deviation, velocity_error=off)
     rest = compute_stop_time(
-        v, off, limits.velocity, limits.acceleration, limits.braking, 0.0, 0.0, reaction_time
+        v,
+        off,
+        limits.operating_velocity,
+        limits.acceleration,
+        limits.braking,
+        0.0,
+        0.0,
+        reaction_time,
+        limits.operating_acceleration,
     )
     nodes = np.concatenate(
         [

@@ -60,9 +60,10 @@ def test_the_example_says_what_the_library_would_do_anyway():
 def test_every_setting_of_the_monitor_has_a_key():
     tables = Cell.load(EXAMPLE).tables
     keys = {*tables.monitor.__struct_fields__, *tables.thresholds.__struct_fields__, "margin"}
-    # Certificates are for observers within the same program; `ignore` and `[separation]` have
-    # places of their own.
+    # Certificates are for observers within the same program; `ignore`, `[separation]` and
+    # `[robot.operating]` have places of their own.
     others = {"robot", "obstacles", "ignore", "base_placement", "certify", "separation"}
+    others.add("operating")
     assert keys == set(inspect.signature(Monitor).parameters) - others
 
 
@@ -105,6 +106,38 @@ def test_the_base_moves_the_robot_and_statics_follow_their_frame():
     assert contact_time([1.0, 2.0, 3.0], "world", [2.0, 2.0, 3.5]) == pytest.approx(here)
     assert contact_time([1.0, 2.0, 3.0], "base", [1.0, 0.0, 0.5]) == pytest.approx(here)
     assert contact_time([1.0, 2.0, 3.0], "world", [1.0, 0.0, 0.5]) != pytest.approx(here)
+
+
+def test_operating_limits_are_fractions_or_one_for_each_joint():
+    text = f"{ROBOT}[robot.operating]\nvelocity = 0.3\nacceleration = {[2.0] * 7}\n"
+    robot, _, monitor = Cell.from_text(text).build()
+    velocity, acceleration = monitor.settings.operating.resolve(robot)
+    np.testing.assert_allclose(velocity, 0.3 * robot.velocity_limit)
+    assert (acceleration == 2.0).all()
+    limits = monitor._scheduler.arm.state.scene.limits
+    np.testing.assert_array_equal(limits.operating_acceleration, acceleration)
+
+
+@pytest.mark.parametrize(
+    ("text", "pattern"),
+    [
+        ("[robot.operating]", "robot.operating: .*neither"),
+        ("[robot.operating]\nvelocity = [1.0, 1.0]", "robot.operating: .*has 2 values"),
+        (f"[robot.operating]\nacceleration = {[99.0] * 7}", "robot.operating: .*panda_joint1"),
+    ],
+)
+def test_operating_limits_that_do_not_fit_are_refused(text, pattern):
+    cell = Cell.from_text(ROBOT + text)
+    with pytest.raises(CellError, match=pattern):
+        cell._make_operating(cell.make_robot())
+
+
+def test_published_operating_limits_are_missed_clearly_where_there_are_none():
+    cell = Cell.from_text(ROBOT.rstrip() + '\noperating = "published"\n')
+    robot = cell.make_robot()
+    if getattr(robot, "published_operating_limits", None) is None:
+        with pytest.raises(CellError, match=r"robot\.operating: .*not published"):
+            cell._make_operating(robot)
 
 
 def test_settings_reach_obstacles_and_monitor():

@@ -1,0 +1,209 @@
+"""Does an arm keep to its operating limits? Every joint state is tested against all before it.
+
+What all states so far allow together is one interval for each joint's true velocity and one for its
+position. From one state to the next the velocity's upper end grows with the acceleration limit
+while it is negative, then with the operating acceleration, and never beyond the operating velocity;
+its lower end mirrors that; the position's ends move by what such velocities allow for. Each new
+state cuts the intervals down to what it says, give or take its errors; where nothing is left, the
+operating limits were broken, or the errors were larger than stated.
+
+Motion within limits and errors never fails: rounding goes towards acceptance, as `jit.numerics` has
+it. A break is found late: a joint that speeds up twice as hard as stated shows only when it is
+faster than it could be by twice the velocity error, which takes 2 dv / A; and twice as long if the
+error goes from one end to the other meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from armguard.bounds.displacement import operating_displacement, operating_velocity
+from armguard.jit.arrays import FloatArray
+from armguard.jit.kernels import kernel
+from armguard.jit.numerics import ACCEPTANCE_SLACK
+from armguard.robot.operating_limits import LimitsInForce
+from armguard.robot.robot import Robot
+
+KEPT, TOO_FAST, TOO_HARD, TOO_FAR = range(4)
+"""What a joint did: it kept its operating limits, or was faster than the operating velocity, or
+sped up harder than the operating acceleration, or got further than both allow."""
+
+UNKEPT = 4
+"""Added to what was found of a joint state that is believed, where it is outside the operating
+limits; see `joint_acceptance` for the rest."""
+
+
+class OperatingRecord(NamedTuple):
+    """What the test needs and remembers, for compiled code; of no joints where there is none."""
+
+    velocity: FloatArray
+    """Operating velocities, [rad/s] or [m/s]. Shape (nv,)."""
+    acceleration: FloatArray
+    """Operating accelerations, [rad/s²] or [m/s²]. Shape (nv,)."""
+    acceleration_limit: FloatArray
+    """With which joints slow down at most, alike. Shape (nv,)."""
+    position_error: FloatArray
+    """[rad] or [m]. Shape (nv,)."""
+    velocity_error: FloatArray
+    """[rad/s] or [m/s]. Shape (nv,)."""
+    reachable: FloatArray
+    """Greatest and least positions, greatest and least velocities that all states allow for;
+    written. Shape (4, nv)."""
+    stamp: FloatArray
+    """Of the last state, in [s]; -inf before the first; written. Shape (1,)."""
+    finding: FloatArray
+    """Joint, code and amount of the last break; written. Shape (3,)."""
+
+
+@kernel
+def keeps_operating_limits(
+    record: OperatingRecord, stamp: float, q: FloatArray, v: FloatArray
+) -> bool:
+    """Whether a state is one that all before it and the operating limits allow for.
+
+    It becomes part of the record. Of a joint that is outside, all that came before is forgotten,
+    and the first such joint is the record's finding.
+
+    Args:
+        record: What came before.
+        stamp: Of the state, in [s], not less than the last one's.
+        q: Joint positions, finite, in [rad] or [m]. Shape (nv,).
+        v: Joint velocities, finite, in [rad]/[s] or [m]/[s]. Shape (nv,).
+    """
+    joints = record.velocity.shape[0]
+    if joints == 0:
+        return True
+    kept = True
+    reachable, last = record.reachable, record.stamp[0]
+    begun = last > -math.inf
+    # Rounded stamps add up exactly, so the slack for them belongs to the test alone.
+    elapsed = max(stamp - last, 0.0) if begun else 0.0
+    clock_slack = ACCEPTANCE_SLACK * (abs(stamp) + abs(last)) if begun else 0.0
+    for j in range(joints):
+        top, speeding = record.velocity[j], record.acceleration[j]
+        accel = record.acceleration_limit[j]
+        position_error, velocity_error = record.position_error[j], record.velocity_error[j]
+        highest, lowest, fastest, slowest = math.inf, -math.inf, top, -top
+        if begun:
+            up, down = reachable[2, j], -reachable[3, j]
+            rounding = ACCEPTANCE_SLACK * (abs(q[j]) + position_error + top * elapsed)
+            highest = reachable[0, j] + rounding
+            highest += operating_displacement(up, accel, speeding, top, elapsed)
+            lowest = reachable[1, j] - rounding
+            lowest -= operating_displacement(down, accel, speeding, top, elapsed)
+            rounding = ACCEPTANCE_SLACK * (top + velocity_error + accel * elapsed)
+            fastest = min(operating_velocity(up, accel, speeding, top, elapsed) + rounding, top)
+            slowest = -operating_velocity(down, accel, speeding, top, elapsed) - rounding
+            slowest = max(slowest, -top)
+        least, most = v[j] - velocity_error, v[j] + velocity_error
+        allowance = ACCEPTANCE_SLACK * (abs(v[j]) + velocity_error) + accel * clock_slack
+        code, amount = KEPT, max(least, -most) - top
+        finite = abs(q[j]) < math.inf and abs(v[j]) < math.inf
+        if not (finite and amount <= ACCEPTANCE_SLACK * (abs(v[j]) + velocity_error)):
+            code = TOO_FAST
+        else:
+            amount = max(least - fastest, slowest - most)
+            if not amount <= allowance:
+                code = TOO_HARD
+            else:
+                allowance = (
+                    ACCEPTANCE_SLACK * (abs(q[j]) + position_error) + 4.0 * top * clock_slack
+                )
+                amount = max(q[j] - position_error - highest, lowest - q[j] - position_error)
+                if not amount <= allowance:
+                    code = TOO_FAR
+        if code != KEPT:
+            if kept:
+                record.finding[0], record.finding[1], record.finding[2] = j, code, amount
+            kept = False
+            highest, lowest, fastest, slowest = math.inf, -math.inf, top, -top
+        reachable[0, j] = min(highest, q[j] + position_error)
+        reachable[1, j] = max(lowest, q[j] - position_error)
+        # Within the limits even where the measurement is not: what comes next is tested, too.
+        reachable[2, j] = max(min(fastest, most), -top)
+        reachable[3, j] = min(max(slowest, least), top)
+    record.stamp[0] = stamp
+    return kept
+
+
+class OperatingHistory:
+    """Tests joint states against operating limits, and puts the hardware's in force after a break.
+
+    Args:
+        robot: The arm.
+        in_force: The limits that all bounds on the arm's motion share.
+        rise_delay: How long the operating limits must have been kept again to be in force, in [s].
+
+    Attributes:
+        in_force: The limits that all bounds on the arm's motion share.
+        record: What compiled code tests by.
+    """
+
+    def __init__(self, robot: Robot, in_force: LimitsInForce, rise_delay: float) -> None:
+        joints = len(robot.joints)
+        self.in_force = in_force
+        self.record = OperatingRecord(
+            in_force.operating_velocity.copy(),
+            in_force.operating_acceleration.copy(),
+            np.array(robot.acceleration_limit, dtype=np.float64),
+            np.array(robot.position_error, dtype=np.float64),
+            np.array(robot.velocity_error, dtype=np.float64),
+            np.zeros((4, joints)),
+            np.array([-math.inf]),
+            np.zeros(3),
+        )
+        self._rise_delay = rise_delay
+        self._broken_at = -math.inf
+        keeps_operating_limits(self.record, 0.0, np.zeros(joints), np.zeros(joints))  # compiles
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all states; the operating limits are in force."""
+        self.record.stamp[0] = -math.inf
+        self._broken_at = -math.inf
+        if self.in_force.is_suspended:
+            self.in_force.resume()
+
+    def accept(self, stamp: float, q: FloatArray, v: FloatArray) -> bool:
+        """Whether a state keeps the operating limits; it becomes part of the history.
+
+        Args:
+            stamp: Of the state, in [s].
+            q: Joint positions, in [rad] or [m]. Shape (nv,), float64.
+            v: Joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,), float64.
+        """
+        return bool(keeps_operating_limits(self.record, stamp, q, v))
+
+    def suspend(self, now: float) -> None:
+        """Put the hardware's limits in force after a break.
+
+        Args:
+            now: Time of the tick, in [s].
+        """
+        self._broken_at = now
+        if not self.in_force.is_suspended:
+            self.in_force.suspend()
+
+    def resumes(self, now: float) -> bool:
+        """Put the operating limits in force again if they have been kept for long enough.
+
+        Args:
+            now: Time of the tick, in [s].
+
+        Returns:
+            Whether that is so since now.
+        """
+        # By the same sum as the rule that holds a level, so that both end in the same tick.
+        if not self.in_force.is_suspended or now - self._broken_at < self._rise_delay:
+            return False
+        self.in_force.resume()
+        return True
+
+
+def make_empty_record() -> OperatingRecord:
+    """The record of an arm without operating limits: everything keeps them."""
+    none = np.zeros(0)
+    return OperatingRecord(none, none, none, none, none, np.zeros((4, 0)), np.zeros(1), np.zeros(3))

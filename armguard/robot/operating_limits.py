@@ -1,0 +1,224 @@
+"""Operating limits: what a controller keeps to while the arm works, far below what it could do.
+
+The hardware's limits are what an emergency may do. Where the user states operating limits, a joint
+speeds up by no more than the operating acceleration and to no more than the operating velocity; it
+slows down by as much as its acceleration limit. They are a premise that the controller enforces;
+`armguard.bounds.operating_history` finds a broken one, late, and until it has been kept for a while
+again the hardware's limits are in force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray
+from armguard.robot.robot import Robot
+
+PUBLISHED = "published"
+"""Instead of limits: those that the robot's description has from published sources."""
+
+
+class OperatingLimits:
+    """What joints keep to while the arm works; one that is left out is the hardware's.
+
+    Attributes:
+        velocity: In [rad]/[s] or [m]/[s]. One number, shape (nv,), or None: the velocity limits.
+        acceleration: With which joints speed up, in [rad]/[s²] or [m]/[s²]; they may slow down by
+            as much as the robot's acceleration limits. One number, shape (nv,), or None.
+    """
+
+    def __init__(
+        self, velocity: ArrayLike | None = None, acceleration: ArrayLike | None = None
+    ) -> None:
+        """Check what can be checked without a robot.
+
+        Args:
+            velocity: One number for all joints or one for each, in [rad]/[s] or [m]/[s].
+            acceleration: Alike, in [rad]/[s²] or [m]/[s²].
+
+        Raises:
+            ArmguardError: Neither is given, or one is not finite, not positive, or no number.
+        """
+        if velocity is None and acceleration is None:
+            raise ArmguardError(
+                "operating limits",
+                "are none: neither velocity nor acceleration is given",
+                remedy="leave them out altogether if there are none",
+            )
+        self.velocity = _read("operating velocity", velocity)
+        self.acceleration = _read("operating acceleration", acceleration)
+
+    @classmethod
+    def fraction(
+        cls, robot: Robot, *, velocity: float = 1.0, acceleration: float = 1.0
+    ) -> OperatingLimits:
+        """Operating limits that are fractions of the robot's, the same for all joints.
+
+        Args:
+            robot: Whose limits.
+            velocity: Of its velocity limits, in (0, 1].
+            acceleration: Of its acceleration limits, in (0, 1].
+
+        Raises:
+            ArmguardError: A fraction is no number above 0 and up to 1.
+        """
+        limits = []
+        for name, fraction, hardware in (
+            ("operating velocity", velocity, robot.velocity_limit),
+            ("operating acceleration", acceleration, robot.acceleration_limit),
+        ):
+            number = _read(name, fraction)
+            if number is None or number.ndim or not number <= 1.0:
+                raise ArmguardError(
+                    name, f"is the fraction {fraction!r}", expected="a number above 0, at most 1"
+                )
+            limits.append(float(number) * hardware)
+        return cls(*limits)
+
+    @classmethod
+    def published(cls, robot: Robot) -> OperatingLimits:
+        """The operating limits that the robot's description has from published sources.
+
+        Raises:
+            ArmguardError: It has none.
+        """
+        found = robot.published_operating_limits
+        if found is None:
+            raise ArmguardError(
+                "operating limits",
+                f"of {robot.name} are not published, as far as its description says",
+                remedy="state velocity and acceleration yourself, or leave operating limits out",
+            )
+        return cls(found.velocity, found.acceleration)
+
+    def resolve(self, robot: Robot) -> tuple[FloatArray, FloatArray]:
+        """Velocity and acceleration of each joint, as arrays of their own. Shape (nv,) each.
+
+        Raises:
+            ArmguardError: There is not one for each joint, or one is above the robot's limit.
+        """
+        return (
+            _fit("operating velocity", self.velocity, robot.velocity_limit, robot.joints),
+            _fit(
+                "operating acceleration", self.acceleration, robot.acceleration_limit, robot.joints
+            ),
+        )
+
+
+class LimitsInForce:
+    """What every bound on the arm's motion counts with now; its arrays are written in place.
+
+    Attributes:
+        velocity: In [rad]/[s] or [m]/[s]. Shape (nv,).
+        acceleration: With which joints speed up, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
+        operating_velocity: What `velocity` is while the operating limits are in force. (nv,).
+        operating_acceleration: What `acceleration` is then. (nv,).
+        is_suspended: Whether the hardware's limits are in force instead of the operating ones.
+        revision: How often this has changed.
+    """
+
+    def __init__(self, robot: Robot, operating: OperatingLimits | None) -> None:
+        """The operating limits, or the robot's own where there are none, are in force.
+
+        Raises:
+            ArmguardError: The operating limits do not fit the robot.
+        """
+        self._hardware = (
+            np.array(robot.velocity_limit, dtype=np.float64),
+            np.array(robot.acceleration_limit, dtype=np.float64),
+        )
+        limits = self._hardware if operating is None else operating.resolve(robot)
+        self.operating_velocity, self.operating_acceleration = limits
+        self.velocity = self.operating_velocity.copy()
+        self.acceleration = self.operating_acceleration.copy()
+        self.is_suspended = False
+        self.revision = 0
+
+    def suspend(self) -> None:
+        """Put the hardware's limits in force."""
+        self._put(*self._hardware, is_suspended=True)
+
+    def resume(self) -> None:
+        """Put the operating limits in force again."""
+        self._put(self.operating_velocity, self.operating_acceleration, is_suspended=False)
+
+    def _put(self, velocity: FloatArray, acceleration: FloatArray, *, is_suspended: bool) -> None:
+        self.velocity[:] = velocity
+        self.acceleration[:] = acceleration
+        self.is_suspended = is_suspended
+        self.revision += 1
+
+
+def put_in_force(robot: Robot, operating: OperatingLimits | LimitsInForce | None) -> LimitsInForce:
+    """The limits that motion models count with: shared ones as they are, others anew.
+
+    Raises:
+        ArmguardError: The operating limits do not fit the robot, or are something else.
+    """
+    if isinstance(operating, LimitsInForce):
+        return operating
+    return LimitsInForce(robot, read_operating(robot, operating))
+
+
+def read_operating(robot: Robot, operating: object) -> OperatingLimits | None:
+    """The operating limits that a user asks for; the word "published" stands for the robot's.
+
+    Raises:
+        ArmguardError: They are something else, do not fit the robot, or it has none published.
+    """
+    if operating is None:
+        return None
+    if isinstance(operating, str) and operating == PUBLISHED:
+        operating = OperatingLimits.published(robot)
+    if not isinstance(operating, OperatingLimits):
+        raise ArmguardError(
+            "operating",
+            f"is {operating!r}",
+            expected='an armguard.OperatingLimits, "published", or None',
+        )
+    operating.resolve(robot)
+    return operating
+
+
+def _read(name: str, values: ArrayLike | None) -> FloatArray | None:
+    """Numbers above 0 as an array that cannot be changed."""
+    if values is None:
+        return None
+    try:
+        array = np.asarray(values)
+        usable = array.dtype.kind in "fiu" and array.ndim <= 1 and array.size > 0
+        numbers = np.array(array, dtype=np.float64) if usable else np.array(np.nan)
+    except Exception:
+        # Whatever a foreign object raises here, it is no array.
+        usable, numbers = False, np.array(np.nan)
+    if not usable or isinstance(values, np.ma.MaskedArray):
+        raise ArmguardError(name, f"is {values!r}", expected="one number, or one for each joint")
+    if not ((numbers > 0.0) & (numbers < np.inf)).all():
+        raise ArmguardError(name, f"is {values!r}", expected="finite numbers above 0")
+    numbers.flags.writeable = False
+    return numbers
+
+
+def _fit(
+    name: str, values: FloatArray | None, hardware: FloatArray, joints: Sequence[str]
+) -> FloatArray:
+    limits = np.array(hardware, dtype=np.float64)
+    if values is None:
+        return limits
+    if values.ndim and values.shape != limits.shape:
+        raise ArmguardError(
+            name, f"has {len(values)} values", expected=f"one number, or {len(joints)} of them"
+        )
+    fitted = np.broadcast_to(values, limits.shape).copy()
+    for joint, value, limit in zip(joints, fitted, limits, strict=True):
+        if not 0.0 < value <= limit:
+            raise ArmguardError(
+                f"{name} of joint {joint!r}",
+                f"is {value:.6g}",
+                expected=f"above 0 and no more than the robot's limit of {limit:.6g}",
+            )
+    return fitted
