@@ -153,6 +153,45 @@ def fastest_that_rests(brakes: BrakeCurves, joint: int, within: float) -> float:
     return fastest
 
 
+@kernel
+def scale_that_rests(brakes: BrakeCurves, velocity: FloatArray, within: float) -> float:
+    """The greatest fraction of some velocities, (nv,), from which all joints rest within a time."""
+    scale = 1.0
+    for joint in range(velocity.shape[0]):
+        scale = min(scale, fastest_that_rests(brakes, joint, within) / velocity[joint])
+    return scale
+
+
+@kernel
+def scale_within_range(
+    brakes: BrakeCurves,
+    velocity: FloatArray,
+    velocity_error: FloatArray,
+    acceleration: FloatArray,
+    delay: float,
+) -> float:
+    """The greatest fraction of their velocities at which brakes are stated for all joints.
+
+    A joint that keeps to it, and speeds up from there until its brakes bite, is within their range
+    even then.
+
+    Args:
+        brakes: How joints stop.
+        velocity: What joints keep to, in [rad]/[s] or [m]/[s]. Shape (nv,).
+        velocity_error: What measured velocities may be off by. Shape (nv,).
+        acceleration: With which joints speed up, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
+        delay: From a joint state until brakes bite, in [s].
+    """
+    scale = 1.0
+    last = brakes.speed.shape[1] - 1
+    for joint in range(velocity.shape[0]):
+        fastest = brakes.speed[joint, last]
+        if fastest < velocity[joint]:
+            room = fastest - velocity_error[joint] - acceleration[joint] * delay
+            scale = min(scale, max(room, 0.0) / velocity[joint])
+    return scale
+
+
 class Brakes:
     """The table of a robot's brakes, checked; one list of entries for each watched joint.
 
@@ -232,6 +271,27 @@ class Brakes:
                 curves.deceleration[j, step] = max(one.deceleration for one in above)
                 curves.time[j, step] = min(one.stopping_time for one in above)
                 curves.distance[j, step] = min(one.stopping_distance for one in above)
+
+    def gentlest_stop(self, speeds: FloatArray) -> FloatArray:
+        """The least constant decelerations that keep what is stated of a stop from some speeds.
+
+        For simulations: what is stated under the heaviest load is all that they may rely on.
+
+        Args:
+            speeds: Of the joints, in [rad]/[s] or [m]/[s]; of either sign. Shape (nv,).
+
+        Returns:
+            In [rad]/[s²] or [m]/[s²], above 0; of a joint at rest what its first entry says, in the
+            mean where that has no deceleration. Shape (nv,).
+        """
+        curves, rates = self.make_curves(), np.zeros(len(self.joints))
+        for j, speed in enumerate(np.abs(speeds).tolist()):
+            stop = find_stop(curves, j, speed)
+            if speed > 0.0:
+                rates[j] = max(speed / rest_time(stop, speed), 0.5 * speed**2 / stop.distance)
+            else:
+                rates[j] = stop.deceleration or curves.speed[j, 0] / stop.time
+        return rates
 
     def sources(self, joint: str) -> str:
         """Where the entries of a joint come from, each source once."""

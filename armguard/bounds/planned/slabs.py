@@ -21,6 +21,7 @@ from armguard.bounds.planned.curve import curve_range, evaluate_curve, speed_ran
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
+from armguard.robot.brakes import BrakeCurves, find_stop, rest_time
 from armguard.robot.stop_time import compute_stop_time
 
 SLAB = 5e-3
@@ -106,7 +107,7 @@ def _leave(
         fastest[k] = np.minimum(fastest[k] + off, plan.measured_v + reach)
     pace = np.maximum(-slowest, fastest)
     top = np.maximum(limits.operating_velocity, np.abs(plan.v).max(axis=0))
-    rest = float((np.minimum(pace, top) / limits.braking).max()) * (1.0 + SUM_ROUNDING)
+    rest = _slowest_rest(np.minimum(pace, top).max(axis=0), limits.brakes) * (1.0 + SUM_ROUNDING)
     nodes = np.concatenate([leaving, leaving[-1] + np.linspace(0.0, rest, BRAKING_SLABS + 1)[1:]])
     low, high = np.empty((2, len(nodes) - 1, len(top)))
     _fill_leaving(nodes, low_on, high_on, slowest, fastest, top, limits, low, high)
@@ -134,7 +135,7 @@ def _overrun(
         off,
         limits.operating_velocity,
         limits.acceleration,
-        limits.braking,
+        limits.brakes,
         0.0,
         0.0,
         reaction_time,
@@ -204,6 +205,15 @@ def _fill_ranges(
 
 
 @kernel
+def _slowest_rest(pace: FloatArray, brakes: BrakeCurves) -> float:
+    """Time in which all joints rest that brake from speeds of at most `pace`, (nv,), in [s]."""
+    slowest = 0.0
+    for j in range(pace.shape[0]):
+        slowest = max(slowest, rest_time(find_stop(brakes, j, pace[j]), pace[j]))
+    return slowest
+
+
+@kernel
 def _fill_leaving(
     nodes: FloatArray,
     low_on: FloatArray,
@@ -223,7 +233,7 @@ def _fill_leaving(
     leaving = low_on.shape[0]
     for k in range(nodes.shape[0] - 1):
         for j in range(top.shape[0]):
-            accel, braking = limits.acceleration[j], limits.braking[j]
+            accel, brakes = limits.acceleration[j], limits.brakes
             highest = high_on[k, j] if k < leaving else -math.inf
             lowest = low_on[k, j] if k < leaving else math.inf
             for i in range(min(k + 1, leaving)):
@@ -231,9 +241,11 @@ def _fill_leaving(
                 longest = nodes[k + 1] - nodes[i]
                 shortest = max(nodes[k] - nodes[i + 1], 0.0)
                 up, down = min(fastest[i, j], top[j]), min(-slowest[i, j], top[j])
-                braked = brake(up, accel, braking, longest if up > 0.0 else shortest)
+                stop = find_stop(brakes, j, up)
+                braked = brake(up, accel, stop, longest if up > 0.0 else shortest)
                 highest = max(highest, high_on[i, j] + braked)
-                braked = brake(down, accel, braking, longest if down > 0.0 else shortest)
+                stop = find_stop(brakes, j, down)
+                braked = brake(down, accel, stop, longest if down > 0.0 else shortest)
                 lowest = min(lowest, low_on[i, j] - braked)
             # One that stops at a limit gets no further, however fast it was.
             high[k, j] = max(highest, limits.lower[j] + limits.position_error[j])

@@ -302,3 +302,13 @@ def test_a_bound_that_there_is_not_is_inf():
     obstacles = cell.make_obstacles()
     obstacles.update(["a"], 0.0, [[1.0, 0.0, 0.0]], radius=0.1)
     assert (obstacles.table.speed[0], obstacles.table.accel[0]) == (math.inf, math.inf)
+
+
+def test_a_cell_says_what_the_arm_carries():
+    _, _, monitor = Cell.from_text(f"{ROBOT}payload = 0.25\n").build()
+    assert monitor.payload == 0.25
+    _, _, monitor = Cell.from_text(ROBOT).build()
+    assert monitor.payload == 1.0
+    for payload, pattern in (("1.5", "kilograms from 0 to 1"), ("-1.0", ">= 0"), ("nan", "nan")):
+        with pytest.raises(CellError, match=rf"robot\.payload.*{pattern}"):
+            Cell.from_text(f"{ROBOT}payload = {payload}\n").build()
