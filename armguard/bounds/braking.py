@@ -102,6 +102,9 @@ class BrakingMotion(JointSpaceMotion):
     ) -> JointTable:
         """Fill the table of one tick; its last node is the stop time.
 
+        Brakes may bite sooner than they must, at any time since the stamp, but not while the arm
+        goes on: a stop meanwhile is a question of its own.
+
         It proves nothing where `covers` says that a joint may be faster than its brakes are stated
         for: it stops as their last entry says then, so that times stay finite.
 

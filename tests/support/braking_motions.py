@@ -104,8 +104,8 @@ class Pieces:
         # What times and distances call for, where nothing is guaranteed at each instant.
         mean = np.maximum(speed / time, 0.5 * speed**2 / distance)
         rate = np.minimum(np.maximum(harder, mean * (1.0 + 1e-9)), limits.acceleration)
-        ramp = np.where(stops, (speed - to) / rate, 0.0)
         with np.errstate(invalid="ignore", divide="ignore"):
+            ramp = np.where(stops, (speed - to) / rate, 0.0)
             room = np.minimum(time - ramp, (distance - 0.5 * (speed + to) * ramp) / speed)
         room = np.where((held > 0.0) | ~stops, 0.0, np.maximum(room, 0.0))
         room = np.minimum(room * random.choice([1.0, 0.0, 0.7], len(speed)), span)
@@ -133,18 +133,20 @@ def look_up(brakes, speed):
 
 
 def move(random, joints, free, going_on, scale, times):
-    """Displacements at `times` from the stamp, and whether brakes bit while joints were free."""
+    """Displacements at `times` from the stamp. Shape (times, n).
+
+    Where nothing comes between, brakes may bite before the free time is over.
+    """
     limits, count = joints.limits, len(joints.q)
     pieces = Pieces(joints.true)
-    early = random.random(count) < 0.3
+    early = (random.random(count) < 0.3) & (going_on == 0.0)
     bite = np.where(early, free * random.uniform(0.0, 1.0, count), free)
     for part in np.diff(np.linspace(0.0, 1.0, TURNS + 1)):
         target = limits.velocity * np.clip(random.uniform(-2.0, 2.0, count), -1.0, 1.0)
         pieces.until(target, limits.acceleration, limits.operating_acceleration, part * bite)
-    left = np.where(early, 0.0, going_on)
     if going_on > 0.0:
         pace = scale * limits.operating_velocity
-        left = pieces.brake(random, limits, np.where(early, np.inf, pace), left)
+        left = pieces.brake(random, limits, pace, np.full(count, going_on))
         target = pace * random.choice([-1.0, 1.0, 0.3], count)
         slower = np.abs(pieces.v) <= pace * (1.0 + 1e-12)
         speeds = limits.operating_acceleration
