@@ -379,7 +379,9 @@ class Monitor:
             # What was proved with wider limits holds with these, too.
             scheduler.arm.follow_limits(states.v)
         quiet = now < self._quiet_until and obstacles.is_quiet(now, self._source_timeout)
-        seen = scheduler.advance(stamp, q, v, now, epoch, number, quiet)
+        # Under another payload nothing may be decided before all certificates are invalid.
+        usual = quiet and not self._reloaded
+        seen = scheduler.advance(stamp, q, v, now, epoch, number, usual)
         found, joint, stop_time, late = seen[:4]
         if found < BELIEVED:
             return self._refuse(stamp, describe_refusal(states, found, joint, stamp, q, v))

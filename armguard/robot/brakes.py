@@ -233,7 +233,7 @@ class Brakes:
             payload, bool
         ):
             number = float(payload)
-        if not 0.0 <= number < math.inf or not number <= self.most_payload:
+        if not 0.0 <= number <= self.most_payload:
             raise RobotError(
                 "payload",
                 f"is {payload!r}",

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from armguard import SeparationRule
 from armguard.bounds import BrakingMotion
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
@@ -34,7 +35,7 @@ def glide(monitor, start, count, speed, q=HOME):
 
 
 def test_a_joint_that_may_be_too_fast_for_its_brakes_is_a_stop_that_names_it():
-    _, monitor = make_monitor()
+    _, monitor = make_monitor(rise_delay=0.0)
     delay = PERIOD + 0.002 + 0.02
     most = RANGE - 0.02 - 15.0 * delay
     for speed, is_covered in ((most - 1e-6, True), (most + 1e-6, False), (-most - 1e-6, False)):
@@ -46,7 +47,7 @@ def test_a_joint_that_may_be_too_fast_for_its_brakes_is_a_stop_that_names_it():
     reason = next(one for one in verdict.reasons if one.kind is UNBRAKED)
     assert reason.kind.effect is Effect.STANDING
     assert reason.subject == "panda_joint1"
-    for part in ("-0.94 rad/s", "23 ms", "stated up to 1.305", "rad/s"):
+    for part in ("-0.94 rad/s", "23 ms", "stated up to 1.3 rad/s"):
         assert part in reason.detail, reason.detail
     assert verdict.speed_scale == 0.0
 
@@ -120,7 +121,6 @@ def test_less_load_lets_an_arm_go_on_nearer():
 
 def test_a_payload_that_changes_counts_in_the_next_tick():
     obstacles, monitor = make_monitor(payload=0.0, obstacles=Obstacles(speed=1.0))
-    v = moving(0.5, joint=1)
     place = [margin_of(0.0) + 0.1, 0.0, 0.5]
     assert place[0] < margin_of(1.0)
     see(obstacles, 0.0, place)
@@ -139,7 +139,6 @@ def test_a_payload_that_changes_counts_in_the_next_tick():
     again = monitor.step(2 * PERIOD, HOME + 1.2 * PERIOD * np.eye(7)[1], moving(0.6, joint=1))
     assert again.level is Level.STOP
     assert again.stop_time == light.stop_time
-    assert v is not None
 
 
 def test_all_certificates_are_due_when_the_payload_changes():
@@ -182,14 +181,14 @@ def test_bounds_beyond_the_range_let_joints_go_on():
     assert motion.stop_time(HOME, fast, 0.0, 0.0) == math.inf
     assert not motion.covers(fast, 0.0, 0.0)
     question = HOME, fast, "panda_hand", np.zeros(3), direction
-    assert motion.advance(*question, 3.0) > 1.5 * motion.advance(*question, 1.0)
+    slower = HOME, moving(0.5), *question[2:]
+    assert motion.advance(*slower, 1.5) == pytest.approx(motion.advance(*slower, 0.6))
+    assert motion.advance(*question, 1.5) > 1.1 * motion.advance(*question, 0.6)
     with pytest.raises(ArmguardError, match=r"'panda_joint1'.*may be faster .*at most 1\.305"):
         motion.stopping_volume(HOME, fast, 0.0, 0.0)
 
 
 def test_the_separation_margin_of_an_arm_that_nothing_is_known_to_stop_is_none():
-    from armguard import SeparationRule
-
     obstacles, monitor = make_monitor(separation=SeparationRule(human_speed=1.6))
     see(obstacles, 0.0, [5.0, 0.0, 0.5])
     verdict = monitor.step(0.0, HOME, moving(1.2))

@@ -24,9 +24,16 @@ ARMS = {
 }
 
 
+def hold_at_all_speeds(robot):
+    """Let its brakes hold at every speed and load what they do at low speed, heavily loaded."""
+    robot.braking_deceleration = robot.braking_deceleration
+
+
 def load_arm(name):
     if name == "panda":
-        return Robot.load("panda")
+        robot = Robot.load("panda")
+        hold_at_all_speeds(robot)
+        return robot
     path, joints = ARMS[name]
     urdf_path, packages = find_example_urdf(path)
     urdf = read_urdf(urdf_path, [packages])
