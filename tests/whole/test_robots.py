@@ -223,19 +223,17 @@ def park(robot):
     return q, np.zeros(len(q))
 
 
-@pytest.fixture(scope="module")
-def watched(robot):
+def watch(robot):
     """A monitor on an arm whose controller keeps to what is published, and its obstacles."""
     obstacles = Obstacles(accel=10.0, speed=2.0, sources=["camera"])
     return Monitor(robot, obstacles, operating="published"), obstacles
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.5 * np.pi, np.pi])
+@pytest.mark.parametrize("angle", [0.0, 0.5 * np.pi])
 @pytest.mark.parametrize("distance", [2.0, 3.0])
-def test_a_person_who_stands_still_stops_no_parked_arm(robot, watched, distance, angle):
+def test_a_person_who_stands_still_stops_no_parked_arm(robot, distance, angle):
     """Held by a capsule from the knees to the head, whose bounds are 10 m/s² and 2 m/s."""
-    monitor, obstacles = watched
-    monitor.reset()
+    monitor, obstacles = watch(robot)
     place = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
     person = place + np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 1.6]])
     q, v = park(robot)
@@ -249,14 +247,15 @@ def test_a_person_who_stands_still_stops_no_parked_arm(robot, watched, distance,
     assert verdict.level >= (Level.AWARE if distance == 3.0 else Level.SLOW), verdict
 
 
-def test_a_ball_that_is_thrown_stops_the_arm_in_time(robot, watched):
+def test_a_ball_that_is_thrown_stops_the_arm_in_time(robot):
     """From 3 m, at 8 m/s: the STOP comes while the arm still rests before the ball is there."""
-    monitor, obstacles = watched
-    monitor.reset()
+    monitor, obstacles = watch(robot)
     q, v = park(robot)
     kinematics = Kinematics(robot)
     kinematics.compute(q, v)
-    target = kinematics.centers[-1]
+    finest = kinematics.spheres.child_count == 0
+    centers, radii = kinematics.centers[finest], kinematics.spheres.radius[finest]
+    target = centers[-1]
     side = np.array([target[0], target[1], 0.0])
     side /= np.linalg.norm(side)
     start = target + side * (3.0 - np.linalg.norm(target[:2]))
@@ -264,7 +263,7 @@ def test_a_ball_that_is_thrown_stops_the_arm_in_time(robot, watched):
     for tick in range(1000):
         stamp = 0.001 * tick
         position = start - 8.0 * stamp * side
-        gaps = np.linalg.norm(kinematics.centers - position, axis=1) - kinematics.spheres.radius
+        gaps = np.linalg.norm(centers - position, axis=1) - radii
         if gaps.min() <= 0.05:
             break
         obstacles.update(
