@@ -235,19 +235,20 @@ class Judge:
         """The speed scale of a tick: 0 in STOP, 1 in AWARE and CLEAR, and in SLOW what is proved.
 
         Where nothing is near there is nothing to slow down for: SLOW comes in time, for while a
-        level is higher, the arm can stop before contact at whatever speed it has. But no scale
-        invites joints to be faster than brakes are stated for.
+        level is higher, the arm can stop before contact at whatever speed it has. A scale that
+        promises something is never above what brakes are stated for.
         """
         if level is Level.STOP:
             return 0.0
-        stopping, most = self._stopping, self._find_most_scale()
         if level is not Level.SLOW:
-            return most
+            return 1.0
+        stopping = self._stopping
         if stopping is None:
             # An arm that is no faster can brake before contact, whatever it does in this tick.
             left = max(contact_time - self._braking_delay, 0.0)
             fastest = self._in_force.velocity
-            return min(scale_that_rests(self._in_force.brakes, fastest, left), most)
+            return float(scale_that_rests(self._in_force.brakes, fastest, left))
+        most = self._find_most_scale(stopping)
         if most < 1.0 and not stopping.covers(tick):
             # Before it obeys, the arm may be too fast for its brakes: nothing is proved.
             return stopping.hold_scale(tick.now, 0.0)
@@ -255,18 +256,20 @@ class Judge:
         scale = 1.0 if contact_time > tick.late_stop_time else stopping.find_scale(tick)
         return stopping.hold_scale(tick.now, min(scale, most))
 
-    def _find_most_scale(self) -> float:
-        """What no scale exceeds, since brakes are not stated for more; found at changes only."""
+    def _find_most_scale(self, stopping: StopDecision) -> float:
+        """What no scale exceeds, since brakes are not stated for more; found at changes only.
+
+        A joint that keeps to it may speed up from there until its brakes bite.
+        """
         in_force = self._in_force
         if in_force.revision != self._most_scale_of:
-            delay = self._braking_delay if self._stopping is None else self._stopping.braking_delay
             self._most_scale_of = in_force.revision
             self._most_scale = scale_within_range(
                 in_force.brakes,
                 in_force.velocity,
                 self._velocity_error,
                 in_force.acceleration,
-                delay,
+                stopping.braking_delay,
             )
         return self._most_scale
 
@@ -300,8 +303,8 @@ class Judge:
         lower, upper = robot.lower_position_limit, robot.upper_position_limit
         tick = Tick(-1, 0.0, 0.0, np.clip(still, lower, upper), still, 0.0, 0.0, 0.0)
         scale_that_rests(self._in_force.brakes, self._in_force.velocity, 0.0)
-        self._find_most_scale()
         if self._stopping is not None:
+            self._find_most_scale(self._stopping)
             self._stopping.covers(tick)
             self._stopping.find_scale(tick)
             self._stopping.reset()

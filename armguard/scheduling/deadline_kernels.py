@@ -244,6 +244,9 @@ def _joint_time_to_spare(
     lesser of T and (u + a w) / b. Once it is past the last, or at its top speed, it gets no slower
     to rest.
     """
+    if left == np.inf:
+        # Where no contact can ever come.
+        return np.inf
     spare = -np.inf
     last = brakes.speed.shape[1] - 1
     for step in range(last + 1):
