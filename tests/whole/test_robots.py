@@ -288,6 +288,7 @@ def test_brakes_are_stated_for_every_joint_and_say_so_in_the_readme(robot):
     # Whatever is neither published nor computed by a command is marked.
     for source in stated:
         assert "CHOSEN" in source or "computed by benchmarks/" in source or "manual" in source
+    assert robot.brakes.check_payload(None) == robot.brakes.most_payload
     top = robot.velocity_limit + robot.velocity_error
     covered = robot.brakes.make_curves().speed[:, -1]
     if robot.name == "panda":
