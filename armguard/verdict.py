@@ -70,6 +70,7 @@ class ReasonKind(enum.Enum):
     OVERDUE = ("pair overdue", Effect.STANDING)
     IGNORE_UNMATCHED = ("ignored pair matches nothing", Effect.STANDING)
     JOINT_STOP_AHEAD = ("joint runs into its stop", Effect.STANDING)
+    BRAKES_NOT_COVERED = ("brakes not stated for such speeds", Effect.STANDING)
     OPERATING_LIMITS_BROKEN = ("operating limits broken", Effect.STANDING)
     JOINT_STATE_MALFORMED = ("joint state malformed", Effect.LATCHED)
     JOINT_STATE_BEYOND_LIMITS = ("joint state beyond its limits", Effect.LATCHED)

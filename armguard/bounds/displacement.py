@@ -12,6 +12,8 @@ displacement from where it truly was at the stamp lies between `low` and `high`:
   the moment on at which it can have got there first, and come back from there; what throws it
   back is no controller's doing, so it speeds up by as much as the acceleration limit. (One that
   was thrown back before its stamp, and still speeds up so, breaks its operating limits.)
+- While it brakes: as the brakes' entry says for the greatest velocity that it can have when they
+  bite. Should they bite sooner, it is no faster then, and has that much longer to rest.
 
 Before its stamp a joint was nowhere that its top speed does not reach: backwards in time, what
 slows down by the acceleration limit speeds up by it. Both bounds, before they
@@ -27,6 +29,7 @@ from armguard.bounds.limits import JointLimits
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
+from armguard.robot.brakes import BrakeCurves, Stop, braked_displacement, find_stop
 
 
 @kernel
@@ -116,32 +119,51 @@ def rise(
 
 
 @kernel
-def brake(velocity: float, accel: float, deceleration: float, s: float) -> float:
+def brake(velocity: float, accel: float, stop: Stop, s: float) -> float:
     """Greatest displacement within `s` seconds of braking from a velocity of at most `velocity`.
 
-    A joint that moves forwards decelerates by at least `deceleration`, one that moves backwards by
-    at most `accel`, each until it rests.
+    A joint that moves forwards stops as `stop` says, which holds from that velocity; one that moves
+    backwards decelerates by at most `accel`, each until it rests.
     """
-    slows = deceleration if velocity > 0.0 else accel
-    until = min(s, abs(velocity) / slows)
-    distance = until * (abs(velocity) - 0.5 * slows * until)
-    return math.copysign(distance, velocity) + SUM_ROUNDING * distance
+    if velocity > 0.0:
+        braked: float = braked_displacement(velocity, stop, s)
+        return braked
+    until = min(s, -velocity / accel)
+    distance = until * (-velocity - 0.5 * accel * until)
+    return -distance + SUM_ROUNDING * distance
+
+
+@kernel
+def eased_velocity(velocity: float, stop: Stop, pace: float, s: float) -> float:
+    """Greatest velocity `s` seconds after a joint faster than a pace began to slow down to it.
+
+    It slows down as if it braked. Of times and distances alone, all that follows is that it keeps
+    to the pace after the time in which it would rest.
+    """
+    if s >= stop.time:
+        return pace
+    return max(pace, velocity - stop.deceleration * s)
 
 
 @kernel
 def _ease(
-    velocity: float, accel: float, speeding: float, deceleration: float, pace: float, s: float
+    velocity: float, accel: float, speeding: float, stop: Stop, pace: float, s: float
 ) -> tuple[float, float]:
     """Greatest displacement in `s` seconds of keeping to a pace, and the greatest velocity then.
 
-    A joint that is faster decelerates by at least `deceleration`, any other gets no faster.
+    A joint that is faster slows down as if it braked, any other gets no faster.
     """
     if velocity <= pace:
         eased = operating_displacement(velocity, accel, speeding, pace, s)
         return eased, operating_velocity(velocity, accel, speeding, pace, s)
-    until = min(s, (velocity - pace) / deceleration)
-    distance = until * (velocity - 0.5 * deceleration * until) + pace * (s - until)
-    return distance * (1.0 + SUM_ROUNDING), max(pace, velocity - deceleration * s)
+    # As fast as it was for as long as time and distance allow, and at its pace from then on.
+    until = min(s, min(stop.time, stop.distance / velocity))
+    distance = until * velocity + pace * (s - until)
+    if stop.deceleration > 0.0:
+        until = min(min(s, stop.time), (velocity - pace) / stop.deceleration)
+        held = until * (velocity - 0.5 * stop.deceleration * until) + pace * (s - until)
+        distance = min(distance, held)
+    return distance * (1.0 + SUM_ROUNDING), eased_velocity(velocity, stop, pace, s)
 
 
 @kernel
@@ -150,7 +172,8 @@ def _settle(
     accel: float,
     speeding: float,
     top: float,
-    deceleration: float,
+    brakes: BrakeCurves,
+    joint: int,
     highest: float,
     room_below: float,
     below: float,
@@ -169,7 +192,8 @@ def _settle(
             reached = max(reached, min(top, accel * (free - below)))
             # What a stop has thrown back still speeds up as hard.
             speeding = accel
-        eased, left = _ease(reached, accel, speeding, deceleration, pace, min(s - free, going_on))
+        stop = find_stop(brakes, joint, reached)
+        eased, left = _ease(reached, accel, speeding, stop, pace, min(s - free, going_on))
         displacement = min(displacement, highest) + eased
         if free < below < s:
             # It may have come to rest at its stop meanwhile, and come back from there.
@@ -181,7 +205,8 @@ def _settle(
                 left = max(left, min(pace, accel * back))
         if s > free + going_on:
             # Braking: until it rests, from the greatest velocity that easing has left it.
-            braked = brake(left, accel, deceleration, s - free - going_on)
+            stop = find_stop(brakes, joint, left)
+            braked = brake(left, accel, stop, s - free - going_on)
             displacement = min(displacement, highest) + braked
     # One that stops at its limit below gets no further down, however fast it was.
     return max(displacement, -max(room_below, 0.0))
@@ -233,7 +258,7 @@ def fill_eased_displacements(
         top = max(limits.operating_velocity[j], abs(v[j]))
         pace = scale * limits.operating_velocity[j]
         up, down = v[j] + limits.velocity_error[j], -v[j] + limits.velocity_error[j]
-        error, braking = limits.position_error[j], limits.braking[j]
+        error = limits.position_error[j]
         room_above, room_below = limits.upper[j] - q[j] - error, q[j] - limits.lower[j] - error
         # When the joint can have got to each of its stops first, and where it is clipped to them.
         above = operating_arrival(up, accel, speeding, top, room_above)
@@ -252,7 +277,8 @@ def fill_eased_displacements(
                     accel,
                     speeding,
                     top,
-                    braking,
+                    limits.brakes,
+                    j,
                     highest[j],
                     room_below,
                     below,
@@ -266,7 +292,8 @@ def fill_eased_displacements(
                     accel,
                     speeding,
                     top,
-                    braking,
+                    limits.brakes,
+                    j,
                     -lowest[j],
                     room_above,
                     above,

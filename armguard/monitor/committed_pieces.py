@@ -96,7 +96,7 @@ class CommittedPieces:
         checked = check_plan(plan, robot, now, tick.q, tick.v, now - tick.arm_age)
         if isinstance(checked, Refusal):
             return refuse_plan(*checked)
-        refusal = check_stop(checked, robot)
+        refusal = check_stop(checked, robot, self._planned_motion().brakes)
         if refusal is not None:
             return refuse_plan(*refusal)
         # What the arm may be on and the piece does not go on from, its controller does not follow.

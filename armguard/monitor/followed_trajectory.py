@@ -117,9 +117,11 @@ class FollowedTrajectory:
         checked = check_plan(plan, robot, now, tick.q, tick.v, stamp)
         if isinstance(checked, Refusal):
             return refuse_plan(*checked)
+        motion = self._scheduler.arm.motion.planned
+        assert motion is not None, "a monitor follows trajectories only where it bounds them"
         refusal: Refusal | None = None
         if self._on_path:
-            refusal = check_path_stop(checked, robot)
+            refusal = check_path_stop(checked, robot, motion.brakes)
             # Brakes may bite at any time, and the error of a stop applies from then on.
             checked = checked._replace(deviation=checked.stop_deviation)
         if refusal is not None:
@@ -140,8 +142,6 @@ class FollowedTrajectory:
         along = stamp - checked.stamp
         if not self._is_on_time:
             along, checked = max(along, 0.0), self._free_clock(checked)
-        motion = self._scheduler.arm.motion.planned
-        assert motion is not None, "a monitor follows trajectories only where it bounds them"
         new = Trajectory(checked, now, along, *motion.find_path_stop(checked))
         self._trajectories.append(new)
         self._stamp = max(self._stamp, stamp)

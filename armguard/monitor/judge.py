@@ -15,7 +15,9 @@ from armguard.monitor.stop_decision import StopDecision
 from armguard.pairs.proof import compile_proof
 from armguard.pairs.scene import BOUND_NAMES
 from armguard.pairs.separation_margin import SeparationMargin, SeparationRule
+from armguard.robot.brakes import scale_that_rests, scale_within_range
 from armguard.robot.joint_states import JointStates
+from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
@@ -35,6 +37,7 @@ class Judge:
         rule: Makes levels.
         settings: Of the monitor.
         separation: Rule of the separation distance whose margin each verdict is to carry, if any.
+        in_force: What joints keep to while the arm works, and how they stop, shared.
         certify: Whether each verdict is to carry a certificate.
 
     Attributes:
@@ -50,6 +53,7 @@ class Judge:
         rule: VerdictRule,
         settings: MonitorSettings,
         separation: SeparationRule | None,
+        in_force: LimitsInForce,
         *,
         certify: bool,
     ) -> None:
@@ -59,8 +63,9 @@ class Judge:
         self._budget = settings.budget
         self._response_time = settings.response_time
         self._braking_delay = settings.response_time + settings.reaction_time
-        fastest = scheduler.arm.state.scene.limits.operating_velocity
-        self._braking_scale = float(np.min(robot.braking_deceleration / fastest))
+        self._in_force = in_force
+        self._velocity_error = np.array(robot.velocity_error)
+        self._most_scale, self._most_scale_of = 1.0, -1
         self._stopping = None
         self._late_delay = 0.0
         if settings.with_joints:
@@ -256,7 +261,8 @@ class Judge:
         """The speed scale of a tick: 0 in STOP, 1 in AWARE and CLEAR, and in SLOW what is proved.
 
         Where nothing is near there is nothing to slow down for: SLOW comes in time, for while a
-        level is higher, the arm can stop before contact at whatever speed it has.
+        level is higher, the arm can stop before contact at whatever speed it has. A scale that
+        promises something is never above what brakes are stated for.
         """
         if level is Level.STOP:
             return 0.0
@@ -265,8 +271,13 @@ class Judge:
         stopping, path = self._stopping, self.path
         if stopping is None:
             # An arm that is no faster can brake before contact, whatever it does in this tick.
-            scale = (contact_time - self._braking_delay) * self._braking_scale
-            return min(max(scale, 0.0), 1.0)
+            left = max(contact_time - self._braking_delay, 0.0)
+            fastest = self._in_force.velocity
+            return float(scale_that_rests(self._in_force.brakes, fastest, left))
+        most = self._find_most_scale(stopping)
+        if most < 1.0 and not stopping.covers(tick):
+            # Before it obeys, the arm may be too fast for its brakes: nothing is proved.
+            return stopping.hold_scale(tick.now, 0.0)
         # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
         is_followed = path is not None and path.is_followed
         if is_followed is not self._was_followed:
@@ -277,12 +288,32 @@ class Judge:
         if not contact_time > tick.late_stop_time:
             is_free = path.is_free if path is not None and is_followed else None
             scale = stopping.find_scale(tick, is_free)
-        return stopping.hold_scale(tick.now, scale)
+        return stopping.hold_scale(tick.now, min(scale, most))
+
+    def _find_most_scale(self, stopping: StopDecision) -> float:
+        """What no scale exceeds, since brakes are not stated for more; found at changes only.
+
+        A joint that keeps to it may speed up from there until its brakes bite.
+        """
+        in_force = self._in_force
+        if in_force.revision != self._most_scale_of:
+            self._most_scale_of = in_force.revision
+            self._most_scale = scale_within_range(
+                in_force.brakes,
+                in_force.velocity,
+                self._velocity_error,
+                in_force.acceleration,
+                stopping.braking_delay,
+            )
+        return self._most_scale
 
     def _measure_separation(self, tick: Tick, *, unplaced: bool) -> float:
-        """Margin of the separation distance in [m]; what found no room could be anywhere."""
+        """Margin of the separation distance in [m].
+
+        What found no room could be anywhere, and so could an arm that nothing is known to stop.
+        """
         assert self._separation is not None, "called only where there is a rule"
-        if unplaced:
+        if unplaced or tick.stop_time == math.inf:
             return -math.inf
         self._scheduler.prepare(tick)
         state, watched = self._scheduler.arm.state, self._scheduler.watched_pairs()
@@ -305,7 +336,10 @@ class Judge:
         still = np.zeros(len(robot.joints))
         lower, upper = robot.lower_position_limit, robot.upper_position_limit
         tick = Tick(-1, 0.0, 0.0, np.clip(still, lower, upper), still, 0.0, 0.0, 0.0)
+        scale_that_rests(self._in_force.brakes, self._in_force.velocity, 0.0)
         if self._stopping is not None:
+            self._find_most_scale(self._stopping)
+            self._stopping.covers(tick)
             self._stopping.find_scale(tick)
             self._stopping.reset()
         if self.path is not None:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from armguard.bounds.planned.plan import Plan, Refusal
+from armguard.bounds.planned.curve import find_top_speeds
+from armguard.bounds.planned.plan import Plan, Refusal, read_plan
 from armguard.bounds.planned.stop import append_stop
 from armguard.exceptions import ArmguardError
 from armguard.monitor.committed_pieces import CommittedPieces
 from armguard.monitor.followed_trajectory import FollowedTrajectory
 from armguard.monitor.plan_verdict import refuse_plan
 from armguard.monitor.settings import MonitorSettings
+from armguard.robot.brakes import find_gentlest_stop
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick
-from armguard.verdict import PlanVerdict, Reason
+from armguard.verdict import PlanVerdict, Reason, ReasonKind
 
 
 class KnownPath:
@@ -27,6 +29,7 @@ class KnownPath:
 
     def __init__(self, robot: Robot, scheduler: Scheduler, settings: MonitorSettings) -> None:
         self._robot = robot
+        self._scheduler = scheduler
         self._on_path = settings.stop == "path"
         margin, latency = settings.margin, settings.latency
         self._pieces = CommittedPieces(robot, scheduler, latency, margin)
@@ -65,9 +68,23 @@ class KnownPath:
         self._pieces.reset()
         self._trajectory.reset()
 
+    def drop(self, subject: str, detail: str) -> Reason | None:
+        """Forget what was told where its ground is gone; None if nothing was."""
+        if not (self.is_proved or self.is_followed):
+            return None
+        self.reset()
+        return Reason(ReasonKind.PLAN_VOID, subject, detail)
+
     def with_stop(self, plan: Plan) -> Plan:
         """A plan with a stop at its end; see `Monitor.with_stop`."""
-        stopped = append_stop(plan, self._robot.braking_deceleration, on_path=self._on_path)
+        read = read_plan(plan, len(self._robot.joints))
+        if isinstance(read, Refusal):
+            raise ArmguardError(read.subject, read.detail, expected="a plan to stop from")
+        motion = self._scheduler.arm.motion.planned
+        assert motion is not None, "a monitor has a known path only where it takes plans"
+        times, q, v = (np.asarray(part) for part in (read.times, read.q, read.v))
+        braking = find_gentlest_stop(motion.brakes, find_top_speeds(times, q, v))
+        stopped = append_stop(plan, braking, on_path=self._on_path)
         if isinstance(stopped, Refusal):
             raise ArmguardError(stopped.subject, stopped.detail, expected="a plan to stop from")
         return stopped

@@ -25,6 +25,7 @@ from armguard.monitor.joint_reasons import (
     describe_break,
     describe_refusal,
     describe_runaway,
+    describe_unbraked,
     read_joint_vectors,
 )
 from armguard.monitor.judge import Judge
@@ -95,6 +96,8 @@ class Monitor:
         operating: What the controller keeps to while the arm works, enforced by it and tested here
             at every joint state; "published": what the robot's description has from published
             sources; default: the robot's limits.
+        payload: What it carries at most, tool included, [kg]: which of its brakes' entries count;
+            default: the heaviest that they are stated for.
         certify: Attach to each verdict a certificate of the pair that decides it, by free bodies;
             takes a fraction of a millisecond a tick.
         separation: Attach to each verdict the margin of the speed-and-separation distance by this
@@ -126,6 +129,7 @@ class Monitor:
         budget: int | None = None,
         base_placement: pinocchio.SE3 | None = None,
         operating: OperatingLimits | str | None = None,
+        payload: float | None = None,
         certify: bool = False,
         separation: SeparationRule | None = None,
     ) -> None:
@@ -141,6 +145,7 @@ class Monitor:
             budget=budget,
             base_placement=base_placement,
             operating=operating,
+            payload=payload,
             reaction_time=reaction_time,
             latency=latency,
             slow_margin=slow_margin,
@@ -158,9 +163,9 @@ class Monitor:
         self._source_timeout = settings.source_timeout
         self._rise_delay = float(rise_delay)
         self._rule = VerdictRule(slow_margin, aware_margin, rise_delay)
-        self._operating = in_force = None
+        self._in_force = in_force = LimitsInForce(robot, settings.operating, settings.payload)
+        self._operating = None
         if settings.operating is not None:
-            in_force = LimitsInForce(robot, settings.operating)
             self._operating = OperatingHistory(robot, in_force, rise_delay)
         self._states = JointStates(
             robot,
@@ -173,17 +178,24 @@ class Monitor:
         sources = obstacles.source_names
         self._ignored = IgnoredPairs(ignore, robot, sources)
         self._scheduler = make_scheduler(
-            robot, obstacles, settings, self._ignored, self._states, self._operating
+            robot, obstacles, settings, self._ignored, self._states, in_force, self._operating
         )
         self._judge = Judge(
-            robot, self._scheduler, self._states, self._rule, settings, separation, certify=certify
+            robot,
+            self._scheduler,
+            self._states,
+            self._rule,
+            settings,
+            separation,
+            in_force,
+            certify=certify,
         )
         self._queries = Queries(robot, obstacles, settings, self._scheduler, self._states)
         self._last: tuple[Tick | None, TickResult] = None, NOTHING_FOUND
         self._epoch = math.nan
         self._now = NEVER
         self._quiet_until = -math.inf
-        self._unplaced = self._no_sources = False
+        self._unplaced = self._no_sources = self._reloaded = False
         self._standing: Reason | None = None
         self._unmatched: tuple[int, list[Reason]] = -1, []
         self._sequence = 0
@@ -194,6 +206,27 @@ class Monitor:
     def certificate_inputs(self) -> dict[str, Any] | None:
         """What the last verdict's certificate is about: arguments of `certificate.verify`."""
         return self._judge.certificate_inputs
+
+    @property
+    def payload(self) -> float:
+        """What the arm carries at most, in [kg]: which of its brakes' entries count.
+
+        It may be set at any time between steps, to None for the heaviest that the brakes are stated
+        for. It counts from the next step on, in which all pairs are evaluated and what was proved
+        before is forgotten. Say more before the arm lifts it, and less after it has put it down.
+
+        Raises:
+            RobotError: It is no number, negative, or above what the robot's brakes are stated for;
+                the one before stays.
+        """
+        return self._in_force.payload
+
+    @payload.setter
+    def payload(self, payload: float | None) -> None:
+        before = self._in_force.payload
+        self._in_force.load(payload)
+        if self._in_force.payload != before:
+            self._reloaded = True
 
     @property
     def faults(self) -> int:
@@ -393,7 +426,9 @@ class Monitor:
             # What was proved with wider limits holds with these, too.
             scheduler.arm.follow_limits(states.v)
         quiet = now < self._quiet_until and obstacles.is_quiet(now, self._source_timeout)
-        seen = scheduler.advance(stamp, q, v, now, epoch, number, quiet)
+        # Under another payload nothing may be decided before all certificates are invalid.
+        usual = quiet and not self._reloaded
+        seen = scheduler.advance(stamp, q, v, now, epoch, number, usual)
         found, joint, stop_time, late = seen[:4]
         if found < BELIEVED:
             return self._refuse(stamp, describe_refusal(states, found, joint, stamp, q, v))
@@ -401,7 +436,13 @@ class Monitor:
         if operating is not None and found & UNKEPT:
             reasons += self._suspend(operating, now)
             stop_time, late = states.stop_times(now - stamp)
+        if self._reloaded:
+            reasons += self._reload()
+        unbraked = None
         if found:
+            unbraked = describe_unbraked(states, now - stamp)
+            if unbraked is not None:
+                reasons.append(unbraked)
             runaway = describe_runaway(states)
             if runaway is not None:
                 reasons.append(runaway)
@@ -427,6 +468,9 @@ class Monitor:
             ),
         )
         result = scheduler.evaluate_due(tick, seen)
+        if unbraked is not None:
+            # How far to look ahead needs a number; that the arm rests by then is not known.
+            tick = tick._replace(stop_time=math.inf, late_stop_time=math.inf)
         self._last = tick, result
         if result.disturbed:
             self._judge.forget_proofs()
@@ -476,6 +520,16 @@ class Monitor:
         if not obstacles.is_settled(self._now, self._source_timeout):
             return refuse_plan("obstacles", "were refused, or a source is new: step first")
         return tick
+
+    def _reload(self) -> list[Reason]:
+        """Let nothing count that was proved with brakes under another payload."""
+        self._reloaded = False
+        self._scheduler.invalidate_all()
+        self._judge.forget_proofs()
+        void = None
+        if self._judge.path is not None:
+            void = self._judge.path.drop("payload", f"is {self.payload:g} kg now")
+        return [] if void is None else [void]
 
     def _suspend(self, operating: OperatingHistory, now: float) -> list[Reason]:
         """Put the hardware's limits in force: nothing that was proved with others holds.

@@ -14,7 +14,7 @@ from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm import IgnoredPairs, WatchedArm
 from armguard.robot.joint_states import JointStates
-from armguard.robot.operating_limits import OperatingLimits, read_operating
+from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, read_operating
 from armguard.robot.robot import Robot
 from armguard.scheduling.deadline import DeadlineScheduler
 from armguard.scheduling.pair_scheduler import PairScheduler
@@ -53,6 +53,8 @@ class MonitorSettings(NamedTuple):
     base_placement: pinocchio.SE3
     operating: OperatingLimits | None = None
     """What the controller keeps to; None: the robot's limits."""
+    payload: float = 0.0
+    """What the arm carries at most, in [kg]."""
 
     @property
     def response_time(self) -> float:
@@ -79,6 +81,7 @@ def read_settings(
     budget: int | None,
     base_placement: pinocchio.SE3 | None,
     operating: object = None,
+    payload: object = None,
     **amounts: float,
 ) -> MonitorSettings:
     """Check the arguments of a `Monitor`; `amounts` are its durations and lengths.
@@ -128,6 +131,7 @@ def read_settings(
         budget=_read_budget(budget, by_deadline=by_deadline),
         base_placement=base_placement or pinocchio.SE3.Identity(),
         operating=read_operating(robot, operating),
+        payload=robot.brakes.check_payload(payload),
         **{name: float(amount) for name, amount in amounts.items()},
     )
 
@@ -177,6 +181,7 @@ def make_scheduler(
     settings: MonitorSettings,
     ignored: IgnoredPairs,
     states: JointStates,
+    in_force: LimitsInForce,
     operating: OperatingHistory | None = None,
 ) -> Scheduler:
     """A scheduler over the pairs of an arm and obstacles, compiled and ready.
@@ -187,6 +192,7 @@ def make_scheduler(
         settings: Which scheduler, and how cautious.
         ignored: Pairs that are not watched.
         states: Where joint positions and velocities of each tick stand.
+        in_force: What joints keep to while the arm works, and how they stop, shared.
         operating: What tests joint states against operating limits; None: there are none.
     """
     schedule = settings.schedule
@@ -202,7 +208,7 @@ def make_scheduler(
             with_joints=settings.with_joints,
             with_plans=settings.motion == PLANNED,
             by_distance=schedule is not None and schedule.measure == "distance",
-            in_force=None if operating is None else operating.in_force,
+            in_force=in_force,
         )
 
     if schedule is not None:

@@ -90,6 +90,16 @@ class StopDecision:
         table = braking.tabulate(tick.q, tick.v, tick.arm_age, self._response_time)
         return self._is_free(tick, float(table.time[-1]))
 
+    @property
+    def braking_delay(self) -> float:
+        """From a tick until an arm that obeys its scale brakes at the earliest, in [s]."""
+        return self._obeyed_after + self._scheduler.arm.motion.braking.reaction_time
+
+    def covers(self, tick: Tick) -> bool:
+        """Whether brakes are stated for all that joints can do until they obey a scale."""
+        braking = self._scheduler.arm.motion.braking
+        return braking.covers(tick.v, tick.arm_age, self._obeyed_after)
+
     def find_scale(self, tick: Tick, is_free: IsFree | None = None) -> float:
         """The greatest fraction of their operating velocities at which joints may go on, in [0, 1].
 

@@ -41,6 +41,7 @@ from armguard.pairs.contact_time import (
     root_time,
 )
 from armguard.pairs.scene import REACH, UNKNOWN, Scene, prepare_arm
+from armguard.robot.brakes import BrakeCurves
 from armguard.robot.joint_acceptance import BELIEVED, Guard, accept
 from armguard.scheduling.certificates import (
     ACTIVE,
@@ -224,12 +225,43 @@ def time_to_spare(
     spare = np.inf
     for j in range(v.shape[0]):
         top, accel = limits.operating_velocity[j], limits.operating_acceleration[j]
-        braking = limits.braking[j]
         speed = abs(v[j]) + 3.0 * limits.velocity_error[j]
         speed += accel * (max(arm_age, 0.0) + braking_delay)
-        stop = braking_delay + min(top, speed) / braking
-        at_most = contact_time - braking_delay - top / braking
-        spare = min(spare, max(at_most, (contact_time - stop) / (1.0 + accel / braking)))
+        left = contact_time - braking_delay
+        spare = min(
+            spare, _joint_time_to_spare(limits.brakes, j, min(top, speed), top, accel, left)
+        )
+    return spare
+
+
+@inlined_kernel
+def _joint_time_to_spare(
+    brakes: BrakeCurves, joint: int, speed: float, top: float, accel: float, left: float
+) -> float:
+    """Longest time in [s] after which a joint that speeds up meanwhile still rests in `left` [s].
+
+    Entry by entry: within the speeds of one, a joint that is at u + a w after w rests within the
+    lesser of T and (u + a w) / b. Once it is past the last, or at its top speed, it gets no slower
+    to rest.
+    """
+    if left == np.inf:
+        # Where no contact can ever come.
+        return np.inf
+    spare = -np.inf
+    last = brakes.speed.shape[1] - 1
+    for step in range(last + 1):
+        bound = brakes.speed[joint, step]
+        if not (speed <= bound or step == last):
+            continue
+        time, slows = brakes.time[joint, step], brakes.deceleration[joint, step]
+        within = max(left - time, (left * slows - speed) / (slows + accel))
+        if step == last or top <= bound:
+            # No faster than this, it rests no later than from its top speed.
+            return max(spare, max(within, left - min(time, top / slows)))
+        reached = (bound - speed) / accel
+        spare = max(spare, min(within, reached))
+        if not within >= reached:
+            break
     return spare
 
 

@@ -140,7 +140,8 @@ class Scene:
         robot, timing = self.robot, self.timing
         return compute_stop_time(
             self.v, robot.velocity_error, robot.velocity_limit, robot.acceleration_limit,
-            robot.braking_deceleration, 0.0, timing.horizon, timing.reaction,
+            robot.brakes.make_curves(), 0.0, timing.horizon, timing.reaction,
+            robot.acceleration_limit,
         )  # fmt: skip
 
 

@@ -175,6 +175,8 @@ class Cell:
         margin = given(tables.bounds).get("margin")
         if margin is not None:
             settings["margin"] = margin
+        if tables.robot.payload is not UNSET:
+            settings["payload"] = tables.robot.payload
         base = self.frames["base"]
         placement = pinocchio.SE3(base.rotation, base.translation)
         ignore = self._expand_ignore(robot)
@@ -331,6 +333,8 @@ class Cell:
         """The key behind a setting that a constructor refused, if it is one of this file's."""
         if offender.startswith("ignore"):
             return "ignore"
+        if offender == "payload":
+            return "robot.payload"
         for table in ("monitor", "thresholds", "bounds"):
             if offender in given(getattr(self.tables, table)):
                 return f"{table}.{offender}"

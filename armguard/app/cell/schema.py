@@ -59,6 +59,7 @@ class RobotTable(_Table, frozen=True, kw_only=True):
     joints: list[Name] | None = None
     cover: Name | None = None
     base: BaseTable = BaseTable()
+    payload: NotNegative | UnsetType = UNSET
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
 
 

@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.bounds.planned import curve
-from armguard.bounds.planned.curve import evaluate_curve, find_excess
+from armguard.bounds.planned.curve import evaluate_curve, find_excess, find_top_speeds
 from armguard.bounds.planned.following import check_following
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal, read_plan
 from armguard.bounds.planned.stop import bound_path_braking, find_hard_stop
 from armguard.jit.arrays import FloatArray
 from armguard.jit.numerics import LIMIT_SLACK
+from armguard.robot.brakes import BrakeCurves, find_decelerations, find_gentlest_stop
 from armguard.robot.robot import Robot
 from armguard.robot.turns import MOST_TURNS, TURN, align_turns, find_continuous
 
@@ -194,38 +195,59 @@ def _check_end(plan: Plan, robot: Robot) -> Refusal | None:
     )
 
 
-def check_stop(plan: CheckedPlan, robot: Robot) -> Refusal | None:
+def check_stop(plan: CheckedPlan, robot: Robot, brakes: BrakeCurves) -> Refusal | None:
     """Why brakes do not guarantee the stop that a piece carries; None if they do.
 
     Args:
         plan: As checked.
-        robot: Whose brakes they are.
+        robot: Whose joints they are.
+        brakes: How these stop.
     """
-    allowed = robot.braking_deceleration * (1.0 + LIMIT_SLACK)
-    joint, found, when = find_hard_stop(plan.times, plan.q, plan.v, allowed)
+    speeds = find_top_speeds(plan.times, plan.q, plan.v)
+    refusal = _check_range(speeds, robot, brakes)
+    if refusal is not None:
+        return refusal
+    allowed = find_gentlest_stop(brakes, speeds)
+    joint, found, when = find_hard_stop(plan.times, plan.q, plan.v, allowed * (1.0 + LIMIT_SLACK))
     if joint < 0:
         return None
     return Refusal(
         robot.joints[joint],
-        f"comes to rest at {found:.4g} from {when:.6g} s on, "
-        f"brakes guarantee {robot.braking_deceleration[joint]:.4g}",
+        f"comes to rest at {found:.4g} from {when:.6g} s on, brakes guarantee {allowed[joint]:.4g}",
     )
 
 
-def check_path_stop(plan: CheckedPlan, robot: Robot) -> Refusal | None:
+def _check_range(speeds: FloatArray, robot: Robot, brakes: BrakeCurves) -> Refusal | None:
+    """Whether brakes are stated for all speeds of a plan, (nv,)."""
+    off = np.flatnonzero(~(speeds <= brakes.speed[:, -1] * (1.0 + LIMIT_SLACK)))
+    if not len(off):
+        return None
+    j = int(off[0])
+    detail = f"goes at {speeds[j]:.4g}, brakes are stated up to {brakes.speed[j, -1]:.4g}"
+    return Refusal(robot.joints[j], detail)
+
+
+def check_path_stop(plan: CheckedPlan, robot: Robot, brakes: BrakeCurves) -> Refusal | None:
     """Why the arm cannot be stopped anywhere on its path; None if it can.
 
     Args:
         plan: As checked.
-        robot: Whose brakes are to stop it.
+        robot: Whose joints they are.
+        brakes: How these stop: what is guaranteed at each instant counts, for a stop on the path
+            slows down all joints but one by less than their brakes would.
     """
+    speeds = find_top_speeds(plan.times, plan.q, plan.v)
+    refusal = _check_range(speeds, robot, brakes)
+    if refusal is not None:
+        return refusal
+    braking = find_decelerations(brakes, speeds)
     found, joint, when = bound_path_braking(
-        plan.times, plan.q, plan.v, robot.braking_deceleration, 0.0, float(plan.times[-1])
+        plan.times, plan.q, plan.v, braking, 0.0, float(plan.times[-1])
     )
     if found > 0.0:
         return None
     return Refusal(
         robot.joints[joint],
-        f"bends at {robot.braking_deceleration[joint] - found:.4g} after {when:.6g} s: no stop on "
-        f"the path is within the {robot.braking_deceleration[joint]:.4g} that brakes guarantee",
+        f"bends at {braking[joint] - found:.4g} after {when:.6g} s: no stop on "
+        f"the path is within the {braking[joint]:.4g} that brakes guarantee",
     )

@@ -154,6 +154,14 @@ def speed_range(
 
 
 @kernel
+def find_top_speeds(times: FloatArray, q: FloatArray, v: FloatArray) -> FloatArray:
+    """The greatest speed of each joint anywhere on the curve, in [rad]/[s] or [m]/[s]. (nv,)."""
+    low, high = np.empty(q.shape[1]), np.empty(q.shape[1])
+    speed_range(times, q, v, 0.0, times[-1], low, high)
+    return np.maximum(high, -low)
+
+
+@kernel
 def find_excess(
     times: FloatArray,
     q: FloatArray,

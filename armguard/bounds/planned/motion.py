@@ -20,7 +20,7 @@ from armguard.bounds.model import check_duration, check_question, read_only
 from armguard.bounds.planned.check import check_path_stop, check_plan, check_stop
 from armguard.bounds.planned.contact import PlannedContact, find_planned_contact
 from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, deviation_along
-from armguard.bounds.planned.curve import evaluate_curve
+from armguard.bounds.planned.curve import evaluate_curve, find_top_speeds
 from armguard.bounds.planned.following import find_disagreement
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
 from armguard.bounds.planned.slabs import (
@@ -36,6 +36,7 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.table import Marks, States, make_states
+from armguard.robot.brakes import BrakeCurves, find_decelerations, find_gentlest_stop
 from armguard.robot.joints import is_prismatic
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.robot import Robot
@@ -54,6 +55,7 @@ class PlannedMotion:
         base_placement: pinocchio.SE3 | None = None,
         *,
         lever: FloatArray | None = None,
+        brakes: BrakeCurves | None = None,
     ) -> None:
         """Compute the levers of all spheres, and compile.
 
@@ -61,6 +63,7 @@ class PlannedMotion:
             robot: The arm.
             base_placement: Placement of the robot's base in the world; None: they coincide.
             lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
+            brakes: How joints stop under the payload in force, shared; None: under the heaviest.
 
         Raises:
             ArmguardError: The placement is no rigid motion, or a limit of the robot is missing or
@@ -68,6 +71,8 @@ class PlannedMotion:
         """
         self._robot = robot
         self._limits = read_limits(robot)
+        if brakes is not None:
+            self._limits = self._limits._replace(brakes=brakes)
         self._kinematics = Kinematics(robot, base_placement)
         spheres = self._kinematics.spheres
         numbers = [robot.model.getJointId(joint) for joint in robot.joints]
@@ -127,6 +132,11 @@ class PlannedMotion:
         slabs = make_stop_slabs(plan, self._limits, clock, latest, on_path=on_path)
         return None if slabs is None else self._place(plan.now, slabs)
 
+    @property
+    def brakes(self) -> BrakeCurves:
+        """How joints stop under the payload in force."""
+        return self._limits.brakes
+
     def find_path_stop(self, plan: CheckedPlan) -> tuple[float, float]:
         """How the arm can be stopped on its path, wherever on it.
 
@@ -138,8 +148,11 @@ class PlannedMotion:
             guaranteed; and how long a stop lasts from its beginning until the arm rests, in [s].
         """
         self._check(plan)
+        braking = find_decelerations(
+            self._limits.brakes, find_top_speeds(plan.times, plan.q, plan.v)
+        )
         slowing, _, _ = bound_path_braking(
-            plan.times, plan.q, plan.v, self._limits.braking, 0.0, float(plan.times[-1])
+            plan.times, plan.q, plan.v, braking, 0.0, float(plan.times[-1])
         )
         if not slowing > 0.0:
             return slowing, math.inf
@@ -271,13 +284,13 @@ class PlannedMotion:
         if isinstance(plan, Refusal):
             raise ArmguardError(robot.name, f"cannot even rest: {plan}")
         find_disagreement(plan, plan, robot, 0.0, 0.5)
-        append_stop(rest, robot.braking_deceleration, on_path=False)
+        append_stop(rest, find_gentlest_stop(self.brakes, still), on_path=False)
         slowing, _ = self.find_path_stop(plan)
         for on_path in (False, True):
             clock = PathClock(0.0, 0.0, True, 0.0, slowing=slowing)
             self.lay_out_stop(plan, clock, 0.1, on_path=on_path)
-        check_stop(plan, robot)
-        check_path_stop(plan, robot)
+        check_stop(plan, robot, self.brakes)
+        check_path_stop(plan, robot, self.brakes)
         self.lay_out(plan._replace(now=-0.1), [plan])
         course = self.lay_out(plan._replace(now=-0.1))
         marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 4))

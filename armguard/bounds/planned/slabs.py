@@ -22,13 +22,14 @@ import numpy as np
 
 from armguard.bounds.displacement import brake, fill_displacements
 from armguard.bounds.limits import JointLimits
-from armguard.bounds.planned.curve import curve_range, speed_range
+from armguard.bounds.planned.curve import curve_range, find_top_speeds, speed_range
 from armguard.bounds.planned.following import fill_deviation_speed
 from armguard.bounds.planned.plan import CheckedPlan
 from armguard.bounds.planned.stop import bound_path_braking
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
+from armguard.robot.brakes import BrakeCurves, find_decelerations, find_stop, rest_time
 
 SLAB = 5e-3
 """How long a slab of the curve is, in [s], unless there were too many."""
@@ -137,7 +138,8 @@ def make_stop_slabs(
     _widen_speeds(plan, limits, clock, nodes, slowest, fastest)
     top = np.maximum(limits.velocity, np.abs(plan.v).max(axis=0))
     pace = np.minimum(np.maximum(-slowest, fastest), top)
-    rest = max(float((pace / limits.braking).max()), 1e-6) * (1.0 + SUM_ROUNDING)
+    rest = _slowest_rest(pace.max(axis=0), limits.brakes)
+    rest = max(rest, 1e-6) * (1.0 + SUM_ROUNDING)
     nodes = np.concatenate([nodes, latest_bite + np.linspace(0.0, rest, BRAKING_SLABS + 1)[1:]])
     low_on, high_on = low - plan.deviation, high + plan.deviation
     low, high = np.empty((2, len(nodes) - 1, len(top)))
@@ -158,7 +160,7 @@ def find_settling(plan: CheckedPlan, limits: JointLimits, followed: float) -> fl
         plan.deviation, plan.acceleration, plan.velocity_deviation, followed, speed
     )
     pace = np.minimum(speed, limits.velocity + limits.velocity_error)
-    return float((pace / limits.braking).max()) * (1.0 + SUM_ROUNDING)
+    return float(_slowest_rest(pace, limits.brakes)) * (1.0 + SUM_ROUNDING)
 
 
 def _find_slowing(
@@ -170,8 +172,9 @@ def _find_slowing(
     # Only what lies ahead counts: that far it gets at the most by what brakes do anywhere.
     begin = clock.at - abs(clock.age)
     end = clock.at + abs(clock.age) + latest_bite + 0.5 / clock.slowing
+    braking = find_decelerations(limits.brakes, find_top_speeds(plan.times, plan.q, plan.v))
     slowing, _, _ = bound_path_braking(
-        plan.times, plan.q, plan.v, limits.braking, max(begin, 0.0), max(end, 0.0)
+        plan.times, plan.q, plan.v, braking, max(begin, 0.0), max(end, 0.0)
     )
     return float(slowing)
 
@@ -304,6 +307,15 @@ def _fill_ranges(
 
 
 @kernel
+def _slowest_rest(pace: FloatArray, brakes: BrakeCurves) -> float:
+    """Time in which all joints rest that brake from speeds of at most `pace`, (nv,), in [s]."""
+    slowest = 0.0
+    for j in range(pace.shape[0]):
+        slowest = max(slowest, rest_time(find_stop(brakes, j, pace[j]), pace[j]))
+    return slowest
+
+
+@kernel
 def _fill_leaving(
     nodes: FloatArray,
     low_on: FloatArray,
@@ -323,7 +335,7 @@ def _fill_leaving(
     leaving = low_on.shape[0]
     for k in range(nodes.shape[0] - 1):
         for j in range(top.shape[0]):
-            accel, braking = limits.acceleration[j], limits.braking[j]
+            accel, brakes = limits.acceleration[j], limits.brakes
             highest = high_on[k, j] if k < leaving else -math.inf
             lowest = low_on[k, j] if k < leaving else math.inf
             for i in range(min(k + 1, leaving)):
@@ -331,9 +343,11 @@ def _fill_leaving(
                 longest = nodes[k + 1] - nodes[i]
                 shortest = max(nodes[k] - nodes[i + 1], 0.0)
                 up, down = min(fastest[i, j], top[j]), min(-slowest[i, j], top[j])
-                braked = brake(up, accel, braking, longest if up > 0.0 else shortest)
+                stop = find_stop(brakes, j, up)
+                braked = brake(up, accel, stop, longest if up > 0.0 else shortest)
                 highest = max(highest, high_on[i, j] + braked)
-                braked = brake(down, accel, braking, longest if down > 0.0 else shortest)
+                stop = find_stop(brakes, j, down)
+                braked = brake(down, accel, stop, longest if down > 0.0 else shortest)
                 lowest = min(lowest, low_on[i, j] - braked)
             # One that stops at a limit gets no further, however fast it was.
             high[k, j] = max(highest, limits.lower[j] + limits.position_error[j])

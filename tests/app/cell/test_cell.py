@@ -65,8 +65,8 @@ def test_every_setting_of_the_monitor_has_a_key():
     # Certificates are for observers within the same program; `ignore`, `[separation]` and
     # `[robot.operating]` have places of their own.
     others = {"robot", "obstacles", "ignore", "base_placement", "certify", "separation"}
-    others.add("operating")
-    # How an arm on a known path stops: no cell tells a path.
+    others |= {"operating", "payload"}
+    # How an arm on a known path stops.
     others.add("stop")
     assert keys == set(inspect.signature(Monitor).parameters) - others
 
@@ -311,3 +311,13 @@ def test_a_bound_that_there_is_not_is_inf():
     obstacles = cell.make_obstacles()
     obstacles.update(["a"], 0.0, [[1.0, 0.0, 0.0]], radius=0.1)
     assert (obstacles.table.speed[0], obstacles.table.accel[0]) == (math.inf, math.inf)
+
+
+def test_a_cell_says_what_the_arm_carries():
+    _, _, monitor = Cell.from_text(f"{ROBOT}payload = 0.25\n").build()
+    assert monitor.payload == 0.25
+    _, _, monitor = Cell.from_text(ROBOT).build()
+    assert monitor.payload == 1.0
+    for payload, pattern in (("1.5", "kilograms from 0 to 1"), ("-1.0", ">= 0"), ("nan", "nan")):
+        with pytest.raises(CellError, match=rf"robot\.payload.*{pattern}"):
+            Cell.from_text(f"{ROBOT}payload = {payload}\n").build()

@@ -178,7 +178,7 @@ def test_a_stop_harder_than_brakes_guarantee_is_told(robot):
     for part, is_fine in ((0.5, True), (1.0, True), (1.01, False), (2.0, False)):
         stopped = append_stop(plan, part * braking, on_path=False)
         checked = check(robot, stopped, stops=False)
-        refusal = check_stop(checked, robot)
+        refusal = check_stop(checked, robot, robot.brakes.make_curves())
         assert (refusal is None) is is_fine
         if refusal is not None:
             assert refusal.subject == robot.joints[0]
@@ -189,7 +189,9 @@ def test_a_stop_harder_than_brakes_guarantee_is_told(robot):
             q=np.concatenate([stopped.q, stopped.q[-1:], stopped.q[-1:]]),
             v=np.concatenate([stopped.v, stopped.v[-1:], stopped.v[-1:]]),
         )
-        assert (check_stop(check(robot, later, stops=False), robot) is None) is is_fine
+        assert (
+            check_stop(check(robot, later, stops=False), robot, robot.brakes.make_curves()) is None
+        ) is is_fine
 
 
 def test_a_path_that_bends_more_than_brakes_guarantee_is_told(robot):
@@ -202,7 +204,7 @@ def test_a_path_that_bends_more_than_brakes_guarantee_is_told(robot):
         v[:, 0] = 6.0 * size * np.sin(6.0 * times)
         plan = resting(times=times, q=q, v=v)
         stopped = append_stop(plan, 0.5 * robot.braking_deceleration, on_path=False)
-        refusal = check_path_stop(check(robot, stopped), robot)
+        refusal = check_path_stop(check(robot, stopped), robot, robot.brakes.make_curves())
         assert (refusal is None) is (part < 1.0)
         if refusal is not None:
             assert refusal.subject == robot.joints[0]
