@@ -43,14 +43,9 @@ def main(duration: float = 8.0) -> int:
     piece, committed, direction, goes_on = rest, 0, 1.0, None
     for tick in range(round(duration / PERIOD)):
         now = tick * PERIOD
-        ball = [[1.75 + 0.9 * np.cos(1.5 * now), 0.4, 0.6]]
+        ball = [[1.4 + 0.8 * np.cos(1.5 * now), 0.1, 0.6]]
         obstacles.update(
-            ["ball"],
-            now,
-            ball,
-            [[-1.35 * np.sin(1.5 * now), 0.0, 0.0]],
-            radius=0.1,
-            source="camera",
+            ["ball"], now, ball, [[-1.2 * np.sin(1.5 * now), 0.0, 0.0]], radius=0.1, source="camera"
         )
         q, v = place_at(piece, now)
         verdict = monitor.step(now, q, v)

@@ -34,14 +34,9 @@ def main(duration: float = 12.0) -> float:
     path_time, pace, level = 0.0, 0.0, None
     for tick in range(round(duration / PERIOD)):
         now = tick * PERIOD
-        ball = [[1.75 + 0.9 * np.cos(1.5 * now), 0.4, 0.6]]
+        ball = [[1.45 + 0.8 * np.cos(1.5 * now), 0.2, 0.6]]
         obstacles.update(
-            ["ball"],
-            now,
-            ball,
-            [[-1.35 * np.sin(1.5 * now), 0.0, 0.0]],
-            radius=0.1,
-            source="camera",
+            ["ball"], now, ball, [[-1.2 * np.sin(1.5 * now), 0.0, 0.0]], radius=0.1, source="camera"
         )
         q = np.array([np.interp(path_time, plan.times, joint) for joint in np.asarray(plan.q).T])
         v = np.array([np.interp(path_time, plan.times, joint) for joint in np.asarray(plan.v).T])

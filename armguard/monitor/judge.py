@@ -278,12 +278,12 @@ class Judge:
         if most < 1.0 and not stopping.covers(tick):
             # Before it obeys, the arm may be too fast for its brakes: nothing is proved.
             return stopping.hold_scale(tick.now, 0.0)
-        # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
         is_followed = path is not None and path.is_followed
         if is_followed is not self._was_followed:
             # Scales of another kind, found so far, say nothing of this one.
             stopping.reset()
             self._was_followed = is_followed
+        # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
         scale = 1.0
         if not contact_time > tick.late_stop_time:
             is_free = path.is_free if path is not None and is_followed else None

@@ -20,6 +20,7 @@ from armguard.bounds import (
     PlannedMotion,
     ReachMotion,
     Refusal,
+    append_stop,
     check_plan,
     table_contact_time,
 )
@@ -215,7 +216,7 @@ class BrakingRule(Rule):
 
 
 class PlannedRule(Rule):
-    """No contact could come before the arm rests, if it did its next piece and then braked.
+    """No contact could come before the arm rests, if it did its next piece and its own stop.
 
     In every tick the controller shows what it will do for the time of one piece. Once a piece is
     accepted the arm is committed to it: after a refusal it goes on to the end of the last piece
@@ -229,7 +230,7 @@ class PlannedRule(Rule):
             raise ValueError(f"a piece of {piece} s ends before the next verdict is obeyed")
         self.name = f"planned, {1e3 * piece:.0f} ms"
         self.delay = piece - timing.period + timing.reaction
-        self._motion = PlannedMotion(scene.robot, timing.reaction)
+        self._motion = PlannedMotion(scene.robot)
         self._times = np.linspace(0.0, piece, max(2, math.ceil(piece / PLAN_STEP) + 1))
         self._links = np.arange(len(scene.robot.links))
 
@@ -244,6 +245,7 @@ class PlannedRule(Rule):
             scene.now + lead, self._times, q, v, np.full(joints, TRACKING_ERROR),
             np.full(joints, VELOCITY_TRACKING_ERROR),
         )  # fmt: skip
+        plan = append_stop(plan, scene.robot.braking_deceleration, on_path=False)
         checked = check_plan(plan, scene.robot, scene.now, scene.q, scene.v, scene.now)
         if isinstance(checked, Refusal):
             return False

@@ -28,7 +28,6 @@ from armguard.app.cell.schema import (
     make_error,
     parse_cell,
 )
-from armguard.bounds.arm import PLANNED
 from armguard.exceptions import ArmguardError, CellError, RobotError
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.frames import Frame
@@ -180,10 +179,6 @@ class Cell:
         base = self.frames["base"]
         placement = pinocchio.SE3(base.rotation, base.translation)
         ignore = self._expand_ignore(robot)
-        if settings.get("motion") == PLANNED:
-            # No message carries a plan, so it would bound nothing that is known.
-            expected = '"joint" or "isotropic": "planned" is for a controller in the same program'
-            raise self._error("monitor.motion", f"is {PLANNED!r}", expected)
 
         def make() -> Monitor:
             return Monitor(

@@ -66,14 +66,15 @@ def test_every_setting_of_the_monitor_has_a_key():
     # `[robot.operating]` have places of their own.
     others = {"robot", "obstacles", "ignore", "base_placement", "certify", "separation"}
     others |= {"operating", "payload"}
-    # How an arm on a known path stops.
-    others.add("stop")
     assert keys == set(inspect.signature(Monitor).parameters) - others
 
 
-def test_a_cell_in_which_no_path_can_be_told_does_not_take_planned_motion():
-    with pytest.raises(CellError, match=r"monitor\.motion.*planned.*same program"):
-        Cell.from_text(ROBOT + '\n[monitor]\nmotion = "planned"\n').build()
+def test_a_cell_may_say_how_an_arm_on_a_known_path_stops():
+    text = ROBOT + '\n[monitor]\nmotion = "planned"\nstop = "path"\n'
+    settings = Cell.from_text(text).build()[2].settings
+    assert (settings.motion, settings.stop) == ("planned", "path")
+    with pytest.raises(CellError, match="stop.*'sideways'"):
+        Cell.from_text(text.replace("path", "sideways")).build()
 
 
 def test_the_example_explains_every_key():

@@ -236,7 +236,7 @@ def test_a_contact_time_is_when_a_slab_begins_rounded_down(arm):
     """In exact arithmetic, counted from any time on the course."""
     random, course, found = np.random.default_rng(4), arm[2], 0
     begins = [Fraction(float(start)) + Fraction(course.epoch) for start in course.start]
-    for _ in range(60):
+    for _ in range(90):
         obstacles = crowd(random_place(random, 0.5, 1.0), accel=2.0)
         now = NOW + random.uniform(0.0, 0.05)
         time = ask(arm, obstacles, now=now).time

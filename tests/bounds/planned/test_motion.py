@@ -39,7 +39,7 @@ def test_no_contact_comes_before_the_proved_time(name):
     robot, random = Robot.load(name), np.random.default_rng(0)
     motion, skin = PlannedMotion(robot), Skin(robot, random)
     contacts, closest, free = 0, 0.0, 0
-    for k in range(50):
+    for k in range(70):
         scene = Attack(robot, skin, random, BITE, stated=k % 2 == 0)
         plan = check_plan(scene.plan, robot, scene.now, scene.q, scene.v, scene.stamp)
         assert isinstance(plan, CheckedPlan), plan
