@@ -10,13 +10,14 @@ was off by (what is observed - A h2 (h1 + h2) / 2) / (2 + 2 r) at the least. Two
 the later one's velocity, by |v1 - (x1 - x0) / h1| <= A h1 / 2 + 2 dp / h1 + dv.
 
 Of these proved errors a running median is kept: from the least of the first ten samples on it goes
-up by 2 % where the next one is above it, and else down. Errors larger than stated are told while the median is above one and a half times
-what is stated, once 50 samples have come. A body that keeps its bounds and errors is never told of,
-for none of its proved errors is above the stated one; nor, but for chance, is one of whose samples
-fewer than half are swapped or jump (a jump spoils three): with three in ten, the median is at one
-and a half times in less than one sample of 10,000,000. One that breaks its acceleration bound all
-the time does look like one with larger errors. What is proved is below what the errors are: noise
-that is normal with a deviation of s along each axis comes out at 0.9 s or so.
+up by 2 % where the next one is above it, and else down. Errors larger than stated are told while
+the median is above one and a half times what is stated, once 50 samples have come. A body that
+keeps its bounds and errors is never told of, for none of its proved errors is above the stated one;
+nor, but for chance, is one of whose samples fewer than half are swapped or jump (a jump spoils
+three): with three in ten spoiled, the median stands at one and a half times in less than one sample
+of 10,000,000. One that breaks its acceleration bound all the time does look like one with larger
+errors. What is proved is below what the errors are: noise that is normal with a deviation of s
+along each axis comes out at 0.9 s or so.
 """
 
 from __future__ import annotations
