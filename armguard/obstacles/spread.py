@@ -14,8 +14,8 @@ up by 2 % where the next one is above it, and else down. Errors larger than stat
 the median is above one and a half times what is stated, once 50 samples have come. A body that
 keeps its bounds and errors is never told of, for none of its proved errors is above the stated one;
 nor, but for chance, is one of whose samples fewer than half are swapped or jump (a jump spoils
-three): with three in ten, the median is at one and a half times in less than one sample of
-10,000,000. One that breaks its acceleration bound all the time does look like one with larger
+three): with three in ten spoiled, the median stands at one and a half times in less than one sample
+of 10,000,000. One that breaks its acceleration bound all the time does look like one with larger
 errors. What is proved is below what the errors are: noise that is normal with a deviation of s
 along each axis comes out at 0.9 s or so.
 """

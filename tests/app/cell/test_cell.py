@@ -73,7 +73,7 @@ def test_a_cell_may_say_how_an_arm_on_a_known_path_stops():
     text = ROBOT + '\n[monitor]\nmotion = "planned"\nstop = "path"\n'
     settings = Cell.from_text(text).build()[2].settings
     assert (settings.motion, settings.stop) == ("planned", "path")
-    with pytest.raises(CellError, match="stop.*'sideways'"):
+    with pytest.raises(CellError, match=r"stop.*'sideways'"):
         Cell.from_text(text.replace("path", "sideways")).build()
 
 
