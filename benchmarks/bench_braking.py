@@ -89,7 +89,7 @@ def list_stated(
             repeats = step > 0 and (curves.speed[:, step] == curves.speed[:, step - 1]).all()
             if not repeats and (curves.deceleration[:, step] > 0.0).all():
                 speeds = curves.speed[:, step]
-                share = 100.0 * np.max(speeds / robot.velocity_limit)
+                share = 100.0 * np.min(speeds / robot.velocity_limit)
                 name = f"{load:g} kg, up to {share:.0f} %"
                 cases.append((name, (load, speeds, curves.deceleration[:, step])))
     return cases

@@ -167,13 +167,41 @@ def _ease(
 
 
 @kernel
-def _settle(
+def _find_stops(
     velocity: float,
     accel: float,
     speeding: float,
     top: float,
     brakes: BrakeCurves,
     joint: int,
+    below: float,
+    free: float,
+    going_on: float,
+    pace: float,
+) -> tuple[Stop, Stop]:
+    """How a joint slows down to its pace, and how it stops then: the same at all times.
+
+    Each is the entry for the greatest velocity that `_settle` finds for its beginning.
+    """
+    reached = operating_velocity(velocity, accel, speeding, top, free)
+    if free > below:
+        reached = max(reached, min(top, accel * (free - below)))
+        speeding = accel
+    easing = find_stop(brakes, joint, reached)
+    _, left = _ease(reached, accel, speeding, easing, pace, going_on)
+    if free < below < free + going_on:
+        left = max(left, min(pace, accel * (free + going_on - below)))
+    return easing, find_stop(brakes, joint, left)
+
+
+@kernel
+def _settle(
+    velocity: float,
+    accel: float,
+    speeding: float,
+    top: float,
+    easing: Stop,
+    braking: Stop,
     highest: float,
     room_below: float,
     below: float,
@@ -192,8 +220,7 @@ def _settle(
             reached = max(reached, min(top, accel * (free - below)))
             # What a stop has thrown back still speeds up as hard.
             speeding = accel
-        stop = find_stop(brakes, joint, reached)
-        eased, left = _ease(reached, accel, speeding, stop, pace, min(s - free, going_on))
+        eased, left = _ease(reached, accel, speeding, easing, pace, min(s - free, going_on))
         displacement = min(displacement, highest) + eased
         if free < below < s:
             # It may have come to rest at its stop meanwhile, and come back from there.
@@ -205,8 +232,7 @@ def _settle(
                 left = max(left, min(pace, accel * back))
         if s > free + going_on:
             # Braking: until it rests, from the greatest velocity that easing has left it.
-            stop = find_stop(brakes, joint, left)
-            braked = brake(left, accel, stop, s - free - going_on)
+            braked = brake(left, accel, braking, s - free - going_on)
             displacement = min(displacement, highest) + braked
     # One that stops at its limit below gets no further down, however fast it was.
     return max(displacement, -max(room_below, 0.0))
@@ -265,6 +291,12 @@ def fill_eased_displacements(
         below = operating_arrival(down, accel, speeding, top, room_below)
         highest[j] = max(limits.upper[j] - q[j], 0.0) + error
         lowest[j] = min(limits.lower[j] - q[j], 0.0) - error
+        up_easing, up_braking = _find_stops(
+            up, accel, speeding, top, limits.brakes, j, below, free, going_on, pace
+        )
+        down_easing, down_braking = _find_stops(
+            down, accel, speeding, top, limits.brakes, j, above, free, going_on, pace
+        )
         # Downwards is upwards mirrored: signs of positions and velocities change.
         for k in range(time.shape[0]):
             s = age + time[k]
@@ -277,8 +309,8 @@ def fill_eased_displacements(
                     accel,
                     speeding,
                     top,
-                    limits.brakes,
-                    j,
+                    up_easing,
+                    up_braking,
                     highest[j],
                     room_below,
                     below,
@@ -292,8 +324,8 @@ def fill_eased_displacements(
                     accel,
                     speeding,
                     top,
-                    limits.brakes,
-                    j,
+                    down_easing,
+                    down_braking,
                     -lowest[j],
                     room_above,
                     above,
