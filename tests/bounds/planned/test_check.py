@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from armguard.bounds import CheckedPlan, Plan, Refusal, append_stop, check_plan
-from armguard.bounds.planned.check import check_path_stop, check_stop
 from armguard.bounds.planned.following import check_following
 from armguard.robot import Robot
 from support.plan_cases import Waves, make_plan
@@ -152,75 +151,6 @@ def test_a_plan_may_be_late_or_early_by_what_is_asked(robot):
     late, early = resting(stamp=NOW - 0.15), resting(stamp=NOW + 0.15)
     assert isinstance(check(robot, late, longest_lag=0.16), CheckedPlan)
     assert isinstance(check(robot, early, longest_lead=0.16), CheckedPlan)
-
-
-def test_after_its_end_the_arm_stays_there(robot):
-    checked = check(robot, resting())
-    for later in (0.2, 0.201, 100.0):
-        assert check_following(checked, robot, HOME, STILL, NOW + later) is None
-        off = HOME + np.eye(7)[6] * 0.01
-        assert check_following(checked, robot, off, STILL, NOW + later).subject == robot.joints[6]
-        moving = STILL + np.eye(7)[2] * 1.0
-        assert "at velocity" in check_following(checked, robot, HOME, moving, NOW + later).detail
-    assert check_following(checked, robot, HOME, STILL, np.nan) is not None
-
-
-def test_stated_velocity_errors_are_tested(robot):
-    slow = STILL + np.eye(7)[1] * 0.1
-    assert isinstance(check(robot, resting(), v=slow), CheckedPlan)
-    refusal = check(robot, resting(velocity_tracking_error=np.full(7, 0.01)), v=slow)
-    assert "at velocity" in refusal.detail
-
-
-def test_a_stop_harder_than_brakes_guarantee_is_told(robot):
-    braking = robot.braking_deceleration
-    plan = moved(0, 0.1 * TIMES, 0.1)
-    for part, is_fine in ((0.5, True), (1.0, True), (1.01, False), (2.0, False)):
-        stopped = append_stop(plan, part * braking, on_path=False)
-        checked = check(robot, stopped, stops=False)
-        refusal = check_stop(checked, robot)
-        assert (refusal is None) is is_fine
-        if refusal is not None:
-            assert refusal.subject == robot.joints[0]
-            assert f"brakes guarantee {braking[0]:.4g}" in refusal.detail
-        # However long it rests then.
-        later = stopped._replace(
-            times=np.append(stopped.times, stopped.times[-1] + [1.0, 2.0]),
-            q=np.concatenate([stopped.q, stopped.q[-1:], stopped.q[-1:]]),
-            v=np.concatenate([stopped.v, stopped.v[-1:], stopped.v[-1:]]),
-        )
-        assert (check_stop(check(robot, later, stops=False), robot) is None) is is_fine
-
-
-def test_a_path_that_bends_more_than_brakes_guarantee_is_told(robot):
-    braking = robot.braking_deceleration[0]
-    for part in (0.9, 1.1):
-        times = np.linspace(0.0, 1.0, 101)
-        size = part * braking / 36.0
-        q, v = np.tile(HOME, (101, 1)), np.zeros((101, 7))
-        q[:, 0] += size * (1.0 - np.cos(6.0 * times))
-        v[:, 0] = 6.0 * size * np.sin(6.0 * times)
-        plan = resting(times=times, q=q, v=v)
-        stopped = append_stop(plan, 0.5 * robot.braking_deceleration, on_path=False)
-        refusal = check_path_stop(check(robot, stopped), robot)
-        assert (refusal is None) is (part < 1.0)
-        if refusal is not None:
-            assert refusal.subject == robot.joints[0]
-            assert "no stop on the path" in refusal.detail
-
-
-def test_a_clock_of_its_own_may_go_at_any_pace_up_to_the_whole(robot):
-    checked = check(
-        robot, moved(0, 0.5 * TIMES, 0.5)._replace(velocity_tracking_error=np.full(7, 0.01))
-    )
-    place = HOME.copy()
-    place[0] = 0.05
-    for pace, is_fine in ((0.0, True), (0.5, True), (1.0, True), (1.2, False), (-0.2, False)):
-        v = STILL.copy()
-        v[0] = 0.5 * pace
-        found = check_following(checked, robot, place, v, NOW + 7.0, 0.1)
-        assert (found is None) is is_fine
-    assert check_following(checked, robot, place, STILL, NOW, 0.2) is not None
 
 
 def test_huge_errors_are_no_way_around_the_checks(robot):
