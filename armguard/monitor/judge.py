@@ -274,11 +274,12 @@ class Judge:
             left = max(contact_time - self._braking_delay, 0.0)
             fastest = self._in_force.velocity
             return float(scale_that_rests(self._in_force.brakes, fastest, left))
-        most = self._find_most_scale(stopping)
+        is_followed = path is not None and path.is_followed
+        # On a trajectory it is the clock that is scaled, and no joint gets faster than it says.
+        most = 1.0 if is_followed else self._find_most_scale(stopping)
         if most < 1.0 and not stopping.covers(tick):
             # Before it obeys, the arm may be too fast for its brakes: nothing is proved.
             return stopping.hold_scale(tick.now, 0.0)
-        is_followed = path is not None and path.is_followed
         if is_followed is not self._was_followed:
             # Scales of another kind, found so far, say nothing of this one.
             stopping.reset()

@@ -54,6 +54,11 @@ class KnownPath:
         return self._trajectory.is_followed
 
     @property
+    def is_known(self) -> bool:
+        """Whether the arm is on a piece that was proved safe, or follows a trajectory."""
+        return self.is_proved or self.is_followed
+
+    @property
     def stop_lasting(self) -> float | None:
         """How long a stop on the path lasts once brakes bite, in [s]; None: joints stop."""
         return self._trajectory.stop_lasting
@@ -70,7 +75,7 @@ class KnownPath:
 
     def drop(self, subject: str, detail: str) -> Reason | None:
         """Forget what was told where its ground is gone; None if nothing was."""
-        if not (self.is_proved or self.is_followed):
+        if not self.is_known:
             return None
         self.reset()
         return Reason(ReasonKind.PLAN_VOID, subject, detail)

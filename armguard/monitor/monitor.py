@@ -441,8 +441,6 @@ class Monitor:
         unbraked = None
         if found:
             unbraked = describe_unbraked(states, now - stamp)
-            if unbraked is not None:
-                reasons.append(unbraked)
             runaway = describe_runaway(states)
             if runaway is not None:
                 reasons.append(runaway)
@@ -468,10 +466,6 @@ class Monitor:
             ),
         )
         result = scheduler.evaluate_due(tick, seen)
-        if unbraked is not None:
-            # How far to look ahead needs a number; that the arm rests by then is not known.
-            tick = tick._replace(stop_time=math.inf, late_stop_time=math.inf)
-        self._last = tick, result
         if result.disturbed:
             self._judge.forget_proofs()
         path = self._judge.path
@@ -480,6 +474,12 @@ class Monitor:
             told = path.update(tick, stamp, path_time, disturbed=disturbed)
             if told is not None:
                 reasons.append(told)
+        # On a known path the arm gets no faster than that says, and its brakes are asked of that.
+        if unbraked is not None and (path is None or not path.is_known):
+            reasons.append(unbraked)
+            # How far to look ahead needed a number; that the arm rests by then is not known.
+            tick = tick._replace(stop_time=math.inf, late_stop_time=math.inf)
+        self._last = tick, result
         for row in result.broken:
             reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
         if obstacles.has_wide_spreads:

@@ -75,7 +75,7 @@ def read_settings(
     rate: float,
     schedule: str | Schedule,
     motion: str,
-    stop: str,
+    stop: str = "joints",
     joint_timeout: float | None,
     max_staleness: float,
     budget: int | None,

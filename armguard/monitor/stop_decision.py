@@ -87,6 +87,8 @@ class StopDecision:
     def rests(self, tick: Tick) -> bool:
         """Whether the arm surely rests before contact, braking only after the next tick."""
         braking = self._scheduler.arm.motion.braking
+        if not braking.covers(tick.v, tick.arm_age, self._response_time):
+            return False
         table = braking.tabulate(tick.q, tick.v, tick.arm_age, self._response_time)
         return self._is_free(tick, float(table.time[-1]))
 
@@ -118,11 +120,11 @@ class StopDecision:
             # Ticks came late, or none was asked for meanwhile: what was found is obeyed too late.
             self._step = 0
         for _ in range(steps):
-            if not self._search(tick, is_free or self._is_free_below):
+            if not self._search(tick, is_free):
                 break
         return self._safe if tick.time - self._safe_at < self._lasting else 0.0
 
-    def _search(self, tick: Tick, is_free: IsFree) -> bool:
+    def _search(self, tick: Tick, is_free: IsFree | None) -> bool:
         """One step: the first tries the whole, the others halve. Whether there is another one."""
         if self._step > HALVINGS:
             self._step += 1
@@ -133,7 +135,11 @@ class StopDecision:
             self._low, self._high, self._low_at = 0.0, 1.0, tick.time
             self._began_at = tick.time
         scale = 1.0 if self._step == 0 else 0.5 * (self._low + self._high)
-        if is_free(tick, self._obeyed_after, self._going_on, scale):
+        if is_free is None:
+            safe = self._is_safe(tick, scale)
+        else:
+            safe = is_free(tick, self._obeyed_after, self._going_on, scale)
+        if safe:
             self._low, self._low_at = scale, tick.time
         else:
             self._high = scale
@@ -156,11 +162,9 @@ class StopDecision:
             recent.popleft()
         return recent[0][1] if recent else 1.0
 
-    def _is_free_below(
-        self, tick: Tick, obeyed_after: float, going_on: float, scale: float
-    ) -> bool:
+    def _is_safe(self, tick: Tick, scale: float) -> bool:
         table = self._scheduler.arm.motion.braking.tabulate(
-            tick.q, tick.v, tick.arm_age, obeyed_after, going_on=going_on, scale=scale
+            tick.q, tick.v, tick.arm_age, self._obeyed_after, going_on=self._going_on, scale=scale
         )
         return self._is_free(tick, float(table.time[-1]))
 

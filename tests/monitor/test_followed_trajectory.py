@@ -217,20 +217,6 @@ def test_another_trajectory_agrees_with_the_one_before_until_it_can_have_been_to
         break
 
 
-def test_pieces_and_trajectories_are_told_one_at_a_time():
-    _, monitor = start()
-    plan = make_plan(0.2 * TURNS)
-    assert monitor.follow(plan).safe
-    run(monitor, plan, 10)
-    assert "follows a trajectory" in monitor.commit(plan).reasons[0].detail
-    monitor.reset()
-    monitor.step(0.2, plan.q[9], plan.v[9])
-    rest = plan._replace(stamp=0.2 - float(TIMES[9]))
-    assert monitor.commit(rest).safe
-    monitor.step(0.21, plan.q[10], plan.v[10])
-    assert "on a piece" in monitor.follow(rest).reasons[0].detail
-
-
 def test_the_scale_is_that_of_the_clock():
     """The nearer a person, the slower; on time there is the whole or nothing."""
     found = {}

@@ -29,6 +29,14 @@ def hold_at_all_speeds(robot):
     robot.braking_deceleration = robot.braking_deceleration
 
 
+def load_holding(name):
+    """A robot that armguard knows, whose brakes hold at every speed and load."""
+    robot = Robot.load(name)
+    held, gentle = robot.braking_deceleration, robot.brakes.gentlest_stop(robot.velocity_limit)
+    robot.braking_deceleration = np.where(held > 0.0, held, gentle)
+    return robot
+
+
 def load_arm(name):
     if name == "panda":
         robot = Robot.load("panda")

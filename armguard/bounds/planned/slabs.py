@@ -115,8 +115,8 @@ def make_stop_slabs(
         on_path: Whether all joints stop together, on the path.
 
     Returns:
-        None where the clock is to slow down, or the arm to stop on the path, and brakes guarantee
-        no such thing where it is then.
+        None where a joint may be faster than its brakes are stated for, and where the clock is to
+        slow down, or the arm to stop on the path, and brakes guarantee no such thing there.
     """
     slowing = math.inf
     if on_path or clock.pace < 1.0:
@@ -138,6 +138,8 @@ def make_stop_slabs(
     _widen_speeds(plan, limits, clock, nodes, slowest, fastest)
     top = np.maximum(limits.velocity, np.abs(plan.v).max(axis=0))
     pace = np.minimum(np.maximum(-slowest, fastest), top)
+    if not (pace.max(axis=0) <= limits.brakes.speed[:, -1]).all():
+        return None
     rest = _slowest_rest(pace.max(axis=0), limits.brakes)
     rest = max(rest, 1e-6) * (1.0 + SUM_ROUNDING)
     nodes = np.concatenate([nodes, latest_bite + np.linspace(0.0, rest, BRAKING_SLABS + 1)[1:]])

@@ -7,8 +7,7 @@ from armguard.bounds import Plan, PlannedCourse, PlannedMotion, append_stop, che
 from armguard.bounds.planned.contact import NONE, find_planned_contact
 from armguard.bounds.planned.course import ArmShape
 from armguard.obstacles import Obstacles
-from armguard.robot import Robot
-from support.example_arms import hold_at_all_speeds
+from support.example_arms import load_holding
 from support.plan_cases import all_pairs
 
 HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
@@ -21,8 +20,7 @@ LUCK = 0.02
 @pytest.fixture(scope="module")
 def arm():
     """A robot, its motion, and a course: joint 1 turns for 0.2 s and brakes."""
-    robot = Robot.load("panda")
-    hold_at_all_speeds(robot)
+    robot = load_holding("panda")
     motion = PlannedMotion(robot)
     q, v = np.tile(HOME, (21, 1)), np.zeros((21, 7))
     q[:, 0], v[:, 0] = TIMES, 1.0

@@ -13,7 +13,8 @@ from armguard.bounds import (
 )
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
-from armguard.robot import Kinematics, Robot
+from armguard.robot import Kinematics
+from support.example_arms import load_holding
 from support.hostile_joints import STEP
 from support.motion_questions import HAND_POINT, unit
 from support.plan_cases import Attack, Follower, Skin, Waves, all_pairs, make_plan
@@ -36,7 +37,7 @@ def ask(motion, course, obstacles, links, now, margin=0.0):
 
 @pytest.mark.parametrize("name", ["panda", "kinova", "tiago"])
 def test_no_contact_comes_before_the_proved_time(name):
-    robot, random = Robot.load(name), np.random.default_rng(0)
+    robot, random = load_holding(name), np.random.default_rng(0)
     motion, skin = PlannedMotion(robot), Skin(robot, random)
     contacts, closest, free = 0, 0.0, 0
     for k in range(70):
@@ -132,7 +133,7 @@ def test_under_a_plan_contact_is_later_than_under_joint_bounds(robot, motion):
 
 def test_balls_around_a_lift_hold_all_that_it_carries_at_both_ends():
     """Tiago rests, but for its lift, which may be off by as much as its deviation."""
-    robot = Robot.load("tiago")
+    robot = load_holding("tiago")
     motion, lift = PlannedMotion(robot), robot.joints.index("torso_lift_joint")
     q = 0.5 * (robot.lower_position_limit + robot.upper_position_limit)
     still, errors = np.zeros(len(q)), np.full(len(q), 1e-6)

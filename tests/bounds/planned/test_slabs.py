@@ -5,7 +5,7 @@ from armguard.bounds import CheckedPlan, PathClock, Plan, append_stop, check_pla
 from armguard.bounds.limits import read_limits
 from armguard.bounds.planned.slabs import make_piece_slabs, make_stop_slabs
 from armguard.bounds.planned.stop import bound_path_braking
-from armguard.robot import Robot
+from support.example_arms import load_holding
 from support.hostile_joints import STEP
 from support.plan_cases import Follower, Hermite, Waves, make_plan
 
@@ -15,7 +15,7 @@ BITE = 0.1
 
 @pytest.fixture(scope="module", params=["panda", "kinova", "tiago"])
 def robot(request):
-    return Robot.load(request.param)
+    return load_holding(request.param)
 
 
 def draw_plan(robot, random, speed=None, share=None, **changes):
@@ -173,7 +173,7 @@ def holds(inner, outer):
 
 
 def test_more_error_and_a_clock_that_is_not_known_never_say_less():
-    robot, random = Robot.load("panda"), np.random.default_rng(5)
+    robot, random = load_holding("panda"), np.random.default_rng(5)
     for _ in range(20):
         _, plan = draw_plan(robot, random)
         errors, speeds = np.full(7, 1e-3), np.full(7, 0.02)
@@ -194,7 +194,7 @@ def test_more_error_and_a_clock_that_is_not_known_never_say_less():
 
 
 def test_a_slower_clock_gets_less_far_but_never_before_it_can_have_slowed_down():
-    robot, random = Robot.load("panda"), np.random.default_rng(7)
+    robot, random = load_holding("panda"), np.random.default_rng(7)
     for _ in range(20):
         waves = Waves(robot, random, 0.3)
         waves.size *= 0.1
@@ -215,14 +215,14 @@ def test_a_slower_clock_gets_less_far_but_never_before_it_can_have_slowed_down()
 
 
 def test_where_brakes_guarantee_no_stop_on_the_path_there_are_no_slabs():
-    robot = Robot.load("panda")
+    robot = load_holding("panda")
     _, plan = draw_plan(robot, np.random.default_rng(8))
     assert lay_out_stop(robot, plan, on_path=True) is None
     assert lay_out_stop(robot, plan, PathClock(0.05, 0.0, False, 0.0, 0.0, 0.5)) is None
 
 
 def test_slabs_on_the_curve_are_as_wide_as_the_motion_and_the_deviation():
-    robot = Robot.load("panda")
+    robot = load_holding("panda")
     waves = Waves(robot, np.random.default_rng(2), 0.3)
     plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 0.2, 41), np.full(7, 2e-3))
     checked = check(robot, plan)
@@ -234,7 +234,7 @@ def test_slabs_on_the_curve_are_as_wide_as_the_motion_and_the_deviation():
 
 
 def test_a_long_piece_gets_longer_slabs_but_no_gaps():
-    robot = Robot.load("panda")
+    robot = load_holding("panda")
     waves = Waves(robot, np.random.default_rng(3), 0.1)
     plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 30.0, 3001), np.full(7, 2e-3))
     slabs = make_piece_slabs(check(robot, plan), read_limits(robot))
@@ -244,7 +244,7 @@ def test_a_long_piece_gets_longer_slabs_but_no_gaps():
 
 
 def test_what_is_over_is_left_out():
-    robot = Robot.load("panda")
+    robot = load_holding("panda")
     waves = Waves(robot, np.random.default_rng(4), 0.3)
     plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 0.2, 41), np.full(7, 2e-3))
     slabs = make_piece_slabs(check(robot, plan, 0.08), read_limits(robot))
@@ -253,7 +253,7 @@ def test_what_is_over_is_left_out():
 
 
 def test_an_arm_at_rest_stays_where_it_is():
-    robot = Robot.load("panda")
+    robot = load_holding("panda")
     q, still = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]), np.zeros(7)
     plan = Plan(0.0, [0.0, 0.5], [q, q], [still, still], np.full(7, 1e-3), np.full(7, 0.01))
     assert append_stop(plan, robot.braking_deceleration, on_path=True).times[-1] == 0.5
