@@ -63,6 +63,9 @@ class Explanation(NamedTuple):
     gains: tuple[Gain, ...]
     """What less latency of verdicts, age of the obstacle's state, assumed speed and cover would
     buy, in this order and each by itself; 0 for what has no part in it."""
+    remedies: tuple[str, ...] = ()
+    """What would have avoided the STOP, each by itself, in words; empty where there was none, where
+    nothing that was tried would have, and where the arm's motion is bounded otherwise."""
 
     def __str__(self) -> str:
         lines = [
@@ -74,6 +77,7 @@ class Explanation(NamedTuple):
         ]
         for gain in self.gains:
             lines.append(f"{gain.what}: {1e3 * gain.seconds:.2f} ms, or {1e3 * gain.metres:.1f} mm")
+        lines += [f"the STOP would have been avoided by {remedy}" for remedy in self.remedies]
         return "\n".join(lines)
 
 

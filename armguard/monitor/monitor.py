@@ -190,7 +190,7 @@ class Monitor:
             in_force,
             certify=certify,
         )
-        self._queries = Queries(robot, obstacles, settings, self._scheduler, self._states)
+        self._queries = Queries(robot, obstacles, settings, self._scheduler, self._states, in_force)
         self._last: tuple[Tick | None, TickResult] = None, NOTHING_FOUND
         self._epoch = math.nan
         self._now = NEVER
@@ -365,7 +365,7 @@ class Monitor:
         return self._queries.pairs(self._last[0], limit)
 
     def explain(self) -> Explanation | None:
-        """Why the last verdict is as it is, and what would have made it better.
+        """Why the last verdict is as it is, what would have made it better, or avoided a STOP.
 
         None where no pair decided it: there are none, or its reasons alone did. None as well where
         the obstacle was removed since, so that nothing is known of it any more.

@@ -6,12 +6,14 @@ about the tick that is handed over, the last one whose joint state was believed.
 
 from __future__ import annotations
 
+from armguard.monitor.avoidable import list_remedies
 from armguard.monitor.explain import Explanation, explain_pair
 from armguard.monitor.headroom import Attention, Headroom, predict_headroom, rank_attention
 from armguard.monitor.reports import PairReport, Snapshot, report_pair, take_snapshot
 from armguard.monitor.settings import MonitorSettings, read_limit
 from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.joint_states import JointStates
+from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick
 
@@ -25,6 +27,7 @@ class Queries:
         settings: What the monitor was told.
         scheduler: Knows the pairs.
         states: Knows the joint states.
+        in_force: What the arm counts with.
     """
 
     def __init__(
@@ -34,12 +37,14 @@ class Queries:
         settings: MonitorSettings,
         scheduler: Scheduler,
         states: JointStates,
+        in_force: LimitsInForce,
     ) -> None:
         self._robot = robot
         self._obstacles = obstacles
         self._settings = settings
         self._scheduler = scheduler
         self._states = states
+        self._in_force = in_force
 
     def pairs(self, tick: Tick | None, limit: int) -> list[PairReport]:
         """The most imminent pairs, soonest first; none before the first tick."""
@@ -62,8 +67,20 @@ class Queries:
         if row in self._obstacles.membership_changes():
             return None
         self._scheduler.prepare(tick)
-        braking_delay = self._settings.response_time + self._settings.reaction_time
-        return explain_pair(self._scheduler, self._robot, tick, pair, braking_delay)
+        settings, robot, scheduler = self._settings, self._robot, self._scheduler
+        braking_delay = settings.response_time + settings.reaction_time
+        explanation = explain_pair(scheduler, robot, tick, pair, braking_delay)
+        if not settings.with_joints or explanation.contact_time > tick.stop_time:
+            return explanation
+        remedies = list_remedies(
+            scheduler,
+            robot,
+            self._in_force,
+            tick,
+            settings.response_time,
+            has_operating=settings.operating is not None,
+        )
+        return explanation._replace(remedies=remedies)
 
     def headroom(self, tick: Tick | None) -> Headroom:
         """What evaluations cost now; nothing is watched before the first tick."""

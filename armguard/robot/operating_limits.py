@@ -9,7 +9,8 @@ again the hardware's limits are in force.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -137,7 +138,7 @@ class LimitsInForce:
         Raises:
             ArmguardError: The operating limits do not fit the robot, or the payload its brakes.
         """
-        self._brakes = robot.brakes
+        self._robot, self._brakes = robot, robot.brakes
         self.payload = self._brakes.check_payload(payload)
         self.brakes = self._brakes.make_curves(self.payload)
         self._hardware = (
@@ -161,6 +162,30 @@ class LimitsInForce:
         self._brakes.fill_curves(self.brakes, number)
         self.payload = number
         self.revision += 1
+
+    @contextlib.contextmanager
+    def pretend(
+        self, *, payload: float | None = None, operating: OperatingLimits | None = None
+    ) -> Iterator[None]:
+        """Count with another payload or other operating limits, for a question between ticks.
+
+        Args:
+            payload: In [kg]; None: as it is.
+            operating: What the controller keeps to; None: as it is.
+
+        Raises:
+            ArmguardError: They do not fit the robot.
+        """
+        velocity, acceleration = self.velocity.copy(), self.acceleration.copy()
+        try:
+            if payload is not None:
+                self._brakes.fill_curves(self.brakes, payload)
+            if operating is not None:
+                self.velocity[:], self.acceleration[:] = operating.resolve(self._robot)
+            yield
+        finally:
+            self._brakes.fill_curves(self.brakes, self.payload)
+            self.velocity[:], self.acceleration[:] = velocity, acceleration
 
     def suspend(self) -> None:
         """Put the hardware's limits in force."""

@@ -242,7 +242,7 @@ class DeadlineScheduler:
         price = certificates.numbers[SPENT] / max(certificates.numbers[EVALUATED_ROWS], 1)
         return rows_per_tick * float(price)
 
-    def find_unsafe(self, tick: Tick, stop_time: float) -> Unsafe:
+    def find_unsafe(self, tick: Tick, stop_time: float, *, remembers: bool = True) -> Unsafe:
         """A pair that might touch before the arm rests, if there is one."""
         self._place(tick)
         row, link, spent, left = self._find_unsafe(
@@ -258,7 +258,8 @@ class DeadlineScheduler:
         )
         if row == NOBODY:
             return Unsafe(NOBODY, spent, 0)
-        self._last_offender = row
+        if remembers:
+            self._last_offender = row
         return Unsafe(row * self._links + link, spent, left)
 
     def recall(self, pair: int) -> PairResult:

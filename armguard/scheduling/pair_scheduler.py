@@ -166,7 +166,7 @@ class PairScheduler:
         """How many evaluations a tick costs: as many as the last one."""
         return float(self._evaluated)
 
-    def find_unsafe(self, tick: Tick, stop_time: float) -> Unsafe:
+    def find_unsafe(self, tick: Tick, stop_time: float, *, remembers: bool = True) -> Unsafe:
         """A pair that might touch before the arm rests; all pairs that are near are evaluated."""
         near = self.near_pairs(tick, stop_time)
         return Unsafe(*find_unsafe_pair(self.arm.state, near), left=0)

@@ -182,11 +182,12 @@ class Scheduler(Protocol):
         """How many evaluations a tick costs as imminent as all pairs are now."""
         ...
 
-    def find_unsafe(self, tick: Tick, stop_time: float) -> Unsafe:
+    def find_unsafe(self, tick: Tick, stop_time: float, *, remembers: bool = True) -> Unsafe:
         """A pair that might touch before the arm rests, if there is one.
 
         Judged by the arm's table of braking, for whatever could be touched within `stop_time`.
-        Where the user's budget does not suffice, a pair counts as unsafe.
+        Where the user's budget does not suffice, a pair counts as unsafe. What is found may be
+        asked for first the next time, unless `remembers` is false: then nothing changes.
         """
         ...
 

@@ -199,7 +199,7 @@ def test_unix_time_works_as_time_near_zero_does(schedule):
     for one, other in zip(near, far, strict=True):
         assert one.level == other.level
         assert kinds(one) == kinds(other)
-        # A broken bound counts with what was seen, by stamps a millisecond apart, rounded to 0.2 µs.
+        # What broke a bound was seen between stamps a millisecond apart, rounded to 0.2 µs.
         assert other.contact_time == pytest.approx(one.contact_time, rel=5e-4, abs=1e-5)
 
 
