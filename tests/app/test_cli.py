@@ -178,6 +178,6 @@ def run_armguard(*arguments, **environment):
         text=True,
         stdin=subprocess.DEVNULL,
         env=os.environ | environment,
-        timeout=60,
+        timeout=300,  # a cold start compiles
         check=False,
     )

@@ -19,7 +19,7 @@ from armguard.streams import VerdictReader
 from armguard.verdict import Level
 
 ARMGUARD = Path(sys.executable).with_name("armguard")
-CELL = '[robot]\nname = "panda"\n'
+CELL = '[robot]\nname = "panda"\noperating = "published"\n'
 NAMES = [f"panda_joint{number}" for number in range(1, 8)]
 READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
 PATIENCE = 60.0
@@ -137,11 +137,10 @@ def test_nothing_is_asked_of_the_system_where_it_is_not_wanted(cell, addresses, 
 
 
 def test_a_start_without_operating_limits_says_what_that_costs():
-    def build(line):
-        return Cell.from_text(CELL + line + "[sources]\n").build()[2]
-
-    assert describe_missing_limits(build('operating = "published"\n')) is None
-    told = describe_missing_limits(build(""))
+    text = CELL + "[sources]\n"
+    assert describe_missing_limits(Cell.from_text(text).build()[2]) is None
+    without = text.replace('operating = "published"\n', "")
+    told = describe_missing_limits(Cell.from_text(without).build()[2])
     without, published = map(int, re.findall(r"(\d+) ms", told))
     assert without > 1.5 * published
     assert 'operating = "published"' in told

@@ -165,8 +165,12 @@ class Follower:
             q, v = self.q[k], self.v[k]
             until = np.minimum(STEP, np.abs(v) / rate)
             way = np.sign(v) * until * (np.abs(v) - 0.5 * rate * until)
-            self.q[k + 1] = np.where(off, q + way, self.q[k + 1])
+            # One that gets to its limit stops there.
+            lower, upper = robot.lower_position_limit, robot.upper_position_limit
+            moved = np.clip(q + way, lower, upper)
+            self.q[k + 1] = np.where(off, moved, self.q[k + 1])
             slower = np.sign(v) * np.maximum(np.abs(v) - rate * STEP, 0.0)
+            slower = np.where((moved == q + way) | (v == 0.0), slower, 0.0)
             self.v[k + 1] = np.where(off, slower, self.v[k + 1])
             moving = ~off | (self.v[k + 1] != 0.0)
             self.resting = np.where(

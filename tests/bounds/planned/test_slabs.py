@@ -126,7 +126,9 @@ def test_an_arm_that_stops_on_its_path_stays_in_the_slabs(robot, wanders):
             robot, waves, 0.0, times, plan.tracking_error, plan.velocity_tracking_error
         )
         checked = check(robot, plan, now)
-        slowing, _, _ = bound_path_braking(plan.times, plan.q, plan.v, limits.braking, 0.0, 1.9)
+        slowing, _, _ = bound_path_braking(
+            plan.times, plan.q, plan.v, robot.braking_deceleration, 0.0, 1.9
+        )
         if not slowing > 0.2:
             continue
         stops += 1
