@@ -286,7 +286,9 @@ class Judge:
             self._was_followed = is_followed
         # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
         scale = 1.0
-        if not contact_time > tick.late_stop_time:
+        # But the later stop time is none where brakes are not stated for what joints can do by then.
+        is_late_known = not is_followed or stopping.covers(tick)
+        if not (is_late_known and contact_time > tick.late_stop_time):
             is_free = path.is_free if path is not None and is_followed else None
             scale = stopping.find_scale(tick, is_free)
         return stopping.hold_scale(tick.now, min(scale, most))

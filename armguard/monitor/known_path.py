@@ -54,11 +54,6 @@ class KnownPath:
         return self._trajectory.is_followed
 
     @property
-    def is_known(self) -> bool:
-        """Whether the arm is on a piece that was proved safe, or follows a trajectory."""
-        return self.is_proved or self.is_followed
-
-    @property
     def stop_lasting(self) -> float | None:
         """How long a stop on the path lasts once brakes bite, in [s]; None: joints stop."""
         return self._trajectory.stop_lasting
@@ -75,7 +70,7 @@ class KnownPath:
 
     def drop(self, subject: str, detail: str) -> Reason | None:
         """Forget what was told where its ground is gone; None if nothing was."""
-        if not self.is_known:
+        if not (self.is_proved or self.is_followed):
             return None
         self.reset()
         return Reason(ReasonKind.PLAN_VOID, subject, detail)
@@ -132,6 +127,10 @@ class KnownPath:
     def rests(self, tick: Tick) -> bool:
         """Whether the arm, on its trajectory, surely rests if it is told to stop a tick later."""
         return self._trajectory.rests(tick)
+
+    def is_braked(self, tick: Tick) -> bool:
+        """Whether the arm is on a way on which brakes are stated for every speed."""
+        return self.is_proved or self._trajectory.is_braked(tick)
 
     def is_free(self, tick: Tick, obeyed_after: float, going_on: float, scale: float) -> bool:
         """Whether it does after its clock has kept to a scale; see `FollowedTrajectory`."""

@@ -475,7 +475,7 @@ class Monitor:
             if told is not None:
                 reasons.append(told)
         # On a known path the arm gets no faster than that says, and its brakes are asked of that.
-        if unbraked is not None and (path is None or not path.is_known):
+        if unbraked is not None and (path is None or not path.is_braked(tick)):
             reasons.append(unbraked)
             # How far to look ahead needed a number; that the arm rests by then is not known.
             tick = tick._replace(stop_time=math.inf, late_stop_time=math.inf)

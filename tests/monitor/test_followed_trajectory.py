@@ -9,7 +9,15 @@ from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Kinematics
 from armguard.verdict import Level, ReasonKind
-from support.panda_monitor import HOME, STILL, kinds, make_monitor, panda, see
+from support.panda_monitor import (
+    HOME,
+    STILL,
+    kinds,
+    make_monitor,
+    panda,
+    ranged_panda,
+    see,
+)
 
 PERIOD = 0.01
 TIMES = np.linspace(0.0, 1.5, 151)
@@ -344,3 +352,22 @@ def test_a_ball_that_drives_at_an_arm_touches_only_one_that_brakes_later_than_to
     hits = {late: sum(Chase(seed, mode, late).run() for seed in range(12)) for late in (0.0, 0.5)}
     assert hits[0.0] == 0
     assert hits[0.5] > 3
+
+
+def test_a_trajectory_that_is_faster_than_brakes_are_stated_for_is_a_stop_before_it_is():
+    turns = np.array([1.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    robot = ranged_panda()
+    plan = make_plan(turns)
+    stated = robot.brakes.make_curves().speed[0, -1]
+    assert np.abs(plan.v[:, 0]).max() > stated
+    _, monitor = start(robot=robot, reaction_time=0.02)
+    assert monitor.follow(plan).safe
+    for k in range(1, 76):
+        verdict = monitor.step(PERIOD * k, plan.q[k], plan.v[k])
+        unbraked = ReasonKind.BRAKES_NOT_COVERED in kinds(verdict)
+        assert unbraked is (verdict.level is Level.STOP)
+        # Told to stop in the next tick, it is no faster before brakes bite.
+        if plan.v[min(k + 4, 75), 0] > stated:
+            assert unbraked
+        if plan.v[k, 0] < 0.8 * stated:
+            assert not unbraked
