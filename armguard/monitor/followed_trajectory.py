@@ -66,6 +66,7 @@ class FollowedTrajectory:
 
     Attributes:
         evaluated: Evaluations, since it was set to 0.
+        revision: How often a trajectory was taken, all were forgotten, or their clock was set free.
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class FollowedTrajectory:
         *,
         on_path: bool,
     ) -> None:
-        self.evaluated = 0
+        self.evaluated = self.revision = 0
         self._robot = robot
         self._scheduler = scheduler
         self._response_time = response_time
@@ -92,6 +93,7 @@ class FollowedTrajectory:
     def reset(self) -> None:
         """Forget all trajectories: from now on the arm may do what its joints can."""
         self._trajectories: list[Trajectory] = []
+        self.revision += 1
         self._is_on_time = True
         self._stamp = -math.inf
 
@@ -145,6 +147,7 @@ class FollowedTrajectory:
         # Until it begins, joints may be off it at any speed.
         new = Trajectory(checked, max(now, checked.stamp), along, *motion.find_path_stop(checked))
         self._trajectories.append(new)
+        self.revision += 1
         self._stamp = max(self._stamp, stamp)
         contact = self._find_contact(tick, self._response_time)
         return PlanVerdict(True, contact.time, contact.link, contact.obstacle, ())
@@ -173,6 +176,7 @@ class FollowedTrajectory:
                 return Reason(ReasonKind.PLAN_VOID, "path_time", detail)
             if self._is_on_time:
                 self._is_on_time = False
+                self.revision += 1
                 self._trajectories = [
                     one._replace(plan=self._free_clock(one.plan)) for one in self._trajectories
                 ]

@@ -54,6 +54,11 @@ class KnownPath:
         return self._trajectory.is_followed
 
     @property
+    def revision(self) -> int:
+        """Goes up whenever there is more, or other, that the arm may do than what was told."""
+        return self._pieces.revision + self._trajectory.revision
+
+    @property
     def stop_lasting(self) -> float | None:
         """How long a stop on the path lasts once brakes bite, in [s]; None: joints stop."""
         return self._trajectory.stop_lasting
@@ -110,7 +115,7 @@ class KnownPath:
         return found
 
     def update(
-        self, tick: Tick, stamp: float, path_time: object, *, disturbed: bool
+        self, tick: Tick, stamp: float, path_time: object, *, disturbed: bool, unplaced: bool
     ) -> Reason | None:
         """Take a tick's joint state; what there is to say of the arm's way, if anything.
 
@@ -119,7 +124,13 @@ class KnownPath:
             stamp: Of its joint state, in [s].
             path_time: As it was told; None: nothing was.
             disturbed: Whether obstacles have changed by more than was allowed for.
+            unplaced: Whether there are obstacles that found no room, and could be anywhere.
         """
+        if unplaced and self.is_proved:
+            # They are in no pair, so no piece is judged by them.
+            self.reset()
+            detail = "some found no room, and could be anywhere"
+            return Reason(ReasonKind.PIECE_UNSAFE, "obstacles", detail)
         self._pieces.evaluated = self._trajectory.evaluated = 0
         found = self._pieces.update(tick, stamp, disturbed=disturbed)
         return self._trajectory.update(tick, stamp, path_time) or found

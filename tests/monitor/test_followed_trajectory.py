@@ -6,6 +6,7 @@ import pytest
 from armguard.bounds import Plan
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
+from armguard.monitor.followed_trajectory import FollowedTrajectory
 from armguard.obstacles import Obstacles
 from armguard.robot import Kinematics
 from armguard.verdict import Level, ReasonKind
@@ -371,3 +372,21 @@ def test_a_trajectory_that_is_faster_than_brakes_are_stated_for_is_a_stop_before
             assert unbraked
         if plan.v[k, 0] < 0.8 * stated:
             assert not unbraked
+
+
+def test_a_scale_that_was_proved_on_one_trajectory_is_none_on_another(monkeypatch):
+    _, monitor = start([0.9 * np.cos(0.3), 0.9 * np.sin(0.3), 0.55])
+    plan = make_plan(0.2 * TURNS)
+    assert monitor.follow(plan).safe
+    verdicts = run(monitor, plan, 10)
+    assert verdicts[-1].level is Level.SLOW
+    assert verdicts[-1].speed_scale == 1.0
+    rest = plan._replace(
+        stamp=float(TIMES[9]), times=TIMES[9:] - TIMES[9], q=plan.q[9:], v=plan.v[9:]
+    )
+    assert monitor.follow(rest).safe
+    # Nothing is proved of this one.
+    monkeypatch.setattr(FollowedTrajectory, "is_free", lambda *_: False)
+    verdict = monitor.step(float(TIMES[10]), plan.q[10], plan.v[10])
+    assert verdict.level is Level.SLOW
+    assert verdict.speed_scale == 0.0
