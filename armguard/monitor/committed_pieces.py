@@ -69,10 +69,11 @@ class CommittedPieces:
     Attributes:
         is_proved: Whether the arm is on a piece, and nothing can touch it until it rests.
         evaluated: Evaluations, since it was set to 0.
+        revision: How often a piece was taken, or all were forgotten.
     """
 
     def __init__(self, robot: Robot, scheduler: Scheduler, latency: float, margin: float) -> None:
-        self.evaluated = 0
+        self.evaluated = self.revision = 0
         self._robot = robot
         self._scheduler = scheduler
         self._latency = latency
@@ -83,6 +84,7 @@ class CommittedPieces:
     def reset(self) -> None:
         """Forget all pieces: from now on the arm may do what its joints can."""
         self._pieces: list[Piece] = []
+        self.revision += 1
         self.is_proved = False
         self._motion = self._scheduler.arm.motion.planned
 
@@ -111,8 +113,13 @@ class CommittedPieces:
             assert refusal is not None, "the last one disagreed"
             return refuse_plan(*refusal)
         going_on = kept
-        # One at whose every place the arm is on the new piece, too, need not be kept.
-        kept = [piece for piece in kept if not is_covered(piece.plan, checked, robot, first)]
+        # One at whose every place the arm is on the new piece, too, need not be kept; but one that
+        # has not begun is kept for what the arm may do until then.
+        kept = [
+            piece
+            for piece in kept
+            if piece.plan.stamp > now or not is_covered(piece.plan, checked, robot, first)
+        ]
         if len(kept) >= MOST_PIECES:
             detail = f"is the {MOST_PIECES + 1}th that the arm may be on: commit less often"
             return refuse_plan("plan", detail)
@@ -124,6 +131,7 @@ class CommittedPieces:
         self._pieces = [*kept, Piece(checked, course, before, self._remember())]
         self._motion = self._planned_motion()
         self.is_proved = True
+        self.revision += 1
         return PlanVerdict(True, math.inf, None, None, ())
 
     def update(self, tick: Tick, stamp: float, *, disturbed: bool) -> Reason | None:
@@ -142,7 +150,7 @@ class CommittedPieces:
         strayed: Refusal | None = None
         kept = []
         for piece in self._pieces:
-            found = check_following(piece.plan, self._robot, tick.q, tick.v, stamp)
+            found = self._find_straying(piece, tick, stamp)
             if found is None:
                 kept.append(piece)
             strayed = found or strayed
@@ -168,6 +176,19 @@ class CommittedPieces:
                 return Reason(ReasonKind.PIECE_UNSAFE, reason.subject, reason.detail)
             self._pieces[k] = piece._replace(known=self._remember())
         return None
+
+    def _find_straying(self, piece: Piece, tick: Tick, stamp: float) -> Refusal | None:
+        """Why the arm is not on a piece, nor on the way to it; None if it may be."""
+        robot, q, v = self._robot, tick.q, tick.v
+        found = check_following(piece.plan, robot, q, v, stamp)
+        if found is not None or not piece.before or stamp >= piece.plan.stamp:
+            return found
+        # Until it begins, its proof has the arm on one of those before.
+        for one in piece.before:
+            found = check_following(one, robot, q, v, stamp)
+            if found is None:
+                return None
+        return found
 
     def _planned_motion(self) -> PlannedMotion:
         motion = self._scheduler.arm.motion.planned

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.bounds.planned.check import check_path_stop, check_plan
+from armguard.bounds.planned.course import PlannedCourse
 from armguard.bounds.planned.following import check_following, find_disagreement
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
@@ -40,7 +41,7 @@ class Trajectory(NamedTuple):
 
     plan: CheckedPlan
     since: float
-    """When it was taken, in [s]."""
+    """From when on it was followed: since it was taken, or began, in [s]."""
     along: float
     """Where on it the arm was measured last, in [s] as in the plan's times."""
     slowing: float
@@ -65,6 +66,7 @@ class FollowedTrajectory:
 
     Attributes:
         evaluated: Evaluations, since it was set to 0.
+        revision: How often a trajectory was taken, all were forgotten, or their clock was set free.
     """
 
     def __init__(
@@ -78,7 +80,7 @@ class FollowedTrajectory:
         *,
         on_path: bool,
     ) -> None:
-        self.evaluated = 0
+        self.evaluated = self.revision = 0
         self._robot = robot
         self._scheduler = scheduler
         self._response_time = response_time
@@ -91,6 +93,7 @@ class FollowedTrajectory:
     def reset(self) -> None:
         """Forget all trajectories: from now on the arm may do what its joints can."""
         self._trajectories: list[Trajectory] = []
+        self.revision += 1
         self._is_on_time = True
         self._stamp = -math.inf
 
@@ -117,8 +120,7 @@ class FollowedTrajectory:
         checked = check_plan(plan, robot, now, tick.q, tick.v, stamp)
         if isinstance(checked, Refusal):
             return refuse_plan(*checked)
-        motion = self._scheduler.arm.motion.planned
-        assert motion is not None, "a monitor follows trajectories only where it bounds them"
+        motion = self._planned_motion()
         refusal: Refusal | None = None
         if self._on_path:
             refusal = check_path_stop(checked, robot, motion.brakes)
@@ -142,8 +144,10 @@ class FollowedTrajectory:
         along = stamp - checked.stamp
         if not self._is_on_time:
             along, checked = max(along, 0.0), self._free_clock(checked)
-        new = Trajectory(checked, now, along, *motion.find_path_stop(checked))
+        # Until it begins, joints may be off it at any speed.
+        new = Trajectory(checked, max(now, checked.stamp), along, *motion.find_path_stop(checked))
         self._trajectories.append(new)
+        self.revision += 1
         self._stamp = max(self._stamp, stamp)
         contact = self._find_contact(tick, self._response_time)
         return PlanVerdict(True, contact.time, contact.link, contact.obstacle, ())
@@ -172,6 +176,7 @@ class FollowedTrajectory:
                 return Reason(ReasonKind.PLAN_VOID, "path_time", detail)
             if self._is_on_time:
                 self._is_on_time = False
+                self.revision += 1
                 self._trajectories = [
                     one._replace(plan=self._free_clock(one.plan)) for one in self._trajectories
                 ]
@@ -206,6 +211,17 @@ class FollowedTrajectory:
         """Whether the arm surely rests before contact, told to stop only after the next tick."""
         return self.is_followed and self._find_contact(tick, self._response_time).time == math.inf
 
+    def is_braked(self, tick: Tick) -> bool:
+        """Whether brakes are stated for every speed on the way, told to stop after the next tick.
+
+        Args:
+            tick: The present one.
+        """
+        return self.is_followed and all(
+            self._lay_out(one, tick, self._response_time, math.inf, 1.0) is not None
+            for one in self._trajectories
+        )
+
     def is_free(self, tick: Tick, obeyed_after: float, going_on: float, scale: float) -> bool:
         """Whether the arm surely rests before contact if its clock keeps to a scale for some time.
 
@@ -226,29 +242,26 @@ class FollowedTrajectory:
         self, tick: Tick, told_after: float, full_until: float = math.inf, pace: float = 1.0
     ) -> CourseContact:
         """What could touch an arm that is told to stop within some time, on its way to rest."""
-        motion = self._scheduler.arm.motion.planned
-        assert motion is not None, "a monitor follows trajectories only where it bounds them"
+        motion, scheduler = self._planned_motion(), self._scheduler
         first = CourseContact(math.inf, None, None, 0)
         for one in self._trajectories:
-            found = self._find_one(one, motion, tick, told_after, full_until, pace)
+            course = self._lay_out(one, tick, told_after, full_until, pace)
+            if course is None:
+                return CourseContact(0.0, None, None, 0)
+            pairs = scheduler.near_pairs(tick, float(course.end[-1]))
+            found = find_course_contact(scheduler, motion, course, pairs, tick, self._margin)
             self.evaluated += found.evaluated
             if not found.time >= first.time:
                 first = found
         return first
 
-    def _find_one(
-        self,
-        one: Trajectory,
-        motion: PlannedMotion,
-        tick: Tick,
-        told_after: float,
-        full_until: float,
-        pace: float,
-    ) -> CourseContact:
-        unknown = CourseContact(0.0, None, None, 0)
+    def _lay_out(
+        self, one: Trajectory, tick: Tick, told_after: float, full_until: float, pace: float
+    ) -> PlannedCourse | None:
+        """Where an arm on a trajectory can be until it rests; None where that is not known."""
         if self._is_on_time and one.along < 0.0:
             # Until it begins, joints are free, and the stop decision is asked of that anyway.
-            return unknown
+            return None
         now = tick.now
         plan = one.plan._replace(
             now=now, measured_stamp=now - tick.arm_age, measured_q=tick.q, measured_v=tick.v
@@ -263,12 +276,12 @@ class FollowedTrajectory:
             one.slowing,
         )
         latest = told_after + self._reaction_time
-        course = motion.lay_out_stop(plan, clock, latest, on_path=self._on_path)
-        if course is None:
-            return unknown
-        scheduler = self._scheduler
-        pairs = scheduler.near_pairs(tick, float(course.end[-1]))
-        return find_course_contact(scheduler, motion, course, pairs, tick, self._margin)
+        return self._planned_motion().lay_out_stop(plan, clock, latest, on_path=self._on_path)
+
+    def _planned_motion(self) -> PlannedMotion:
+        motion = self._scheduler.arm.motion.planned
+        assert motion is not None, "a monitor follows trajectories only where it bounds them"
+        return motion
 
     def _free_clock(self, plan: CheckedPlan) -> CheckedPlan:
         """The plan of an arm with a clock of its own, which speeds up and slows down as it can."""

@@ -82,6 +82,7 @@ class Judge:
         if scheduler.arm.motion.planned is not None:
             self.path = KnownPath(robot, scheduler, settings)
         self._was_followed = False
+        self._path_revision = -1
         self._separation = None
         if separation is not None:
             self._separation = SeparationMargin(separation, self._braking_delay)
@@ -274,6 +275,10 @@ class Judge:
             left = max(contact_time - self._braking_delay, 0.0)
             fastest = self._in_force.velocity
             return float(scale_that_rests(self._in_force.brakes, fastest, left))
+        if path is not None and path.revision != self._path_revision:
+            # What was proved of an arm on another way says nothing of this one.
+            self._path_revision = path.revision
+            stopping.restart_search()
         is_followed = path is not None and path.is_followed
         # On a trajectory it is the clock that is scaled, and no joint gets faster than it says.
         most = 1.0 if is_followed else self._find_most_scale(stopping)
@@ -286,7 +291,9 @@ class Judge:
             self._was_followed = is_followed
         # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
         scale = 1.0
-        if not contact_time > tick.late_stop_time:
+        # Where brakes are not stated for what joints can do by then, there is no such time.
+        is_late_known = not is_followed or stopping.covers(tick)
+        if not (is_late_known and contact_time > tick.late_stop_time):
             is_free = path.is_free if path is not None and is_followed else None
             scale = stopping.find_scale(tick, is_free)
         return stopping.hold_scale(tick.now, min(scale, most))

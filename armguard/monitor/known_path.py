@@ -54,9 +54,9 @@ class KnownPath:
         return self._trajectory.is_followed
 
     @property
-    def is_known(self) -> bool:
-        """Whether the arm is on a piece that was proved safe, or follows a trajectory."""
-        return self.is_proved or self.is_followed
+    def revision(self) -> int:
+        """Goes up whenever there is more, or other, that the arm may do than what was told."""
+        return self._pieces.revision + self._trajectory.revision
 
     @property
     def stop_lasting(self) -> float | None:
@@ -75,7 +75,7 @@ class KnownPath:
 
     def drop(self, subject: str, detail: str) -> Reason | None:
         """Forget what was told where its ground is gone; None if nothing was."""
-        if not self.is_known:
+        if not (self.is_proved or self.is_followed):
             return None
         self.reset()
         return Reason(ReasonKind.PLAN_VOID, subject, detail)
@@ -115,7 +115,7 @@ class KnownPath:
         return found
 
     def update(
-        self, tick: Tick, stamp: float, path_time: object, *, disturbed: bool
+        self, tick: Tick, stamp: float, path_time: object, *, disturbed: bool, unplaced: bool
     ) -> Reason | None:
         """Take a tick's joint state; what there is to say of the arm's way, if anything.
 
@@ -124,7 +124,13 @@ class KnownPath:
             stamp: Of its joint state, in [s].
             path_time: As it was told; None: nothing was.
             disturbed: Whether obstacles have changed by more than was allowed for.
+            unplaced: Whether there are obstacles that found no room, and could be anywhere.
         """
+        if unplaced and self.is_proved:
+            # They are in no pair, so no piece is judged by them.
+            self.reset()
+            detail = "some found no room, and could be anywhere"
+            return Reason(ReasonKind.PIECE_UNSAFE, "obstacles", detail)
         self._pieces.evaluated = self._trajectory.evaluated = 0
         found = self._pieces.update(tick, stamp, disturbed=disturbed)
         return self._trajectory.update(tick, stamp, path_time) or found
@@ -132,6 +138,10 @@ class KnownPath:
     def rests(self, tick: Tick) -> bool:
         """Whether the arm, on its trajectory, surely rests if it is told to stop a tick later."""
         return self._trajectory.rests(tick)
+
+    def is_braked(self, tick: Tick) -> bool:
+        """Whether the arm is on a way on which brakes are stated for every speed."""
+        return self.is_proved or self._trajectory.is_braked(tick)
 
     def is_free(self, tick: Tick, obeyed_after: float, going_on: float, scale: float) -> bool:
         """Whether it does after its clock has kept to a scale; see `FollowedTrajectory`."""

@@ -471,11 +471,11 @@ class Monitor:
         path = self._judge.path
         if path is not None:
             disturbed = result.disturbed or bool(result.broken) or not quiet
-            told = path.update(tick, stamp, path_time, disturbed=disturbed)
+            told = path.update(tick, stamp, path_time, disturbed=disturbed, unplaced=self._unplaced)
             if told is not None:
                 reasons.append(told)
         # On a known path the arm gets no faster than that says, and its brakes are asked of that.
-        if unbraked is not None and (path is None or not path.is_known):
+        if unbraked is not None and (path is None or not path.is_braked(tick)):
             reasons.append(unbraked)
             # How far to look ahead needed a number; that the arm rests by then is not known.
             tick = tick._replace(stop_time=math.inf, late_stop_time=math.inf)
@@ -512,6 +512,8 @@ class Monitor:
             return refuse_plan("obstacles", "some found no room, and could be anywhere")
         if self._standing is not None:
             return refuse_plan("last step", f"was a STOP: {self._standing}")
+        if self._reloaded:
+            return refuse_plan("payload", "has changed since the last step: step first")
         if self.robot.revision != self._scheduler.arm.revision:
             return refuse_plan("tool", "was attached or detached since the last step: step first")
         if obstacles.has_membership_changes or obstacles.table.changed_count[0] > 0:
@@ -538,6 +540,7 @@ class Monitor:
         """
         operating.suspend(now)
         self._scheduler.invalidate_all()
+        self._judge.forget_proofs()
         return [describe_break(self._states, operating.record)]
 
     def _tell_unmatched(self) -> list[Reason]:

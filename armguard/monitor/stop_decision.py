@@ -78,7 +78,7 @@ class StopDecision:
         self.restart_search()
 
     def restart_search(self) -> None:
-        """Let no scale that was found so far count as safe: there are obstacles that it ignores."""
+        """Let no scale that was found so far count as safe: what it rests on has changed."""
         self._step = 0
         self._safe, self._safe_at = 0.0, -math.inf
         self._low, self._high, self._low_at = 0.0, 1.0, -math.inf

@@ -206,10 +206,11 @@ def find_gentlest_stop(brakes: BrakeCurves, speeds: FloatArray) -> FloatArray:
     rates = np.zeros(len(speeds))
     for j, speed in enumerate(np.abs(speeds).tolist()):
         stop = find_stop(brakes, j, speed)
-        if speed > 0.0:
-            rates[j] = max(speed / rest_time(stop, speed), 0.5 * speed**2 / stop.distance)
-        else:
-            rates[j] = stop.deceleration or brakes.speed[j, 0] / stop.time
+        # A speed may be so small that its quotients vanish, and so large that its square overflows.
+        rates[j] = (
+            max(stop.deceleration, speed / stop.time, 0.5 * speed * speed / stop.distance)
+            or brakes.speed[j, 0] / stop.time
+        )
     return rates
 
 

@@ -59,7 +59,6 @@ class SimulatedArm:
         self._rejoin: JointTrajectory | None = None
         self._rejoin_time = 0.0  # of the trajectory, at the waypoint that the rejoin leads to
         self._time = 0.0  # along the trajectory or the rejoin, in nominal seconds
-        self._rate = 1.0  # nominal seconds per second
         self._deceleration = self._least = robot.brakes.gentlest_stop(np.zeros(len(robot.joints)))
         along_path = trajectory.acceleration_fraction * np.minimum(
             robot.acceleration_limit, self._least
@@ -69,6 +68,7 @@ class SimulatedArm:
         if operating is not None:
             velocity, acceleration = operating.resolve(robot)
         self._whole = float(np.min(velocity / speed))  # rate at a speed scale of 1
+        self._rate = min(1.0, self._whole)  # nominal seconds per second
         # |q̈| = |q'' rate² + q' d(rate)/dt|, and the trajectory bounds |q''| and |q'|. Where the
         # rate grows joints speed up, beside what they do along the path.
         self._slowing = float(np.min((robot.acceleration_limit - along_path) / speed))

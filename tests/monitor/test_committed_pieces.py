@@ -19,6 +19,7 @@ from support.panda_monitor import (
     kinds,
     make_monitor,
     panda,
+    ranged_panda,
     see,
     subjects,
 )
@@ -398,7 +399,7 @@ def test_whatever_the_proof_does_not_allow_for_judges_a_piece_anew_in_that_tick(
         assert verdict.level > Level.STOP
     NEWS[news](obstacles, float(TIMES[10]))
     verdict = monitor.step(float(TIMES[10]), plan.q[10], plan.v[10])
-    # What is refused may be true; where it is farther away, nothing can touch the arm on its way.
+    # What came away is refused, or breaks its bounds: wherever it is by then, the piece is safe.
     how = None if news in ("nothing", "it came away faster than it can") else "brake"
     assert (ReasonKind.PIECE_UNSAFE in kinds(verdict)) is (how == "brake")
     assert verdict.stop == how
@@ -706,3 +707,70 @@ def test_with_an_obstacle_that_could_be_anywhere_nothing_is_safe(monkeypatch):
     see(obstacles, 0.0, np.tile(FAR, (65, 1)), [f"ball {number}" for number in range(65)])
     assert monitor.step(0.0, HOME, STILL).contact_time == 0.0
     assert not monitor.commit(make_plan()).safe
+
+
+@pytest.mark.parametrize("times_told", [1, 2])
+def test_told_again_a_piece_that_is_yet_to_begin_leaves_joints_as_free_until_then(times_told):
+    obstacles, monitor = start()
+    for _ in range(times_told):
+        assert monitor.commit(make_plan(stamp=0.1)).safe
+    put_post(obstacles, -0.3)
+    verdict = monitor.step(PERIOD, HOME, STILL)
+    assert ReasonKind.PIECE_UNSAFE in kinds(verdict)
+    assert verdict.stop == "brake"
+
+
+def test_an_arm_that_leaves_its_piece_is_not_on_the_way_to_the_next():
+    _, monitor = start()
+    plan = make_plan()
+    assert monitor.commit(plan).safe
+    # The rest of it, from a place that is yet to come, and less closely.
+    rest = plan._replace(
+        stamp=float(TIMES[9]),
+        times=TIMES[9:] - TIMES[9],
+        q=plan.q[9:],
+        v=plan.v[9:],
+        tracking_error=np.full(7, 5.0 * ERROR),
+    )
+    assert monitor.commit(rest).safe
+    # It could still get to where that begins, but turns its last joint meanwhile.
+    q, v = plan.q[1].copy(), plan.v[1].copy()
+    q[6], v[6] = HOME[6] + 7.5e-4, 0.15
+    verdict = monitor.step(float(TIMES[1]), q, v)
+    assert ReasonKind.PLAN_VOID in kinds(verdict)
+
+
+def test_obstacles_that_found_no_room_leave_no_piece_to_finish(monkeypatch):
+    monkeypatch.setattr(table, "MAXIMUM_ROWS", 64)
+    obstacles, monitor = start()
+    ids = [f"ball{i}" for i in range(64)]
+    see(obstacles, PERIOD, np.tile(FAR, (64, 1)), ids)
+    monitor.step(PERIOD, HOME, STILL)
+    assert monitor.commit(make_plan(turn=0.0)).safe
+    see(obstacles, 2 * PERIOD, FAR, ["one more"])
+    assert obstacles.unplaced()
+    verdict = monitor.step(2 * PERIOD, HOME, STILL)
+    assert verdict.level is Level.STOP
+    assert verdict.stop == "brake"
+    assert ReasonKind.PIECE_UNSAFE in kinds(verdict)
+
+
+@pytest.mark.parametrize("speed", [5e-324, 1e-310, 1e-160])
+def test_speeds_next_to_nothing_or_beyond_all_bounds_are_told_of_if_they_matter(speed):
+    _, monitor = start()
+    plan = make_plan(turn=0.0)
+    plan.v[5] = speed
+    assert monitor.commit(plan).safe
+    plan.v[5:] = 1e200
+    with pytest.raises(ArmguardError, match="no stop can be reckoned"):
+        monitor.with_stop(plan)
+
+
+def test_after_a_change_of_payload_a_step_comes_before_a_piece():
+    _, monitor = start(robot=ranged_panda(), payload=0.0)
+    monitor.payload = 1.0
+    answer = monitor.commit(make_plan())
+    assert not answer.safe
+    assert answer.reasons[0].subject == "payload"
+    monitor.step(PERIOD, HOME, STILL)
+    assert monitor.commit(make_plan()).safe

@@ -6,10 +6,19 @@ import pytest
 from armguard.bounds import Plan
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
+from armguard.monitor.followed_trajectory import FollowedTrajectory
 from armguard.obstacles import Obstacles
 from armguard.robot import Kinematics
 from armguard.verdict import Level, ReasonKind
-from support.panda_monitor import HOME, STILL, kinds, make_monitor, panda, see
+from support.panda_monitor import (
+    HOME,
+    STILL,
+    kinds,
+    make_monitor,
+    panda,
+    ranged_panda,
+    see,
+)
 
 PERIOD = 0.01
 TIMES = np.linspace(0.0, 1.5, 151)
@@ -344,3 +353,40 @@ def test_a_ball_that_drives_at_an_arm_touches_only_one_that_brakes_later_than_to
     hits = {late: sum(Chase(seed, mode, late).run() for seed in range(12)) for late in (0.0, 0.5)}
     assert hits[0.0] == 0
     assert hits[0.5] > 3
+
+
+def test_a_trajectory_that_is_faster_than_brakes_are_stated_for_is_a_stop_before_it_is():
+    turns = np.array([1.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    robot = ranged_panda()
+    plan = make_plan(turns)
+    stated = robot.brakes.make_curves().speed[0, -1]
+    assert np.abs(plan.v[:, 0]).max() > stated
+    _, monitor = start(robot=robot, reaction_time=0.02)
+    assert monitor.follow(plan).safe
+    for k in range(1, 76):
+        verdict = monitor.step(PERIOD * k, plan.q[k], plan.v[k])
+        unbraked = ReasonKind.BRAKES_NOT_COVERED in kinds(verdict)
+        assert unbraked is (verdict.level is Level.STOP)
+        # Told to stop in the next tick, it is no faster before brakes bite.
+        if plan.v[min(k + 4, 75), 0] > stated:
+            assert unbraked
+        if plan.v[k, 0] < 0.8 * stated:
+            assert not unbraked
+
+
+def test_a_scale_that_was_proved_on_one_trajectory_is_none_on_another(monkeypatch):
+    _, monitor = start([0.9 * np.cos(0.3), 0.9 * np.sin(0.3), 0.55])
+    plan = make_plan(0.2 * TURNS)
+    assert monitor.follow(plan).safe
+    verdicts = run(monitor, plan, 10)
+    assert verdicts[-1].level is Level.SLOW
+    assert verdicts[-1].speed_scale == 1.0
+    rest = plan._replace(
+        stamp=float(TIMES[9]), times=TIMES[9:] - TIMES[9], q=plan.q[9:], v=plan.v[9:]
+    )
+    assert monitor.follow(rest).safe
+    # Nothing is proved of this one.
+    monkeypatch.setattr(FollowedTrajectory, "is_free", lambda *_: False)
+    verdict = monitor.step(float(TIMES[10]), plan.q[10], plan.v[10])
+    assert verdict.level is Level.SLOW
+    assert verdict.speed_scale == 0.0

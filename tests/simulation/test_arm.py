@@ -7,7 +7,7 @@ from armguard.bounds.operating_history import OperatingHistory
 from armguard.exceptions import ArmguardError
 from armguard.robot import Robot
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
-from armguard.simulation import SimulatedArm, random_trajectory
+from armguard.simulation import JointTrajectory, SimulatedArm, random_trajectory
 from support.motion_questions import altered
 
 ROUNDING = 1e-9
@@ -154,3 +154,14 @@ def test_a_speed_scale_caps_joint_speeds_once_the_rate_has_come_down(panda):
         if tick > 1000:
             assert (np.abs(v) <= 0.1 * panda.velocity_limit * (1 + 1e-9)).all()
     assert not arm.braking
+
+
+def test_operating_velocities_are_kept_from_the_beginning(panda):
+    operating = OperatingLimits(velocity=0.001 * panda.velocity_limit)
+    waypoints = np.tile([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8], (2, 1))
+    waypoints[1, 0] = 1.5
+    trajectory = JointTrajectory(panda, waypoints, speed_fraction=0.5, acceleration_fraction=0.9)
+    arm = SimulatedArm(trajectory, operating)
+    for _ in range(500):
+        _, v = arm.step(1e-3)
+        assert (np.abs(v) <= 0.001 * panda.velocity_limit * (1.0 + ROUNDING)).all()
