@@ -331,8 +331,8 @@ class Obstacles(ObstacleRegister):
         )
         if taken:
             self._newest = max(self._newest, time)
-        if self._any_refused or codes.any():
-            self._any_refused = bool(self.table.refused.any())
+        # A sample that is taken may set aside what a certificate rests on.
+        self._any_refused = self._any_refused or bool(self.table.refused[rows].any())
         return codes, values
 
     def _admit(self, name: str, time: float, state: SourceState) -> int:
