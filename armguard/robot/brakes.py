@@ -21,7 +21,7 @@ import numpy as np
 from armguard.exceptions import RobotError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
-from armguard.jit.numerics import SUM_ROUNDING
+from armguard.jit.numerics import LIMIT_SLACK, SUM_ROUNDING
 
 Amounts = float | dict[str, float]
 """One number for all joints of a row, or one for each by name."""
@@ -200,13 +200,13 @@ def find_gentlest_stop(brakes: BrakeCurves, speeds: FloatArray) -> FloatArray:
         speeds: Of the joints, in [rad]/[s] or [m]/[s]; of either sign. Shape (nv,).
 
     Returns:
-        In [rad]/[s²] or [m]/[s²], above 0; of a joint at rest what its first entry says, in the
-        mean where that has no deceleration. Shape (nv,).
+        In [rad]/[s²] or [m]/[s²], above 0; of a joint at rest, within `LIMIT_SLACK`, what its first
+        entry says, in the mean where that has no deceleration. Shape (nv,).
     """
     rates = np.zeros(len(speeds))
     for j, speed in enumerate(np.abs(speeds).tolist()):
         stop = find_stop(brakes, j, speed)
-        if speed > 0.0:
+        if speed > LIMIT_SLACK:
             rates[j] = max(speed / rest_time(stop, speed), 0.5 * speed**2 / stop.distance)
         else:
             rates[j] = stop.deceleration or brakes.speed[j, 0] / stop.time
