@@ -168,6 +168,9 @@ def test_a_start_without_operating_limits_says_what_that_costs():
     without, published = map(int, re.findall(r"(\d+) ms", told))
     assert without > 1.5 * published
     assert 'operating = "published"' in told
+    # As this cell has it: lighter loads stop sooner.
+    empty = describe_missing_limits(build("payload = 0.0\n"))
+    assert int(re.search(r"(\d+) ms", empty)[1]) < without
 
 
 def test_it_ends_with_the_parent_it_was_told_of(cell, addresses, tmp_path):
