@@ -23,7 +23,7 @@ from armguard.app.view_feed import MonitorFeed
 from armguard.bounds.braking import BrakingMotion
 from armguard.exceptions import ArmguardError, StreamError
 from armguard.monitor.monitor import Monitor
-from armguard.robot.operating_limits import OperatingLimits
+from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.streams.addresses import (
     JOINTS_ADDRESS,
     OBSTACLES_ADDRESS,
@@ -147,9 +147,11 @@ def describe_missing_limits(monitor: Monitor) -> str | None:
     still = np.zeros(len(robot.joints))
     q = np.clip(still, robot.lower_position_limit, robot.upper_position_limit)
     without, published = (
-        BrakingMotion(robot, settings.reaction_time, operating=operating).stop_time(
-            q, still, 0.0, settings.response_time
-        )
+        BrakingMotion(
+            robot,
+            settings.reaction_time,
+            operating=LimitsInForce(robot, operating, settings.payload),
+        ).stop_time(q, still, 0.0, settings.response_time)
         for operating in (None, OperatingLimits.published(robot))
     )
     return (

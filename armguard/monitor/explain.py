@@ -14,6 +14,7 @@ import numpy as np
 
 from armguard.jit.arrays import FloatArray
 from armguard.monitor.what_if import UNCHANGED, Change, contact_times
+from armguard.obstacles.possible_states import list_states
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import BOUND_NAMES, JOINT
 from armguard.robot.robot import Robot
@@ -55,7 +56,8 @@ class Explanation(NamedTuple):
     """What a look at this moment says."""
     stop_time: float
     obstacle_age: float
-    """Of the obstacle's state; 0 for one that stands still for ever."""
+    """Of the obstacle's state, accepted or else refused; 0 for one that stands still for ever, NaN
+    for one that could be anywhere."""
     arm_age: float
     """Of the joint state."""
     look_age: float
@@ -95,6 +97,8 @@ def explain_pair(
     """
     state, names = scheduler.arm.state, scheduler.arm.names(pair)
     row, link = divmod(pair, len(scheduler.arm.links))
+    bodies, refused = state.bodies, state.refused_bodies
+    states = list_states(bodies, refused, state.marks, row, tick.now)
     known = scheduler.recall(pair)
 
     # Copies that can be written to are what this was compiled for.
@@ -130,9 +134,7 @@ def explain_pair(
             contact_times(state, row, UNCHANGED, tick.refinement_threshold)[link]
         ),
         stop_time=tick.stop_time,
-        obstacle_age=(
-            0.0 if state.marks.static[row] else tick.now - float(state.bodies.stamp[row])
-        ),
+        obstacle_age=float(states[0][2]) if states else math.nan,
         arm_age=tick.arm_age,
         look_age=tick.time - known.evaluated_at,
         gains=_find_gains(state, row, link, COARSE if known.bound == JOINT else FINE, saved),

@@ -372,6 +372,7 @@ def _let_stand(table: Rows, row: int, samples: Samples, i: int, stamp: float) ->
         if covered:
             # As long as if it had come now.
             table.refusals.until[place] = math.inf
+            table.refusals.covers_from[place] = max(table.refusals.covers_from[place], stamp)
             return
     place = find_place(marks, table.refusals, row)
     if place >= 0:

@@ -331,8 +331,8 @@ class Obstacles(ObstacleRegister):
         )
         if taken:
             self._newest = max(self._newest, time)
-        if self._any_refused or codes.any():
-            self._any_refused = bool(self.table.refused.any())
+        # A sample that is taken may set aside what a certificate rests on.
+        self._any_refused = self._any_refused or bool(self.table.refused[rows].any())
         return codes, values
 
     def _admit(self, name: str, time: float, state: SourceState) -> int:
@@ -359,9 +359,12 @@ class Obstacles(ObstacleRegister):
     def _remove_absent(self, rows: IntArray, time: float, state: SourceState, late: bool) -> None:
         """Removes what a snapshot does not show, unless something newer is known of it."""
         table = self.table
-        absent = table.alive & (table.owner == state.index)
-        absent[rows[rows >= 0]] = False
-        gone = absent & np.where(table.has_state, table.stamp <= time, not late)
+        gone = table.alive & (table.owner == state.index)
+        gone[rows[rows >= 0]] = False
+        gone &= ~table.has_state | (table.stamp <= time)
+        if late:
+            # What was refused since may be true.
+            gone &= table.has_state & ~table.refused
         for row in np.flatnonzero(gone):
             self._release(int(row), time)
 
@@ -369,7 +372,6 @@ class Obstacles(ObstacleRegister):
         self, name: str, time: float | None, owners: list[int], source: str | None
     ) -> None:
         """Removes an id of the sources with these numbers; see `remove`."""
-        table = self.table
         speaker = source or ""
         stamp = math.nan if time is None else time
         rows = [row for owner in owners if (row := self._rows_of(owner).get(name, -1)) >= 0]
@@ -382,9 +384,8 @@ class Obstacles(ObstacleRegister):
             if not self._unplaced.discard(name, whose, time):
                 self._faults.leave(FaultKind.UNKNOWN_ID, speaker, name, "id", name, stamp)
         for row in rows:
-            moves = table.has_state[row] and not table.static[row]
-            if time is not None and moves and not time >= table.stamp[row]:
-                newer = float(table.stamp[row])
-                self._faults.leave(FaultKind.STALE_REMOVAL, speaker, name, "stamp", newer, stamp)
+            newest = self._newest_of(row)
+            if time is not None and not time >= newest:
+                self._faults.leave(FaultKind.STALE_REMOVAL, speaker, name, "stamp", newest, stamp)
             else:
                 self._release(row, time)

@@ -69,6 +69,9 @@ def forget_expired(handle: Any, now: float, lasting: float) -> bool:
     is known of it; so what is given up can only make contact times later. A clock that was set back
     lets none last longer than from now on.
 
+    A state that samples of later stamps share covers what becomes of them from these stamps on.
+    Where these are yet to come it is widened by what the two can drift apart in that time.
+
     Args:
         handle: On the table's `Rows`; written.
         now: Time of the tick, in [s].
@@ -97,8 +100,16 @@ def forget_expired(handle: Any, now: float, lasting: float) -> bool:
                 last = row * MOST_REFUSED + marks.refused_count[row]
                 copy_state(refused, last, refused, place)
                 refusals.until[place] = refusals.until[last]
-            else:
-                number += 1
+                refusals.covers_from[place] = refusals.covers_from[last]
+                continue
+            ahead = refusals.covers_from[place] - now
+            if ahead > 0.0:
+                if refused.speed[place] == np.inf:
+                    lose_sight(marks, refusals, row)
+                else:
+                    refused.position_error[place] += 2.0 * refused.speed[place] * ahead
+                refusals.covers_from[place] = now
+            number += 1
         marks.refused[row] = marks.unknown[row] or marks.refused_count[row] > 0
         left = left or marks.refused[row]
     return left
@@ -114,6 +125,7 @@ def find_place(marks: Marks, refusals: Refusals, row: int) -> int:
     place: int = row * MOST_REFUSED + marks.refused_count[row]
     marks.refused_count[row] += 1
     refusals.until[place] = np.inf
+    refusals.covers_from[place] = -np.inf
     return place
 
 
@@ -162,6 +174,8 @@ def widen_to_cover(
     stamp: float,
 ) -> bool:
     """Widen a refused state until it covers a later sample's future too; whether that was done.
+
+    Its future begins at its stamp; see `forget_expired` for the time before.
 
     Then one of the few places does for both. A free body's furthest displacement along a direction
     is u h + A h²/2 less (u + A h - V)² / 2A where it reaches its top speed V, u being the velocity

@@ -14,7 +14,7 @@ import numpy as np
 from armguard.exceptions import ObstacleError
 from armguard.jit.arrays import IntArray
 from armguard.obstacles.faults import Fault, FaultQueue, Unplaced
-from armguard.obstacles.possible_states import distrust, forget_expired
+from armguard.obstacles.possible_states import distrust, forget_expired, list_states
 from armguard.obstacles.sources import NO_SOURCE, Source, Sources, Tombstones
 from armguard.obstacles.spread import describe_spread
 from armguard.obstacles.table import ObstacleTable
@@ -257,6 +257,22 @@ class ObstacleRegister:
         self._added.add(row)
         self.table.changes += 1
         return row
+
+    def _newest_of(self, row: int) -> float:
+        """Latest stamp of what may be true of a row, in [s]; -inf of one that stands still.
+
+        Of one that could be anywhere that of its source: what else was said of it is not kept.
+        """
+        table = self.table
+        if table.static[row]:
+            return -math.inf
+        stamps = [
+            float(states.stamp[place])
+            for states, place, _ in list_states(
+                table.accepted, table.refused_states, table.marks, row, 0.0
+            )
+        ]
+        return max(stamps, default=self._sources.states[int(table.owner[row])].newest)
 
     def _release(self, row: int, time: float | None) -> None:
         table = self.table

@@ -83,6 +83,8 @@ class Refusals(NamedTuple):
 
     until: FloatArray
     """Of each refused state, [s]. Shape (rows × MOST_REFUSED,)."""
+    covers_from: FloatArray
+    """From when on a refused state covers all samples in its place, [s]; -inf: always. Alike."""
     unknown_until: FloatArray
     """Of what cannot be reckoned with, [s]. Shape (rows,)."""
 
@@ -193,7 +195,7 @@ class ObstacleTable:
             nothing, np.zeros(0, dtype=bool), np.zeros(1, dtype=np.int64)
         )
         self.marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 4))
-        self.refusals = Refusals(np.zeros(0), np.zeros(0))
+        self.refusals = Refusals(*([np.zeros(0)] * 3))
         self._told = Told(*([np.zeros(0)] * 8))
         self.accepted = make_states(0)
         self.reference_states = make_states(0)
@@ -271,6 +273,7 @@ class ObstacleTable:
         self._told = Told(*(extend_rows(array, capacity) for array in self._told))
         self.refusals = Refusals(
             extend_rows(self.refusals.until, capacity * MOST_REFUSED),
+            extend_rows(self.refusals.covers_from, capacity * MOST_REFUSED),
             extend_rows(self.refusals.unknown_until, capacity),
         )
         changed, is_changed, changed_count = self.changed_rows

@@ -200,8 +200,8 @@ def find_gentlest_stop(brakes: BrakeCurves, speeds: FloatArray) -> FloatArray:
         speeds: Of the joints, in [rad]/[s] or [m]/[s]; of either sign. Shape (nv,).
 
     Returns:
-        In [rad]/[s²] or [m]/[s²], above 0; of a joint at rest what its first entry says, in the
-        mean where that has no deceleration. Shape (nv,).
+        In [rad]/[s²] or [m]/[s²], above 0; of a joint at rest, within `LIMIT_SLACK`, what its first
+        entry says, in the mean where that has no deceleration. Shape (nv,).
     """
     rates = np.zeros(len(speeds))
     for j, speed in enumerate(np.abs(speeds).tolist()):

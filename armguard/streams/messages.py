@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -30,6 +30,9 @@ Points = bytes | list[list[float | list[float]]]
 
 Rows = bytes | list[list[float]]
 """One row a sample: (k, n) nested lists, or packed little-endian float64."""
+
+Number = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
+"""What a sender counts its plans by; answers carry it in msgpack, which has none beyond."""
 
 Values = float | bytes | list[float]
 """One value for all, or one a row: a list, or packed little-endian float64."""
@@ -94,7 +97,7 @@ class PlanMessage(Message, tag="plan"):
     """
 
     ask: Literal["commit", "follow"]
-    number: int
+    number: Number
     stamp: float
     names: list[str]
     times: bytes | list[float]

@@ -74,7 +74,8 @@ class Publisher:
         self.source = source
         self._sequence = 0
         self._joints_sequence = 0
-        self._plans = 0
+        # All readers see all answers: no number is another publisher's, or that of an earlier life.
+        self._plans = time.monotonic_ns()
         self._connected = False
         # XPUB publishes as PUB does, and tells when a monitor begins to listen.
         self._socket = _connect(address, zmq.XPUB)

@@ -15,7 +15,7 @@ import pytest
 from armguard.app.cell import Cell
 from armguard.app.cli import main
 from armguard.app.run import describe_missing_limits, describe_remedy
-from armguard.streams import VerdictReader
+from armguard.streams import Publisher, VerdictReader
 from armguard.verdict import Level
 
 ARMGUARD = Path(sys.executable).with_name("armguard")
@@ -107,6 +107,29 @@ def test_a_view_waits_for_a_monitor_until_control_c():
         assert view.stderr.read() == ""
 
 
+def test_a_controller_that_commits_a_piece_is_answered(cell, tmp_path, addresses):
+    cell.write_text(CELL + '[sources.camera]\n[monitor]\nmotion = "planned"\n')
+    rest = NAMES, [0.0, 0.5], [READY] * 2, [[0.0] * 7] * 2
+    with (
+        start("run", str(cell), *addresses) as run,
+        Publisher(f"ipc://{tmp_path}/joints") as arm,
+        Publisher(f"ipc://{tmp_path}/obstacles", "camera") as camera,
+        VerdictReader(f"ipc://{tmp_path}/verdicts") as reader,
+    ):
+        deadline = time.monotonic() + PATIENCE
+        answer = None
+        # What was asked before the monitor saw arm and camera is refused, so it asks again.
+        while answer is None or not answer.safe:
+            assert time.monotonic() < deadline, (answer, reader.latest())
+            now = time.monotonic()
+            arm.joints(now, NAMES, READY, [0.0] * 7)
+            camera.update(["ball"], now, [[9.0, 0.0, 0.5]], radius=0.1)
+            answer = reader.answer(arm.plan("commit", now, *rest, 0.01), timeout=0.005) or answer
+        assert answer.reasons == ()
+        run.send_signal(signal.SIGINT)
+        assert run.wait(PATIENCE) == 0
+
+
 def test_lines_on_standard_input_are_judged(cell, tmp_path):
     state = {"type": "joints", "names": NAMES, "q": READY, "v": [0.0] * 7}
     verdicts = f"ipc://{tmp_path}/verdicts"
@@ -144,6 +167,9 @@ def test_a_start_without_operating_limits_says_what_that_costs():
     without, published = map(int, re.findall(r"(\d+) ms", told))
     assert without > 1.5 * published
     assert 'operating = "published"' in told
+    # As this cell has it: lighter loads stop sooner.
+    empty = describe_missing_limits(build("payload = 0.0\n"))
+    assert int(re.search(r"(\d+) ms", empty)[1]) < without
 
 
 def test_it_ends_with_the_parent_it_was_told_of(cell, addresses, tmp_path):

@@ -132,6 +132,14 @@ def test_less_cover_is_worth_what_less_margin_is(motion, less):
     assert gain.seconds > 0.0
 
 
+@pytest.mark.parametrize(("pace", "age"), [(7.0, 0.02), (math.nan, math.nan)])
+def test_of_a_body_that_was_never_believed_what_was_refused_has_an_age(pace, age):
+    obstacles, monitor = make_monitor()
+    see(obstacles, 5.0, PLACE, velocity=[[pace, 0.0, 0.0]])
+    monitor.step(5.02, HOME, STILL)
+    assert monitor.explain().obstacle_age == pytest.approx(age, nan_ok=True)
+
+
 def test_what_has_no_part_in_it_buys_nothing():
     obstacles, monitor = make_monitor()
     obstacles.add_static("post", [0.9, 0.0, 0.5], 0.1)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from armguard.obstacles import Fault, FaultKind, Obstacles
-from armguard.obstacles.table import MOST_REFUSED, clear_changed_rows
+from armguard.obstacles.table import MOST_REFUSED, clear_changed_rows, copy_state
 from support.obstacle_samples import check_invariants, kinds, possible, refused, see
 
 INF = math.inf
@@ -572,3 +572,26 @@ def test_glitches_in_recordings_are_refused_and_people_are_not(name, glitches):
         check_invariants(obstacles)
     assert bool(found) == glitches
     assert len(obstacles) == len(bodies)
+
+
+def test_what_a_certificate_rests_on_is_possible_no_longer_than_a_refused_sample():
+    """Each step keeps the bounds within its errors, and all of them together do not."""
+    obstacles = Obstacles()
+    table = obstacles.table
+    x, velocity = 1.0, -1.5
+    told = {"position_error": 0.01, "velocity_error": 0.05}
+    row = see(obstacles, 0.0, x=x, velocity=[[velocity, 0.0, 0.0]], **told)
+    copy_state(table.accepted, row, table.reference_states, row)
+    clear_changed_rows(table.changed_rows)
+    stamp = 0.0
+    while not table.refused[row]:
+        stamp += 0.01
+        x, velocity = x + 0.01 * velocity, velocity + 0.105
+        see(obstacles, stamp, x=x, velocity=[[velocity, 0.0, 0.0]], **told)
+    assert kinds(obstacles) == []
+    assert refused(obstacles, row) == [1.0]
+    check_invariants(obstacles)
+    assert not obstacles.is_quiet(stamp, 0.2)
+    obstacles.forget_refused(stamp, 0.3)
+    obstacles.forget_refused(stamp + 0.31, 0.3)
+    assert len(possible(obstacles, row)) == 1

@@ -203,6 +203,26 @@ def test_a_snapshot_removes_what_its_source_no_longer_sees():
     check_invariants(obstacles)
 
 
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("bad", [{"velocity": [[7.0, 0.0, 0.0]]}, {"x": math.nan}])
+def test_what_was_refused_after_a_removal_or_a_snapshot_is_there(bad, known):
+    obstacles = Obstacles()
+    if known:
+        see(obstacles, 1.0)
+    row = see(obstacles, 1.2, **bad)
+    kinds(obstacles)
+    obstacles.update([], 1.1, snapshot=True)
+    obstacles.remove(["a"], stamp=1.1, source="default")
+    assert kinds(obstacles) == [FaultKind.STALE_REMOVAL]
+    obstacles.remove(["a"], stamp=1.1)
+    assert kinds(obstacles) == [FaultKind.STALE_REMOVAL]
+    assert obstacles.row("a") == row
+    assert obstacles.table.refused[row]
+    obstacles.remove(["a"], stamp=1.2, source="default")
+    assert obstacles.row("a") == -1
+    check_invariants(obstacles)
+
+
 def test_a_snapshot_is_the_whole_cell_at_its_stamp():
     """What the same source has told of the same moment is over too, if it is not in it."""
     obstacles = Obstacles()

@@ -211,6 +211,34 @@ def test_samples_of_one_track_share_a_place_for_as_long_as_they_come():
     assert not obstacles.table.refused[row]
 
 
+def test_before_its_stamp_a_sample_in_a_shared_place_is_bounded_too():
+    """Stamped ahead of the clock: where it was before is not what the other one becomes."""
+    told = {"position_error": 0.05, "velocity_error": 2.0}
+    obstacles = Obstacles()
+    row = see(obstacles, 1.0, **told)
+    see(obstacles, 1.05, x=5.0, velocity=[[1.0, 0.0, 0.0]], **told)
+    see(obstacles, 1.15, x=5.2, velocity=[[-1.0, 0.0, 0.0]], **told)
+    assert refused(obstacles, row) == [5.0]
+    for now in (1.06, 1.02, 1.1):
+        obstacles.forget_refused(now, LASTING)
+        _, (states, place, age) = possible(obstacles, row, now)
+        # As fast as it may be, it came from there.
+        furthest_back = 5.2 + 0.05 + 2.0 * (1.15 - now)
+        grown = states.speed[place] * max(age, 0.0)
+        assert furthest_back <= 5.0 + states.position_error[place] + grown
+    widened = states.position_error[place]
+    obstacles.forget_refused(1.2, LASTING)
+    assert states.position_error[place] == widened
+    # Without a bound on its speed it could be anywhere.
+    row = see(obstacles, 1.0, id="b", speed=math.inf, position_error=0.05)
+    for stamp in (1.05, 1.15):
+        obstacles.update(["b"], stamp, [[[50.0, 0.0, 0.0]] * 2], radius=0.1, speed=math.inf)
+    assert len(refused(obstacles, row)) == 1
+    obstacles.forget_refused(1.1, LASTING)
+    assert obstacles.table.unknown[row]
+    check_invariants(obstacles)
+
+
 def test_hulls_and_late_samples_have_places_of_their_own():
     obstacles = Obstacles()
     row = see(obstacles, 1.0)

@@ -306,6 +306,8 @@ def test_the_gentlest_stop_keeps_what_is_stated():
         assert abs(speed) / rate <= rest_time(stop, abs(speed)) * ROUNDED
         assert 0.5 * speed**2 / rate <= stop.distance * ROUNDED
         assert rate >= stop.deceleration
-    assert brakes.gentlest_stop(np.zeros(1))[0] == 2.0
+    for rest in (0.0, 5e-324, -1e-9):
+        assert brakes.gentlest_stop(np.array([rest]))[0] == 2.0
     timed = Brakes(["a"], {"a": entries[1:]})
-    assert timed.gentlest_stop(np.zeros(1))[0] == 6.0
+    for rest in (0.0, 5e-324, -1e-9):
+        assert timed.gentlest_stop(np.array([rest]))[0] == 6.0

@@ -16,11 +16,12 @@ from armguard.streams.messages import (
     decode,
     decode_answer,
     encode,
+    encode_plan_verdict,
     encode_verdict,
     to_points,
     to_values,
 )
-from armguard.verdict import Level, Reason, ReasonKind, Verdict
+from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, Verdict
 from support.stream_messages import World, joints, obstacles, pack
 
 
@@ -174,6 +175,22 @@ VERDICT = Verdict(
     reasons=(Reason(ReasonKind.CONTACT, "hand and person", "in 0.2 s"),),
     valid_until=1.003,
 )
+
+
+PLAN = {
+    "type": "plan", "ask": "commit", "stamp": 1.0, "names": ["a"], "times": [0.0, 1.0],
+    "q": [[0.0], [0.0]], "v": [[0.0], [0.0]], "tracking_error": 0.1,
+}  # fmt: skip
+
+
+def test_every_plan_that_is_read_can_be_answered_by_its_number():
+    no = PlanVerdict(False, 0.0, None, None, ())
+    for number in (0, 2**63 - 1):
+        message = decode(json.dumps({**PLAN, "number": number}).encode())
+        assert decode_answer(encode_plan_verdict(message.number, no)) == (number, no)
+    for number in (-1, 2**63, 2**64, 10**30):
+        with pytest.raises(MessageError, match="number is"):
+            decode(json.dumps({**PLAN, "number": number}).encode())
 
 
 def test_verdicts_survive_the_wire_in_machine_time():

@@ -188,6 +188,16 @@ def test_a_plan_arrives_in_the_order_of_the_watched_joints(address):
     assert edge.joint_state.path_time == 0.25
 
 
+def test_no_two_publishers_give_plans_the_same_number(tmp_path):
+    """Nor does one that starts anew: an answer to the old plan would be taken for the new one's."""
+    numbers = set()
+    for _ in range(3):
+        with Publisher(f"ipc://{tmp_path}/joints") as publisher:
+            rest = ["a"], [0.0, 1.0], [[0.0]] * 2, [[0.0]] * 2
+            numbers |= {publisher.plan("commit", 0.0, *rest, 0.1) for _ in range(2)}
+    assert len(numbers) == 6
+
+
 # Verdicts
 
 

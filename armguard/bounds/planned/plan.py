@@ -16,6 +16,10 @@ MOST_SAMPLES = 20_000
 """Beyond this it is no next piece; bounds the time that a check takes."""
 
 
+LONGEST = 1e6
+"""Nor is what lasts longer, in [s]; times up to this are exact to a nanosecond."""
+
+
 class Plan(NamedTuple):
     """A piece of trajectory, cubic between samples, at whose end the arm rests, and stays."""
 
@@ -128,6 +132,8 @@ def read_plan(plan: object, joints: int) -> Plan | Refusal:
         return Refusal(
             "times", f"{times[k + 1]:.6g} s after {times[k]:.6g} s, expected rising numbers"
         )
+    if not times[-1] <= LONGEST:
+        return Refusal("times", f"ends at {times[-1]:.6g} s, expected {LONGEST:g} s at most")
     return Plan(float(stamp), times, **fields)
 
 

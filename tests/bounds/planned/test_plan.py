@@ -49,6 +49,7 @@ MASKED = np.ma.masked_array(np.zeros((3, 2)), mask=[[0, 0], [0, 1], [0, 0]])
         ("times", [0.1, 0.2, 0.3], "begins at"),
         ("times", [0.0, 0.2, 0.2], "rising"),
         ("times", [0.0, 0.2, 0.1], "rising"),
+        ("times", [0.0, 0.2, 1e308], "expected 1e+06 s at most"),
         ("times", [0.0, np.nan, 0.2], "finite"),
         ("times", [[0.0, 0.1, 0.2]], "shape"),
         ("times", ["0", "0.1", "0.2"], "numbers"),
