@@ -1,43 +1,42 @@
-"""Rules that say, tick by tick, whether an arm must stop: side by side, on the same scene.
+"""Rules that say, tick by tick, whether an arm must stop: side by side, on the same states.
 
-Each is put together from the library's motion models and the kernels that prove an interval free.
-All of them evaluate every pair in every tick, descend each link's tree of spheres no further than
-it takes, and reckon with refused samples as well as accepted ones.
+armguard's are monitors as users have them, each with its own settings and its own table; the
+others are what they are measured against. Every rule is shown the same samples, as late as the same
+camera sends them, and its STOP takes the same time to reach the brakes.
 """
 
 from __future__ import annotations
 
-import math
+import copy
+import time
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from armguard.bounds import (
-    BrakingMotion,
-    IsotropicMotion,
-    JointMotion,
-    Plan,
-    PlannedMotion,
-    ReachMotion,
-    Refusal,
-    check_plan,
-    table_contact_time,
-)
-from armguard.contact.advancement import row_contact_time
-from armguard.jit import kernel, pack
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.pairs import SeparationRule
-from armguard.pairs.scene import thread_tree
-from armguard.pairs.separation_margin import SeparationMargin
-from armguard.robot import Kinematics, Robot
-from armguard.robot.stop_time import compute_stop_time
+from armguard.pairs.separation import HUMAN_SPEED
+from armguard.robot import Robot
+from armguard.simulation.recordings import MARKER_ERROR
 from armguard.verdict import Level
+from scene.clearance import Leaves, is_separate
+from scene.recorded_people import RADII, People
+from scene.working_arm import ACCELERATION_SHARE, WorkingArm
 
-ADVANCES = 8
-ROUNDING = 1e-11
-PLAN_STEP = 0.01
-TRACKING_ERROR, VELOCITY_TRACKING_ERROR = 1e-3, 0.01
+LATENCY = 0.002
+PERIOD = 0.005
+"""Of the ticks that delays are stated for, in [s]; what a coarser grid takes, reaction gives."""
+
+
+class Setting(NamedTuple):
+    """What a rule has to live with."""
+
+    reaction: float
+    """From a STOP that has arrived to braking torque, in [s]."""
+    camera: float
+    """Age of a sample when it arrives, in [s]."""
+    bounds: str
+    """Name of the bounds on people."""
 
 
 class Timing(NamedTuple):
@@ -48,302 +47,222 @@ class Timing(NamedTuple):
     reaction: float
 
     @property
-    def horizon(self) -> float:
-        """Until the verdict after this one is obeyed."""
-        return self.period + self.latency
+    def delay(self) -> float:
+        """From a verdict to braking torque."""
+        return self.latency + self.reaction
+
+    @property
+    def response(self) -> float:
+        """From a tick to braking torque, if only the next tick says STOP."""
+        return self.period + self.delay
 
 
-class Spheres(NamedTuple):
-    """The arm's spheres as free bodies, and what their bounds in joint space rest on."""
-
-    centers: Any
-    velocities: Any
-    accel: Any
-    speed: Any
-    position_error: Any
-    velocity_error: Any
-    lever: Any
-    slope_error: Any
-    jacobian: Any
-    balls: Any
+def make_timing(setting: Setting, period: float) -> Timing:
+    """The same response for every grid: as with a tick of `PERIOD`."""
+    return Timing(period, LATENCY, setting.reaction + PERIOD - period)
 
 
-class Parts(NamedTuple):
-    """One scene for compiled code."""
+class Moment(NamedTuple):
+    """What rules judge in a tick."""
 
-    tree: Any
-    arm: Any
-    bodies: Any
-    refused: Any
-    marks: Any
-
-
-class Scene:
-    """An arm among obstacles, at one tick.
-
-    Args:
-        robot: The arm.
-        timing: Of its monitor.
-
-    Attributes:
-        worker: The `WorkingArm` that is judged.
-        q: Its joint positions. Shape (nv,).
-        v: Its joint velocities. Shape (nv,).
-        now: In [s].
-    """
-
-    arm_age = 0.0
-
-    def __init__(self, robot: Robot, timing: Timing) -> None:
-        self.robot, self.timing = robot, timing
-        self.kinematics = Kinematics(robot)
-        self.isotropic = IsotropicMotion(robot)
-        self._joint = JointMotion(robot)
-        self._reach = ReachMotion(robot)
-        self.tree = thread_tree(self.kinematics.spheres)
-        self.worker: Any = None
-        self.v = np.zeros(len(robot.joints))
-        self.q = np.clip(self.v, robot.lower_position_limit, robot.upper_position_limit)
-        self.now = 0.0
-        self.watch(Obstacles())
-
-    def watch(self, obstacles: Obstacles) -> None:
-        """Read another table from now on."""
-        self.obstacles = obstacles
-        self.parts: Parts | None = None
-        self.view()
-
-    def view(self) -> None:
-        """Take the table's arrays, which are replaced when it grows."""
-        table = self.obstacles.table
-        if self.parts is not None and self.parts.bodies is table.accepted:
-            return
-        motion = self.isotropic
-        arm = Spheres(
-            self.kinematics.centers, self.kinematics.velocities, motion.accel, motion.speed,
-            motion.position_error, motion.velocity_error, self._joint.lever,
-            self._joint.slope_error, self.kinematics.data.J, self._reach.link_balls,
-        )  # fmt: skip
-        self.parts = Parts(self.tree, arm, table.accepted, table.refused_states, table.marks)
-        self.handle = pack(self.parts)
-
-    def place(self, worker: Any, now: float) -> None:
-        """Place the arm for a tick."""
-        self.worker, self.q, self.v, self.now = worker, worker.q, worker.v, now
-        self.kinematics.compute(self.q, self.v)
-        self.isotropic.update(self.v)
-        self.view()
-
-    def stop_time(self) -> float:
-        """In which every joint surely rests, in [s] from now."""
-        robot, timing = self.robot, self.timing
-        return compute_stop_time(
-            self.v, robot.velocity_error, robot.velocity_limit, robot.acceleration_limit,
-            robot.braking_deceleration, 0.0, timing.horizon, timing.reaction,
-        )  # fmt: skip
+    now: float
+    """On the clock of all rules, in [s]."""
+    since: float
+    """From the beginning of the recording, in [s]."""
+    arm: WorkingArm
+    leaves: Leaves
+    """Of that arm, placed."""
+    gaps: np.ndarray
+    """Its real distance from each body, in [m]. Shape (bodies,)."""
+    people: People
 
 
 class Rule:
     """What says whether an arm may go on.
 
-    Attributes:
+    Args:
+        robot: The arm.
+        setting: What the rule has to live with.
+        period: Of its ticks, in [s].
         name: For tables.
-        delay: From a STOP to braking torque, in [s].
+        deceleration: What its brakes are known to guarantee, in [rad]/[s]²; None: at the heaviest
+            payload. Shape (nv,).
+        clean: Whether it is shown clean data.
+
+    Attributes:
         holds: Whether its STOPs last until it believes that they are over.
+        has_scale: Whether it says how fast the arm may go on.
+        speed_limit: What joints are to keep to by its last judgement, in [rad]/[s]. Shape (nv,).
+        price: Time that the last judgement took, in [s].
     """
 
-    name = ""
-    holds = False
+    holds = has_scale = False
 
-    def __init__(self, scene: Scene) -> None:
-        self.delay = scene.timing.latency + scene.timing.reaction
+    def __init__(
+        self,
+        robot: Robot,
+        setting: Setting,
+        period: float,
+        name: str,
+        *,
+        deceleration: np.ndarray | None = None,
+        clean: bool = True,
+    ) -> None:
+        self.robot, self.setting, self.name, self.clean = robot, setting, name, clean
+        self.timing = make_timing(setting, period)
+        self.deceleration = robot.braking_deceleration if deceleration is None else deceleration
+        self.speed_limit: np.ndarray | float = np.inf
+        self.price = 0.0
 
-    def begin(self, scene: Scene) -> None:
-        """Start anew, with the table that the scene watches now."""
+    def begin(self, people: People, begin: float) -> None:
+        """Start anew, with a recording that begins at a time in [s]."""
 
-    def judge(self, scene: Scene) -> bool:
+    def judge(self, moment: Moment) -> bool:
         """Whether the arm may go on."""
         raise NotImplementedError
 
 
-class IsotropicRule(Rule):
-    """No sphere, as a free body, could touch anything before the arm rests."""
+class Oracle(Rule):
+    """Knows what the person will do, and stops only for what would really happen.
 
-    name = "isotropic"
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._table = JointMotion(scene.robot).tabulate(scene.q, scene.v, 0.0)
-
-    def judge(self, scene: Scene) -> bool:
-        """Whether the arm may go on."""
-        limit = scene.stop_time()
-        return is_free(scene.handle, self._table, scene.now, limit, False, True, False)
-
-
-class JointRule(Rule):
-    """The same with all bounds on a moving arm: reach, isotropic and joint."""
-
-    name = "joint, reach"
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._motion = JointMotion(scene.robot)
-
-    def judge(self, scene: Scene) -> bool:
-        """Whether the arm may go on."""
-        table = self._motion.tabulate(scene.q, scene.v, 0.0)
-        return is_free(scene.handle, table, scene.now, scene.stop_time(), True, True, True)
-
-
-class BrakingRule(Rule):
-    """No contact could come before the arm rests, if it braked only after the next tick."""
-
-    name = "braking"
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._motion = BrakingMotion(scene.robot, scene.timing.reaction)
-
-    def judge(self, scene: Scene) -> bool:
-        """Whether the arm may go on."""
-        table = self._motion.tabulate(scene.q, scene.v, 0.0, scene.timing.horizon)
-        rest = table.time[-1] * (1.0 - ROUNDING)
-        return is_free(scene.handle, table, scene.now, rest, True, False, True)
-
-
-class PlannedRule(Rule):
-    """No contact could come before the arm rests, if it did its next piece and then braked.
-
-    In every tick the controller shows what it will do for the time of one piece. Once a piece is
-    accepted the arm is committed to it: after a refusal it goes on to the end of the last piece
-    that was accepted, and brakes there.
+    It says STOP where an arm that goes on until the next tick's STOP takes effect, and brakes then,
+    would touch the person before it rests. `touched` is the body, and when in [s] from the tick.
     """
 
-    def __init__(self, scene: Scene, piece: float) -> None:
-        super().__init__(scene)
-        timing = scene.timing
-        if not piece >= timing.horizon:
-            raise ValueError(f"a piece of {piece} s ends before the next verdict is obeyed")
-        self.name = f"planned, {1e3 * piece:.0f} ms"
-        self.delay = piece - timing.period + timing.reaction
-        self._motion = PlannedMotion(scene.robot, timing.reaction)
-        self._times = np.linspace(0.0, piece, max(2, math.ceil(piece / PLAN_STEP) + 1))
-        self._links = np.arange(len(scene.robot.links))
+    touched: tuple[int, float] | None = None
 
-    def judge(self, scene: Scene) -> bool:
-        """Whether the next piece is safe to commit."""
-        worker, joints = scene.worker, len(scene.q)
-        if worker.braking and not worker.rests:
-            return False
-        q, v = worker.preview(self._times)
-        lead = scene.timing.latency if worker.braking else 0.0
-        plan = Plan(
-            scene.now + lead, self._times, q, v, np.full(joints, TRACKING_ERROR),
-            np.full(joints, VELOCITY_TRACKING_ERROR),
-        )  # fmt: skip
-        checked = check_plan(plan, scene.robot, scene.now, scene.q, scene.v, scene.now)
-        if isinstance(checked, Refusal):
-            return False
-        course = self._motion.lay_out(checked)
-        _, _, bodies, refused, marks = scene.parts
-        rows = np.flatnonzero(marks.alive)
-        pairs = (rows[:, None] * len(self._links) + self._links).ravel()
-        found = self._motion.contact_time(course, pairs, scene.now, 0.0, bodies, refused, marks)
-        return found.time == math.inf
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._leaves = Leaves(self.robot)
+        self._gain = ACCELERATION_SHARE * self.robot.acceleration_limit * self.timing.response
 
-
-class SeparationStop(Rule):
-    """The distance is above the protective separation distance."""
-
-    def __init__(self, scene: Scene, intrusion_distance: float) -> None:
-        super().__init__(scene)
-        self.name = "separation"
-        if intrusion_distance > 0.0:
-            self.name += f", C {intrusion_distance:g} m"
-        rule = SeparationRule(intrusion_distance=intrusion_distance)
-        self._margin = SeparationMargin(rule, scene.timing.horizon + scene.timing.reaction)
-
-    def judge(self, scene: Scene) -> bool:
+    def judge(self, moment: Moment) -> bool:
         """Whether the arm may go on."""
-        return self._margin.margin(scene, scene.stop_time()) >= 0.0
+        begin = time.perf_counter()
+        self.touched = None
+        arm, people, response = moment.arm, moment.people, self.timing.response
+        fastest = np.abs(arm.v) + self._gain
+        closing = people.pace[people.frame(moment.since)] + float(self._leaves.reach @ fastest)
+        lasting = response + float(np.max(fastest / self.deceleration))
+        gaps, spent = moment.gaps, 0.0
+        if not gaps.min() > closing * lasting:
+            arm = copy.copy(arm)
+            arm.deceleration = self.deceleration
+            while True:
+                if not arm.rests and gaps.min() <= 0.0:
+                    self.touched = int(gaps.argmin()), spent
+                    break
+                going = spent < response - 1e-9
+                if arm.rests and not going:
+                    break
+                # Nothing can happen before both have come so far.
+                step = max(float(gaps.min()) / closing, 0.005)
+                if going:
+                    step = min(step, response - spent)
+                arm.step(step, going)
+                spent += step
+                self._leaves.place(arm.q, arm.v)
+                gaps = self._leaves.gaps(people.ends_at(moment.since + spent), RADII)
+        self.price = time.perf_counter() - begin
+        return self.touched is None
+
+
+class Separation(Rule):
+    """The protective separation distance at its honest best.
+
+    A person walks at 1.6 m/s, and no intrusion distance is added; each sphere moves at its
+    measured speed towards the nearest point of the body, and brakes at a constant rate for as long
+    as the slowest of the joints that move it takes from its measured speed. Encoders are exact.
+    """
+
+    def begin(self, people: People, begin: float) -> None:
+        """Start anew, with a recording that begins at a time in [s]."""
+        self._sent = people.streams[self.setting.bounds, self.clean].sent
+        self._bodies = np.arange(len(RADII))
+
+    def judge(self, moment: Moment) -> bool:
+        """Whether the arm may go on."""
+        begin = time.perf_counter()
+        people, leaves, timing = moment.people, moment.leaves, self.timing
+        shown = moment.since - self.setting.camera
+        frames = self._sent[people.frame(shown)]
+        ages = np.where(frames >= 0, moment.since - frames / people.rate, np.inf)
+        joints = np.abs(moment.arm.v) / self.deceleration
+        stopping = np.where(leaves.moves, joints, 0.0).max(axis=1)
+        apart: bool = is_separate(
+            leaves.centers, leaves.velocities, leaves.radius, leaves.link, stopping,
+            people.seen[frames, self._bodies], RADII, ages, timing.response, HUMAN_SPEED,
+            MARKER_ERROR,
+        )  # fmt: skip
+        self.price = time.perf_counter() - begin
+        return apart
 
 
 class MonitorRule(Rule):
-    """The monitor as users have it, whatever its STOP is for."""
+    """A monitor, whatever its STOP is for.
 
-    name = "the monitor"
-    holds = True
+    Args:
+        options: Settings of the monitor beside its delays.
+    """
 
-    def begin(self, scene: Scene) -> None:
-        """Start anew, with the table that the scene watches now."""
-        timing = scene.timing
-        self._monitor = Monitor(
-            scene.robot,
-            scene.obstacles,
-            rate=1.0 / timing.period,
-            latency=timing.latency,
-            reaction_time=timing.reaction,
+    holds = has_scale = True
+
+    def __init__(
+        self,
+        robot: Robot,
+        setting: Setting,
+        period: float,
+        name: str,
+        *,
+        deceleration: np.ndarray | None = None,
+        clean: bool = True,
+        **options: Any,
+    ) -> None:
+        super().__init__(robot, setting, period, name, deceleration=deceleration, clean=clean)
+        self._table = Obstacles()
+        self.monitor = Monitor(
+            robot,
+            self._table,
+            rate=1.0 / period,
+            latency=self.timing.latency,
+            reaction_time=self.timing.reaction,
+            **options,
         )
+        operating = options.get("operating")
+        speeds = robot.velocity_limit if operating is None else operating.resolve(robot)[0]
+        self._speeds = speeds  # whose share a speed scale is
+        self._next, self._begin = 0, 0.0
 
-    def judge(self, scene: Scene) -> bool:
+    def begin(self, people: People, begin: float) -> None:
+        """Start anew, with a recording that begins at a time in [s]."""
+        self._stream = people.streams[self.setting.bounds, self.clean]
+        self._table.remove([name for name in self._table.ids if name])
+        self.monitor.reset()
+        self._next, self._begin = 0, begin
+
+    def judge(self, moment: Moment) -> bool:
         """Whether the arm may go on."""
-        return self._monitor.step(scene.now, scene.q, scene.v).level is not Level.STOP
+        shown = moment.people.frame(moment.since - self.setting.camera)
+        while self._next <= shown:
+            self._stream.publish(self._table, self._next, self._begin)
+            self._next += 1
+        begin = time.perf_counter()
+        safe = self._judge(moment)
+        self.price = time.perf_counter() - begin
+        return safe
+
+    def _judge(self, moment: Moment) -> bool:
+        self.verdict = self.monitor.step(moment.now, moment.arm.q, moment.arm.v)
+        self.speed_limit = self.verdict.speed_scale * self._speeds
+        return self.verdict.level is not Level.STOP
 
 
-@kernel
-def is_free(handle, table, now, limit, by_reach, as_free, by_table):  # type: ignore[no-untyped-def]
-    """Whether no sphere and no body could touch before `limit`, by any of the models named."""
-    parts = handle.content
-    tree, arm, marks = parts.tree, parts.arm, parts.marks
-    for row in range(marks.alive.shape[0]):
-        if not marks.alive[row]:
-            continue
-        if marks.refused[row] and not marks.refused_finite[row]:
-            return False
-        if not (marks.has_state[row] or marks.refused[row]):
-            return False
-        for refused in (False, True):
-            if not (marks.refused[row] if refused else marks.has_state[row]):
-                continue
-            bodies = parts.refused if refused else parts.bodies
-            age = 0.0 if marks.static[row] and not refused else now - bodies.stamp[row]
-            points, paces, count = bodies.points[row], bodies.velocities[row], bodies.point_count
-            accel, speed = bodies.accel[row], bodies.speed[row]
-            error, size = bodies.velocity_error[row], bodies.radius[row]
-            size += bodies.position_error[row]
-            for link in range(tree.root.shape[0]):
-                if by_reach:
-                    ball = arm.balls[link]
-                    time = row_contact_time(
-                        ball[0], ball[1], ball[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-                        bodies.points, bodies.velocities, row, count[row], accel, speed, error,
-                        age, (ball[3] + size) * (1.0 + ROUNDING), ADVANCES,
-                    )  # fmt: skip
-                    if time >= limit:
-                        continue
-                node = tree.root[link]
-                while node >= 0:
-                    x, y, z = arm.centers[node]
-                    distance = tree.radius[node] + arm.position_error[node] + size
-                    distance *= 1.0 + ROUNDING
-                    time = 0.0
-                    if as_free:
-                        ux, uy, uz = arm.velocities[node]
-                        time = row_contact_time(
-                            x, y, z, ux, uy, uz, arm.accel[node], arm.speed[node],
-                            arm.velocity_error[node], 0.0, bodies.points, bodies.velocities, row,
-                            count[row], accel, speed, error, age, distance, ADVANCES,
-                        )  # fmt: skip
-                    if by_table and not time >= limit:
-                        time = table_contact_time(
-                            x, y, z, arm.jacobian, arm.lever[node], arm.slope_error[node], table,
-                            points, paces, count[row], accel, speed, error, age, distance, 0.0,
-                        )  # fmt: skip
-                    if time >= limit:
-                        node = tree.skip[node]
-                    elif tree.first_child[node] >= 0:
-                        node = tree.first_child[node]
-                    else:
-                        return False
-    return True
+class ContactTimeRule(MonitorRule):
+    """A monitor's contact time against the time in which any arm rests: no braking is looked at."""
+
+    holds = has_scale = False
+
+    def _judge(self, moment: Moment) -> bool:
+        super()._judge(moment)
+        verdict = self.verdict
+        return verdict.complete and verdict.contact_time > verdict.stop_time

@@ -1,0 +1,92 @@
+"""Who takes part in the comparison beside recorded people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from armguard.robot import OperatingLimits, Robot
+from scene.stop_rules import ContactTimeRule, MonitorRule, Oracle, Rule, Separation, Setting
+
+ORACLE, SEPARATION, BRAKING = "knows the future", "separation distance", "braking"
+ISOTROPIC, JOINT = "isotropic", "joint, no braking"
+OPERATING = "operating limits"
+AS_THEY_COME = ", data as they come"
+
+OPERATING_VELOCITY = 1.05
+"""Operating velocities, as shares of the top speeds of the arm's trajectories."""
+OPERATING_ACCELERATION = 0.27
+"""Operating accelerations, as shares of the acceleration limits."""
+
+
+class Scope(NamedTuple):
+    """In which settings rules are compared."""
+
+    reactions: tuple[float, ...]
+    """In [s]."""
+    cameras: tuple[float, ...]
+    """In [s]; the first one is the usual one."""
+    bounds: tuple[str, ...]
+    """The first one is the usual one."""
+
+    def settings(self) -> Iterable[Setting]:
+        """Each departs from the usual one in reaction and one other thing at most."""
+        for bounds in self.bounds:
+            for camera in self.cameras:
+                if bounds == self.bounds[0] or camera == self.cameras[0]:
+                    yield from (Setting(reaction, camera, bounds) for reaction in self.reactions)
+
+    def is_usual(self, setting: Setting) -> bool:
+        """Whether a setting has the usual camera and bounds."""
+        return (setting.camera, setting.bounds) == (self.cameras[0], self.bounds[0])
+
+
+class Target(NamedTuple):
+    """What the share of time in STOP of one rule was to be at most, in shares of another's."""
+
+    rule: str
+    rival: str
+    most: float
+    reactions: tuple[float, ...]
+    """For which reactions, in [s]."""
+
+
+TARGETS = (
+    Target(OPERATING, SEPARATION, 1.05, (0.02,)),
+    Target(OPERATING, SEPARATION, 1.6, (0.1,)),
+)
+
+
+def make_rules(
+    robot: Robot, speed_fraction: float, scope: Scope, setting: Setting, period: float
+) -> list[Rule]:
+    """All that take part in one setting.
+
+    Args:
+        robot: The arm.
+        speed_fraction: What its trajectories use of the velocity limits at most.
+        scope: Of the comparison; what differs from the usual setting is for the main rules.
+        setting: What the rules have to live with.
+        period: Of ticks, in [s].
+    """
+    given = robot, setting, period
+    operating = OperatingLimits.fraction(
+        robot,
+        velocity=min(1.0, OPERATING_VELOCITY * speed_fraction),
+        acceleration=OPERATING_ACCELERATION,
+    )
+    rules: list[Rule] = [
+        Separation(*given, SEPARATION),
+        MonitorRule(*given, BRAKING),
+        MonitorRule(*given, OPERATING, operating=operating),
+    ]
+    if scope.is_usual(setting):
+        rules += [
+            Oracle(*given, ORACLE),
+            MonitorRule(*given, ISOTROPIC, motion="isotropic"),
+            ContactTimeRule(*given, JOINT),
+            Separation(*given, SEPARATION + AS_THEY_COME, clean=False),
+            MonitorRule(*given, BRAKING + AS_THEY_COME, clean=False),
+            MonitorRule(*given, OPERATING + AS_THEY_COME, clean=False, operating=operating),
+        ]
+    return rules

@@ -1,0 +1,316 @@
+"""The page on how much an arm has to stop: tables of what was found, and how to read them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from scene.contestants import ORACLE, SEPARATION, TARGETS, Scope, Target
+from scene.plays import RISE_DELAY, Judged, Obeyed
+from scene.stop_rules import LATENCY, PERIOD, Setting
+
+HEADER = """# How much an arm has to stop
+
+<!-- written by benchmarks/bench_recordings.py: change it there -->
+
+A proof that stops an arm all day is no use. This page measures what armguard costs beside people, against the usual rule, against a rule that knows the future, and against an arm that obeys nobody. All of them see the same samples of the same people, are told as late, and brake as late.
+
+`python benchmarks/bench_recordings.py --out docs/usefulness.md` makes all of it, from {recordings} recordings of people who work beside an arm ({minutes:.1f} minutes in all), with {seeds} for each and the arm's base at {placements} places. From the first of these the arm reaches where people work; from the others their hands come near it. Speeds are those of the fastest joint. Made on {machine}.
+
+## How to read it
+
+- **Share of time in STOP** is that of an arm that goes on whatever is said, so that all rules judge the same states. It includes the {rise:g} s for which every rule holds a STOP.
+- **{oracle}** has read the recording to its end: it stops where the arm, braking from the next tick's STOP on, would really touch the person before it rests. Nothing that obeys in time can stop less, but for luck.
+- **{separation}** is the protective separation distance at its best: a person walks at 1.6 m/s from wherever they were seen, whatever is nearer is not added (C = 0), the arm's joints have the speeds that were measured, each link has its own stopping time, and each sphere its own speed towards the person.
+- **braking** is what `Monitor` does by default. The other rules are monitors with other settings; the arm keeps to what they state.
+- **Reaction** is the time from a STOP that has arrived to braking torque; {extra:.0f} ms for a tick and its latency come on top of it. Rules are asked {rate:g} times a second, with as much less reaction as their ticks are longer.
+- **Data** are clean unless it says that they are as they come: samples that break the bounds that are claimed are left out for all rules alike, as if the body had been hidden for a moment. As they come, a monitor has to doubt them.
+- **Missed** are ticks in which the rule says go on, while the one that knows the future says STOP; where the arm obeys, contacts while it moves. **Beyond** are those with a body that had broken its bounds in the last half second: nothing was promised there. 0 means little where there was nothing to hit, so the contacts of an arm that obeys nobody stand beside it.
+- **Work lost** is by how much less of its path an arm did that obeys, than one that obeys nobody.
+"""
+
+
+class Found(NamedTuple):
+    """What became of one rule in one case."""
+
+    speed: float
+    """Of the fastest joint, in [rad]/[s]."""
+    rule: str
+    setting: Setting
+    how: str
+    """What the arm does about it: "goes on", "obeys" or "obeys the scale"."""
+    recording: str
+    placement: int
+    seed: int
+    outcome: Judged | Obeyed
+
+
+class Results:
+    """Everything that was found, asked by what matters.
+
+    Args:
+        found: All of it.
+        rate: Ticks a second.
+    """
+
+    def __init__(self, found: Iterable[Found], rate: float) -> None:
+        self._rate = rate
+        self.found = list(found)
+        self._by: dict[tuple[float, str, Setting, str], list[Found]] = {}
+        for one in self.found:
+            self._by.setdefault((one.speed, one.rule, one.setting, one.how), []).append(one)
+        self.speeds = list(dict.fromkeys(one.speed for one in self.found))
+        self.rules = list(dict.fromkeys(one.rule for one in self.found))
+        # Every rule judged the same arm, which obeyed nobody.
+        self._free = {
+            (one.speed, one.recording, one.placement, one.seed): one.outcome
+            for one in self.found
+            if isinstance(one.outcome, Judged)
+        }
+
+    def of(
+        self, speed: float, rule: str, setting: Setting, how: str = "goes on", **where: object
+    ) -> list[Found]:
+        """Of one rule in one setting; `where` are fields of `Found` and their values."""
+        found = self._by.get((speed, rule, setting, how), [])
+        return [
+            one for one in found if all(getattr(one, key) == x for key, x in where.items())
+        ]
+
+    def share(self, *what: object, **where: object) -> float:
+        """Share of time in STOP; NaN where there is none."""
+        outcomes = [one.outcome for one in self.of(*what, **where)]  # type: ignore[arg-type]
+        ticks = sum(outcome.ticks for outcome in outcomes)
+        return sum(outcome.stopped for outcome in outcomes) / ticks if ticks else np.nan
+
+    def total(self, field: str, *what: object, **where: object) -> int:
+        """Sum of a count over cases."""
+        return sum(getattr(one.outcome, field) for one in self.of(*what, **where))  # type: ignore[arg-type]
+
+    def lost(self, *what: object) -> float:
+        """Share of its work that an arm that obeys did not do; NaN where there is none."""
+        found = self.of(*what)  # type: ignore[arg-type]
+        free = [self._free[one.speed, one.recording, one.placement, one.seed] for one in found]
+        whole = sum(outcome.progress for outcome in free)
+        done = sum(one.outcome.progress for one in found)
+        return 1.0 - done / whole if whole else np.nan
+
+    def minutes(self, *what: object) -> float:
+        """How long that was."""
+        return self.total("ticks", *what) / self._rate / 60.0
+
+    def hits(self, speed: float, among: Iterable[Found] | None = None) -> int:
+        """Contacts of an arm that obeys nobody, in all cases or those that occur here."""
+        cases = {
+            (one.speed, one.recording, one.placement, one.seed)
+            for one in (self.found if among is None else among)
+        }
+        return sum(
+            outcome.hits
+            for case, outcome in self._free.items()
+            if case[0] == speed and case in cases and isinstance(outcome, Judged)
+        )
+
+
+def write_page(found: Iterable[Found], scope: Scope, rate: float, machine: str) -> str:
+    """The page, in Markdown.
+
+    Args:
+        found: All that was found.
+        scope: Settings that were compared.
+        rate: Ticks a second.
+        machine: What it was measured on.
+    """
+    results = Results(found, rate)
+    usual = Setting(scope.reactions[0], scope.cameras[0], scope.bounds[0])
+    speed = results.speeds[0]
+    judged = results.of(speed, SEPARATION, usual)
+    parts = [
+        HEADER.format(
+            recordings=len({one.recording for one in judged}),
+            minutes=results.minutes(speed, SEPARATION, usual),
+            seeds=_count(len({one.seed for one in judged}), "trajectory", "trajectories"),
+            placements=len({one.placement for one in judged}),
+            machine=machine, oracle=ORACLE.capitalize(), separation=SEPARATION.capitalize(),
+            rise=RISE_DELAY, extra=1e3 * (PERIOD + LATENCY), rate=rate,
+        )
+    ]  # fmt: skip
+    parts += _targets(results, scope)
+    parts += _shares(results, scope)
+    parts += _spread(results, scope)
+    parts += _obeying(results, scope)
+    parts += _missed(results, scope)
+    parts += _prices(results, usual)
+    return "\n".join(parts) + "\n"
+
+
+def _targets(results: Results, scope: Scope) -> list[str]:
+    """What was aimed at, and what came of it."""
+    rows = []
+    for target in TARGETS:
+        for reaction in target.reactions:
+            setting = Setting(reaction, scope.cameras[0], scope.bounds[0])
+            for bounds in scope.bounds:
+                cells = _target_cells(results, target, setting._replace(bounds=bounds))
+                if cells:
+                    what = f"{target.rule} ÷ {target.rival}"
+                    rows.append([what, _milliseconds(reaction), bounds, f"≤ {target.most:g}", *cells])
+    if not rows:
+        return []
+    heads = ["what", "reaction", "bounds", "aim", *(f"{x:g} rad/s" for x in results.speeds)]
+    return ["## What was aimed at", "", *_table(heads, rows), ""]
+
+
+def _target_cells(results: Results, target: Target, setting: Setting) -> list[str]:
+    usual = setting if target.rival != ORACLE else setting._replace(bounds=results.found[0].setting.bounds)
+    cells = []
+    for speed in results.speeds:
+        mine = results.share(speed, target.rule, setting)
+        rival = results.share(speed, target.rival, usual)
+        if not (np.isfinite(mine) and rival > 0.0):
+            return []
+        ratio = mine / rival
+        cells.append(f"{ratio:.2f}, {'met' if ratio <= target.most else 'not met'}")
+    return cells
+
+
+def _shares(results: Results, scope: Scope) -> list[str]:
+    """Share of time in STOP of an arm that goes on, in every setting."""
+    lines = ["## Share of time in STOP", ""]
+    columns = [(speed, reaction) for speed in results.speeds for reaction in scope.reactions]
+    heads = ["rule", *(f"{speed:g} rad/s, {_milliseconds(x)}" for speed, x in columns)]
+    groups = dict.fromkeys((x.camera, x.bounds) for x in scope.settings())
+    for camera, bounds in groups:
+        rows = []
+        for rule in results.rules:
+            shares = [results.share(speed, rule, Setting(x, camera, bounds)) for speed, x in columns]
+            if np.isfinite(shares).any():
+                rows.append([rule, *map(_percent, shares)])
+        lines += [f"People within {bounds}; samples are {_milliseconds(camera)} old.", ""]
+        lines += [*_table(heads, rows), ""]
+    return lines
+
+
+def _spread(results: Results, scope: Scope) -> list[str]:
+    """How much that depends on the recording and on the place."""
+    lines = ["## Spread", ""]
+    for reaction in dict.fromkeys((scope.reactions[0], scope.reactions[-1])):
+        setting = Setting(reaction, scope.cameras[0], scope.bounds[0])
+        for speed in results.speeds:
+            found = results.of(speed, SEPARATION, setting)
+            recordings = list(dict.fromkeys(one.recording for one in found))
+            places = list(dict.fromkeys(one.placement for one in found))
+            heads = ["rule", "median (range) of recordings", *recordings]
+            heads += [f"place {place + 1}" for place in places]
+            rows = []
+            for rule in results.rules:
+                each = [results.share(speed, rule, setting, recording=x) for x in recordings]
+                if not np.isfinite(each).all():
+                    continue
+                there = [results.share(speed, rule, setting, placement=x) for x in places]
+                middle = f"{_percent(np.median(each))} ({_percent(min(each))} to {_percent(max(each))})"
+                rows.append([rule, middle, *map(_percent, each + there)])
+            lines += [f"{speed:g} rad/s, {_milliseconds(reaction)} of reaction.", ""]
+            lines += [*_table(heads, rows), ""]
+    return lines
+
+
+def _obeying(results: Results, scope: Scope) -> list[str]:
+    """What obeying costs, with and without the scale."""
+    lines = ["## An arm that obeys", ""]
+    heads = [
+        "rule", "in STOP", "stops a minute", "work lost", "missed", "beyond",
+        "obeying the scale: in STOP", "stops a minute", "work lost", "missed", "beyond",
+    ]  # fmt: skip
+    for reaction in dict.fromkeys((scope.reactions[0], scope.reactions[-1])):
+        setting = Setting(reaction, scope.cameras[0], scope.bounds[0])
+        for speed in results.speeds:
+            rows = []
+            among: list[Found] = []
+            for rule in results.rules:
+                cells = []
+                for how in ("obeys", "obeys the scale"):
+                    what = speed, rule, setting, how
+                    found = results.of(*what)
+                    among += found
+                    if not found:
+                        cells += ["–"] * 5
+                        continue
+                    cells += [
+                        _percent(results.share(*what)),
+                        f"{results.total('stops', *what) / results.minutes(*what):.1f}",
+                        _percent(results.lost(*what)),
+                        str(results.total("missed", *what)),
+                        str(results.total("beyond", *what)),
+                    ]
+                if cells[0] != "–":
+                    rows.append([rule, *cells])
+            if rows:
+                lines += [
+                    f"{speed:g} rad/s, {_milliseconds(reaction)} of reaction. An arm that obeys"
+                    f" nobody hits the person {results.hits(speed, among)} times.",
+                    "",
+                    *_table(heads, rows),
+                    "",
+                ]
+    return lines if len(lines) > 2 else []
+
+
+def _missed(results: Results, scope: Scope) -> list[str]:
+    """Ticks in which a rule let pass what really would have happened."""
+    heads = ["rule", "people, age of samples"]
+    for speed in results.speeds:
+        heads += [f"{speed:g} rad/s: missed", "beyond", "of"]
+    rows = []
+    for camera, bounds in dict.fromkeys((x.camera, x.bounds) for x in scope.settings()):
+        settings = [Setting(reaction, camera, bounds) for reaction in scope.reactions]
+        for rule in results.rules:
+            cells = []
+            for speed in results.speeds:
+                for field in ("missed", "beyond", "needed"):
+                    counts = [results.total(field, speed, rule, x) for x in settings]
+                    cells.append(str(sum(counts)))
+            if results.of(results.speeds[0], rule, settings[0]):
+                rows.append([rule, f"{bounds}, {_milliseconds(camera)}", *cells])
+    hits = ", ".join(f"{results.hits(speed)} at {speed:g} rad/s" for speed in results.speeds)
+    text = "Of the ticks in which a STOP was the last one in time, at all reactions together, how"
+    text += f" many a rule let pass. Contacts of the arm, which goes on: {hits}."
+    return ["## Missed", "", text, "", *_table(heads, rows), ""]
+
+
+def _prices(results: Results, setting: Setting) -> list[str]:
+    """What a tick of each rule costs, in this very run."""
+    rows = []
+    for rule in results.rules:
+        cells = []
+        for speed in results.speeds:
+            prices = [one.outcome.prices for one in results.of(speed, rule, setting)]  # type: ignore[union-attr]
+            if prices:
+                cells += [f"{1e6 * x:.0f}" for x in np.percentile(np.concatenate(prices), [50, 99])]
+        if cells:
+            rows.append([rule, *cells])
+    heads = ["rule"]
+    for speed in results.speeds:
+        heads += [f"{speed:g} rad/s: median [µs]", "99th percentile [µs]"]
+    text = "All in one run, on states of an arm that goes on, many of them in STOP. A monitor's tick"
+    text += " has its kinematics in it, those of the other rules have not."
+    return ["## Price of a tick", "", text, "", *_table(heads, rows)]
+
+
+def _table(heads: list[str], rows: list[list[str]]) -> list[str]:
+    lines = [heads, ["---"] * len(heads), *rows]
+    return [f"| {' | '.join(line)} |" for line in lines]
+
+
+def _percent(share: float) -> str:
+    return "–" if not np.isfinite(share) else f"{round(100.0 * share, 1) + 0.0:.1f} %"
+
+
+def _milliseconds(time: float) -> str:
+    return f"{1e3 * time:g} ms"
+
+
+def _count(count: int, one: str, many: str) -> str:
+    return f"{count} {one if count == 1 else many}"
