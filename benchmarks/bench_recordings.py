@@ -40,9 +40,10 @@ from scene.working_arm import WorkingArm
 
 BOUNDS = {"10 m/s², 2 m/s": (10.0, 2.0), "by body part": None}
 # Of the arm's base at the recordings' table: x and y in [m], and which way it faces, in degrees.
-PLACEMENTS = ((0.0, 0.35, -90.0), (0.0, 0.7, -90.0), (-0.9, 0.7, -50.0), (0.0, 1.1, -90.0))
+PLACEMENTS = ((-0.2, 0.2, -90.0), (0.0, 0.7, -90.0), (-0.9, 0.7, -50.0), (0.0, 1.1, -90.0))
 WORKSPACE = ([-0.3, -0.6, 0.0], [0.75, 0.6, 1.2])  # of all moving links, before the base, [m]
 TRAJECTORY = 30.0  # [s], before it starts again
+PRICE_RATE, PRICE_SECONDS = 1000.0, 3.0  # of the run in which ticks are timed, [Hz] and [s]
 ACCELERATION = 0.125  # of the acceleration limits, at most, along the trajectory
 
 
@@ -201,8 +202,7 @@ def main(arguments: list[str] | None = None) -> list[Found]:
     options = read_options(arguments)
     paths = find_recordings()[: options.recordings]
     scope = Scope(tuple(options.reactions), tuple(options.cameras), tuple(options.bounds))
-    ends = dict.fromkeys((options.reactions[0], options.reactions[-1]))
-    obeying = tuple(Setting(reaction, scope.cameras[0], scope.bounds[0]) for reaction in ends)
+    obeying = tuple(scope.usual._replace(reaction=reaction) for reaction in scope.extremes)
     run = Run(scope, obeying, options.obeying_placements, options.rate, options.seconds)
     cases = [
         Case(speed, path, placement, seed)
@@ -212,7 +212,13 @@ def main(arguments: list[str] | None = None) -> list[Found]:
         for seed in range(options.seeds)
     ]
     found = play_all(run, cases, options.jobs)
-    page = write_page(found, scope, options.rate, describe_machine(load=False))
+    usual = Scope(scope.reactions[:1], scope.cameras[:1], scope.bounds[:1])
+    paced = run._replace(
+        scope=usual, obeying_placements=0, rate=PRICE_RATE, seconds=min(PRICE_SECONDS, run.seconds)
+    )
+    _workplaces.clear()
+    priced = play_all(paced, [Case(speed, paths[0], 0, 0) for speed in options.speeds], 1)
+    page = write_page(found, priced, scope, options.rate, describe_machine(load=False))
     if options.out is None:
         print(page)
     else:

@@ -30,11 +30,26 @@ class Scope(NamedTuple):
     """The first one is the usual one."""
 
     def settings(self) -> Iterable[Setting]:
-        """Each departs from the usual one in reaction and one other thing at most."""
+        """The usual one at every reaction, what departs from it in one thing at the extremes."""
         for bounds in self.bounds:
             for camera in self.cameras:
-                if bounds == self.bounds[0] or camera == self.cameras[0]:
-                    yield from (Setting(reaction, camera, bounds) for reaction in self.reactions)
+                if (camera, bounds) == (self.cameras[0], self.bounds[0]):
+                    reactions = self.reactions
+                elif bounds == self.bounds[0] or camera == self.cameras[0]:
+                    reactions = self.extremes
+                else:
+                    continue
+                yield from (Setting(reaction, camera, bounds) for reaction in reactions)
+
+    @property
+    def usual(self) -> Setting:
+        """With the first of everything."""
+        return Setting(self.reactions[0], self.cameras[0], self.bounds[0])
+
+    @property
+    def extremes(self) -> tuple[float, ...]:
+        """The first and the last reaction, once if they are the same."""
+        return tuple(dict.fromkeys((self.reactions[0], self.reactions[-1])))
 
     def is_usual(self, setting: Setting) -> bool:
         """Whether a setting has the usual camera and bounds."""

@@ -35,7 +35,7 @@ class Judged(NamedTuple):
     progress: float
     """Along its path, in [s]."""
     prices: np.ndarray
-    """Of judgements, in [s]. Shape (ticks,)."""
+    """Of judgements: what each took, in [s]. Shape (ticks,)."""
 
 
 class Obeyed(NamedTuple):

@@ -38,7 +38,9 @@ ENDS = np.array([[POINTS.index(body.points[k]) for k in (0, -1)] for body in BOD
 """Places of each body's two ends among the tracked points. Shape (9, 2)."""
 
 _PART_OF_POINT = {"head": "head", "collar": "trunk", "hip": "trunk"} | {
-    f"{side}_{joint}": joint for side in ("left", "right") for joint in ("shoulder", "elbow", "hand")
+    f"{side}_{joint}": joint
+    for side in ("left", "right")
+    for joint in ("shoulder", "elbow", "hand")
 }
 
 
@@ -65,7 +67,11 @@ class Stream:
     """
 
     def __init__(
-        self, recording: Recording, bounds: tuple[np.ndarray, np.ndarray], by_point: Any, clean: bool
+        self,
+        recording: Recording,
+        bounds: tuple[np.ndarray, np.ndarray],
+        by_point: Any,
+        clean: bool,
     ) -> None:
         self._name, self._rate = recording.name, recording.rate
         points = recording.position
@@ -218,11 +224,11 @@ def find_agreeing(  # type: ignore[no-untyped-def]
         first = max(0, min(i - memory, last))
         for j in range(i - 1, first - 1, -1):
             if fine and agrees[j]:
-                fine = 0 == body_allows(
+                fine = body_allows(
                     points[j], velocities[j], corners, 0.0, accel, speed, position_error,
                     errors[j], j / rate, points[i], velocities[i], corners, 0.0, position_error,
                     errors[i], i / rate,
-                )  # fmt: skip
+                ) == 0  # fmt: skip
         if fine:
             agrees[i] = True
             last = i

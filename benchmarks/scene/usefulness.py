@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -11,25 +12,8 @@ from scene.contestants import ORACLE, SEPARATION, TARGETS, Scope, Target
 from scene.plays import RISE_DELAY, Judged, Obeyed
 from scene.stop_rules import LATENCY, PERIOD, Setting
 
-HEADER = """# How much an arm has to stop
-
-<!-- written by benchmarks/bench_recordings.py: change it there -->
-
-A proof that stops an arm all day is no use. This page measures what armguard costs beside people, against the usual rule, against a rule that knows the future, and against an arm that obeys nobody. All of them see the same samples of the same people, are told as late, and brake as late.
-
-`python benchmarks/bench_recordings.py --out docs/usefulness.md` makes all of it, from {recordings} recordings of people who work beside an arm ({minutes:.1f} minutes in all), with {seeds} for each and the arm's base at {placements} places. From the first of these the arm reaches where people work; from the others their hands come near it. Speeds are those of the fastest joint. Made on {machine}.
-
-## How to read it
-
-- **Share of time in STOP** is that of an arm that goes on whatever is said, so that all rules judge the same states. It includes the {rise:g} s for which every rule holds a STOP.
-- **{oracle}** has read the recording to its end: it stops where the arm, braking from the next tick's STOP on, would really touch the person before it rests. Nothing that obeys in time can stop less, but for luck.
-- **{separation}** is the protective separation distance at its best: a person walks at 1.6 m/s from wherever they were seen, whatever is nearer is not added (C = 0), the arm's joints have the speeds that were measured, each link has its own stopping time, and each sphere its own speed towards the person.
-- **braking** is what `Monitor` does by default. The other rules are monitors with other settings; the arm keeps to what they state.
-- **Reaction** is the time from a STOP that has arrived to braking torque; {extra:.0f} ms for a tick and its latency come on top of it. Rules are asked {rate:g} times a second, with as much less reaction as their ticks are longer.
-- **Data** are clean unless it says that they are as they come: samples that break the bounds that are claimed are left out for all rules alike, as if the body had been hidden for a moment. As they come, a monitor has to doubt them.
-- **Missed** are ticks in which the rule says go on, while the one that knows the future says STOP; where the arm obeys, contacts while it moves. **Beyond** are those with a body that had broken its bounds in the last half second: nothing was promised there. 0 means little where there was nothing to hit, so the contacts of an arm that obeys nobody stand beside it.
-- **Work lost** is by how much less of its path an arm did that obeys, than one that obeys nobody.
-"""
+HEADER = Path(__file__).with_name("usefulness_head.md")
+"""What stands above the tables, with places for what a run fills in."""
 
 
 class Found(NamedTuple):
@@ -52,11 +36,12 @@ class Results:
 
     Args:
         found: All of it.
+        usual: The setting in which the oracle judges: cameras and bounds are nothing to it.
         rate: Ticks a second.
     """
 
-    def __init__(self, found: Iterable[Found], rate: float) -> None:
-        self._rate = rate
+    def __init__(self, found: Iterable[Found], usual: Setting, rate: float) -> None:
+        self._usual, self._rate = usual, rate
         self.found = list(found)
         self._by: dict[tuple[float, str, Setting, str], list[Found]] = {}
         for one in self.found:
@@ -71,12 +56,26 @@ class Results:
         }
 
     def of(
-        self, speed: float, rule: str, setting: Setting, how: str = "goes on", **where: object
+        self,
+        speed: float,
+        rule: str,
+        setting: Setting,
+        how: str = "goes on",
+        *,
+        first_placement: int = 0,
+        **where: object,
     ) -> list[Found]:
-        """Of one rule in one setting; `where` are fields of `Found` and their values."""
-        found = self._by.get((speed, rule, setting, how), [])
+        """Of one rule in one setting, from one place on.
+
+        `where` are fields of `Found` and their values.
+        """
+        if rule == ORACLE:
+            setting = self._usual._replace(reaction=setting.reaction)
         return [
-            one for one in found if all(getattr(one, key) == x for key, x in where.items())
+            one
+            for one in self._by.get((speed, rule, setting, how), [])
+            if one.placement >= first_placement
+            and all(getattr(one, key) == x for key, x in where.items())
         ]
 
     def share(self, *what: object, **where: object) -> float:
@@ -114,23 +113,25 @@ class Results:
         )
 
 
-def write_page(found: Iterable[Found], scope: Scope, rate: float, machine: str) -> str:
+def write_page(
+    found: Iterable[Found], priced: Iterable[Found], scope: Scope, rate: float, machine: str
+) -> str:
     """The page, in Markdown.
 
     Args:
         found: All that was found.
+        priced: What was found in the run that counts for prices.
         scope: Settings that were compared.
         rate: Ticks a second.
         machine: What it was measured on.
     """
-    results = Results(found, rate)
-    usual = Setting(scope.reactions[0], scope.cameras[0], scope.bounds[0])
+    results = Results(found, scope.usual, rate)
     speed = results.speeds[0]
-    judged = results.of(speed, SEPARATION, usual)
+    judged = results.of(speed, SEPARATION, scope.usual)
     parts = [
-        HEADER.format(
+        HEADER.read_text(encoding="utf-8").format(
             recordings=len({one.recording for one in judged}),
-            minutes=results.minutes(speed, SEPARATION, usual),
+            minutes=results.minutes(speed, SEPARATION, scope.usual),
             seeds=_count(len({one.seed for one in judged}), "trajectory", "trajectories"),
             placements=len({one.placement for one in judged}),
             machine=machine, oracle=ORACLE.capitalize(), separation=SEPARATION.capitalize(),
@@ -142,50 +143,60 @@ def write_page(found: Iterable[Found], scope: Scope, rate: float, machine: str) 
     parts += _spread(results, scope)
     parts += _obeying(results, scope)
     parts += _missed(results, scope)
-    parts += _prices(results, usual)
+    parts += _prices(Results(priced, scope.usual, rate), scope.usual)
     return "\n".join(parts) + "\n"
 
 
 def _targets(results: Results, scope: Scope) -> list[str]:
-    """What was aimed at, and what came of it."""
+    """What was aimed at, and what came of it: over all places, and without the shared one."""
     rows = []
     for target in TARGETS:
-        for reaction in target.reactions:
-            setting = Setting(reaction, scope.cameras[0], scope.bounds[0])
-            for bounds in scope.bounds:
-                cells = _target_cells(results, target, setting._replace(bounds=bounds))
-                if cells:
-                    what = f"{target.rule} ÷ {target.rival}"
-                    rows.append([what, _milliseconds(reaction), bounds, f"≤ {target.most:g}", *cells])
+        for setting in scope.settings():
+            if setting.reaction not in target.reactions or setting.camera != scope.cameras[0]:
+                continue
+            cells = []
+            for speed in results.speeds:
+                for ratio in _ratios(results, target, speed, setting):
+                    is_met = "met" if ratio <= target.most else "not met"
+                    cells.append(f"{ratio:.2f}, {is_met}" if np.isfinite(ratio) else "–")
+            if set(cells) != {"–"}:
+                what = f"{target.rule} ÷ {target.rival}"
+                aim = f"≤ {target.most:g}"
+                rows.append([what, _milliseconds(setting.reaction), setting.bounds, aim, *cells])
     if not rows:
         return []
-    heads = ["what", "reaction", "bounds", "aim", *(f"{x:g} rad/s" for x in results.speeds)]
+    heads = ["shares of time in STOP", "reaction", "people", "aim"]
+    for speed in results.speeds:
+        heads += [f"{speed:g} rad/s, all places", "without place 1"]
     return ["## What was aimed at", "", *_table(heads, rows), ""]
 
 
-def _target_cells(results: Results, target: Target, setting: Setting) -> list[str]:
-    usual = setting if target.rival != ORACLE else setting._replace(bounds=results.found[0].setting.bounds)
-    cells = []
-    for speed in results.speeds:
-        mine = results.share(speed, target.rule, setting)
-        rival = results.share(speed, target.rival, usual)
-        if not (np.isfinite(mine) and rival > 0.0):
-            return []
-        ratio = mine / rival
-        cells.append(f"{ratio:.2f}, {'met' if ratio <= target.most else 'not met'}")
-    return cells
+def _ratios(results: Results, target: Target, speed: float, setting: Setting) -> list[float]:
+    """Of both shares, over all places and without the shared one; NaN where there is none."""
+    ratios = []
+    for first in (0, 1):
+        shares = [
+            results.share(speed, rule, setting, first_placement=first)
+            for rule in (target.rule, target.rival)
+        ]
+        ratios.append(shares[0] / shares[1] if shares[1] > 0.0 else np.nan)
+    return ratios
 
 
 def _shares(results: Results, scope: Scope) -> list[str]:
     """Share of time in STOP of an arm that goes on, in every setting."""
     lines = ["## Share of time in STOP", ""]
-    columns = [(speed, reaction) for speed in results.speeds for reaction in scope.reactions]
-    heads = ["rule", *(f"{speed:g} rad/s, {_milliseconds(x)}" for speed, x in columns)]
-    groups = dict.fromkeys((x.camera, x.bounds) for x in scope.settings())
-    for camera, bounds in groups:
+    groups: dict[tuple[float, str], list[float]] = {}
+    for one in scope.settings():
+        groups.setdefault((one.camera, one.bounds), []).append(one.reaction)
+    for (camera, bounds), reactions in groups.items():
         rows = []
+        columns = [(speed, reaction) for speed in results.speeds for reaction in reactions]
+        heads = ["rule", *(f"{speed:g} rad/s, {_milliseconds(x)}" for speed, x in columns)]
         for rule in results.rules:
-            shares = [results.share(speed, rule, Setting(x, camera, bounds)) for speed, x in columns]
+            shares = [
+                results.share(speed, rule, Setting(x, camera, bounds)) for speed, x in columns
+            ]
             if np.isfinite(shares).any():
                 rows.append([rule, *map(_percent, shares)])
         lines += [f"People within {bounds}; samples are {_milliseconds(camera)} old.", ""]
@@ -196,8 +207,8 @@ def _shares(results: Results, scope: Scope) -> list[str]:
 def _spread(results: Results, scope: Scope) -> list[str]:
     """How much that depends on the recording and on the place."""
     lines = ["## Spread", ""]
-    for reaction in dict.fromkeys((scope.reactions[0], scope.reactions[-1])):
-        setting = Setting(reaction, scope.cameras[0], scope.bounds[0])
+    for reaction in scope.extremes:
+        setting = scope.usual._replace(reaction=reaction)
         for speed in results.speeds:
             found = results.of(speed, SEPARATION, setting)
             recordings = list(dict.fromkeys(one.recording for one in found))
@@ -210,7 +221,9 @@ def _spread(results: Results, scope: Scope) -> list[str]:
                 if not np.isfinite(each).all():
                     continue
                 there = [results.share(speed, rule, setting, placement=x) for x in places]
-                middle = f"{_percent(np.median(each))} ({_percent(min(each))} to {_percent(max(each))})"
+                middle = (
+                    f"{_percent(np.median(each))} ({_percent(min(each))} to {_percent(max(each))})"
+                )
                 rows.append([rule, middle, *map(_percent, each + there)])
             lines += [f"{speed:g} rad/s, {_milliseconds(reaction)} of reaction.", ""]
             lines += [*_table(heads, rows), ""]
@@ -224,8 +237,8 @@ def _obeying(results: Results, scope: Scope) -> list[str]:
         "rule", "in STOP", "stops a minute", "work lost", "missed", "beyond",
         "obeying the scale: in STOP", "stops a minute", "work lost", "missed", "beyond",
     ]  # fmt: skip
-    for reaction in dict.fromkeys((scope.reactions[0], scope.reactions[-1])):
-        setting = Setting(reaction, scope.cameras[0], scope.bounds[0])
+    for reaction in scope.extremes:
+        setting = scope.usual._replace(reaction=reaction)
         for speed in results.speeds:
             rows = []
             among: list[Found] = []
@@ -265,7 +278,7 @@ def _missed(results: Results, scope: Scope) -> list[str]:
         heads += [f"{speed:g} rad/s: missed", "beyond", "of"]
     rows = []
     for camera, bounds in dict.fromkeys((x.camera, x.bounds) for x in scope.settings()):
-        settings = [Setting(reaction, camera, bounds) for reaction in scope.reactions]
+        settings = [x for x in scope.settings() if (x.camera, x.bounds) == (camera, bounds)]
         for rule in results.rules:
             cells = []
             for speed in results.speeds:
@@ -294,8 +307,10 @@ def _prices(results: Results, setting: Setting) -> list[str]:
     heads = ["rule"]
     for speed in results.speeds:
         heads += [f"{speed:g} rad/s: median [µs]", "99th percentile [µs]"]
-    text = "All in one run, on states of an arm that goes on, many of them in STOP. A monitor's tick"
-    text += " has its kinematics in it, those of the other rules have not."
+    text = (
+        "At 1 kHz, all in one run, beside one person within the arm's reach. A monitor's tick has"
+    )
+    text += " its kinematics in it, those of the other rules have not."
     return ["## Price of a tick", "", text, "", *_table(heads, rows)]
 
 

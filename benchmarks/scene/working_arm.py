@@ -45,9 +45,7 @@ class WorkingArm:
         ValueError: The trajectory needs all the acceleration that there is for speeding up.
     """
 
-    def __init__(
-        self, trajectory: JointTrajectory, deceleration: np.ndarray | None = None
-    ) -> None:
+    def __init__(self, trajectory: JointTrajectory, deceleration: np.ndarray | None = None) -> None:
         robot = trajectory.robot
         self._trajectory = trajectory
         self._robot = robot
