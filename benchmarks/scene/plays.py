@@ -168,7 +168,7 @@ class Stage:
     ) -> Obeyed:
         """Let an arm obey one rule, and by wish keep to the speed that it allows."""
         arm.deceleration = rule.deceleration
-        brakes, contacts = Brakes(arm, rule.timing.delay), Contacts()
+        brakes, contacts = Brakes(arm, rule.delay), Contacts()
         holder = Holder(0.0 if rule.holds else RISE_DELAY)
         ticks = stopped = stops = missed = beyond = 0
         for moment in self._moments(people, arm, [rule], seconds):
@@ -205,7 +205,8 @@ class Stage:
 
 def _is_answerable(rule: Rule, oracle: Oracle) -> bool:
     """Whether a rule's STOP takes as long as that of an oracle, with the same brakes."""
-    return rule.timing.response == oracle.timing.response and bool(
+    delays = rule.timing.period + rule.delay, oracle.timing.period + oracle.delay
+    return delays[0] == delays[1] and bool(
         (rule.deceleration == oracle.deceleration).all()
     )
 

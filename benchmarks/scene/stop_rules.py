@@ -8,20 +8,29 @@ camera sends them, and its STOP takes the same time to reach the brakes.
 from __future__ import annotations
 
 import copy
+import math
 import time
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from armguard.bounds import Plan
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.pairs.separation import HUMAN_SPEED
 from armguard.robot import Robot
 from armguard.simulation.recordings import MARKER_ERROR
-from armguard.verdict import Level
+from armguard.verdict import Level, ReasonKind
 from scene.clearance import Leaves, is_separate
 from scene.recorded_people import RADII, People
 from scene.working_arm import ACCELERATION_SHARE, WorkingArm
+
+TRACKING_ERROR, VELOCITY_TRACKING_ERROR = 1e-3, 0.01
+"""What the controller states that it may be off its plans by, in [rad] and [rad]/[s]."""
+PLAN_STEP = 0.02
+"""Between samples of a trajectory to follow, in [s]."""
+PLAN_AHEAD = 70.0
+"""How far such a trajectory leads at least, in [s]: beyond the end of every recording."""
 
 LATENCY = 0.002
 PERIOD = 0.005
@@ -90,6 +99,7 @@ class Rule:
         clean: Whether it is shown clean data.
 
     Attributes:
+        delay: From its STOP to deceleration, in [s].
         holds: Whether its STOPs last until it believes that they are over.
         has_scale: Whether it says how fast the arm may go on.
         speed_limit: What joints are to keep to by its last judgement, in [rad]/[s]. Shape (nv,).
@@ -110,6 +120,7 @@ class Rule:
     ) -> None:
         self.robot, self.setting, self.name, self.clean = robot, setting, name, clean
         self.timing = make_timing(setting, period)
+        self.delay = self.timing.delay
         self.deceleration = robot.braking_deceleration if deceleration is None else deceleration
         self.speed_limit: np.ndarray | float = np.inf
         self.price = 0.0
@@ -266,3 +277,72 @@ class ContactTimeRule(MonitorRule):
         super()._judge(moment)
         verdict = self.verdict
         return verdict.complete and verdict.contact_time > verdict.stop_time
+
+
+class FollowingRule(MonitorRule):
+    """A monitor that is told the trajectory, and in each tick where on it the arm is.
+
+    Whenever the arm takes up another way, it says so before it sets off.
+    """
+
+    def begin(self, people: People, begin: float) -> None:
+        """Start anew, with a recording that begins at a time in [s]."""
+        super().begin(people, begin)
+        self._leg: int | None = None
+        self._from = self._along = 0.0
+
+    def _judge(self, moment: Moment) -> bool:
+        arm = moment.arm
+        if self._leg == arm.legs:
+            self._along = max(arm.leg_time - self._from, 0.0)
+        told = None if self._leg is None else self._along
+        self.verdict = self.monitor.step(moment.now, arm.q, arm.v, path_time=told)
+        if any(reason.kind is ReasonKind.PLAN_VOID for reason in self.verdict.reasons):
+            self._leg = None
+        if self._leg != arm.legs and (arm.rests or not arm.braking):
+            self._follow(moment)
+        self.speed_limit = self.verdict.speed_scale * self._speeds
+        return self.verdict.level is not Level.STOP
+
+    def _follow(self, moment: Moment) -> None:
+        arm = moment.arm
+        leg, first = arm.leg, arm.leg_time
+        lasting = leg.next_rest(first + PLAN_AHEAD) - first
+        times = np.linspace(0.0, lasting, max(2, math.ceil(lasting / PLAN_STEP) + 1))
+        samples = [leg.sample(first + time) for time in times]
+        q, v = (np.array(part) for part in zip(*samples, strict=True))
+        v[-1] = 0.0
+        if self.monitor.follow(make_plan(moment.now, times, q, v)).safe:
+            self._leg, self._from, self._along = arm.legs, first, 0.0
+
+
+class PieceRule(MonitorRule):
+    """A monitor that is shown, in each tick, the next piece of the way with a stop at its end.
+
+    A piece lasts until the answer to the next one has arrived, and stops as hard as brakes
+    guarantee. An arm that obeys is on it when no other is found safe, so that no reaction time
+    enters.
+    """
+
+    holds = has_scale = False
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.delay = self.timing.latency
+        self._times = np.array([0.0, 0.5, 1.0]) * (self.timing.period + self.timing.latency)
+
+    def _judge(self, moment: Moment) -> bool:
+        arm = moment.arm
+        self.verdict = self.monitor.step(moment.now, arm.q, arm.v)
+        if arm.braking and not arm.rests:
+            return False
+        q, v = arm.preview(self._times)
+        piece = self.monitor.with_stop(make_plan(moment.now, self._times, q, v))
+        return self.monitor.commit(piece).safe
+
+
+def make_plan(stamp: float, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> Plan:
+    """A plan of samples, as closely followed as the arm here says that it is."""
+    errors = np.full((2, q.shape[1]), TRACKING_ERROR)
+    errors[1] = VELOCITY_TRACKING_ERROR
+    return Plan(stamp, times, q, v, *errors)

@@ -17,6 +17,43 @@ ACCELERATION_SHARE = 0.25
 """No joint speeds up by more than this share of its acceleration limit."""
 
 
+class Leg:
+    """A way from rest: a trajectory from one of its times on, its rate rising from 0 to 1.
+
+    Args:
+        trajectory: Followed from `start` on.
+        start: Time along it, in [s].
+        slew: How fast the rate rises, in [1]/[s]; inf where the trajectory rests at the start.
+    """
+
+    def __init__(self, trajectory: JointTrajectory, start: float, slew: float) -> None:
+        self.trajectory, self.start = trajectory, start
+        self._rise = 1.0 / slew
+        self.duration = np.inf
+        if not trajectory.loop:
+            self.duration = trajectory.duration - start + 0.5 * self._rise
+
+    def place(self, time: float) -> float:
+        """Time along the trajectory at a time of the leg, both in [s]."""
+        if time < self._rise:
+            return self.start + 0.5 * time * time / self._rise
+        return self.start + time - 0.5 * self._rise
+
+    def sample(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Positions, and their derivatives by the time of the leg. Shapes (nv,)."""
+        q, slope = self.trajectory.sample(self.place(time))
+        return q, min(1.0, time / self._rise if self._rise > 0.0 else 1.0) * slope
+
+    def next_rest(self, time: float) -> float:
+        """A time of the leg, not before the one given, at which it rests, in [s]."""
+        way = self.trajectory
+        if not way.loop:
+            return self.duration
+        laps, within = divmod(self.place(time), way.duration)
+        stop = way.stops[np.searchsorted(way.stops, within)]
+        return float(laps * way.duration + stop - self.start + 0.5 * self._rise)
+
+
 class WorkingArm:
     """Follows a trajectory until it is to brake, and again once it may.
 
@@ -37,26 +74,29 @@ class WorkingArm:
         progress: Time along the trajectory, in [s].
         braking: Whether the brakes are on, as they are at first.
         deceleration: Of the brakes, in [rad]/[s]². Shape (nv,).
-        leg: What it follows: the trajectory, or the way back to it.
-        leg_time: Time along that, in [s].
-        legs: How many legs it has begun.
+        leg: What it follows, or will once it rests and may: the trajectory, or the way back to it.
+        leg_time: How far it has come on that, in [s].
+        legs: How many legs it has taken up.
 
     Raises:
         ValueError: The trajectory needs all the acceleration that there is for speeding up.
     """
 
-    def __init__(self, trajectory: JointTrajectory, deceleration: np.ndarray | None = None) -> None:
+    def __init__(
+        self, trajectory: JointTrajectory, deceleration: np.ndarray | None = None
+    ) -> None:
         robot = trajectory.robot
         self._trajectory = trajectory
-        self._robot = robot
         self.deceleration = robot.braking_deceleration if deceleration is None else deceleration
         along = trajectory.acceleration_fraction * np.minimum(
             robot.acceleration_limit, robot.braking_deceleration
         )
         self._top_speed = trajectory.speed_fraction * robot.velocity_limit
-        # |q̈| = |q'' rate² + q' d(rate)/dt|, and the trajectory bounds |q''| and |q'|.
+        # With a leg's rate r and the pace p of the arm's clock along it, and a dash for the
+        # derivative by the trajectory's own time, |q̈| = |q'' (r p)² + q' (dr/dt p² + r dp/dt)|: one
+        # half of what the trajectory leaves is for restarts, the other for obeying speed limits.
         spare = ACCELERATION_SHARE * robot.acceleration_limit - along
-        self._slew = float(np.min(spare / self._top_speed))
+        self._slew = 0.5 * float(np.min(spare / self._top_speed))
         if not self._slew > 0.0:
             raise ValueError(
                 f"the trajectory uses {ACCELERATION_SHARE:.0%} of the acceleration limits or more"
@@ -64,9 +104,9 @@ class WorkingArm:
         self.progress = 0.0
         self.braking = True
         self.legs = 0
-        self.leg, self.leg_time = trajectory, 0.0
-        self._rate = 0.0
+        self._pace = 1.0
         self.q, self.v = trajectory.sample(0.0)
+        self._take_up(Leg(trajectory, 0.0, self._slew))
 
     @property
     def rests(self) -> bool:
@@ -79,13 +119,13 @@ class WorkingArm:
         Args:
             dt: In [s].
             go: Whether it may go on; else it brakes.
-            speed_limit: Of each joint at work, in [rad]/[s]: the rate along the path comes down to
-                it as fast as the arm's accelerations allow. Shape (nv,).
+            speed_limit: Of each joint at work, in [rad]/[s]: the arm's clock comes down to it as
+                fast as accelerations allow. Shape (nv,).
         """
         if not go and not self.braking:
-            self.braking, self._rate = True, 0.0
+            self.braking = True
         if self.braking and go and self.rests:
-            self._leave()
+            self.braking = False
         if self.braking:
             self._brake(dt)
         else:
@@ -106,57 +146,50 @@ class WorkingArm:
         return np.array(q), np.array(v)
 
     def _brake(self, dt: float) -> None:
+        was_at_rest = self.rests
         moving = np.minimum(dt, np.abs(self.v) / self.deceleration)
         pull = -np.sign(self.v) * self.deceleration
         self.q = self.q + moving * (self.v + 0.5 * pull * moving)
         self.v = np.where(moving < dt, 0.0, self.v + pull * moving)
+        if self.rests and not was_at_rest:
+            self._turn_back()
 
-    def _leave(self) -> None:
-        """Set off, from rest, to where the path was left."""
-        robot, path = self._robot, self._trajectory
+    def _turn_back(self) -> None:
+        """Take up the way, from rest to rest, to where the path was left."""
+        path = self._trajectory
+        robot = path.robot
         # Rounding may leave a joint an ulp beyond a waypoint that is at its limit.
         start = np.clip(self.q, robot.lower_position_limit, robot.upper_position_limit)
-        self.leg = JointTrajectory(
+        back = JointTrajectory(
             robot,
             np.stack([start, path.sample(self.progress)[0]]),
             speed_fraction=path.speed_fraction,
             acceleration_fraction=path.acceleration_fraction,
         )
-        self.leg_time, self._rate = 0.0, 1.0
+        self._take_up(Leg(back, 0.0, np.inf))
+
+    def _take_up(self, leg: Leg) -> None:
+        self.leg, self.leg_time, self._pace = leg, 0.0, 1.0
         self.legs += 1
-        self.braking = False
 
     def _follow(self, dt: float, speed_limit: np.ndarray | float) -> None:
-        while dt > 0.0 and self.leg is not self._trajectory:
-            left = self.leg.duration - self.leg_time
-            dt = self._advance(dt, speed_limit, left)
-            if self.leg_time >= self.leg.duration:
-                # It rests here, at the place on the path that it left at some speed.
-                self.leg, self.leg_time, self._rate = self._trajectory, self.progress, 0.0
-                self.legs += 1
-        if dt > 0.0:
-            self._advance(dt, speed_limit, np.inf)
-        if self.leg is self._trajectory:
-            self.progress = self.leg_time
-        self.q, slope = self.leg.sample(self.leg_time)
-        self.v = self._rate * slope
-
-    def _advance(self, dt: float, speed_limit: np.ndarray | float, left: float) -> float:
-        """Go on along the leg, by no more than what is left of it; the time that remains, [s]."""
         wanted = 1.0
         if np.min(speed_limit) < np.max(self._top_speed):
             # The faster of here and where this step leads, as far as that is known.
             slopes = [self.leg.sample(self.leg_time + ahead)[1] for ahead in (0.0, dt)]
             fastest = np.maximum(np.abs(slopes).max(axis=0), 1e-9)
             wanted = min(1.0, float(np.min(speed_limit / fastest)))
-        change = float(np.clip(wanted - self._rate, -self._slew * dt, self._slew * dt))
+        change = float(np.clip(wanted - self._pace, -self._slew * dt, self._slew * dt))
         turning = abs(change) / self._slew
-        rate = self._rate + change
-        way = 0.5 * (self._rate + rate) * turning + rate * (dt - turning)
-        used = dt
-        if way >= left:
-            # The leg rests at its end: whatever the rate, so does the arm.
-            way, used = left, dt * left / way if way > 0.0 else 0.0
-        self.leg_time += way
-        self._rate = rate
-        return dt - used
+        pace = self._pace + change
+        way = 0.5 * (self._pace + pace) * turning + pace * (dt - turning)
+        self._pace = pace
+        # At its end a leg rests, and so does the arm for what is left of the step.
+        self.leg_time = min(self.leg_time + way, self.leg.duration)
+        self.q, slope = self.leg.sample(self.leg_time)
+        self.v = pace * slope
+        if self.leg_time >= self.leg.duration:
+            self.v = np.zeros_like(slope)
+            self._take_up(Leg(self._trajectory, self.progress, self._slew))
+        elif self.leg.trajectory is self._trajectory:
+            self.progress = self.leg.place(self.leg_time)
