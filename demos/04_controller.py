@@ -11,7 +11,8 @@ import numpy as np
 from armguard.streams import JOINTS_ADDRESS, VERDICTS_ADDRESS, Publisher, VerdictReader
 
 NAMES = [f"panda_joint{number}" for number in range(1, 8)]
-PERIOD, ACCEL = 0.002, 5.0  # [s] between two states, [rad/s²] of joint 1
+PERIOD = 0.002  # [s] between two states
+VELOCITY, ACCELERATION = 2.175, 3.75  # what joint 1 keeps to, [rad/s], [rad/s²]
 
 
 def main(
@@ -28,8 +29,8 @@ def main(
         while tick < start + duration:
             verdict = reader.latest()
             allowed = min(slider, reader.speed_scale())  # 0 on STOP, and beyond valid_until
-            wanted = 2.175 * allowed * direction * (abs(q[0]) < 0.5 or q[0] * direction < 0.0)
-            speed += float(np.clip(wanted - speed, -PERIOD * ACCEL, PERIOD * ACCEL))
+            wanted = VELOCITY * allowed * direction * (abs(q[0]) < 0.5 or q[0] * direction < 0.0)
+            speed += float(np.clip(wanted - speed, -PERIOD * ACCELERATION, PERIOD * ACCELERATION))
             direction = -direction if speed == 0.0 and abs(q[0]) >= 0.5 else direction
             q[0], v[0], way = q[0] + PERIOD * speed, speed, way + PERIOD * abs(speed)
             publisher.joints(tick, NAMES, q, v)

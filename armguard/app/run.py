@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
+import numpy as np
 from rich.console import Console
 
 from armguard.app.announcer import Announcer
@@ -19,7 +20,10 @@ from armguard.app.loop import RateLoop, run
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.summary import VerdictCounts, draw_summary, summarise
 from armguard.app.view_feed import MonitorFeed
+from armguard.bounds.braking import BrakingMotion
 from armguard.exceptions import ArmguardError, StreamError
+from armguard.monitor.monitor import Monitor
+from armguard.robot.operating_limits import OperatingLimits
 from armguard.streams.addresses import (
     JOINTS_ADDRESS,
     OBSTACLES_ADDRESS,
@@ -101,6 +105,12 @@ def supervise(
             for name, address in {**addresses, **views}.items():
                 announcer.tell(f"{name} at {'standard input' if address == '-' else address}")
 
+        def tell_prepared(monitor: Monitor) -> None:
+            waiting.stop()
+            missing = describe_missing_limits(monitor)
+            if missing is not None and not quiet:
+                announcer.tell(missing)
+
         waiting = console.status("compiling the kernels (once; kept for the next start)")
         with waiting:
             report = run(
@@ -113,7 +123,7 @@ def supervise(
                 reset_token=reset_token,
                 realtime=realtime,
                 observe=observer.observe,
-                prepared=lambda _: waiting.stop(),
+                prepared=tell_prepared,
                 listening=tell_addresses,
                 tell=announcer.tell,
             )
@@ -123,6 +133,31 @@ def supervise(
     else:
         Console().print(draw_summary(summary))
     return 0
+
+
+def describe_missing_limits(monitor: Monitor) -> str | None:
+    """What it costs to state no operating limits; None where some are stated, or none published.
+
+    Args:
+        monitor: Of the run.
+    """
+    robot, settings = monitor.robot, monitor.settings
+    if settings.operating is not None or robot.published_operating_limits is None:
+        return None
+    still = np.zeros(len(robot.joints))
+    q = np.clip(still, robot.lower_position_limit, robot.upper_position_limit)
+    without, published = (
+        BrakingMotion(robot, settings.reaction_time, operating=operating).stop_time(
+            q, still, 0.0, settings.response_time
+        )
+        for operating in (None, OperatingLimits.published(robot))
+    )
+    return (
+        f"no operating limits are stated, so {robot.name} may do all that its hardware can until "
+        f"its brakes bite: at rest it counts on {1e3 * without:.0f} ms to stand, with the "
+        f'published ones on {1e3 * published:.0f} ms (operating = "published" in [robot], if its '
+        "controller keeps to them)"
+    )
 
 
 def describe_remedy(addresses: Mapping[str, str], reset_token: str | None) -> str:

@@ -142,7 +142,7 @@ class Judge:
             reasons.append(Reason(ReasonKind.CONTACT, f"{names[0]} and {names[1]}", detail))
         if held:
             reasons.append(Reason(ReasonKind.HOLD))
-        scale = self._scale(tick, level, contact_time)
+        scale = self._find_scale(tick, level, contact_time)
         evaluated = result.evaluated
         if stopping is not None:
             evaluated += stopping.evaluated - spent_before
@@ -226,10 +226,16 @@ class Judge:
         detail = f"{some} not decided about after {self._budget} evaluations"
         return Reason(ReasonKind.BUDGET_SPENT, f"budget={self._budget}", detail)
 
-    def _scale(self, tick: Tick, level: Level, contact_time: float) -> float:
-        """The speed scale of a tick: 0 in STOP, and else what is proved."""
+    def _find_scale(self, tick: Tick, level: Level, contact_time: float) -> float:
+        """The speed scale of a tick: 0 in STOP, 1 in AWARE and CLEAR, and in SLOW what is proved.
+
+        Where nothing is near there is nothing to slow down for: SLOW comes in time, for while a
+        level is higher, the arm can stop before contact at whatever speed it has.
+        """
         if level is Level.STOP:
             return 0.0
+        if level is not Level.SLOW:
+            return 1.0
         stopping = self._stopping
         if stopping is None:
             # An arm that is no faster can brake before contact, whatever it does in this tick.

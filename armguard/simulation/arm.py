@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
+from armguard.robot.operating_limits import OperatingLimits
 from armguard.simulation.trajectory import JointTrajectory
 
 Array = NDArray[np.float64]
@@ -26,14 +27,18 @@ class SimulatedArm:
     acceleration limit:
 
     - |q̈| <= q̈max in every mode; positions stay between the waypoints that the arm moves between.
-    - A speed scale s > 0 keeps every joint within s q̇max, once the rate along the path has come
-      down, which it does at the greatest rate that leaves |q̈| <= q̈max: meanwhile it is faster.
+    - Operating limits, where there are any, are kept: no joint is faster than the velocity, or
+      speeds up harder than the acceleration; it slows down as hard as its acceleration limit.
+    - A speed scale s > 0 keeps every joint within s times its operating velocity, which is the
+      velocity limit where none is stated, once the rate along the path has come down, which it does
+      at the greatest rate that leaves |q̈| <= q̈max: meanwhile it is faster.
     - Scale 0 brakes: every joint decelerates by exactly b from this step on, rests after
       |q̇| / b, and before the waypoint ahead. A brake is not released before the arm rests. Then,
       once the scale is above 0, it goes on to that waypoint, and from there along the trajectory.
 
     Args:
         trajectory: What to follow; its fractions of the limits must leave room for slowing.
+        operating: What it keeps to; None: the robot's limits.
 
     Attributes:
         q: Joint positions now, in [rad] or [m]. Shape (nv,).
@@ -41,10 +46,13 @@ class SimulatedArm:
         braking: Whether the brake is on.
 
     Raises:
-        ArmguardError: The trajectory needs all the acceleration there is.
+        ArmguardError: The trajectory needs all the acceleration there is, or more than the
+            operating limits allow.
     """
 
-    def __init__(self, trajectory: JointTrajectory) -> None:
+    def __init__(
+        self, trajectory: JointTrajectory, operating: OperatingLimits | None = None
+    ) -> None:
         robot = trajectory.robot
         self._trajectory = trajectory
         self._rejoin: JointTrajectory | None = None
@@ -56,13 +64,19 @@ class SimulatedArm:
             robot.acceleration_limit, robot.braking_deceleration
         )
         speed = trajectory.speed_fraction * robot.velocity_limit
-        # |q̈| = |q'' rate² + q' d(rate)/dt|, and the trajectory bounds |q''| and |q'|.
-        self._slew = float(np.min((robot.acceleration_limit - along_path) / speed))
-        if not (self._slew > 0.0):
+        velocity, acceleration = robot.velocity_limit, robot.acceleration_limit
+        if operating is not None:
+            velocity, acceleration = operating.resolve(robot)
+        self._whole = float(np.min(velocity / speed))  # rate at a speed scale of 1
+        # |q̈| = |q'' rate² + q' d(rate)/dt|, and the trajectory bounds |q''| and |q'|. Where the
+        # rate grows joints speed up, beside what they do along the path.
+        self._slowing = float(np.min((robot.acceleration_limit - along_path) / speed))
+        self._speeding = float(np.min((acceleration - along_path) / speed))
+        if not (self._slowing > 0.0 and self._speeding > 0.0):
             raise ArmguardError(
                 "trajectory",
-                "uses the whole acceleration limit and cannot be slowed",
-                expected="an acceleration_fraction below 1",
+                "uses the whole acceleration limit and cannot be slowed, or sped up again",
+                expected="an acceleration_fraction below 1, and within the operating limits",
             )
         self.q, self.v = trajectory.sample(0.0)
         self.braking = False
@@ -72,8 +86,8 @@ class SimulatedArm:
 
         Args:
             dt: Length of the step, in [s].
-            speed_scale: Share of the velocity limits that is allowed, as a verdict gives it; 0,
-                or anything that is not a number above 0, brakes.
+            speed_scale: Share of the operating velocities that is allowed, as a verdict gives it;
+                0, or anything that is not a number above 0, brakes.
 
         Returns:
             The new `q` and `v`. Shapes (nv,).
@@ -117,8 +131,8 @@ class SimulatedArm:
         self.braking = False
 
     def _follow(self, dt: float, speed_scale: float) -> None:
-        wanted = min(1.0, speed_scale / self._trajectory.speed_fraction)
-        change = float(np.clip(wanted - self._rate, -self._slew * dt, self._slew * dt))
+        wanted = min(1.0, speed_scale * self._whole)
+        change = float(np.clip(wanted - self._rate, -self._slowing * dt, self._speeding * dt))
         self._time += (self._rate + 0.5 * change) * dt
         self._rate += change
         if self._rejoin is not None and self._time >= self._rejoin.duration:

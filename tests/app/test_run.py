@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from armguard.app.cell import Cell
 from armguard.app.cli import main
-from armguard.app.run import describe_remedy
+from armguard.app.run import describe_missing_limits, describe_remedy
 from armguard.streams import VerdictReader
 from armguard.verdict import Level
 
@@ -133,6 +134,17 @@ def test_nothing_is_asked_of_the_system_where_it_is_not_wanted(cell, addresses, 
     out, err = capsys.readouterr()
     assert json.loads(out)["realtime"] is None
     assert err == ""
+
+
+def test_a_start_without_operating_limits_says_what_that_costs():
+    def build(line):
+        return Cell.from_text(CELL + line + "[sources]\n").build()[2]
+
+    assert describe_missing_limits(build('operating = "published"\n')) is None
+    told = describe_missing_limits(build(""))
+    without, published = map(int, re.findall(r"(\d+) ms", told))
+    assert without > 1.5 * published
+    assert 'operating = "published"' in told
 
 
 def test_it_ends_with_the_parent_it_was_told_of(cell, addresses, tmp_path):

@@ -54,10 +54,12 @@ def test_stop_time_speed_scale_and_validity_are_the_formulas(schedule, motion):
     """Where braking is not reckoned with; elsewhere it only spares stops."""
     robot, latency, reaction, rate = panda(), 0.004, 0.03, 500.0
     obstacles, monitor = make_monitor(
-        schedule, motion=motion, rate=rate, latency=latency, reaction_time=reaction, rise_delay=0.0
-    )
+        schedule, motion=motion, rate=rate, latency=latency, reaction_time=reaction, rise_delay=0.0,
+        slow_margin=0.5, aware_margin=1.0,
+    )  # fmt: skip
+    found = set()
     horizon = 1.0 / rate + latency
-    for age, x in itertools.product((0.0, 0.01), (1.6, 2.0, 5.0, 20.0)):
+    for age, x in itertools.product((0.0, 0.01), (1.6, 2.0, 3.0, 20.0)):
         monitor.reset()
         obstacles.remove(list(filter(None, obstacles.ids)))
         see(obstacles, 5.0, [x, 0.0, 0.5], (f"{age} {x}",))
@@ -80,17 +82,20 @@ def test_stop_time_speed_scale_and_validity_are_the_formulas(schedule, motion):
         )
         stopped = not verdict.contact_time > verdict.stop_time
         if motion == "isotropic":
-            scale = 0.0 if stopped else min(max(scale, 0.0), 1.0)
-            assert (verdict.level is Level.STOP) == stopped
+            slow = not stopped and not verdict.contact_time > verdict.stop_time + 0.5
+            scale = min(max(scale, 0.0), 1.0) if slow else float(not stopped)
+            assert (verdict.level is Level.STOP, verdict.level is Level.SLOW) == (stopped, slow)
             assert verdict.speed_scale == pytest.approx(scale)
+            found.add(verdict.level)
         else:
             assert stopped or verdict.level > Level.STOP
             assert 0.0 <= verdict.speed_scale <= 1.0
             assert verdict.speed_scale == 0.0 or verdict.level > Level.STOP
-            assert verdict.speed_scale == 1.0 or verdict.level < Level.CLEAR
+            assert verdict.speed_scale == 1.0 or verdict.level < Level.AWARE
         assert verdict.valid_until == pytest.approx(5.0 + horizon)
         assert verdict.valid_until <= 5.0 + horizon
         assert verdict.stamp == 5.0 - age
+    assert motion == "joint" or found == set(Level)
 
 
 @pytest.mark.parametrize("schedule", ["deadline", "full"])

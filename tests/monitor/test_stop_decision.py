@@ -238,11 +238,11 @@ def test_a_scale_that_is_given_out_is_safe_now_however_late_ticks_come(pace):
 def test_a_scale_found_before_there_were_news_is_not_given_out_after():
     """Somebody nearer comes into sight: every scale is proved anew against both of them."""
     tightened = 0
-    for nearer in (1.25, 1.35, 1.45, 1.55):
+    for nearer in (1.1, 1.2, 1.3, 1.4):
         obstacles, monitor = make_monitor("deadline", rise_delay=0.0, latency=LATENCY)
         braking, given = monitor._scheduler.arm.motion.braking, []
         for k in range(90):
-            now, seen = k * PERIOD, {"near": [1.9, 0.0, 0.6], "nearer": [nearer, 0.0, 0.6]}
+            now, seen = k * PERIOD, {"near": [1.5, 0.0, 0.6], "nearer": [nearer, 0.0, 0.6]}
             if k < 60:
                 del seen["nearer"]
             see(obstacles, now, list(seen.values()), list(seen))

@@ -90,7 +90,9 @@ def test_time_to_spare_is_time_in_which_nothing_matters():
         faster = np.minimum(
             np.abs(v) + robot.velocity_error + robot.acceleration_limit * (wait + age), limits[0]
         )
-        stop = compute_stop_time(faster, robot.velocity_error, *limits, 0.0, HORIZON - 0.02, 0.02)
+        stop = compute_stop_time(
+            faster, robot.velocity_error, *limits, 0.0, HORIZON - 0.02, 0.02, limits[1]
+        )
         assert stop <= tau - wait + 1e-9
     assert some > 500
 

@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
+from armguard.bounds.operating_history import OperatingHistory
+from armguard.exceptions import ArmguardError
 from armguard.robot import Robot
+from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.simulation import SimulatedArm, random_trajectory
+from support.motion_questions import altered
 
 ROUNDING = 1e-9
 
@@ -104,6 +108,41 @@ def test_a_brake_is_not_released_before_the_arm_rests(panda):
         assert (np.abs(arm.v) <= before).all()
     arm.step(0.001, 1.0)
     assert not arm.braking
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_an_arm_that_is_told_operating_limits_keeps_them(name):
+    robot, random = Robot.load(name), np.random.default_rng(5)
+    operating = OperatingLimits.published(robot)
+    velocity, _ = operating.resolve(robot)
+    way = random_trajectory(robot, 1, 10.0, speed_fraction=0.5, acceleration_fraction=0.4)
+    arm, free = SimulatedArm(way, operating), SimulatedArm(way)
+    tested = [
+        OperatingHistory(
+            altered(robot, velocity_error=np.full(len(velocity), 2e-3)),
+            LimitsInForce(robot, operating),
+            0.3,
+        )
+        for _ in range(2)
+    ]
+    broken = [0, 0]
+    for tick in range(20_000):
+        if tick % 300 == 0:
+            scale = random.choice([0.0, 0.05, 0.2, 1.0, 1.0])
+            since = tick
+        for k, one in enumerate((arm, free)):
+            q, v = one.step(0.001, scale)
+            broken[k] += not tested[k].accept(0.001 * tick, q, v)
+            if k == 0 and tick - since > 250 and not one.braking:
+                assert (np.abs(v) <= scale * velocity + 1e-9).all()
+    assert broken[0] == 0
+    assert broken[1] > 0
+
+
+def test_a_trajectory_that_needs_more_than_the_operating_limits_is_refused(panda):
+    gentle = OperatingLimits(acceleration=0.1)
+    with pytest.raises(ArmguardError, match="within the operating limits"):
+        SimulatedArm(random_trajectory(panda, 1, 6.0), gentle)
 
 
 def test_a_speed_scale_caps_joint_speeds_once_the_rate_has_come_down(panda):

@@ -259,6 +259,8 @@ class Hunt:
                 missed=score.missed + int(lacks <= 0.0),
                 worst=min(score.worst, lacks),
             )
+        if verdict.level is Level.SLOW:
+            # In higher levels a scale of 1 promises nothing for longer than the verdict is valid.
             going, scale = self.settings["slow_margin"], verdict.speed_scale
             lacks, _ = self._attack(push, free, going=going, scale=scale)
             score = score._replace(

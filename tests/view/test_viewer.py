@@ -1,11 +1,15 @@
+import asyncio
+import math
 import signal
 import subprocess
 import sys
 import time
 
+import msgspec
 import pytest
 import zmq
-from tornado.httpclient import HTTPClient
+from tornado.httpclient import HTTPClient, HTTPRequest
+from tornado.websocket import websocket_connect
 
 from armguard.view import FramePublisher, launch
 from armguard.view.messages import encode_message
@@ -53,13 +57,41 @@ def test_rubbish_on_the_feed_is_counted_and_survived(capfd):
         context.destroy(linger=0)
 
 
+def silence(url):
+    """For how long a page has heard nothing of a monitor, in [s], as it says; inf if never."""
+
+    async def ask():
+        browser = await websocket_connect(HTTPRequest(url.replace("http", "ws") + "feed"))
+        try:
+            news = msgspec.msgpack.decode(await asyncio.wait_for(browser.read_message(), TIMEOUT))
+        finally:
+            browser.close()
+            await asyncio.sleep(0.05)
+        assert news["type"] == "news"
+        return math.inf if news["silence"] is None else news["silence"]
+
+    return asyncio.run(ask())
+
+
+def wait_for(happens):
+    until = time.monotonic() + TIMEOUT
+    while not happens():
+        assert time.monotonic() < until
+        time.sleep(0.03)
+
+
 def test_it_attaches_to_a_feed_that_comes_and_goes():
     with FramePublisher("tcp://127.0.0.1:*") as publisher:
         address = publisher.address
     with launch(address) as process:
         for _ in range(2):
+            wait_for(lambda: silence(process.url) > 0.5)
             with FramePublisher(address) as publisher:
-                publisher.publish_scene(make_scene())
-                publisher.publish_frame(make_frame())
-                time.sleep(0.1)
+
+                def is_heard(publisher=publisher):
+                    publisher.publish_scene(make_scene())
+                    publisher.publish_frame(make_frame())
+                    return silence(process.url) < 0.2
+
+                wait_for(is_heard)
         assert process.running

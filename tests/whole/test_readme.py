@@ -56,7 +56,7 @@ def test_the_commands_run(command):
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,  # a cold start compiles
         check=False,
     )
     assert result.returncode == 0, result.stderr

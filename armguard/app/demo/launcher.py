@@ -35,6 +35,7 @@ END_TIMEOUT = 3.0
 CELL = """\
 [robot]
 name = "{robot}"
+operating = "published" # the simulated controller keeps to these
 
 [joint_state]
 clock = "monotonic"

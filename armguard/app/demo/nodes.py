@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armguard.app.processes import end_with
+from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.simulation.arm import SimulatedArm
 from armguard.simulation.balls import WanderingBalls
@@ -127,7 +128,8 @@ class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
                 WORK_CYCLE,
                 speed_fraction=SPEED_FRACTION,
                 accept=keeps_within(robot, *WORKSPACE),
-            )
+            ),
+            OperatingLimits.published(robot),
         )
         with Publisher(self.joints) as publisher, VerdictReader(self.verdicts) as reader:
             _wait_for_monitor(self.verdicts)

@@ -53,6 +53,8 @@ def test_the_example_says_what_the_library_would_do_anyway():
                 assert getattr(table, key) == defaults[key], key
     # This one alone is longer, for a desktop, and the file says what that costs.
     assert tables.thresholds.joint_timeout == 0.25 > max(0.05, 5.0 / tables.monitor.rate)
+    # Without it the example would stop far more than it needs to, and says so.
+    assert tables.robot.operating == "published"
     # What no number says, a file says by leaving it out.
     assert (tables.monitor.budget, defaults["budget"]) == (UNSET, None)
 
