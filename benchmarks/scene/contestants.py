@@ -19,6 +19,15 @@ OPERATING_ACCELERATION = 0.27
 """Operating accelerations, as shares of the acceleration limits."""
 
 
+DESCRIPTIONS = {
+    ISOTROPIC: '`motion="isotropic"`, points of the arm as free bodies',
+    JOINT: "the default's contact time against the time in which any arm would rest",
+    OPERATING: f"`operating=`, {OPERATING_ACCELERATION:g} of the acceleration limits and"
+    f" {OPERATING_VELOCITY:g} of the top speeds of the arm's trajectories",
+}
+"""What is particular about monitors with settings."""
+
+
 class Scope(NamedTuple):
     """In which settings rules are compared."""
 

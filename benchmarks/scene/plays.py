@@ -83,16 +83,22 @@ class Brakes:
             self._due.append((now + (self._delay if stop else LATENCY), not stop))
             self._told = not stop
 
-    def run(self, now: float, period: float, speed_limit: np.ndarray | float = np.inf) -> None:
-        """Let the arm move until the next tick."""
+    def run(
+        self,
+        now: float,
+        period: float,
+        speed_limit: np.ndarray | float = np.inf,
+        pace_limit: float = 1.0,
+    ) -> None:
+        """Let the arm move until the next tick, within limits that `WorkingArm.step` knows."""
         while self._due and self._due[0][0] < now + period - 1e-9:
             when, go = self._due.popleft()
             if when > now:
-                self._arm.step(when - now, self._go, speed_limit)
+                self._arm.step(when - now, self._go, speed_limit, pace_limit)
                 period -= when - now
                 now = when
             self._go = go
-        self._arm.step(period, self._go, speed_limit)
+        self._arm.step(period, self._go, speed_limit, pace_limit)
 
 
 class Contacts:
@@ -184,8 +190,8 @@ class Stage:
                     beyond += broken
                     missed += not broken
             brakes.tell(moment.now, stop or not counts)
-            limit = rule.speed_limit if by_scale else np.inf
-            brakes.run(moment.now, self._period, limit)
+            limits = (rule.speed_limit, rule.pace_limit) if by_scale else ()
+            brakes.run(moment.now, self._period, *limits)
         return Obeyed(ticks, stopped, stops, missed, beyond, arm.progress)
 
     def _moments(  # type: ignore[no-untyped-def]
@@ -206,9 +212,7 @@ class Stage:
 def _is_answerable(rule: Rule, oracle: Oracle) -> bool:
     """Whether a rule's STOP takes as long as that of an oracle, with the same brakes."""
     delays = rule.timing.period + rule.delay, oracle.timing.period + oracle.delay
-    return delays[0] == delays[1] and bool(
-        (rule.deceleration == oracle.deceleration).all()
-    )
+    return delays[0] == delays[1] and bool((rule.deceleration == oracle.deceleration).all())
 
 
 def _was_broken(moment: Moment, rule: Rule, body: int, until: float) -> bool:

@@ -103,6 +103,7 @@ class Rule:
         holds: Whether its STOPs last until it believes that they are over.
         has_scale: Whether it says how fast the arm may go on.
         speed_limit: What joints are to keep to by its last judgement, in [rad]/[s]. Shape (nv,).
+        pace_limit: The same of the arm's clock along its way.
         price: Time that the last judgement took, in [s].
     """
 
@@ -123,6 +124,7 @@ class Rule:
         self.delay = self.timing.delay
         self.deceleration = robot.braking_deceleration if deceleration is None else deceleration
         self.speed_limit: np.ndarray | float = np.inf
+        self.pace_limit = 1.0
         self.price = 0.0
 
     def begin(self, people: People, begin: float) -> None:
@@ -301,7 +303,10 @@ class FollowingRule(MonitorRule):
             self._leg = None
         if self._leg != arm.legs and (arm.rests or not arm.braking):
             self._follow(moment)
-        self.speed_limit = self.verdict.speed_scale * self._speeds
+        # Along a known path a scale is one of the arm's clock, and else one of its joints.
+        scale, is_followed = self.verdict.speed_scale, self._leg is not None
+        self.pace_limit = scale if is_followed else 1.0
+        self.speed_limit = np.inf if is_followed else scale * self._speeds
         return self.verdict.level is not Level.STOP
 
     def _follow(self, moment: Moment) -> None:

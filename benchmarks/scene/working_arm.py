@@ -82,9 +82,7 @@ class WorkingArm:
         ValueError: The trajectory needs all the acceleration that there is for speeding up.
     """
 
-    def __init__(
-        self, trajectory: JointTrajectory, deceleration: np.ndarray | None = None
-    ) -> None:
+    def __init__(self, trajectory: JointTrajectory, deceleration: np.ndarray | None = None) -> None:
         robot = trajectory.robot
         self._trajectory = trajectory
         self.deceleration = robot.braking_deceleration if deceleration is None else deceleration
@@ -113,7 +111,13 @@ class WorkingArm:
         """Whether no joint moves."""
         return not self.v.any()
 
-    def step(self, dt: float, go: bool, speed_limit: np.ndarray | float = np.inf) -> None:
+    def step(
+        self,
+        dt: float,
+        go: bool,
+        speed_limit: np.ndarray | float = np.inf,
+        pace_limit: float = 1.0,
+    ) -> None:
         """Advance by `dt` seconds, at work or braking.
 
         Args:
@@ -121,6 +125,7 @@ class WorkingArm:
             go: Whether it may go on; else it brakes.
             speed_limit: Of each joint at work, in [rad]/[s]: the arm's clock comes down to it as
                 fast as accelerations allow. Shape (nv,).
+            pace_limit: Of that clock, in the same way.
         """
         if not go and not self.braking:
             self.braking = True
@@ -129,7 +134,7 @@ class WorkingArm:
         if self.braking:
             self._brake(dt)
         else:
-            self._follow(dt, speed_limit)
+            self._follow(dt, speed_limit, pace_limit)
 
     def preview(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What it will do if it may go on, positions and velocities. Shapes (len(times), nv).
@@ -172,13 +177,13 @@ class WorkingArm:
         self.leg, self.leg_time, self._pace = leg, 0.0, 1.0
         self.legs += 1
 
-    def _follow(self, dt: float, speed_limit: np.ndarray | float) -> None:
-        wanted = 1.0
+    def _follow(self, dt: float, speed_limit: np.ndarray | float, pace_limit: float) -> None:
+        wanted = min(1.0, pace_limit)
         if np.min(speed_limit) < np.max(self._top_speed):
             # The faster of here and where this step leads, as far as that is known.
             slopes = [self.leg.sample(self.leg_time + ahead)[1] for ahead in (0.0, dt)]
             fastest = np.maximum(np.abs(slopes).max(axis=0), 1e-9)
-            wanted = min(1.0, float(np.min(speed_limit / fastest)))
+            wanted = min(wanted, float(np.min(speed_limit / fastest)))
         change = float(np.clip(wanted - self._pace, -self._slew * dt, self._slew * dt))
         turning = abs(change) / self._slew
         pace = self._pace + change

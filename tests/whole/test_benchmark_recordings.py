@@ -200,6 +200,36 @@ def test_the_arm_comes_down_to_its_speed_limit(load, trajectory):
     assert np.abs(arm.v).max() > 0.02
 
 
+def test_the_arm_keeps_to_a_pace(load, trajectory):
+    arm = load("scene.working_arm").WorkingArm(trajectory)
+    for tick in range(300):
+        before = arm.leg_time
+        arm.step(0.01, True, pace_limit=0.4)
+        if tick > 100:
+            assert arm.leg_time - before == pytest.approx(0.004)
+    arm.step(0.5, False)
+    while not arm.rests:
+        arm.step(0.01, False)
+    left, legs = arm.progress, arm.legs
+    while arm.legs == legs or arm.progress == left:
+        arm.step(0.01, True)
+    assert arm.progress == pytest.approx(left, abs=1e-3)
+
+
+def test_a_leg_begins_and_ends_at_rest(load, trajectory):
+    working, slew = load("scene.working_arm"), 0.8
+    leg = working.Leg(trajectory, 1.3, slew)
+    assert leg.place(0.0) == 1.3
+    assert not leg.sample(0.0)[1].any()
+    assert leg.place(5.0) == pytest.approx(1.3 + 5.0 - 0.5 / slew)
+    for time in np.random.default_rng(0).uniform(0.01, 40.0, 50):
+        ahead, behind = leg.sample(time + 1e-6)[0], leg.sample(time - 1e-6)[0]
+        np.testing.assert_allclose((ahead - behind) / 2e-6, leg.sample(time)[1], atol=1e-6)
+        rest = leg.next_rest(time)
+        assert rest >= time - 1e-9
+        np.testing.assert_allclose(leg.sample(rest)[1], 0.0, atol=1e-6)
+
+
 def test_the_arm_does_what_it_plans(load, trajectory):
     arm = load("scene.working_arm").WorkingArm(trajectory)
     times = np.linspace(0.0, 0.2, 21)
@@ -219,7 +249,7 @@ def test_verdicts_take_effect_when_they_must(load):
     steps = []
 
     class Arm:
-        def step(self, dt, go, speed_limit):
+        def step(self, dt, go, *limits):
             steps.append((dt, go))
 
     brakes = plays.Brakes(Arm(), 0.022)
