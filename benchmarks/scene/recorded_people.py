@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from armguard.simulation import Recording
 from armguard.simulation.bodies import BODIES, POINTS
 from armguard.simulation.recordings import MARKER_ERROR, estimate_velocities
 
-MEMORY = 3.0
+MEMORY = 1.0
 """How far back, in [s], a clean sample agrees with all others."""
 
 DOUBT = 0.5
@@ -56,6 +56,23 @@ class Message(NamedTuple):
     velocity_error: np.ndarray
 
 
+class Claim(NamedTuple):
+    """What one set of bounds makes of a recording."""
+
+    accel: np.ndarray
+    """In [m]/[s]². Shape (9,)."""
+    speed: np.ndarray
+    """In [m]/[s]. Shape (9,)."""
+    velocity: np.ndarray
+    """Of points, from past samples, in [m]/[s]. Shape (frames, 9, 3)."""
+    error: np.ndarray
+    """Of bodies' velocities, in [m]/[s]. Shape (frames, 9)."""
+    shown: np.ndarray
+    """Which bodies were seen. Shape (frames, 9)."""
+    agrees: np.ndarray
+    """Whether those samples agree with the bounds. Shape (frames, 9)."""
+
+
 class Stream:
     """One recorded person under one claim about how people move.
 
@@ -66,40 +83,14 @@ class Stream:
         messages: By frame.
     """
 
-    def __init__(
-        self,
-        recording: Recording,
-        bounds: tuple[np.ndarray, np.ndarray],
-        by_point: Any,
-        clean: bool,
-    ) -> None:
-        self._name, self._rate = recording.name, recording.rate
-        points = recording.position
-        accel, speed = bounds
-        velocity, errors = np.full(points.shape, np.nan), np.full(points.shape[:2], np.nan)
-        for k in range(points.shape[1]):
-            velocity[:, k : k + 1], errors[:, k : k + 1] = estimate_velocities(
-                points[:, k : k + 1], self._rate, *by_point[k], MARKER_ERROR
-            )
-        shown = np.isfinite(points[:, ENDS]).all(axis=(2, 3))
-        error = errors[:, ENDS].max(axis=2)
-        agrees = np.stack(
-            [
-                find_agreeing(
-                    np.ascontiguousarray(points[:, ends]), np.ascontiguousarray(velocity[:, ends]),
-                    error[:, row].copy(), shown[:, row].copy(), self._rate, accel[row], speed[row],
-                    MARKER_ERROR, round(MEMORY * self._rate),
-                )
-                for row, ends in enumerate(ENDS)
-            ],
-            axis=1,
-        )  # fmt: skip
-        sends = shown & agrees if clean else shown
+    def __init__(self, recording: Recording, claim: Claim, clean: bool) -> None:
+        self._rate = recording.rate
+        points, shown = recording.position, claim.shown
+        sends = shown & claim.agrees if clean else shown
         frames = np.arange(len(points))[:, None]
         self.sent = np.maximum.accumulate(np.where(sends, frames, -1), axis=0)
-        last_break = np.maximum.accumulate(np.where(shown & ~agrees, frames, -(10**9)), axis=0)
-        self.broke = frames - last_break <= DOUBT * self._rate
-        self.share_broken = float((shown & ~agrees).sum() / max(shown.sum(), 1))
+        breaks = np.where(shown & ~claim.agrees, frames, -(10**9))
+        self.broke = frames - np.maximum.accumulate(breaks, axis=0) <= DOUBT * self._rate
         self.messages = []
         for frame in range(len(points)):
             calls = []
@@ -113,8 +104,8 @@ class Stream:
                     calls.append(
                         Message(
                             [NAMES[row] for row in rows], points[frame, places],
-                            velocity[frame, places], RADII[rows], accel[rows], speed[rows],
-                            error[frame, rows],
+                            claim.velocity[frame, places], RADII[rows], claim.accel[rows],
+                            claim.speed[rows], claim.error[frame, rows],
                         )
                     )  # fmt: skip
             self.messages.append(calls)
@@ -181,16 +172,9 @@ class People:
         self.pace = windows.max(axis=1)[: len(points)]
         self.streams = {}
         for name, pair in bounds.items():
-            if pair is None:
-                parts = [find_bounds(body) for body in NAMES]
-                of_bodies = np.array([part[:2] for part in parts if part is not None]).T
-                of_points = [BOUNDS[_PART_OF_POINT[point]][:2] for point in POINTS]
-            else:
-                of_bodies = np.repeat(np.array(pair)[:, None], len(NAMES), axis=1)
-                of_points = [pair] * len(POINTS)
+            claim = make_claim(recording, pair)
             for clean in (False, True):
-                limits = of_bodies[0].copy(), of_bodies[1].copy()
-                self.streams[name, clean] = Stream(recording, limits, of_points, clean)
+                self.streams[name, clean] = Stream(recording, claim, clean)
 
     def frame(self, time: float) -> int:
         """The last frame at a time in [s] since it began."""
@@ -203,6 +187,39 @@ class People:
         if share < 1e-3 or frame + 1 >= len(self.ends):
             return self.ends[frame]
         return (1.0 - share) * self.ends[frame] + share * self.ends[frame + 1]
+
+
+def make_claim(recording: Recording, bounds: tuple[float, float] | None) -> Claim:
+    """Estimate velocities and find what breaks its bounds.
+
+    Args:
+        recording: Of a person.
+        bounds: Acceleration in [m]/[s]² and speed in [m]/[s] for all; None: by part of the body.
+    """
+    if bounds is None:
+        parts = [find_bounds(body) for body in NAMES]
+        pairs = [part[:2] for part in parts if part is not None]
+        of_points = [BOUNDS[_PART_OF_POINT[point]][:2] for point in POINTS]
+    else:
+        pairs, of_points = [bounds] * len(NAMES), [bounds] * len(POINTS)
+    accel, speed = np.array(pairs).T.copy()
+    points, rate = recording.position, recording.rate
+    velocity, errors = np.empty(points.shape), np.empty(points.shape[:2])
+    for k, limits in enumerate(of_points):
+        velocity[:, k : k + 1], errors[:, k : k + 1] = estimate_velocities(
+            points[:, k : k + 1], rate, *limits, MARKER_ERROR
+        )
+    shown = np.isfinite(points[:, ENDS]).all(axis=(2, 3))
+    error = errors[:, ENDS].max(axis=2)
+    agrees = [
+        find_agreeing(
+            np.ascontiguousarray(points[:, ends]), np.ascontiguousarray(velocity[:, ends]),
+            error[:, row].copy(), shown[:, row].copy(), rate, accel[row], speed[row],
+            MARKER_ERROR, round(MEMORY * rate),
+        )
+        for row, ends in enumerate(ENDS)
+    ]  # fmt: skip
+    return Claim(accel, speed, velocity, error, shown, np.stack(agrees, axis=1))
 
 
 @kernel

@@ -171,12 +171,12 @@ def _targets(results: Results, scope: Scope) -> list[str]:
                 what = f"{target.rule} ÷ {target.rival}"
                 aim = f"≤ {target.most:g}"
                 rows.append([what, _milliseconds(setting.reaction), setting.bounds, aim, *cells])
-    lines = []
+    lines = ["## What was aimed at", ""]
     if rows:
         heads = ["shares of time in STOP", "reaction", "people", "aim"]
         for speed in results.speeds:
             heads += [f"{speed:g} rad/s, all places", "without place 1"]
-        lines = ["## What was aimed at", "", *_table(heads, rows), ""]
+        lines += [*_table(heads, rows), ""]
     rows = [row for setting in _obeyed_settings(scope) for row in _scale_rows(results, setting)]
     if rows:
         text = "An arm that obeys the scale was to lose no more work than one that ignores it, and"
@@ -185,10 +185,15 @@ def _targets(results: Results, scope: Scope) -> list[str]:
         for speed in results.speeds:
             heads += [f"{speed:g} rad/s: ignores it", "obeys it", "aim"]
         lines += [text, "", *_table(heads, rows), ""]
-    missed = sum(one.outcome.missed for one in results.found if ORACLE not in one.rule)
+    monitors = [one for one in results.found if not one.rule.startswith((ORACLE, SEPARATION))]
+    ticks, contacts = (
+        sum(one.outcome.missed for one in monitors if isinstance(one.outcome, kind))
+        for kind in (Judged, Obeyed)
+    )
     hits = sum(results.hits(speed) for speed in results.speeds)
-    text = f"Missed contacts were to be 0; all rules in all settings missed {missed}, where an arm"
-    return [*lines, f"{text} that obeys nobody has {hits}.", ""]
+    text = f"Monitors were to miss nothing: they missed {ticks} ticks of an arm that goes on, and"
+    text += f" {contacts} contacts of an arm that obeys. One that obeys nobody has {hits} contacts."
+    return [*lines, text, ""]
 
 
 def _obeyed_settings(scope: Scope) -> list[Setting]:
@@ -305,8 +310,8 @@ def _obeying(results: Results, scope: Scope) -> list[str]:
                     rows.append([rule, *cells])
             if rows:
                 lines += [
-                    f"{speed:g} rad/s, {_milliseconds(setting.reaction)} of reaction. An arm that obeys"
-                    f" nobody hits the person {results.hits(speed, among)} times.",
+                    f"{speed:g} rad/s, {_milliseconds(setting.reaction)} of reaction. An arm that"
+                    f" obeys nobody hits the person {results.hits(speed, among)} times.",
                     "",
                     *_table(heads, rows),
                     "",
