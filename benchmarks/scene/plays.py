@@ -173,7 +173,7 @@ class Stage:
         self, people: People, arm: WorkingArm, rule: Rule, seconds: float, *, by_scale: bool
     ) -> Obeyed:
         """Let an arm obey one rule, and by wish keep to the speed that it allows."""
-        arm.deceleration = rule.deceleration
+        arm.brakes = rule.brakes
         brakes, contacts = Brakes(arm, rule.delay), Contacts()
         holder = Holder(0.0 if rule.holds else RISE_DELAY)
         ticks = stopped = stops = missed = beyond = 0
@@ -212,7 +212,7 @@ class Stage:
 def _is_answerable(rule: Rule, oracle: Oracle) -> bool:
     """Whether a rule's STOP takes as long as that of an oracle, with the same brakes."""
     delays = rule.timing.period + rule.delay, oracle.timing.period + oracle.delay
-    return delays[0] == delays[1] and bool((rule.deceleration == oracle.deceleration).all())
+    return delays[0] == delays[1] and rule.brakes.payload == oracle.brakes.payload
 
 
 def _was_broken(moment: Moment, rule: Rule, body: int, until: float) -> bool:

@@ -23,7 +23,7 @@ from armguard.simulation.recordings import MARKER_ERROR
 from armguard.verdict import Level, ReasonKind
 from scene.clearance import Leaves, is_separate
 from scene.recorded_people import RADII, People
-from scene.working_arm import ACCELERATION_SHARE, WorkingArm
+from scene.working_arm import ACCELERATION_SHARE, Braking, WorkingArm
 
 TRACKING_ERROR, VELOCITY_TRACKING_ERROR = 1e-3, 0.01
 """What the controller states that it may be off its plans by, in [rad] and [rad]/[s]."""
@@ -94,12 +94,12 @@ class Rule:
         setting: What the rule has to live with.
         period: Of its ticks, in [s].
         name: For tables.
-        deceleration: What its brakes are known to guarantee, in [rad]/[s]²; None: at the heaviest
-            payload. Shape (nv,).
+        payload: Of the arm, in [kg]; None: the heaviest that its brakes are stated for.
         clean: Whether it is shown clean data.
 
     Attributes:
         delay: From its STOP to deceleration, in [s].
+        brakes: What the arm's guarantee under that payload.
         holds: Whether its STOPs last until it believes that they are over.
         has_scale: Whether it says how fast the arm may go on.
         speed_limit: What joints are to keep to by its last judgement, in [rad]/[s]. Shape (nv,).
@@ -116,13 +116,13 @@ class Rule:
         period: float,
         name: str,
         *,
-        deceleration: np.ndarray | None = None,
+        payload: float | None = None,
         clean: bool = True,
     ) -> None:
         self.robot, self.setting, self.name, self.clean = robot, setting, name, clean
         self.timing = make_timing(setting, period)
         self.delay = self.timing.delay
-        self.deceleration = robot.braking_deceleration if deceleration is None else deceleration
+        self.brakes = Braking(robot, payload)
         self.speed_limit: np.ndarray | float = np.inf
         self.pace_limit = 1.0
         self.price = 0.0
@@ -156,11 +156,11 @@ class Oracle(Rule):
         arm, people, response = moment.arm, moment.people, self.timing.response
         fastest = np.abs(arm.v) + self._gain
         closing = people.pace[people.frame(moment.since)] + float(self._leaves.reach @ fastest)
-        lasting = response + float(np.max(fastest / self.deceleration))
+        lasting = response + float(self.brakes.lasting(fastest).max())
         gaps, spent = moment.gaps, 0.0
         if not gaps.min() > closing * lasting:
             arm = copy.copy(arm)
-            arm.deceleration = self.deceleration
+            arm.brakes = self.brakes
             while True:
                 if not arm.rests and gaps.min() <= 0.0:
                     self.touched = int(gaps.argmin()), spent
@@ -200,8 +200,8 @@ class Separation(Rule):
         shown = moment.since - self.setting.camera
         frames = self._sent[people.frame(shown)]
         ages = np.where(frames >= 0, moment.since - frames / people.rate, np.inf)
-        joints = np.abs(moment.arm.v) / self.deceleration
-        stopping = np.where(leaves.moves, joints, 0.0).max(axis=1)
+        lasting = self.brakes.lasting(moment.arm.v)
+        stopping = np.where(leaves.moves, lasting, 0.0).max(axis=1)
         apart: bool = is_separate(
             leaves.centers, leaves.velocities, leaves.radius, leaves.link, stopping,
             people.seen[frames, self._bodies], RADII, ages, timing.response, HUMAN_SPEED,
@@ -227,11 +227,11 @@ class MonitorRule(Rule):
         period: float,
         name: str,
         *,
-        deceleration: np.ndarray | None = None,
+        payload: float | None = None,
         clean: bool = True,
         **options: Any,
     ) -> None:
-        super().__init__(robot, setting, period, name, deceleration=deceleration, clean=clean)
+        super().__init__(robot, setting, period, name, payload=payload, clean=clean)
         self._table = Obstacles()
         self.monitor = Monitor(
             robot,

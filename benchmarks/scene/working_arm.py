@@ -11,10 +11,35 @@ import copy
 
 import numpy as np
 
+from armguard.robot import Robot
 from armguard.simulation import JointTrajectory
 
 ACCELERATION_SHARE = 0.25
 """No joint speeds up by more than this share of its acceleration limit."""
+
+
+class Braking:
+    """What an arm's brakes guarantee, joint by joint.
+
+    Args:
+        robot: The arm.
+        payload: In [kg]; None: the heaviest.
+
+    Attributes:
+        payload: As given.
+    """
+
+    def __init__(self, robot: Robot, payload: float | None = None) -> None:
+        self.payload = payload
+        self._deceleration = robot.braking_deceleration
+
+    def deceleration(self, v: np.ndarray) -> np.ndarray:
+        """Of joints that begin to brake at given velocities, in [rad]/[s]². Shapes (nv,)."""
+        return self._deceleration
+
+    def lasting(self, v: np.ndarray) -> np.ndarray:
+        """How long each joint takes to rest, in [s]; `v` as for `deceleration`. Shape (nv,)."""
+        return np.abs(v) / self.deceleration(v)
 
 
 class Leg:
@@ -65,15 +90,14 @@ class WorkingArm:
 
     Args:
         trajectory: What to follow, from its start at rest.
-        deceleration: Of the brakes, in [rad]/[s]²; None: what the robot's guarantee at the
-            heaviest payload. Shape (nv,).
+        brakes: What they guarantee, as `Braking`; None: at the heaviest payload.
 
     Attributes:
         q: Joint positions, in [rad] or [m]. Shape (nv,).
         v: Their derivatives, in [rad]/[s] or [m]/[s]. Shape (nv,).
         progress: Time along the trajectory, in [s].
         braking: Whether the brakes are on, as they are at first.
-        deceleration: Of the brakes, in [rad]/[s]². Shape (nv,).
+        brakes: Of joints that brake from given speeds, what they guarantee, in [rad]/[s]².
         leg: What it follows, or will once it rests and may: the trajectory, or the way back to it.
         leg_time: How far it has come on that, in [s].
         legs: How many legs it has taken up.
@@ -129,6 +153,7 @@ class WorkingArm:
         """
         if not go and not self.braking:
             self.braking = True
+            self._deceleration = self.brakes.deceleration(self.v)
         if self.braking and go and self.rests:
             self.braking = False
         if self.braking:
@@ -152,8 +177,8 @@ class WorkingArm:
 
     def _brake(self, dt: float) -> None:
         was_at_rest = self.rests
-        moving = np.minimum(dt, np.abs(self.v) / self.deceleration)
-        pull = -np.sign(self.v) * self.deceleration
+        moving = np.minimum(dt, np.abs(self.v) / self._deceleration)
+        pull = -np.sign(self.v) * self._deceleration
         self.q = self.q + moving * (self.v + 0.5 * pull * moving)
         self.v = np.where(moving < dt, 0.0, self.v + pull * moving)
         if self.rests and not was_at_rest:
