@@ -106,10 +106,11 @@ class WorkingArm:
         ValueError: The trajectory needs all the acceleration that there is for speeding up.
     """
 
-    def __init__(self, trajectory: JointTrajectory, deceleration: np.ndarray | None = None) -> None:
+    def __init__(self, trajectory: JointTrajectory, brakes: Braking | None = None) -> None:
         robot = trajectory.robot
         self._trajectory = trajectory
-        self.deceleration = robot.braking_deceleration if deceleration is None else deceleration
+        self.brakes = Braking(robot) if brakes is None else brakes
+        self._deceleration = robot.braking_deceleration
         along = trajectory.acceleration_fraction * np.minimum(
             robot.acceleration_limit, robot.braking_deceleration
         )
