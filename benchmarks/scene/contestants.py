@@ -6,11 +6,22 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from armguard.robot import OperatingLimits, Robot
-from scene.stop_rules import ContactTimeRule, MonitorRule, Oracle, Rule, Separation, Setting
+from scene.stop_rules import (
+    ContactTimeRule,
+    FollowingRule,
+    MonitorRule,
+    Oracle,
+    PieceRule,
+    Rule,
+    Separation,
+    Setting,
+)
 
 ORACLE, SEPARATION, BRAKING = "knows the future", "separation distance", "braking"
 ISOTROPIC, JOINT = "isotropic", "joint, no braking"
 OPERATING = "operating limits"
+PATH, ON_PATH, PIECES = "known path", "known path, stop on it", "pieces with their own stop"
+NO_LOAD = ", no load"
 AS_THEY_COME = ", data as they come"
 
 OPERATING_VELOCITY = 1.05
@@ -24,6 +35,12 @@ DESCRIPTIONS = {
     JOINT: "the default's contact time against the time in which any arm would rest",
     OPERATING: f"`operating=`, {OPERATING_ACCELERATION:g} of the acceleration limits and"
     f" {OPERATING_VELOCITY:g} of the top speeds of the arm's trajectories",
+    PATH: "operating limits, and `follow`: the trajectory is known, and where on it the arm is;"
+    " each joint may leave it at any moment until its brakes bite",
+    ON_PATH: 'the same with `stop="path"`: joints stop together, on the path',
+    PIECES: "operating limits, and `commit`: in each tick the next piece, with a stop at its end;"
+    " no reaction time enters; an arm that is refused one stops at the end of the one before",
+    PATH + NO_LOAD: "the known path with `payload=0`: brakes as they are without load",
 }
 """What is particular about monitors with settings."""
 
@@ -78,6 +95,11 @@ class Target(NamedTuple):
 TARGETS = (
     Target(OPERATING, SEPARATION, 1.05, (0.02,)),
     Target(OPERATING, SEPARATION, 1.6, (0.1,)),
+    Target(PATH, SEPARATION, 0.95, (0.02, 0.05, 0.1)),
+    Target(PIECES, SEPARATION, 0.95, (0.02, 0.05, 0.1)),
+    Target(PATH + NO_LOAD, SEPARATION, 0.75, (0.02, 0.05, 0.1)),
+    Target(PATH + NO_LOAD, SEPARATION + NO_LOAD, 0.95, (0.02, 0.05, 0.1)),
+    Target(PATH + NO_LOAD, ORACLE, 3.0, (0.02, 0.05, 0.1)),
 )
 
 
@@ -99,18 +121,28 @@ def make_rules(
         velocity=min(1.0, OPERATING_VELOCITY * speed_fraction),
         acceleration=OPERATING_ACCELERATION,
     )
+    known = {"motion": "planned", "operating": operating}
     rules: list[Rule] = [
         Separation(*given, SEPARATION),
         MonitorRule(*given, BRAKING),
         MonitorRule(*given, OPERATING, operating=operating),
+        FollowingRule(*given, PATH, **known),
+        FollowingRule(*given, PATH + NO_LOAD, payload=0.0, **known),
     ]
     if scope.is_usual(setting):
         rules += [
             Oracle(*given, ORACLE),
+            Oracle(*given, ORACLE + NO_LOAD, payload=0.0),
+            Separation(*given, SEPARATION + NO_LOAD, payload=0.0),
             MonitorRule(*given, ISOTROPIC, motion="isotropic"),
             ContactTimeRule(*given, JOINT),
+            MonitorRule(*given, OPERATING + NO_LOAD, payload=0.0, operating=operating),
+            FollowingRule(*given, ON_PATH, stop="path", **known),
+            PieceRule(*given, PIECES, **known),
+            PieceRule(*given, PIECES + NO_LOAD, payload=0.0, **known),
             Separation(*given, SEPARATION + AS_THEY_COME, clean=False),
             MonitorRule(*given, BRAKING + AS_THEY_COME, clean=False),
             MonitorRule(*given, OPERATING + AS_THEY_COME, clean=False, operating=operating),
+            FollowingRule(*given, PATH + AS_THEY_COME, clean=False, **known),
         ]
     return rules

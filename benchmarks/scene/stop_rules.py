@@ -239,6 +239,7 @@ class MonitorRule(Rule):
             rate=1.0 / period,
             latency=self.timing.latency,
             reaction_time=self.timing.reaction,
+            payload=payload,
             **options,
         )
         operating = options.get("operating")

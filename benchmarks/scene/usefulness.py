@@ -61,21 +61,15 @@ class Results:
         rule: str,
         setting: Setting,
         how: str = "goes on",
-        *,
-        first_placement: int = 0,
         **where: object,
     ) -> list[Found]:
-        """Of one rule in one setting, from one place on.
-
-        `where` are fields of `Found` and their values.
-        """
-        if rule == ORACLE:
+        """Of one rule in one setting; `where` are fields of `Found` and their values."""
+        if rule.startswith(ORACLE):
             setting = self._usual._replace(reaction=setting.reaction)
         return [
             one
             for one in self._by.get((speed, rule, setting, how), [])
-            if one.placement >= first_placement
-            and all(getattr(one, key) == x for key, x in where.items())
+            if all(getattr(one, key) == x for key, x in where.items())
         ]
 
     def share(self, *what: object, **where: object) -> float:
@@ -156,26 +150,21 @@ def write_page(
 
 
 def _targets(results: Results, scope: Scope) -> list[str]:
-    """What was aimed at, and what came of it: over all places, and without the shared one."""
+    """What was aimed at, and what came of it: over all recordings and by recording."""
     rows = []
     for target in TARGETS:
         for setting in scope.settings():
-            if setting.reaction not in target.reactions or setting.camera != scope.cameras[0]:
-                continue
-            cells = []
-            for speed in results.speeds:
-                for ratio in _ratios(results, target, speed, setting):
-                    is_met = "met" if ratio <= target.most else "not met"
-                    cells.append(f"{ratio:.2f}, {is_met}" if np.isfinite(ratio) else "–")
-            if set(cells) != {"–"}:
-                what = f"{target.rule} ÷ {target.rival}"
-                aim = f"≤ {target.most:g}"
-                rows.append([what, _milliseconds(setting.reaction), setting.bounds, aim, *cells])
+            if setting.reaction in target.reactions and setting.camera == scope.cameras[0]:
+                cells = [_target_cells(results, target, x, setting) for x in results.speeds]
+                if any(cells):
+                    what = f"{target.rule} ÷ {target.rival}, at most {target.most:g}"
+                    first = [what, _milliseconds(setting.reaction), setting.bounds]
+                    rows.append(first + [one for some in cells for one in some or ["–"] * 3])
     lines = ["## What was aimed at", ""]
     if rows:
-        heads = ["shares of time in STOP", "reaction", "people", "aim"]
+        heads = ["ratio of time in STOP", "reaction", "people"]
         for speed in results.speeds:
-            heads += [f"{speed:g} rad/s, all places", "without place 1"]
+            heads += [f"{speed:g} rad/s", "aim", "by recording"]
         lines += [*_table(heads, rows), ""]
     rows = [row for setting in _obeyed_settings(scope) for row in _scale_rows(results, setting)]
     if rows:
@@ -221,16 +210,30 @@ def _scale_rows(results: Results, setting: Setting) -> list[list[str]]:
     return rows
 
 
-def _ratios(results: Results, target: Target, speed: float, setting: Setting) -> list[float]:
-    """Of both shares, over all places and without the shared one; NaN where there is none."""
-    ratios = []
-    for first in (0, 1):
-        shares = [
-            results.share(speed, rule, setting, first_placement=first)
-            for rule in (target.rule, target.rival)
-        ]
-        ratios.append(shares[0] / shares[1] if shares[1] > 0.0 else np.nan)
-    return ratios
+def _target_cells(results: Results, target: Target, speed: float, setting: Setting) -> list[str]:
+    """The ratio over all recordings, whether that is what was aimed at, and what each has."""
+    whole = _ratio(results, target, speed, setting)
+    if not np.isfinite(whole):
+        return []
+    found = results.of(speed, target.rule, setting)
+    names = dict.fromkeys(one.recording for one in found)
+    each = [_ratio(results, target, speed, setting, recording=name) for name in names]
+    known = [ratio for ratio in each if np.isfinite(ratio)]
+    return [
+        f"{whole:.2f}",
+        "met" if whole <= target.most else "not met",
+        f"{min(known):.2f} to {max(known):.2f}",
+    ]
+
+
+def _ratio(
+    results: Results, target: Target, speed: float, setting: Setting, **where: object
+) -> float:
+    """Of the shares of time in STOP; NaN where the rival has none, or there is none."""
+    share, rival = (
+        results.share(speed, rule, setting, **where) for rule in (target.rule, target.rival)
+    )
+    return share / rival if rival > 0.0 else np.nan
 
 
 def _shares(results: Results, scope: Scope) -> list[str]:

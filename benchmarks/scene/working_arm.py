@@ -31,11 +31,16 @@ class Braking:
 
     def __init__(self, robot: Robot, payload: float | None = None) -> None:
         self.payload = payload
-        self._deceleration = robot.braking_deceleration
+        curves = robot.brakes.make_curves(payload)
+        self._speeds, self._decelerations = curves.speed, curves.deceleration
 
     def deceleration(self, v: np.ndarray) -> np.ndarray:
         """Of joints that begin to brake at given velocities, in [rad]/[s]². Shapes (nv,)."""
-        return self._deceleration
+        steps = (np.abs(v)[:, None] > self._speeds).sum(axis=1)
+        if (steps == self._speeds.shape[1]).any():
+            raise ValueError(f"nothing is stated of brakes at {v} with {self.payload} kg")
+        found: np.ndarray = np.take_along_axis(self._decelerations, steps[:, None], axis=1)[:, 0]
+        return found
 
     def lasting(self, v: np.ndarray) -> np.ndarray:
         """How long each joint takes to rest, in [s]; `v` as for `deceleration`. Shape (nv,)."""
