@@ -175,7 +175,7 @@ class Stage:
         """Let an arm obey one rule, and by wish keep to the speed that it allows."""
         arm.brakes = rule.brakes
         brakes, contacts = Brakes(arm, rule.delay), Contacts()
-        holder = Holder(0.0 if rule.holds else RISE_DELAY)
+        holder = Holder(0.0 if rule.holds or rule.goes_at_once else RISE_DELAY)
         ticks = stopped = stops = missed = beyond = 0
         for moment in self._moments(people, arm, [rule], seconds):
             before = holder.stops

@@ -101,13 +101,14 @@ class Rule:
         delay: From its STOP to deceleration, in [s].
         brakes: What the arm's guarantee under that payload.
         holds: Whether its STOPs last until it believes that they are over.
+        goes_at_once: Whether an arm that obeys goes on as soon as it may.
         has_scale: Whether it says how fast the arm may go on.
         speed_limit: What joints are to keep to by its last judgement, in [rad]/[s]. Shape (nv,).
         pace_limit: The same of the arm's clock along its way.
         price: Time that the last judgement took, in [s].
     """
 
-    holds = has_scale = False
+    holds = goes_at_once = has_scale = False
 
     def __init__(
         self,
@@ -327,10 +328,11 @@ class PieceRule(MonitorRule):
 
     A piece lasts until the answer to the next one has arrived, and stops as hard as brakes
     guarantee. An arm that obeys is on it when no other is found safe, so that no reaction time
-    enters.
+    enters. It goes on with the first piece that is safe: what is proposed must be done.
     """
 
     holds = has_scale = False
+    goes_at_once = True
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)

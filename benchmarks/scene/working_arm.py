@@ -54,25 +54,29 @@ class Leg:
         trajectory: Followed from `start` on.
         start: Time along it, in [s].
         slew: How fast the rate rises, in [1]/[s]; inf where the trajectory rests at the start.
+
+    Attributes:
+        rise: How long that takes, in [s].
+        duration: In [s]; inf where it does not end.
     """
 
     def __init__(self, trajectory: JointTrajectory, start: float, slew: float) -> None:
         self.trajectory, self.start = trajectory, start
-        self._rise = 1.0 / slew
+        self.rise = 1.0 / slew
         self.duration = np.inf
         if not trajectory.loop:
-            self.duration = trajectory.duration - start + 0.5 * self._rise
+            self.duration = trajectory.duration - start + 0.5 * self.rise
 
     def place(self, time: float) -> float:
         """Time along the trajectory at a time of the leg, both in [s]."""
-        if time < self._rise:
-            return self.start + 0.5 * time * time / self._rise
-        return self.start + time - 0.5 * self._rise
+        if time < self.rise:
+            return self.start + 0.5 * time * time / self.rise
+        return self.start + time - 0.5 * self.rise
 
     def sample(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Positions, and their derivatives by the time of the leg. Shapes (nv,)."""
         q, slope = self.trajectory.sample(self.place(time))
-        return q, min(1.0, time / self._rise if self._rise > 0.0 else 1.0) * slope
+        return q, min(1.0, time / self.rise if self.rise > 0.0 else 1.0) * slope
 
     def next_rest(self, time: float) -> float:
         """A time of the leg, not before the one given, at which it rests, in [s]."""
@@ -81,7 +85,7 @@ class Leg:
             return self.duration
         laps, within = divmod(self.place(time), way.duration)
         stop = way.stops[np.searchsorted(way.stops, within)]
-        return float(laps * way.duration + stop - self.start + 0.5 * self._rise)
+        return float(laps * way.duration + stop - self.start + 0.5 * self.rise)
 
 
 class WorkingArm:
@@ -121,10 +125,9 @@ class WorkingArm:
         )
         self._top_speed = trajectory.speed_fraction * robot.velocity_limit
         # With a leg's rate r and the pace p of the arm's clock along it, and a dash for the
-        # derivative by the trajectory's own time, |q̈| = |q'' (r p)² + q' (dr/dt p² + r dp/dt)|: one
-        # half of what the trajectory leaves is for restarts, the other for obeying speed limits.
+        # derivative by the trajectory's own time, |q̈| = |q'' (r p)² + q' (dr/dt p² + r dp/dt)|.
         spare = ACCELERATION_SHARE * robot.acceleration_limit - along
-        self._slew = 0.5 * float(np.min(spare / self._top_speed))
+        self._slew = float(np.min(spare / self._top_speed))
         if not self._slew > 0.0:
             raise ValueError(
                 f"the trajectory uses {ACCELERATION_SHARE:.0%} of the acceleration limits or more"
@@ -215,8 +218,10 @@ class WorkingArm:
             slopes = [self.leg.sample(self.leg_time + ahead)[1] for ahead in (0.0, dt)]
             fastest = np.maximum(np.abs(slopes).max(axis=0), 1e-9)
             wanted = min(wanted, float(np.min(speed_limit / fastest)))
-        change = float(np.clip(wanted - self._pace, -self._slew * dt, self._slew * dt))
-        turning = abs(change) / self._slew
+        # While the rate rises, no more than what that leaves; to slow down is the other way.
+        rising = self._slew * (1.0 - self._pace**2 if self.leg_time < self.leg.rise else 1.0)
+        change = float(np.clip(wanted - self._pace, -self._slew * dt, rising * dt))
+        turning = abs(change) / (self._slew if change < 0.0 else max(rising, 1e-9))
         pace = self._pace + change
         way = 0.5 * (self._pace + pace) * turning + pace * (dt - turning)
         self._pace = pace
