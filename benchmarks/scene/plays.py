@@ -173,7 +173,7 @@ class Stage:
         self, people: People, arm: WorkingArm, rule: Rule, seconds: float, *, by_scale: bool
     ) -> Obeyed:
         """Let an arm obey one rule, and by wish keep to the speed that it allows."""
-        arm.brakes = rule.brakes
+        arm.brakes, arm.stops_on_path = rule.brakes, rule.stops_on_path
         brakes, contacts = Brakes(arm, rule.delay), Contacts()
         holder = Holder(0.0 if rule.holds or rule.goes_at_once else RISE_DELAY)
         ticks = stopped = stops = missed = beyond = 0
@@ -212,7 +212,8 @@ class Stage:
 def _is_answerable(rule: Rule, oracle: Oracle) -> bool:
     """Whether a rule's STOP takes as long as that of an oracle, with the same brakes."""
     delays = rule.timing.period + rule.delay, oracle.timing.period + oracle.delay
-    return delays[0] == delays[1] and rule.brakes.payload == oracle.brakes.payload
+    is_alike = rule.stops_on_path == oracle.stops_on_path
+    return delays[0] == delays[1] and is_alike and rule.brakes.payload == oracle.brakes.payload
 
 
 def _was_broken(moment: Moment, rule: Rule, body: int, until: float) -> bool:

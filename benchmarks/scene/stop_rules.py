@@ -101,6 +101,7 @@ class Rule:
         delay: From its STOP to deceleration, in [s].
         brakes: What the arm's guarantee under that payload.
         holds: Whether its STOPs last until it believes that they are over.
+        stops_on_path: Whether the arm stops on its path; else each joint by itself.
         goes_at_once: Whether an arm that obeys goes on as soon as it may.
         has_scale: Whether it says how fast the arm may go on.
         speed_limit: What joints are to keep to by its last judgement, in [rad]/[s]. Shape (nv,).
@@ -124,6 +125,7 @@ class Rule:
         self.timing = make_timing(setting, period)
         self.delay = self.timing.delay
         self.brakes = Braking(robot, payload)
+        self.stops_on_path = False
         self.speed_limit: np.ndarray | float = np.inf
         self.pace_limit = 1.0
         self.price = 0.0
@@ -233,6 +235,7 @@ class MonitorRule(Rule):
         **options: Any,
     ) -> None:
         super().__init__(robot, setting, period, name, payload=payload, clean=clean)
+        self.stops_on_path = options.get("stop") == "path"
         self._table = Obstacles()
         self.monitor = Monitor(
             robot,

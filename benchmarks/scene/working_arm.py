@@ -17,6 +17,9 @@ from armguard.simulation import JointTrajectory
 ACCELERATION_SHARE = 0.25
 """No joint speeds up by more than this share of its acceleration limit."""
 
+BENDING_STEP = 1e-4
+"""Of the differences that say how a path bends, in [s]."""
+
 
 class Braking:
     """What an arm's brakes guarantee, joint by joint.
@@ -119,6 +122,7 @@ class WorkingArm:
         robot = trajectory.robot
         self._trajectory = trajectory
         self.brakes = Braking(robot) if brakes is None else brakes
+        self.stops_on_path = False
         self._deceleration = robot.braking_deceleration
         along = trajectory.acceleration_fraction * np.minimum(
             robot.acceleration_limit, robot.braking_deceleration
@@ -165,7 +169,9 @@ class WorkingArm:
             self._deceleration = self.brakes.deceleration(self.v)
         if self.braking and go and self.rests:
             self.braking = False
-        if self.braking:
+        if self.braking and self.stops_on_path:
+            self._brake_on_path(dt)
+        elif self.braking:
             self._brake(dt)
         else:
             self._follow(dt, speed_limit, pace_limit)
@@ -192,6 +198,20 @@ class WorkingArm:
         self.v = np.where(moving < dt, 0.0, self.v + pull * moving)
         if self.rests and not was_at_rest:
             self._turn_back()
+
+    def _brake_on_path(self, dt: float) -> None:
+        if self.rests:
+            # A leg that it has yet to begin begins at rest at any pace.
+            self._pace = 0.0 if self.leg_time > 0.0 else 1.0
+            return
+        (_, slope), (_, ahead) = (
+            self.leg.sample(self.leg_time + later) for later in (0.0, BENDING_STEP)
+        )
+        spare = self._deceleration - np.abs(ahead - slope) / BENDING_STEP
+        rate = float(np.min(spare / np.maximum(np.abs(slope), 1e-9)))
+        if not rate > 0.0:
+            raise ValueError("the path bends too much for a stop on it")
+        self._advance(dt, max(0.0, self._pace - rate * dt), rate)
 
     def _turn_back(self) -> None:
         """Take up the way, from rest to rest, to where the path was left."""
@@ -221,8 +241,11 @@ class WorkingArm:
         # While the rate rises, no more than what that leaves; to slow down is the other way.
         rising = self._slew * (1.0 - self._pace**2 if self.leg_time < self.leg.rise else 1.0)
         change = float(np.clip(wanted - self._pace, -self._slew * dt, rising * dt))
-        turning = abs(change) / (self._slew if change < 0.0 else max(rising, 1e-9))
-        pace = self._pace + change
+        self._advance(dt, self._pace + change, self._slew if change < 0.0 else max(rising, 1e-9))
+
+    def _advance(self, dt: float, pace: float, rate: float) -> None:
+        """Go along the leg for a time, first coming to a pace of its clock at a rate, in [1]/[s]."""
+        turning = min(dt, abs(pace - self._pace) / rate)
         way = 0.5 * (self._pace + pace) * turning + pace * (dt - turning)
         self._pace = pace
         # At its end a leg rests, and so does the arm for what is left of the step.

@@ -216,6 +216,27 @@ def test_the_arm_keeps_to_a_pace(load, trajectory):
     assert arm.progress == pytest.approx(left, abs=1e-3)
 
 
+def test_the_arm_stops_on_its_path(load, trajectory):
+    robot = trajectory.robot
+    arm = load("scene.working_arm").WorkingArm(trajectory)
+    arm.stops_on_path = True
+    dt, random, stops = 1e-3, np.random.default_rng(1), 0
+    most = np.maximum(0.25 * robot.acceleration_limit, robot.braking_deceleration) * 1.01
+    go, way = True, []
+    for _ in range(8000):
+        if random.random() < 0.003:
+            go = not go
+        moved, before = not arm.rests, arm.v
+        arm.step(dt, go)
+        stops += moved and arm.rests and arm.braking
+        assert (np.abs(arm.v - before) <= most * dt).all()
+        assert arm.legs == 1
+        way.append(arm.leg_time)
+        np.testing.assert_array_equal(arm.q, arm.leg.sample(arm.leg_time)[0])
+    assert (np.diff(way) >= 0.0).all()
+    assert stops > 3
+
+
 def test_a_leg_begins_and_ends_at_rest(load, trajectory):
     working, slew = load("scene.working_arm"), 0.8
     leg = working.Leg(trajectory, 1.3, slew)
