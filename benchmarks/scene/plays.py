@@ -143,7 +143,7 @@ class Stage:
         prices: list[list[float]] = [[] for _ in rules]
         ticks = hits = 0
         for moment in self._moments(people, arm, rules, seconds):
-            counts = moment.since >= BEGIN
+            counts = moment.counts
             ticks += counts
             says = []
             for k, (rule, holder) in enumerate(zip(rules, holders, strict=True)):
@@ -180,8 +180,7 @@ class Stage:
         for moment in self._moments(people, arm, [rule], seconds):
             before = holder.stops
             stop = holder.update(moment.now, rule.judge(moment))
-            counts = moment.since >= BEGIN
-            if counts:
+            if moment.counts:
                 ticks += 1
                 stopped += stop
                 stops += stop and not before
@@ -189,7 +188,7 @@ class Stage:
                     broken = _was_broken(moment, rule, int(body), 0.0)
                     beyond += broken
                     missed += not broken
-            brakes.tell(moment.now, stop or not counts)
+            brakes.tell(moment.now, stop or not moment.counts)
             limits = (rule.speed_limit, rule.pace_limit) if by_scale else ()
             brakes.run(moment.now, self._period, *limits)
         return Obeyed(ticks, stopped, stops, missed, beyond, arm.progress)
@@ -205,7 +204,7 @@ class Stage:
             since = tick * period
             self._leaves.place(arm.q, arm.v)
             gaps = self._leaves.gaps(people.ends_at(since), RADII)
-            yield Moment(begin + since, since, arm, self._leaves, gaps, people)
+            yield Moment(begin + since, since, arm, self._leaves, gaps, people, since >= BEGIN)
         self._clock = begin + round(duration) + 10.0
 
 

@@ -20,7 +20,7 @@ from armguard.obstacles import Obstacles
 from armguard.pairs.separation import HUMAN_SPEED
 from armguard.robot import Robot
 from armguard.simulation.recordings import MARKER_ERROR
-from armguard.verdict import Level, ReasonKind
+from armguard.verdict import Effect, Level, ReasonKind
 from scene.clearance import Leaves, is_separate
 from scene.recorded_people import RADII, People
 from scene.working_arm import ACCELERATION_SHARE, Braking, WorkingArm
@@ -31,6 +31,9 @@ PLAN_STEP = 0.02
 """Between samples of a trajectory to follow, in [s]."""
 PLAN_AHEAD = 70.0
 """How far such a trajectory leads at least, in [s]: beyond the end of every recording."""
+
+SLOW, SLOW_TICKS = 0.05, 10
+"""Below this speed of all joints, in [rad]/[s], a piece lasts so many ticks; else one."""
 
 LATENCY = 0.002
 PERIOD = 0.005
@@ -84,6 +87,8 @@ class Moment(NamedTuple):
     gaps: np.ndarray
     """Its real distance from each body, in [m]. Shape (bodies,)."""
     people: People
+    counts: bool
+    """Whether the arm may set off, and what is said counts; else it rests."""
 
 
 class Rule:
@@ -327,11 +332,12 @@ class FollowingRule(MonitorRule):
 
 
 class PieceRule(MonitorRule):
-    """A monitor that is shown, in each tick, the next piece of the way with a stop at its end.
+    """A monitor that is shown the next piece of the way, with a stop at its end, again and again.
 
     A piece lasts until the answer to the next one has arrived, and stops as hard as brakes
     guarantee. An arm that obeys is on it when no other is found safe, so that no reaction time
-    enters. It goes on with the first piece that is safe: what is proposed must be done.
+    enters. It goes on with the first piece that is safe: what is proposed must be done. While the
+    arm is slow, pieces are longer: those that joint states cannot tell apart are all kept.
     """
 
     holds = has_scale = False
@@ -340,16 +346,32 @@ class PieceRule(MonitorRule):
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self.delay = self.timing.latency
-        self._times = np.array([0.0, 0.5, 1.0]) * (self.timing.period + self.timing.latency)
+
+    def begin(self, people: People, begin: float) -> None:
+        """Start anew, with a recording that begins at a time in [s]."""
+        super().begin(people, begin)
+        self._until = -math.inf
 
     def _judge(self, moment: Moment) -> bool:
-        arm = moment.arm
-        self.verdict = self.monitor.step(moment.now, arm.q, arm.v)
-        if arm.braking and not arm.rests:
-            return False
-        q, v = arm.preview(self._times)
-        piece = self.monitor.with_stop(make_plan(moment.now, self._times, q, v))
-        return self.monitor.commit(piece).safe
+        arm, now, timing = moment.arm, moment.now, self.timing
+        self.verdict = self.monitor.step(now, arm.q, arm.v)
+        if not moment.counts or (arm.braking and not arm.rests):
+            self._until = -math.inf
+            return not moment.counts
+        kinds = {reason.kind for reason in self.verdict.reasons}
+        broken_off = {ReasonKind.PLAN_VOID, ReasonKind.PIECE_UNSAFE}
+        if kinds & broken_off or any(kind.effect is Effect.STANDING for kind in kinds):
+            self._until = -math.inf
+        left = self._until - now - timing.latency
+        if left > timing.period + 1e-9:
+            return True
+        ticks = 1 if np.abs(arm.v).max() > SLOW else SLOW_TICKS
+        times = np.linspace(0.0, ticks * timing.period + timing.latency, ticks + 2)
+        piece = self.monitor.with_stop(make_plan(now, times, *arm.preview(times)))
+        if self.monitor.commit(piece).safe:
+            self._until = now + float(times[-1])
+            return True
+        return left > 1e-9
 
 
 def make_plan(stamp: float, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> Plan:

@@ -244,7 +244,7 @@ class WorkingArm:
         self._advance(dt, self._pace + change, self._slew if change < 0.0 else max(rising, 1e-9))
 
     def _advance(self, dt: float, pace: float, rate: float) -> None:
-        """Go along the leg for a time, first coming to a pace of its clock at a rate, in [1]/[s]."""
+        """Go along the leg for a time, first coming to a pace of its clock at a rate [1/s]."""
         turning = min(dt, abs(pace - self._pace) / rate)
         way = 0.5 * (self._pace + pace) * turning + pace * (dt - turning)
         self._pace = pace

@@ -111,7 +111,7 @@ def test_the_separation_is_the_one_of_the_formula(load, trajectory):
         arm.q, arm.v = trajectory.sample(random.uniform(0.0, trajectory.duration))
         leaves.place(arm.q, arm.v)
         since = frame / person.rate
-        apart = rule.judge(rules.Moment(since, since, arm, leaves, np.zeros(9), person))
+        apart = rule.judge(rules.Moment(since, since, arm, leaves, np.zeros(9), person, True))
         sent = person.streams["some", True].sent[frame]
         margin = math.inf
         for body, last in enumerate(sent):
