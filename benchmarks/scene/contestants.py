@@ -45,6 +45,13 @@ DESCRIPTIONS = {
 """What is particular about monitors with settings."""
 
 
+OBEYED = (
+    ORACLE, SEPARATION, SEPARATION + NO_LOAD, BRAKING, OPERATING, PATH, ON_PATH, PIECES,
+    PATH + NO_LOAD, PIECES + NO_LOAD, BRAKING + AS_THEY_COME, PATH + AS_THEY_COME,
+)  # fmt: skip
+"""Rules that an arm obeys."""
+
+
 class Scope(NamedTuple):
     """In which settings rules are compared."""
 
@@ -124,25 +131,30 @@ def make_rules(
     known = {"motion": "planned", "operating": operating}
     rules: list[Rule] = [
         Separation(*given, SEPARATION),
-        MonitorRule(*given, BRAKING),
         MonitorRule(*given, OPERATING, operating=operating),
         FollowingRule(*given, PATH, **known),
         FollowingRule(*given, PATH + NO_LOAD, payload=0.0, **known),
+        PieceRule(*given, PIECES, **known),
+        PieceRule(*given, PIECES + NO_LOAD, payload=0.0, **known),
     ]
-    if scope.is_usual(setting):
-        rules += [
-            Oracle(*given, ORACLE),
-            Oracle(*given, ORACLE + NO_LOAD, payload=0.0),
-            Separation(*given, SEPARATION + NO_LOAD, payload=0.0),
-            MonitorRule(*given, ISOTROPIC, motion="isotropic"),
-            ContactTimeRule(*given, JOINT),
-            MonitorRule(*given, OPERATING + NO_LOAD, payload=0.0, operating=operating),
-            FollowingRule(*given, ON_PATH, stop="path", **known),
-            PieceRule(*given, PIECES, **known),
-            PieceRule(*given, PIECES + NO_LOAD, payload=0.0, **known),
-            Separation(*given, SEPARATION + AS_THEY_COME, clean=False),
-            MonitorRule(*given, BRAKING + AS_THEY_COME, clean=False),
-            MonitorRule(*given, OPERATING + AS_THEY_COME, clean=False, operating=operating),
-            FollowingRule(*given, PATH + AS_THEY_COME, clean=False, **known),
-        ]
-    return rules
+    if not scope.is_usual(setting):
+        return rules
+    rules += [
+        Oracle(*given, ORACLE),
+        Oracle(*given, ORACLE + NO_LOAD, payload=0.0),
+        Separation(*given, SEPARATION + NO_LOAD, payload=0.0),
+        MonitorRule(*given, BRAKING),
+    ]
+    if setting.reaction not in scope.extremes:
+        return rules
+    return [
+        *rules,
+        MonitorRule(*given, ISOTROPIC, motion="isotropic"),
+        ContactTimeRule(*given, JOINT),
+        MonitorRule(*given, OPERATING + NO_LOAD, payload=0.0, operating=operating),
+        FollowingRule(*given, ON_PATH, stop="path", **known),
+        Separation(*given, SEPARATION + AS_THEY_COME, clean=False),
+        MonitorRule(*given, BRAKING + AS_THEY_COME, clean=False),
+        MonitorRule(*given, OPERATING + AS_THEY_COME, clean=False, operating=operating),
+        FollowingRule(*given, PATH + AS_THEY_COME, clean=False, **known),
+    ]
