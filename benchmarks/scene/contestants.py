@@ -137,11 +137,14 @@ def make_rules(
         PieceRule(*given, PIECES, **known),
         PieceRule(*given, PIECES + NO_LOAD, payload=0.0, **known),
     ]
+    if setting.camera == scope.cameras[0]:
+        rules += [
+            Oracle(*given, ORACLE),
+            Oracle(*given, ORACLE + NO_LOAD, payload=0.0),
+        ]
     if not scope.is_usual(setting):
         return rules
     rules += [
-        Oracle(*given, ORACLE),
-        Oracle(*given, ORACLE + NO_LOAD, payload=0.0),
         Separation(*given, SEPARATION + NO_LOAD, payload=0.0),
         MonitorRule(*given, BRAKING),
     ]

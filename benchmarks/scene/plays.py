@@ -133,39 +133,41 @@ class Stage:
     ) -> list[Judged]:
         """Let all rules judge an arm that goes on whatever they say; by rule.
 
-        A rule misses a STOP if it does not say so in a tick in which an oracle with the same brakes
+        Of rules that are shown clean data, ticks shortly after a broken bound do not count. A rule
+        misses a STOP if it does not say so in a tick in which an oracle with the same brakes
         and delays says that it is the last one that is in time.
         """
         brakes, contacts = Brakes(arm, 0.0), Contacts()
         holders = [Holder(0.0 if rule.holds else RISE_DELAY) for rule in rules]
         oracles = [rule for rule in rules if isinstance(rule, Oracle)]
-        count = np.zeros((len(rules), 4), dtype=int)
+        count = np.zeros((len(rules), 5), dtype=int)
         prices: list[list[float]] = [[] for _ in rules]
-        ticks = hits = 0
+        hits = 0
         for moment in self._moments(people, arm, rules, seconds):
             counts = moment.counts
-            ticks += counts
-            says = []
+            frame, says, kept = people.frame(moment.since), [], []
             for k, (rule, holder) in enumerate(zip(rules, holders, strict=True)):
                 says.append(holder.update(moment.now, rule.judge(moment)))
+                broke = people.streams[rule.setting.bounds, rule.clean].broke[frame]
+                kept.append(counts and not (rule.clean and broke.any()))
+                count[k, :2] += kept[k], kept[k] and says[k]
                 if counts:
-                    count[k, 0] += says[k]
                     prices[k].append(rule.price)
             for oracle in oracles:
-                if oracle.touched is None or not counts:
+                if oracle.touched is None:
                     continue
                 for k, rule in enumerate(rules):
-                    if _is_answerable(rule, oracle):
-                        count[k, 1] += 1
+                    if kept[k] and _is_answerable(rule, oracle):
+                        count[k, 2] += 1
                         if not says[k]:
                             beyond = _was_broken(moment, rule, *oracle.touched)
-                            count[k, 3 if beyond else 2] += 1
+                            count[k, 4 if beyond else 3] += 1
             if counts:
                 hits += int(contacts.begun(moment).sum())
             brakes.tell(moment.now, not counts)
             brakes.run(moment.now, self._period)
         return [
-            Judged(ticks, *row, hits, arm.progress, np.array(price))
+            Judged(*row, hits, arm.progress, np.array(price))
             for row, price in zip(count.tolist(), prices, strict=True)
         ]
 
@@ -212,6 +214,7 @@ def _is_answerable(rule: Rule, oracle: Oracle) -> bool:
     """Whether a rule's STOP takes as long as that of an oracle, with the same brakes."""
     delays = rule.timing.period + rule.delay, oracle.timing.period + oracle.delay
     is_alike = rule.stops_on_path == oracle.stops_on_path
+    is_alike &= rule.setting.bounds == oracle.setting.bounds
     return delays[0] == delays[1] and is_alike and rule.brakes.payload == oracle.brakes.payload
 
 

@@ -36,12 +36,12 @@ class Results:
 
     Args:
         found: All of it.
-        usual: The setting in which the oracle judges: cameras and bounds are nothing to it.
+        camera: With which the oracle judges: it makes no difference to it, in [s].
         rate: Ticks a second.
     """
 
-    def __init__(self, found: Iterable[Found], usual: Setting, rate: float) -> None:
-        self._usual, self._rate = usual, rate
+    def __init__(self, found: Iterable[Found], camera: float, rate: float) -> None:
+        self._camera, self._rate = camera, rate
         self.found = list(found)
         self._by: dict[tuple[float, str, Setting, str], list[Found]] = {}
         for one in self.found:
@@ -65,7 +65,7 @@ class Results:
     ) -> list[Found]:
         """Of one rule in one setting; `where` are fields of `Found` and their values."""
         if rule.startswith(ORACLE):
-            setting = self._usual._replace(reaction=setting.reaction)
+            setting = setting._replace(camera=self._camera)
         return [
             one
             for one in self._by.get((speed, rule, setting, how), [])
@@ -123,7 +123,7 @@ def write_page(
         rate: Ticks a second.
         machine: What it was measured on.
     """
-    results = Results(found, scope.usual, rate)
+    results = Results(found, scope.cameras[0], rate)
     speed = results.speeds[0]
     judged = results.of(speed, SEPARATION, scope.usual)
     parts = [
@@ -145,7 +145,7 @@ def write_page(
     parts += _spread(results, scope)
     parts += _obeying(results, scope)
     parts += _missed(results, scope)
-    parts += _prices(Results(priced, scope.usual, rate), scope.usual)
+    parts += _prices(Results(priced, scope.cameras[0], rate), scope.usual)
     return "\n".join(parts) + "\n"
 
 

@@ -57,8 +57,7 @@ def test_a_short_run(load, tmp_path):
     text = page.read_text(encoding="utf-8")
     for one in found:
         assert one.rule in text
-        assert one.outcome.ticks == 50
-        assert 0 <= one.outcome.stopped <= 50
+        assert 0 <= one.outcome.stopped <= one.outcome.ticks <= 50
         assert one.outcome.missed == 0
     rules = {one.rule for one in found}
     assert {contestants.ORACLE, contestants.SEPARATION, contestants.BRAKING} <= rules
@@ -80,7 +79,7 @@ def test_a_rule_that_lets_everything_pass_is_found_out(load, trajectory, people)
     hits = missed = 0
     for person in people:
         judged, best = stage.judge(person, arm(trajectory), [blind, oracle], 2.0)
-        assert judged.ticks == best.ticks == 200
+        assert 0 < judged.ticks == best.ticks <= 200
         assert judged.stopped == 0
         assert judged.missed + judged.beyond == judged.needed == best.needed
         assert best.missed + best.beyond == 0
