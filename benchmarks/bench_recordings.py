@@ -30,7 +30,7 @@ from rich.progress import Progress
 
 from armguard.robot import Robot
 from armguard.simulation import keeps_within, random_trajectory
-from scene.contestants import OBEYED, Scope, make_rules
+from scene.contestants import NOT_OBEYED, Scope, make_rules
 from scene.machine import describe_machine
 from scene.plays import Judged, Obeyed, Stage
 from scene.recorded_people import People
@@ -136,7 +136,7 @@ class Workplace:
         if case.placement >= run.obeying_placements:
             return
         for rule in self._rules:
-            if rule.setting not in run.obeying or rule.name not in OBEYED:
+            if rule.setting not in run.obeying or rule.name in NOT_OBEYED:
                 continue
             has_scale = rule.has_scale and rule.clean
             for how in ("obeys", "obeys the scale")[: 2 if has_scale else 1]:

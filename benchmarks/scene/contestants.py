@@ -45,11 +45,19 @@ DESCRIPTIONS = {
 """What is particular about monitors with settings."""
 
 
-OBEYED = (
-    ORACLE, SEPARATION, SEPARATION + NO_LOAD, BRAKING, OPERATING, PATH, ON_PATH, PIECES,
-    PATH + NO_LOAD, PIECES + NO_LOAD, BRAKING + AS_THEY_COME, PATH + AS_THEY_COME,
+ORDER = (
+    ORACLE, ORACLE + NO_LOAD, SEPARATION, SEPARATION + NO_LOAD, SEPARATION + AS_THEY_COME,
+    ISOTROPIC, JOINT, BRAKING, BRAKING + AS_THEY_COME, OPERATING, OPERATING + NO_LOAD,
+    OPERATING + AS_THEY_COME, PATH, PATH + NO_LOAD, PATH + AS_THEY_COME, ON_PATH, PIECES,
+    PIECES + NO_LOAD,
 )  # fmt: skip
-"""Rules that an arm obeys."""
+"""All rules, as tables have them."""
+
+NOT_OBEYED = (
+    ORACLE + NO_LOAD, SEPARATION + AS_THEY_COME, ISOTROPIC, JOINT, OPERATING + NO_LOAD,
+    OPERATING + AS_THEY_COME,
+)  # fmt: skip
+"""Rules that are judged only: there is another one of the kind to obey."""
 
 
 class Scope(NamedTuple):

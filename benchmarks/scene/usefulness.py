@@ -8,7 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scene.contestants import DESCRIPTIONS, ORACLE, SEPARATION, TARGETS, Scope, Target
+from scene.contestants import (
+    DESCRIPTIONS,
+    NO_LOAD,
+    ORACLE,
+    ORDER,
+    SEPARATION,
+    TARGETS,
+    Scope,
+    Target,
+)
 from scene.plays import RISE_DELAY, Judged, Obeyed
 from scene.stop_rules import LATENCY, PERIOD, Setting
 
@@ -47,7 +56,7 @@ class Results:
         for one in self.found:
             self._by.setdefault((one.speed, one.rule, one.setting, one.how), []).append(one)
         self.speeds = list(dict.fromkeys(one.speed for one in self.found))
-        self.rules = list(dict.fromkeys(one.rule for one in self.found))
+        self.rules = sorted({one.rule for one in self.found}, key=ORDER.index)
         # Every rule judged the same arm, which obeyed nobody.
         self._free = {
             (one.speed, one.recording, one.placement, one.seed): one.outcome
@@ -252,7 +261,7 @@ def _shares(results: Results, scope: Scope) -> list[str]:
             ]
             if np.isfinite(shares).any():
                 rows.append([rule, *map(_percent, shares)])
-        lines += [f"People within {bounds}; samples are {_milliseconds(camera)} old.", ""]
+        lines += [f"Bounds on people: {bounds}. Samples are {_milliseconds(camera)} old.", ""]
         lines += [*_table(heads, rows), ""]
     return lines
 
@@ -331,16 +340,17 @@ def _missed(results: Results, scope: Scope) -> list[str]:
     for camera, bounds in dict.fromkeys((x.camera, x.bounds) for x in scope.settings()):
         settings = [x for x in scope.settings() if (x.camera, x.bounds) == (camera, bounds)]
         for rule in results.rules:
-            cells = []
+            cells: list[int] = []
             for speed in results.speeds:
                 for field in ("missed", "beyond", "needed"):
                     counts = [results.total(field, speed, rule, x) for x in settings]
-                    cells.append(str(sum(counts)))
-            if results.of(results.speeds[0], rule, settings[0]):
-                rows.append([rule, f"{bounds}, {_milliseconds(camera)}", *cells])
+                    cells.append(sum(counts))
+            if any(cells[2::3]) and rule not in (ORACLE, ORACLE + NO_LOAD):
+                rows.append([rule, f"{bounds}, {_milliseconds(camera)}", *map(str, cells)])
     hits = ", ".join(f"{results.hits(speed)} at {speed:g} rad/s" for speed in results.speeds)
     text = "Of the ticks in which a STOP was the last one in time, at all reactions together, how"
-    text += f" many a rule let pass. Contacts of the arm, which goes on: {hits}."
+    text += " many a rule let pass. Nothing asks pieces and stops on the path in this way: see the"
+    text += f" contacts of arms that obey them. Contacts of the arm, which goes on: {hits}."
     return ["## Missed", "", text, "", *_table(heads, rows), ""]
 
 
