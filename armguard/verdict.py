@@ -7,7 +7,7 @@ Whatever is unknown counts as the worst case, which is STOP.
 from __future__ import annotations
 
 import enum
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from armguard.contact.earliest import Certificate
 
@@ -16,13 +16,21 @@ class Level(enum.IntEnum):
     """What the controller should do; STOP < SLOW < AWARE < CLEAR."""
 
     STOP = 0
-    """Brake now: contact could come before the arm can stand still, or something is unknown."""
+    """Brake now, unless `Verdict.stop` says that the committed piece may be finished: contact could
+    come before the arm can stand still, or something is unknown."""
     SLOW = 1
     """Contact is less than `slow_margin` beyond the stopping time."""
     AWARE = 2
     """Contact is less than `aware_margin` beyond the stopping time."""
     CLEAR = 3
     """Nothing near in time."""
+
+
+FINISH: Literal["finish"] = "finish"
+"""`Verdict.stop` of an arm that is to run its committed piece to rest."""
+
+BRAKE: Literal["brake"] = "brake"
+"""`Verdict.stop` of an arm that is to leave whatever it does, and to brake."""
 
 
 class Effect(enum.Enum):
@@ -48,16 +56,21 @@ class ReasonKind(enum.Enum):
     PLAN_REFUSED = ("plan refused", Effect.NOTE)
     PLAN_UNSAFE = ("plan unsafe", Effect.NOTE)
     PLAN_VOID = ("plan not followed any more", Effect.NOTE)
+    PIECE_UNSAFE = ("committed piece not safe any more", Effect.STANDING)
     BUDGET_SPENT = ("budget spent before the stop decision was made", Effect.NOTE)
+    OBSTACLE_REFUSED = ("obstacle refused", Effect.NOTE)
+    BOUND_BROKEN = ("obstacle broke its bounds", Effect.NOTE)
+    ERRORS_EXCEEDED = ("errors larger than stated", Effect.NOTE)
     NO_SOURCES = ("no sources", Effect.STANDING)
     SOURCE_SILENT = ("source silent", Effect.STANDING)
     STAMP_AHEAD = ("stamp ahead of the clock", Effect.STANDING)
-    OBSTACLE_REFUSED = ("obstacle refused", Effect.STANDING)
+    OBSTACLE_NOT_BELIEVED = ("obstacle not believed", Effect.STANDING)
+    SOURCE_NOT_BELIEVED = ("source not believed", Effect.STANDING)
     CALL_REFUSED = ("malformed obstacle call", Effect.STANDING)
-    BOUND_BROKEN = ("obstacle broke its bounds", Effect.STANDING)
     OVERDUE = ("pair overdue", Effect.STANDING)
     IGNORE_UNMATCHED = ("ignored pair matches nothing", Effect.STANDING)
     JOINT_STOP_AHEAD = ("joint runs into its stop", Effect.STANDING)
+    BRAKES_NOT_COVERED = ("brakes not stated for such speeds", Effect.STANDING)
     OPERATING_LIMITS_BROKEN = ("operating limits broken", Effect.STANDING)
     JOINT_STATE_MALFORMED = ("joint state malformed", Effect.LATCHED)
     JOINT_STATE_BEYOND_LIMITS = ("joint state beyond its limits", Effect.LATCHED)
@@ -101,7 +114,8 @@ class Verdict(NamedTuple):
     """Time within which the arm surely stands still, counted from `now`."""
     speed_scale: float
     """Safe to go on while every joint keeps below this fraction of its operating velocity, or of
-    its velocity limit where none is stated."""
+    its velocity limit where none is stated; of an arm that follows a trajectory, while its clock,
+    `path_time`, runs no faster than this. 1 on a committed piece that is proved safe to its end."""
     link: str | None
     """Link of the deciding pair; None without pairs or where not all that is there is known."""
     obstacle: str | None
@@ -118,3 +132,22 @@ class Verdict(NamedTuple):
     """Margin of the speed-and-separation distance in [m], where asked for."""
     certificate: Certificate | None = None
     """Proof of the deciding pair, where asked for."""
+    stop: Literal["finish", "brake"] | None = None
+    """How to obey a STOP; None where the level is another. FINISH: run the committed piece to rest,
+    which is proved safe. BRAKE: leave it and brake, for there is no such proof."""
+
+
+class PlanVerdict(NamedTuple):
+    """Whether the arm may follow a plan; frozen."""
+
+    safe: bool
+    """Whether it may: then it is what the monitor takes the arm to follow from now on."""
+    contact_time: float
+    """Earliest possible contact on the way, in [s] from now; inf if there is none before the arm
+    rests, 0 where that is unknown. Of a trajectory, on the way until it could be stopped."""
+    link: str | None
+    """Link of the pair that could touch first; None if none can."""
+    obstacle: str | None
+    """Its obstacle, alike."""
+    reasons: tuple[Reason, ...]
+    """Why not."""

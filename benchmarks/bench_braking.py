@@ -10,8 +10,15 @@ configurations and velocities: min over samples of
 
 with b the acceleration limits. Where those are derived themselves, and far apart, `--proportional`
 takes the velocity limits for b: then the share is one over the time in which the arm stops from
-full speed, in [1/s]. A safe part of the smallest share is what `braking` in a robot.toml may rest
-on. It samples; it does not prove. Friction, which helps, is left out, and so are the inertia of the
+full speed, in [1/s]. A safe part of the smallest share is what a deceleration under `[[brakes]]`
+in a robot.toml may rest on; several values of `--load` and `--speed` print one line for each pair.
+
+    python benchmarks/bench_braking.py panda --stated
+
+asks the same of what the robot's table states: how many times each of its decelerations is
+supported, under its load, with all joints at the speed up to which it holds; below 1 it is not.
+
+It samples; it does not prove. Friction, which helps, is left out, and so are the inertia of the
 drives and the rate at which torque can rise, which do not help.
 """
 
@@ -32,7 +39,7 @@ def compute_supported_shares(
     shape: NDArray[np.float64],
     load: float,
     tool_point: NDArray[np.float64],
-    speed: float,
+    speeds: NDArray[np.float64],
     samples: int,
     balanced: list[str],
 ) -> NDArray[np.float64]:
@@ -43,7 +50,7 @@ def compute_supported_shares(
         shape: Decelerations of which a share is sought. Shape (nv,).
         load: Point mass at `tool_point` of each last joint, in [kg].
         tool_point: In the frame of each last joint, in [m]. Shape (3,).
-        speed: Largest joint speed as a share of the velocity limits.
+        speeds: Of the joints, in [rad]/[s] or [m]/[s]. Shape (nv,).
         samples: How many random configurations, each with a random velocity.
         balanced: Joints whose gravity torque something else carries, such as springs.
     """
@@ -59,7 +66,7 @@ def compute_supported_shares(
     at_rest = np.array([joint in balanced for joint in robot.joints])
     for _ in range(samples):
         q = draw_configuration(robot, random)
-        v = random.choice([-speed, speed], model.nv) * robot.velocity_limit
+        v = random.choice([-1.0, 1.0], model.nv) * speeds
         mass = np.abs(pinocchio.crba(model, data, q, pinocchio.Convention.LOCAL))
         mass = np.triu(mass) + np.triu(mass, 1).T
         bias = pinocchio.rnea(model, data, q, v, np.zeros(model.nv))
@@ -69,30 +76,64 @@ def compute_supported_shares(
     return shares
 
 
+def list_stated(
+    robot: Robot,
+) -> list[tuple[str, tuple[float, NDArray[np.float64], NDArray[np.float64]]]]:
+    """Load, speeds and decelerations that the robot's table states for all joints together."""
+    cases = []
+    for load in sorted({one.load for row in robot.brakes.entries.values() for one in row}):
+        if load > robot.brakes.most_payload:
+            continue
+        curves = robot.brakes.make_curves(load)
+        for step in range(curves.speed.shape[1]):
+            repeats = step > 0 and (curves.speed[:, step] == curves.speed[:, step - 1]).all()
+            if not repeats and (curves.deceleration[:, step] > 0.0).all():
+                speeds = curves.speed[:, step]
+                share = 100.0 * np.min(speeds / robot.velocity_limit)
+                name = f"{load:g} kg, up to {share:.0f} %"
+                cases.append((name, (load, speeds, curves.deceleration[:, step])))
+    return cases
+
+
 def main() -> None:
     """Print the table for one robot."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("robot")
-    parser.add_argument("--load", type=float, default=1.0, help="point mass at the tool [kg]")
+    parser.add_argument(
+        "--load", type=float, nargs="+", default=[1.0], help="point mass at the tool [kg]"
+    )
     parser.add_argument("--tool", type=float, nargs=3, default=[0.0, 0.0, 0.2104], help="[m]")
-    parser.add_argument("--speed", type=float, default=0.3, help="share of the velocity limits")
+    parser.add_argument(
+        "--speed", type=float, nargs="+", default=[0.3], help="share of the velocity limits"
+    )
+    parser.add_argument("--stated", action="store_true", help="check what the robot's table states")
     parser.add_argument("--samples", type=int, default=20_000)
     parser.add_argument("--proportional", action="store_true", help="to the velocity limits")
     parser.add_argument("--balanced", nargs="*", default=[], help="joints with springs")
     arguments = parser.parse_args()
     robot = Robot.load(arguments.robot)
-    shares = compute_supported_shares(
-        robot,
-        robot.velocity_limit if arguments.proportional else robot.acceleration_limit,
-        arguments.load,
-        np.array(arguments.tool),
-        arguments.speed,
-        arguments.samples,
-        arguments.balanced,
-    )
-    for joint, share in zip(robot.joints, shares, strict=True):
-        print(f"{joint:24s} {share:7.3f}")
-    print(f"{'all':24s} {shares.min():7.3f}")
+    shape = robot.velocity_limit if arguments.proportional else robot.acceleration_limit
+    places = [(load, speed) for load in arguments.load for speed in arguments.speed]
+    cases = [(load, speed * robot.velocity_limit, shape) for load, speed in places]
+    names = [f"{load:g} kg, {100.0 * speed:g} %" for load, speed in places]
+    if arguments.stated:
+        stated = list_stated(robot)
+        cases = [case for _, case in stated]
+        names = [name for name, _ in stated]
+    print(f"{'':24s} {'all':>9s}  {'least':12s} {'each joint'}")
+    for name, (load, speeds, slows) in zip(names, cases, strict=True):
+        shares = compute_supported_shares(
+            robot,
+            slows,
+            load,
+            np.array(arguments.tool),
+            speeds,
+            arguments.samples,
+            arguments.balanced,
+        )
+        worst = robot.joints[int(np.argmin(shares))]
+        each = " ".join(f"{share:.3f}" for share in shares)
+        print(f"{name:24s} {shares.min():9.3f}  {worst:12s} {each}")
 
 
 if __name__ == "__main__":

@@ -19,15 +19,18 @@ from armguard.app.cell.cell import Cell
 from armguard.app.cell.schema import given
 from armguard.app.processes import complain
 from armguard.app.realtime import IdleCollector, Realtime, request_realtime
+from armguard.bounds.arm import PLANNED
+from armguard.bounds.planned.plan import Plan
 from armguard.clock import Clock, MonotonicClock
 from armguard.monitor.monitor import Monitor
+from armguard.monitor.plan_verdict import refuse_plan
 from armguard.obstacles.obstacles import Obstacles
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
-from armguard.streams.edge import Edge, StampClock
+from armguard.streams.edge import Edge, PlanRequest, StampClock
 from armguard.streams.faults import FaultLog
 from armguard.streams.inputs import Input, LineInput, PacedInput, SocketInput
 from armguard.streams.nodes import VerdictPublisher
-from armguard.verdict import Level, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, Level, PlanVerdict, Reason, ReasonKind, Verdict
 
 LONGEST_SPELL = 0.19
 REST = 0.01
@@ -67,6 +70,7 @@ class RateLoop:
         inputs: Where messages come from; the loop ends when one that can end has ended.
         clock: Tells time and sleeps; the same as the edge's.
         publish: Takes each verdict; must never block.
+        answer: Takes the number of each plan that came, and the answer to it; must never block.
         observe: Sees each verdict, with this loop, after it was published; must never block.
 
     Attributes:
@@ -84,6 +88,7 @@ class RateLoop:
         inputs: Sequence[Input],
         clock: Clock,
         publish: Callable[[Verdict], None],
+        answer: Callable[[int, PlanVerdict], None],
         observe: Callable[[RateLoop, Verdict], None] | None = None,
     ) -> None:
         self.monitor = monitor
@@ -91,6 +96,7 @@ class RateLoop:
         self._inputs = list(inputs)
         self.clock = clock
         self._publish = publish
+        self._answer = answer
         self._observe = observe
         self.durations = Durations()
         self._ticks = 0
@@ -148,8 +154,11 @@ class RateLoop:
         if state is None:
             verdict = _wait_for_joints(now, edge.dropped_age)
         else:
-            verdict = self.monitor.step(state.stamp, state.q, state.v, now)
+            verdict = self.monitor.step(state.stamp, state.q, state.v, now, state.path_time)
         self._publish(verdict)
+        for request in edge.plans:
+            is_newest = request is edge.plans[-1]
+            self._answer(request.number, judge_request(self.monitor, request, is_newest=is_newest))
         if self._observe is not None:
             self._observe(self, verdict)
         return verdict
@@ -172,6 +181,33 @@ class RateLoop:
             },
             monitor_faults=self.monitor.faults,
         )
+
+
+def judge_request(monitor: Monitor, request: PlanRequest, *, is_newest: bool) -> PlanVerdict:
+    """The answer to a plan that came from outside; nothing in it makes this raise.
+
+    Args:
+        monitor: After its step.
+        request: The plan, and what is asked of it.
+        is_newest: Whether no other plan came after it in the same tick. Each costs a good part of
+            a tick, so one is judged.
+    """
+    if request.problem:
+        return refuse_plan("message", request.problem)
+    if not is_newest:
+        return refuse_plan("plan", "was overtaken by a newer one in the same tick")
+    if monitor.settings.motion != PLANNED:
+        return refuse_plan("monitor", 'takes no plans: it has no motion = "planned" in [monitor]')
+    plan = Plan(
+        request.stamp,
+        request.times,
+        request.q,
+        request.v,
+        request.tracking_error,
+        request.velocity_tracking_error,
+        request.stop_tracking_error,
+    )
+    return monitor.commit(plan) if request.ask == "commit" else monitor.follow(plan)
 
 
 def run(
@@ -259,7 +295,7 @@ def run(
                     "verdicts": publisher.address,
                 }
             )
-        loop = RateLoop(monitor, edge, inputs, clock, publisher.publish, observe)
+        loop = RateLoop(monitor, edge, inputs, clock, publisher.publish, publisher.answer, observe)
         if not realtime:
             return loop.run(duration)
         with request_realtime() as granted:
@@ -316,6 +352,7 @@ def _wait_for_joints(now: float, dropped_age: float) -> Verdict:
         evaluated=0,
         reasons=(reason,),
         valid_until=now,
+        stop=BRAKE,
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from armguard.app.loop import Durations
 from armguard.monitor.monitor import Monitor
+from armguard.obstacles.table import MOST_REFUSED
 from armguard.verdict import Verdict
 from armguard.view.buckets import compute_buckets
 from armguard.view.messages import (
@@ -97,6 +98,11 @@ class MonitorFeed:
             # Nothing is known about the arm, so everything may be about to touch it.
             sphere_times = np.zeros_like(sphere_times)
         table, rows = monitor.obstacles.table, snapshot.rows
+        # A body that was never believed is shown where it was refused, if that is anywhere.
+        accepted, refused, places = table.accepted, table.refused_states, rows * MOST_REFUSED
+        believed = table.has_state[rows]
+        points = np.where(believed[:, None, None], accepted.points[rows], refused.points[places])
+        points[~believed & (table.refused_count[rows] == 0)] = np.nan
         return FrameMessage(
             sequence=verdict.sequence,
             now=now,
@@ -115,13 +121,9 @@ class MonitorFeed:
             sphere_buckets=compute_buckets(sphere_times, period).tobytes(),
             obstacles=ObstacleShapes.pack(
                 [monitor.obstacles.ids[row] for row in rows],
-                np.where(
-                    table.has_state[rows][:, None, None],
-                    table.points[rows],
-                    table.refused_points[rows],
-                ),
-                table.radius[rows],
-                counts=table.point_count[rows],
+                points,
+                np.where(believed, accepted.radius[rows], refused.radius[places]),
+                counts=np.where(believed, accepted.point_count[rows], refused.point_count[places]),
                 refused=table.refused[rows],
                 buckets=compute_buckets(snapshot.row_times, period),
             ),

@@ -11,11 +11,13 @@ from armguard.bounds.isotropic import IsotropicMotion, free_advance
 from armguard.bounds.joint import JointMotion
 from armguard.bounds.joint_table import JointTable
 from armguard.bounds.model import MotionModel
-from armguard.bounds.planned.check import CheckedPlan, check_plan
+from armguard.bounds.planned.check import check_plan
 from armguard.bounds.planned.contact import PlannedContact
 from armguard.bounds.planned.course import PlannedCourse
 from armguard.bounds.planned.motion import PlannedMotion
-from armguard.bounds.planned.plan import Plan, Refusal
+from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
+from armguard.bounds.planned.slabs import PathClock
+from armguard.bounds.planned.stop import append_stop
 from armguard.bounds.reach import ReachMotion
 from armguard.bounds.sums import compute_levers
 from armguard.bounds.table_time import table_contact_time
@@ -27,12 +29,14 @@ __all__ = [
     "JointMotion",
     "JointTable",
     "MotionModel",
+    "PathClock",
     "Plan",
     "PlannedContact",
     "PlannedCourse",
     "PlannedMotion",
     "ReachMotion",
     "Refusal",
+    "append_stop",
     "check_plan",
     "compute_levers",
     "free_advance",

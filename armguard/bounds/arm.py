@@ -65,9 +65,8 @@ class ArmMotion:
         )
         self.planned = None
         if with_plans:
-            self.planned = PlannedMotion(
-                robot, reaction_time, base_placement, lever=lever, operating=in_force
-            )
+            brakes = None if in_force is None else in_force.brakes
+            self.planned = PlannedMotion(robot, base_placement, lever=lever, brakes=brakes)
         self.with_joints = with_joints
         self.table = self.joint.table
         self.braking_table = self.braking.table

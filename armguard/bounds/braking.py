@@ -1,8 +1,9 @@
 """What the arm can still do while it brakes: each joint within what brakes guarantee and allow.
 
-Every joint is free for the reaction time; then it decelerates by at least what its brake
-guarantees and at most its acceleration limit, until it rests. One single deceleration would be no
-bound: a joint that stops sooner ends elsewhere.
+Every joint is free for the reaction time; then it stops as its brakes are stated to, by the entry
+for its payload and the greatest speed that it can have by then, and decelerates by at most its
+acceleration limit. One single deceleration would be no bound: a joint that stops sooner ends
+elsewhere.
 """
 
 from __future__ import annotations
@@ -11,18 +12,25 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.displacement import fill_eased_displacements
+from armguard.bounds.displacement import eased_velocity, fill_eased_displacements
 from armguard.bounds.joint import JointSpaceMotion
 from armguard.bounds.joint_table import JointTable, set_columns, set_span
 from armguard.bounds.limits import JointLimits, check_state
 from armguard.bounds.model import check_duration
 from armguard.bounds.sums import sum_levers, sum_second_order
+from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
+from armguard.robot.brakes import find_stop, rest_time
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.robot.robot import Robot
-from armguard.robot.stop_time import compute_stop_time
+from armguard.robot.stop_time import (
+    ALL_COVERED,
+    compute_stop_time,
+    find_uncovered,
+    speed_at_bite,
+)
 
 FREE_NODES = 4
 """Steps of the table before braking begins."""
@@ -66,6 +74,8 @@ class BrakingMotion(JointSpaceMotion):
     def stop_time(self, q: npt.ArrayLike, v: npt.ArrayLike, age: float, horizon: float) -> float:
         """Time within which every joint surely rests, in [s] from now.
 
+        It is inf where a joint may be faster by then than its brakes are stated for.
+
         Args:
             q: Measured joint positions, in [rad] or [m]. Shape (nv,).
             v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
@@ -76,7 +86,9 @@ class BrakingMotion(JointSpaceMotion):
             ArmguardError: The state is malformed or beyond its limits, or a time is unusable.
         """
         _, velocity = check_state(self._robot, self.limits, q, v)
-        return self._stop_time(velocity, age, check_duration("horizon", horizon))
+        if not self.covers(velocity, age, check_duration("horizon", horizon)):
+            return np.inf
+        return self._stop_time(velocity, age, horizon)
 
     def tabulate(
         self,
@@ -89,6 +101,12 @@ class BrakingMotion(JointSpaceMotion):
         scale: float = 1.0,
     ) -> JointTable:
         """Fill the table of one tick; its last node is the stop time.
+
+        Brakes may bite sooner than they must, at any time since the stamp, but not while the arm
+        goes on: a stop meanwhile is a question of its own.
+
+        It proves nothing where `covers` says that a joint may be faster than its brakes are stated
+        for: it stops as their last entry says then, so that times stay finite.
 
         Args:
             q: Measured joint positions, in [rad] or [m]. Shape (nv,), float64.
@@ -132,9 +150,11 @@ class BrakingMotion(JointSpaceMotion):
             them they contain every link wherever it can get to. Shape (n, 4).
 
         Raises:
-            ArmguardError: The state is malformed or beyond its limits, or a time is unusable.
+            ArmguardError: The state is malformed or beyond its limits, a joint may be faster by
+                then than its brakes are stated for, or a time is unusable.
         """
         position, velocity = check_state(self._robot, self.limits, q, v)
+        self._check_covered(velocity, age, check_duration("horizon", horizon))
         table = self.tabulate(position, velocity, age, horizon)
         set_span(table, 0, len(table.time) - 1, 1.0)
         high, low, size = table.span
@@ -165,7 +185,7 @@ class BrakingMotion(JointSpaceMotion):
             limits.velocity_error,
             limits.operating_velocity,
             limits.acceleration,
-            limits.braking,
+            limits.brakes,
             age,
             horizon,
             self.reaction_time,
@@ -173,8 +193,49 @@ class BrakingMotion(JointSpaceMotion):
         )
         return stop_time
 
+    def covers(self, v: FloatArray, age: float, horizon: float) -> bool:
+        """Whether the brakes are stated for every speed that joints can have when they bite.
+
+        Args:
+            v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
+            age: Now minus the stamp of the state, in [s].
+            horizon: Until braking is commanded, in [s] from now.
+        """
+        return self._find_uncovered(v, age, horizon) == ALL_COVERED
+
+    def _find_uncovered(self, v: FloatArray, age: float, horizon: float) -> int:
+        limits = self.limits
+        joint: int = find_uncovered(
+            v,
+            limits.velocity_error,
+            limits.operating_velocity,
+            limits.acceleration,
+            limits.brakes,
+            age,
+            horizon,
+            self.reaction_time,
+            limits.operating_acceleration,
+        )
+        return joint
+
+    def _check_covered(self, v: FloatArray, age: float, horizon: float) -> None:
+        joint = self._find_uncovered(v, age, horizon)
+        if joint != ALL_COVERED:
+            raise ArmguardError(
+                f"joint {self._robot.joints[joint]!r}",
+                f"moves at {v[joint]:.4g}, and may be faster before it brakes than its brakes are "
+                "stated for",
+                expected=f"at most {self.limits.brakes.speed[joint, -1]:.4g} by then",
+            )
+
     def _free_time(self) -> float:
         return self.reaction_time
+
+    def _fill(
+        self, q: FloatArray, v: FloatArray, age: float, free: float, table: JointTable
+    ) -> None:
+        # Beyond the range of the brakes nothing is known of a stop: joints may go on for ever.
+        super()._fill(q, v, age, free if self.covers(v, age, 0.0) else np.inf, table)
 
 
 @kernel
@@ -192,16 +253,23 @@ def _spread_nodes(
     # Between the stamp and the moment when the command is obeyed: what slows down is faster before.
     after, before = max(age, 0.0) + free, -age
     for j in range(v.shape[0]):
-        top, speeding = limits.operating_velocity[j], limits.operating_acceleration[j]
-        top = max(top, abs(v[j]))
-        gained = max(speeding * after, limits.acceleration[j] * before)
-        speed = min(top, abs(v[j]) + limits.velocity_error[j] + gained)
+        speeding = limits.operating_acceleration[j]
+        speed = speed_at_bite(
+            v[j],
+            limits.velocity_error[j],
+            limits.operating_velocity[j],
+            limits.acceleration[j],
+            speeding,
+            after,
+            before,
+        )
         pace = scale * limits.operating_velocity[j]
         if speed > pace:
-            speed = max(pace, speed - limits.braking[j] * going_on)
+            stop = find_stop(limits.brakes, j, speed)
+            speed = eased_velocity(speed, stop, pace, going_on)
         else:
             speed = min(pace, speed + speeding * going_on)
-        rest = max(rest, speed / limits.braking[j])
+        rest = max(rest, rest_time(find_stop(limits.brakes, j, speed), speed))
     going = GOING_NODES if going_on > 0.0 else 0
     braking = time.shape[0] - 1 - FREE_NODES - going
     for k in range(FREE_NODES):

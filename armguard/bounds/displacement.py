@@ -12,6 +12,8 @@ displacement from where it truly was at the stamp lies between `low` and `high`:
   the moment on at which it can have got there first, and come back from there; what throws it
   back is no controller's doing, so it speeds up by as much as the acceleration limit. (One that
   was thrown back before its stamp, and still speeds up so, breaks its operating limits.)
+- While it brakes: as the brakes' entry says for the greatest velocity that it can have when they
+  bite. Should they bite sooner, it is no faster then, and has that much longer to rest.
 
 Before its stamp a joint was nowhere that its top speed does not reach: backwards in time, what
 slows down by the acceleration limit speeds up by it. Both bounds, before they
@@ -27,6 +29,7 @@ from armguard.bounds.limits import JointLimits
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
+from armguard.robot.brakes import BrakeCurves, Stop, braked_displacement, find_stop
 
 
 @kernel
@@ -116,32 +119,79 @@ def rise(
 
 
 @kernel
-def brake(velocity: float, accel: float, deceleration: float, s: float) -> float:
+def brake(velocity: float, accel: float, stop: Stop, s: float) -> float:
     """Greatest displacement within `s` seconds of braking from a velocity of at most `velocity`.
 
-    A joint that moves forwards decelerates by at least `deceleration`, one that moves backwards by
-    at most `accel`, each until it rests.
+    A joint that moves forwards stops as `stop` says, which holds from that velocity; one that moves
+    backwards decelerates by at most `accel`, each until it rests.
     """
-    slows = deceleration if velocity > 0.0 else accel
-    until = min(s, abs(velocity) / slows)
-    distance = until * (abs(velocity) - 0.5 * slows * until)
-    return math.copysign(distance, velocity) + SUM_ROUNDING * distance
+    if velocity > 0.0:
+        braked: float = braked_displacement(velocity, stop, s)
+        return braked
+    until = min(s, -velocity / accel)
+    distance = until * (-velocity - 0.5 * accel * until)
+    return -distance + SUM_ROUNDING * distance
+
+
+@kernel
+def eased_velocity(velocity: float, stop: Stop, pace: float, s: float) -> float:
+    """Greatest velocity `s` seconds after a joint faster than a pace began to slow down to it.
+
+    It slows down as if it braked. Of times and distances alone, all that follows is that it keeps
+    to the pace after the time in which it would rest.
+    """
+    if s >= stop.time:
+        return pace
+    return max(pace, velocity - stop.deceleration * s)
 
 
 @kernel
 def _ease(
-    velocity: float, accel: float, speeding: float, deceleration: float, pace: float, s: float
+    velocity: float, accel: float, speeding: float, stop: Stop, pace: float, s: float
 ) -> tuple[float, float]:
     """Greatest displacement in `s` seconds of keeping to a pace, and the greatest velocity then.
 
-    A joint that is faster decelerates by at least `deceleration`, any other gets no faster.
+    A joint that is faster slows down as if it braked, any other gets no faster.
     """
     if velocity <= pace:
         eased = operating_displacement(velocity, accel, speeding, pace, s)
         return eased, operating_velocity(velocity, accel, speeding, pace, s)
-    until = min(s, (velocity - pace) / deceleration)
-    distance = until * (velocity - 0.5 * deceleration * until) + pace * (s - until)
-    return distance * (1.0 + SUM_ROUNDING), max(pace, velocity - deceleration * s)
+    # As fast as it was for as long as time and distance allow, and at its pace from then on.
+    until = min(s, min(stop.time, stop.distance / velocity))
+    distance = until * velocity + pace * (s - until)
+    if stop.deceleration > 0.0:
+        until = min(min(s, stop.time), (velocity - pace) / stop.deceleration)
+        held = until * (velocity - 0.5 * stop.deceleration * until) + pace * (s - until)
+        distance = min(distance, held)
+    return distance * (1.0 + SUM_ROUNDING), eased_velocity(velocity, stop, pace, s)
+
+
+@kernel
+def _find_stops(
+    velocity: float,
+    accel: float,
+    speeding: float,
+    top: float,
+    brakes: BrakeCurves,
+    joint: int,
+    below: float,
+    free: float,
+    going_on: float,
+    pace: float,
+) -> tuple[Stop, Stop]:
+    """How a joint slows down to its pace, and how it stops then: the same at all times.
+
+    Each is the entry for the greatest velocity that `_settle` finds for its beginning.
+    """
+    reached = operating_velocity(velocity, accel, speeding, top, free)
+    if free > below:
+        reached = max(reached, min(top, accel * (free - below)))
+        speeding = accel
+    easing = find_stop(brakes, joint, reached)
+    _, left = _ease(reached, accel, speeding, easing, pace, going_on)
+    if free < below < free + going_on:
+        left = max(left, min(pace, accel * (free + going_on - below)))
+    return easing, find_stop(brakes, joint, left)
 
 
 @kernel
@@ -150,7 +200,8 @@ def _settle(
     accel: float,
     speeding: float,
     top: float,
-    deceleration: float,
+    easing: Stop,
+    braking: Stop,
     highest: float,
     room_below: float,
     below: float,
@@ -169,7 +220,7 @@ def _settle(
             reached = max(reached, min(top, accel * (free - below)))
             # What a stop has thrown back still speeds up as hard.
             speeding = accel
-        eased, left = _ease(reached, accel, speeding, deceleration, pace, min(s - free, going_on))
+        eased, left = _ease(reached, accel, speeding, easing, pace, min(s - free, going_on))
         displacement = min(displacement, highest) + eased
         if free < below < s:
             # It may have come to rest at its stop meanwhile, and come back from there.
@@ -181,7 +232,7 @@ def _settle(
                 left = max(left, min(pace, accel * back))
         if s > free + going_on:
             # Braking: until it rests, from the greatest velocity that easing has left it.
-            braked = brake(left, accel, deceleration, s - free - going_on)
+            braked = brake(left, accel, braking, s - free - going_on)
             displacement = min(displacement, highest) + braked
     # One that stops at its limit below gets no further down, however fast it was.
     return max(displacement, -max(room_below, 0.0))
@@ -233,13 +284,19 @@ def fill_eased_displacements(
         top = max(limits.operating_velocity[j], abs(v[j]))
         pace = scale * limits.operating_velocity[j]
         up, down = v[j] + limits.velocity_error[j], -v[j] + limits.velocity_error[j]
-        error, braking = limits.position_error[j], limits.braking[j]
+        error = limits.position_error[j]
         room_above, room_below = limits.upper[j] - q[j] - error, q[j] - limits.lower[j] - error
         # When the joint can have got to each of its stops first, and where it is clipped to them.
         above = operating_arrival(up, accel, speeding, top, room_above)
         below = operating_arrival(down, accel, speeding, top, room_below)
         highest[j] = max(limits.upper[j] - q[j], 0.0) + error
         lowest[j] = min(limits.lower[j] - q[j], 0.0) - error
+        up_easing, up_braking = _find_stops(
+            up, accel, speeding, top, limits.brakes, j, below, free, going_on, pace
+        )
+        down_easing, down_braking = _find_stops(
+            down, accel, speeding, top, limits.brakes, j, above, free, going_on, pace
+        )
         # Downwards is upwards mirrored: signs of positions and velocities change.
         for k in range(time.shape[0]):
             s = age + time[k]
@@ -252,7 +309,8 @@ def fill_eased_displacements(
                     accel,
                     speeding,
                     top,
-                    braking,
+                    up_easing,
+                    up_braking,
                     highest[j],
                     room_below,
                     below,
@@ -266,7 +324,8 @@ def fill_eased_displacements(
                     accel,
                     speeding,
                     top,
-                    braking,
+                    down_easing,
+                    down_braking,
                     -lowest[j],
                     room_above,
                     above,

@@ -12,13 +12,14 @@ from armguard.exceptions import ArmguardError, RobotError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import LIMIT_SLACK
+from armguard.robot.brakes import BrakeCurves
 from armguard.robot.joints import is_prismatic
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 
 
 class JointLimits(NamedTuple):
-    """Limits and errors of all joints, in [rad] or [m] and [s]. Each has the shape (nv,)."""
+    """Limits and errors of all joints, in [rad] or [m] and [s]. Arrays have the shape (nv,)."""
 
     lower: FloatArray
     """Lower position limits; -inf for a continuous joint."""
@@ -26,8 +27,8 @@ class JointLimits(NamedTuple):
     """Upper position limits; inf for a continuous joint."""
     velocity: FloatArray
     acceleration: FloatArray
-    braking: FloatArray
-    """Guaranteed decelerations."""
+    brakes: BrakeCurves
+    """How joints stop, by speed, under the payload in force; each of shape (nv, steps)."""
     position_error: FloatArray
     velocity_error: FloatArray
     operating_velocity: FloatArray
@@ -42,7 +43,7 @@ def read_limits(robot: Robot, in_force: LimitsInForce | None = None) -> JointLim
     Args:
         robot: The arm.
         in_force: What joints keep to while they work, shared, so that it may change; None: the
-            robot's limits.
+            robot's limits, and its brakes under the heaviest payload.
 
     Raises:
         RobotError: One of them is missing, zero, negative or not finite.
@@ -52,7 +53,6 @@ def read_limits(robot: Robot, in_force: LimitsInForce | None = None) -> JointLim
         "upper": robot.upper_position_limit,
         "velocity": robot.velocity_limit,
         "acceleration": robot.acceleration_limit,
-        "braking": robot.braking_deceleration,
         "position_error": robot.position_error,
         "velocity_error": robot.velocity_error,
     }
@@ -67,6 +67,7 @@ def read_limits(robot: Robot, in_force: LimitsInForce | None = None) -> JointLim
     own = {key: np.array(values, float) for key, values in arrays.items()}
     limits = JointLimits(
         **own,
+        brakes=robot.brakes.make_curves() if in_force is None else in_force.brakes,
         operating_velocity=own["velocity"].copy() if in_force is None else in_force.velocity,
         operating_acceleration=(
             own["acceleration"].copy() if in_force is None else in_force.acceleration
@@ -74,7 +75,7 @@ def read_limits(robot: Robot, in_force: LimitsInForce | None = None) -> JointLim
     )
     for j, joint in enumerate(robot.joints):
         where = f"joint {joint!r}"
-        for key in ("velocity", "acceleration", "braking"):
+        for key in ("velocity", "acceleration"):
             value = getattr(limits, key)[j]
             if not 0.0 < value < np.inf:
                 raise RobotError(where, f"{key} limit = {value}", expected="positive and finite")
@@ -90,13 +91,26 @@ def read_limits(robot: Robot, in_force: LimitsInForce | None = None) -> JointLim
                 f"position limits = [{lower}, {upper}]",
                 expected="lower < upper, and both finite where it slides",
             )
-        if not limits.braking[j] <= limits.acceleration[j]:
+        _check_brakes(where, limits.brakes, j, limits.acceleration[j])
+    return limits
+
+
+def _check_brakes(where: str, brakes: BrakeCurves, joint: int, acceleration: float) -> None:
+    """Refuse brakes that do not stop a joint, or harder than the acceleration limit allows."""
+    for speed, deceleration, time, distance in zip(*(one[joint] for one in brakes), strict=True):
+        if not deceleration <= acceleration:
             raise RobotError(
                 where,
-                f"braking = {limits.braking[j]} exceeds acceleration = {limits.acceleration[j]}",
+                f"braking = {deceleration} exceeds acceleration = {acceleration}",
                 remedy="the acceleration limit holds while braking as well",
             )
-    return limits
+        stops = deceleration > 0.0 or (0.0 < time < np.inf and 0.0 < distance < np.inf)
+        if not (speed > 0.0 and deceleration >= 0.0 and stops):
+            raise RobotError(
+                where,
+                f"braking = {deceleration} up to a speed of {speed}",
+                expected="a deceleration above 0, or a stopping time and distance",
+            )
 
 
 def check_state(

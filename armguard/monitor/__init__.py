@@ -3,11 +3,11 @@
 Its judge, the decision to stop, the plan it follows, and what can be asked of it between ticks.
 """
 
-from armguard.monitor.committed_plan import PlanVerdict
 from armguard.monitor.explain import Explanation, Gain
 from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.reports import PairReport, Snapshot
+from armguard.verdict import PlanVerdict
 
 __all__ = [
     "Attention",

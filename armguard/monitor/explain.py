@@ -101,7 +101,6 @@ def explain_pair(
             robot.velocity_error,
             scene_limits.operating_velocity,
             robot.acceleration_limit,
-            robot.braking_deceleration,
         )
     ]
 
@@ -109,6 +108,7 @@ def explain_pair(
         time: float = compute_stop_time(
             tick.v,
             *limits,
+            scene_limits.brakes,
             tick.arm_age,
             response,
             0.0,

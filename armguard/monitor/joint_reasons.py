@@ -23,6 +23,7 @@ from armguard.robot import joint_acceptance as acceptance
 from armguard.robot.joint_acceptance import NO_JOINT
 from armguard.robot.joint_states import JointStates
 from armguard.robot.joints import is_prismatic
+from armguard.robot.stop_time import ALL_COVERED, speed_at_bite
 from armguard.verdict import Reason, ReasonKind
 
 
@@ -107,6 +108,37 @@ def describe_refusal(
         f"limit {limit_text} {unit}{rate}"
     )
     return Reason(ReasonKind.JOINT_STATE_JUMPED, subject, detail)
+
+
+def describe_unbraked(states: JointStates, age: float) -> Reason | None:
+    """Which joint may be faster when its brakes bite than they are stated for; None if none may.
+
+    Args:
+        states: The joint states, of which the last is meant.
+        age: Of that one, in [s].
+    """
+    joint = states.find_unbraked(age)
+    if joint == ALL_COVERED:
+        return None
+    guard, name = states.guard, states.robot.joints[joint]
+    unit = "m/s" if is_prismatic(states.robot.model, 1 + joint) else "rad/s"
+    delay = max(age, 0.0) + guard.horizon + guard.reaction_time
+    speed = speed_at_bite(
+        guard.v[joint],
+        guard.velocity_error[joint],
+        guard.operating_velocity[joint],
+        guard.acceleration_limit[joint],
+        guard.operating_acceleration[joint],
+        delay,
+        -age,
+    )
+    found, limit = _spell(float(speed), float(guard.brakes.speed[joint, -1]), digits=3)
+    return Reason(
+        ReasonKind.BRAKES_NOT_COVERED,
+        name,
+        f"moves at {guard.v[joint]:.3g} {unit}, and may reach {found} {unit} in the "
+        f"{_spell_time(delay)} until its brakes bite, which are stated up to {limit} {unit}",
+    )
 
 
 def describe_runaway(states: JointStates) -> Reason | None:

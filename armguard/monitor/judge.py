@@ -8,18 +8,20 @@ from typing import Any
 import numpy as np
 
 from armguard.contact.earliest import Certificate
-from armguard.monitor.committed_plan import CommittedPlan
+from armguard.monitor.known_path import KnownPath
 from armguard.monitor.levels import VerdictRule
 from armguard.monitor.settings import MonitorSettings
 from armguard.monitor.stop_decision import StopDecision
 from armguard.pairs.proof import compile_proof
 from armguard.pairs.scene import BOUND_NAMES
 from armguard.pairs.separation_margin import SeparationMargin, SeparationRule
+from armguard.robot.brakes import scale_that_rests, scale_within_range
 from armguard.robot.joint_states import JointStates
+from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
-from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, FINISH, Effect, Level, Reason, ReasonKind, Verdict
 
 NO_NAMES = (None, None)
 """Of link and obstacle, where no pair decides."""
@@ -35,10 +37,11 @@ class Judge:
         rule: Makes levels.
         settings: Of the monitor.
         separation: Rule of the separation distance whose margin each verdict is to carry, if any.
+        in_force: What joints keep to while the arm works, and how they stop, shared.
         certify: Whether each verdict is to carry a certificate.
 
     Attributes:
-        plan: The plan that the arm follows; None where plans are not judged.
+        path: What is known of the arm's way; None where plans are not judged.
         certificate_inputs: What the last verdict's certificate is about.
     """
 
@@ -50,6 +53,7 @@ class Judge:
         rule: VerdictRule,
         settings: MonitorSettings,
         separation: SeparationRule | None,
+        in_force: LimitsInForce,
         *,
         certify: bool,
     ) -> None:
@@ -59,9 +63,11 @@ class Judge:
         self._budget = settings.budget
         self._response_time = settings.response_time
         self._braking_delay = settings.response_time + settings.reaction_time
-        fastest = scheduler.arm.state.scene.limits.operating_velocity
-        self._braking_scale = float(np.min(robot.braking_deceleration / fastest))
+        self._in_force = in_force
+        self._velocity_error = np.array(robot.velocity_error)
+        self._most_scale, self._most_scale_of = 1.0, -1
         self._stopping = None
+        self._late_delay = 0.0
         if settings.with_joints:
             self._stopping = StopDecision(
                 scheduler,
@@ -71,9 +77,11 @@ class Judge:
                 settings.rise_delay,
             )
             states.delay_braking(self._stopping.looks_ahead - self._response_time)
-        self.plan = None
+            self._late_delay = self._stopping.looks_ahead + settings.reaction_time
+        self.path = None
         if scheduler.arm.motion.planned is not None:
-            self.plan = CommittedPlan(robot, scheduler, settings.response_time, settings.margin)
+            self.path = KnownPath(robot, scheduler, settings)
+        self._was_followed = False
         self._separation = None
         if separation is not None:
             self._separation = SeparationMargin(separation, self._braking_delay)
@@ -81,8 +89,8 @@ class Judge:
         self._compile(robot)
 
     def reset(self) -> None:
-        """Forget speed scales and the plan."""
-        for memory in (self._stopping, self.plan):
+        """Forget speed scales and what is known of the arm's way."""
+        for memory in (self._stopping, self.path):
             if memory is not None:
                 memory.reset()
 
@@ -103,7 +111,7 @@ class Judge:
             reasons: What there is to say already; more is added.
             unplaced: Whether there are obstacles that found no room, and could be anywhere.
         """
-        rule, stopping, plan = self._rule, self._stopping, self.plan
+        rule, stopping, path = self._rule, self._stopping, self.path
         pair, contact_time = result.pair, max(0.0, result.expiry - tick.time)
         if unplaced:
             pair, contact_time = NOBODY, 0.0
@@ -117,11 +125,23 @@ class Judge:
         if stopping is not None:
             stopping.left = 0
             spent_before = stopping.evaluated
+        # On a piece that is proved safe to its end, the arm rests whatever verdicts say.
+        is_proved = path is not None and path.is_proved
+        # Brakes that keep the arm on its path take longer than each joint's own.
+        lasting = None if path is None else path.stop_lasting
+        if path is not None and lasting is not None:
+            tick = tick._replace(
+                stop_time=max(tick.stop_time, self._braking_delay + lasting),
+                late_stop_time=max(tick.late_stop_time, self._late_delay + lasting),
+            )
         rests = (
-            stopping is not None
-            and complete
+            complete
             and not (standing or unplaced or contact_time > tick.stop_time)
-            and (stopping.rests(tick) or (plan is not None and plan.rests(tick)))
+            and (
+                is_proved
+                or (stopping is not None and lasting is None and stopping.rests(tick))
+                or (path is not None and path.rests(tick))
+            )
         )
         level, held = rule.decide(
             tick.now,
@@ -142,8 +162,10 @@ class Judge:
             reasons.append(Reason(ReasonKind.CONTACT, f"{names[0]} and {names[1]}", detail))
         if held:
             reasons.append(Reason(ReasonKind.HOLD))
-        scale = self._find_scale(tick, level, contact_time)
+        scale = self._find_scale(tick, level, contact_time, is_proved=is_proved)
         evaluated = result.evaluated
+        if path is not None:
+            evaluated += path.evaluated
         if stopping is not None:
             evaluated += stopping.evaluated - spent_before
             if stopping.left:
@@ -165,6 +187,7 @@ class Judge:
             reasons,
             separation,
             certificate,
+            is_proved=is_proved,
         )
 
     def refuse(self, stamp: float, tick: Tick, reason: Reason, since: str) -> Verdict:
@@ -176,8 +199,8 @@ class Judge:
             reason: What there is against the joint state; it is latched.
             since: When that was, in words.
         """
-        if self.plan is not None:
-            self.plan.reset()
+        if self.path is not None:
+            self.path.reset()
         self.certificate_inputs = None
         self._rule.latch(reason, since)
         level, _ = self._rule.decide(tick.now, 0.0, tick.stop_time, complete=False, standing=True)
@@ -196,9 +219,14 @@ class Judge:
         reasons: list[Reason],
         separation: float | None = None,
         certificate: Certificate | None = None,
+        *,
+        is_proved: bool = False,
     ) -> Verdict:
         """The one place where a verdict is made; the arguments are named as its fields are."""
         latched = self._rule.latched
+        stop = None
+        if level is Level.STOP:
+            stop = FINISH if is_proved else BRAKE
         # A named tuple's own constructor takes twice as long.
         return tuple.__new__(
             Verdict,
@@ -217,6 +245,7 @@ class Judge:
                 math.nextafter(tick.now + self._response_time, -math.inf),
                 separation,
                 certificate,
+                stop,
             ),
         )
 
@@ -226,29 +255,66 @@ class Judge:
         detail = f"{some} not decided about after {self._budget} evaluations"
         return Reason(ReasonKind.BUDGET_SPENT, f"budget={self._budget}", detail)
 
-    def _find_scale(self, tick: Tick, level: Level, contact_time: float) -> float:
+    def _find_scale(
+        self, tick: Tick, level: Level, contact_time: float, *, is_proved: bool
+    ) -> float:
         """The speed scale of a tick: 0 in STOP, 1 in AWARE and CLEAR, and in SLOW what is proved.
 
         Where nothing is near there is nothing to slow down for: SLOW comes in time, for while a
-        level is higher, the arm can stop before contact at whatever speed it has.
+        level is higher, the arm can stop before contact at whatever speed it has. A scale that
+        promises something is never above what brakes are stated for.
         """
         if level is Level.STOP:
             return 0.0
-        if level is not Level.SLOW:
+        if level is not Level.SLOW or is_proved:
             return 1.0
-        stopping = self._stopping
+        stopping, path = self._stopping, self.path
         if stopping is None:
             # An arm that is no faster can brake before contact, whatever it does in this tick.
-            scale = (contact_time - self._braking_delay) * self._braking_scale
-            return min(max(scale, 0.0), 1.0)
+            left = max(contact_time - self._braking_delay, 0.0)
+            fastest = self._in_force.velocity
+            return float(scale_that_rests(self._in_force.brakes, fastest, left))
+        is_followed = path is not None and path.is_followed
+        # On a trajectory it is the clock that is scaled, and no joint gets faster than it says.
+        most = 1.0 if is_followed else self._find_most_scale(stopping)
+        if most < 1.0 and not stopping.covers(tick):
+            # Before it obeys, the arm may be too fast for its brakes: nothing is proved.
+            return stopping.hold_scale(tick.now, 0.0)
+        if is_followed is not self._was_followed:
+            # Scales of another kind, found so far, say nothing of this one.
+            stopping.reset()
+            self._was_followed = is_followed
         # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
-        scale = 1.0 if contact_time > tick.late_stop_time else stopping.find_scale(tick)
-        return stopping.hold_scale(tick.now, scale)
+        scale = 1.0
+        if not contact_time > tick.late_stop_time:
+            is_free = path.is_free if path is not None and is_followed else None
+            scale = stopping.find_scale(tick, is_free)
+        return stopping.hold_scale(tick.now, min(scale, most))
+
+    def _find_most_scale(self, stopping: StopDecision) -> float:
+        """What no scale exceeds, since brakes are not stated for more; found at changes only.
+
+        A joint that keeps to it may speed up from there until its brakes bite.
+        """
+        in_force = self._in_force
+        if in_force.revision != self._most_scale_of:
+            self._most_scale_of = in_force.revision
+            self._most_scale = scale_within_range(
+                in_force.brakes,
+                in_force.velocity,
+                self._velocity_error,
+                in_force.acceleration,
+                stopping.braking_delay,
+            )
+        return self._most_scale
 
     def _measure_separation(self, tick: Tick, *, unplaced: bool) -> float:
-        """Margin of the separation distance in [m]; what found no room could be anywhere."""
+        """Margin of the separation distance in [m].
+
+        What found no room could be anywhere, and so could an arm that nothing is known to stop.
+        """
         assert self._separation is not None, "called only where there is a rule"
-        if unplaced:
+        if unplaced or tick.stop_time == math.inf:
             return -math.inf
         self._scheduler.prepare(tick)
         state, watched = self._scheduler.arm.state, self._scheduler.watched_pairs()
@@ -271,9 +337,14 @@ class Judge:
         still = np.zeros(len(robot.joints))
         lower, upper = robot.lower_position_limit, robot.upper_position_limit
         tick = Tick(-1, 0.0, 0.0, np.clip(still, lower, upper), still, 0.0, 0.0, 0.0)
+        scale_that_rests(self._in_force.brakes, self._in_force.velocity, 0.0)
         if self._stopping is not None:
+            self._find_most_scale(self._stopping)
+            self._stopping.covers(tick)
             self._stopping.find_scale(tick)
             self._stopping.reset()
+        if self.path is not None:
+            self.path.compile(tick)
         if self._separation is not None:
             self._separation.compile(self._scheduler.arm.state)
         if self._certify:

@@ -19,18 +19,24 @@ from numpy.typing import ArrayLike
 from armguard.bounds.operating_history import UNKEPT, OperatingHistory
 from armguard.bounds.planned.plan import Plan
 from armguard.exceptions import ArmguardError
-from armguard.monitor.committed_plan import PlanVerdict, refuse_plan
 from armguard.monitor.explain import Explanation
 from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.joint_reasons import (
     describe_break,
     describe_refusal,
     describe_runaway,
+    describe_unbraked,
     read_joint_vectors,
 )
 from armguard.monitor.judge import Judge
+from armguard.monitor.known_path import KnownPath
 from armguard.monitor.levels import VerdictRule
-from armguard.monitor.obstacle_reasons import describe_no_sources, take_obstacle_reasons
+from armguard.monitor.obstacle_reasons import (
+    describe_no_sources,
+    describe_spreads,
+    take_obstacle_reasons,
+)
+from armguard.monitor.plan_verdict import refuse_plan
 from armguard.monitor.queries import Queries
 from armguard.monitor.reports import PairReport, Snapshot
 from armguard.monitor.settings import make_scheduler, read_number, read_settings
@@ -44,7 +50,7 @@ from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import Schedule
 from armguard.scheduling.scheduler import NOTHING_FOUND, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
-from armguard.verdict import Effect, Reason, ReasonKind, Verdict
+from armguard.verdict import Effect, PlanVerdict, Reason, ReasonKind, Verdict
 
 NEVER = -sys.float_info.max
 """Time of the last tick before the first one, in [s]."""
@@ -62,8 +68,11 @@ class Monitor:
         schedule: "deadline", "full", "distance", "daa", or a `Schedule` of your own.
         motion: How the arm's possible motion is bounded: "joint" (by its joints' limits, and a STOP
             only where braking after the next tick could be too late), "planned" (the same, and the
-            controller tells what it is about to do by `commit`), or "isotropic" (points of the arm
+            controller tells its path, by `commit` or `follow`), or "isotropic" (points of the arm
             as free bodies; cheaper, and far more cautious).
+        stop: How an arm that follows a trajectory stops, for motion="planned": "joints", each by
+            itself from a moment of its own, or "path", together and on the path. The same goes for
+            what `with_stop` appends.
         ignore: Pairs not to be watched, as (link, pattern of obstacle ids); "*" is any. A pattern
             that has fitted no obstacle yet is a STOP that names it. With a third element, the name
             of one of the obstacles' sources, only what that source reports is ignored, and may come
@@ -72,7 +81,8 @@ class Monitor:
         latency: Of computing and transporting a verdict, lateness of a tick included, [s].
         slow_margin: Beyond the stopping time, [s]: SLOW below.
         aware_margin: Beyond the stopping time, [s]: AWARE below.
-        rise_delay: Evidence needed before a level rises, [s]; after `reset` as well.
+        rise_delay: Evidence needed before a level rises, [s]; after `reset` as well. As long a
+            sample that was refused counts as one that may be true.
         source_timeout: Silence that a source may keep, and lead of its stamps, [s].
         joint_timeout: Longest step between joint states, their longest age, and the longest time
             for which one stamp may stand, [s]; default max(0.05, 5 periods).
@@ -86,6 +96,8 @@ class Monitor:
         operating: What the controller keeps to while the arm works, enforced by it and tested here
             at every joint state; "published": what the robot's description has from published
             sources; default: the robot's limits.
+        payload: What it carries at most, tool included, [kg]: which of its brakes' entries count;
+            default: the heaviest that they are stated for.
         certify: Attach to each verdict a certificate of the pair that decides it, by free bodies;
             takes a fraction of a millisecond a tick.
         separation: Attach to each verdict the margin of the speed-and-separation distance by this
@@ -103,6 +115,7 @@ class Monitor:
         rate: float = 1000.0,
         schedule: str | Schedule = "deadline",
         motion: str = "joint",
+        stop: str = "joints",
         ignore: Iterable[Sequence[str]] = (),
         reaction_time: float = 0.02,
         latency: float = 0.002,
@@ -116,6 +129,7 @@ class Monitor:
         budget: int | None = None,
         base_placement: pinocchio.SE3 | None = None,
         operating: OperatingLimits | str | None = None,
+        payload: float | None = None,
         certify: bool = False,
         separation: SeparationRule | None = None,
     ) -> None:
@@ -125,11 +139,13 @@ class Monitor:
             rate=rate,
             schedule=schedule,
             motion=motion,
+            stop=stop,
             joint_timeout=joint_timeout,
             max_staleness=max_staleness,
             budget=budget,
             base_placement=base_placement,
             operating=operating,
+            payload=payload,
             reaction_time=reaction_time,
             latency=latency,
             slow_margin=slow_margin,
@@ -145,10 +161,11 @@ class Monitor:
         self._response_time = settings.response_time
         self._max_staleness = settings.max_staleness
         self._source_timeout = settings.source_timeout
+        self._rise_delay = float(rise_delay)
         self._rule = VerdictRule(slow_margin, aware_margin, rise_delay)
-        self._operating = in_force = None
+        self._in_force = in_force = LimitsInForce(robot, settings.operating, settings.payload)
+        self._operating = None
         if settings.operating is not None:
-            in_force = LimitsInForce(robot, settings.operating)
             self._operating = OperatingHistory(robot, in_force, rise_delay)
         self._states = JointStates(
             robot,
@@ -161,17 +178,24 @@ class Monitor:
         sources = obstacles.source_names
         self._ignored = IgnoredPairs(ignore, robot, sources)
         self._scheduler = make_scheduler(
-            robot, obstacles, settings, self._ignored, self._states, self._operating
+            robot, obstacles, settings, self._ignored, self._states, in_force, self._operating
         )
         self._judge = Judge(
-            robot, self._scheduler, self._states, self._rule, settings, separation, certify=certify
+            robot,
+            self._scheduler,
+            self._states,
+            self._rule,
+            settings,
+            separation,
+            in_force,
+            certify=certify,
         )
         self._queries = Queries(robot, obstacles, settings, self._scheduler, self._states)
         self._last: tuple[Tick | None, TickResult] = None, NOTHING_FOUND
         self._epoch = math.nan
         self._now = NEVER
         self._quiet_until = -math.inf
-        self._unplaced = self._no_sources = False
+        self._unplaced = self._no_sources = self._reloaded = False
         self._standing: Reason | None = None
         self._unmatched: tuple[int, list[Reason]] = -1, []
         self._sequence = 0
@@ -184,11 +208,39 @@ class Monitor:
         return self._judge.certificate_inputs
 
     @property
+    def payload(self) -> float:
+        """What the arm carries at most, in [kg]: which of its brakes' entries count.
+
+        It may be set at any time between steps, to None for the heaviest that the brakes are stated
+        for. It counts from the next step on, in which all pairs are evaluated and what was proved
+        before is forgotten. Say more before the arm lifts it, and less after it has put it down.
+
+        Raises:
+            RobotError: It is no number, negative, or above what the robot's brakes are stated for;
+                the one before stays.
+        """
+        return self._in_force.payload
+
+    @payload.setter
+    def payload(self, payload: float | None) -> None:
+        before = self._in_force.payload
+        self._in_force.load(payload)
+        if self._in_force.payload != before:
+            self._reloaded = True
+
+    @property
     def faults(self) -> int:
         """Faults since construction: refused rows and calls, and states not believed."""
         return self._disbelieved + self.obstacles.fault_count - self._faults_before
 
-    def step(self, stamp: float, q: ArrayLike, v: ArrayLike, now: float | None = None) -> Verdict:
+    def step(
+        self,
+        stamp: float,
+        q: ArrayLike,
+        v: ArrayLike,
+        now: float | None = None,
+        path_time: float | None = None,
+    ) -> Verdict:
         """Judge one joint state.
 
         Never raises on bad data: whatever cannot be believed is a STOP with its reason.
@@ -198,12 +250,15 @@ class Monitor:
             q: Joint positions in the order of `robot.joints`, [rad] or [m]. Shape (nv,).
             v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
             now: Time of this tick, in [s]; the stamp unless given.
+            path_time: Where on the trajectory that it follows the arm was at the stamp, in [s] as
+                in the plan's times; its clock may stand still, and is never faster than time. Once
+                told, it is told in every step. Default: the trajectory is followed on time.
         """
         self._sequence += 1
         if now is None:
             now = stamp
         try:
-            return self._step(stamp, q, v, now)
+            return self._step(stamp, q, v, now, path_time)
         except Exception as error:
             # Whatever went wrong inside, the arm must stop.
             return self._refuse(
@@ -216,7 +271,7 @@ class Monitor:
 
         Args:
             source: Arguments of `step`, one tuple a tick: stamp, q, v and, where it is not the
-                stamp, now. What makes them may update the obstacles in between.
+                stamp, now, and path_time. What makes them may update the obstacles in between.
             sink: Is called with each verdict.
         """
         for state in source:
@@ -241,13 +296,31 @@ class Monitor:
         self._quiet_until = -math.inf
         self._standing = None
 
+    def with_stop(self, plan: Plan) -> Plan:
+        """A plan with a stop at its end, as hard as brakes guarantee, to be committed.
+
+        Each joint decelerates as its own brake can; all together, straight on, where the monitor
+        was made with stop="path". A plan that ends at rest stays as it is.
+
+        Raises:
+            ArmguardError: The plan is malformed, or the monitor was not made with motion="planned".
+        """
+        return self._known_path("with_stop").with_stop(plan)
+
     def commit(self, plan: Plan) -> PlanVerdict:
-        """Judge the next piece of the controller's trajectory: is it safe to commit?
+        """Judge the next piece of the controller's trajectory, which ends at rest: is it safe?
+
+        A piece is safe if nothing can touch the arm on it until it rests. Then it is what the arm
+        may be on from now on, until joint states tell that it is on another one or on none. It must
+        agree with the one before until the answer has arrived, `latency` from now. While a piece is
+        followed, and nothing new is seen, it stays safe without a further look; what it may not
+        allow for judges it anew, in that tick, and a STOP says by `stop` whether to finish it or to
+        leave it. An arm that brakes joint by joint on the way, at an emergency stop or without
+        power, is not on its piece any more, and that is not covered.
 
         Judged on what the last step saw, so commit after a step: where something is not as it was
-        then, or was not as it should be, the piece is refused and the reason told. A safe piece is
-        what the arm is taken to follow from now on, until another one is safe, it strays from it by
-        more than its tracking error, or it rests. Nothing in a plan makes this raise.
+        then, or was not as it should be, the piece is refused and the reason told. Nothing in a
+        plan makes this raise.
 
         Args:
             plan: The piece, on the clock of the joint states' stamps.
@@ -255,26 +328,33 @@ class Monitor:
         Raises:
             ArmguardError: The monitor was not made with motion="planned".
         """
-        if self._judge.plan is None:
-            raise ArmguardError("commit", "needs plans", remedy='Monitor(..., motion="planned")')
-        tick, _ = self._last
-        obstacles, latched = self.obstacles, self._rule.latched
-        if tick is None:
-            return refuse_plan("arm", "its state is not known: step first")
-        if latched:
-            return refuse_plan("arm", f"its state is not believed: {next(iter(latched.values()))}")
-        if obstacles.unplaced():
-            return refuse_plan("obstacles", "some found no room, and could be anywhere")
-        if self._standing is not None:
-            return refuse_plan("last step", f"was a STOP: {self._standing}")
-        if self.robot.revision != self._scheduler.arm.revision:
-            return refuse_plan("tool", "was attached or detached since the last step: step first")
-        if obstacles.has_membership_changes or obstacles.table.changed_count[0] > 0:
-            detail = "have changed since the last step by more than it allowed for: step first"
-            return refuse_plan("obstacles", detail)
-        if not obstacles.is_quiet(self._now, self._source_timeout):
-            return refuse_plan("obstacles", "were refused, or a source is new: step first")
-        return self._judge.plan.commit(plan, tick)
+        path = self._known_path("commit")
+        tick = self._find_tick_to_plan()
+        return tick if isinstance(tick, PlanVerdict) else path.commit(plan, tick)
+
+    def follow(self, plan: Plan) -> PlanVerdict:
+        """Take a whole trajectory, at whose end the arm rests, as the one that it follows.
+
+        From then on each step that would be a STOP asks whether the arm can still be stopped on it
+        in time: brakes bite at any time until the next verdict has been obeyed, and until then the
+        arm is on the trajectory. It ends where the arm strays from it, and where another one takes
+        its place: that must agree with it until the answer has arrived, `latency` from now. After
+        its end the arm stays there. Judged on what the last step saw, as `commit` is; nothing in a
+        plan makes this raise.
+
+        Args:
+            plan: The trajectory, on the clock of the joint states' stamps.
+
+        Returns:
+            Safe if it is in order, and followed from now on; its contact time is that of an arm
+            that is told to stop after the next step.
+
+        Raises:
+            ArmguardError: The monitor was not made with motion="planned".
+        """
+        path = self._known_path("follow")
+        tick = self._find_tick_to_plan()
+        return tick if isinstance(tick, PlanVerdict) else path.follow(plan, tick)
 
     def pairs(self, limit: int = 64) -> list[PairReport]:
         """The most imminent pairs as of the last tick, soonest first, at most `limit`.
@@ -322,7 +402,7 @@ class Monitor:
         """
         return self._queries.snapshot(self._last[0], pair_limit, row_limit)
 
-    def _step(self, stamp: float, q: Any, v: Any, now: float) -> Verdict:
+    def _step(self, stamp: float, q: Any, v: Any, now: float, path_time: object) -> Verdict:
         if not (type(stamp) is float and type(now) is float):
             stamp, now = read_number(stamp), read_number(now)
         if not self._now <= now < math.inf:
@@ -346,7 +426,9 @@ class Monitor:
             # What was proved with wider limits holds with these, too.
             scheduler.arm.follow_limits(states.v)
         quiet = now < self._quiet_until and obstacles.is_quiet(now, self._source_timeout)
-        seen = scheduler.advance(stamp, q, v, now, epoch, number, quiet)
+        # Under another payload nothing may be decided before all certificates are invalid.
+        usual = quiet and not self._reloaded
+        seen = scheduler.advance(stamp, q, v, now, epoch, number, usual)
         found, joint, stop_time, late = seen[:4]
         if found < BELIEVED:
             return self._refuse(stamp, describe_refusal(states, found, joint, stamp, q, v))
@@ -354,7 +436,11 @@ class Monitor:
         if operating is not None and found & UNKEPT:
             reasons += self._suspend(operating, now)
             stop_time, late = states.stop_times(now - stamp)
+        if self._reloaded:
+            reasons += self._reload()
+        unbraked = None
         if found:
+            unbraked = describe_unbraked(states, now - stamp)
             runaway = describe_runaway(states)
             if runaway is not None:
                 reasons.append(runaway)
@@ -380,15 +466,24 @@ class Monitor:
             ),
         )
         result = scheduler.evaluate_due(tick, seen)
-        self._last = tick, result
         if result.disturbed:
             self._judge.forget_proofs()
-        if self._judge.plan is not None:
-            strayed = self._judge.plan.check_followed(tick, stamp)
-            if strayed is not None:
-                reasons.append(strayed)
+        path = self._judge.path
+        if path is not None:
+            disturbed = result.disturbed or bool(result.broken) or not quiet
+            told = path.update(tick, stamp, path_time, disturbed=disturbed)
+            if told is not None:
+                reasons.append(told)
+        # On a known path the arm gets no faster than that says, and its brakes are asked of that.
+        if unbraked is not None and (path is None or not path.is_known):
+            reasons.append(unbraked)
+            # How far to look ahead needed a number; that the arm rests by then is not known.
+            tick = tick._replace(stop_time=math.inf, late_stop_time=math.inf)
+        self._last = tick, result
         for row in result.broken:
             reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
+        if obstacles.has_wide_spreads:
+            reasons += describe_spreads(obstacles)
         if self._no_sources:
             reasons.append(describe_no_sources(obstacles))
         if self._ignored.unmatched:
@@ -400,16 +495,50 @@ class Monitor:
             self._standing = next(standing, None)
         return verdict
 
-    def _suspend(self, operating: OperatingHistory, now: float) -> list[Reason]:
-        """Put the hardware's limits in force: nothing that was proved with others holds."""
-        operating.suspend(now)
-        reasons = [describe_break(self._states, operating.record)]
+    def _known_path(self, method: str) -> KnownPath:
+        if self._judge.path is None:
+            raise ArmguardError(method, "needs plans", remedy='Monitor(..., motion="planned")')
+        return self._judge.path
+
+    def _find_tick_to_plan(self) -> Tick | PlanVerdict:
+        """The last tick, if a plan can be judged by it; else why not."""
+        tick, _ = self._last
+        obstacles, latched = self.obstacles, self._rule.latched
+        if tick is None:
+            return refuse_plan("arm", "its state is not known: step first")
+        if latched:
+            return refuse_plan("arm", f"its state is not believed: {next(iter(latched.values()))}")
+        if obstacles.unplaced():
+            return refuse_plan("obstacles", "some found no room, and could be anywhere")
+        if self._standing is not None:
+            return refuse_plan("last step", f"was a STOP: {self._standing}")
+        if self.robot.revision != self._scheduler.arm.revision:
+            return refuse_plan("tool", "was attached or detached since the last step: step first")
+        if obstacles.has_membership_changes or obstacles.table.changed_count[0] > 0:
+            detail = "have changed since the last step by more than it allowed for: step first"
+            return refuse_plan("obstacles", detail)
+        if not obstacles.is_settled(self._now, self._source_timeout):
+            return refuse_plan("obstacles", "were refused, or a source is new: step first")
+        return tick
+
+    def _reload(self) -> list[Reason]:
+        """Let nothing count that was proved with brakes under another payload."""
+        self._reloaded = False
         self._scheduler.invalidate_all()
-        if self._judge.plan is not None:
-            void = self._judge.plan.drop("operating limits", "are broken")
-            if void is not None:
-                reasons.append(void)
-        return reasons
+        self._judge.forget_proofs()
+        void = None
+        if self._judge.path is not None:
+            void = self._judge.path.drop("payload", f"is {self.payload:g} kg now")
+        return [] if void is None else [void]
+
+    def _suspend(self, operating: OperatingHistory, now: float) -> list[Reason]:
+        """Put the hardware's limits in force: nothing that was proved with others holds.
+
+        What is known of the arm's path rests on the hardware's alone.
+        """
+        operating.suspend(now)
+        self._scheduler.invalidate_all()
+        return [describe_break(self._states, operating.record)]
 
     def _tell_unmatched(self) -> list[Reason]:
         """Reasons about patterns to ignore that have fitted no obstacle; only news change them."""
@@ -424,7 +553,7 @@ class Monitor:
     def _read_obstacles(self, now: float) -> list[Reason]:
         """What is wrong with the obstacle table, and until when silence is no reason."""
         obstacles = self.obstacles
-        reasons = take_obstacle_reasons(obstacles, now, self._source_timeout)
+        reasons = take_obstacle_reasons(obstacles, now, self._source_timeout, self._rise_delay)
         self._unplaced = bool(obstacles.unplaced())
         self._no_sources = not obstacles.has_sources
         self._quiet_until = -math.inf

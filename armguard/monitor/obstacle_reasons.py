@@ -7,15 +7,19 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.verdict import Reason, ReasonKind
 
 
-def take_obstacle_reasons(obstacles: Obstacles, now: float, timeout: float) -> list[Reason]:
-    """Reasons to stop for as long as they last; takes the faults that were left for this tick.
+def take_obstacle_reasons(
+    obstacles: Obstacles, now: float, timeout: float, rise_delay: float
+) -> list[Reason]:
+    """What is wrong with obstacles' data in a tick; takes the faults that were left for it.
 
-    States that are stamped too far ahead are given up: their obstacles could be anywhere.
+    Refused samples that have been possible for long enough are forgotten. States that are stamped
+    too far ahead are given up: their obstacles could be anywhere.
 
     Args:
         obstacles: The table.
         now: Time of the tick, in [s].
         timeout: Silence that a source may keep, and lead of its stamps, in [s].
+        rise_delay: How long a refused sample is possible, in [s].
     """
     reasons = [
         Reason(ReasonKind.SOURCE_SILENT, name) for name in obstacles.silent_sources(now, timeout)
@@ -25,6 +29,8 @@ def take_obstacle_reasons(obstacles: Obstacles, now: float, timeout: float) -> l
     for row in obstacles.rows_ahead(now, timeout):
         reasons.append(Reason(ReasonKind.STAMP_AHEAD, obstacles.ids[row]))
         obstacles.distrust(row)
+    for name, detail in obstacles.disbelieved_sources():
+        reasons.append(Reason(ReasonKind.SOURCE_NOT_BELIEVED, name, detail))
     named = set()
     for fault in obstacles.take_faults():
         named.add(fault.id)
@@ -32,10 +38,21 @@ def take_obstacle_reasons(obstacles: Obstacles, now: float, timeout: float) -> l
     for name in obstacles.unplaced():
         if name not in named:
             reasons.append(Reason(ReasonKind.OBSTACLE_REFUSED, name, str(FaultKind.TABLE_FULL)))
+    obstacles.forget_refused(now, rise_delay)
     for row in obstacles.refused_rows():
-        if obstacles.ids[row] not in named:
-            reasons.append(Reason(ReasonKind.OBSTACLE_REFUSED, obstacles.ids[row]))
+        name = obstacles.ids[row]
+        if name not in named:
+            detail = "could be anywhere" if obstacles.table.unknown[row] else ""
+            reasons.append(Reason(ReasonKind.OBSTACLE_REFUSED, name, detail))
+        if obstacles.stops_on_refusal(row):
+            detail = 'its source asks for STOP: on_refusal = "stop"'
+            reasons.append(Reason(ReasonKind.OBSTACLE_NOT_BELIEVED, name, detail))
     return reasons
+
+
+def describe_spreads(obstacles: Obstacles) -> list[Reason]:
+    """Whose samples are off by more than their source says."""
+    return [Reason(ReasonKind.ERRORS_EXCEEDED, *told) for told in obstacles.describe_spreads()]
 
 
 def describe_no_sources(obstacles: Obstacles) -> Reason:
@@ -52,6 +69,9 @@ def _as_reason(fault: Fault) -> Reason:
         kind = ReasonKind.REMOVAL_IGNORED
     elif fault.kind is FaultKind.SHARED_ID:
         kind = ReasonKind.ID_SHARED
+    elif fault.kind is FaultKind.LATE:
+        # It is in the cell, and not in the table: nothing bounds it.
+        kind = ReasonKind.OBSTACLE_NOT_BELIEVED
     elif fault.id:
         kind = ReasonKind.OBSTACLE_REFUSED
     else:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray, IntArray
+from armguard.obstacles.possible_states import list_states
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.hull_distance import HullDistance
 from armguard.pairs.scene import BOUND_NAMES
@@ -34,7 +35,8 @@ class PairReport(NamedTuple):
     point_on_link: NDArray[np.float64]
     """Closest point of the link, [m], world; NaN where the obstacle is nowhere. Shape (3,)."""
     point_on_obstacle: NDArray[np.float64]
-    """Closest point of the obstacle as last measured, alike. Shape (3,)."""
+    """Closest point of the obstacle as last measured, of a refused sample too if that is nearer,
+    alike. Shape (3,)."""
 
 
 def bucket_of(contact_time: float, period: float) -> int:
@@ -67,12 +69,16 @@ def report_pair(
         exact: Measures the links where they are.
     """
     row, link = divmod(int(listing.pairs[index]), len(state.tree.root))
-    bodies = state.bodies if state.marks.has_state[row] else state.refused_bodies
-    points = bodies.points[row, : int(bodies.point_count[row])]
-    radius = float(bodies.radius[row])
     on_link = on_obstacle = np.full(3, np.nan)
-    if np.isfinite(points).all() and 0.0 <= radius < math.inf:
-        _, on_link, on_obstacle = exact.distance(link, points, radius)
+    nearest = math.inf
+    for bodies, place, _ in list_states(
+        state.bodies, state.refused_bodies, state.marks, row, state.now
+    ):
+        points = bodies.points[place, : int(bodies.point_count[place])]
+        distance, *closest = exact.distance(link, points, float(bodies.radius[place]))
+        if distance < nearest:
+            nearest = distance
+            on_link, on_obstacle = closest
     contact_time = max(0.0, float(listing.expiry[index]) - time)
     return PairReport(
         link=names[0],

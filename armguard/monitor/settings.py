@@ -14,12 +14,15 @@ from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm import IgnoredPairs, WatchedArm
 from armguard.robot.joint_states import JointStates
-from armguard.robot.operating_limits import OperatingLimits, read_operating
+from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, read_operating
 from armguard.robot.robot import Robot
 from armguard.scheduling.deadline import DeadlineScheduler
 from armguard.scheduling.pair_scheduler import PairScheduler
 from armguard.scheduling.schedule import DEADLINE, Schedule, make_schedule
 from armguard.scheduling.scheduler import Scheduler
+
+STOPS = ("joints", "path")
+"""How an arm stops that follows a trajectory: each joint by itself, or all of them on the path."""
 
 MOST_EVALUATIONS = 2**62
 """A budget that nothing exceeds."""
@@ -34,6 +37,8 @@ class MonitorSettings(NamedTuple):
     """Of pairs; None: obstacles by their deadlines."""
     motion: str
     """One of `MOTIONS`."""
+    stop: str
+    """One of `STOPS`."""
     reaction_time: float
     latency: float
     slow_margin: float
@@ -48,6 +53,8 @@ class MonitorSettings(NamedTuple):
     base_placement: pinocchio.SE3
     operating: OperatingLimits | None = None
     """What the controller keeps to; None: the robot's limits."""
+    payload: float = 0.0
+    """What the arm carries at most, in [kg]."""
 
     @property
     def response_time(self) -> float:
@@ -68,11 +75,13 @@ def read_settings(
     rate: float,
     schedule: str | Schedule,
     motion: str,
+    stop: str = "joints",
     joint_timeout: float | None,
     max_staleness: float,
     budget: int | None,
     base_placement: pinocchio.SE3 | None,
     operating: object = None,
+    payload: object = None,
     **amounts: float,
 ) -> MonitorSettings:
     """Check the arguments of a `Monitor`; `amounts` are its durations and lengths.
@@ -106,15 +115,23 @@ def read_settings(
         raise ArmguardError("base_placement", f"is {base_placement!r}", expected="a pinocchio.SE3")
     if not (isinstance(motion, str) and motion in MOTIONS):
         raise ArmguardError("motion", f"is {motion!r}", expected=f"one of {', '.join(MOTIONS)}")
+    if not (isinstance(stop, str) and stop in STOPS):
+        raise ArmguardError("stop", f"is {stop!r}", expected=f"one of {', '.join(STOPS)}")
+    if stop != "joints" and motion != PLANNED:
+        raise ArmguardError(
+            "stop", f"is {stop!r}", expected='"joints" unless motion="planned" tells the path'
+        )
     by_deadline = isinstance(schedule, str) and schedule == DEADLINE
     return MonitorSettings(
         period=period,
         schedule=None if by_deadline else make_schedule(schedule, period),
         motion=motion,
+        stop=stop,
         max_staleness=float(max_staleness),
         budget=_read_budget(budget, by_deadline=by_deadline),
         base_placement=base_placement or pinocchio.SE3.Identity(),
         operating=read_operating(robot, operating),
+        payload=robot.brakes.check_payload(payload),
         **{name: float(amount) for name, amount in amounts.items()},
     )
 
@@ -164,6 +181,7 @@ def make_scheduler(
     settings: MonitorSettings,
     ignored: IgnoredPairs,
     states: JointStates,
+    in_force: LimitsInForce,
     operating: OperatingHistory | None = None,
 ) -> Scheduler:
     """A scheduler over the pairs of an arm and obstacles, compiled and ready.
@@ -174,6 +192,7 @@ def make_scheduler(
         settings: Which scheduler, and how cautious.
         ignored: Pairs that are not watched.
         states: Where joint positions and velocities of each tick stand.
+        in_force: What joints keep to while the arm works, and how they stop, shared.
         operating: What tests joint states against operating limits; None: there are none.
     """
     schedule = settings.schedule
@@ -189,7 +208,7 @@ def make_scheduler(
             with_joints=settings.with_joints,
             with_plans=settings.motion == PLANNED,
             by_distance=schedule is not None and schedule.measure == "distance",
-            in_force=None if operating is None else operating.in_force,
+            in_force=in_force,
         )
 
     if schedule is not None:

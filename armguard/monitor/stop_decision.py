@@ -10,9 +10,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.scheduling.timing_wheel import NOBODY
+
+IsFree = Callable[[Tick, float, float, float], bool]
+"""Says of a tick whether the arm surely rests before contact if it goes on as before for some time,
+keeps to a scale for some more, in [s], and is told to stop then."""
 
 HALVINGS = 5
 """Of the interval in which the speed scale is sought."""
@@ -82,11 +87,25 @@ class StopDecision:
     def rests(self, tick: Tick) -> bool:
         """Whether the arm surely rests before contact, braking only after the next tick."""
         braking = self._scheduler.arm.motion.braking
+        if not braking.covers(tick.v, tick.arm_age, self._response_time):
+            return False
         table = braking.tabulate(tick.q, tick.v, tick.arm_age, self._response_time)
         return self._is_free(tick, float(table.time[-1]))
 
-    def find_scale(self, tick: Tick) -> float:
+    @property
+    def braking_delay(self) -> float:
+        """From a tick until an arm that obeys its scale brakes at the earliest, in [s]."""
+        return self._obeyed_after + self._scheduler.arm.motion.braking.reaction_time
+
+    def covers(self, tick: Tick) -> bool:
+        """Whether brakes are stated for all that joints can do until they obey a scale."""
+        braking = self._scheduler.arm.motion.braking
+        return braking.covers(tick.v, tick.arm_age, self._obeyed_after)
+
+    def find_scale(self, tick: Tick, is_free: IsFree | None = None) -> float:
         """The greatest fraction of their operating velocities at which joints may go on, in [0, 1].
+
+        Of an arm on a known path it is its clock that is scaled, and `is_free` that is asked.
 
         An arm that obeys and keeps to it for `going_on` seconds, and brakes then, surely rests
         before contact: joints that are faster slow down as if they braked, the others get no
@@ -101,11 +120,11 @@ class StopDecision:
             # Ticks came late, or none was asked for meanwhile: what was found is obeyed too late.
             self._step = 0
         for _ in range(steps):
-            if not self._search(tick):
+            if not self._search(tick, is_free):
                 break
         return self._safe if tick.time - self._safe_at < self._lasting else 0.0
 
-    def _search(self, tick: Tick) -> bool:
+    def _search(self, tick: Tick, is_free: IsFree | None) -> bool:
         """One step: the first tries the whole, the others halve. Whether there is another one."""
         if self._step > HALVINGS:
             self._step += 1
@@ -116,7 +135,11 @@ class StopDecision:
             self._low, self._high, self._low_at = 0.0, 1.0, tick.time
             self._began_at = tick.time
         scale = 1.0 if self._step == 0 else 0.5 * (self._low + self._high)
-        if self._is_safe(tick, scale):
+        if is_free is None:
+            safe = self._is_safe(tick, scale)
+        else:
+            safe = is_free(tick, self._obeyed_after, self._going_on, scale)
+        if safe:
             self._low, self._low_at = scale, tick.time
         else:
             self._high = scale

@@ -11,7 +11,7 @@ import numpy as np
 
 from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import pack
-from armguard.obstacles.table import Marks, States, make_states
+from armguard.obstacles.table import MOST_REFUSED, Marks, States, make_states
 from armguard.pairs.evaluate import TickState, evaluate_handle
 
 
@@ -44,7 +44,7 @@ def contact_times(
             tick has it; inf: everything.
     """
     scene = state.scene
-    bodies, refused = _one_row(scene.bodies, row), _one_row(scene.refused, row)
+    bodies, refused = _copy_row(scene.bodies, row, 1), _copy_row(scene.refused, row, MOST_REFUSED)
     marks = Marks._make(array[row : row + 1].copy() for array in scene.marks)
     for states in (bodies, refused):
         states.speed[:] = np.maximum(states.speed + change.speed, 0.0)
@@ -78,9 +78,9 @@ def contact_times(
     return times
 
 
-def _one_row(states: States, row: int) -> States:
-    """A copy of one row; there is a second one, as arrays of one row are of another type."""
-    copied = make_states(2, states.points.shape[1])
+def _copy_row(states: States, row: int, places: int) -> States:
+    """A copy of a row's states; there are two at least, as arrays of one are of another type."""
+    copied = make_states(max(places, 2), states.points.shape[1])
     for array, original in zip(copied, states, strict=True):
-        array[:] = original[row]
+        array[:places] = original[row * places : (row + 1) * places]
     return copied

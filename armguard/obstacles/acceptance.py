@@ -1,10 +1,14 @@
 """The compiled rule that takes or refuses samples of obstacles.
 
 It knows no names: it sees rows of the table and numbers. What it refuses it keeps beside the
-accepted state, for both may be true. Track confirmation decides between them: several refused
-samples in a row that agree with each other become the accepted track, once they are newer than it.
-Of two samples the older one says what the newer one may be, whichever of them came first: a late
-sample that agrees changes nothing, and one that disagrees is refused as any other.
+accepted state, for each may be true (`possible_states`). Track confirmation decides which track
+goes on: several refused samples in a row that agree with each other become the accepted track, once
+they are newer than it; the one that they replace stays possible as a refused sample does. Of two
+samples the older one says what the newer one may be, whichever of them came first: a late sample
+that agrees changes nothing, and one that disagrees is refused as any other.
+
+A sample that contradicts the accepted state by little, as a body does that breaks its bounds, shows
+what the body is capable of: one and a half times that counts as its bounds for a while.
 """
 
 from __future__ import annotations
@@ -18,8 +22,15 @@ from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import ACCEPTANCE_SLACK, ALLOWED, SHAPE, VELOCITY_BY_ACCEL
 from armguard.obstacles.consistency import body_allows
+from armguard.obstacles.possible_states import (
+    find_place,
+    lose_sight,
+    set_state_aside,
+    widen_to_cover,
+)
 from armguard.obstacles.reference_states import allows_reference_state
-from armguard.obstacles.table import Rows, Samples, States, Told, note_row
+from armguard.obstacles.spread import follow_spread
+from armguard.obstacles.table import MOST_REFUSED, Rows, Samples, States, Told, note_row
 
 CONFIRMING_SAMPLES = 5
 """So many consecutive samples that agree with each other confirm another track."""
@@ -28,6 +39,21 @@ TOLD_FOR = 0.2
 """How long, in [s], bounds that were told of a body count in deciding whether its samples agree, at
 the least: a source may narrow them while messages are under way. That is leniency in what is
 refused, never in what is proved: each certificate is tested by the bounds that it rests on."""
+
+BROKEN_FACTOR = 1.5
+"""Times what was seen of a body that broke its bounds counts for the next `BROKEN_FOR` seconds of
+its stamps."""
+
+BROKEN_FOR = 2.0
+
+BELIEVABLE_ACCEL = 5.0
+BELIEVABLE_SPEED = 2.0
+"""A body may break its bounds up to so many times; what would have had to break them by more was
+another body, or is no measurement. Of people at work, hands reach four times the 10 m/s² and 1.7
+times the 2 m/s that count unless told otherwise (docs/people.md)."""
+
+SEEN_WITHIN = 0.1
+"""Between samples farther apart than this, in [s], nothing is seen of how a body moved."""
 
 RESOLUTION = 1e-9
 """What positions and velocities are off by at the least, in [m] and [m/s]: numbers that a source
@@ -243,6 +269,116 @@ def _largest_step(before: FloatArray, after: FloatArray) -> float:
 
 
 @kernel
+def _measure_bounds(
+    states: States, row: int, samples: Samples, i: int, stamp: float
+) -> tuple[float, float]:
+    """Acceleration and speed that a body needed at the least to be in a state and in a sample.
+
+    inf where nothing can be said of that.
+    """
+    duration = abs(stamp - states.stamp[row])
+    if not (0.0 < duration <= SEEN_WITHIN and states.point_count[row] == samples.points.shape[1]):
+        return math.inf, math.inf
+    elapsed = stamp - states.stamp[row]
+    error = states.position_error[row] + samples.position_error[i]
+    rate_error = states.velocity_error[row]
+    accel = speed = 0.0
+    for k in range(samples.points.shape[1]):
+        step2 = stray2 = change2 = velocity2 = 0.0
+        for axis in range(3):
+            v0, v1 = states.velocities[row, k, axis], samples.velocities[i, k, axis]
+            step = samples.points[i, k, axis] - states.points[row, k, axis]
+            step2 += step * step
+            stray2 += (step - v0 * elapsed) ** 2
+            change2 += (v1 - v0) ** 2
+            velocity2 += v1 * v1
+        speed = max(speed, math.sqrt(velocity2) - samples.velocity_error[i])
+        speed = max(speed, (math.sqrt(step2) - error) / duration)
+        changed = math.sqrt(change2) - rate_error - samples.velocity_error[i]
+        strayed = math.sqrt(stray2) - error - rate_error * duration
+        accel = max(accel, changed / duration, 2.0 * strayed / (duration * duration))
+    return accel, speed
+
+
+@kernel
+def _widen_broken_bounds(
+    table: Rows, states: States, row: int, samples: Samples, i: int, stamp: float
+) -> bool:
+    """Let what a body has shown between a state and a sample count, if that is believable.
+
+    Larger bounds make contact times shorter.
+
+    Returns:
+        Whether it may have broken its bounds, rather than be another body.
+    """
+    told, accepted = table.told, table.accepted
+    accel = max(told.accel[row], told.accel_before[row], samples.accel[i])
+    speed = max(told.speed[row], told.speed_before[row], samples.speed[i])
+    seen_accel, seen_speed = _measure_bounds(states, row, samples, i, stamp)
+    if not (seen_accel <= BELIEVABLE_ACCEL * accel and seen_speed <= BELIEVABLE_SPEED * speed):
+        return False
+    if not stamp <= told.broken_until[row]:
+        told.broken_accel[row] = told.broken_speed[row] = 0.0
+    if seen_accel > accel:
+        counts = BROKEN_FACTOR * seen_accel
+        told.broken_accel[row] = max(told.broken_accel[row], counts)
+    if seen_speed > speed:
+        counts = BROKEN_FACTOR * seen_speed
+        told.broken_speed[row] = max(told.broken_speed[row], counts)
+    told.broken_until[row] = max(told.broken_until[row], stamp + BROKEN_FOR)
+    _count_broken_bounds(told, row, samples, i, stamp)
+    if table.marks.has_state[row] and not table.marks.static[row]:
+        accepted.accel[row] = max(accepted.accel[row], told.broken_accel[row])
+        accepted.speed[row] = max(accepted.speed[row], told.broken_speed[row])
+    return True
+
+
+@kernel
+def _count_broken_bounds(told: Told, row: int, samples: Samples, i: int, stamp: float) -> None:
+    """Let a sample's bounds be no narrower than what its body has shown lately.
+
+    Compared as they are here, what is no number stays none, and is refused as that.
+    """
+    if not stamp <= told.broken_until[row]:
+        return
+    if samples.accel[i] < told.broken_accel[row]:
+        samples.accel[i] = told.broken_accel[row]
+        if samples.accel[i] > MAXIMUM_ACCEL:
+            samples.accel[i] = math.inf
+    if samples.speed[i] < told.broken_speed[row]:
+        samples.speed[i] = told.broken_speed[row]
+        if samples.speed[i] > MAXIMUM_SPEED:
+            samples.speed[i] = math.inf
+
+
+@kernel
+def _let_stand(table: Rows, row: int, samples: Samples, i: int, stamp: float) -> None:
+    """Let a refused sample be possible: in a place of its own, or within the bounds of another."""
+    refused, marks = table.refused, table.marks
+    marks.refused[row] = True
+    for place in range(row * MOST_REFUSED, row * MOST_REFUSED + marks.refused_count[row]):
+        covered = widen_to_cover(
+            refused,
+            place,
+            samples.points[i],
+            samples.velocities[i],
+            samples.radius[i],
+            samples.accel[i],
+            samples.speed[i],
+            samples.position_error[i],
+            samples.velocity_error[i],
+            stamp,
+        )
+        if covered:
+            # As long as if it had come now.
+            table.refusals.until[place] = math.inf
+            return
+    place = find_place(marks, table.refusals, row)
+    if place >= 0:
+        _write(refused, place, samples, i, stamp)
+
+
+@kernel
 def _set_aside(
     table: Rows, row: int, samples: Samples, i: int, stamp: float, code: int, value: float
 ) -> tuple[int, float]:
@@ -251,27 +387,33 @@ def _set_aside(
     Returns:
         Its final code, and the value that a fault would show.
     """
-    accepted, refused, marks = table.accepted, table.refused, table.marks
-    if code >= TOO_FAST:
+    accepted, candidates, marks = table.accepted, table.candidates, table.marks
+    if code > TOO_FAST:
         marks.confirmations[row] = 0
-        marks.refused[row] = True
-        marks.refused_finite[row] = code == TOO_FAST
-        _write(refused, row, samples, i, stamp)
+        lose_sight(marks, table.refusals, row)
+        return code, value
+    if marks.has_state[row] and code != SHAPE:
+        _widen_broken_bounds(table, accepted, row, samples, i, stamp)
+    if code == TOO_FAST:
+        marks.confirmations[row] = 0
+        samples.speed[i] = max(samples.speed[i], BROKEN_FACTOR * value)
+        _let_stand(table, row, samples, i, stamp)
         return code, value
     # A candidate track grows by samples that follow its last one, and begins anew with others.
     known = marks.confirmations[row] > 0
     follows = (
         known
-        and _agrees(refused, row, samples, i, stamp, samples.accel[i], samples.speed[i]) == ALLOWED
+        and _agrees(candidates, row, samples, i, stamp, samples.accel[i], samples.speed[i])
+        == ALLOWED
     )
     late = not stamp > accepted.stamp[row]
-    if follows and stamp > refused.stamp[row]:
+    if follows and stamp > candidates.stamp[row]:
         marks.confirmations[row] += 1
-        _write(refused, row, samples, i, stamp)
+        _write(candidates, row, samples, i, stamp)
     elif not follows and not (known and late):
         # A late message must not hide a track that is about to be confirmed.
         marks.confirmations[row] = 1
-        _write(refused, row, samples, i, stamp)
+        _write(candidates, row, samples, i, stamp)
     # What a fault shows: how far the sample is off the accepted state.
     if code == VELOCITY_BY_ACCEL:
         value = _largest_step(accepted.velocities[row], samples.velocities[i])
@@ -280,9 +422,10 @@ def _set_aside(
     else:
         value = _largest_step(accepted.points[row], samples.points[i])
     if marks.confirmations[row] >= CONFIRMING_SAMPLES and not late:
+        # What was believed until now may be true all the same.
+        set_state_aside(accepted, row, marks, table.refused, table.refusals)
         return TRACK_CHANGED, value
-    marks.refused[row] = True
-    marks.refused_finite[row] = True
+    _let_stand(table, row, samples, i, stamp)
     return code, value
 
 
@@ -333,10 +476,22 @@ def take_samples(
             _move_to_world(samples, i, rotation, translation)
             samples.position_error[i] += frame_error
         # Read: values that cannot be used at all, and errors below what numbers resolve.
+        stated_accel = samples.accel[i]
+        _count_broken_bounds(told, row, samples, i, stamp)
         code, value = _find_flaw(samples, i, speed_is_error, extent)
         if code in (TAKEN, TOO_FAST):
             samples.position_error[i] = max(samples.position_error[i], RESOLUTION)
             samples.velocity_error[i] = max(samples.velocity_error[i], RESOLUTION)
+            follow_spread(
+                table.spreads,
+                row,
+                samples.points[i],
+                samples.velocities[i],
+                stated_accel,
+                samples.position_error[i],
+                samples.velocity_error[i],
+                stamp,
+            )
         # Gate: does it agree with the accepted state, by all bounds that were told lately?
         if code == TAKEN and marks.has_state[row]:
             accel = max(told.accel[row], told.accel_before[row])
@@ -351,26 +506,29 @@ def take_samples(
         # Confirm: what does not agree is set aside, or completes another track.
         if code not in (TAKEN, LATE):
             code, value = _set_aside(table, row, samples, i, stamp, code, value)
+            marks.revision[row] += 1
         codes[i] = code
         values[i] = value
-        # Write: what agrees or confirms a track replaces the accepted state and clears a refused
-        # one. The row has changed, unless its reference state allows for what was written.
+        # Write: what agrees or confirms a track replaces the accepted state. The row has changed,
+        # unless its reference state allows for what was written.
         is_changed = code != LATE
-        if code == TAKEN and not marks.refused[row]:
+        if code in (TAKEN, TRACK_CHANGED):
             _write(accepted, row, samples, i, stamp)
             marks.has_state[row] = True
             marks.confirmations[row] = 0
-            marks.revision[row] += 1
+            marks.revision[row] += code == TAKEN
             taken += 1
+        if code == TAKEN:
             allowed, grown = allows_reference_state(accepted, reference_states, row, row)
             is_changed = grown or not allowed
-        elif code in (TAKEN, TRACK_CHANGED):
-            _write(accepted, row, samples, i, stamp)
-            marks.has_state[row] = True
-            marks.refused[row] = False
-            marks.confirmations[row] = 0
-            marks.revision[row] += 1
-            taken += 1
+            # Each step agreed with the one before, but all of them not with what was promised. What
+            # that rests on is set aside once; it stands until the change has been read.
+            if (
+                not allowed
+                and not _widen_broken_bounds(table, reference_states, row, samples, i, stamp)
+                and not changed_rows.is_changed[row]
+            ):
+                set_state_aside(reference_states, row, marks, table.refused, table.refusals)
         if code in (TAKEN, LATE, TRACK_CHANGED):
             _remember_bounds(told, row, samples, i, stamp)
         if is_changed:

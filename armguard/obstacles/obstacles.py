@@ -201,12 +201,15 @@ class Obstacles(ObstacleRegister):
                 places[i] = self._admit(name, time, state) if places[i] < 0 else places[i]
         rows = np.array(places, dtype=np.int64)
         codes, values = self._run_rule(rows, samples, time, frame, velocity is None)
+        refused = 0
         for i in codes.nonzero()[0].tolist():
             if codes[i] == rule.LATE:
                 self.late_count += 1
             else:
                 kind, field = _KINDS[int(codes[i])]
+                refused += codes[i] != rule.TRACK_CHANGED
                 self._faults.leave(kind, source, names[i], field, float(values[i]), time)
+        self._sources.count(state, time, len(names), refused)
         if snapshot:
             self._remove_absent(rows, time, state, late)
 

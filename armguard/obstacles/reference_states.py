@@ -12,7 +12,7 @@ import numpy as np
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import ALLOWED, TIME_ROUNDING
 from armguard.obstacles.consistency import body_allows
-from armguard.obstacles.table import Marks, States
+from armguard.obstacles.table import Marks, States, copy_state
 
 
 @kernel
@@ -31,18 +31,7 @@ def keep_reference_state(
     if not marks.has_state[row]:
         reference_states.point_count[place] = 0
         return
-    count = bodies.point_count[row]
-    for k in range(count):
-        for axis in range(3):
-            reference_states.points[place, k, axis] = bodies.points[row, k, axis]
-            reference_states.velocities[place, k, axis] = bodies.velocities[row, k, axis]
-    reference_states.point_count[place] = count
-    reference_states.radius[place] = bodies.radius[row]
-    reference_states.accel[place] = bodies.accel[row]
-    reference_states.speed[place] = bodies.speed[row]
-    reference_states.position_error[place] = bodies.position_error[row]
-    reference_states.velocity_error[place] = bodies.velocity_error[row]
-    reference_states.stamp[place] = bodies.stamp[row]
+    copy_state(bodies, row, reference_states, place)
 
 
 @kernel

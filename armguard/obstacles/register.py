@@ -14,10 +14,15 @@ import numpy as np
 from armguard.exceptions import ObstacleError
 from armguard.jit.arrays import IntArray
 from armguard.obstacles.faults import Fault, FaultQueue, Unplaced
+from armguard.obstacles.possible_states import distrust, forget_expired
 from armguard.obstacles.sources import NO_SOURCE, Source, Sources, Tombstones
+from armguard.obstacles.spread import describe_spread
 from armguard.obstacles.table import ObstacleTable
 
 NO_ROWS: IntArray = np.zeros(0, dtype=np.int64)
+
+SPREADS_TOLD = 8
+"""Bodies with errors larger than stated that are named at once."""
 
 
 class ObstacleRegister:
@@ -48,6 +53,9 @@ class ObstacleRegister:
         self._removed: set[int] = set()
         self._newest = -math.inf
         self._any_refused = False
+        # Compiled here, on a row that has no state.
+        distrust(self.table.handle, 0)
+        forget_expired(self.table.handle, 0.0, 0.0)
 
     def __len__(self) -> int:
         return sum(map(len, self._rows.values()))
@@ -111,8 +119,18 @@ class ObstacleRegister:
         return np.array([*self._added, *self._removed], dtype=np.int64)
 
     def refused_rows(self) -> IntArray:
-        """Rows beside whose state a refused sample stands. Shape (r,)."""
+        """Rows of which refused samples may be true. Shape (r,)."""
         return np.flatnonzero(self.table.refused) if self._any_refused else NO_ROWS
+
+    def forget_refused(self, now: float, lasting: float) -> None:
+        """Gives up refused samples that have been possible for long enough.
+
+        Args:
+            now: Time of the tick, in [s].
+            lasting: How long they are possible, in [s]; see `possible_states.forget_expired`.
+        """
+        if self._any_refused:
+            self._any_refused = forget_expired(self.table.handle, now, lasting)
 
     def rows_ahead(self, now: float, tolerance: float) -> IntArray:
         """Rows whose accepted stamp is more than `tolerance` [s] ahead of `now`. Shape (r,)."""
@@ -124,8 +142,8 @@ class ObstacleRegister:
         return np.flatnonzero(moving & ~(table.stamp - now <= tolerance))
 
     def distrust(self, row: int) -> None:
-        """Gives up a row's accepted state: it counts as refused, until a good one comes."""
-        self.table.distrust(int(row))
+        """Gives up a row's accepted state: it counts as a refused sample."""
+        distrust(self.table.handle, int(row))
         self._any_refused = bool(self.table.refused.any())
 
     @property
@@ -158,21 +176,55 @@ class ObstacleRegister:
     def is_quiet(self, now: float, tolerance: float) -> bool:
         """Whether nothing is wrong at `now` in [s], silence apart: quick to tell in every tick.
 
-        No faults to take, nothing refused or unplaced, no stamp more than `tolerance` [s] ahead,
-        and `quiet_until` as it was when asked last, or later.
+        Nothing refused that may be true, and what `is_settled` says.
+        """
+        return not self._any_refused and self.is_settled(now, tolerance)
+
+    def is_settled(self, now: float, tolerance: float) -> bool:
+        """Whether at `now` in [s] there is nothing that a tick would have to be told.
+
+        No faults to take, nothing unplaced, no source disbelieved, no stamp more than `tolerance`
+        [s] ahead, and `quiet_until` as it was when asked last, or later.
         """
         sources = self._sources
         return (
             not (
-                self._any_refused
-                or self._faults.waiting
+                self._faults.waiting
                 or sources.unsettled
+                or sources.any_disbelieved
                 or self._unplaced.some
             )
             and sources.newest - now <= tolerance
             and self._newest - now <= tolerance
             and self._tombstones.newest - now <= tolerance
         )
+
+    def stops_on_refusal(self, row: int) -> bool:
+        """Whether the source of a row asks for STOP where a sample of it is refused."""
+        owner = int(self.table.owner[row])
+        return owner != NO_SOURCE and self._sources.states[owner].source.on_refusal == "stop"
+
+    def disbelieved_sources(self) -> list[tuple[str, str]]:
+        """Names of sources of which most rows were refused lately, with how many in words."""
+        if not self._sources.any_disbelieved:
+            return []
+        return [(one.source.name, str(one.recent)) for one in self._sources.disbelieved()]
+
+    @property
+    def has_wide_spreads(self) -> bool:
+        """Whether `describe_spreads` would name any row: quick to tell in every tick."""
+        return bool(self.table.spreads.wide_count[0])
+
+    def describe_spreads(self) -> list[tuple[str, str]]:
+        """Ids whose samples are off by more than is stated, with what was found in words.
+
+        See `spread` for what is found; at most `SPREADS_TOLD` are named.
+        """
+        spreads, told = self.table.spreads, []
+        for row in np.flatnonzero(spreads.is_wide)[:SPREADS_TOLD].tolist():
+            words = describe_spread(spreads, row, self.ids[row])
+            told.append((self.ids[row], f"{self.source_of(row)}: {words}"))
+        return told
 
     def unplaced(self) -> list[str]:
         """Obstacles that were reported and found no room in the table."""

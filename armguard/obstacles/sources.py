@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal
 
 from armguard.exceptions import ObstacleError
 
@@ -17,6 +18,9 @@ MAXIMUM_SOURCES = 256
 MAXIMUM_TOMBSTONES = 4096
 NO_SOURCE = -1
 """Index of the owner of static obstacles."""
+
+FEWEST_REFUSED = 5
+"""Rows refused within a second without which a source is believed, however few others there are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +31,14 @@ class Source:
         name: As in the `source` of its messages.
         timeout: Longest silence, in [s]; None: the monitor's default.
         required: Whether silence counts before it has first spoken.
+        on_refusal: What a sample of it that is refused means: "bound", it may be true, and is
+            bounded as what is believed is; "stop", STOP for as long as it may be true.
     """
 
     name: str
     timeout: float | None = None
     required: bool = True
+    on_refusal: Literal["bound", "stop"] = "bound"
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -42,6 +49,49 @@ class Source:
                 f"has a timeout of {self.timeout}",
                 expected="a finite time above 0 in [s], or None",
             )
+        if self.on_refusal not in ("bound", "stop"):
+            raise ObstacleError(
+                f"source {self.name!r}",
+                f"has on_refusal {self.on_refusal!r}",
+                expected='"bound" or "stop"',
+            )
+
+
+class RefusalCount:
+    """How many rows of a source came in the last second of its stamps, and how many were refused.
+
+    Counted by tenths of a second. Late rows count with the newest ones.
+
+    Attributes:
+        is_disbelieved: Whether more than half were refused, and at least `FEWEST_REFUSED`.
+    """
+
+    def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin anew: the stamps so far were wrong."""
+        self.is_disbelieved = False
+        self._tenth = -math.inf
+        self._rows, self._refused = [0] * 10, [0] * 10
+
+    def add(self, stamp: float, rows: int, refused: int) -> None:
+        """Take in a message of so many rows, stamped in [s]."""
+        tenth = stamp // 0.1
+        if tenth > self._tenth:
+            # What has stood in the places of the tenths since the last one is over.
+            for before in range(int(min(tenth - self._tenth, 10.0))):
+                place = int((tenth - before) % 10.0)
+                self._rows[place] = self._refused[place] = 0
+            self._tenth = tenth
+        place = int(self._tenth % 10.0)
+        self._rows[place] += rows
+        self._refused[place] += refused
+        found = sum(self._refused)
+        self.is_disbelieved = found >= FEWEST_REFUSED and 2 * found > sum(self._rows)
+
+    def __str__(self) -> str:
+        return f"{sum(self._refused)} of {sum(self._rows)} rows of a second were refused"
 
 
 @dataclass(slots=True)
@@ -55,6 +105,7 @@ class SourceState:
         stamp: Of the last message received, in [s]; -inf before the first.
         newest: Latest of all such stamps, unless that was found to be ahead of the clock, in [s]:
             a late message does not make its source look silent.
+        recent: How many of its rows were refused lately.
     """
 
     source: Source
@@ -62,6 +113,7 @@ class SourceState:
     heard: bool = False
     stamp: float = -math.inf
     newest: float = -math.inf
+    recent: RefusalCount = field(default_factory=RefusalCount)
 
     @property
     def required(self) -> bool:
@@ -76,11 +128,13 @@ class Sources:
         states: Of each of them.
         newest: Latest stamp of any message, in [s].
         unsettled: Whether `quiet_until` may be earlier than when it was asked last.
+        any_disbelieved: Whether there is a source of which most rows were refused lately.
     """
 
     def __init__(self, sources: Iterable[str | Source]) -> None:
         self.newest = -math.inf
         self.unsettled = True
+        self.any_disbelieved = False
         self.states: list[SourceState] = []
         self._by_name: dict[str, SourceState] = {}
         for item in sources:
@@ -104,6 +158,13 @@ class Sources:
         state.newest = max(state.newest, stamp)
         return state
 
+    def count(self, state: SourceState, stamp: float, rows: int, refused: int) -> None:
+        """Notes how many rows of a message were refused."""
+        before = state.recent.is_disbelieved
+        state.recent.add(stamp, rows, refused)
+        if before or state.recent.is_disbelieved:
+            self.any_disbelieved = bool(self.disbelieved())
+
     def check_room(self, name: str) -> None:
         """Raises where a new source of this name would be one too many."""
         if name not in self._by_name and len(self.states) >= MAXIMUM_SOURCES:
@@ -120,6 +181,10 @@ class Sources:
                 if not now - state.newest <= (default_timeout if timeout is None else timeout):
                     names.append(state.source.name)
         return names
+
+    def disbelieved(self) -> list[SourceState]:
+        """Sources of which most rows were refused lately."""
+        return [state for state in self.states if state.recent.is_disbelieved]
 
     def quiet_until(self, default_timeout: float) -> float:
         """When the first required source will have kept silent for its timeout, in [s]."""
@@ -141,8 +206,10 @@ class Sources:
         for state in self.states:
             if not state.newest - now <= tolerance:
                 state.newest = now
+                state.recent.restart()
                 self.unsettled = True
         self.newest = max((state.stamp for state in self.states), default=-math.inf)
+        self.any_disbelieved = bool(self.disbelieved())
         return [
             state.source.name
             for state in self.states

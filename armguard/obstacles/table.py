@@ -1,8 +1,9 @@
 """The arrays of the obstacle table.
 
 A struct of arrays, one stable slot (row) for each obstacle, so that compiled loops read it as it
-is. Beside its last accepted state each row keeps its last refused sample, since both may be true
-(`acceptance`). Rows whose states changed are listed, so that a scheduler evaluates those alone.
+is. Beside its last accepted state each row keeps the samples that were refused lately, since each
+may be true (`possible_states`). Rows whose states changed are listed, so that a scheduler evaluates
+those alone.
 """
 
 from __future__ import annotations
@@ -16,11 +17,16 @@ from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 from armguard.jit.layout import make_records
+from armguard.obstacles.spread import Spreads, forget_spread, make_spreads, resize_spreads
 
 MAXIMUM_POINTS = 8
 MAXIMUM_ROWS = 2**18
-"""Bound on memory: with all in use and refused some 65 MB for balls, 240 MB for boxes. What finds
-no row is a fault that stays."""
+"""Bound on memory: with all in use and as much refused as can be some 300 MB for balls, 1.2 GB for
+boxes. What finds no row is a fault that stays."""
+
+MOST_REFUSED = 4
+"""Refused states that are kept beside an accepted one. With another one that agrees with none of
+them the obstacle could be anywhere."""
 
 
 class States(NamedTuple):
@@ -59,15 +65,26 @@ class Marks(NamedTuple):
     has_state: BoolArray
     """An accepted state exists. Shape (rows,)."""
     refused: BoolArray
-    """A refused sample stands beside it. Shape (rows,)."""
-    refused_finite: BoolArray
-    """That sample can be reckoned with. Shape (rows,)."""
+    """Samples of it were refused and may be true. Shape (rows,)."""
+    unknown: BoolArray
+    """Some of those cannot be reckoned with, so that it could be anywhere. Shape (rows,)."""
+    refused_count: IntArray
+    """Refused states that can be, at most `MOST_REFUSED`. Shape (rows,)."""
     revision: IntArray
-    """Goes up whenever the accepted state changes. Shape (rows,)."""
+    """Goes up whenever what is known of it changes, a refused sample too. Shape (rows,)."""
     owner: IntArray
     """Number of the source that it belongs to. Shape (rows,)."""
     confirmations: IntArray
     """Consecutive samples beside the accepted track that confirm another one. Shape (rows,)."""
+
+
+class Refusals(NamedTuple):
+    """Until when refused samples are possible; inf where no tick has seen them yet."""
+
+    until: FloatArray
+    """Of each refused state, [s]. Shape (rows × MOST_REFUSED,)."""
+    unknown_until: FloatArray
+    """Of what cannot be reckoned with, [s]. Shape (rows,)."""
 
 
 class Told(NamedTuple):
@@ -83,6 +100,12 @@ class Told(NamedTuple):
     """In the time of equal length before, [m/s]. Shape (rows,)."""
     since: FloatArray
     """Stamp of a sample, [s]. Shape (rows,)."""
+    broken_accel: FloatArray
+    """What counts since a bound was broken, [m/s²]. Shape (rows,)."""
+    broken_speed: FloatArray
+    """What counts since a bound was broken, [m/s]. Shape (rows,)."""
+    broken_until: FloatArray
+    """Up to which stamp they count, [s]; -inf: no bound was broken. Shape (rows,)."""
 
 
 class ChangedRows(NamedTuple):
@@ -102,12 +125,16 @@ class Rows(NamedTuple):
     accepted: States
     """Accepted states."""
     refused: States
-    """Last refused samples."""
+    """Refused ones that may be true, `MOST_REFUSED` places for each row; see `possible_states`."""
+    candidates: States
+    """Last refused samples, which may come to confirm another track."""
     marks: Marks
+    refusals: Refusals
     told: Told
     changed_rows: ChangedRows
     reference_states: States
     """States that certificates rest on; without points where there are none."""
+    spreads: Spreads
 
 
 class Samples(NamedTuple):
@@ -133,8 +160,7 @@ class ObstacleTable:
     """Rows of obstacles; the arrays are replaced by larger ones when rows or points need room.
 
     The fields of `States`, `Marks` and `ChangedRows` are attributes (`table.points`, `table.alive`,
-    `table.changed`, …); those of the last refused samples are called `refused_points`, and so on.
-    All of them together, as `Rows`, cross to compiled code as `table.handle`.
+    `table.changed`, …). All arrays together, as `Rows`, cross to compiled code as `table.handle`.
     """
 
     points: FloatArray
@@ -146,20 +172,12 @@ class ObstacleTable:
     position_error: FloatArray
     velocity_error: FloatArray
     stamp: FloatArray
-    refused_points: FloatArray
-    refused_velocities: FloatArray
-    refused_point_count: IntArray
-    refused_radius: FloatArray
-    refused_accel: FloatArray
-    refused_speed: FloatArray
-    refused_position_error: FloatArray
-    refused_velocity_error: FloatArray
-    refused_stamp: FloatArray
     alive: BoolArray
     static: BoolArray
     has_state: BoolArray
     refused: BoolArray
-    refused_finite: BoolArray
+    unknown: BoolArray
+    refused_count: IntArray
     revision: IntArray
     owner: IntArray
     confirmations: IntArray
@@ -174,16 +192,22 @@ class ObstacleTable:
         self.changed_rows = ChangedRows(
             nothing, np.zeros(0, dtype=bool), np.zeros(1, dtype=np.int64)
         )
-        self.marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 3))
-        self._told = Told(*([np.zeros(0)] * 5))
+        self.marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 4))
+        self.refusals = Refusals(np.zeros(0), np.zeros(0))
+        self._told = Told(*([np.zeros(0)] * 8))
         self.accepted = make_states(0)
         self.reference_states = make_states(0)
         """States that certificates rest on; without points where there are none."""
         self.changes = 0
         """Goes up after rows came or went, arrays were replaced, or a scheduler began to watch."""
         self.refused_states = make_states(0)
+        """Refused samples that may be true, `MOST_REFUSED` places for each row."""
+        self.candidates = make_states(0)
+        self.spreads = make_spreads(2, 1)
         self._grow(capacity)
-        note_row(self.changed_rows, 0)  # compiles it
+        # Both compile what they run.
+        note_row(self.changed_rows, 0)
+        forget_spread(self.spreads, 0)
         clear_changed_rows(self.changed_rows)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -202,12 +226,13 @@ class ObstacleTable:
                 return -1
             self._grow(2 * capacity)
         row = self._free.pop()
-        for mark in (self.static, self.has_state, self.refused, self.refused_finite):
+        for mark in (self.static, self.has_state, self.refused, self.unknown):
             mark[row] = False
         self.alive[row] = True
         self.owner[row] = owner
-        self.confirmations[row] = 0
-        self._told.since[row] = -np.inf
+        forget_spread(self.spreads, row)
+        self.confirmations[row] = self.refused_count[row] = 0
+        self._told.since[row] = self._told.broken_until[row] = -np.inf
         self.point_count[row] = 1
         self.reference_states.point_count[row] = 0
         self.revision[row] += 1
@@ -216,7 +241,9 @@ class ObstacleTable:
 
     def free_row(self, row: int) -> None:
         """Gives a row back."""
-        self.alive[row] = self.has_state[row] = self.refused[row] = False
+        self.alive[row] = self.has_state[row] = self.refused[row] = self.unknown[row] = False
+        self.refused_count[row] = 0
+        forget_spread(self.spreads, row)
         self._free.append(row)
         note_row(self.changed_rows, row)
 
@@ -237,23 +264,15 @@ class ObstacleTable:
         if width > self.points.shape[1]:
             self._resize(len(self.alive), width)
 
-    def distrust(self, row: int) -> None:
-        """Turns a row's accepted state into its refused sample; its whereabouts are unknown."""
-        if not self.has_state[row] or self.static[row]:
-            return
-        for accepted, refused in zip(self.accepted, self.refused_states, strict=True):
-            refused[row] = accepted[row]
-        self.has_state[row] = False
-        self.refused[row] = self.refused_finite[row] = True
-        self.confirmations[row] = 0
-        self.revision[row] += 1
-        note_row(self.changed_rows, row)
-
     def _grow(self, capacity: int) -> None:
         first = len(self.marks.alive)
         self._free.extend(range(capacity - 1, first - 1, -1))
         self.marks = Marks(*(extend_rows(array, capacity) for array in self.marks))
         self._told = Told(*(extend_rows(array, capacity) for array in self._told))
+        self.refusals = Refusals(
+            extend_rows(self.refusals.until, capacity * MOST_REFUSED),
+            extend_rows(self.refusals.unknown_until, capacity),
+        )
         changed, is_changed, changed_count = self.changed_rows
         self.changed_rows = ChangedRows(
             extend_rows(changed, capacity), extend_rows(is_changed, capacity), changed_count.copy()
@@ -264,21 +283,27 @@ class ObstacleTable:
         self.accepted = resize_states(self.accepted, capacity, width)
         self.reference_states = resize_states(self.reference_states, capacity, width)
         # Most rows never have a refused sample: what is not written takes no memory.
-        aside = np.flatnonzero(self.marks.refused)
-        self.refused_states = resize_states(self.refused_states, capacity, width, aside)
+        aside = np.flatnonzero(self.marks.refused | (self.marks.confirmations > 0))
+        self.candidates = resize_states(self.candidates, capacity, width, aside)
+        places = (aside[:, None] * MOST_REFUSED + np.arange(MOST_REFUSED)).ravel()
+        self.refused_states = resize_states(
+            self.refused_states, capacity * MOST_REFUSED, width, places
+        )
+        self.spreads = resize_spreads(self.spreads, capacity, width)
         for group in (self.accepted, self.marks, self.changed_rows):
             for name, array in group._asdict().items():
                 setattr(self, name, array)
-        for name, array in self.refused_states._asdict().items():
-            setattr(self, f"refused_{name}", array)
         self.handle = pack(
             Rows(
                 self.accepted,
                 self.refused_states,
+                self.candidates,
                 self.marks,
+                self.refusals,
                 self._told,
                 self.changed_rows,
                 self.reference_states,
+                self.spreads,
             )
         )
         self.changes += 1
@@ -299,6 +324,23 @@ def clear_changed_rows(changed_rows: ChangedRows) -> None:
     for i in range(changed_rows.changed_count[0]):
         changed_rows.is_changed[changed_rows.changed[i]] = False
     changed_rows.changed_count[0] = 0
+
+
+@kernel
+def copy_state(states: States, row: int, copied: States, place: int) -> None:
+    """Copy one state to a place among others, which have room for as many points or more."""
+    count = states.point_count[row]
+    for k in range(count):
+        for axis in range(3):
+            copied.points[place, k, axis] = states.points[row, k, axis]
+            copied.velocities[place, k, axis] = states.velocities[row, k, axis]
+    copied.point_count[place] = count
+    copied.radius[place] = states.radius[row]
+    copied.accel[place] = states.accel[row]
+    copied.speed[place] = states.speed[row]
+    copied.position_error[place] = states.position_error[row]
+    copied.velocity_error[place] = states.velocity_error[row]
+    copied.stamp[place] = states.stamp[row]
 
 
 def make_states(rows: int, width: int = 1) -> States:

@@ -17,6 +17,7 @@ from armguard.bounds.table_time import table_contact_time
 from armguard.contact.advancement import pair_distance_time, row_contact_time
 from armguard.jit.kernels import inlined_kernel, kernel
 from armguard.jit.numerics import TABLE_END_SLACK, TERM_ROUNDING
+from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.table import States
 from armguard.pairs.scene import DISTANCE, ISOTROPIC, JOINT, REACH, Scene
 
@@ -93,8 +94,8 @@ def link_time(
     Args:
         scene: The tick.
         link: Of the arm.
-        row: Of the body.
-        bodies: Its states: accepted or refused ones.
+        row: Of the body's state in `bodies`.
+        bodies: Accepted or refused states.
         arm_age: Age of the joint state, in [s].
         age: Of the body's state, in [s].
         lower_bound: What is known of the whole link already, in [s].
@@ -199,8 +200,7 @@ def pair_time(
     Args:
         scene: The tick.
         link: Of the arm.
-        row: Of the obstacle, which has an accepted state, or a refused one that can be reckoned
-            with, or both.
+        row: Of the obstacle, of which something is known; see `possible_states`.
         now: Time of the tick on the obstacles' clock, in [s].
         arm_age: Age of the joint state, in [s].
         lower_bound: What the arm's reach says of all links, in [s].
@@ -213,17 +213,14 @@ def pair_time(
     marks, settings = scene.marks, scene.settings
     best = np.inf
     best_node, best_bound, evaluations = scene.tree.root[link], REACH, 0
-    for refused in (False, True):
-        if not (marks.refused[row] if refused else marks.has_state[row]):
-            continue
-        # Both tracks are possible until one of them is confirmed.
-        bodies = scene.refused if refused else scene.bodies
-        age = 0.0 if marks.static[row] and not refused else now - bodies.stamp[row]
+    # Invariant: by the states so far, there is no contact before `best`.
+    for number in possible_states(marks, row):
+        bodies, place, age = state_at(scene.bodies, scene.refused, marks, row, number, now)
         known = lower_bound
         if settings.with_reach:
             ball = scene.arm.link_balls[link]
             by_reach = reach_time(
-                ball[0], ball[1], ball[2], ball[3], bodies, row, age, settings.margin
+                ball[0], ball[1], ball[2], ball[3], bodies, place, age, settings.margin
             )
             evaluations += 1
             known = max(known, by_reach)
@@ -232,8 +229,9 @@ def pair_time(
         bound: Any = np.int64(REACH)
         if known < refinement_threshold and known < cut_off:
             time, node, bound, spent = link_time(
-                scene, link, row, bodies, arm_age, age, known, bound, refinement_threshold, cut_off
-            )
+                scene, link, place, bodies, arm_age, age, known, bound, refinement_threshold,
+                cut_off,
+            )  # fmt: skip
             evaluations += spent
         if time < best:
             best, best_node, best_bound = time, node, bound
@@ -244,37 +242,17 @@ def pair_time(
 def arm_reach_time(scene: Scene, row: int, now: float) -> tuple[float, int]:
     """Time before which an obstacle cannot be where any part of the arm can be; evaluations."""
     marks, settings = scene.marks, scene.settings
-    if not marks.has_state[row] and not marks.refused[row]:
-        return 0.0, 0
-    if marks.refused[row] and not marks.refused_finite[row]:
-        return 0.0, 0
-    if not settings.with_reach:
+    if not settings.with_reach or not is_known(marks, row):
         return 0.0, 0
     ball = scene.arm.arm_ball
     soonest = np.inf
     evaluations = 0
-    if marks.has_state[row]:
-        age = 0.0 if marks.static[row] else now - scene.bodies.stamp[row]
-        soonest = reach_time(
-            ball[0], ball[1], ball[2], ball[3], scene.bodies, row, age, settings.margin
-        )
-        evaluations += 1
-    if marks.refused[row]:
-        age = now - scene.refused.stamp[row]
-        other = reach_time(
-            ball[0], ball[1], ball[2], ball[3], scene.refused, row, age, settings.margin
-        )
-        soonest = min(soonest, other)
+    for number in possible_states(marks, row):
+        bodies, place, age = state_at(scene.bodies, scene.refused, marks, row, number, now)
+        time = reach_time(ball[0], ball[1], ball[2], ball[3], bodies, place, age, settings.margin)
+        soonest = min(soonest, time)
         evaluations += 1
     return soonest, evaluations
-
-
-@inlined_kernel
-def is_known(scene: Scene, row: int) -> bool:
-    """Whether an obstacle's whereabouts can be reckoned with at all."""
-    if scene.marks.refused[row]:
-        return bool(scene.marks.refused_finite[row])
-    return bool(scene.marks.has_state[row])
 
 
 RESTS, TOUCHES, UNDECIDED = range(3)
@@ -298,16 +276,13 @@ def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) ->
         RESTS if it does, TOUCHES if it might not, UNDECIDED if the budget did not suffice to know,
         and evaluations.
     """
-    if not is_known(scene, row):
+    if not is_known(scene.marks, row):
         return TOUCHES, 0
     marks, tree, table = scene.marks, scene.tree, scene.braking
     rest = table.time[table.time.shape[0] - 1] * (1.0 - TABLE_END_SLACK)
     evaluations = 0
-    for refused in (False, True):
-        if not (marks.refused[row] if refused else marks.has_state[row]):
-            continue
-        bodies = scene.refused if refused else scene.bodies
-        age = 0.0 if marks.static[row] and not refused else now - bodies.stamp[row]
+    for number in possible_states(marks, row):
+        bodies, place, age = state_at(scene.bodies, scene.refused, marks, row, number, now)
         # Invariant: whatever the nodes passed so far own rests before it is touched.
         node = tree.root[link]
         while node >= 0:
@@ -317,9 +292,9 @@ def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) ->
             reached = table_contact_time(
                 scene.arm.centers[node, 0], scene.arm.centers[node, 1], scene.arm.centers[node, 2],
                 scene.placement.jacobian, scene.arm.lever[node], scene.arm.slope_error[node],
-                table, bodies.points[row], bodies.velocities[row], bodies.point_count[row],
-                bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], age,
-                contact_distance(scene, node, bodies, row), 0.0, np.inf,
+                table, bodies.points[place], bodies.velocities[place], bodies.point_count[place],
+                bodies.accel[place], bodies.speed[place], bodies.velocity_error[place], age,
+                contact_distance(scene, node, bodies, place), 0.0, np.inf,
             )  # fmt: skip
             if reached >= rest:
                 node = tree.skip[node]

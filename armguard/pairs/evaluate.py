@@ -17,8 +17,9 @@ from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 from armguard.obstacles.obstacles import Obstacles
+from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.table import States
-from armguard.pairs.contact_time import RESTS, arm_reach_time, is_known, pair_time, rests_in_time
+from armguard.pairs.contact_time import RESTS, arm_reach_time, pair_time, rests_in_time
 from armguard.pairs.scene import UNKNOWN, ArmArrays, Scene, Settings, prepare_arm, thread_tree
 from armguard.robot.kinematics import Kinematics
 
@@ -171,7 +172,7 @@ def evaluate_handle(
         contact_times[index] = 0.0
         nodes[index] = scene.tree.root[link]
         bounds[index] = UNKNOWN
-        if not is_known(scene, row):
+        if not is_known(scene.marks, row):
             continue
         if row != last_row:
             last_row = row

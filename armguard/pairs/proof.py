@@ -16,6 +16,7 @@ import numpy as np
 from armguard.contact.earliest import Certificate, certify
 from armguard.jit.arrays import FloatArray
 from armguard.jit.numerics import TERM_ROUNDING
+from armguard.obstacles.possible_states import list_states
 from armguard.obstacles.table import States
 from armguard.pairs.evaluate import TickState
 
@@ -34,18 +35,24 @@ def prove_pair(
         The certificate, and the arguments of `armguard.certificate.verify` that it is about; None
         where the whereabouts of the obstacle are unknown, so that there is nothing to prove.
     """
-    marks = state.marks
-    if not marks.has_state[row] or marks.refused[row]:
-        return None
-    age = 0.0 if marks.static[row] else state.now - float(state.bodies.stamp[row])
+    # Each state that may be true needs a proof of its own; the soonest of them decides.
+    states = list_states(state.bodies, state.refused_bodies, state.marks, row, state.now)
+    proofs = (_prove_state(state, sphere, *each) for each in states)
+    return min(proofs, key=lambda proof: proof[0].contact_time, default=None)
+
+
+def _prove_state(
+    state: TickState, sphere: int, bodies: States, place: int, age: float
+) -> tuple[Certificate, dict[str, Any]]:
+    """The latest certificate of one state of an obstacle."""
     proofs = []
     decider = sphere
     while sphere >= 0:
-        inputs = _describe(state, sphere, state.bodies, row, age)
+        inputs = _describe(state, sphere, bodies, place, float(age))
         proofs.append((certify(**inputs, advances=state.scene.settings.advances), inputs))
         sphere = int(state.tree.parent[sphere])
     for ball in (state.arm.link_balls[state.link_of[decider]], state.arm.arm_ball):
-        inputs = _describe_ball(state, ball, row, age)
+        inputs = _describe_ball(state, ball, bodies, place, float(age))
         proofs.append((certify(**inputs, advances=state.scene.settings.advances), inputs))
     return max(proofs, key=lambda proof: proof[0].contact_time)
 
@@ -80,9 +87,11 @@ def _describe(
     }
 
 
-def _describe_ball(state: TickState, ball: FloatArray, row: int, age: float) -> dict[str, Any]:
+def _describe_ball(
+    state: TickState, ball: FloatArray, bodies: States, row: int, age: float
+) -> dict[str, Any]:
     """The same for a ball that the arm or a link cannot leave: it stands still for ever."""
-    bodies, count = state.bodies, int(state.bodies.point_count[row])
+    count = int(bodies.point_count[row])
     reach = ball[3] + bodies.radius[row] + state.scene.settings.margin + bodies.position_error[row]
     return {
         "p1": np.array(ball[:3]),

@@ -97,7 +97,7 @@ class Scene(NamedTuple):
     bodies: States
     """Accepted states of obstacles."""
     refused: States
-    """Refused samples beside them."""
+    """Refused ones that may be true as well; see `obstacles.possible_states`."""
     marks: Marks
     settings: Settings
     node_time: FloatArray

@@ -24,6 +24,7 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import BoolArray, FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
+from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.table import Marks, States
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import ArmArrays, SphereTree
@@ -174,8 +175,8 @@ def _fill_balls(tree: SphereTree, arm: ArmArrays, arm_age: float, balls: FloatAr
 
 @kernel
 def _bodies_margin(
-    refused: bool,
-    bodies: States,
+    accepted: States,
+    refused: States,
     marks: Marks,
     watched: BoolArray,
     tree: SphereTree,
@@ -190,86 +191,91 @@ def _bodies_margin(
     intrusion: float,
     human_uncertainty: float,
     robot_uncertainty: float,
-    best: float,
 ) -> float:
-    """The lesser of `best` and the least margin of all bodies' accepted or refused states.
+    """The least margin of all states of bodies that may be true; inf without any.
 
     -inf where anything is no number.
     """
+    best = math.inf
     count = tree.root.shape[0]
     for row in range(marks.alive.shape[0]):
-        if not (marks.alive[row] and (marks.refused[row] if refused else marks.has_state[row])):
+        if not marks.alive[row]:
             continue
-        # What the body adds to the distance, whichever sphere of the arm it is near.
-        points, velocities = bodies.points[row], bodies.velocities[row]
-        corners, body_radius = bodies.point_count[row], bodies.radius[row]
-        walks = 0.0
-        offsets = human_uncertainty + robot_uncertainty + bodies.position_error[row]
-        if refused or not marks.static[row]:
-            error, pace = bodies.velocity_error[row], 0.0
-            for k in range(corners):
-                pace = max(pace, length_above(velocities[k, 0], velocities[k, 1], velocities[k, 2]))
-            top = top_speed(pace, bodies.speed[row], error)
-            walks = top if own_speed else human_speed
-            age = now - bodies.stamp[row]
-            offsets += intrusion + displacement_at(pace, error, bodies.accel[row], top, abs(age))
-        # Balls first, the whole arm's before those of its links: most need no sphere evaluated.
-        for step in range(count + 1):
-            ball = step - 1 if step > 0 else count
-            pair = row * count + ball
-            if ball < count and pair < watched.shape[0] and not watched[pair]:
-                continue
-            _, _, _, room = _find_direction(
-                balls[ball, 0], balls[ball, 1], balls[ball, 2], points, velocities, corners
-            )
-            away = separation_of(balls[ball, 4], response, braking, walks, offsets + balls[ball, 5])
-            if room - (balls[ball, 3] + body_radius + away) * (1.0 + SUM_ROUNDING) >= best:
-                # No leaf in this ball can be nearer than that.
-                if ball == count:
-                    break
-                continue
-            if ball == count:
-                continue
-            # Then the leaves of a link that is near enough to matter.
-            last = tree.root[ball + 1] if ball + 1 < count else tree.radius.shape[0]
-            for i in range(tree.root[ball], last):
-                if tree.first_child[i] >= 0:
+        for number in possible_states(marks, row):
+            bodies, place, age = state_at(accepted, refused, marks, row, number, now)
+            # What the body adds to the distance, whichever sphere of the arm it is near.
+            points, velocities = bodies.points[place], bodies.velocities[place]
+            corners, body_radius = bodies.point_count[place], bodies.radius[place]
+            walks = 0.0
+            offsets = human_uncertainty + robot_uncertainty + bodies.position_error[place]
+            if number > 0 or not marks.static[row]:
+                error, pace = bodies.velocity_error[place], 0.0
+                for k in range(corners):
+                    pace = max(
+                        pace, length_above(velocities[k, 0], velocities[k, 1], velocities[k, 2])
+                    )
+                top = top_speed(pace, bodies.speed[place], error)
+                walks = top if own_speed else human_speed
+                offsets += intrusion + displacement_at(
+                    pace, error, bodies.accel[place], top, abs(age)
+                )
+            # Balls first, the whole arm's before those of its links: most need no sphere evaluated.
+            for step in range(count + 1):
+                ball = step - 1 if step > 0 else count
+                pair = row * count + ball
+                if ball < count and pair < watched.shape[0] and not watched[pair]:
                     continue
-                nx, ny, nz, room = _find_direction(
-                    arm.centers[i, 0], arm.centers[i, 1], arm.centers[i, 2],
-                    points, velocities, corners,
-                )  # fmt: skip
-                ux, uy, uz = arm.velocities[i, 0], arm.velocities[i, 1], arm.velocities[i, 2]
-                speed = length_above(ux, uy, uz)
-                top = top_speed(speed, arm.speed[i], arm.velocity_error[i])
-                stale = displacement_at(
-                    speed, arm.velocity_error[i], arm.accel[i], top, abs(arm_age)
+                _, _, _, room = _find_direction(
+                    balls[ball, 0], balls[ball, 1], balls[ball, 2], points, velocities, corners
                 )
-                # The sphere's speed towards the body, at its greatest since the stamp.
-                towards = nx * ux + ny * uy + nz * uz + SUM_ROUNDING * speed
-                if nx == 0.0 and ny == 0.0 and nz == 0.0:
-                    towards = speed  # inside the body, every direction is towards it
-                towards += arm.velocity_error[i]
-                if arm_age != 0.0:
-                    towards += arm.accel[i] * abs(arm_age)
-                if not math.isnan(towards):
-                    towards = min(max(towards, 0.0), top)
                 away = separation_of(
-                    towards, response, braking, walks, offsets + arm.position_error[i] + stale
+                    balls[ball, 4], response, braking, walks, offsets + balls[ball, 5]
                 )
-                margin = room - (tree.radius[i] + body_radius + away) * (1.0 + SUM_ROUNDING)
-                if not margin > -math.inf:
-                    return -math.inf
-                best = min(best, margin)
+                if room - (balls[ball, 3] + body_radius + away) * (1.0 + SUM_ROUNDING) >= best:
+                    # No leaf in this ball can be nearer than that.
+                    if ball == count:
+                        break
+                    continue
+                if ball == count:
+                    continue
+                # Then the leaves of a link that is near enough to matter.
+                last = tree.root[ball + 1] if ball + 1 < count else tree.radius.shape[0]
+                for i in range(tree.root[ball], last):
+                    if tree.first_child[i] >= 0:
+                        continue
+                    nx, ny, nz, room = _find_direction(
+                        arm.centers[i, 0], arm.centers[i, 1], arm.centers[i, 2],
+                        points, velocities, corners,
+                    )  # fmt: skip
+                    ux, uy, uz = arm.velocities[i, 0], arm.velocities[i, 1], arm.velocities[i, 2]
+                    speed = length_above(ux, uy, uz)
+                    top = top_speed(speed, arm.speed[i], arm.velocity_error[i])
+                    stale = displacement_at(
+                        speed, arm.velocity_error[i], arm.accel[i], top, abs(arm_age)
+                    )
+                    # The sphere's speed towards the body, at its greatest since the stamp.
+                    towards = nx * ux + ny * uy + nz * uz + SUM_ROUNDING * speed
+                    if nx == 0.0 and ny == 0.0 and nz == 0.0:
+                        towards = speed  # inside the body, every direction is towards it
+                    towards += arm.velocity_error[i]
+                    if arm_age != 0.0:
+                        towards += arm.accel[i] * abs(arm_age)
+                    if not math.isnan(towards):
+                        towards = min(max(towards, 0.0), top)
+                    away = separation_of(
+                        towards, response, braking, walks, offsets + arm.position_error[i] + stale
+                    )
+                    margin = room - (tree.radius[i] + body_radius + away) * (1.0 + SUM_ROUNDING)
+                    if not margin > -math.inf:
+                        return -math.inf
+                    best = min(best, margin)
     return best
 
 
 @kernel
 def _is_unknown(row: int, count: int, marks: Marks, watched: BoolArray) -> bool:
     """Whether an obstacle that counts, with any of so many links, could be anywhere."""
-    if not marks.alive[row] or (marks.has_state[row] and not marks.refused[row]):
-        return False
-    if marks.refused[row] and marks.refused_finite[row]:
+    if not marks.alive[row] or is_known(marks, row):
         return False
     for pair in range(row * count, (row + 1) * count):
         if pair >= watched.shape[0] or watched[pair]:
@@ -300,12 +306,7 @@ def _least_margin(
             return -math.inf
     balls = np.empty((count + 1, 6))
     _fill_balls(tree, arm, arm_age, balls)
-    best = math.inf
-    for refused in (False, True):
-        # Both tracks are possible until one of them is confirmed.
-        best = _bodies_margin(
-            refused, scene.refused if refused else scene.bodies, marks, watched, tree, arm, balls,
-            now, arm_age, response, braking, human_speed, own_speed, intrusion, human_uncertainty,
-            robot_uncertainty, best,
-        )  # fmt: skip
-    return best
+    return _bodies_margin(
+        scene.bodies, scene.refused, marks, watched, tree, arm, balls, now, arm_age, response,
+        braking, human_speed, own_speed, intrusion, human_uncertainty, robot_uncertainty,
+    )  # fmt: skip

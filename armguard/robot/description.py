@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 
 from armguard.exceptions import RobotError
+from armguard.robot.brakes import RANGE_REMEDY, BrakeEntry, BrakeRow, read_rows
 
 LIMITS = ("position", "velocity", "acceleration", "braking")
 
@@ -35,7 +36,8 @@ class JointDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
     velocity: float
     acceleration: float
-    braking: float
+    braking: float | None = None
+    """Refused by name: a deceleration without the load and speed up to which it holds."""
     position: tuple[float, float] | None = None
     position_error: float = 1e-3
     velocity_error: float = 0.02
@@ -86,6 +88,7 @@ class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         urdf: Path below `robots/` of example-robot-data; empty where the caller brings the URDF.
         sources: Where the limits come from.
         joints: The watched joints by name.
+        brakes: What is known of their brakes, by load and speed.
         locked: Unwatched joints that move links beyond, or carry, a watched one.
         bare_links: Links that are drawn but have no collision geometry, and may go uncovered.
         operating: What its controller keeps to at work, as far as that is published.
@@ -93,6 +96,7 @@ class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
     sources: LimitSources
     joints: dict[str, JointDescription]
+    brakes: tuple[BrakeRow, ...] = ()
     title: str = ""
     urdf: str = ""
     locked: dict[str, LockedJoint] = {}
@@ -109,6 +113,19 @@ class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         own: str = getattr(self.joints[joint].sources, limit)
         general: str = getattr(self.sources, limit)
         return own or general
+
+    def brake_entries(self, place: str = "limits") -> dict[str, list[BrakeEntry]]:
+        """What is known of each joint's brakes, checked.
+
+        Args:
+            place: What to call the file in errors.
+
+        Raises:
+            RobotError: An entry is missing or unusable, or the table of a joint falls or has holes.
+        """
+        sources = {name: self.source(name, "braking") for name in self.joints}
+        accelerations = np.array([joint.acceleration for joint in self.joints.values()])
+        return read_rows(place, self.brakes, sources, accelerations)
 
 
 def read_description(source: str | Path | Mapping[str, Any]) -> RobotDescription:
@@ -199,12 +216,12 @@ def _check(place: str, description: RobotDescription) -> None:
         raise RobotError(place, "watches no joint", expected="at least one under [joints]")
     for name, joint in description.joints.items():
         where = f"{place}: joint {name}"
-        for limit in LIMITS:
+        for limit in ("position", "velocity", "acceleration"):
             if limit == "position" and joint.position is None:
                 continue
             if not description.source(name, limit).strip():
                 raise RobotError(where, f"its {limit} limit has no source")
-        for key in ("velocity", "acceleration", "braking"):
+        for key in ("velocity", "acceleration"):
             value = getattr(joint, key)
             if not (0.0 < value < math.inf):
                 raise RobotError(where, f"{key} = {value}", expected="positive and finite")
@@ -214,12 +231,11 @@ def _check(place: str, description: RobotDescription) -> None:
                 raise RobotError(where, f"{key} = {value}", expected="non-negative and finite")
         if joint.position is not None:
             _check_range(where, "position", joint.position)
-        if not (joint.braking <= joint.acceleration):
+        if joint.braking is not None:
             raise RobotError(
-                where,
-                f"braking = {joint.braking} exceeds acceleration = {joint.acceleration}",
-                remedy="the acceleration limit holds while braking as well",
+                where, f"braking = {joint.braking} has no stated range", remedy=RANGE_REMEDY
             )
+    description.brake_entries(place)
     if description.operating.published is not None:
         _check_operating(place, description, description.operating.published)
     for name, locked in description.locked.items():

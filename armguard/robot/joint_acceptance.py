@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import inlined_kernel, kernel
+from armguard.robot.brakes import BrakeCurves
 from armguard.robot.joint_history import (
     JointHistory,
     begin_history,
@@ -21,7 +22,7 @@ from armguard.robot.joint_history import (
     find_failure,
     passes_history,
 )
-from armguard.robot.stop_time import compute_stop_time
+from armguard.robot.stop_time import ALL_COVERED, compute_stop_time, find_uncovered
 from armguard.robot.turns import nearest_turn
 
 NO_JOINT = -1
@@ -30,6 +31,8 @@ NO_JOINT = -1
 BELIEVED, RUNAWAY, FAST = 0, 1, 2
 """What was found of a state that is believed, added up: a joint that runs into its stop, one that
 is faster than the limit in force, but within its error."""
+UNBRAKED = 8
+"""Added where a joint may be faster when its brakes bite than they are stated for."""
 
 (
     WRONG_LENGTH,
@@ -76,7 +79,8 @@ class Guard(NamedTuple):
     """With which they speed up then; shared. Shape (nv,)."""
     velocity_error: FloatArray
     acceleration_limit: FloatArray
-    braking_deceleration: FloatArray
+    brakes: BrakeCurves
+    """How joints stop under the payload in force; each of shape (nv, steps)."""
     heard: FloatArray
     """Stamp from which the next one is counted, in [s], -inf before the first: that of the last
     state believed, or of a newer one that was refused for its gap alone. Shape (1,)."""
@@ -169,6 +173,8 @@ def accept(
     )
     if runaway != NO_JOINT:
         found |= RUNAWAY
+    if find_unbraked(guard, v, now - stamp) != ALL_COVERED:
+        found |= UNBRAKED
     stop_time, late_stop_time = stop_times(guard, v, now - stamp)
     return found, NO_JOINT, stop_time, late_stop_time
 
@@ -258,13 +264,33 @@ def stop_times(guard: Guard, v: FloatArray, age: float) -> tuple[float, float]:
 
 
 @kernel
+def find_unbraked(guard: Guard, v: FloatArray, age: float) -> int:
+    """First joint that may be too fast for its brakes when they bite; ALL_COVERED if none may.
+
+    Arguments are those of `stop_times`.
+    """
+    joint: int = find_uncovered(
+        v,
+        guard.velocity_error,
+        guard.operating_velocity,
+        guard.acceleration_limit,
+        guard.brakes,
+        age,
+        guard.horizon,
+        guard.reaction_time,
+        guard.operating_acceleration,
+    )
+    return joint
+
+
+@kernel
 def _stop_time(guard: Guard, v: FloatArray, age: float) -> float:
     stop_time: float = compute_stop_time(
         v,
         guard.velocity_error,
         guard.operating_velocity,
         guard.acceleration_limit,
-        guard.braking_deceleration,
+        guard.brakes,
         age,
         guard.horizon,
         guard.reaction_time,

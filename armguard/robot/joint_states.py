@@ -14,7 +14,13 @@ import numpy as np
 
 from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import machine_code, pack
-from armguard.robot.joint_acceptance import Guard, accept_at, find_runaway, stop_times
+from armguard.robot.joint_acceptance import (
+    Guard,
+    accept_at,
+    find_runaway,
+    find_unbraked,
+    stop_times,
+)
 from armguard.robot.joint_history import make_history
 from armguard.robot.operating_limits import LimitsInForce, put_in_force
 from armguard.robot.robot import Robot
@@ -34,7 +40,8 @@ class JointStates:
         horizon: Until the verdict after the present one is obeyed, in [s].
         reaction_time: From command to braking torque, in [s].
         period: Of ticks, in [s]; what passes in each where their time stands.
-        in_force: What joints keep to while the arm works, shared; None: the robot's limits.
+        in_force: What joints keep to while the arm works, shared; None: the robot's limits,
+            and its brakes under the heaviest payload.
     """
 
     def __init__(
@@ -68,7 +75,7 @@ class JointStates:
             operating_acceleration=in_force.acceleration,
             velocity_error=np.array(robot.velocity_error),
             acceleration_limit=np.array(robot.acceleration_limit),
-            braking_deceleration=np.array(robot.braking_deceleration),
+            brakes=in_force.brakes,
             heard=np.array([-math.inf]),
             standing=np.zeros(3),
             numbers=np.zeros(3),
@@ -105,6 +112,15 @@ class JointStates:
         """
         times: tuple[float, float] = stop_times(self.guard, self.v, age)
         return times
+
+    def find_unbraked(self, age: float) -> int:
+        """First joint that may be faster at the bite than its brakes are stated for, or -1.
+
+        Args:
+            age: Of the state believed last, in [s].
+        """
+        joint: int = find_unbraked(self.guard, self.v, age)
+        return joint
 
     def is_plain(self, q: object, v: object) -> bool:
         """Whether these are arrays that compiled code can be handed as they are, of any length."""
@@ -149,6 +165,7 @@ class JointStates:
         guard = self.guard
         limits = guard.velocity_error, guard.operating_velocity, guard.acceleration_limit
         times, operating = (0.0, 0.0, 0.0), guard.operating_acceleration
-        compute_stop_time(self.v, *limits, guard.braking_deceleration, *times, operating)
+        compute_stop_time(self.v, *limits, guard.brakes, *times, operating)
         # Limits may change after a state was accepted.
         self.stop_times(0.0)
+        self.find_unbraked(0.0)

@@ -117,16 +117,29 @@ class LimitsInForce:
         acceleration: With which joints speed up, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
         operating_velocity: What `velocity` is while the operating limits are in force. (nv,).
         operating_acceleration: What `acceleration` is then. (nv,).
+        brakes: How joints stop under the payload, by speed.
+        payload: What the arm carries at most, in [kg].
         is_suspended: Whether the hardware's limits are in force instead of the operating ones.
-        revision: How often this has changed.
+        revision: How often any of this has changed.
     """
 
-    def __init__(self, robot: Robot, operating: OperatingLimits | None) -> None:
+    def __init__(
+        self, robot: Robot, operating: OperatingLimits | None, payload: float | None = None
+    ) -> None:
         """The operating limits, or the robot's own where there are none, are in force.
 
+        Args:
+            robot: Whose limits and brakes.
+            operating: What its controller keeps to; None: the robot's limits.
+            payload: What it carries at most, in [kg]; None: the heaviest that its brakes are stated
+                for.
+
         Raises:
-            ArmguardError: The operating limits do not fit the robot.
+            ArmguardError: The operating limits do not fit the robot, or the payload its brakes.
         """
+        self._brakes = robot.brakes
+        self.payload = self._brakes.check_payload(payload)
+        self.brakes = self._brakes.make_curves(self.payload)
         self._hardware = (
             np.array(robot.velocity_limit, dtype=np.float64),
             np.array(robot.acceleration_limit, dtype=np.float64),
@@ -137,6 +150,17 @@ class LimitsInForce:
         self.acceleration = self.operating_acceleration.copy()
         self.is_suspended = False
         self.revision = 0
+
+    def load(self, payload: float | None) -> None:
+        """Put the brakes under another payload in force, in [kg]; None: the heaviest.
+
+        Raises:
+            RobotError: The payload is no number, negative, or above what the brakes are stated for.
+        """
+        number = self._brakes.check_payload(payload)
+        self._brakes.fill_curves(self.brakes, number)
+        self.payload = number
+        self.revision += 1
 
     def suspend(self) -> None:
         """Put the hardware's limits in force."""

@@ -21,6 +21,7 @@ from armguard.cover.cover import Cover
 from armguard.exceptions import CoverError, RobotError
 from armguard.jit.arrays import FloatArray
 from armguard.robot.attachments import AttachedBody
+from armguard.robot.brakes import Brakes
 from armguard.robot.description import (
     LIMITS,
     OperatingDescription,
@@ -87,7 +88,7 @@ class Robot:
         velocity_limit: In [rad]/[s] or [m]/[s].
         acceleration_limit: Holds in every mode, emergency brakes included, in [rad]/[s²] or
             [m]/[s²].
-        braking_deceleration: Guaranteed under load, in [rad]/[s²] or [m]/[s²].
+        brakes: What is known of its brakes, by load and speed.
         lower_position_limit: In [rad] or [m]; -inf for a continuous joint.
         upper_position_limit: In [rad] or [m]; inf for a continuous joint.
         position_error: What a measured position may be off by, in [rad] or [m].
@@ -112,7 +113,7 @@ class Robot:
         self.upper_position_limit = _read_only(upper for _, upper in positions)
         self.velocity_limit = _read_only(entry.velocity for entry in entries)
         self.acceleration_limit = _read_only(entry.acceleration for entry in entries)
-        self.braking_deceleration = _read_only(entry.braking for entry in entries)
+        self.brakes = Brakes(self.joints, description.brake_entries())
         self.position_error = _read_only(entry.position_error for entry in entries)
         self.velocity_error = _read_only(entry.velocity_error for entry in entries)
         self.published_operating_limits = _read_published(
@@ -123,6 +124,7 @@ class Robot:
         self.model.velocityLimit = self.velocity_limit
         self._sources = {
             joint: {limit: description.source(joint, limit) for limit in LIMITS}
+            | {"braking": self.brakes.sources(joint)}
             for joint in self.joints
         }
         surfaces = collect_surfaces(urdf, self.joints, description)
@@ -188,6 +190,20 @@ class Robot:
             if not report.proved:
                 raise CoverError(f"link {link!r}", f"is not inside its spheres in {cover}")
         return robot
+
+    @property
+    def braking_deceleration(self) -> FloatArray:
+        """Guaranteed at each instant under the heaviest load, at the lowest speeds of `brakes`.
+
+        In [rad]/[s²] or [m]/[s²]; 0 for a joint of whose brakes times and distances are known
+        alone. How it falls with speed and rises with less load is in `brakes`. What is assigned
+        counts for all loads and speeds. Shape (nv,).
+        """
+        return _read_only(self.brakes.make_curves().deceleration[:, 0])
+
+    @braking_deceleration.setter
+    def braking_deceleration(self, deceleration: ArrayLike) -> None:
+        self.brakes = Brakes.constant(self.joints, np.asarray(deceleration, dtype=np.float64))
 
     @property
     def links(self) -> tuple[str, ...]:

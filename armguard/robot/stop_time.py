@@ -6,6 +6,69 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.jit.kernels import kernel
+from armguard.robot.brakes import BrakeCurves, find_stop, rest_time
+
+ALL_COVERED = -1
+"""In place of a joint's index, where brakes are stated for all speeds that are possible."""
+
+
+@kernel
+def speed_at_bite(
+    velocity: float,
+    velocity_error: float,
+    velocity_limit: float,
+    acceleration_limit: float,
+    operating_acceleration: float,
+    after: float,
+    before: float,
+) -> float:
+    """The greatest speed of one joint until its brakes bite, in [rad]/[s] or [m]/[s].
+
+    Args:
+        velocity: As it was measured, in [rad]/[s] or [m]/[s].
+        velocity_error: What that may be off by.
+        velocity_limit: Velocity limit, or operating one.
+        acceleration_limit: In [rad]/[s²] or [m]/[s²].
+        operating_acceleration: With which it speeds up, in [rad]/[s²] or [m]/[s²].
+        after: From the stamp until the bite, in [s].
+        before: How much later than now the stamp is, in [s]; negative where it is not.
+    """
+    limit = max(velocity_limit, abs(velocity))
+    gained = max(operating_acceleration * after, acceleration_limit * before)
+    return min(limit, abs(velocity) + velocity_error + gained)
+
+
+@kernel
+def find_uncovered(
+    velocity: NDArray[np.float64],
+    velocity_error: NDArray[np.float64],
+    velocity_limit: NDArray[np.float64],
+    acceleration_limit: NDArray[np.float64],
+    brakes: BrakeCurves,
+    age: float,
+    horizon: float,
+    reaction_time: float,
+    operating_acceleration: NDArray[np.float64],
+) -> int:
+    """First joint that may be faster at the bite than its brakes are stated for, or ALL_COVERED.
+
+    Arguments are those of `compute_stop_time`.
+    """
+    after, before = max(age, 0.0) + horizon + reaction_time, -age
+    last = brakes.speed.shape[1] - 1
+    for i in range(velocity.shape[0]):
+        speed = speed_at_bite(
+            velocity[i],
+            velocity_error[i],
+            velocity_limit[i],
+            acceleration_limit[i],
+            operating_acceleration[i],
+            after,
+            before,
+        )
+        if not speed <= brakes.speed[i, last]:
+            return i
+    return ALL_COVERED
 
 
 @kernel
@@ -14,7 +77,7 @@ def compute_stop_time(
     velocity_error: NDArray[np.float64],
     velocity_limit: NDArray[np.float64],
     acceleration_limit: NDArray[np.float64],
-    braking_deceleration: NDArray[np.float64],
+    brakes: BrakeCurves,
     age: float,
     horizon: float,
     reaction_time: float,
@@ -32,7 +95,8 @@ def compute_stop_time(
         velocity_error: What they may be off by, [rad/s] or [m/s]. Shape (nv,).
         velocity_limit: Velocity limits, or operating ones, [rad/s] or [m/s]. Shape (nv,).
         acceleration_limit: Acceleration limits, [rad/s²] or [m/s²]. Shape (nv,).
-        braking_deceleration: Guaranteed decelerations, [rad/s²] or [m/s²]. Shape (nv,).
+        brakes: How joints stop; what is beyond their range counts as their last entry, and proves
+            nothing (`find_uncovered`).
         age: How long ago the state was measured, in [s]; negative where it is yet to be.
         horizon: Period plus latency, in [s]: until the verdict after this one is obeyed.
         reaction_time: From command to braking torque, in [s].
@@ -43,8 +107,14 @@ def compute_stop_time(
     # The longest times, either way, between the stamp and the moment when braking begins.
     after, before = max(age, 0.0) + horizon + reaction_time, -age
     for i in range(velocity.shape[0]):
-        limit = max(velocity_limit[i], abs(velocity[i]))
-        gained = max(operating_acceleration[i] * after, acceleration_limit[i] * before)
-        speed = min(limit, abs(velocity[i]) + velocity_error[i] + gained)
-        slowest = max(slowest, speed / braking_deceleration[i])
+        speed = speed_at_bite(
+            velocity[i],
+            velocity_error[i],
+            velocity_limit[i],
+            acceleration_limit[i],
+            operating_acceleration[i],
+            after,
+            before,
+        )
+        slowest = max(slowest, rest_time(find_stop(brakes, i, speed), speed))
     return horizon + reaction_time + slowest

@@ -28,19 +28,20 @@ from armguard.bounds.operating_history import (
 )
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import inlined_kernel, kernel
+from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
 from armguard.obstacles.table import clear_changed_rows
 from armguard.pairs.contact_time import (
     RESTS,
     UNDECIDED,
     arm_reach_time,
-    is_known,
     link_time,
     pair_time,
     rests_in_time,
     root_time,
 )
 from armguard.pairs.scene import REACH, UNKNOWN, Scene, prepare_arm
+from armguard.robot.brakes import BrakeCurves
 from armguard.robot.joint_acceptance import BELIEVED, Guard, accept
 from armguard.scheduling.certificates import (
     ACTIVE,
@@ -115,7 +116,7 @@ def _evaluate_links(
     best = np.inf
     # `best` is the soonest contact time so far: a link that cannot beat it is not refined.
     if scene.marks.refused[row]:
-        # Beside a refused sample, both states may be true; each link is evaluated by both.
+        # More than one state may be true; each link is evaluated by all of them.
         for each in range(links):
             if not certificates.watched[row, each]:
                 continue
@@ -189,7 +190,7 @@ def _evaluate_obstacle(
     """
     best, evaluations = 0.0, 0
     bound = UNKNOWN
-    if is_known(scene, row):
+    if is_known(scene.marks, row):
         best, evaluations = arm_reach_time(scene, row, now)
         bound = REACH
         if best < refinement_threshold:
@@ -224,12 +225,43 @@ def time_to_spare(
     spare = np.inf
     for j in range(v.shape[0]):
         top, accel = limits.operating_velocity[j], limits.operating_acceleration[j]
-        braking = limits.braking[j]
         speed = abs(v[j]) + 3.0 * limits.velocity_error[j]
         speed += accel * (max(arm_age, 0.0) + braking_delay)
-        stop = braking_delay + min(top, speed) / braking
-        at_most = contact_time - braking_delay - top / braking
-        spare = min(spare, max(at_most, (contact_time - stop) / (1.0 + accel / braking)))
+        left = contact_time - braking_delay
+        spare = min(
+            spare, _joint_time_to_spare(limits.brakes, j, min(top, speed), top, accel, left)
+        )
+    return spare
+
+
+@inlined_kernel
+def _joint_time_to_spare(
+    brakes: BrakeCurves, joint: int, speed: float, top: float, accel: float, left: float
+) -> float:
+    """Longest time in [s] after which a joint that speeds up meanwhile still rests in `left` [s].
+
+    Entry by entry: within the speeds of one, a joint that is at u + a w after w rests within the
+    lesser of T and (u + a w) / b. Once it is past the last, or at its top speed, it gets no slower
+    to rest.
+    """
+    if left == np.inf:
+        # Where no contact can ever come.
+        return np.inf
+    spare = -np.inf
+    last = brakes.speed.shape[1] - 1
+    for step in range(last + 1):
+        bound = brakes.speed[joint, step]
+        if not (speed <= bound or step == last):
+            continue
+        time, slows = brakes.time[joint, step], brakes.deceleration[joint, step]
+        within = max(left - time, (left * slows - speed) / (slows + accel))
+        if step == last or top <= bound:
+            # No faster than this, it rests no later than from its top speed.
+            return max(spare, max(within, left - min(time, top / slows)))
+        reached = (bound - speed) / accel
+        spare = max(spare, min(within, reached))
+        if not within >= reached:
+            break
     return spare
 
 
@@ -380,7 +412,7 @@ def _evaluate_due(
         keep_reference_state(scene.bodies, certificates.reference_states, scene.marks, row, row)
         # Back into the wheel, for when the row could matter to a stop or its answer look stale.
         spare = time_to_spare(scene, v, contact_time, arm_age, braking_delay)
-        if scene.marks.refused[row] or not is_known(scene, row):
+        if not is_known(scene.marks, row):
             spare = 0.0
         wait = min(spare, max_staleness * contact_time)
         certain = certain or contact_time <= period

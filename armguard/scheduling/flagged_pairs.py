@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 
 from armguard.bounds.isotropic import IsotropicMotion
+from armguard.obstacles.possible_states import list_states
+from armguard.obstacles.table import States
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.hull_distance import HullDistance
 
@@ -35,21 +37,23 @@ class FlaggedCheck:
             row: Of the obstacle in its table.
             link: Index in `robot.links`.
         """
-        state, motion, marks = self._state, self._motion, self._state.marks
-        if not marks.has_state[row] or marks.refused[row]:
-            return 0.0
-        bodies = state.bodies
-        count = int(bodies.point_count[row])
-        radius = float(bodies.radius[row])
-        distance, _, _ = self._exact.distance(link, bodies.points[row, :count], radius)
-        measured = max(math.hypot(*velocity) for velocity in bodies.velocities[row, :count])
-        speed = max(float(bodies.speed[row]), measured + float(bodies.velocity_error[row]))
+        state = self._state
+        states = list_states(state.bodies, state.refused_bodies, state.marks, row, state.now)
+        return min((self._state_time(link, *each) for each in states), default=0.0)
+
+    def _state_time(self, link: int, bodies: States, place: int, age: float) -> float:
+        """The same for one state of the obstacle."""
+        state, motion = self._state, self._motion
+        count = int(bodies.point_count[place])
+        radius = float(bodies.radius[place])
+        distance, _, _ = self._exact.distance(link, bodies.points[place, :count], radius)
+        measured = max(math.hypot(*velocity) for velocity in bodies.velocities[place, :count])
+        speed = max(float(bodies.speed[place]), measured + float(bodies.velocity_error[place]))
         arm_speed = float(motion.surface_speed[link])
-        age = 0.0 if marks.static[row] else abs(state.now - float(bodies.stamp[row]))
         grown = arm_speed * abs(state.arm_age)
-        if age > 0.0:
-            grown += speed * age
-        errors = float(bodies.position_error[row]) + float(motion.surface_position_error[link])
+        if age != 0.0:
+            grown += speed * abs(float(age))
+        errors = float(bodies.position_error[place]) + float(motion.surface_position_error[link])
         gap = float(distance) - state.scene.settings.margin - errors - grown
         if not gap > 0.0:
             return 0.0

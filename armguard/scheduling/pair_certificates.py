@@ -144,9 +144,9 @@ class PairCertificates:
         """Pairs whose certificates no longer stand on firm ground.
 
         Returns:
-            Pairs to be evaluated at once because a bound of their obstacle grew, a refused sample
-            stands beside it, or all are invalid; and pairs whose obstacle broke the bounds behind
-            them.
+            Pairs to be evaluated at once because a bound of their obstacle grew, it changed while
+            refused samples of it may be true, or all are invalid; and pairs whose obstacle broke
+            the bounds behind them.
         """
         if not self.keeps_certificates or not len(self.pairs):
             return self.pairs[:0], self.pairs[:0]
@@ -276,13 +276,14 @@ def _test_reference_states(
     for index in range(pairs.shape[0]):
         pair = pairs[index]
         row = pair // links
-        outcomes[index] = GROWN if marks.refused[row] else UNDISTURBED
+        outcomes[index] = UNDISTURBED
         if marks.static[row] or ticks[pair] == NEVER or revision[row] == seen_revision[row]:
             continue
         allowed, grown = allows_reference_state(scene.bodies, States(*reference_states), row, pair)
         if not allowed:
             outcomes[index] = BROKEN
-        elif grown:
+        elif grown or marks.refused[row]:
+            # Another state may be true, of which the certificate knows nothing.
             outcomes[index] = GROWN
 
 

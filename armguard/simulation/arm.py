@@ -32,8 +32,9 @@ class SimulatedArm:
     - A speed scale s > 0 keeps every joint within s times its operating velocity, which is the
       velocity limit where none is stated, once the rate along the path has come down, which it does
       at the greatest rate that leaves |q̈| <= q̈max: meanwhile it is faster.
-    - Scale 0 brakes: every joint decelerates by exactly b from this step on, rests after
-      |q̇| / b, and before the waypoint ahead. A brake is not released before the arm rests. Then,
+    - Scale 0 brakes: every joint decelerates by exactly b from this step on, or by the least that
+      keeps the times and distances that its brakes are stated with, where that is more; it rests
+      before the waypoint ahead. A brake is not released before the arm rests. Then,
       once the scale is above 0, it goes on to that waypoint, and from there along the trajectory.
 
     Args:
@@ -59,9 +60,9 @@ class SimulatedArm:
         self._rejoin_time = 0.0  # of the trajectory, at the waypoint that the rejoin leads to
         self._time = 0.0  # along the trajectory or the rejoin, in nominal seconds
         self._rate = 1.0  # nominal seconds per second
-        self._deceleration = robot.braking_deceleration
+        self._deceleration = self._least = robot.brakes.gentlest_stop(np.zeros(len(robot.joints)))
         along_path = trajectory.acceleration_fraction * np.minimum(
-            robot.acceleration_limit, robot.braking_deceleration
+            robot.acceleration_limit, self._least
         )
         speed = trajectory.speed_fraction * robot.velocity_limit
         velocity, acceleration = robot.velocity_limit, robot.acceleration_limit
@@ -94,8 +95,10 @@ class SimulatedArm:
         """
         if not (0.0 < dt < math.inf):
             raise ArmguardError("dt", f"is {dt}", expected="a positive time in [s]")
-        if not (speed_scale > 0.0):
+        if not (speed_scale > 0.0 or self.braking):
             self.braking = True
+            stop = self._trajectory.robot.brakes.gentlest_stop(self.v)
+            self._deceleration = np.maximum(self._least, stop)
         if self.braking:
             self._brake(dt)
             if speed_scale > 0.0 and not self.v.any():

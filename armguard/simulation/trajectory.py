@@ -88,7 +88,9 @@ class JointTrajectory:
             self._moves,
             speed_fraction * robot.velocity_limit,
             acceleration_fraction
-            * np.minimum(robot.acceleration_limit, robot.braking_deceleration),
+            * np.minimum(
+                robot.acceleration_limit, robot.brakes.gentlest_stop(np.zeros(len(robot.joints)))
+            ),
         )
         self.stops: Array = np.concatenate([[0.0], np.cumsum(self._durations)])
         self.duration = float(self.stops[-1])

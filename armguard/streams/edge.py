@@ -29,9 +29,11 @@ from armguard.streams.messages import (
     JointsMessage,
     MessageError,
     ObstaclesMessage,
+    PlanMessage,
     RemoveMessage,
     decode,
     to_points,
+    to_rows,
     to_values,
 )
 
@@ -79,6 +81,32 @@ class JointState(NamedTuple):
     stamp: float
     q: NDArray[np.float64]
     v: NDArray[np.float64]
+    path_time: float | None = None
+    """Where on its trajectory the arm says that it was, in [s]."""
+
+
+class PlanRequest(NamedTuple):
+    """What a controller asks about its plan, in the order of the watched joints."""
+
+    ask: Literal["commit", "follow"]
+    number: int
+    """Of the plan, as its sender counts."""
+    problem: str
+    """What makes it unusable, in words; empty: nothing, and all below is there."""
+    stamp: float = math.nan
+    """When the arm is at the first sample, in [s] of the monitor's time."""
+    times: NDArray[np.float64] = np.zeros(0)
+    """Of the samples, in [s] from `stamp`. Shape (k,)."""
+    q: NDArray[np.float64] = np.zeros((0, 0))
+    """[rad] or [m]. Shape (k, nv)."""
+    v: NDArray[np.float64] = np.zeros((0, 0))
+    """[rad/s] or [m/s]. Shape (k, nv)."""
+    tracking_error: NDArray[np.float64] = np.zeros(0)
+    """[rad] or [m]. Shape (nv,)."""
+    velocity_tracking_error: NDArray[np.float64] | None = None
+    """[rad/s] or [m/s]. Shape (nv,); None where the sender does not say."""
+    stop_tracking_error: NDArray[np.float64] | None = None
+    """[rad] or [m]. Shape (nv,); None where the sender does not say."""
 
 
 class Edge:
@@ -125,6 +153,8 @@ class Edge:
         """The newest joint state that could be read; None before the first that is fresh."""
         self.dropped_age = math.nan
         """How old the last joint state was that was dropped as a backlog, in [s]; nan: none was."""
+        self.plans: list[PlanRequest] = []
+        """Plans that came in the last drain, oldest first."""
         self.reset_requested = False
         """Whether a reset with the right token came; the loop that obeys it sets it back."""
         start, machine, gap = _compare(clock, monotonic, 0.0)
@@ -168,6 +198,7 @@ class Edge:
         is_emptied = False
         self._now = self._clock.now()
         self._keeps_joint_state = False
+        self.plans = []
         for source in inputs:
             # Whatever is taken now arrived since this input was last found empty.
             self._arrived_after = self._emptied.get(source, self._start)
@@ -227,6 +258,8 @@ class Edge:
         if isinstance(message, JointsMessage):
             self._follow(self._joint_watch, "joints", message.seq)
             self._take_joints(message)
+        elif isinstance(message, PlanMessage):
+            self.plans.append(self._read_plan(message))
         elif isinstance(message, ObstaclesMessage | RemoveMessage):
             watch = self._watches.get(message.source)
             if watch is None:
@@ -316,9 +349,35 @@ class Edge:
             problem = f"stamp is {message.stamp!r}, {last.stamp - stamp:.3g} s before the last one"
             self.faults.add("stamp went back", "joints", message.seq, problem)
         if not self._keeps_joint_state:
-            self._newest = JointState(stamp, q, v)
+            self._newest = JointState(stamp, q, v, message.path_time)
         # An impossible state must be seen by the monitor, even if a good one follows at once.
         self._keeps_joint_state = self._keeps_joint_state or not usable
+
+    def _read_plan(self, message: PlanMessage) -> PlanRequest:
+        """A plan in the order of the watched joints; what cannot be read is said, and counted."""
+        names, count = message.names, len(message.names)
+        try:
+            order = self._find_joints(names)
+            size = len(message.times)
+            size = size // 8 if isinstance(message.times, bytes) else size
+            times = to_values("times", message.times, size)
+            q = to_rows("q", message.q, size, count)[:, order]
+            v = to_rows("v", message.v, size, count)[:, order]
+            fields = {"tracking_error": _read_errors(message, "tracking_error", order)}
+            for field in ("velocity_tracking_error", "stop_tracking_error"):
+                if getattr(message, field) is not None:
+                    fields[field] = _read_errors(message, field, order)
+        except MessageError as error:
+            self.faults.add("malformed", "plans", message.number, str(error))
+            return PlanRequest(message.ask, message.number, str(error))
+        # Joint states may be measured before their stamps; a plan says where the arm will be.
+        clock = self._joint_clock._replace(latency=0.0)
+        stamp, gap = self._to_monitor_time(message.stamp, clock)
+        problem = ""
+        if not gap <= HELD_UP:
+            problem = f"clocks were compared within {gap:.3g} s; expected {HELD_UP:.3g} s at most"
+            self.faults.add("clocks held up", "plans", message.number, problem)
+        return PlanRequest(message.ask, message.number, problem, stamp, times, q, v, **fields)
 
     def _find_joints(self, names: list[str]) -> NDArray[np.int64]:
         """Where each watched joint is in `names`; remembered, since senders keep their order."""
@@ -420,6 +479,14 @@ def _compare(
         if gap <= good_enough:
             break
     return closest
+
+
+def _read_errors(message: PlanMessage, field: str, order: NDArray[np.int64]) -> NDArray[np.float64]:
+    """One tracking error a watched joint, whether there is one for all or one for each."""
+    values, count = getattr(message, field), len(message.names)
+    if isinstance(values, float):
+        return np.full(len(order), values)
+    return to_values(field, values, count)[order]
 
 
 def _unpack(fields: Mapping[str, Any], count: int) -> dict[str, Any]:

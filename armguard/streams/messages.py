@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from armguard.contact.earliest import Certificate
-from armguard.verdict import Level, Reason, ReasonKind, Verdict
+from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, Verdict
 
 _CLOSER_LOOK = 65536
 """Longest message, in bytes, that is read a second time to say what was wrong with it."""
@@ -26,6 +27,9 @@ POINT_LIMIT = 8
 
 Points = bytes | list[list[float | list[float]]]
 """Rows of points: (n, 3) or (n, k, 3) nested lists, or packed little-endian float64."""
+
+Rows = bytes | list[list[float]]
+"""One row a sample: (k, n) nested lists, or packed little-endian float64."""
 
 Values = float | bytes | list[float]
 """One value for all, or one a row: a list, or packed little-endian float64."""
@@ -80,6 +84,25 @@ class JointsMessage(Message, tag="joints"):
     q: bytes | list[float]
     v: bytes | list[float]
     seq: int | None = None
+    path_time: float | None = None
+
+
+class PlanMessage(Message, tag="plan"):
+    """What the controller is about to do, and what it asks: may the arm?
+
+    `ask` is "commit" for a piece that carries its own stop, "follow" for a whole trajectory.
+    """
+
+    ask: Literal["commit", "follow"]
+    number: int
+    stamp: float
+    names: list[str]
+    times: bytes | list[float]
+    q: Rows
+    v: Rows
+    tracking_error: Values
+    velocity_tracking_error: Values | None = None
+    stop_tracking_error: Values | None = None
 
 
 class RemoveMessage(Message, tag="remove"):
@@ -97,7 +120,7 @@ class ResetMessage(Message, tag="reset"):
     token: str
 
 
-TimedMessage = ObstaclesMessage | JointsMessage | RemoveMessage
+TimedMessage = ObstaclesMessage | JointsMessage | PlanMessage | RemoveMessage
 """Those that say when."""
 
 AnyMessage = TimedMessage | ResetMessage
@@ -136,12 +159,26 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     valid_until: float
     separation: float | None = None
     certificate: CertificateMessage | None = None
+    stop: Literal["finish", "brake"] | None = None
+
+
+class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
+    """A `PlanVerdict` on the wire, with the number of the plan that it answers."""
+
+    number: int
+    safe: bool
+    contact_time: float
+    link: str | None
+    obstacle: str | None
+    reasons: list[ReasonMessage]
 
 
 _encoder = msgspec.msgpack.Encoder()
 _json_decoder: msgspec.json.Decoder[AnyMessage] = msgspec.json.Decoder(AnyMessage)
 _msgpack_decoder: msgspec.msgpack.Decoder[AnyMessage] = msgspec.msgpack.Decoder(AnyMessage)
-_verdict_decoder = msgspec.msgpack.Decoder(VerdictMessage)
+_answer_decoder: msgspec.msgpack.Decoder[VerdictMessage | PlanVerdictMessage] = (
+    msgspec.msgpack.Decoder(VerdictMessage | PlanVerdictMessage)
+)
 
 
 def encode(message: AnyMessage) -> bytes:
@@ -240,6 +277,22 @@ def to_points(field: str, points: Points, count: int) -> NDArray[np.float64]:
     return array
 
 
+def to_rows(field: str, rows: Rows, count: int, width: int) -> NDArray[np.float64]:
+    """One row a sample as an array, of shape (count, width).
+
+    Raises:
+        MessageError: If the number of rows, or of values in one of them, is not that.
+    """
+    expected = f"{count} rows of {width} values, one for each time and name"
+    if isinstance(rows, bytes):
+        if len(rows) != 8 * count * width:
+            raise MessageError(field, f"{len(rows)} bytes", f"packed float64: {expected}")
+        return np.frombuffer(rows, "<f8").reshape(count, width)
+    if len(rows) != count or any(len(row) != width for row in rows):
+        raise MessageError(field, f"{len(rows)} rows", expected)
+    return np.array(rows, float).reshape(count, width)
+
+
 def encode_verdict(verdict: Verdict, offset: float) -> bytes:
     """A verdict as a msgpack map.
 
@@ -263,27 +316,51 @@ def encode_verdict(verdict: Verdict, offset: float) -> bytes:
             verdict.obstacle,
             bool(verdict.complete),
             int(verdict.evaluated),
-            [ReasonMessage(r.kind.name.lower(), r.subject, r.detail) for r in verdict.reasons],
+            _tell_reasons(verdict.reasons),
             math.nextafter(verdict.valid_until + offset, -math.inf),  # never too long
             verdict.separation,
             certificate,
+            verdict.stop,
         )
     )
 
 
-def decode_verdict(data: bytes) -> Verdict:
-    """A verdict from the wire, its times on the machine's monotonic clock.
+def encode_plan_verdict(number: int, verdict: PlanVerdict) -> bytes:
+    """The answer to a plan as a msgpack map.
+
+    Args:
+        number: Of the plan, as its sender counts.
+        verdict: The answer; its contact time is counted from when it was judged.
+    """
+    safe, contact_time, link, obstacle, reasons = verdict
+    return _encoder.encode(
+        PlanVerdictMessage(
+            number, safe, float(contact_time), link, obstacle, _tell_reasons(reasons)
+        )
+    )
+
+
+def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict]:
+    """What a monitor publishes: a verdict, or the number of a plan and the answer to it.
+
+    Times of a verdict are on the machine's monotonic clock.
 
     Raises:
-        MessageError: If it is no verdict.
+        MessageError: If it is neither.
     """
     try:
-        message = _verdict_decoder.decode(data)
+        message = _answer_decoder.decode(data)
+        if isinstance(message, PlanVerdictMessage):
+            return message.number, PlanVerdict(
+                message.safe,
+                message.contact_time,
+                message.link,
+                message.obstacle,
+                _read_reasons(message.reasons),
+            )
         fields = {name: getattr(message, name) for name in message.__struct_fields__}
         fields["level"] = Level[message.level]
-        fields["reasons"] = tuple(
-            Reason(ReasonKind[r.kind.upper()], r.subject, r.detail) for r in message.reasons
-        )
+        fields["reasons"] = _read_reasons(message.reasons)
         proof = message.certificate
         if proof is not None:
             times, witnesses = np.array(proof.times), np.array(proof.witnesses).reshape(-1, 3)
@@ -291,3 +368,11 @@ def decode_verdict(data: bytes) -> Verdict:
         return Verdict(**fields)
     except (ValueError, KeyError, RecursionError) as error:
         raise MessageError("verdict", f"unusable ({error})", "a verdict of this version") from None
+
+
+def _tell_reasons(reasons: Iterable[Reason]) -> list[ReasonMessage]:
+    return [ReasonMessage(one.kind.name.lower(), one.subject, one.detail) for one in reasons]
+
+
+def _read_reasons(reasons: Iterable[ReasonMessage]) -> tuple[Reason, ...]:
+    return tuple(Reason(ReasonKind[one.kind.upper()], one.subject, one.detail) for one in reasons)

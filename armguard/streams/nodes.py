@@ -7,8 +7,11 @@ cell file names another clock for the source.
 
 from __future__ import annotations
 
+import math
 import time
+from collections import deque
 from collections.abc import Iterator, Sequence
+from typing import Literal
 
 import numpy as np
 import zmq
@@ -22,14 +25,19 @@ from armguard.streams.messages import (
     JointsMessage,
     MessageError,
     ObstaclesMessage,
+    PlanMessage,
     RemoveMessage,
     ResetMessage,
     Values,
-    decode_verdict,
+    decode_answer,
     encode,
+    encode_plan_verdict,
     encode_verdict,
 )
-from armguard.verdict import Level, Verdict
+from armguard.verdict import Level, PlanVerdict, Verdict
+
+_ANSWERS = 16
+"""Answers to plans that a reader keeps."""
 
 _LINGER = 200
 """How long, in [ms], a closing publisher may take to hand over its last messages."""
@@ -66,6 +74,7 @@ class Publisher:
         self.source = source
         self._sequence = 0
         self._joints_sequence = 0
+        self._plans = 0
         self._connected = False
         # XPUB publishes as PUB does, and tells when a monitor begins to listen.
         self._socket = _connect(address, zmq.XPUB)
@@ -138,8 +147,23 @@ class Publisher:
         self._sequence += 1
         self._send(RemoveMessage(list(ids), float(stamp), self.source, self._sequence))
 
-    def joints(self, stamp: float, names: Sequence[str], q: ArrayLike, v: ArrayLike) -> None:
-        """Send a joint state: names in any order, positions [rad], velocities [rad/s], shape (n,).
+    def joints(
+        self,
+        stamp: float,
+        names: Sequence[str],
+        q: ArrayLike,
+        v: ArrayLike,
+        path_time: float | None = None,
+    ) -> None:
+        """Send a joint state.
+
+        Args:
+            stamp: When it was measured, in [s].
+            names: Of the joints, in any order. Length n.
+            q: Positions, in [rad] or [m]. Shape (n,).
+            v: Velocities, in [rad/s] or [m/s]. Shape (n,).
+            path_time: Where on the trajectory that it follows the arm was then, in [s] as in the
+                plan's times; None: it is followed on time.
 
         Raises:
             StreamError: If lengths do not fit the number of names.
@@ -148,8 +172,63 @@ class Publisher:
         positions = _pack("q", q, (len(names),))
         velocities = _pack("v", v, (len(names),))
         self._send(
-            JointsMessage(float(stamp), list(names), positions, velocities, self._joints_sequence)
+            JointsMessage(
+                float(stamp), list(names), positions, velocities, self._joints_sequence, path_time
+            )
         )
+
+    def plan(
+        self,
+        ask: Literal["commit", "follow"],
+        stamp: float,
+        names: Sequence[str],
+        times: ArrayLike,
+        q: ArrayLike,
+        v: ArrayLike,
+        tracking_error: ArrayLike,
+        velocity_tracking_error: ArrayLike | None = None,
+        stop_tracking_error: ArrayLike | None = None,
+    ) -> int:
+        """Ask whether the arm may do what is planned; see `Plan`, `Monitor.commit` and `follow`.
+
+        The answer is published among the verdicts: `VerdictReader.answer` waits for it.
+
+        Args:
+            ask: "commit" for a piece that carries its own stop, "follow" for a whole trajectory.
+            stamp: When the arm is at the first sample, in [s] on the clock of the joint states.
+            names: Of the joints, in any order. Length n.
+            times: Of the samples, counted from `stamp`, in [s]; rising from 0. Shape (k,).
+            q: Positions, in [rad] or [m]. Shape (k, n).
+            v: Velocities, in [rad/s] or [m/s]. Shape (k, n).
+            tracking_error: How far joints may be off, in [rad] or [m], one or shape (n,).
+            velocity_tracking_error: How far velocities may be off, one or shape (n,).
+            stop_tracking_error: How far joints may be off while the arm stops on its path, one or
+                shape (n,).
+
+        Returns:
+            The plan's number, by which it is answered.
+
+        Raises:
+            StreamError: If shapes do not fit the numbers of names and times.
+        """
+        self._plans += 1
+        count, instants = len(names), np.asarray(times, float)
+        shape = (len(instants) if instants.ndim else 0, count)
+        self._send(
+            PlanMessage(
+                ask,
+                self._plans,
+                float(stamp),
+                list(names),
+                _pack("times", instants, shape[:1]),
+                _pack("q", q, shape),
+                _pack("v", v, shape),
+                _pack_values("tracking_error", tracking_error, count) or 0.0,
+                _pack_values("velocity_tracking_error", velocity_tracking_error, count),
+                _pack_values("stop_tracking_error", stop_tracking_error, count),
+            )
+        )
+        return self._plans
 
     def reset(self, token: str) -> None:
         """Ask the monitor to release a latched STOP; it obeys only the token of its run.
@@ -220,6 +299,10 @@ class VerdictPublisher:
         """Send one verdict; never blocks."""
         self._socket.send(encode_verdict(verdict, self._offset), zmq.NOBLOCK)
 
+    def answer(self, number: int, verdict: PlanVerdict) -> None:
+        """Send the answer to a plan, by its number; never blocks."""
+        self._socket.send(encode_plan_verdict(number, verdict), zmq.NOBLOCK)
+
     def close(self) -> None:
         """Unbind and close."""
         if not self._socket.closed:
@@ -240,6 +323,7 @@ class VerdictReader:
     def __init__(self, address: str) -> None:
         self.refused = 0
         self._last: Verdict | None = None
+        self._answers: deque[tuple[int, PlanVerdict]] = deque(maxlen=_ANSWERS)
         self._socket = _connect(address, zmq.SUB)
         self._socket.subscribe(b"")
 
@@ -254,6 +338,23 @@ class VerdictReader:
                 if not self._receive():
                     break
         return self._last
+
+    def answer(self, number: int, timeout: float = 0.0) -> PlanVerdict | None:
+        """The answer to a plan, or None if there is none yet; takes verdicts in as well.
+
+        Args:
+            number: What `Publisher.plan` returned.
+            timeout: How long to wait for it, in [s].
+        """
+        until = time.monotonic() + timeout
+        while True:
+            for answered, verdict in self._answers:
+                if answered == number:
+                    return verdict
+            left = until - time.monotonic()
+            if not self._socket.poll(max(0, math.ceil(1000 * left))):
+                return None
+            self._receive()
 
     def silent(self, now: float | None = None) -> bool:
         """Whether there is no verdict that is still valid at `now` (default: the present)."""
@@ -277,9 +378,14 @@ class VerdictReader:
         except zmq.Again:
             return False
         try:
-            self._last = decode_verdict(parts[0])
+            received = decode_answer(parts[0])
         except MessageError:
             self.refused += 1
+            return True
+        if isinstance(received, Verdict):
+            self._last = received
+        else:
+            self._answers.append(received)
         return True
 
     def __iter__(self) -> Iterator[Verdict]:

@@ -103,10 +103,11 @@ def _compute_stop_time(robot, v) -> float:
         robot.velocity_error,
         robot.velocity_limit,
         robot.acceleration_limit,
-        robot.braking_deceleration,
+        robot.brakes.make_curves(),
         0.0,
         1.0 / RATE + LATENCY,
         REACTION_TIME,
+        robot.acceleration_limit,
     )
 
 

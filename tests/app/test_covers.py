@@ -48,7 +48,8 @@ def test_limits_say_what_moves_and_the_count_is_kept(tmp_path, capsys):
     urdf, limits = two_links(tmp_path), tmp_path / "robot.toml"
     limits.write_text(
         "[sources]\nposition = 'a'\nvelocity = 'a'\nacceleration = 'a'\nbraking = 'a'\n"
-        "[joints.shoulder]\nposition = [-1, 1]\nvelocity = 1\nacceleration = 2\nbraking = 1\n"
+        "[joints.shoulder]\nposition = [-1, 1]\nvelocity = 1\nacceleration = 2\n"
+        "[[brakes]]\nload = 1\nspeed = 1\ndeceleration = 1\n"
     )
     arguments = ["cover", urdf, "--limits", limits, "--spheres", "2", "--out", tmp_path]
     code, out, _ = run(arguments, capsys)

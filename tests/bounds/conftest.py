@@ -4,11 +4,15 @@ import pytest
 
 from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, ReachMotion
 from armguard.robot import Robot
+from support.example_arms import hold_at_all_speeds
 
 
 @pytest.fixture(scope="module")
 def robot():
-    return Robot.load("panda")
+    robot = Robot.load("panda")
+    # What depends on load and speed has tests of its own.
+    hold_at_all_speeds(robot)
+    return robot
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,8 @@ import pytest
 from armguard.bounds.displacement import arrival, brake, fill_eased_displacements
 from armguard.bounds.free_body import free_displacement
 from armguard.bounds.limits import JointLimits
+from armguard.robot.brakes import Stop
+from support.urdf_arms import hold
 
 CASES = [
     (start, accel, top)
@@ -65,9 +67,10 @@ def test_braking_is_slow_forwards_and_hard_backwards(velocity):
     times = np.linspace(0.0, 2.0, 20_001)
     slows = deceleration if velocity > 0.0 else accel
     rates = np.sign(velocity) * np.maximum(abs(velocity) - slows * times, 0.0)
-    found = [brake(velocity, accel, deceleration, s) for s in times[::500]]
+    stop = Stop(deceleration, np.inf, np.inf)
+    found = [brake(velocity, accel, stop, s) for s in times[::500]]
     assert found == pytest.approx(integrate(rates, times[1])[::500], abs=1e-6)
-    assert brake(velocity, accel, deceleration, 1e6) == pytest.approx(found[-1])
+    assert brake(velocity, accel, stop, 1e6) == pytest.approx(found[-1])
 
 
 DT = 1e-3
@@ -78,7 +81,7 @@ def random_joints(random, count):
     top, accel = random.uniform(0.3, 2.0, count), random.uniform(2.0, 20.0, count)
     room = random.uniform(0.02, 1.0, (2, count)) * random.choice([0.1, 1.0, np.inf], (2, count))
     limits = JointLimits(
-        -room[0], room[1], top, accel, accel * random.uniform(0.2, 1.0, count),
+        -room[0], room[1], top, accel, hold(accel * random.uniform(0.2, 1.0, count)),
         random.choice([0.0, 1e-3, 0.02], count), random.choice([0.0, 0.02, 0.2], count), top, accel,
     )  # fmt: skip
     return limits, np.zeros(count), top * random.uniform(-1.0, 1.0, count)
@@ -93,7 +96,8 @@ def move(random, limits, q, v, phases, steps):
     top, accel, start = limits.velocity, limits.acceleration, q
     pushes = random.choice([-1.0, 1.0, 0.0], (3, len(q)), p=[0.45, 0.45, 0.1])
     turns = np.sort(random.uniform(0.0, 0.4, (2, len(q))), axis=0)
-    rate = limits.braking + random.choice([0.0, 1.0], len(q)) * (accel - limits.braking)
+    held = limits.brakes.deceleration[:, 0]
+    rate = held + random.choice([0.0, 1.0], len(q)) * (accel - held)
     ways = [np.zeros(len(q))]
     for k in range(steps - 1):
         push = pushes[(k * DT > turns).sum(axis=0), np.arange(len(q))] * accel * DT

@@ -20,6 +20,7 @@ from armguard.bounds.displacement import (
     operating_velocity,
 )
 from armguard.bounds.limits import JointLimits
+from armguard.robot.brakes import BrakeCurves
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from support.example_arms import load_arm
 from support.hostile_joints import chain_to, place_point
@@ -95,6 +96,15 @@ def measure(value, error, random):
 
 
 @numba.njit(cache=True)
+def one_of(brakes, j):
+    """The brakes of one joint."""
+    return BrakeCurves(
+        brakes.speed[j : j + 1], brakes.deceleration[j : j + 1],
+        brakes.time[j : j + 1], brakes.distance[j : j + 1],
+    )  # fmt: skip
+
+
+@numba.njit(cache=True)
 def attack_joints(limits, braking, motions, random):
     """Motions of single joints against tables of displacements at random times.
 
@@ -113,11 +123,11 @@ def attack_joints(limits, braking, motions, random):
         top, speeding = limits.operating_velocity[j], limits.operating_acceleration[j]
         law = Law(
             max(limits.lower[j], -3.0), min(limits.upper[j], 3.0), top, speeding,
-            limits.acceleration[j], limits.braking[j],
+            limits.acceleration[j], limits.brakes.deceleration[j, 0],
         )  # fmt: skip
         own = JointLimits(
             one + law.lower, one + law.upper, limits.velocity[j : j + 1],
-            limits.acceleration[j : j + 1], limits.braking[j : j + 1],
+            limits.acceleration[j : j + 1], one_of(limits.brakes, j),
             limits.position_error[j : j + 1], limits.velocity_error[j : j + 1],
             limits.operating_velocity[j : j + 1], limits.operating_acceleration[j : j + 1],
         )  # fmt: skip
@@ -205,7 +215,7 @@ def attack_point(
             top = limits.operating_velocity[j]
             law = Law(
                 limits.lower[j], limits.upper[j], top, limits.operating_acceleration[j],
-                limits.acceleration[j], limits.braking[j],
+                limits.acceleration[j], limits.brakes.deceleration[j, 0],
             )  # fmt: skip
             start = measure(q[j], limits.position_error[j], random)
             start_q[j] = min(max(start, limits.lower[j]), limits.upper[j])

@@ -116,7 +116,7 @@ def live(motion, seed, *, asks):
             where = np.stack([radius * np.cos(bearing), radius * np.sin(bearing), 0.5 + 0 * radius])
             names = ["ann", "bob", "cid" if tick % 400 < 200 else "dot"]
             see(obstacles, now, where.T, ids=names, snapshot=True)
-        if tick % 333 == 332:
+        if tick % 700 == 332:
             see(obstacles, now, [math.nan] * 3, ids=["ann"])
         if tick == 900:
             monitor.reset()

@@ -12,6 +12,7 @@ from armguard.monitor.settings import make_scheduler, read_limit, read_number, r
 from armguard.obstacles import Obstacles
 from armguard.pairs.arm import IgnoredPairs
 from armguard.robot import JointStates, Robot
+from armguard.robot.operating_limits import LimitsInForce
 from armguard.scheduling import SCHEDULES, make_schedule
 from armguard.scheduling.deadline import DeadlineScheduler
 from armguard.scheduling.pair_scheduler import PairScheduler
@@ -182,7 +183,8 @@ def make(**changes):
     obstacles.add_static("post", [1.0, 0.0, 0.0], 0.1)
     states = JointStates(panda(), 0.05)
     settings = read_settings(panda(), obstacles, **usual | changes)
-    return make_scheduler(panda(), obstacles, settings, ignored, states)
+    in_force = LimitsInForce(panda(), None)
+    return make_scheduler(panda(), obstacles, settings, ignored, states, in_force)
 
 
 def test_obstacles_by_their_deadlines_unless_a_schedule_of_pairs_is_asked_for():

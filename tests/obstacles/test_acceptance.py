@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from armguard.obstacles import Fault, FaultKind, Obstacles
-from armguard.obstacles.table import clear_changed_rows
-from support.obstacle_samples import check_invariants, kinds, see
+from armguard.obstacles.table import MOST_REFUSED, clear_changed_rows
+from support.obstacle_samples import check_invariants, kinds, possible, refused, see
 
 INF = math.inf
 RECORDINGS = Path(
@@ -70,16 +70,20 @@ def test_a_bad_row_is_refused_and_the_good_one_beside_it_taken(field, value, kin
         assert not table.refused[obstacles.row("good")]
         assert table.refused[row]
         assert table.has_state[row] == (not fresh)
-        assert table.refused_finite[row] == (kind is FaultKind.BEYOND_SPEED)
+        assert table.unknown[row] == (kind is not FaultKind.BEYOND_SPEED)
         (fault,) = obstacles.take_faults()
         assert (fault.kind, fault.source, fault.id) == (kind, "default", "bad")
         assert (fault.field, fault.stamp) == (field, 0.01)
         assert obstacles.refused_rows().tolist() == [row]
         check_invariants(obstacles)
+        # One good sample does not clear what was refused; time does.
         see(obstacles, 0.02, id="bad")
         assert table.has_state[row]
-        assert not table.refused[row]
-        assert not len(obstacles.refused_rows())
+        for now, lasts in ((0.02, True), (0.3, True), (0.33, False)):
+            obstacles.forget_refused(now, 0.3)
+            assert bool(table.refused[row]) == bool(len(obstacles.refused_rows())) == lasts
+        assert not table.unknown[row]
+        check_invariants(obstacles)
 
 
 def test_a_jump_leaves_the_accepted_state_and_keeps_the_sample_aside():
@@ -90,19 +94,19 @@ def test_a_jump_leaves_the_accepted_state_and_keeps_the_sample_aside():
     table = obstacles.table
     assert table.points[row, 0, 0] == 0.0
     assert table.stamp[row] == 0.0
-    assert table.revision[row] == revision
+    assert table.revision[row] == revision + 1
     assert table.refused[row]
-    assert table.refused_finite[row]
-    assert table.refused_points[row, 0, 0] == 1.0
-    assert table.refused_radius[row] == 0.2
-    assert table.refused_stamp[row] == 0.01
+    assert not table.unknown[row]
+    assert refused(obstacles, row) == [1.0]
+    states, place, age = possible(obstacles, row, 0.05)[1]
+    assert (states.radius[place], states.stamp[place], age) == (0.2, 0.01, 0.04)
     assert obstacles.take_faults() == [
         Fault(FaultKind.BEYOND_ACCEL, "default", "a", "position", 1.0, 0.01)
     ]
     see(obstacles, 0.02, x=0.001)
-    assert not table.refused[row]
+    assert refused(obstacles, row) == [1.0]
     assert table.points[row, 0, 0] == 0.001
-    assert table.revision[row] == revision + 1
+    assert table.revision[row] == revision + 2
 
 
 def test_another_track_is_believed_after_five_samples_that_agree():
@@ -115,9 +119,13 @@ def test_another_track_is_believed_after_five_samples_that_agree():
     assert kinds(obstacles) == [FaultKind.BEYOND_ACCEL] * 4
     see(obstacles, 0.05, x=1.0)
     assert kinds(obstacles) == [FaultKind.TRACK_CHANGED]
-    assert not obstacles.table.refused[row]
     assert obstacles.table.points[row, 0, 0] == 1.0
-    assert obstacles.table.revision[row] == revision + 1
+    assert obstacles.table.revision[row] == revision + 5
+    # What was believed before may be true all the same, for as long as any refused sample.
+    assert refused(obstacles, row) == [1.0, 0.0]
+    obstacles.forget_refused(0.05, 0.3)
+    obstacles.forget_refused(0.36, 0.3)
+    assert not obstacles.table.refused[row]
 
 
 def test_samples_that_do_not_agree_never_make_a_track():
@@ -127,6 +135,8 @@ def test_samples_that_do_not_agree_never_make_a_track():
         see(obstacles, 0.01 * i, x=2.0 + 2.0 * (i % 4 == 0))
         assert obstacles.table.refused[row]
         assert obstacles.table.points[row, 0, 0] == 0.0
+    # Two tracks, each of which bounds what is seen of it later.
+    assert refused(obstacles, row) == [2.0, 4.0]
     # A repeated message is no further evidence.
     for _ in range(10):
         see(obstacles, 0.5, x=9.0)
@@ -180,7 +190,10 @@ def test_a_stamp_far_ahead_does_not_lock_a_row():
     obstacles.distrust(row)
     see(obstacles, 0.01, x=3.0)
     assert obstacles.table.stamp[row] == 0.01
+    assert refused(obstacles, row) == [0.0]
+    obstacles.forget_refused(0.02, 0.3)
     see(obstacles, 0.02, x=3.0)
+    obstacles.forget_refused(0.33, 0.3)
     assert not obstacles.table.refused[row]
 
 
@@ -227,7 +240,7 @@ def test_late_samples_that_disagree_are_refused_and_make_no_track():
         see(obstacles, 0.9 + 0.005 * k, x=1.0, radius=0.3)
         assert table.refused[row]
         assert (table.points[row, 0, 0], table.radius[row], table.stamp[row]) == (0.0, 0.1, 1.0)
-        assert table.refused_points[row, 0, 0] == 1.0
+        assert refused(obstacles, row) == [1.0]
     assert kinds(obstacles) == [FaultKind.BEYOND_ACCEL] * 10
     # One that goes on from there, and is newer than the accepted state, is another track.
     see(obstacles, 1.01, x=1.0, radius=0.3)
@@ -301,7 +314,7 @@ def test_other_units_than_metres_are_refused_and_the_body_could_be_anywhere(
         (fault,) = obstacles.take_faults()
         assert (fault.kind, fault.field, fault.value) == (kind, field, value)
         assert obstacles.table.refused[row]
-        assert not obstacles.table.refused_finite[row]
+        assert obstacles.table.unknown[row]
     for none in ({"speed": INF}, {"accel": INF}):
         obstacles = Obstacles()
         see(obstacles, 0.0, **none)
@@ -345,7 +358,7 @@ def test_late_messages_do_not_hide_a_track_that_is_about_to_be_believed():
         see(obstacles, 0.9 + 0.01 * i)
         see(obstacles, 1.0 + 0.01 * i, x=1.0)
     assert obstacles.table.points[row, 0, 0] == 1.0
-    assert not obstacles.table.refused[row]
+    assert kinds(obstacles) == [FaultKind.BEYOND_ACCEL] * 4 + [FaultKind.TRACK_CHANGED]
 
 
 def test_feasible_motions_with_errors_are_never_refused():
@@ -395,6 +408,67 @@ def test_jumps_beyond_bounds_and_errors_are_always_refused():
     assert obstacles.table.refused.sum() == count
 
 
+@pytest.mark.parametrize(
+    ("velocity", "x", "accel", "speed"),
+    [
+        (0.4, 0.002, 60.0, 2.0),  # 40 m/s² for 10 ms
+        (3.0, 0.02, None, 4.5),  # faster than it may be, of unknown acceleration
+    ],
+)
+def test_a_bound_that_was_broken_counts_with_half_as_much_again_for_two_seconds(
+    velocity, x, accel, speed
+):
+    obstacles = Obstacles(accel=10.0, speed=2.0)
+    fields = {} if accel else {"accel": INF}
+    see(obstacles, 0.0, **fields)
+    row = see(obstacles, 0.01, x=x, velocity=[[velocity, 0.0, 0.0]], **fields)
+    table = obstacles.table
+    assert (table.has_state[row], table.refused[row]) == (True, True)
+    states = [
+        (states.accel[place], states.speed[place]) for states, place, _ in possible(obstacles, row)
+    ]
+    assert len(states) == 2
+    for counted in states:
+        assert counted == pytest.approx((accel or INF, speed), rel=1e-6)
+    # The next one of that kind is one of a body that is known to be so.
+    obstacles.take_faults()
+    after = x + 0.01 * velocity
+    see(obstacles, 0.02, x=after, velocity=[[velocity, 0.0, 0.0]], **fields)
+    assert not obstacles.take_faults()
+    for stamp, counts in ((1.0, True), (2.0, True), (2.02, False)):
+        # A body that has stopped, or was never as fast.
+        obstacles.remove(["b"])
+        see(obstacles, stamp, x=after, **fields)
+        told = table.accel[row], table.speed[row]
+        assert (told == pytest.approx((accel or INF, speed), rel=1e-6)) == counts
+    assert (table.accel[row], table.speed[row]) == (INF if not accel else 10.0, 2.0)
+
+
+def test_another_track_breaks_no_bound():
+    """What would have had to move by far more than bodies do is another one, or no measurement."""
+    for x, velocity in ((0.2, 0.0), (5.0, 0.0), (0.0, 9.0), (0.001, -3.0)):
+        obstacles = Obstacles()
+        see(obstacles, 0.0)
+        row = see(obstacles, 0.01, x=x, velocity=[[velocity, 0.0, 0.0]])
+        table = obstacles.table
+        assert refused(obstacles, row) == [x]
+        assert (table.accel[row], table.speed[row]) == (10.0, 2.0)
+        # But what is faster than it may be counts with what was seen, for itself.
+        speed = table.refused_states.speed[row * MOST_REFUSED]
+        assert speed == max(2.0, 1.5 * abs(velocity))
+
+
+def test_bounds_that_others_broke_or_said_before_do_not_count():
+    obstacles = Obstacles()
+    see(obstacles, 0.0)
+    see(obstacles, 0.01, x=0.002, velocity=[[0.4, 0.0, 0.0]])
+    row = see(obstacles, 0.01, id="b")
+    assert obstacles.table.accel[row] == 10.0
+    obstacles.remove(["a"])
+    row = see(obstacles, 0.02)
+    assert obstacles.table.accel[row] == 10.0
+
+
 def drain(table):
     rows = table.changed[: table.changed_count[0]].tolist()
     clear_changed_rows(table.changed_rows)
@@ -434,15 +508,19 @@ def test_rows_that_are_no_news_are_as_they_were():
     table = obstacles.table
 
     def known():
-        marks = [table.has_state, table.refused, table.refused_finite, table.revision]
+        marks = [table.has_state, table.refused, table.unknown, table.revision]
         kept = np.stack([array.astype(float) for array in marks], axis=1)
-        told = [table.refused_points[:, 0, 0], table.refused_radius, table.refused_stamp]
-        told = np.where(table.refused[:, None], np.stack(told, axis=1), 0.0)
+        aside = table.refused_states
+        told = np.stack([aside.points[:, 0, 0], aside.radius, aside.position_error, aside.stamp])
+        told = told.T.reshape(len(kept), MOST_REFUSED, -1)
+        is_there = np.arange(MOST_REFUSED) < table.refused_count[:, None]
+        told = np.where(is_there[:, :, None], told, 0.0).reshape(len(kept), -1)
         return np.hstack([kept, table.points[:, 0], table.radius[:, None], told])
 
     quiet = 0
     for step in range(600):
         clear_changed_rows(table.changed_rows)
+        obstacles.forget_refused(1.0 + 0.01 * (step // 6), 0.05)
         before = known()
         for name in rng.choice(names, 2, replace=False):
             stamp = 1.0 + 0.01 * (step // 6) + rng.choice([-0.02, 0.0, 0.01])
@@ -484,12 +562,13 @@ def read_recording(path):
 def test_glitches_in_recordings_are_refused_and_people_are_not(name, glitches):
     bodies, times, positions = read_recording(RECORDINGS / f"{name}.csv")
     obstacles = Obstacles(accel=10.0, speed=2.0)
-    refused = set()
+    found = set()
     for time, position in zip(times, positions, strict=True):
         seen = np.isfinite(position).all(axis=1)
         ids = [body for body, there in zip(bodies, seen, strict=True) if there]
+        obstacles.forget_refused(time, 0.3)
         obstacles.update(ids, time, position[seen], radius=0.1, position_error=0.005)
-        refused.update(obstacles.ids[row] for row in obstacles.refused_rows())
+        found.update(obstacles.ids[row] for row in obstacles.refused_rows())
         check_invariants(obstacles)
-    assert bool(refused) == glitches
+    assert bool(found) == glitches
     assert len(obstacles) == len(bodies)

@@ -4,8 +4,9 @@ import numpy as np
 
 from armguard.obstacles import Obstacles
 from armguard.obstacles import table as obstacle_table
-from armguard.obstacles.table import ObstacleTable
-from support.obstacle_samples import check_invariants, see
+from armguard.obstacles.possible_states import distrust
+from armguard.obstacles.table import MOST_REFUSED, ObstacleTable
+from support.obstacle_samples import check_invariants, refused, see
 
 
 def test_boxes_and_capsules_keep_their_points():
@@ -40,13 +41,18 @@ def test_distrust_turns_the_state_into_a_refused_sample():
     table = obstacles.table
     assert not table.has_state[row]
     assert table.refused[row]
-    assert table.refused_points[row, 0, 0] == 0.5
-    assert table.refused_stamp[row] == 1000.0
+    assert refused(obstacles, row) == [0.5]
+    assert table.refused_states.stamp[row * MOST_REFUSED] == 1000.0
     assert table.revision[row] > revision
     assert obstacles.refused_rows().tolist() == [row]
     assert not len(obstacles.rows_ahead(10.0, 0.2))
+    # What nothing else is known of stays as it is, however long it was possible.
+    for now in (10.0, 20.0):
+        obstacles.forget_refused(now, 0.3)
+        assert refused(obstacles, row) == [0.5]
     see(obstacles, 10.0, x=3.0)
     assert table.has_state[row]
+    obstacles.forget_refused(20.0, 0.3)
     assert not table.refused[row]
     assert not obstacles.ahead_sources(10.0, 0.2)
     assert not len(obstacles.rows_ahead(10.0, 0.2))
@@ -64,13 +70,15 @@ def test_a_row_that_is_taken_again_has_nothing_of_the_one_before():
     table = ObstacleTable(4)
     row = table.take_row(3)
     table.place_static(row, np.ones((8, 3)), 0.5)
-    table.refused[row] = table.refused_finite[row] = True
+    table.refused[row] = table.unknown[row] = True
+    table.refused_count[row] = 3
     revision = table.revision[row]
     table.free_row(row)
     assert not table.alive.any()
     assert table.take_row(5) == row
     assert (table.owner[row], table.point_count[row]) == (5, 1)
-    assert not (table.static | table.has_state | table.refused | table.refused_finite)[row]
+    assert not (table.static | table.has_state | table.refused | table.unknown)[row]
+    assert table.refused_count[row] == 0
     assert table.revision[row] > revision
 
 
@@ -87,16 +95,16 @@ def test_arrays_are_those_of_the_groups_after_growth():
     for _ in range(3):
         table.take_row(0)
     assert table.points is table.accepted.points
-    assert table.refused_points is table.refused_states.points
     assert table.alive is table.marks.alive
-    assert len(table.refused_stamp) == 4
+    assert len(table.refused_states.stamp) == len(table.refusals.until) == 4 * MOST_REFUSED
+    assert len(table.spreads.last_stamp) == len(table.candidates.stamp) == 4
 
 
 def test_what_stands_still_is_not_distrusted():
     table = ObstacleTable()
     row = table.take_row(0)
     table.place_static(row, np.zeros((1, 3)), 0.1)
-    table.distrust(row)
+    distrust(table.handle, row)
     assert table.has_state[row]
     assert not table.refused[row]
 
@@ -118,9 +126,9 @@ def test_a_changed_row_is_entered_once_until_it_is_drained():
     assert drain(table) == [0, 1, 2]
     table.place_static(2, np.zeros((1, 3)), 0.1)
     table.has_state[1] = True
-    table.distrust(1)
-    table.distrust(1)
-    table.distrust(2)
+    distrust(table.handle, 1)
+    distrust(table.handle, 1)
+    distrust(table.handle, 2)
     assert drain(table) == [2, 1]
     table.free_row(1)
     assert table.take_row(0) == 1
@@ -166,16 +174,19 @@ def test_points_have_as_much_room_as_the_scene_requires():
         assert not table.points[row, count:].any()
         shapes = {
             group._asdict()[field].shape
-            for group in (table.accepted, table.refused_states)
+            for group in (table.accepted, table.candidates)
             for field in ("points", "velocities")
         }
         assert len(shapes) == 1
         widths.append(shapes.pop()[1])
         assert table.points is table.accepted.points
-        assert table.refused_points is table.refused_states.points
+        assert table.refused_states.points.shape == (MOST_REFUSED * len(table.alive), widths[-1], 3)
+        assert table.spreads.last.shape == (len(table.alive), widths[-1], 3)
         assert (table.points[ball, 0, 0], table.radius[ball]) == (3.0, 0.1)
-        assert (table.refused_points[aside, 0, 0], table.refused_radius[aside]) == (2.0, 0.1)
-        assert table.refused_point_count[aside] == 1
+        assert refused(obstacles, aside) == [2.0]
+        place = aside * MOST_REFUSED
+        assert table.refused_states.radius[place] == 0.1
+        assert table.refused_states.point_count[place] == 1
         check_invariants(obstacles)
     assert widths == [1, 2, 4, 4, 8, 8, 8]
 
@@ -185,10 +196,11 @@ def test_room_for_points_is_made_for_refused_samples_and_statics_too():
     row = see(obstacles, 0.0)
     obstacles.update(["a"], 0.01, np.ones((1, 2, 3)), radius=0.1)
     table = obstacles.table
-    assert (table.point_count[row], table.refused_point_count[row]) == (1, 2)
-    assert table.refused_points[row].tolist() == np.ones((2, 3)).tolist()
+    aside, place = table.refused_states, row * MOST_REFUSED
+    assert (table.point_count[row], aside.point_count[place]) == (1, 2)
+    assert aside.points[place].tolist() == np.ones((2, 3)).tolist()
     obstacles.distrust(row)
-    assert table.refused_point_count[row] == 1
+    assert aside.point_count[place : place + 2].tolist() == [2, 1]
     obstacles.add_static("box", np.ones((8, 3)), 0.0)
     assert (table.points[obstacles.row("box")] == 1.0).all()
 
@@ -198,15 +210,18 @@ def test_a_track_about_to_be_believed_survives_a_larger_table():
     row = see(obstacles, 1.0)
     see(obstacles, 1.01, x=1.0)
     assert obstacles.table.refused[row]
-    kept = [array[row].copy() for array in obstacles.table.refused_states]
+    kept = [array[row].copy() for array in obstacles.table.candidates]
     assert obstacles.table.confirmations[row] == 1
     names = [f"n{i}" for i in range(300)]
     obstacles.update(names, 1.0, np.zeros((300, 8, 3)), radius=0.1)
-    for before, after in zip(kept, obstacles.table.refused_states, strict=True):
+    for before, after in zip(kept, obstacles.table.candidates, strict=True):
         assert np.array_equal(np.ravel(before), np.ravel(after[row])[: np.size(before)])
 
 
 def test_ten_thousand_balls_take_little_memory():
     table = ObstacleTable(10_000)
-    groups = (table.accepted, table.refused_states, table.marks, table.changed_rows)
-    assert sum(array.nbytes for group in groups for array in group) < 260 * 10_000
+    # Of what was refused, and of the last samples, only what is written takes memory.
+    groups = (table.accepted, table.marks, table.changed_rows)
+    assert sum(array.nbytes for group in groups for array in group) < 180 * 10_000
+    beside = (table.refused_states, table.candidates, table.spreads)
+    assert sum(array.nbytes for group in beside for array in group) < 900 * 10_000

@@ -58,7 +58,7 @@ def ask_reach(handle, row, now):
 
 @kernel
 def ask_known(handle, row):
-    return is_known(handle.content, row)
+    return is_known(handle.content.marks, row)
 
 
 @kernel

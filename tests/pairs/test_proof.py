@@ -56,14 +56,16 @@ def test_nothing_is_attached_where_nothing_can_be_proved(robot):
     assert monitor.certificate_inputs is None
 
 
-def test_nothing_is_attached_while_another_track_may_be_the_true_one(robot):
+@pytest.mark.parametrize("place", [[1.2, 0.2, 0.6], [4.0, 0.2, 0.6]])
+def test_of_tracks_that_may_be_true_the_sooner_one_is_proved(robot, place):
     monitor, verdict = judge(robot, "deadline", [[1.8, 0.2, 0.6]], [[0.0, 0.0, 0.0]])
     assert verdict.certificate is not None
-    monitor.obstacles.update(["it"], 0.001, [[1.2, 0.2, 0.6]], [[0.0, 0.0, 0.0]], radius=0.1)
-    verdict = monitor.step(0.001, READY, np.full(7, 0.1))
-    assert verdict.obstacle == "it"
-    assert verdict.certificate is None
-    assert monitor.certificate_inputs is None
+    monitor.obstacles.update(["it"], 0.001, [place], [[0.0, 0.0, 0.0]], radius=0.1)
+    later = monitor.step(0.001, READY, np.full(7, 0.1))
+    assert later.obstacle == "it"
+    assert monitor.certificate_inputs["p2"].tolist() == [[min(1.8, place[0]), 0.2, 0.6]]
+    assert verify(later.certificate, **monitor.certificate_inputs)
+    assert later.certificate.contact_time <= verdict.certificate.contact_time
 
 
 def own_radius(state, about):

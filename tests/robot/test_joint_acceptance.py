@@ -19,6 +19,7 @@ from armguard.robot.joint_acceptance import (
     STAMP_BACKWARDS,
     STAMP_STANDS,
     TOO_OLD,
+    UNBRAKED,
     VELOCITY_BEYOND_LIMITS,
     VELOCITY_NOT_FINITE,
     WRONG_LENGTH,
@@ -127,6 +128,13 @@ class Plain:
             self.first_now = now
         self.counted_from, self.last_now, self.ticks = stamp, now, ticks
         flags = FAST if (np.abs(v) > r.velocity_limit).any() else 0
+        free = max(now - stamp, 0.0) + HORIZON + REACTION
+        gained = r.acceleration_limit * max(free, stamp - now)
+        top = np.maximum(r.velocity_limit, np.abs(v))
+        fastest = np.minimum(top, np.abs(v) + r.velocity_error + gained)
+        ranges = [max(one.speed for one in r.brakes.entries[joint]
+                      if one.load == r.brakes.most_payload) for joint in r.joints]  # fmt: skip
+        flags |= UNBRAKED if (fastest > ranges).any() else 0
         return {flags, flags | RUNAWAY}
 
 

@@ -76,7 +76,7 @@ def test_time_to_spare_is_time_in_which_nothing_matters():
     see(obstacles, 0.0, [3.0, 0.0, 0.5])
     steps(monitor, 0, 1)
     scene = monitor._scheduler.arm.state.scene
-    limits = robot.velocity_limit, robot.acceleration_limit, robot.braking_deceleration
+    limits = robot.velocity_limit, robot.acceleration_limit, robot.brakes.make_curves()
     some = 0
     for _ in range(2000):
         v = rng.uniform(-1.0, 1.0, 7) * robot.velocity_limit * rng.choice([0.0, 0.3, 1.0])

@@ -40,8 +40,15 @@ def test_the_exact_check_is_its_formula(age, arm_age, corners):
         gap = distance - 0.03 - 0.01 - motion.isotropic.surface_position_error[link]
         gap -= top * abs(5.0 - (5.0 - age)) + arm * abs(arm_age)
         assert check.contact_time(row, link) == pytest.approx(max(gap, 0.0) / (top + arm))
+    # Beside a refused sample the nearer of the two counts; of what is no number nothing is known.
+    known = check.contact_time(row, 0)
+    for shift, sooner in ((5.0, False), (-0.5, True)):
+        obstacles.update(["body"], 5.0 - age, points[None] + shift, 0.0 * velocities[None],
+            radius=0.2, speed=0.6)  # fmt: skip
+        assert (check.contact_time(row, 0) < known) == sooner
     obstacles.distrust(row)
-    state.begin(5.0, arm_age, 0.0)
+    assert 0.0 <= check.contact_time(row, 0) < known
+    obstacles.update(["body"], 5.0, points[None] + math.nan, radius=0.2)
     assert check.contact_time(row, 0) == 0.0
 
 

@@ -79,7 +79,7 @@ def test_a_clock_error_does_not_hide_a_broken_speed_bound():
     world.send(obstacles(velocity=[[0.0, 0.0, 2.5]], velocity_error=0.1))
     assert [fault.kind for fault in world.obstacles.take_faults()] == [FaultKind.BEYOND_SPEED]
     table = world.obstacles.table
-    assert (table.refused_position_error >= 2.6 * 0.1).any()  # as fast as it was measured
+    assert (table.refused_states.position_error >= 2.6 * 0.1).any()  # as fast as it was measured
     world.send(obstacles(seq=2, velocity=[[math.nan, 0.0, 0.5]]))
     assert "velocity" in [fault.field for fault in world.obstacles.take_faults()]
 

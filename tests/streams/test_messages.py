@@ -14,7 +14,7 @@ from armguard.streams.messages import (
     MessageError,
     ObstaclesMessage,
     decode,
-    decode_verdict,
+    decode_answer,
     encode,
     encode_verdict,
     to_points,
@@ -177,7 +177,7 @@ VERDICT = Verdict(
 
 
 def test_verdicts_survive_the_wire_in_machine_time():
-    verdict = decode_verdict(encode_verdict(VERDICT, 1000.0))
+    verdict = decode_answer(encode_verdict(VERDICT, 1000.0))
     assert verdict._replace(stamp=1.0, valid_until=1.003) == VERDICT
     assert verdict.stamp == 1001.0
     assert 1001.003 - 1e-9 <= verdict.valid_until < 1001.003 + 1e-15
@@ -186,13 +186,13 @@ def test_verdicts_survive_the_wire_in_machine_time():
 @pytest.mark.parametrize("margin", [0.25, -0.5, math.inf, -math.inf, None])
 def test_the_margin_of_the_separation_distance_survives_the_wire(margin):
     data = encode_verdict(VERDICT._replace(separation=margin), 0.0)
-    assert decode_verdict(data).separation == margin
+    assert decode_answer(data).separation == margin
     assert msgspec.msgpack.decode(data)["separation"] == margin
 
 
 def test_certificates_survive_the_wire():
     proof = Certificate(0.3, np.array([0.0, 0.1]), np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0]]))
-    found = decode_verdict(encode_verdict(VERDICT._replace(certificate=proof), 0.0)).certificate
+    found = decode_answer(encode_verdict(VERDICT._replace(certificate=proof), 0.0)).certificate
     assert found.contact_time == proof.contact_time
     assert (found.times == proof.times).all()
     assert (found.witnesses == proof.witnesses).all()
@@ -201,10 +201,10 @@ def test_certificates_survive_the_wire():
 @pytest.mark.parametrize("data", [b"", b"\xc0", b"{}", encode(ObstaclesMessage([], 0.0))])
 def test_what_is_no_verdict_is_refused(data):
     with pytest.raises(MessageError):
-        decode_verdict(data)
+        decode_answer(data)
 
 
 def test_a_verdict_of_an_unknown_level_is_refused():
     fields = msgspec.msgpack.decode(encode_verdict(VERDICT, 0.0))
     with pytest.raises(MessageError):
-        decode_verdict(msgspec.msgpack.encode({**fields, "level": "GO"}))
+        decode_answer(msgspec.msgpack.encode({**fields, "level": "GO"}))

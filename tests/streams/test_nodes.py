@@ -18,8 +18,9 @@ from armguard.streams import (
     VerdictPublisher,
     VerdictReader,
 )
+from armguard.streams.edge import StampClock
 from armguard.streams.messages import decode
-from armguard.verdict import Level, Reason, ReasonKind, Verdict
+from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, Verdict
 from support.stream_sockets import PATIENCE, attend
 
 
@@ -147,7 +148,68 @@ def test_a_reset_is_sent_as_the_edge_expects_it(address):
     assert edge.reset_requested
 
 
+def test_a_plan_arrives_in_the_order_of_the_watched_joints(address):
+    clock = MonotonicClock()
+    faults = FaultLog(clock.now)
+    late = StampClock(latency=0.004)
+    edge = Edge(Obstacles(), ["a", "b"], clock, faults, joint_clock=late)
+    source = SocketInput(address)
+    stamp, plans = time.monotonic(), []
+    times, q, v = [0.0, 0.5, 1.0], np.arange(6.0).reshape(3, 2), np.ones((3, 2))
+    with Publisher(source.address) as publisher:
+        attend(source, lambda: publisher.wait(0.001))
+        numbers = [
+            publisher.plan("commit", stamp, ["b", "a"], times, q, v, 0.01),
+            publisher.plan("follow", stamp, ["b", "a"], times, q, v, [0.1, 0.2], [0.3, 0.4], 0.5),
+        ]
+        publisher.joints(stamp, ["b", "a"], [1.0, 2.0], [3.0, 4.0], path_time=0.25)
+        with pytest.raises(StreamError, match="q: has shape"):
+            publisher.plan("commit", stamp, ["b", "a"], times, q[:2], v, 0.01)
+        end = time.monotonic() + PATIENCE
+        while edge.joint_state is None and time.monotonic() < end:
+            edge.drain([source])
+            plans += edge.plans
+    source.close()
+    assert faults.total == 0
+    assert [(one.number, one.ask, one.problem) for one in plans] == [
+        (numbers[0], "commit", ""),
+        (numbers[1], "follow", ""),
+    ]
+    piece, trajectory = plans
+    assert piece.q.tolist() == q[:, ::-1].tolist()
+    assert piece.times.tolist() == times
+    assert piece.tracking_error.tolist() == [0.01, 0.01]
+    assert (piece.velocity_tracking_error, piece.stop_tracking_error) == (None, None)
+    assert trajectory.tracking_error.tolist() == [0.2, 0.1]
+    assert trajectory.velocity_tracking_error.tolist() == [0.4, 0.3]
+    assert trajectory.stop_tracking_error.tolist() == [0.5, 0.5]
+    # A state was measured before its stamp by the latency; a plan says where the arm will be.
+    assert piece.stamp - edge.joint_state.stamp == pytest.approx(0.004, abs=1e-9)
+    assert edge.joint_state.path_time == 0.25
+
+
 # Verdicts
+
+
+def test_an_answer_is_found_by_its_number_among_verdicts(address):
+    publisher = VerdictPublisher(address, 0.0)
+    reason = Reason(ReasonKind.PLAN_UNSAFE, "hand and person", "contact possible in 0.2 s")
+    no = PlanVerdict(False, 0.2, "hand", "person", (reason,))
+    yes = PlanVerdict(True, math.inf, None, None, ())
+    with VerdictReader(publisher.address) as reader:
+        assert reader.answer(1) is None
+        end = time.monotonic() + PATIENCE
+        while reader.latest() is None and time.monotonic() < end:
+            publisher.publish(make_verdict(1))
+        publisher.answer(1, no)
+        publisher.publish(make_verdict(2))
+        publisher.answer(2, yes)
+        assert reader.answer(2, timeout=PATIENCE) == yes
+        assert reader.answer(1) == no
+        assert reader.latest().sequence == 2
+        assert reader.answer(3, timeout=0.05) is None
+        assert reader.refused == 0
+    publisher.close()
 
 
 def test_a_controller_brakes_on_silence_and_on_stop(address):

@@ -4,6 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from armguard.robot.brakes import Brakes
+
 HAND_POINT = np.array([0.0, 0.0, 0.1])
 LIMITS = (
     "lower_position_limit",
@@ -28,5 +30,8 @@ def moderate_state(robot, random):
 
 def altered(robot, **changes):
     """The robot with other limits."""
-    keys = ("name", "model", "joints", "links", "cover", "joint_index", *LIMITS)
+    keys = ("name", "model", "joints", "links", "cover", "joint_index", "brakes", *LIMITS)
+    if "braking_deceleration" in changes:
+        held = changes["braking_deceleration"]
+        changes["brakes"] = Brakes.constant(robot.joints, held)
     return SimpleNamespace(**{key: getattr(robot, key) for key in keys} | changes)

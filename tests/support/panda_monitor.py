@@ -8,6 +8,7 @@ from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
 from armguard.scheduling import DaaSchedule
+from support.example_arms import hold_at_all_speeds
 
 HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
 STILL = np.zeros(7)
@@ -19,15 +20,27 @@ SCHEDULES = ["deadline", "full", "distance", *DAA_LAWS]
 
 @functools.cache
 def panda():
+    """Panda, whose brakes hold at every speed what they do at low speed.
+
+    How they depend on load and speed has tests of its own, on `ranged_panda`.
+    """
+    robot = Robot.load("panda")
+    hold_at_all_speeds(robot)
+    return robot
+
+
+@functools.cache
+def ranged_panda():
+    """Panda as it comes, with brakes that are stated up to some loads and speeds."""
     return Robot.load("panda")
 
 
-def make_monitor(schedule="deadline", *, obstacles=None, **settings):
+def make_monitor(schedule="deadline", *, obstacles=None, robot=None, **settings):
     """A table and a monitor on it; a pair of DAA's laws stands for that schedule."""
     obstacles = Obstacles(sources=[]) if obstacles is None else obstacles
     if isinstance(schedule, tuple):
         schedule = DaaSchedule(1.0 / settings.get("rate", 1000.0), *schedule)
-    return obstacles, Monitor(panda(), obstacles, schedule=schedule, **settings)
+    return obstacles, Monitor(robot or panda(), obstacles, schedule=schedule, **settings)
 
 
 def see(obstacles, stamp, position, ids=("ball",), *, radius=0.1, **fields):

@@ -3,9 +3,9 @@
 import numpy as np
 import pinocchio
 
-from armguard.bounds import Plan
+from armguard.bounds import Plan, append_stop
 from armguard.obstacles import Obstacles
-from support.hostile_joints import CAREFUL, RECKLESS, STEP, brake_joints, limits_of, move_joints
+from support.hostile_joints import STEP
 
 SHARE = 0.9
 """Of acceleration limits that plans use."""
@@ -39,6 +39,13 @@ class Waves:
         lower = np.where(np.isfinite(robot.lower_position_limit), robot.lower_position_limit, -4.0)
         upper = np.where(np.isfinite(robot.upper_position_limit), robot.upper_position_limit, 4.0)
         nv = len(lower)
+        # There is room to stop beyond, and a stop takes a fraction of a second.
+        quick = 0.25 * robot.braking_deceleration / robot.velocity_limit
+        speed = np.minimum(speed, quick)
+        stop = np.square(speed * robot.velocity_limit) / (2.0 * robot.braking_deceleration)
+        stop = np.minimum(stop, 0.3 * (upper - lower))
+        speed = np.sqrt(2.0 * stop * robot.braking_deceleration) / robot.velocity_limit
+        lower, upper = lower + stop, upper - stop
         self.rate = random.uniform(1.0, 8.0, nv)
         self.phase = random.uniform(0.0, 2.0 * np.pi, nv)
         self.size = random.uniform(0.1, 1.0, nv) * np.minimum.reduce(
@@ -58,9 +65,9 @@ class Waves:
         return self.size * self.rate * np.cos(turn)
 
 
-def make_plan(waves, stamp, times, tracking_error, velocity_tracking_error=None):
-    """The motion from a time on, sampled."""
-    return Plan(
+def make_plan(robot, waves, stamp, times, tracking_error, velocity_tracking_error=None, **changes):
+    """The motion from a time on, sampled, and each joint's stop at its end."""
+    plan = Plan(
         stamp,
         times,
         waves.position(stamp + times),
@@ -68,75 +75,130 @@ def make_plan(waves, stamp, times, tracking_error, velocity_tracking_error=None)
         tracking_error,
         velocity_tracking_error,
     )
+    stopped = append_stop(plan, robot.braking_deceleration, on_path=False)
+    assert isinstance(stopped, Plan), stopped
+    return stopped._replace(**changes)
 
 
-def follow(robot, waves, plan, random, begin, reaction, command=None):
-    """Joint positions and velocities at every step from `begin` to rest and a while beyond.
+class Follower:
+    """Arms that follow a plan as badly as they may, all at once. Times count from its beginning.
 
-    The arm is off the plan by as much as it may, swings from side to side as fast as its limits
-    allow, overshoots the plan's end for as long as it takes to react and brakes any way it likes.
-    With a command to brake at some time on the plan, each joint does so when it likes.
+    Each joint is off the plan by as much as it may, and swings from side to side as fast as it may;
+    many are at the edge of both just when brakes bite.
+
+    Attributes:
+        time: Of each step, in [s]. Shape (steps,).
+        along: Where on the plan's curve each arm is, in [s]. Shape (steps, arms).
+        q: Shape (steps, arms, nv).
+        v: Shape (steps, arms, nv).
+        resting: Since when each arm rests, in [s]. Shape (arms,).
     """
-    nv, limits = len(robot.joints), limits_of(robot)
-    curve = Hermite(plan.times, plan.q, plan.v)
-    ends = np.concatenate([plan.times[:-1], plan.times[1:] - 1e-9])
-    peak = np.abs(curve(ends, 2)).max(axis=0)
-    off = random.choice([1.0, 1.0, 0.5, 0.0], nv) * plan.tracking_error
-    fastest = np.sqrt(np.maximum(robot.acceleration_limit - peak, 0.0) / np.maximum(off, 1e-12))
-    spare = 0.4 * robot.velocity_limit
-    if plan.velocity_tracking_error is not None:
-        spare = np.minimum(spare, plan.velocity_tracking_error)
-    fastest = np.minimum(fastest, spare / np.maximum(off, 1e-12))
-    rate = random.choice([1.0, 1.0, 0.0, 0.3], nv) * fastest
-    # Many swing through the curve, at their fastest, just as the plan ends.
-    end = float(plan.times[-1])
-    meant = random.choice([0.0, np.pi, 0.5 * np.pi, -0.5 * np.pi, 1.0], nv)
-    phase = meant - rate * (end if command is None else command)
-    steps = round((end + plan.stamp - begin) / STEP)
-    at = begin + STEP * np.arange(steps + 1)
-    along = (at - plan.stamp)[:, None]
-    inside = along[:, 0] >= 0.0
-    q, v = waves.position(at), waves.velocity(at)
-    q[inside], v[inside] = curve(along[inside, 0]), curve(along[inside, 0], 1)
-    q += off * np.sin(rate * along + phase)
-    v += off * rate * np.cos(rate * along + phase)
-    q = np.clip(q, limits.lower, limits.upper)
-    if command is not None:
-        return _leave(q, v, round((plan.stamp - begin + command) / STEP), reaction, limits, random)
-    qs, vs = list(q), list(v)
-    position, velocity = qs[-1].copy(), vs[-1].copy()
-    care = random.choice([CAREFUL, RECKLESS], nv)
-    push, strength = random.choice([-1.0, 1.0, 0.0], nv), random.uniform(0.0, 1.0, nv)
-    if random.random() < 0.5:
-        strength = random.choice([0.0, 1.0], nv)
-    for _ in range(round(random.choice([0.0, 1.0]) * reaction / STEP)):
-        move_joints(position, velocity, push, limits, care, STEP)
-        qs.append(position.copy())
-        vs.append(velocity.copy())
-    while np.any(velocity != 0.0):
-        brake_joints(position, velocity, strength, limits, STEP)
-        qs.append(position.copy())
-        vs.append(velocity.copy())
-    return np.array(qs), np.array(vs)
 
+    def __init__(self, robot, waves, plan, random, arms, first, now, *, wanders=False):
+        nv = len(robot.joints)
+        curve = Hermite(plan.times, plan.q, plan.v)
+        ends = np.concatenate([plan.times[:-1], plan.times[1:] - 1e-9])
+        peak = np.abs(curve(ends, 2)).max(axis=0)
+        off = np.asarray(plan.tracking_error) + robot.position_error
+        off = off * random.choice([1.0, 1.0, 0.5, 0.0], (arms, nv))
+        spare = np.maximum(robot.acceleration_limit - peak, 0.0)
+        rate = np.sqrt(spare / np.maximum(off, 1e-12))
+        pace = np.minimum(0.4 * robot.velocity_limit, 0.3 * robot.braking_deceleration)
+        if plan.velocity_tracking_error is not None:
+            pace = np.minimum(pace, plan.velocity_tracking_error + robot.velocity_error)
+        rate = np.minimum(rate, pace / np.maximum(off, 1e-12))
+        rate = rate * random.choice([1.0, 1.0, 0.0, 0.3], (arms, nv))
+        phase = random.choice([0.0, np.pi, 0.5 * np.pi, -0.5 * np.pi, 1.0], (arms, nv)) - rate * now
+        self.robot, self.random, self.now = robot, random, now
+        self._off = off, rate, phase
+        last = float(plan.times[-1]) + 1.0
+        self.time = first + STEP * np.arange(round((last - first) / STEP) + 1)
+        along = np.tile(self.time[:, None], (1, arms))
+        self.pace = np.ones((len(self.time), arms))
+        if wanders:
+            # A clock that slows down and speeds up again as it likes, from where it is now on.
+            least, slow = random.choice([0.0, 0.3, 1.0], arms), random.uniform(2.0, 15.0, arms)
+            turn = slow * (self.time[:, None] - first) + random.uniform(0.0, 6.0, arms)
+            self.pace = least + (1.0 - least) * 0.5 * (1.0 + np.cos(turn))
+            gone = np.cumsum(0.5 * STEP * (self.pace[1:] + self.pace[:-1]), axis=0)
+            along = first + np.concatenate([np.zeros((1, arms)), gone])
+        self._curve, self._waves, self._stamp = curve, waves, plan.stamp
+        self.along = along
+        self._lay()
+        self.resting = np.full(arms, float(plan.times[-1]))
 
-def _leave(q, v, step, reaction, limits, random):
-    """Joints leave their paths from a step on, each at a time of its own, and brake."""
-    nv, window = q.shape[1], round(reaction / STEP)
-    leaves = step + random.choice([0, window, window // 2], nv)
-    strength = random.choice([0.0, 1.0], nv) * random.choice([1.0, random.random()])
-    qs, vs = list(q[: step + 1]), list(v[: step + 1])
-    position, velocity = q[step].copy(), v[step].copy()
-    for k in range(step, 100_000):
-        on = k < leaves
-        brake_joints(position, velocity, strength, limits, STEP)
-        if on.any():
-            position[on], velocity[on] = q[k + 1, on], v[k + 1, on]
-        qs.append(position.copy())
-        vs.append(velocity.copy())
-        if not on.any() and not velocity.any():
-            break
-    return np.array(qs), np.array(vs)
+    def _lay(self):
+        """Fill where the arms are: somewhere along the curve, and swinging about it."""
+        along, (off, rate, phase) = self.along, self._off
+        curve = self._curve
+        inside = np.clip(along, 0.0, curve.times[-1])
+        on = along <= curve.times[-1]
+        self.q = curve(inside)
+        self.v = curve(inside, 1) * (self.pace * on)[..., None]
+        before = along < 0.0
+        self.q[before] = self._waves.position(self._stamp + along[before])
+        self.v[before] = self._waves.velocity(self._stamp + along[before])
+        swing = rate * self.time[:, None, None] + phase
+        limits = self.robot.lower_position_limit, self.robot.upper_position_limit
+        self.q = np.clip(self.q + off * np.sin(swing), *limits)
+        self.v = self.v + off * rate * np.cos(swing)
+
+    def index(self, time):
+        return round((time - self.time[0]) / STEP)
+
+    def brake_joints(self, window):
+        """From now on each joint leaves, at a time of its own within a window, and brakes."""
+        robot, random = self.robot, self.random
+        arms, nv = self.q.shape[1:]
+        begin = self.index(self.now)
+        leaves = begin + random.choice([0, round(window / STEP), -1], (arms, nv))
+        leaves[leaves < begin] = begin + random.integers(0, round(window / STEP) + 1)
+        strength = random.choice([0.0, 1.0, 0.5], (arms, nv))
+        flips = random.random((arms, nv)) < 0.3
+        moving = np.ones((arms, nv), dtype=bool)
+        for k in range(begin, len(self.time) - 1):
+            off = leaves <= k
+            part = np.where(flips & (random.random((arms, nv)) < 0.5), 1.0 - strength, strength)
+            rate = robot.braking_deceleration + part * (
+                robot.acceleration_limit - robot.braking_deceleration
+            )
+            q, v = self.q[k], self.v[k]
+            until = np.minimum(STEP, np.abs(v) / rate)
+            way = np.sign(v) * until * (np.abs(v) - 0.5 * rate * until)
+            self.q[k + 1] = np.where(off, q + way, self.q[k + 1])
+            slower = np.sign(v) * np.maximum(np.abs(v) - rate * STEP, 0.0)
+            self.v[k + 1] = np.where(off, slower, self.v[k + 1])
+            moving = ~off | (self.v[k + 1] != 0.0)
+            self.resting = np.where(
+                moving.any(axis=1), np.inf, np.minimum(self.resting, self.time[k + 1])
+            )
+            if not moving.any():
+                self.q[k + 1 :], self.v[k + 1 :] = self.q[k + 1], 0.0
+                break
+
+    def stop_on_path(self, window):
+        """From now on brakes bite, at a time within a window, and slow the arm's clock down."""
+        robot, random, curve = self.robot, self.random, self._curve
+        arms = self.q.shape[1]
+        begin = self.index(self.now)
+        bites = begin + random.choice([0, round(window / STEP), round(0.5 * window / STEP)], arms)
+        hard = random.choice([1.0, 1.0, 1.5, 20.0], arms)
+        pace = self.pace[begin].copy()
+        for k in range(begin, len(self.time) - 1):
+            pace = np.where(bites >= k, self.pace[k], pace)
+            at = np.clip(self.along[k], 0.0, curve.times[-1])
+            bend, speed = np.abs(curve(at, 2)), np.abs(curve(at, 1))
+            room = robot.braking_deceleration - bend * pace[:, None] ** 2
+            slowing = hard * (room / np.maximum(speed, 1e-9)).min(axis=1)
+            after = np.where(bites <= k, np.maximum(pace - slowing * STEP, 0.0), self.pace[k + 1])
+            until = np.minimum(STEP, pace / slowing)
+            gone = until * (pace - 0.5 * slowing * until)
+            self.along[k + 1] = np.where(bites <= k, self.along[k] + gone, self.along[k + 1])
+            pace = after
+            self.pace[k + 1] = pace
+        ended = (self.pace <= 0.0) | (self.along >= curve.times[-1])
+        self.resting = np.where(ended.any(axis=0), self.time[np.argmax(ended, axis=0)], np.inf)
+        self._lay()
 
 
 class Skin:
@@ -167,35 +229,39 @@ class Attack:
 
     Attributes:
         plan: The plan; `now` is when it is checked, the arm measured at `stamp` as `q` and `v`.
-        brake_after: When it is told to brake, in [s] from now; inf if not before the plan ends.
+        is_stopped: Whether brakes bite on the way, from now until the latest bite.
         contact: When body and arm first touch, in [s] from now; inf if not before the arm rests.
         rest: When the arm rests, likewise.
         obstacles: What a sensor saw of the body.
     """
 
-    def __init__(self, robot, skin, random, reaction, stated):
+    def __init__(self, robot, skin, random, latest_bite, stated):
         self.now = now = 1.0
         lead = round(random.choice([0.0, 0.0, -0.02, 0.03]) / STEP) * STEP
         duration = 0.01 * random.integers(5, 30)
         times = np.linspace(0.0, duration, random.integers(12, 60))
-        command = None
-        if duration + min(lead, 0.0) > reaction and random.random() < 0.5:
-            latest = round((duration - reaction) / STEP)
-            command = STEP * random.integers(round(max(-lead, 0.0) / STEP), latest + 1)
-        self.brake_after = np.inf if command is None else command + lead
+        self.is_stopped = bool(random.random() < 0.5)
+        if self.is_stopped:
+            lead = min(lead, 0.0)
         waves = Waves(robot, random, random.choice([0.1, 0.3, 0.5]))
         errors = random.choice([1e-4, 2e-3, 1e-2]) * np.ones(len(robot.joints))
         speeds = random.choice([0.02, 0.1]) * np.ones(len(robot.joints)) if stated else None
-        self.plan = make_plan(waves, now + lead, times, errors, speeds)
-        begin = now - 0.03
-        qs, vs = follow(robot, waves, self.plan, random, begin, reaction, command)
-        step = round((now - begin) / STEP)
-        seen = step + int(random.integers(-8, 3))
-        if command is not None:
-            # What has left the plan is no state to check it against.
-            seen = min(seen, round((self.plan.stamp + command - begin) / STEP))
-        self.stamp = begin + seen * STEP
-        self.q = qs[seen] + random.choice([-1.0, 0.0, 1.0], len(errors)) * robot.position_error
+        self.plan = make_plan(robot, waves, now + lead, times, errors, speeds)
+        arm = Follower(robot, waves, self.plan, random, 1, -lead - 0.03, -lead)
+        if self.is_stopped:
+            arm.brake_joints(latest_bite)
+        step = arm.index(-lead)
+        end = min(arm.index(min(arm.resting[0], arm.time[-1])) + 1, len(arm.time) - 1)
+        qs, vs = arm.q[: end + 1, 0], arm.v[: end + 1, 0]
+        seen = step + int(random.integers(-8, 1 if self.is_stopped else 3))
+        self.stamp = now + (seen - step) * STEP
+        # What is measured is within the deviation, too.
+        off = random.choice([-1.0, 0.0, 1.0], len(errors)) * robot.position_error
+        curve = Hermite(self.plan.times, self.plan.q, self.plan.v)
+        at = max(arm.time[seen], 0.0)
+        self.q = np.clip(qs[seen] + off, *(curve(at) + sign * errors for sign in (-1.0, 1.0)))
+        if arm.time[seen] < 0.0:
+            self.q = qs[seen] + off
         self.v = vs[seen] + random.choice([-1.0, 0.0, 1.0], len(errors)) * robot.velocity_error
         self.rest = (len(qs) - 1 - step) * STEP
         self.qs, self.step = qs, step

@@ -4,18 +4,32 @@ import struct
 
 import numpy as np
 
+from armguard.robot.brakes import Brakes
+
 BOX = '<geometry><box size="0.1 0.06 0.04"/></geometry>'
 SOURCES = dict.fromkeys(("position", "velocity", "acceleration", "braking"), "a test")
 
 
 def entry(**changes):
-    limits = {"velocity": 1.0, "acceleration": 5.0, "braking": 2.0, "position": [-1.0, 2.0]}
+    limits = {"velocity": 1.0, "acceleration": 5.0, "position": [-1.0, 2.0]}
     return {key: value for key, value in (limits | changes).items() if value is not None}
 
 
-def limits_for(*joints, locked=None, **changes):
+def brakes_for(*joints, deceleration=2.0, **changes):
+    """One row of brakes that hold one deceleration up to 1 kg and faster than any joint goes."""
+    row = {"load": 1.0, "speed": dict.fromkeys(joints, 10.0), "deceleration": deceleration}
+    return {key: value for key, value in (row | changes).items() if value is not None}
+
+
+def hold(decelerations):
+    """Brakes that hold one deceleration of each joint, whatever its speed and the load."""
+    return Brakes.constant(range(len(decelerations)), decelerations).make_curves()
+
+
+def limits_for(*joints, locked=None, brakes=None, **changes):
     described = {joint: entry(**changes) for joint in joints}
-    return {"sources": SOURCES, "joints": described, "locked": locked or {}}
+    brakes = [brakes_for(*joints)] if brakes is None else brakes
+    return {"sources": SOURCES, "joints": described, "brakes": brakes, "locked": locked or {}}
 
 
 def joint_xml(name, parent, child, kind="revolute", extra=""):

@@ -212,3 +212,86 @@ def test_a_monitor_sees_a_ball_come_and_says_stop(robot):
     assert levels == sorted(levels, reverse=True)
     assert levels[-1] is Level.STOP
     assert verdict.contact_time == 0.0
+
+
+def park(robot):
+    """A pose in the middle of the joints' ranges, at rest."""
+    q = 0.5 * (
+        np.maximum(robot.lower_position_limit, -1.0) + np.minimum(robot.upper_position_limit, 1.0)
+    )
+    q = np.clip(q, robot.lower_position_limit + 0.05, robot.upper_position_limit - 0.05)
+    return q, np.zeros(len(q))
+
+
+def watch(robot):
+    """A monitor on an arm whose controller keeps to what is published, and its obstacles."""
+    obstacles = Obstacles(accel=10.0, speed=2.0, sources=["camera"])
+    return Monitor(robot, obstacles, operating="published"), obstacles
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5 * np.pi])
+@pytest.mark.parametrize("distance", [2.0, 3.0])
+def test_a_person_who_stands_still_stops_no_parked_arm(robot, distance, angle):
+    """Held by a capsule from the knees to the head, whose bounds are 10 m/s² and 2 m/s."""
+    monitor, obstacles = watch(robot)
+    place = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
+    person = place + np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 1.6]])
+    q, v = park(robot)
+    for tick in range(3):
+        stamp = 0.001 * tick
+        obstacles.update(
+            ["person"], stamp, [person], np.zeros((1, 2, 3)), radius=0.2, source="camera",
+            snapshot=True,
+        )  # fmt: skip
+        verdict = monitor.step(stamp, q, v)
+    assert verdict.level >= (Level.AWARE if distance == 3.0 else Level.SLOW), verdict
+
+
+def test_a_ball_that_is_thrown_stops_the_arm_in_time(robot):
+    """From 3 m, at 8 m/s: the STOP comes while the arm still rests before the ball is there."""
+    monitor, obstacles = watch(robot)
+    q, v = park(robot)
+    kinematics = Kinematics(robot)
+    kinematics.compute(q, v)
+    finest = kinematics.spheres.child_count == 0
+    centers, radii = kinematics.centers[finest], kinematics.spheres.radius[finest]
+    target = centers[-1]
+    side = np.array([target[0], target[1], 0.0])
+    side /= np.linalg.norm(side)
+    start = target + side * (3.0 - np.linalg.norm(target[:2]))
+    rests_at = None
+    for tick in range(1000):
+        stamp = 0.001 * tick
+        position = start - 8.0 * stamp * side
+        gaps = np.linalg.norm(centers - position, axis=1) - radii
+        if gaps.min() <= 0.05:
+            break
+        obstacles.update(
+            ["ball"], stamp, [position], [-8.0 * side], radius=0.05, accel=10.0, speed=9.0,
+            source="camera", snapshot=True,
+        )  # fmt: skip
+        verdict = monitor.step(stamp, q, v)
+        if verdict.level is Level.STOP and rests_at is None:
+            rests_at = stamp + verdict.stop_time
+    assert rests_at is not None
+    assert rests_at <= stamp
+
+
+def test_brakes_are_stated_for_every_joint_and_say_so_in_the_readme(robot):
+    readme = (robots_directory() / robot.name / "README.md").read_text()
+    rows = read_table(readme, "load up to [kg]")
+    stated = {one.source for row in robot.brakes.entries.values() for one in row}
+    assert len(rows) == len(stated)
+    assert max(float(row[0]) for row in rows) == robot.brakes.most_payload
+    for row in rows:
+        assert any(row[-1].split("`")[-1].strip() in source for source in stated), row
+    # Whatever is neither published nor computed by a command is marked.
+    for source in stated:
+        assert "CHOSEN" in source or "computed by benchmarks/" in source or "manual" in source
+    assert robot.brakes.check_payload(None) == robot.brakes.most_payload
+    top = robot.velocity_limit + robot.velocity_error
+    covered = robot.brakes.make_curves().speed[:, -1]
+    if robot.name == "panda":
+        np.testing.assert_allclose(covered, 0.6 * robot.velocity_limit)
+    else:
+        assert (covered >= top).all()

@@ -150,7 +150,8 @@ class Cell:
         sources = None
         if self.tables.sources is not UNSET:
             sources = [
-                Source(name, table.timeout, table.required) for name, table in self.sources.items()
+                Source(name, table.timeout, table.required, table.on_refusal)
+                for name, table in self.sources.items()
             ]
         frames = {
             name: Frame(placement.rotation, placement.translation, placement.calibration_error)
@@ -173,6 +174,8 @@ class Cell:
         margin = given(tables.bounds).get("margin")
         if margin is not None:
             settings["margin"] = margin
+        if tables.robot.payload is not UNSET:
+            settings["payload"] = tables.robot.payload
         base = self.frames["base"]
         placement = pinocchio.SE3(base.rotation, base.translation)
         ignore = self._expand_ignore(robot)
@@ -325,6 +328,8 @@ class Cell:
         """The key behind a setting that a constructor refused, if it is one of this file's."""
         if offender.startswith("ignore"):
             return "ignore"
+        if offender == "payload":
+            return "robot.payload"
         for table in ("monitor", "thresholds", "bounds"):
             if offender in given(getattr(self.tables, table)):
                 return f"{table}.{offender}"

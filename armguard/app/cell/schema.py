@@ -59,6 +59,7 @@ class RobotTable(_Table, frozen=True, kw_only=True):
     joints: list[Name] | None = None
     cover: Name | None = None
     base: BaseTable = BaseTable()
+    payload: NotNegative | UnsetType = UNSET
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
 
 
@@ -88,6 +89,7 @@ class SourceTable(_Table, frozen=True, kw_only=True):
     latency: NotNegative = 0.0
     clock_error: NotNegative = 0.0
     required: bool = True
+    on_refusal: Literal["bound", "stop"] = "bound"
 
 
 class StaticTable(_Table, frozen=True, kw_only=True):
@@ -148,6 +150,7 @@ class MonitorTable(_Table, frozen=True, kw_only=True):
     rate: Positive | UnsetType = UNSET
     schedule: Name | UnsetType = UNSET
     motion: Name | UnsetType = UNSET
+    stop: Name | UnsetType = UNSET
     max_staleness: Annotated[float, Meta(ge=0.0, lt=1.0)] | UnsetType = UNSET
     budget: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
 

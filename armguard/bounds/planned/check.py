@@ -1,9 +1,10 @@
 """What a controller is about to do: plans, checked against the robot and against where it is.
 
-A `Plan` is the next piece of a trajectory, with how far off it the arm may be. `check_plan` either
-refuses it, and says why, or hands back a `CheckedPlan`, which exists only if all of this holds: the
-curve through its samples keeps to the robot's limits everywhere, not just at samples; it is due
-now; and the arm is where the plan begins, or follows it already.
+A `Plan` is the next piece of a trajectory, or all of it, with how far off it the arm may be.
+`check_plan` either refuses it, and says why, or hands back a `CheckedPlan`, which exists only if
+all of this holds: the curve through its samples keeps to the robot's limits everywhere, not just at
+samples, and ends at rest; it is due now; and the arm is where the plan begins, or follows it
+already.
 
 Nothing is clamped or guessed. What is not within limits is refused.
 """
@@ -11,62 +12,20 @@ Nothing is clamped or guessed. What is not within limits is refused.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.bounds.planned import curve
-from armguard.bounds.planned.curve import evaluate_curve, find_excess
-from armguard.bounds.planned.plan import Plan, Refusal, read_plan
+from armguard.bounds.planned.curve import evaluate_curve, find_excess, find_top_speeds
+from armguard.bounds.planned.following import check_following
+from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal, read_plan
+from armguard.bounds.planned.stop import bound_path_braking, find_hard_stop
 from armguard.jit.arrays import FloatArray
 from armguard.jit.numerics import LIMIT_SLACK
+from armguard.robot.brakes import BrakeCurves, find_decelerations, find_gentlest_stop
 from armguard.robot.robot import Robot
 from armguard.robot.turns import MOST_TURNS, TURN, align_turns, find_continuous
-
-__all__ = [
-    "CheckedPlan",
-    "Plan",
-    "Refusal",
-    "bound_velocity_deviation",
-    "check_following",
-    "check_plan",
-    "deviation_speed",
-]
-
-
-class CheckedPlan(NamedTuple):
-    """A plan that `check_plan` has found within limits and followed. Arrays are its own."""
-
-    stamp: float
-    """When the arm is at the first sample, in [s]."""
-    times: FloatArray
-    """Of the samples, counted from `stamp`, in [s]. Shape (k,)."""
-    q: FloatArray
-    """[rad] or [m]. Shape (k, nv)."""
-    v: FloatArray
-    """[rad]/[s] or [m]/[s]. Shape (k, nv)."""
-    deviation: FloatArray
-    """How far joints may truly be off the curve, all errors included, in [rad] or [m]. (nv,)."""
-    acceleration: FloatArray
-    """Greatest acceleration of the deviation of joints from the curve: the robot's limit and the
-    curve's greatest together, in [rad]/[s²] or [m]/[s²]. Shape (nv,)."""
-    velocity_deviation: FloatArray
-    """How far velocities may truly be off the curve's as the controller states it, all errors
-    included, in [rad]/[s] or [m]/[s]; inf where it does not. Shape (nv,)."""
-    now: float
-    """When it was checked, in [s]."""
-    measured_stamp: float
-    """Stamp of the joint state that it was checked against, in [s]."""
-    measured_q: FloatArray
-    """Of that joint state, in [rad] or [m]. Shape (nv,)."""
-    measured_v: FloatArray
-    """Of that joint state, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
-
-    @property
-    def end(self) -> float:
-        """When the arm is at the last sample, in [s]."""
-        return self.stamp + float(self.times[-1])
 
 
 def check_plan(
@@ -123,6 +82,9 @@ def _check_read(
     # The sums of stamps below are off by as much as this, and by that time joints have moved.
     clock = 4.0 * float(np.spacing(max(abs(now), abs(stamp), abs(read.stamp), abs(end))))
     deviation = errors + robot.position_error + clock * robot.velocity_limit
+    stop_deviation = deviation
+    if read.stop_tracking_error is not None:
+        stop_deviation = deviation - errors + np.asarray(read.stop_tracking_error)
     stated = np.full(len(errors), np.inf)
     if read.velocity_tracking_error is not None:
         stated = np.asarray(read.velocity_tracking_error) + robot.velocity_error
@@ -133,6 +95,7 @@ def _check_read(
         q=np.asarray(read.q),
         v=np.asarray(read.v),
         deviation=deviation,
+        stop_deviation=np.maximum(deviation, stop_deviation),
         acceleration=acceleration,
         velocity_deviation=stated,
         now=now,
@@ -141,106 +104,6 @@ def _check_read(
         measured_v=velocity,
     )
     return check_following(checked, robot, position, velocity, stamp) or checked
-
-
-def check_following(
-    plan: CheckedPlan, robot: Robot, q: FloatArray, v: FloatArray, stamp: float
-) -> Refusal | None:
-    """Why a measured state shows that the arm does not follow a plan; None if it may be.
-
-    Before the plan begins, the state must allow for being where it begins by then.
-
-    Args:
-        plan: As checked.
-        robot: Whose limits and errors apply.
-        q: Measured joint positions, in [rad] or [m]. Shape (nv,).
-        v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
-        stamp: When they were measured, in [s].
-    """
-    along = stamp - plan.stamp
-    if not along <= plan.times[-1] + LIMIT_SLACK:
-        return Refusal(
-            "plan", f"is over: it ended {along - plan.times[-1]:.3g} s before the joint state"
-        )
-    position, velocity = np.empty(len(q)), np.empty(len(q))
-    evaluate_curve(plan.times, plan.q, plan.v, along, position, velocity)
-    # Until the plan begins, a joint goes on as it was measured, more or less.
-    wait = max(-along, 0.0)
-    reach = wait * (robot.velocity_error + 0.5 * robot.acceleration_limit * wait)
-    found = align_turns(q + wait * v, position, _find_continuous(robot))
-    allowed = plan.deviation + reach + LIMIT_SLACK + (wait > 0.0) * robot.position_error
-    off = np.flatnonzero(~(np.abs(found - position) <= allowed))
-    when = f"when it begins, {wait:.3g} s on," if wait > 0.0 else f"{along:.3g} s into the plan"
-    if len(off):
-        j = int(off[0])
-        return Refusal(
-            robot.joints[j],
-            f"at {found[j]:.6g} {when} where the plan has it at {position[j]:.6g}, "
-            f"expected within {allowed[j]:.3g}",
-        )
-    speed = deviation_speed(plan.deviation, plan.acceleration, plan.times[-1] - max(along, 0.0))
-    allowed = np.minimum(plan.velocity_deviation, speed) + robot.velocity_error + LIMIT_SLACK
-    allowed = allowed + robot.acceleration_limit * wait
-    off = np.flatnonzero(~(np.abs(v - velocity) <= allowed))
-    if len(off):
-        j = int(off[0])
-        return Refusal(
-            robot.joints[j],
-            f"at velocity {v[j]:.4g} {when} where the plan has {velocity[j]:.4g}, "
-            f"expected within {allowed[j]:.3g}",
-        )
-    return None
-
-
-def bound_velocity_deviation(
-    plan: CheckedPlan, velocity_error: FloatArray, first: float, last: float
-) -> FloatArray:
-    """How far velocities may be off the curve's between two times on it, if it is followed so far.
-
-    The least of what is stated, what follows from having been within the deviation since the plan
-    was checked, and what follows from the measured velocity.
-
-    Args:
-        plan: As checked.
-        velocity_error: What the measured velocities may be off by, in [rad]/[s] or [m]/[s]. (nv,).
-        first: From the plan's stamp, in [s].
-        last: Likewise, >= first.
-
-    Returns:
-        In [rad]/[s] or [m]/[s]. Shape (nv,).
-    """
-    followed = first - max(plan.now - plan.stamp, 0.0)
-    bound = np.minimum(
-        plan.velocity_deviation, deviation_speed(plan.deviation, plan.acceleration, followed)
-    )
-    along = plan.measured_stamp - plan.stamp
-    if along >= 0.0:
-        position, velocity = np.empty_like(plan.measured_q), np.empty_like(plan.measured_q)
-        evaluate_curve(plan.times, plan.q, plan.v, along, position, velocity)
-        away = max(last - along, along - first)
-        off = np.abs(plan.measured_v - velocity) + velocity_error
-        bound = np.minimum(bound, off + away * plan.acceleration * (1.0 + LIMIT_SLACK))
-    return bound
-
-
-def deviation_speed(deviation: FloatArray, acceleration: FloatArray, time: float) -> FloatArray:
-    """How fast what stays within +-deviation for `time` can be at either end of that time.
-
-    With d the deviation, |d| <= e, and M its greatest acceleration, d(0) = d(s) - d'(0) s + r with
-    |r| <= M s²/2, so |d'(0)| <= 2 e/s + M s/2 for every s up to `time`; s = 2 sqrt(e/M) is best.
-
-    Args:
-        deviation: e, in [rad] or [m]. Shape (nv,).
-        acceleration: M, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
-        time: In [s]; inf comes out where it is 0 or less.
-    """
-    if not time > 0.0:
-        return np.full(len(deviation), np.inf)
-    with np.errstate(over="ignore"):
-        span = np.minimum(2.0 * np.sqrt(deviation / acceleration), time)
-        speed: FloatArray = 2.0 * deviation / span + 0.5 * acceleration * span
-        speed *= 1.0 + LIMIT_SLACK
-    return speed
 
 
 def _find_continuous(robot: Robot) -> NDArray[np.bool_]:
@@ -320,16 +183,71 @@ def _check_curve(plan: Plan, robot: Robot, peak: FloatArray) -> Refusal | None:
 
 
 def _check_end(plan: Plan, robot: Robot) -> Refusal | None:
-    """Whether braking at the end can keep every joint from its stop."""
-    q, v = np.asarray(plan.q)[-1], np.asarray(plan.v)[-1]
-    upwards = robot.upper_position_limit + robot.position_error - q
-    downwards = q - robot.lower_position_limit + robot.position_error
-    room = np.where(v > 0.0, upwards, downwards) + LIMIT_SLACK
-    off = np.flatnonzero(~(v * v <= 2.0 * robot.acceleration_limit * room))
+    """Whether it ends at rest: nothing is known of where an arm gets to that does not."""
+    v = np.asarray(plan.v)[-1]
+    off = np.flatnonzero(~(np.abs(v) <= LIMIT_SLACK))
     if not len(off):
         return None
     j = int(off[0])
     return Refusal(
         robot.joints[j],
-        f"ends at {q[j]:.6g} with velocity {v[j]:.4g}, which no braking stops short of its limit",
+        f"ends at velocity {v[j]:.4g}, expected at rest; Monitor.with_stop appends a stop",
+    )
+
+
+def check_stop(plan: CheckedPlan, robot: Robot, brakes: BrakeCurves) -> Refusal | None:
+    """Why brakes do not guarantee the stop that a piece carries; None if they do.
+
+    Args:
+        plan: As checked.
+        robot: Whose joints they are.
+        brakes: How these stop.
+    """
+    speeds = find_top_speeds(plan.times, plan.q, plan.v)
+    refusal = _check_range(speeds, robot, brakes)
+    if refusal is not None:
+        return refusal
+    allowed = find_gentlest_stop(brakes, speeds)
+    joint, found, when = find_hard_stop(plan.times, plan.q, plan.v, allowed * (1.0 + LIMIT_SLACK))
+    if joint < 0:
+        return None
+    return Refusal(
+        robot.joints[joint],
+        f"comes to rest at {found:.4g} from {when:.6g} s on, brakes guarantee {allowed[joint]:.4g}",
+    )
+
+
+def _check_range(speeds: FloatArray, robot: Robot, brakes: BrakeCurves) -> Refusal | None:
+    """Whether brakes are stated for all speeds of a plan, (nv,)."""
+    off = np.flatnonzero(~(speeds <= brakes.speed[:, -1] * (1.0 + LIMIT_SLACK)))
+    if not len(off):
+        return None
+    j = int(off[0])
+    detail = f"goes at {speeds[j]:.4g}, brakes are stated up to {brakes.speed[j, -1]:.4g}"
+    return Refusal(robot.joints[j], detail)
+
+
+def check_path_stop(plan: CheckedPlan, robot: Robot, brakes: BrakeCurves) -> Refusal | None:
+    """Why the arm cannot be stopped anywhere on its path; None if it can.
+
+    Args:
+        plan: As checked.
+        robot: Whose joints they are.
+        brakes: How these stop: what is guaranteed at each instant counts, for a stop on the path
+            slows down all joints but one by less than their brakes would.
+    """
+    speeds = find_top_speeds(plan.times, plan.q, plan.v)
+    refusal = _check_range(speeds, robot, brakes)
+    if refusal is not None:
+        return refusal
+    braking = find_decelerations(brakes, speeds)
+    found, joint, when = bound_path_braking(
+        plan.times, plan.q, plan.v, braking, 0.0, float(plan.times[-1])
+    )
+    if found > 0.0:
+        return None
+    return Refusal(
+        robot.joints[joint],
+        f"bends at {braking[joint] - found:.4g} after {when:.6g} s: no stop on "
+        f"the path is within the {braking[joint]:.4g} that brakes guarantee",
     )

@@ -22,6 +22,7 @@ from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
+from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.table import Marks, States
 
 NONE = -1
@@ -185,7 +186,7 @@ def find_planned_contact(
         arm: Its spheres.
         bodies: Accepted states of obstacles, by row.
         refused_bodies: Refused ones.
-        marks: Which of those there are.
+        marks: Which of those may be true.
 
     Returns:
         The fields of `PlannedContact`.
@@ -209,41 +210,25 @@ def find_planned_contact(
     # Invariant: the pairs before `index` are free in every slab before `limit`.
     for index in range(pairs.shape[0]):
         row, link = pairs[index] // links, pairs[index] % links
-        age = 0.0 if marks.static[row] else now - bodies.stamp[row]
-        refused_age = now - refused_bodies.stamp[row]
-        tracked, doubtful = marks.has_state[row], marks.refused[row]
         if row != seen:
             # A new obstacle: is it known, and is it away from all that the arm sweeps?
-            unknown = not (tracked or doubtful) or (doubtful and not marks.refused_finite[row])
-            if tracked:
-                unknown |= not _is_usable(bodies, row, age, margin)
-            if doubtful:
-                unknown |= not _is_usable(refused_bodies, row, refused_age, margin)
-            if unknown:
+            if not is_known(marks, row):
                 return 0.0, pairs[index], NONE, evaluated
             seen = row
             away = True
-            if tracked:
-                away &= _is_ball_free(course.arm_ball, bodies, row, age, age + left, margin)
-            if doubtful:
-                # Both tracks are possible until one of them is confirmed.
-                away &= _is_ball_free(
-                    course.arm_ball, refused_bodies, row, refused_age, refused_age + left, margin
-                )
+            for number in possible_states(marks, row):
+                states, place, age = state_at(bodies, refused_bodies, marks, row, number, now)
+                if not _is_usable(states, place, age, margin):
+                    return 0.0, pairs[index], NONE, evaluated
+                away &= _is_ball_free(course.arm_ball, states, place, age, age + left, margin)
             evaluated += 1
         if away:
             continue
         # Each of its states that may be true: slab by slab, up to the first contact so far.
-        if tracked:
+        for number in possible_states(marks, row):
+            states, place, age = state_at(bodies, refused_bodies, marks, row, number, now)
             slab, sphere, spent = _find_contact(
-                link, first, limit, offset, course, arm, bodies, row, age, margin
-            )
-            evaluated += spent
-            if slab < limit:
-                limit, deciding_pair, deciding_sphere = slab, pairs[index], sphere
-        if doubtful:
-            slab, sphere, spent = _find_contact(
-                link, first, limit, offset, course, arm, refused_bodies, row, refused_age, margin
+                link, first, limit, offset, course, arm, states, place, age, margin
             )
             evaluated += spent
             if slab < limit:

@@ -24,7 +24,7 @@ FINE, POSITION, VELOCITY, RATE, CURVE = 0, 1, 2, 3, 4
 
 
 @kernel
-def _coefficients(
+def interval_coefficients(
     times: FloatArray, q: FloatArray, v: FloatArray, k: int, j: int
 ) -> tuple[float, float, float]:
     """Length, c and d of joint j's interval from sample k on."""
@@ -38,7 +38,7 @@ def _coefficients(
 
 
 @kernel
-def _interval_at(times: FloatArray, t: float) -> int:
+def interval_at(times: FloatArray, t: float) -> int:
     """The interval that a time falls into; the first or last one where it is outside."""
     return min(max(np.searchsorted(times, t, side="right") - 1, 0), times.shape[0] - 2)
 
@@ -62,10 +62,10 @@ def evaluate_curve(
         position: Filled. Shape (nv,).
         velocity: Filled. Shape (nv,).
     """
-    k = _interval_at(times, t)
+    k = interval_at(times, t)
     u = min(max(t, times[0]), times[-1]) - times[k]
     for j in range(q.shape[1]):
-        _, c, d = _coefficients(times, q, v, k, j)
+        _, c, d = interval_coefficients(times, q, v, k, j)
         position[j] = q[k, j] + u * (v[k, j] + u * (c + u * d))
         velocity[j] = v[k, j] + u * (2.0 * c + 3.0 * d * u)
 
@@ -114,9 +114,9 @@ def curve_range(
     """
     low[:] = math.inf
     high[:] = -math.inf
-    for k in range(_interval_at(times, first), _interval_at(times, last) + 1):
+    for k in range(interval_at(times, first), interval_at(times, last) + 1):
         for j in range(q.shape[1]):
-            h, c, d = _coefficients(times, q, v, k, j)
+            h, c, d = interval_coefficients(times, q, v, k, j)
             begin = min(max(first - times[k], 0.0), h)
             end = min(max(last - times[k], 0.0), h)
             least, most = _range_within(q[k, j], v[k, j], c, d, begin, end)
@@ -140,9 +140,9 @@ def speed_range(
     """
     low[:] = math.inf
     high[:] = -math.inf
-    for k in range(_interval_at(times, first), _interval_at(times, last) + 1):
+    for k in range(interval_at(times, first), interval_at(times, last) + 1):
         for j in range(q.shape[1]):
-            h, c, d = _coefficients(times, q, v, k, j)
+            h, c, d = interval_coefficients(times, q, v, k, j)
             begin = min(max(first - times[k], 0.0), h)
             end = min(max(last - times[k], 0.0), h)
             turn = -c / (3.0 * d) if d != 0.0 else begin
@@ -151,6 +151,14 @@ def speed_range(
                 speed = v[k, j] + u * (2.0 * c + 3.0 * d * u)
                 low[j] = min(low[j], speed - TERM_ROUNDING * size)
                 high[j] = max(high[j], speed + TERM_ROUNDING * size)
+
+
+@kernel
+def find_top_speeds(times: FloatArray, q: FloatArray, v: FloatArray) -> FloatArray:
+    """The greatest speed of each joint anywhere on the curve, in [rad]/[s] or [m]/[s]. (nv,)."""
+    low, high = np.empty(q.shape[1]), np.empty(q.shape[1])
+    speed_range(times, q, v, 0.0, times[-1], low, high)
+    return np.maximum(high, -low)
 
 
 @kernel
@@ -186,7 +194,7 @@ def find_excess(
     peak[:] = 0.0
     for k in range(times.shape[0] - 1):
         for j in range(q.shape[1]):
-            h, c, d = _coefficients(times, q, v, k, j)
+            h, c, d = interval_coefficients(times, q, v, k, j)
             low, high = _range_within(q[k, j], v[k, j], c, d, 0.0, h)
             if not lower[j] <= low:
                 return POSITION, j, k, low

@@ -1,13 +1,15 @@
 """What the arm does if it follows a plan: obstacles are then all that is unknown.
 
-The controller tells its next piece of trajectory and how far off it the arm may be; at its end the
-arm brakes. Where it can be meanwhile is laid out once for each plan, and then asked for contact
-times as often as obstacles change.
+The controller tells its next piece of trajectory, its stop included, or all of it, and how far off
+it the arm may be. Where it can be meanwhile is laid out in slabs of time, for a piece until its
+end, for a trajectory until the arm has stopped on the way, and then asked for contact times as
+often as obstacles change.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -15,53 +17,62 @@ import pinocchio
 
 from armguard.bounds.limits import read_limits
 from armguard.bounds.model import check_duration, check_question, read_only
-from armguard.bounds.planned.check import CheckedPlan, check_plan
+from armguard.bounds.planned.check import check_path_stop, check_plan, check_stop
 from armguard.bounds.planned.contact import PlannedContact, find_planned_contact
 from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, deviation_along
-from armguard.bounds.planned.curve import evaluate_curve
-from armguard.bounds.planned.plan import Plan, Refusal
-from armguard.bounds.planned.slabs import make_slabs
+from armguard.bounds.planned.curve import evaluate_curve, find_top_speeds
+from armguard.bounds.planned.following import find_disagreement
+from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
+from armguard.bounds.planned.slabs import (
+    JointSlabs,
+    PathClock,
+    find_settling,
+    make_piece_slabs,
+    make_stop_slabs,
+)
+from armguard.bounds.planned.stop import append_stop, bound_path_braking
 from armguard.bounds.sums import compute_levers, compute_sphere_levers
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.table import Marks, States, make_states
+from armguard.robot.brakes import BrakeCurves, find_decelerations, find_gentlest_stop
 from armguard.robot.joints import is_prismatic
 from armguard.robot.kinematics import Kinematics
-from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, put_in_force
 from armguard.robot.robot import Robot
 
 
 class PlannedMotion:
-    """The arm follows a plan within its deviation and brakes at its end."""
+    """The arm follows a plan within its deviation, to rest at its end or until it is stopped.
+
+    Beside the plan itself it is the robot's own limits that count: operating limits may cease to be
+    in force, and what was proved of a piece is to stand until its end.
+    """
 
     def __init__(
         self,
         robot: Robot,
-        reaction_time: float,
         base_placement: pinocchio.SE3 | None = None,
         *,
         lever: FloatArray | None = None,
-        operating: OperatingLimits | LimitsInForce | None = None,
+        brakes: BrakeCurves | None = None,
     ) -> None:
         """Compute the levers of all spheres, and compile.
 
         Args:
             robot: The arm.
-            reaction_time: From the plan's end to braking torque, in [s], >= 0.
             base_placement: Placement of the robot's base in the world; None: they coincide.
             lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
-            operating: What joints keep to where no plan says where they are, before it begins and
-                after its end until they brake; None: the robot's limits.
+            brakes: How joints stop under the payload in force, shared; None: under the heaviest.
 
         Raises:
-            ArmguardError: The reaction time is negative or not finite, the placement is no rigid
-                motion, a limit of the robot is missing or unusable, or operating limits do not fit
-                it.
+            ArmguardError: The placement is no rigid motion, or a limit of the robot is missing or
+                unusable.
         """
         self._robot = robot
-        self.reaction_time = check_duration("reaction_time", reaction_time)
-        self._limits = read_limits(robot, put_in_force(robot, operating))
+        self._limits = read_limits(robot)
+        if brakes is not None:
+            self._limits = self._limits._replace(brakes=brakes)
         self._kinematics = Kinematics(robot, base_placement)
         spheres = self._kinematics.spheres
         numbers = [robot.model.getJointId(joint) for joint in robot.joints]
@@ -77,22 +88,77 @@ class PlannedMotion:
         self._still = np.zeros(len(robot.joints))
         self._compile()
 
-    def lay_out(self, plan: CheckedPlan, brake_after: float = math.inf) -> PlannedCourse:
-        """Where the arm can be from when the plan was checked until it rests.
+    def lay_out(self, plan: CheckedPlan, before: Sequence[CheckedPlan] = ()) -> PlannedCourse:
+        """Where the arm can be from when a piece was checked until it rests at the piece's end.
 
         Args:
             plan: What `armguard.bounds.check_plan` found to be in order for this robot.
-            brake_after: When braking is commanded, in [s] from when the plan was checked; at the
-                plan's end at the latest. Where the plan lasts for the reaction time beyond, joints
-                stay on it until they brake; at its end they are free for so long.
+            before: Pieces that the arm may be following until this one begins; without any, joints
+                are free within their limits until then.
 
         Returns:
             Arrays of their own, good for any number of contact times.
 
         Raises:
-            ArmguardError: The plan was not checked, or for a robot with other joints, or it begins
-                after braking is commanded.
+            ArmguardError: A plan was not checked, or for a robot with other joints.
         """
+        for one in (plan, *before):
+            self._check(one)
+        return self._place(plan.now, make_piece_slabs(plan, self._limits, before))
+
+    def lay_out_stop(
+        self, plan: CheckedPlan, clock: PathClock, latest_bite: float, *, on_path: bool
+    ) -> PlannedCourse | None:
+        """Where the arm can be that follows a trajectory until it is stopped, until it rests.
+
+        Args:
+            plan: What `armguard.bounds.check_plan` found to be in order for this robot, with the
+                present time and joint state.
+            clock: Where on it the arm is now.
+            latest_bite: When brakes bite at the latest, in [s] from now.
+            on_path: Whether all joints stop together, on the path; else each by itself, from a time
+                of its own.
+
+        Returns:
+            Arrays of their own; None where brakes do not guarantee that the arm stops on its path,
+            or slows down on it as the clock asks for.
+
+        Raises:
+            ArmguardError: The plan was not checked, or for a robot with other joints, or the time
+                is unusable.
+        """
+        self._check(plan)
+        latest = check_duration("latest_bite", latest_bite)
+        slabs = make_stop_slabs(plan, self._limits, clock, latest, on_path=on_path)
+        return None if slabs is None else self._place(plan.now, slabs)
+
+    @property
+    def brakes(self) -> BrakeCurves:
+        """How joints stop under the payload in force."""
+        return self._limits.brakes
+
+    def find_path_stop(self, plan: CheckedPlan) -> tuple[float, float]:
+        """How the arm can be stopped on its path, wherever on it.
+
+        Args:
+            plan: What `armguard.bounds.check_plan` found to be in order for this robot.
+
+        Returns:
+            How fast its clock can surely be slowed down, in [1]/[s], 0 or less where that is not
+            guaranteed; and how long a stop lasts from its beginning until the arm rests, in [s].
+        """
+        self._check(plan)
+        braking = find_decelerations(
+            self._limits.brakes, find_top_speeds(plan.times, plan.q, plan.v)
+        )
+        slowing, _, _ = bound_path_braking(
+            plan.times, plan.q, plan.v, braking, 0.0, float(plan.times[-1])
+        )
+        if not slowing > 0.0:
+            return slowing, math.inf
+        return slowing, 1.0 / slowing + find_settling(plan, self._limits, 0.0)
+
+    def _check(self, plan: object) -> None:
         joints = len(self._limits.lower)
         if not (isinstance(plan, CheckedPlan) and plan.q.shape[1:] == (joints,)):
             raise ArmguardError(
@@ -100,21 +166,18 @@ class PlannedMotion:
                 f"is a {type(plan).__name__}",
                 expected=f"what check_plan returns for a robot with {joints} joints",
             )
-        wait = max(plan.stamp - plan.now, 0.0)
-        if not brake_after >= wait:
-            raise ArmguardError(
-                "brake_after", f"is {brake_after} s", expected=f"at least {wait} s, the plan's lead"
-            )
-        slabs = make_slabs(plan, self._limits, self.reaction_time, brake_after)
+
+    def _place(self, epoch: float, slabs: JointSlabs) -> PlannedCourse:
+        """The arm in the middle of each slab, and the balls around all that it sweeps."""
         kinematics, count = self._kinematics, len(slabs.start)
         centers = np.empty((count, len(kinematics.spheres), 3))
-        jacobian = np.empty((count, 6, joints))
+        jacobian = np.empty((count, 6, len(self._limits.lower)))
         for slab in range(count):
             kinematics.compute(slabs.middle[slab], self._still)
             centers[slab] = kinematics.centers
             jacobian[slab] = kinematics.data.J
         block_balls, arm_ball = self._enclose(centers, slabs.half)
-        return PlannedCourse(plan.now, *slabs, centers, jacobian, block_balls, arm_ball)
+        return PlannedCourse(epoch, *slabs, centers, jacobian, block_balls, arm_ball)
 
     def contact_time(
         self,
@@ -215,15 +278,24 @@ class PlannedMotion:
         """Run every kernel once on nothing, so that none is compiled when a plan is due."""
         robot, still = self._robot, self._still
         q = np.clip(still, robot.lower_position_limit, robot.upper_position_limit)
-        times = [0.0, 1.0 + self.reaction_time]
-        rest = Plan(0.0, times, [q, q], [still, still], np.ones(len(q)))
-        plan = check_plan(rest, robot, 0.0, q, still, 0.0)
+        times, q = [0.0, 1.0], np.array([q, q])
+        rest = Plan(0.0, times, q, [still, still], np.ones(len(still)))
+        plan = check_plan(rest, robot, 0.0, q[0], still, 0.0)
         if isinstance(plan, Refusal):
             raise ArmguardError(robot.name, f"cannot even rest: {plan}")
-        marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 3))
+        find_disagreement(plan, plan, robot, 0.0, 0.5)
+        append_stop(rest, find_gentlest_stop(self.brakes, still), on_path=False)
+        slowing, _ = self.find_path_stop(plan)
+        for on_path in (False, True):
+            clock = PathClock(0.0, 0.0, True, 0.0, slowing=slowing)
+            self.lay_out_stop(plan, clock, 0.1, on_path=on_path)
+        check_stop(plan, robot, self.brakes)
+        check_path_stop(plan, robot, self.brakes)
+        self.lay_out(plan._replace(now=-0.1), [plan])
+        course = self.lay_out(plan._replace(now=-0.1))
+        marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 4))
         none = np.zeros(0, dtype=np.int64)
-        self.lay_out(plan, 0.0)
-        self.contact_time(self.lay_out(plan), none, 0.0, 0.0, make_states(0), make_states(0), marks)
+        self.contact_time(course, none, 0.0, 0.0, make_states(0), make_states(0), marks)
 
 
 def _widen(balls: FloatArray) -> FloatArray:

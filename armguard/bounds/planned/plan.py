@@ -1,4 +1,7 @@
-"""Plans as controllers hand them over, and reading them: well formed, or refused with a reason."""
+"""Plans as controllers hand them over, and reading them: well formed, or refused with a reason.
+
+A plan is either a piece that carries its own stop, or a whole trajectory; both end at rest.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ MOST_SAMPLES = 20_000
 
 
 class Plan(NamedTuple):
-    """A piece of trajectory, cubic between samples, at whose end the arm brakes."""
+    """A piece of trajectory, cubic between samples, at whose end the arm rests, and stays."""
 
     stamp: float
     """When the arm is at the first sample, in [s] on the clock of the joint states."""
@@ -26,12 +29,54 @@ class Plan(NamedTuple):
     v: ArrayLike
     """Joint velocities, in [rad]/[s] or [m]/[s]. Shape (k, nv)."""
     tracking_error: ArrayLike
-    """How far each joint may be off the curve, in [rad] or [m], above 0; `robot.position_error`
-    comes on top, so it may be what the controller sees. Shape (nv,)."""
+    """How far each joint may be off the curve until it rests, in [rad] or [m], above 0;
+    `robot.position_error` comes on top, so it may be what the controller sees. Shape (nv,)."""
     velocity_tracking_error: ArrayLike | None = None
     """How far each velocity may be off the curve's, in [rad]/[s] or [m]/[s], above 0;
     `robot.velocity_error` comes on top. None: what follows from `tracking_error` and the limits on
     accelerations, which is much. Shape (nv,)."""
+    stop_tracking_error: ArrayLike | None = None
+    """How far each joint may be off the curve while the arm stops on its path, in [rad] or [m],
+    above 0; None: as far as `tracking_error` says. For `stop="path"` alone. Shape (nv,)."""
+
+
+class CheckedPlan(NamedTuple):
+    """A plan that `check_plan` has found within limits and followed. It ends at rest.
+
+    Arrays are its own.
+    """
+
+    stamp: float
+    """When the arm is at the first sample, in [s]."""
+    times: FloatArray
+    """Of the samples, counted from `stamp`, in [s]. Shape (k,)."""
+    q: FloatArray
+    """[rad] or [m]. Shape (k, nv)."""
+    v: FloatArray
+    """[rad]/[s] or [m]/[s]. Shape (k, nv)."""
+    deviation: FloatArray
+    """How far joints may truly be off the curve, all errors included, in [rad] or [m]. (nv,)."""
+    stop_deviation: FloatArray
+    """The same while the arm stops on its path, no less; in [rad] or [m]. Shape (nv,)."""
+    acceleration: FloatArray
+    """Greatest acceleration of the deviation of joints from the curve: the robot's limit and the
+    curve's greatest together, in [rad]/[s²] or [m]/[s²]. Shape (nv,)."""
+    velocity_deviation: FloatArray
+    """How far velocities may truly be off the curve's as the controller states it, all errors
+    included, in [rad]/[s] or [m]/[s]; inf where it does not. Shape (nv,)."""
+    now: float
+    """When it was checked, in [s]."""
+    measured_stamp: float
+    """Stamp of the joint state that it was checked against, in [s]."""
+    measured_q: FloatArray
+    """Of that joint state, in [rad] or [m]. Shape (nv,)."""
+    measured_v: FloatArray
+    """Of that joint state, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
+
+    @property
+    def end(self) -> float:
+        """When the arm is at the last sample, in [s]."""
+        return self.stamp + float(self.times[-1])
 
 
 class Refusal(NamedTuple):
@@ -64,8 +109,9 @@ def read_plan(plan: object, joints: int) -> Plan | Refusal:
     if not 2 <= len(times) <= MOST_SAMPLES:
         return Refusal("times", f"has {len(times)} samples, expected 2 to {MOST_SAMPLES}")
     arrays = {"q": (len(times), joints), "v": (len(times), joints), "tracking_error": (joints,)}
-    if plan.velocity_tracking_error is not None:
-        arrays["velocity_tracking_error"] = (joints,)
+    for name in ("velocity_tracking_error", "stop_tracking_error"):
+        if getattr(plan, name) is not None:
+            arrays[name] = (joints,)
     fields: dict[str, FloatArray] = {}
     for name, shape in arrays.items():
         array = _read_array(name, getattr(plan, name), shape)

@@ -1,42 +1,49 @@
 """Where the joints of an arm that follows a plan can be: a box for each of many short times.
 
-From now until the plan begins, joints are free within their limits, from what was measured; then
-they are on the plan's curve, give or take its deviation, until braking is commanded. Within the
-reaction time, each joint then leaves the curve, at any moment, and brakes. At the plan's end, and
-where it ends before the reaction time is over, there is no curve to be on: joints are free for that
-time, and then brake. The last slab ends when every joint surely rests.
+*A piece that carries its own stop* is followed to its end, where the arm rests: joints are on its
+curve, give or take their deviation. Until it begins they are on the pieces that the arm may be
+following, or free within their limits where there is none.
+
+*A trajectory* is followed until brakes bite, at any time from now until the latest. From then on
+either each joint brakes by itself, having left the trajectory at a time of its own, or all of them
+slow down on the path, by its clock. The last slab ends when every joint surely rests.
+
+A trajectory's clock is either time itself, or goes at any pace from 0 to 1: then the arm is
+anywhere between where it was measured and where time itself would have brought it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from armguard.bounds.displacement import brake, fill_displacements
 from armguard.bounds.limits import JointLimits
-from armguard.bounds.planned.check import CheckedPlan, bound_velocity_deviation
-from armguard.bounds.planned.curve import curve_range, evaluate_curve, speed_range
+from armguard.bounds.planned.curve import curve_range, find_top_speeds, speed_range
+from armguard.bounds.planned.following import fill_deviation_speed
+from armguard.bounds.planned.plan import CheckedPlan
+from armguard.bounds.planned.stop import bound_path_braking
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
-from armguard.robot.stop_time import compute_stop_time
+from armguard.robot.brakes import BrakeCurves, find_decelerations, find_stop, rest_time
 
 SLAB = 5e-3
 """How long a slab of the curve is, in [s], unless there were too many."""
 MOST_CURVE_SLABS = 200
 WAITING_SLABS = 8
-FREE_SLABS = 4
-LEAVING_SLABS = 8
-BRAKING_SLABS = 28
+MOST_LEAVING_SLABS = 24
+BRAKING_SLABS = 24
 
 
 class JointSlabs(NamedTuple):
     """Boxes that contain all joint positions, each at every time from its start to its end."""
 
     start: FloatArray
-    """From when the plan was checked, in [s]. Shape (slabs,)."""
+    """From when the course begins, in [s]. Shape (slabs,)."""
     end: FloatArray
     """Likewise; the next one's start. Shape (slabs,)."""
     middle: FloatArray
@@ -45,108 +52,209 @@ class JointSlabs(NamedTuple):
     """Half their widths, in [rad] or [m]. Shape (slabs, nv)."""
 
 
-def make_slabs(
-    plan: CheckedPlan, limits: JointLimits, reaction_time: float, brake_after: float = math.inf
+class PathClock(NamedTuple):
+    """Where on a trajectory the arm is now, and how it goes on."""
+
+    at: float
+    """Where it was when it was measured, in [s] as in the plan's times."""
+    age: float
+    """How long ago that was, in [s]; negative where it is yet to be."""
+    is_on_time: bool
+    """Whether its clock is time itself; else it goes at any pace from 0 to 1."""
+    followed: float
+    """How long it has been followed, in [s]."""
+    full_until: float = math.inf
+    """From when on the clock slows down to `pace`, in [s] from now."""
+    pace: float = 1.0
+    """What it slows down to, as fast as all brakes together do."""
+    slowing: float = 0.0
+    """How fast that is anywhere on the trajectory, in [1]/[s]; 0: unknown, or not at all."""
+
+
+def make_piece_slabs(
+    plan: CheckedPlan, limits: JointLimits, before: Sequence[CheckedPlan] = ()
 ) -> JointSlabs:
-    """All slabs from when the plan was checked until the arm rests.
+    """All slabs of a piece with its own stop, from when it was checked until the arm rests.
 
     Args:
-        plan: What the arm follows.
+        plan: What the arm follows; it ends at rest.
         limits: Of the robot that it was checked for.
-        reaction_time: From command to braking torque at most, in [s].
-        brake_after: When braking is commanded, in [s] from when the plan was checked, and not
-            before the plan begins; at its end at the latest.
+        before: What it may be following until the piece begins; none: joints are free until then.
     """
-    if not (np.abs(plan.v) <= limits.operating_velocity + limits.velocity_error).all():
-        # Its controller does not keep to what it was said to keep to.
-        limits = limits._replace(
-            operating_velocity=limits.velocity, operating_acceleration=limits.acceleration
-        )
-    waiting = max(plan.stamp - plan.now, 0.0)
-    begin = max(plan.now - plan.stamp, 0.0)
-    last = float(plan.times[-1])
-    command = min(begin + brake_after - waiting, last)
+    lead = plan.stamp - plan.now
+    begin, last = max(-lead, 0.0), float(plan.times[-1])
     parts = []
-    if waiting > 0.0:
-        nodes = np.linspace(0.0, waiting, WAITING_SLABS + 1)
-        age = plan.now - plan.measured_stamp
-        low, high = _spread(plan.measured_q, plan.measured_v, age, np.inf, limits, nodes)
+    if lead > 0.0:
+        nodes = np.linspace(0.0, lead, WAITING_SLABS + 1)
+        if before:
+            boxes = [_follow(one, nodes + (plan.now - one.stamp)) for one in before]
+            low = np.min([box[0] for box in boxes], axis=0)
+            high = np.max([box[1] for box in boxes], axis=0)
+        else:
+            low, high = _spread(plan, limits, nodes)
         parts.append((nodes, low, high))
-    count = min(max(int(np.ceil((command - begin) / SLAB)), 1), MOST_CURVE_SLABS)
-    nodes = np.linspace(begin, command, count + 1)
+    count = min(max(int(np.ceil((last - begin) / SLAB)), 1), MOST_CURVE_SLABS)
+    settled = find_settling(plan, limits, math.inf)
+    nodes = np.append(np.linspace(begin, last, count + 1), last + settled)
     low, high, _, _ = _follow(plan, nodes)
     parts.append((nodes - begin, low, high))
-    if command + reaction_time <= last:
-        nodes, low, high = _leave(plan, limits, command, reaction_time)
-    else:
-        nodes, low, high = _overrun(plan, limits, command, reaction_time)
-    parts.append((nodes, low, high))
     return _join(parts, limits)
+
+
+def make_stop_slabs(
+    plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float, *, on_path: bool
+) -> JointSlabs | None:
+    """All slabs of an arm that follows a trajectory until its brakes bite, and then stops.
+
+    Args:
+        plan: What it follows; it ends at rest, and the arm stays there.
+        limits: Of the robot that it was checked for.
+        clock: Where on it the arm is.
+        latest_bite: Until when brakes bite, in [s] from now: at any time until then, and where
+            joints stop by themselves each at a time of its own.
+        on_path: Whether all joints stop together, on the path.
+
+    Returns:
+        None where a joint may be faster than its brakes are stated for, and where the clock is to
+        slow down, or the arm to stop on the path, and brakes guarantee no such thing there.
+    """
+    slowing = math.inf
+    if on_path or clock.pace < 1.0:
+        slowing = _find_slowing(plan, limits, clock, latest_bite)
+        if not slowing > 0.0:
+            return None
+    count = min(max(int(np.ceil(latest_bite / SLAB)), 4), MOST_LEAVING_SLABS)
+    nodes = np.linspace(0.0, latest_bite, count + 1)
+    if on_path:
+        rest = 1.0 / slowing + find_settling(plan, limits, clock.followed)
+        nodes = np.concatenate([nodes, latest_bite + np.linspace(0.0, rest, BRAKING_SLABS + 1)[1:]])
+        first, last, _, _ = _run_clock(clock, slowing, nodes, latest_bite)
+        low, high, _, _ = _fill(plan, first, last)
+        return _join([(nodes, low - plan.deviation, high + plan.deviation)], limits)
+    first, last, least, most = _run_clock(clock, slowing, nodes, math.inf)
+    low, high, slowest, fastest = _fill(plan, first, last)
+    slowest = np.minimum(slowest * least[:, None], slowest * most[:, None])
+    fastest = np.maximum(fastest * least[:, None], fastest * most[:, None])
+    _widen_speeds(plan, limits, clock, nodes, slowest, fastest)
+    top = np.maximum(limits.velocity, np.abs(plan.v).max(axis=0))
+    pace = np.minimum(np.maximum(-slowest, fastest), top)
+    if not (pace.max(axis=0) <= limits.brakes.speed[:, -1]).all():
+        return None
+    rest = _slowest_rest(pace.max(axis=0), limits.brakes)
+    rest = max(rest, 1e-6) * (1.0 + SUM_ROUNDING)
+    nodes = np.concatenate([nodes, latest_bite + np.linspace(0.0, rest, BRAKING_SLABS + 1)[1:]])
+    low_on, high_on = low - plan.deviation, high + plan.deviation
+    low, high = np.empty((2, len(nodes) - 1, len(top)))
+    _fill_leaving(nodes, low_on, high_on, slowest, fastest, top, limits, low, high)
+    return _join([(nodes, low, high)], limits)
+
+
+def find_settling(plan: CheckedPlan, limits: JointLimits, followed: float) -> float:
+    """How long joints may still move about the place where they come to rest, in [s].
+
+    Args:
+        plan: What they follow.
+        limits: Of the robot that it was checked for.
+        followed: How long they have followed it by then, in [s].
+    """
+    speed = np.empty_like(plan.deviation)
+    fill_deviation_speed(
+        plan.deviation, plan.acceleration, plan.velocity_deviation, followed, speed
+    )
+    pace = np.minimum(speed, limits.velocity + limits.velocity_error)
+    return float(_slowest_rest(pace, limits.brakes)) * (1.0 + SUM_ROUNDING)
+
+
+def _find_slowing(
+    plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float
+) -> float:
+    """How fast the clock can surely be slowed down wherever the arm can be by then, in [1]/[s]."""
+    if not clock.slowing > 0.0:
+        return 0.0
+    # Only what lies ahead counts: that far it gets at the most by what brakes do anywhere.
+    begin = clock.at - abs(clock.age)
+    end = clock.at + abs(clock.age) + latest_bite + 0.5 / clock.slowing
+    braking = find_decelerations(limits.brakes, find_top_speeds(plan.times, plan.q, plan.v))
+    slowing, _, _ = bound_path_braking(
+        plan.times, plan.q, plan.v, braking, max(begin, 0.0), max(end, 0.0)
+    )
+    return float(slowing)
+
+
+def _run_clock(
+    clock: PathClock, slowing: float, nodes: FloatArray, latest_bite: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Where on the trajectory the arm can be between neighbouring nodes, and its clock's pace.
+
+    Least and greatest times on it, least and greatest paces, each of shape (nodes - 1,); brakes
+    that bite slow it down to rest.
+    """
+    paused, slowing = 1.0 - clock.pace, min(slowing, 1e300)
+    late = np.maximum(nodes - clock.full_until, 0.0)
+    slow = np.minimum(late, paused / slowing)
+    gone = nodes - 0.5 * slowing * slow * slow - (late - slow) * paused
+    most = np.maximum(1.0 - slowing * slow, clock.pace)
+    after = np.maximum(nodes - latest_bite, 0.0)
+    if after.any():
+        bite = int(np.searchsorted(nodes, latest_bite))
+        until = np.minimum(after, most[bite] / slowing)
+        braked = gone[bite] + until * (most[bite] - 0.5 * slowing * until)
+        gone = np.where(after > 0.0, braked, gone)
+    gone = gone * (1.0 + SUM_ROUNDING)
+    if clock.is_on_time:
+        # Brakes that can slow the clock down may have done so at once.
+        now = clock.at + clock.age
+        first = now + (np.zeros(len(gone) - 1) if after.any() else nodes[:-1])
+        return first, now + gone[1:], np.ones(len(first)), most[:-1]
+    first = np.full(len(gone) - 1, clock.at + min(clock.age, 0.0))
+    return first, clock.at + abs(clock.age) + gone[1:], np.zeros(len(first)), most[:-1]
 
 
 def _follow(
     plan: CheckedPlan, nodes: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Ranges of positions between neighbouring nodes, and of velocities right on the curve."""
-    low, high, slowest, fastest = np.empty((4, len(nodes) - 1, len(plan.deviation)))
-    _fill_ranges(plan.times, plan.q, plan.v, nodes, low, high, slowest, fastest)
+    """Ranges of positions between neighbouring times, and of velocities right on the curve."""
+    low, high, slowest, fastest = _fill(plan, nodes[:-1], nodes[1:])
     return low - plan.deviation, high + plan.deviation, slowest, fastest
 
 
-def _leave(
-    plan: CheckedPlan, limits: JointLimits, command: float, reaction_time: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Nodes, least and greatest positions while joints leave the plan, each when it likes."""
-    leaving = np.linspace(command, command + reaction_time, LEAVING_SLABS + 1)
-    low_on, high_on, slowest, fastest = _follow(plan, leaving)
-    for k in range(LEAVING_SLABS):
-        off = bound_velocity_deviation(plan, limits.velocity_error, leaving[k], leaving[k + 1])
-        reach = _reach(plan, limits, leaving[k + 1])
-        slowest[k] = np.maximum(slowest[k] - off, plan.measured_v - reach)
-        fastest[k] = np.minimum(fastest[k] + off, plan.measured_v + reach)
-    pace = np.maximum(-slowest, fastest)
-    top = np.maximum(limits.operating_velocity, np.abs(plan.v).max(axis=0))
-    rest = float((np.minimum(pace, top) / limits.braking).max()) * (1.0 + SUM_ROUNDING)
-    nodes = np.concatenate([leaving, leaving[-1] + np.linspace(0.0, rest, BRAKING_SLABS + 1)[1:]])
-    low, high = np.empty((2, len(nodes) - 1, len(top)))
-    _fill_leaving(nodes, low_on, high_on, slowest, fastest, top, limits, low, high)
-    return nodes - command, low, high
+def _fill(
+    plan: CheckedPlan, first: FloatArray, last: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Ranges of positions and velocities right on the curve between times on it."""
+    low, high, slowest, fastest = np.empty((4, len(first), len(plan.deviation)))
+    _fill_ranges(plan.times, plan.q, plan.v, first, last, low, high, slowest, fastest)
+    return low, high, slowest, fastest
 
 
-def _reach(plan: CheckedPlan, limits: JointLimits, along: float) -> FloatArray:
-    """How far velocities can have come from the measured ones by then, and since the check."""
-    stamp = plan.measured_stamp - plan.stamp
-    away = max(abs(along - stamp), abs(plan.now - plan.measured_stamp))
-    return limits.velocity_error + away * limits.acceleration * (1.0 + SUM_ROUNDING)
+def _widen_speeds(
+    plan: CheckedPlan,
+    limits: JointLimits,
+    clock: PathClock,
+    nodes: FloatArray,
+    slowest: FloatArray,
+    fastest: FloatArray,
+) -> None:
+    """Widen ranges of velocities between nodes by what an arm on the curve may be off by.
 
-
-def _overrun(
-    plan: CheckedPlan, limits: JointLimits, command: float, reaction_time: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Nodes, least and greatest positions where the plan ends before all joints surely brake."""
-    q, v = np.empty((2, len(plan.deviation)))
-    evaluate_curve(plan.times, plan.q, plan.v, command, q, v)
-    off = bound_velocity_deviation(plan, limits.velocity_error, command, command)
-    off = np.minimum(off, np.abs(plan.measured_v - v) + _reach(plan, limits, command))
-    errors = limits._replace(position_error=plan.deviation, velocity_error=off)
-    rest = compute_stop_time(
-        v,
-        off,
-        limits.operating_velocity,
-        limits.acceleration,
-        limits.braking,
-        0.0,
-        0.0,
-        reaction_time,
-        limits.operating_acceleration,
-    )
-    nodes = np.concatenate(
-        [
-            np.linspace(0.0, reaction_time, FREE_SLABS + 1)[:-1],
-            np.linspace(reaction_time, rest, BRAKING_SLABS + 1),
-        ]
-    )
-    return nodes, *_spread(q, v, 0.0, reaction_time, errors, nodes)
+    The least of what is stated, what follows from staying within the deviation, and what follows
+    from the measured velocity.
+    """
+    off = np.empty_like(slowest)
+    for k in range(len(off)):
+        fill_deviation_speed(
+            plan.deviation,
+            plan.acceleration,
+            plan.velocity_deviation,
+            clock.followed + nodes[k],
+            off[k],
+        )
+    # Either way between the stamp and a time of the slab.
+    ages = np.abs(clock.age + nodes)
+    away = np.maximum(ages[:-1], ages[1:])[:, None]
+    reach = limits.velocity_error + away * limits.acceleration * (1.0 + SUM_ROUNDING)
+    slowest[:] = np.maximum(slowest - off, plan.measured_v - reach)
+    fastest[:] = np.minimum(fastest + off, plan.measured_v + reach)
 
 
 def _join(
@@ -168,17 +276,13 @@ def _join(
 
 
 def _spread(
-    q: FloatArray, v: FloatArray, age: float, free: float, limits: JointLimits, nodes: FloatArray
+    plan: CheckedPlan, limits: JointLimits, nodes: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest positions between neighbouring nodes of joints measured `age` ago."""
-    shape = len(nodes), len(q)
-    high, low, highest, lowest = (
-        np.empty(shape),
-        np.empty(shape),
-        np.empty(len(q)),
-        np.empty(len(q)),
-    )
-    fill_displacements(q, v, age, free, limits, nodes, high, low, highest, lowest)
+    """Least and greatest positions between neighbouring nodes of joints that are free."""
+    q, v, age = plan.measured_q, plan.measured_v, plan.now - plan.measured_stamp
+    high, low = np.empty((2, len(nodes), len(q)))
+    highest, lowest = np.empty((2, len(q)))
+    fill_displacements(q, v, age, math.inf, limits, nodes, high, low, highest, lowest)
     high, low = np.minimum(high, highest), np.maximum(low, lowest)
     return (
         q - limits.position_error + np.minimum(low[:-1], low[1:]),
@@ -191,16 +295,26 @@ def _fill_ranges(
     times: FloatArray,
     q: FloatArray,
     v: FloatArray,
-    nodes: FloatArray,
+    first: FloatArray,
+    last: FloatArray,
     low: FloatArray,
     high: FloatArray,
     slowest: FloatArray,
     fastest: FloatArray,
 ) -> None:
-    """Fill ranges on the curve between neighbouring nodes, each of shape (nodes - 1, nv)."""
-    for k in range(nodes.shape[0] - 1):
-        curve_range(times, q, v, nodes[k], nodes[k + 1], low[k], high[k])
-        speed_range(times, q, v, nodes[k], nodes[k + 1], slowest[k], fastest[k])
+    """Fill ranges on the curve between times, each of shape (slabs, nv)."""
+    for k in range(first.shape[0]):
+        curve_range(times, q, v, first[k], last[k], low[k], high[k])
+        speed_range(times, q, v, first[k], last[k], slowest[k], fastest[k])
+
+
+@kernel
+def _slowest_rest(pace: FloatArray, brakes: BrakeCurves) -> float:
+    """Time in which all joints rest that brake from speeds of at most `pace`, (nv,), in [s]."""
+    slowest = 0.0
+    for j in range(pace.shape[0]):
+        slowest = max(slowest, rest_time(find_stop(brakes, j, pace[j]), pace[j]))
+    return slowest
 
 
 @kernel
@@ -223,7 +337,7 @@ def _fill_leaving(
     leaving = low_on.shape[0]
     for k in range(nodes.shape[0] - 1):
         for j in range(top.shape[0]):
-            accel, braking = limits.acceleration[j], limits.braking[j]
+            accel, brakes = limits.acceleration[j], limits.brakes
             highest = high_on[k, j] if k < leaving else -math.inf
             lowest = low_on[k, j] if k < leaving else math.inf
             for i in range(min(k + 1, leaving)):
@@ -231,9 +345,11 @@ def _fill_leaving(
                 longest = nodes[k + 1] - nodes[i]
                 shortest = max(nodes[k] - nodes[i + 1], 0.0)
                 up, down = min(fastest[i, j], top[j]), min(-slowest[i, j], top[j])
-                braked = brake(up, accel, braking, longest if up > 0.0 else shortest)
+                stop = find_stop(brakes, j, up)
+                braked = brake(up, accel, stop, longest if up > 0.0 else shortest)
                 highest = max(highest, high_on[i, j] + braked)
-                braked = brake(down, accel, braking, longest if down > 0.0 else shortest)
+                stop = find_stop(brakes, j, down)
+                braked = brake(down, accel, stop, longest if down > 0.0 else shortest)
                 lowest = min(lowest, low_on[i, j] - braked)
             # One that stops at a limit gets no further, however fast it was.
             high[k, j] = max(highest, limits.lower[j] + limits.position_error[j])

@@ -65,8 +65,16 @@ def test_every_setting_of_the_monitor_has_a_key():
     # Certificates are for observers within the same program; `ignore`, `[separation]` and
     # `[robot.operating]` have places of their own.
     others = {"robot", "obstacles", "ignore", "base_placement", "certify", "separation"}
-    others.add("operating")
+    others |= {"operating", "payload"}
     assert keys == set(inspect.signature(Monitor).parameters) - others
+
+
+def test_a_cell_may_say_how_an_arm_on_a_known_path_stops():
+    text = ROBOT + '\n[monitor]\nmotion = "planned"\nstop = "path"\n'
+    settings = Cell.from_text(text).build()[2].settings
+    assert (settings.motion, settings.stop) == ("planned", "path")
+    with pytest.raises(CellError, match=r"stop.*'sideways'"):
+        Cell.from_text(text.replace("path", "sideways")).build()
 
 
 def test_the_example_explains_every_key():
@@ -304,3 +312,13 @@ def test_a_bound_that_there_is_not_is_inf():
     obstacles = cell.make_obstacles()
     obstacles.update(["a"], 0.0, [[1.0, 0.0, 0.0]], radius=0.1)
     assert (obstacles.table.speed[0], obstacles.table.accel[0]) == (math.inf, math.inf)
+
+
+def test_a_cell_says_what_the_arm_carries():
+    _, _, monitor = Cell.from_text(f"{ROBOT}payload = 0.25\n").build()
+    assert monitor.payload == 0.25
+    _, _, monitor = Cell.from_text(ROBOT).build()
+    assert monitor.payload == 1.0
+    for payload, pattern in (("1.5", "kilograms from 0 to 1"), ("-1.0", ">= 0"), ("nan", "nan")):
+        with pytest.raises(CellError, match=rf"robot\.payload.*{pattern}"):
+            Cell.from_text(f"{ROBOT}payload = {payload}\n").build()

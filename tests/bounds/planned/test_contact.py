@@ -3,11 +3,11 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from armguard.bounds import Plan, PlannedCourse, PlannedMotion, check_plan
+from armguard.bounds import Plan, PlannedCourse, PlannedMotion, append_stop, check_plan
 from armguard.bounds.planned.contact import NONE, find_planned_contact
 from armguard.bounds.planned.course import ArmShape
 from armguard.obstacles import Obstacles
-from armguard.robot import Robot
+from support.example_arms import load_holding
 from support.plan_cases import all_pairs
 
 HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
@@ -20,11 +20,12 @@ LUCK = 0.02
 @pytest.fixture(scope="module")
 def arm():
     """A robot, its motion, and a course: joint 1 turns for 0.2 s and brakes."""
-    robot = Robot.load("panda")
-    motion = PlannedMotion(robot, 0.02)
+    robot = load_holding("panda")
+    motion = PlannedMotion(robot)
     q, v = np.tile(HOME, (21, 1)), np.zeros((21, 7))
     q[:, 0], v[:, 0] = TIMES, 1.0
     plan = Plan(NOW, TIMES, q, v, np.full(7, 1e-3), np.full(7, 0.02))
+    plan = append_stop(plan, robot.braking_deceleration, on_path=False)
     return robot, motion, motion.lay_out(check_plan(plan, robot, NOW, q[0], v[0], NOW))
 
 
@@ -235,7 +236,7 @@ def test_a_contact_time_is_when_a_slab_begins_rounded_down(arm):
     """In exact arithmetic, counted from any time on the course."""
     random, course, found = np.random.default_rng(4), arm[2], 0
     begins = [Fraction(float(start)) + Fraction(course.epoch) for start in course.start]
-    for _ in range(60):
+    for _ in range(90):
         obstacles = crowd(random_place(random, 0.5, 1.0), accel=2.0)
         now = NOW + random.uniform(0.0, 0.05)
         time = ask(arm, obstacles, now=now).time

@@ -4,15 +4,15 @@ import pytest
 
 from armguard.bounds import compute_levers
 from armguard.bounds.planned.course import deviation_along
-from armguard.robot import Robot
 from armguard.robot.joints import is_prismatic
+from support.example_arms import load_holding
 from support.motion_questions import unit
 
 
 @pytest.fixture(scope="module", params=["panda", "kinova", "tiago"])
 def question(request):
     """A robot, its last link's sphere centres, their levers, and which joints turn."""
-    robot = Robot.load(request.param)
+    robot = load_holding(request.param)
     points = robot.cover.tree(robot.links[-1]).spheres[:, :3]
     numbers = [robot.model.getJointId(joint) for joint in robot.joints]
     turning = np.array([not is_prismatic(robot.model, number) for number in numbers])

@@ -5,6 +5,7 @@ import pytest
 from armguard.bounds import (
     CheckedPlan,
     JointMotion,
+    PathClock,
     Plan,
     PlannedMotion,
     check_plan,
@@ -12,12 +13,13 @@ from armguard.bounds import (
 )
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
-from armguard.robot import Kinematics, Robot
+from armguard.robot import Kinematics
+from support.example_arms import load_holding
 from support.hostile_joints import STEP
 from support.motion_questions import HAND_POINT, unit
-from support.plan_cases import Attack, Skin, Waves, all_pairs, follow, make_plan
+from support.plan_cases import Attack, Follower, Skin, Waves, all_pairs, make_plan
 
-REACTION = 0.02
+BITE = 0.05
 
 
 def ask(motion, course, obstacles, links, now, margin=0.0):
@@ -35,14 +37,17 @@ def ask(motion, course, obstacles, links, now, margin=0.0):
 
 @pytest.mark.parametrize("name", ["panda", "kinova", "tiago"])
 def test_no_contact_comes_before_the_proved_time(name):
-    robot, random = Robot.load(name), np.random.default_rng(0)
-    motion, skin = PlannedMotion(robot, REACTION), Skin(robot, random)
+    robot, random = load_holding(name), np.random.default_rng(0)
+    motion, skin = PlannedMotion(robot), Skin(robot, random)
     contacts, closest, free = 0, 0.0, 0
-    for k in range(50):
-        scene = Attack(robot, skin, random, REACTION, stated=k % 2 == 0)
+    for k in range(70):
+        scene = Attack(robot, skin, random, BITE, stated=k % 2 == 0)
         plan = check_plan(scene.plan, robot, scene.now, scene.q, scene.v, scene.stamp)
         assert isinstance(plan, CheckedPlan), plan
-        course = motion.lay_out(plan, scene.brake_after)
+        course = motion.lay_out(plan)
+        if scene.is_stopped:
+            clock = PathClock(scene.stamp - plan.stamp, scene.now - scene.stamp, True, 0.0)
+            course = motion.lay_out_stop(plan, clock, BITE, on_path=False)
         assert scene.rest <= course.end[-1] + STEP
         found = ask(motion, course, scene.obstacles, len(robot.links), scene.now)
         assert 0.0 <= found.time <= scene.contact
@@ -57,14 +62,14 @@ def test_no_contact_comes_before_the_proved_time(name):
 
 @pytest.fixture(scope="module")
 def motion(robot):
-    return PlannedMotion(robot, REACTION)
+    return PlannedMotion(robot)
 
 
 def lay_out(robot, motion, random, speed=0.3, duration=0.2):
     """A random motion, its plan as checked where it begins, and the plan's course."""
     waves = Waves(robot, random, speed)
     times = np.linspace(0.0, duration, 21)
-    plan = make_plan(waves, 0.0, times, np.full(7, 1e-3), np.full(7, 0.02))
+    plan = make_plan(robot, waves, 0.0, times, np.full(7, 1e-3), np.full(7, 0.02))
     checked = check_plan(plan, robot, 0.0, waves.position(0.0), waves.velocity(0.0), 0.0)
     return plan, waves, checked, motion.lay_out(checked)
 
@@ -75,7 +80,7 @@ def test_advance_is_never_exceeded_and_never_falls(robot, motion):
     for _ in range(20):
         plan, waves, checked, course = lay_out(robot, motion, random)
         along = unit(random)
-        qs, _ = follow(robot, waves, plan, random, 0.0, REACTION)
+        qs = Follower(robot, waves, plan, random, 1, 0.0, 0.1).q[:, 0]
         pinocchio.forwardKinematics(robot.model, data, waves.position(0.0))
         start = along @ data.oMi[joint].act(HAND_POINT)
         before = furthest = 0.0
@@ -128,8 +133,8 @@ def test_under_a_plan_contact_is_later_than_under_joint_bounds(robot, motion):
 
 def test_balls_around_a_lift_hold_all_that_it_carries_at_both_ends():
     """Tiago rests, but for its lift, which may be off by as much as its deviation."""
-    robot = Robot.load("tiago")
-    motion, lift = PlannedMotion(robot, REACTION), robot.joints.index("torso_lift_joint")
+    robot = load_holding("tiago")
+    motion, lift = PlannedMotion(robot), robot.joints.index("torso_lift_joint")
     q = 0.5 * (robot.lower_position_limit + robot.upper_position_limit)
     still, errors = np.zeros(len(q)), np.full(len(q), 1e-6)
     errors[lift] = 0.1
@@ -150,7 +155,7 @@ def test_balls_around_a_lift_hold_all_that_it_carries_at_both_ends():
 def test_a_moved_base_moves_everything(robot, motion):
     random = np.random.default_rng(3)
     place = pinocchio.SE3(pinocchio.rpy.rpyToMatrix(0.4, -1.0, 2.0), np.array([3.0, -1.0, 0.5]))
-    moved = PlannedMotion(robot, REACTION, place)
+    moved = PlannedMotion(robot, place)
     for _ in range(10):
         _, _, checked, course = lay_out(robot, motion, random)
         there = moved.lay_out(checked)
@@ -166,12 +171,6 @@ def test_a_moved_base_moves_everything(robot, motion):
         assert times[0] == pytest.approx(times[1], abs=1e-6)
 
 
-@pytest.mark.parametrize("bad", [-0.1, np.nan, np.inf])
-def test_impossible_reaction_times_are_refused(robot, bad):
-    with pytest.raises(ArmguardError, match="reaction_time"):
-        PlannedMotion(robot, bad)
-
-
 def test_what_was_not_checked_for_this_robot_is_refused(robot, motion):
     plan, _, checked, course = lay_out(robot, motion, np.random.default_rng(4))
     for wrong in (plan, None, checked._replace(q=checked.q[:, :6])):
@@ -185,7 +184,7 @@ def test_what_was_not_checked_for_this_robot_is_refused(robot, motion):
 
 def test_a_deviation_without_end_frees_nothing(robot, motion):
     waves = Waves(robot, np.random.default_rng(5), 0.3)
-    plan = make_plan(waves, 0.0, np.linspace(0.0, 0.2, 21), np.full(7, 1e308))
+    plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 0.2, 21), np.full(7, 1e308))
     checked = check_plan(plan, robot, 0.0, waves.position(0.0), waves.velocity(0.0), 0.0)
     obstacles = Obstacles()
     obstacles.update(["ball"], 0.0, [[1.0, 0.0, 0.5]], np.zeros((1, 3)), radius=0.1)
@@ -193,13 +192,29 @@ def test_a_deviation_without_end_frees_nothing(robot, motion):
     assert found.time == 0.0
 
 
-def test_braking_before_the_plan_begins_is_refused(robot, motion):
-    waves = Waves(robot, np.random.default_rng(6), 0.3)
-    for lead in (0.0, 0.05):
-        plan = make_plan(waves, lead, np.linspace(0.0, 0.2, 21), np.full(7, 1e-3))
-        checked = check_plan(plan, robot, 0.0, waves.position(0.0), waves.velocity(0.0), 0.0)
-        for wrong in (lead - 0.01, -np.inf, np.nan):
-            with pytest.raises(ArmguardError, match="brake_after"):
-                motion.lay_out(checked, wrong)
-        ends = [motion.lay_out(checked, lead + after).end[-1] for after in (0.0, 0.1, 0.2, 9.0)]
-        assert ends[0] < ends[1] < ends[2] == ends[3] == motion.lay_out(checked).end[-1]
+def test_impossible_times_of_brakes_are_refused(robot, motion):
+    _, _, checked, _ = lay_out(robot, motion, np.random.default_rng(6))
+    for bad in (-0.01, -np.inf, np.inf, np.nan):
+        with pytest.raises(ArmguardError, match="latest_bite"):
+            motion.lay_out_stop(checked, PathClock(0.0, 0.0, True, 0.0), bad, on_path=False)
+
+
+def test_a_stop_on_the_path_lasts_as_long_as_is_said(robot, motion):
+    random, found = np.random.default_rng(7), 0
+    for _ in range(20):
+        waves = Waves(robot, random, 0.3)
+        waves.size *= 0.05
+        plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 0.2, 21), np.full(7, 1e-3))
+        # As slowly as it stops at its end, it can be stopped anywhere.
+        stopped = plan._replace(times=2.0 * np.asarray(plan.times), v=0.5 * np.asarray(plan.v))
+        v = np.asarray(stopped.v)[0]
+        checked = check_plan(stopped, robot, 0.0, waves.position(0.0), v, 0.0)
+        slowing, lasting = motion.find_path_stop(checked)
+        if not slowing > 0.0:
+            assert lasting == np.inf
+            continue
+        found += 1
+        clock = PathClock(0.0, 0.0, True, 0.0, slowing=slowing)
+        course = motion.lay_out_stop(checked, clock, 0.05, on_path=True)
+        assert course.end[-1] <= 0.05 + lasting + 1e-9
+    assert found > 5

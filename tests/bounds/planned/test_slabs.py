@@ -1,150 +1,269 @@
 import numpy as np
 import pytest
 
-from armguard.bounds import CheckedPlan, Plan, check_plan
+from armguard.bounds import CheckedPlan, PathClock, Plan, append_stop, check_plan
 from armguard.bounds.limits import read_limits
-from armguard.bounds.planned.slabs import make_slabs
-from armguard.robot import Robot
+from armguard.bounds.planned.slabs import make_piece_slabs, make_stop_slabs
+from armguard.bounds.planned.stop import bound_path_braking
+from support.example_arms import load_holding
 from support.hostile_joints import STEP
-from support.plan_cases import Waves, follow, make_plan
+from support.plan_cases import Follower, Hermite, Waves, make_plan
 
-REACTION = 0.02
+BITE = 0.1
+"""When brakes bite at the latest, in [s]."""
 
 
 @pytest.fixture(scope="module", params=["panda", "kinova", "tiago"])
 def robot(request):
-    return Robot.load(request.param)
+    return load_holding(request.param)
 
 
-def check(robot, plan, now, q, v, stamp):
-    checked = check_plan(plan, robot, now, q, v, stamp)
+def draw_plan(robot, random, speed=None, share=None, **changes):
+    """A motion, and its plan with errors that are stated or not."""
+    nv, duration = len(robot.joints), 0.01 * random.integers(5, 30)
+    waves = Waves(robot, random, random.choice([0.1, 0.5]) if speed is None else speed)
+    if share is not None:
+        waves.size *= share
+    errors = random.choice([1e-4, 2e-3, 1e-2]) * np.ones(nv)
+    speeds = random.choice([0.02, 0.1]) * np.ones(nv) if random.random() < 0.5 else None
+    times = np.linspace(0.0, duration, random.integers(12, 60))
+    return waves, make_plan(robot, waves, 0.0, times, errors, speeds, **changes)
+
+
+def check(robot, plan, now=0.0, q=None, v=None):
+    """The plan as checked where the arm is on it, or at a state of its own."""
+    curve = Hermite(plan.times, plan.q, plan.v)
+    at = np.clip(now - plan.stamp, 0.0, plan.times[-1])
+    q, v = curve(at) if q is None else q, curve(at, 1) if v is None else v
+    checked = check_plan(plan, robot, now, q, v, now, longest_lag=np.inf)
     assert isinstance(checked, CheckedPlan), checked
     return checked
 
 
-def lead_of(random):
-    return round(random.choice([0.0, -0.02, 0.05]) / STEP) * STEP
+def find_most(slabs, time, q, until):
+    """How much of its box each arm fills at the most until it rests; more than 1 is out of it."""
+    assert slabs.start[0] == 0.0
+    assert np.array_equal(slabs.start[1:], slabs.end[:-1])
+    assert (slabs.half >= 0.0).all()
+    inside = (time >= 0.0) & (time <= until + STEP)
+    place = np.minimum(np.searchsorted(slabs.end, time[inside]), len(slabs.end) - 1)
+    away = np.abs(q[inside] - slabs.middle[place])
+    return float(((away - 1e-9) / slabs.half[place]).max())
 
 
-@pytest.mark.parametrize("stated", [False, True])
-def test_joints_stay_in_the_slabs_until_they_rest(robot, stated):
-    random, limits = np.random.default_rng(1), read_limits(robot)
-    most, nv = np.zeros(3), len(robot.joints)
-    for _ in range(80):
-        waves = Waves(robot, random, random.choice([0.1, 0.5]))
-        now, duration = 1.0, 0.01 * random.integers(5, 30)
-        errors = random.choice([1e-4, 2e-3, 1e-2]) * np.ones(nv)
-        speeds = random.choice([0.02, 0.1]) * np.ones(nv) if stated else None
-        times = np.linspace(0.0, duration, random.integers(12, 60))
-        plan = make_plan(waves, now + lead_of(random), times, errors, speeds)
-        begin = now - 0.025
-        qs, vs = follow(robot, waves, plan, random, begin, REACTION)
-        step = round((now - begin) / STEP)
-        seen = step + int(random.integers(-8, 3))
-        q = qs[seen] + random.choice([-1.0, 0.0, 1.0], nv) * robot.position_error
-        v = vs[seen] + random.choice([-1.0, 0.0, 1.0], nv) * robot.velocity_error
-        slabs = make_slabs(check(robot, plan, now, q, v, begin + seen * STEP), limits, REACTION)
-        assert slabs.start[0] == 0.0
-        assert np.array_equal(slabs.start[1:], slabs.end[:-1])
-        assert slabs.end[-1] + STEP >= (len(qs) - 1 - step) * STEP
-        for k in range(step, len(qs)):
-            time = (k - step) * STEP
-            slab = min(np.searchsorted(slabs.end, time), len(slabs.end) - 1)
-            away = np.abs(qs[k] - slabs.middle[slab])
-            assert (away <= slabs.half[slab] + 1e-9).all()
-            along = time - (plan.stamp - now)
-            phase = int(along > 0.0) + int(along > duration)
-            most[phase] = max(most[phase], (away / slabs.half[slab]).max())
-    assert (most > [0.3, 0.9, 0.7]).all()
+def test_joints_stay_in_the_slabs_of_their_piece_until_they_rest(robot):
+    random, limits, most = np.random.default_rng(1), read_limits(robot), []
+    for _ in range(20):
+        waves, plan = draw_plan(robot, random)
+        now = STEP * random.integers(-30, 40)
+        follower = Follower(robot, waves, plan, random, 30, now - 0.01, max(now, 0.0))
+        step = follower.index(now)
+        state = {"q": follower.q[step, 0], "v": follower.v[step, 0]} if now < 0.0 else {}
+        slabs = make_piece_slabs(check(robot, plan, now, **state), limits)
+        # Before the piece begins joints are free; there are slabs for the one that was measured.
+        arms = 30 if now >= 0.0 else 1
+        assert slabs.end[-1] >= plan.times[-1] - now
+        for arm in range(arms):
+            time = follower.time - now
+            most.append(find_most(slabs, time, follower.q[:, arm], plan.times[-1] - now))
+    assert max(most) <= 1.0
+    assert max(most) > 0.99
 
 
-@pytest.mark.parametrize("stated", [False, True])
-def test_joints_that_leave_the_plan_when_they_like_stay_in_the_slabs(robot, stated):
-    random, limits = np.random.default_rng(5), read_limits(robot)
-    most, nv = 0.0, len(robot.joints)
-    for _ in range(60):
-        waves = Waves(robot, random, random.choice([0.1, 0.5]))
-        errors = random.choice([1e-4, 2e-3, 1e-2]) * np.ones(nv)
-        speeds = random.choice([0.02, 0.1]) * np.ones(nv) if stated else None
-        lead = random.choice([0.0, -0.02])
-        plan = make_plan(waves, lead, np.linspace(0.0, 0.1, 21), errors, speeds)
-        command = STEP * random.integers(round(-lead / STEP), 81)
-        qs, vs = follow(robot, waves, plan, random, 0.0, REACTION, command)
-        q = qs[0] + random.choice([-1.0, 0.0, 1.0], nv) * robot.position_error
-        v = vs[0] + random.choice([-1.0, 0.0, 1.0], nv) * robot.velocity_error
-        checked = check(robot, plan, 0.0, q, v, 0.0)
-        slabs = make_slabs(checked, limits, REACTION, command + lead)
-        assert slabs.start[0] == 0.0
-        assert np.array_equal(slabs.start[1:], slabs.end[:-1])
-        assert slabs.end[-1] + STEP >= (len(qs) - 1) * STEP
-        for k in range(len(qs)):
-            slab = min(np.searchsorted(slabs.end, k * STEP), len(slabs.end) - 1)
-            away = np.abs(qs[k] - slabs.middle[slab])
-            assert (away <= slabs.half[slab] + 1e-9).all()
-            if k * STEP > command + lead + REACTION:
-                most = max(most, (away / slabs.half[slab]).max())
-    assert most > 0.5
-
-
-def test_a_plan_that_lasts_beyond_the_reaction_lets_less_happen_after_a_command():
-    robot = Robot.load("panda")
-    waves = Waves(robot, np.random.default_rng(6), 0.3)
-    ends = []
-    for duration in (0.05, 0.1):
-        plan = make_plan(
-            waves, 0.0, np.linspace(0.0, duration, 41), np.full(7, 1e-3), np.full(7, 0.02)
+def test_until_a_piece_begins_joints_are_on_those_before(robot):
+    random, limits = np.random.default_rng(2), read_limits(robot)
+    for _ in range(20):
+        waves, plan = draw_plan(robot, random)
+        _, first = draw_plan(robot, random)
+        first = check(
+            robot,
+            make_plan(robot, waves, -0.05, np.linspace(0, 0.2, 41), first.tracking_error),
+            now=-0.03,
         )
-        checked = check(robot, plan, 0.0, waves.position(0.0), waves.velocity(0.0), 0.0)
-        ends.append(make_slabs(checked, read_limits(robot), REACTION, 0.05))
-    assert ends[1].end[-1] < ends[0].end[-1]
-    assert (ends[1].half[-1] < ends[0].half[-1]).all()
+        slabs = make_piece_slabs(
+            check(robot, plan, -0.03, waves.position(-0.03), waves.velocity(-0.03)), limits, [first]
+        )
+        before = slabs.end <= 0.03 + 1e-12
+        middle = 0.5 * (slabs.start + slabs.end)[before] - 0.03
+        assert slabs.middle[before] == pytest.approx(waves.position(middle), abs=1e-3)
+        assert before.sum() >= 4
+
+
+@pytest.mark.parametrize("wanders", [False, True])
+def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders):
+    random, limits, most = np.random.default_rng(3), read_limits(robot), []
+    for _ in range(15):
+        waves, plan = draw_plan(robot, random)
+        now, age = STEP * random.integers(40, 80), STEP * random.integers(0, 10)
+        follower = Follower(robot, waves, plan, random, 30, now - 0.02, now, wanders=wanders)
+        follower.brake_joints(BITE)
+        seen = min(follower.index(now - age), follower.index(now))
+        age = now - follower.time[seen]
+        checked = check(robot, plan, now)
+        if wanders:
+            checked = checked._replace(acceleration=2.0 * robot.acceleration_limit)
+        for arm in range(30):
+            off = random.choice([-1.0, 0.0, 1.0], len(limits.lower)) * robot.velocity_error
+            measured = checked._replace(measured_v=follower.v[seen, arm] + off)
+            clock = PathClock(follower.along[seen, arm], age, not wanders, 0.0)
+            slabs = make_stop_slabs(measured, limits, clock, BITE, on_path=False)
+            assert slabs.end[-1] + STEP >= follower.resting[arm] - now
+            time = follower.time - now
+            most.append(find_most(slabs, time, follower.q[:, arm], slabs.end[-1]))
+    assert max(most) <= 1.0
+    assert max(most) > 0.97
+
+
+@pytest.mark.parametrize("wanders", [False, True])
+def test_an_arm_that_stops_on_its_path_stays_in_the_slabs(robot, wanders):
+    random, limits, most, stops = np.random.default_rng(4), read_limits(robot), [], 0
+    for _ in range(25):
+        waves, plan = draw_plan(robot, random, speed=0.3, share=0.1)
+        now = STEP * random.integers(40, 80)
+        # It goes on beyond what is looked at here, so no joint's own stop is in the way.
+        times = np.linspace(0.0, 2.0, 201)
+        plan = make_plan(
+            robot, waves, 0.0, times, plan.tracking_error, plan.velocity_tracking_error
+        )
+        checked = check(robot, plan, now)
+        slowing, _, _ = bound_path_braking(plan.times, plan.q, plan.v, limits.braking, 0.0, 1.9)
+        if not slowing > 0.2:
+            continue
+        stops += 1
+        follower = Follower(robot, waves, plan, random, 30, now - 0.02, now, wanders=wanders)
+        follower.stop_on_path(BITE)
+        seen = follower.index(now) - int(random.integers(0, 10))
+        for arm in range(30):
+            clock = PathClock(
+                follower.along[seen, arm], now - follower.time[seen], not wanders, 0.0,
+                slowing=slowing,
+            )  # fmt: skip
+            slabs = make_stop_slabs(checked, limits, clock, BITE, on_path=True)
+            rest = min(follower.resting[arm] - now, follower.time[-1] - now)
+            assert slabs.end[-1] + STEP >= rest
+            most.append(find_most(slabs, follower.time - now, follower.q[:, arm], rest))
+    assert stops > 5
+    assert max(most) <= 1.0
+    assert max(most) > 0.97
+
+
+def lay_out_stop(robot, plan, clock=None, bite=BITE, *, on_path=False, v=None):
+    clock = PathClock(0.05, 0.0, True, 0.0) if clock is None else clock
+    checked = check(robot, plan, 0.05)
+    if v is not None:
+        checked = checked._replace(measured_v=v)
+    return make_stop_slabs(checked, read_limits(robot), clock, bite, on_path=on_path)
+
+
+def find_extent(slabs):
+    """When the arm rests, and the least and greatest position of each joint until then."""
+    low, high = (slabs.middle - slabs.half).min(axis=0), (slabs.middle + slabs.half).max(axis=0)
+    return slabs.end[-1], low, high
+
+
+def holds(inner, outer):
+    """Whether the one says no less than the other does; slabs of time may begin elsewhere."""
+    end, low, high = find_extent(inner)
+    other_end, other_low, other_high = find_extent(outer)
+    return bool(
+        end <= other_end + 1e-9
+        and (low >= other_low - 1e-9).all()
+        and (high <= other_high + 1e-9).all()
+    )
+
+
+def test_more_error_and_a_clock_that_is_not_known_never_say_less():
+    robot, random = load_holding("panda"), np.random.default_rng(5)
+    for _ in range(20):
+        _, plan = draw_plan(robot, random)
+        errors, speeds = np.full(7, 1e-3), np.full(7, 0.02)
+        plan = plan._replace(tracking_error=errors, velocity_tracking_error=speeds)
+        some = lay_out_stop(robot, plan)
+        for worse in (
+            plan._replace(tracking_error=2.0 * errors),
+            plan._replace(velocity_tracking_error=2.0 * speeds),
+            plan._replace(velocity_tracking_error=None),
+        ):
+            assert holds(some, lay_out_stop(robot, worse))
+        assert holds(some, lay_out_stop(robot, plan, PathClock(0.05, 0.0, False, 0.0)))
+        assert holds(some, lay_out_stop(robot, plan, PathClock(0.045, 0.005, True, 0.0)))
+        assert holds(some, lay_out_stop(robot, plan, PathClock(0.04, 0.01, False, 0.0)))
+        later = [lay_out_stop(robot, plan, bite=bite) for bite in (0.02, 0.05, 0.1)]
+        assert holds(later[0], later[1])
+        assert holds(later[1], later[2])
+
+
+def test_a_slower_clock_gets_less_far_but_never_before_it_can_have_slowed_down():
+    robot, random = load_holding("panda"), np.random.default_rng(7)
+    for _ in range(20):
+        waves = Waves(robot, random, 0.3)
+        waves.size *= 0.1
+        plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 2.0, 201), np.full(7, 1e-3))
+        slowing, _, _ = bound_path_braking(
+            plan.times, plan.q, plan.v, robot.braking_deceleration, 0.0, 1.9
+        )
+        if not slowing > 0.5:
+            continue
+        boxes = [
+            lay_out_stop(robot, plan, PathClock(0.05, 0.0, False, 0.0, 0.05, pace, slowing), 0.4)
+            for pace in (0.1, 0.5, 1.0)
+        ]
+        assert holds(boxes[0], boxes[1])
+        assert holds(boxes[1], boxes[2])
+        assert np.abs(boxes[0].half[3] - boxes[2].half[3]).max() < 1e-9
+        assert boxes[0].half[-1].max() < boxes[2].half[-1].max()
+
+
+def test_where_brakes_guarantee_no_stop_on_the_path_there_are_no_slabs():
+    robot = load_holding("panda")
+    _, plan = draw_plan(robot, np.random.default_rng(8))
+    assert lay_out_stop(robot, plan, on_path=True) is None
+    assert lay_out_stop(robot, plan, PathClock(0.05, 0.0, False, 0.0, 0.0, 0.5)) is None
 
 
 def test_slabs_on_the_curve_are_as_wide_as_the_motion_and_the_deviation():
-    robot = Robot.load("panda")
+    robot = load_holding("panda")
     waves = Waves(robot, np.random.default_rng(2), 0.3)
-    plan = make_plan(waves, 0.0, np.linspace(0.0, 0.2, 41), np.full(7, 2e-3))
-    checked = check(robot, plan, 0.0, waves.position(0.0), waves.velocity(0.0), 0.0)
-    slabs = make_slabs(checked, read_limits(robot), REACTION)
+    plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 0.2, 41), np.full(7, 2e-3))
+    checked = check(robot, plan)
+    slabs = make_piece_slabs(checked, read_limits(robot))
     for k in np.flatnonzero(slabs.end <= 0.2 + 1e-12):
         within = waves.position(np.linspace(slabs.start[k], slabs.end[k], 100))
         half = 0.5 * np.ptp(within, axis=0) + checked.deviation
         assert slabs.half[k] == pytest.approx(half, rel=1e-3)
 
 
-def test_at_its_end_joints_may_be_as_far_and_as_fast_off_a_plan_as_it_says():
-    """One is, goes on as hard as it can until it reacts, and then brakes as late as it may."""
-    robot = Robot.load("panda")
-    q, still = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]), np.zeros(7)
-    times, off, speed = np.linspace(0.0, 0.5, 6), np.full(7, 1e-2), np.full(7, 0.1)
-    plan = Plan(0.0, times, np.tile(q, (6, 1)), np.zeros((6, 7)), off, speed)
-    slabs = make_slabs(check(robot, plan, 0.0, q, still, 0.0), read_limits(robot), REACTION)
-    fast = speed + robot.velocity_error
-    way = off + robot.position_error + fast * REACTION
-    way += 0.5 * robot.acceleration_limit * REACTION**2
-    fast = fast + robot.acceleration_limit * REACTION
-    way += 0.5 * fast**2 / robot.braking_deceleration
-    assert (slabs.middle[-1] + slabs.half[-1] >= q + way - 1e-12).all()
-    assert (slabs.middle[-1] - slabs.half[-1] <= q - way + 1e-12).all()
-    assert slabs.end[-1] >= 0.5 + REACTION + (fast / robot.braking_deceleration).max() - 1e-12
-
-
-def test_a_long_plan_gets_longer_slabs_but_no_gaps():
-    robot = Robot.load("panda")
+def test_a_long_piece_gets_longer_slabs_but_no_gaps():
+    robot = load_holding("panda")
     waves = Waves(robot, np.random.default_rng(3), 0.1)
-    plan = make_plan(waves, 0.0, np.linspace(0.0, 30.0, 3001), np.full(7, 2e-3))
-    checked = check(robot, plan, 0.0, waves.position(0.0), waves.velocity(0.0), 0.0)
-    slabs = make_slabs(checked, read_limits(robot), REACTION)
+    plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 30.0, 3001), np.full(7, 2e-3))
+    slabs = make_piece_slabs(check(robot, plan), read_limits(robot))
     assert len(slabs.start) < 300
     assert np.array_equal(slabs.start[1:], slabs.end[:-1])
     assert slabs.end[-1] > 30.0
 
 
 def test_what_is_over_is_left_out():
-    robot = Robot.load("panda")
+    robot = load_holding("panda")
     waves = Waves(robot, np.random.default_rng(4), 0.3)
-    plan = make_plan(waves, 0.0, np.linspace(0.0, 0.2, 41), np.full(7, 2e-3))
-    late = check(robot, plan, 0.08, waves.position(0.08), waves.velocity(0.08), 0.08)
-    slabs = make_slabs(late, read_limits(robot), REACTION)
+    plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 0.2, 41), np.full(7, 2e-3))
+    slabs = make_piece_slabs(check(robot, plan, 0.08), read_limits(robot))
     assert slabs.start[0] == 0.0
     assert abs(slabs.middle[0] - waves.position(0.0825)).max() < 2e-3
+
+
+def test_an_arm_at_rest_stays_where_it_is():
+    robot = load_holding("panda")
+    q, still = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]), np.zeros(7)
+    plan = Plan(0.0, [0.0, 0.5], [q, q], [still, still], np.full(7, 1e-3), np.full(7, 0.01))
+    assert append_stop(plan, robot.braking_deceleration, on_path=True).times[-1] == 0.5
+    checked = check(robot, plan)
+    for slabs in (
+        make_piece_slabs(checked, read_limits(robot)),
+        make_stop_slabs(
+            checked, read_limits(robot), PathClock(0.6, 0.0, False, 1.0), BITE, on_path=False
+        ),
+    ):
+        assert slabs.middle == pytest.approx(np.tile(q, (len(slabs.middle), 1)), abs=1e-3)
+        # Off it, and swinging about it, by no more than it may.
+        assert slabs.half.max() < 4e-3

@@ -22,9 +22,10 @@ from support.panda_monitor import (
     see,
     subjects,
 )
+from support.plan_cases import Hermite
 
-DURATION = 0.3
-TIMES = np.linspace(0.0, DURATION, 31)
+DURATION = 0.6
+TIMES = np.linspace(0.0, DURATION, 61)
 ERROR, SPEED_ERROR = 2e-3, 0.02
 TURN = 0.2
 """How far the first joint turns on the way, in [rad]."""
@@ -111,39 +112,6 @@ def test_a_piece_into_an_obstacle_is_unsafe_and_one_away_from_it_is_safe():
     assert monitor.commit(make_plan(-TURN)).safe
 
 
-def test_a_stop_on_a_plan_is_in_time_though_it_is_obeyed_late():
-    """A post is put in the way after the commit: the arm goes on along its plan until the verdict
-    is obeyed and the brakes bite, and brakes by no more than is guaranteed."""
-    period, latency, reaction, duration = 0.01, 0.08, 0.02, 0.6
-    times = period * np.arange(round(duration / period) + 1)
-    angle = np.pi * times / duration
-    q, v = np.tile(HOME, (len(times), 1)), np.zeros((len(times), 7))
-    q[:, 0] += 0.3 * (1.0 - np.cos(angle))
-    v[:, 0] = 0.3 * np.pi / duration * np.sin(angle)
-    plan = Plan(0.0, times, q, v, np.full(7, ERROR), np.full(7, SPEED_ERROR))
-    braking, let_go = panda().braking_deceleration[0], 0
-    for bearing in (0.5, 0.6, 0.7, 0.8, 0.9):
-        obstacles, monitor = make_monitor(
-            motion="planned", rate=1.0 / period, latency=latency, reaction_time=reaction
-        )
-        monitor.step(0.0, HOME, STILL)
-        assert monitor.commit(plan).safe
-        place = put_post(obstacles, bearing, distance=0.45)
-        levels = [monitor.step(times[k], q[k], v[k]).level for k in range(1, len(times))]
-        stop = levels.index(Level.STOP) + 1
-        let_go += stop > 1
-        bite = times[stop] + latency + reaction
-        pace, turned = np.interp(bite, times, v[:, 0]), np.interp(bite, times, q[:, 0])
-        way = np.tile(HOME, (400, 1))
-        at = np.linspace(times[stop], bite + pace / braking, len(way))
-        slowing = np.maximum(at - bite, 0.0)
-        after = turned + slowing * (pace - 0.5 * braking * slowing)
-        way[:, 0] = np.where(at < bite, np.interp(at, times, q[:, 0]), after)
-        path = plan._replace(times=at, q=way)
-        assert first_touch(path, place, 0.03) == math.inf
-    assert let_go > 3
-
-
 def test_what_could_walk_into_the_way_makes_a_piece_unsafe():
     """The same piece, a person farther and farther away: once it is safe, it stays so."""
     safe, times = [], []
@@ -164,10 +132,13 @@ REFUSED = {
     "starts elsewhere": (make_plan()._replace(q=make_plan().q + 0.01), "panda_joint1"),
     "in the past": (make_plan(stamp=-1.0), "plan"),
     "far ahead": (make_plan(stamp=1.0), "plan"),
-    "faster than joints are": (make_plan(0.6), "panda_joint1"),
+    "faster than joints are": (make_plan(1.2), "panda_joint1"),
+    "harder to a stop than brakes are": (make_plan(0.5), "panda_joint1"),
+    "moving at its end": (make_plan(v=make_plan().v + 0.1), "panda_joint1"),
+    "with a hole": (make_plan(times=np.delete(TIMES, 5)), "q"),
     "malformed": (make_plan(q=HOME), "q"),
     "without an error": (make_plan(tracking_error=np.zeros(7)), "tracking_error"),
-    "not finite": (make_plan(v=np.full((31, 7), np.nan)), "v"),
+    "not finite": (make_plan(v=np.full((61, 7), np.nan)), "v"),
     "no plan": ("along here", "plan"),
 }
 
@@ -208,17 +179,31 @@ def test_nothing_in_a_plan_raises(junk):
     assert monitor.step(PERIOD, HOME, STILL).level > Level.STOP
 
 
-def test_on_its_plan_an_arm_may_go_where_it_would_have_to_stop_without():
-    levels = []
+def test_on_its_piece_an_arm_may_go_where_it_would_have_to_stop_without():
     for commits in (False, True):
-        _, monitor = start(0.3)
+        _, monitor = start(0.3, reaction_time=0.1)
         plan = make_plan()
         if commits:
             assert monitor.commit(plan).safe
         verdicts = follow(monitor, plan)
-        levels.append(min(verdict.level for verdict in verdicts))
         assert all(ReasonKind.PLAN_VOID not in kinds(verdict) for verdict in verdicts)
-    assert levels == [Level.STOP, Level.SLOW]
+        # Before the commit it had to stop; until that is believed to be over, it is to finish.
+        assert {verdict.stop for verdict in verdicts} == (
+            {"finish", None} if commits else {"brake"}
+        )
+        assert (verdicts[-1].level is Level.SLOW) is commits
+        assert verdicts[-1].speed_scale == (1.0 if commits else 0.0)
+
+
+def test_a_piece_that_nothing_new_is_seen_on_is_judged_once():
+    _, monitor = start(0.3)
+    plan = make_plan()
+    assert monitor.commit(plan).safe
+    pieces = monitor._judge.path._pieces
+    for k in range(1, len(TIMES)):
+        verdict = monitor.step(float(TIMES[k]), plan.q[k], plan.v[k])
+        assert pieces.evaluated == 0
+        assert verdict.level > Level.STOP
 
 
 def test_an_unsafe_or_refused_piece_leaves_the_one_before_in_force():
@@ -226,7 +211,7 @@ def test_an_unsafe_or_refused_piece_leaves_the_one_before_in_force():
     plan = make_plan()
     assert monitor.commit(plan).safe
     assert not monitor.commit(make_plan(q=HOME)).safe
-    assert not monitor.commit(make_plan(0.21, tracking_error=np.full(7, 0.3))).safe
+    assert not monitor.commit(make_plan(tracking_error=np.full(7, 0.5))).safe
     assert all(verdict.level > Level.STOP for verdict in follow(monitor, plan))
 
 
@@ -234,7 +219,7 @@ def test_an_unsafe_or_refused_piece_leaves_the_one_before_in_force():
 def test_a_plan_that_the_arm_strays_from_is_void(joint, push):
     """One joint goes on as it was instead of slowing down, or sets off by itself."""
     plan, left = make_plan(), 15
-    monitors = [start(0.3)[1] for _ in range(2)]
+    monitors = [start(0.3, reaction_time=0.1)[1] for _ in range(2)]
     assert monitors[0].commit(plan).safe
     for k in range(1, len(TIMES)):
         q, v, away = plan.q[k].copy(), plan.v[k].copy(), max(TIMES[k] - TIMES[left], 0.0)
@@ -270,31 +255,197 @@ def test_what_is_within_errors_is_no_straying():
             break
 
 
-def test_after_its_end_a_plan_is_over():
-    _, monitor = start()
-    plan = make_plan()
-    monitor.commit(plan)
-    assert ReasonKind.PLAN_VOID not in kinds(follow(monitor, plan)[-1])
-    after = monitor.step(DURATION + PERIOD, plan.q[-1], STILL)
-    assert ReasonKind.PLAN_VOID in kinds(after)
-    assert after.level is Level.CLEAR
-    again = monitor.step(DURATION + 2.0 * PERIOD, plan.q[-1], STILL)
-    assert ReasonKind.PLAN_VOID not in kinds(again)
-
-
-def test_pieces_follow_each_other():
+def test_after_its_end_the_arm_stays_there_until_it_is_seen_to_leave():
     _, monitor = start(0.3)
     plan = make_plan()
-    half = len(TIMES) // 2
     assert monitor.commit(plan).safe
-    follow(monitor, plan, half + 1)
-    rest = Plan(
-        float(TIMES[half]), TIMES[half:] - TIMES[half], plan.q[half:], plan.v[half:],
-        plan.tracking_error, plan.velocity_tracking_error,
-    )  # fmt: skip
-    assert monitor.commit(rest).safe
-    for k in range(half + 1, len(TIMES)):
-        assert monitor.step(float(TIMES[k]), plan.q[k], plan.v[k]).level > Level.STOP
+    follow(monitor, plan)
+    for k in range(1, 20):
+        after = monitor.step(DURATION + k * PERIOD, plan.q[-1], STILL)
+        assert ReasonKind.PLAN_VOID not in kinds(after)
+        assert after.level > Level.STOP
+    gone = []
+    for k in range(1, 21):
+        q, v = plan.q[-1].copy(), STILL.copy()
+        q[0], v[0] = q[0] + 0.5 * 10.0 * (k * PERIOD) ** 2, 10.0 * k * PERIOD
+        gone.append(monitor.step(DURATION + (19 + k) * PERIOD, q, v))
+    assert not monitor._rule.latched
+    assert sum(ReasonKind.PLAN_VOID in kinds(verdict) for verdict in gone) == 1
+    assert not monitor._judge.path.is_proved
+
+
+def cut(plan, first, last, monitor):
+    """The piece between two samples, with its own stop."""
+    return monitor.with_stop(
+        plan._replace(
+            stamp=plan.stamp + float(TIMES[first]),
+            times=TIMES[first : last + 1] - TIMES[first],
+            q=plan.q[first : last + 1],
+            v=plan.v[first : last + 1],
+        )
+    )
+
+
+@pytest.mark.parametrize("stop", ["joints", "path"])
+def test_pieces_with_their_own_stops_follow_each_other(stop):
+    obstacles, monitor = make_monitor(motion="planned", rate=100.0, stop=stop)
+    put_post(obstacles, 0.3)
+    monitor.step(0.0, HOME, STILL)
+    plan, most = make_plan(), 0
+    for k in range(len(TIMES) - 1):
+        answer = monitor.commit(cut(plan, k, min(k + 3, len(TIMES) - 1), monitor))
+        assert answer.safe, answer
+        most = max(most, len(monitor._judge.path._pieces._pieces))
+        verdict = monitor.step(float(TIMES[k + 1]), plan.q[k + 1], plan.v[k + 1])
+        # Before the first one, where nothing was known of its way, the arm had to stop.
+        assert verdict.level > Level.STOP or verdict.stop == "finish"
+        assert ReasonKind.PLAN_VOID not in kinds(verdict)
+    assert verdict.level > Level.STOP
+    # Those that the arm has not stopped by are told apart, if not at once.
+    assert 2 < most < 15
+
+
+def test_a_piece_that_the_next_one_does_not_go_on_from_refuses_it():
+    _, monitor = make_monitor(motion="planned", rate=100.0, latency=0.05)
+    monitor.step(0.0, HOME, STILL)
+    plan = make_plan()
+    assert monitor.commit(plan).safe
+    other = make_plan(-TURN)
+    found = monitor.commit(other)
+    assert not found.safe
+    (reason,) = found.reasons
+    assert (reason.kind, reason.subject) == (ReasonKind.PLAN_REFUSED, "panda_joint1")
+    assert "off the committed piece by" in reason.detail
+    assert "at 0.05 s" in reason.detail
+    # From what it has, it may go on to another one once that can have been told.
+    for k in range(1, 21):
+        monitor.step(float(TIMES[k]), plan.q[k], plan.v[k])
+    assert monitor.commit(cut(plan, 20, 30, monitor)).safe
+
+
+def test_until_joint_states_tell_them_apart_the_arm_may_be_on_either_piece():
+    """The answer may have been lost: a way that is blocked later is a STOP on both of them."""
+    plan = make_plan()
+    for goes_on in (True, False):
+        _, monitor = make_monitor(motion="planned", rate=100.0)
+        monitor.step(0.0, HOME, STILL)
+        first, second = cut(plan, 0, 10, monitor), plan
+        assert monitor.commit(first).safe
+        assert monitor.commit(second).safe
+        pieces = monitor._judge.path._pieces
+        followed = second if goes_on else first
+        curve = Hermite(followed.times, followed.q, followed.v)
+        for k in range(1, 11):
+            monitor.step(0.01 * k, curve(0.01 * k), curve(0.01 * k, 1))
+            assert len(pieces._pieces) == 2
+        for k in range(11, 25):
+            at = min(0.01 * k, float(followed.times[-1]))
+            verdict = monitor.step(0.01 * k, curve(at), curve(at, 1))
+            assert ReasonKind.PLAN_VOID not in kinds(verdict)
+        (left,) = pieces._pieces
+        assert left.plan.end == pytest.approx(followed.times[-1])
+
+
+def test_a_new_obstacle_in_the_way_is_a_stop_in_that_tick_and_the_piece_is_left():
+    for bearing, is_in_the_way in ((0.45, True), (2.5, False)):
+        obstacles, monitor = make_monitor(motion="planned")
+        monitor.step(0.0, HOME, STILL)
+        plan = make_plan()
+        assert monitor.commit(plan).safe
+        follow(monitor, plan, 5)
+        put_post(obstacles, bearing, distance=0.42)
+        verdict = monitor.step(float(TIMES[5]), plan.q[5], plan.v[5])
+        assert (ReasonKind.PIECE_UNSAFE in kinds(verdict)) is is_in_the_way
+        if not is_in_the_way:
+            assert verdict.level > Level.STOP
+            continue
+        assert (verdict.level, verdict.stop) == (Level.STOP, "brake")
+        (subject,) = subjects(verdict, ReasonKind.PIECE_UNSAFE)
+        assert subject.endswith("and post")
+        after = monitor.step(float(TIMES[6]), plan.q[6], plan.v[6])
+        assert (after.level, after.stop) == (Level.STOP, "brake")
+
+
+def see_person(obstacles, stamp, distance=1.6, **fields):
+    see(obstacles, stamp, [distance, 0.0, 0.6], velocity=[[0.0, 0.0, 0.0]], **fields)
+
+
+NEWS = {
+    "it jumps nearer": lambda obstacles, now: see_person(obstacles, now, 0.9),
+    "it is larger": lambda obstacles, now: see_person(obstacles, now, radius=0.7),
+    "it may be faster": lambda obstacles, now: see_person(obstacles, now, speed=90.0, accel=900.0),
+    "it is known less exactly": lambda obstacles, now: see_person(
+        obstacles, now, position_error=0.7
+    ),
+    "another is there": lambda obstacles, now: see(
+        obstacles, now, [0.8, 0.0, 0.6], ["late"], velocity=[[0.0, 0.0, 0.0]]
+    ),
+    "nothing": lambda obstacles, now: see_person(obstacles, now),
+    "it came away faster than it can": lambda obstacles, now: see_person(obstacles, now, 1.62),
+}
+
+
+@pytest.mark.parametrize("news", NEWS)
+def test_whatever_the_proof_does_not_allow_for_judges_a_piece_anew_in_that_tick(news):
+    obstacles, monitor = make_monitor(motion="planned", rate=100.0)
+    plan = make_plan()
+    see_person(obstacles, 0.0)
+    monitor.step(0.0, HOME, STILL)
+    assert monitor.commit(plan).safe
+    for k in range(1, 10):
+        see_person(obstacles, float(TIMES[k]))
+        verdict = monitor.step(float(TIMES[k]), plan.q[k], plan.v[k])
+        assert verdict.level > Level.STOP
+    NEWS[news](obstacles, float(TIMES[10]))
+    verdict = monitor.step(float(TIMES[10]), plan.q[10], plan.v[10])
+    how = {"nothing": None, "it came away faster than it can": "finish"}.get(news, "brake")
+    assert (ReasonKind.PIECE_UNSAFE in kinds(verdict)) is (how == "brake")
+    assert verdict.stop == how
+
+
+def test_a_piece_is_finished_while_a_source_is_silent_and_left_where_nothing_is_known():
+    obstacles, monitor = make_monitor(
+        motion="planned", rate=100.0, obstacles=Obstacles(sources=["camera"]), source_timeout=0.1
+    )
+    see(obstacles, 0.0, FAR, source="camera")
+    monitor.step(0.0, HOME, STILL)
+    plan = make_plan()
+    assert monitor.commit(plan).safe
+    verdicts = follow(monitor, plan)
+    silent = [ReasonKind.SOURCE_SILENT in kinds(verdict) for verdict in verdicts]
+    assert any(silent)
+    for verdict, is_silent in zip(verdicts, silent, strict=True):
+        assert verdict.stop == ("finish" if is_silent else None)
+        assert (verdict.level is Level.STOP) is is_silent
+    # A joint state that is not believed: who knows where the arm is.
+    nowhere = monitor.step(DURATION + 0.01, np.full(7, np.nan), STILL)
+    assert nowhere.stop == "brake"
+
+
+def test_a_stop_without_a_piece_is_to_brake_and_no_other_level_says_how():
+    _, monitor = start(0.3)
+    plan = make_plan()
+    for verdict in follow(monitor, plan):
+        assert verdict.stop == ("brake" if verdict.level is Level.STOP else None)
+
+
+def test_with_stop_ends_at_rest_and_is_committed():
+    for stop in ("joints", "path"):
+        _, monitor = make_monitor(motion="planned", stop=stop)
+        monitor.step(0.0, HOME, STILL)
+        plan = make_plan()
+        half = plan._replace(times=TIMES[:31], q=plan.q[:31], v=plan.v[:31])
+        whole = monitor.with_stop(half)
+        assert (np.asarray(whole.v)[-1] == 0.0).all()
+        assert np.array_equal(np.asarray(whole.q)[:31], half.q)
+        pace, braking = half.v[-1, 0], panda().braking_deceleration[0]
+        assert whole.times[-1] == pytest.approx(TIMES[30] + pace / braking, abs=2e-6)
+        assert whole.q[-1, 0] == pytest.approx(half.q[-1, 0] + 0.5 * pace**2 / braking, abs=1e-6)
+        assert monitor.commit(whole).safe
+        assert monitor.with_stop(plan).times[-1] == pytest.approx(DURATION, abs=1e-5)
+        for junk in (None, make_plan(q=HOME), make_plan(stamp=np.nan)):
+            with pytest.raises(ArmguardError):
+                monitor.with_stop(junk)
 
 
 def test_reset_forgets_the_plan():
@@ -323,30 +474,35 @@ def test_while_its_state_is_not_believed_an_arm_can_commit_to_nothing():
     assert monitor.commit(make_plan()).safe
 
 
-def test_a_tool_that_comes_on_the_way_makes_the_plan_void():
-    robot = Robot.load("panda")
-    monitor = Monitor(robot, Obstacles(sources=[]), motion="planned")
+@pytest.mark.parametrize(("length", "is_safe"), [(0.05, True), (0.5, False)])
+def test_a_tool_that_comes_on_the_way_judges_the_piece_anew(length, is_safe):
+    robot, obstacles = Robot.load("panda"), Obstacles(sources=[])
+    obstacles.add_static("post", [0.9 * np.cos(0.1), 0.9 * np.sin(0.1), 0.55], 0.02)
+    monitor = Monitor(robot, obstacles, motion="planned")
     monitor.step(0.0, HOME, STILL)
     plan = make_plan()
     assert monitor.commit(plan).safe
     follow(monitor, plan, 3)
-    robot.attach(
-        "stick", "panda_hand", Sphere(0.02), pinocchio.SE3(np.eye(3), np.array([0, 0, 0.2]))
-    )
+    forward = np.array([0.0, 0.0, length])
+    robot.attach("stick", "panda_hand", Sphere(0.02 + length), pinocchio.SE3(np.eye(3), forward))
     verdict = monitor.step(float(TIMES[3]), plan.q[3], plan.v[3])
-    assert subjects(verdict, ReasonKind.PLAN_VOID) == {"tool"}
-    assert ReasonKind.PLAN_VOID not in kinds(monitor.step(float(TIMES[4]), plan.q[4], plan.v[4]))
+    assert (ReasonKind.PIECE_UNSAFE in kinds(verdict)) is not is_safe
+    if is_safe:
+        assert verdict.level > Level.STOP
+    else:
+        assert verdict.stop == "brake"
 
 
 @pytest.mark.parametrize("motion", ["joint", "isotropic"])
 def test_only_a_monitor_of_planned_motion_takes_plans(motion):
     _, monitor = make_monitor(motion=motion)
     monitor.step(0.0, HOME, STILL)
-    with pytest.raises(ArmguardError, match="planned"):
-        monitor.commit(make_plan())
+    for ask in (monitor.commit, monitor.follow, monitor.with_stop):
+        with pytest.raises(ArmguardError, match="planned"):
+            ask(make_plan())
 
 
-@pytest.mark.parametrize("distance", [0.9, 1.5])
+@pytest.mark.parametrize("distance", [0.9, 2.2])
 def test_a_crowd_is_looked_at_however_many_they_are(distance):
     """As safe as one of them at each place is."""
     answers = []
@@ -431,7 +587,7 @@ def break_a_bound(obstacles):
     see(obstacles, PERIOD, [FAR[0] + 0.5, 0.0, 0.5])
 
 
-@pytest.mark.parametrize("act", [refuse_a_row, refuse_a_call, hurry, break_a_bound])
+@pytest.mark.parametrize("act", [refuse_a_call, hurry])
 def test_what_no_step_has_seen_yet_and_what_was_wrong_then_lets_nothing_be_committed(act):
     obstacles, monitor = start()
     see(obstacles, 0.0, FAR)
@@ -442,6 +598,22 @@ def test_what_no_step_has_seen_yet_and_what_was_wrong_then_lets_nothing_be_commi
     verdict = monitor.step(PERIOD, HOME, STILL)
     assert verdict.level is Level.STOP
     assert "was a STOP" in str(refusal(monitor))
+
+
+@pytest.mark.parametrize(("act", "safe"), [(refuse_a_row, False), (break_a_bound, True)])
+def test_a_refused_sample_that_no_step_has_seen_lets_nothing_be_committed_and_then_counts(
+    act, safe
+):
+    """As anything that may be true: where it is far away, the next piece is safe all the same."""
+    obstacles, monitor = start()
+    see(obstacles, 0.0, FAR)
+    monitor.step(0.0, HOME, STILL)
+    assert monitor.commit(make_plan()).safe
+    act(obstacles)
+    assert refusal(monitor)
+    verdict = monitor.step(PERIOD, HOME, STILL)
+    assert (verdict.level > Level.STOP) == safe
+    assert monitor.commit(make_plan(stamp=PERIOD)).safe == safe
 
 
 def test_a_joint_that_runs_into_its_stop_and_a_budget_that_is_spent_commit_to_nothing():
@@ -510,7 +682,7 @@ def test_a_continuous_joint_may_wrap_under_a_plan(side, whose):
     for now in TIMES[1:]:
         assert ReasonKind.PLAN_VOID not in kinds(drive(float(now)))
     # It is followed, not let go.
-    assert monitor._judge.plan._checked is not None
+    assert monitor._judge.path.is_proved
 
 
 def test_what_is_handed_over_is_a_copy():

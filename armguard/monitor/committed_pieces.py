@@ -1,0 +1,254 @@
+"""Pieces that carry their own stop: committed where nothing can touch the arm on them.
+
+A controller that moves on safe pieces only never has to be stopped for obstacles that keep to their
+bounds: where the next piece is refused, or no answer comes, it goes on along the one that it has,
+and rests at its end. So no verdict has to arrive, and no reaction time enters.
+
+Whether an answer arrived is not known here. Until joint states, or the next piece, tell which piece
+the arm is on, each that it may be on is kept, and all of them must be safe.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from armguard.bounds.planned.check import check_plan, check_stop
+from armguard.bounds.planned.course import PlannedCourse
+from armguard.bounds.planned.following import check_following, find_disagreement, is_covered
+from armguard.bounds.planned.motion import PlannedMotion
+from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
+from armguard.jit.arrays import BoolArray, IntArray
+from armguard.jit.kernels import kernel
+from armguard.monitor.plan_verdict import find_course_contact, refuse_plan
+from armguard.obstacles.reference_states import allows_reference_state, keep_reference_state
+from armguard.obstacles.table import Marks, States, make_states
+from armguard.robot.robot import Robot
+from armguard.scheduling.scheduler import Scheduler, Tick
+from armguard.verdict import PlanVerdict, Reason, ReasonKind
+
+MOST_PIECES = 64
+"""Pieces that the arm may be on at a time."""
+
+
+class Known(NamedTuple):
+    """What was known of obstacles when a piece was proved safe."""
+
+    changes: int
+    """Of the table's rows, so far."""
+    reference: States
+    """Accepted states."""
+    known: BoolArray
+    """Which rows had one. Shape (rows,)."""
+    revision: IntArray
+    """Of the last state of each row that agreed with that. Shape (rows,)."""
+
+
+class Piece(NamedTuple):
+    """One that the arm may be on."""
+
+    plan: CheckedPlan
+    course: PlannedCourse
+    before: tuple[CheckedPlan, ...]
+    """What it may be following until the piece begins."""
+    known: Known
+    """What the proof that it is safe rests on."""
+
+
+class CommittedPieces:
+    """Judges pieces, and keeps those that the arm may be on.
+
+    Args:
+        robot: The arm.
+        scheduler: Knows the pairs.
+        latency: Until an answer is obeyed, in [s].
+        margin: Distance that counts as contact already, in [m].
+
+    Attributes:
+        is_proved: Whether the arm is on a piece, and nothing can touch it until it rests.
+        evaluated: Evaluations, since it was set to 0.
+    """
+
+    def __init__(self, robot: Robot, scheduler: Scheduler, latency: float, margin: float) -> None:
+        self.evaluated = 0
+        self._robot = robot
+        self._scheduler = scheduler
+        self._latency = latency
+        self._margin = margin
+        self.reset()
+        self._has_changed(self._remember())
+
+    def reset(self) -> None:
+        """Forget all pieces: from now on the arm may do what its joints can."""
+        self._pieces: list[Piece] = []
+        self.is_proved = False
+        self._motion = self._scheduler.arm.motion.planned
+
+    def is_over(self, now: float) -> bool:
+        """Whether the arm has come to the end of all its pieces by then, if it is on any."""
+        return all(piece.plan.end <= now for piece in self._pieces)
+
+    def commit(self, plan: Plan, tick: Tick) -> PlanVerdict:
+        """Judge a piece at the last tick; a safe one is what the arm may be on from now on."""
+        robot, now, pieces = self._robot, tick.now, self._pieces
+        checked = check_plan(plan, robot, now, tick.q, tick.v, now - tick.arm_age)
+        if isinstance(checked, Refusal):
+            return refuse_plan(*checked)
+        refusal = check_stop(checked, robot, self._planned_motion().brakes)
+        if refusal is not None:
+            return refuse_plan(*refusal)
+        # What the arm may be on and the piece does not go on from, its controller does not follow.
+        first = max(now, checked.stamp)
+        last = max(first, now + self._latency)
+        kept = []
+        for piece in pieces:
+            refusal = find_disagreement(piece.plan, checked, robot, first, last)
+            if refusal is None:
+                kept.append(piece)
+        if pieces and not kept:
+            assert refusal is not None, "the last one disagreed"
+            return refuse_plan(*refusal)
+        going_on = kept
+        # One at whose every place the arm is on the new piece, too, need not be kept.
+        kept = [piece for piece in kept if not is_covered(piece.plan, checked, robot, first)]
+        if len(kept) >= MOST_PIECES:
+            detail = f"is the {MOST_PIECES + 1}th that the arm may be on: commit less often"
+            return refuse_plan("plan", detail)
+        before = tuple(piece.plan for piece in going_on)
+        course = self._planned_motion().lay_out(checked, before)
+        contact = self._find_contact(course, tick)
+        if contact is not None:
+            return contact
+        self._pieces = [*kept, Piece(checked, course, before, self._remember())]
+        self._motion = self._planned_motion()
+        self.is_proved = True
+        return PlanVerdict(True, math.inf, None, None, ())
+
+    def update(self, tick: Tick, stamp: float, *, disturbed: bool) -> Reason | None:
+        """Take a tick's joint state, and judge what is left of the pieces where there is news.
+
+        Args:
+            tick: The tick.
+            stamp: Of its joint state, in [s].
+            disturbed: Whether obstacles have changed by more than was allowed for.
+
+        Returns:
+            Why the arm is on no piece any more, or on none that is safe; None otherwise.
+        """
+        if not self._pieces:
+            return None
+        strayed: Refusal | None = None
+        kept = []
+        for piece in self._pieces:
+            found = check_following(piece.plan, self._robot, tick.q, tick.v, stamp)
+            if found is None:
+                kept.append(piece)
+            strayed = found or strayed
+        if not kept:
+            assert strayed is not None, "the last one was not followed"
+            self.reset()
+            return Reason(ReasonKind.PLAN_VOID, *strayed)
+        self._pieces = kept
+        motion = self._planned_motion()
+        if motion is not self._motion:
+            # Another tool: the same way, swept by other spheres.
+            self._motion, disturbed = motion, True
+            self._pieces = [
+                piece._replace(course=motion.lay_out(piece.plan, piece.before)) for piece in kept
+            ]
+        for k, piece in enumerate(self._pieces):
+            if not disturbed and not self._has_changed(piece.known):
+                continue
+            contact = self._find_contact(piece.course, tick)
+            if contact is not None:
+                self.reset()
+                (reason,) = contact.reasons
+                return Reason(ReasonKind.PIECE_UNSAFE, reason.subject, reason.detail)
+            self._pieces[k] = piece._replace(known=self._remember())
+        return None
+
+    def _planned_motion(self) -> PlannedMotion:
+        motion = self._scheduler.arm.motion.planned
+        assert motion is not None, "a monitor commits to plans only where it bounds them"
+        return motion
+
+    def _find_contact(self, course: PlannedCourse, tick: Tick) -> PlanVerdict | None:
+        """What could touch the arm on what is left of a piece; None if nothing can.
+
+        Every pair is asked for: what a certificate rests on may be older than what is remembered
+        of obstacles here, and news are judged by that.
+        """
+        scheduler = self._scheduler
+        if course.epoch + float(course.end[-1]) <= tick.now:
+            # It rests, and a resting arm touches nothing.
+            return None
+        pairs = np.flatnonzero(scheduler.watched_pairs())
+        found = find_course_contact(
+            scheduler, self._planned_motion(), course, pairs, tick, self._margin
+        )
+        self.evaluated += found.evaluated
+        if found.time == math.inf:
+            return None
+        reason = Reason(
+            ReasonKind.PLAN_UNSAFE,
+            f"{found.link} and {found.obstacle}",
+            f"contact possible in {found.time:.4g} s",
+        )
+        return PlanVerdict(False, found.time, found.link, found.obstacle, (reason,))
+
+    def _remember(self) -> Known:
+        """What is known of obstacles now."""
+        state, table = self._scheduler.arm.state, self._scheduler.arm.obstacles.table
+        rows, width = state.bodies.points.shape[:2]
+        known = Known(
+            table.changes,
+            make_states(rows, width),
+            np.zeros(rows, dtype=np.bool_),
+            np.zeros(rows, dtype=np.int64),
+        )
+        _keep_all(state.bodies, state.marks, known.reference, known.known, known.revision)
+        return known
+
+    def _has_changed(self, known: Known) -> bool:
+        """Whether an obstacle is new, or does what was known of it does not allow for."""
+        state, table = self._scheduler.arm.state, self._scheduler.arm.obstacles.table
+        if table.changes != known.changes:
+            return True
+        changed: bool = _find_change(
+            state.bodies, state.marks, known.reference, known.known, known.revision
+        )
+        return changed
+
+
+@kernel
+def _keep_all(
+    bodies: States, marks: Marks, reference: States, known: BoolArray, revision: IntArray
+) -> None:
+    """Keep the accepted state of every row, and which rows have one."""
+    for row in range(marks.alive.shape[0]):
+        keep_reference_state(bodies, reference, marks, row, row)
+        known[row] = marks.has_state[row]
+        revision[row] = marks.revision[row]
+
+
+@kernel
+def _find_change(
+    bodies: States, marks: Marks, reference: States, known: BoolArray, revision: IntArray
+) -> bool:
+    """Whether a state is refused, was lost, or is not what the one that was kept allows."""
+    for row in range(marks.alive.shape[0]):
+        if not marks.alive[row]:
+            continue
+        if marks.refused[row] or marks.has_state[row] != known[row]:
+            return True
+        if marks.revision[row] == revision[row]:
+            continue
+        if not known[row] or marks.static[row]:
+            return True
+        allowed, grown = allows_reference_state(bodies, reference, row, row)
+        if grown or not allowed:
+            return True
+        revision[row] = marks.revision[row]
+    return False

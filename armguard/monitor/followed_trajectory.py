@@ -1,0 +1,275 @@
+"""A trajectory that the arm follows until it is stopped: can it be stopped in time?
+
+The arm's way is known until brakes bite, at any time from now until the verdict after this one has
+been obeyed. So what is asked in a tick is the stop decision's question, of an arm that is on its
+trajectory until then.
+
+Where a new trajectory takes the place of one that the arm may still be following, both are kept
+until joint states tell them apart, and both must allow the arm to go on.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from armguard.bounds.planned.check import check_path_stop, check_plan
+from armguard.bounds.planned.following import check_following, find_disagreement
+from armguard.bounds.planned.motion import PlannedMotion
+from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
+from armguard.bounds.planned.slabs import PathClock
+from armguard.jit.numerics import LIMIT_SLACK
+from armguard.monitor.plan_verdict import (
+    CourseContact,
+    find_course_contact,
+    refuse_plan,
+)
+from armguard.monitor.settings import read_number
+from armguard.robot.robot import Robot
+from armguard.scheduling.scheduler import Scheduler, Tick
+from armguard.verdict import PlanVerdict, Reason, ReasonKind
+
+MOST_TRAJECTORIES = 16
+"""Trajectories that the arm may be on at a time."""
+
+
+class Trajectory(NamedTuple):
+    """One that the arm may be on."""
+
+    plan: CheckedPlan
+    since: float
+    """When it was taken, in [s]."""
+    along: float
+    """Where on it the arm was measured last, in [s] as in the plan's times."""
+    slowing: float
+    """How fast its clock can surely be slowed down anywhere on it, in [1]/[s]; 0 or less: not."""
+    stop_lasting: float
+    """How long a stop on the path lasts once brakes bite, in [s]."""
+    is_told: bool = False
+    """Whether the arm has said so; else it is on time, or was when it was taken."""
+
+
+class FollowedTrajectory:
+    """Keeps the trajectories that the arm may be on, and says whether it can be stopped in time.
+
+    Args:
+        robot: The arm.
+        scheduler: Knows the pairs.
+        response_time: Until the verdict after the present one is obeyed, in [s].
+        latency: Until an answer is obeyed, in [s].
+        reaction_time: From then until brakes bite, in [s].
+        margin: Distance that counts as contact already, in [m].
+        on_path: Whether the arm stops on its path; else each joint by itself.
+
+    Attributes:
+        evaluated: Evaluations, since it was set to 0.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        scheduler: Scheduler,
+        response_time: float,
+        latency: float,
+        reaction_time: float,
+        margin: float,
+        *,
+        on_path: bool,
+    ) -> None:
+        self.evaluated = 0
+        self._robot = robot
+        self._scheduler = scheduler
+        self._response_time = response_time
+        self._latency = latency
+        self._reaction_time = reaction_time
+        self._margin = margin
+        self._on_path = on_path
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all trajectories: from now on the arm may do what its joints can."""
+        self._trajectories: list[Trajectory] = []
+        self._is_on_time = True
+        self._stamp = -math.inf
+
+    @property
+    def is_followed(self) -> bool:
+        """Whether the arm is on a trajectory."""
+        return bool(self._trajectories)
+
+    @property
+    def stop_lasting(self) -> float | None:
+        """How long a stop lasts once brakes bite, in [s]; None where joints stop by themselves."""
+        if not (self._on_path and self._trajectories):
+            return None
+        return max(one.stop_lasting for one in self._trajectories)
+
+    def is_over(self) -> bool:
+        """Whether the arm has come to the end of all its trajectories, if it is on any."""
+        return all(one.along >= one.plan.times[-1] for one in self._trajectories)
+
+    def follow(self, plan: Plan, tick: Tick) -> PlanVerdict:
+        """Take a trajectory at the last tick, if it is in order."""
+        robot, now = self._robot, tick.now
+        stamp = now - tick.arm_age
+        checked = check_plan(plan, robot, now, tick.q, tick.v, stamp)
+        if isinstance(checked, Refusal):
+            return refuse_plan(*checked)
+        motion = self._scheduler.arm.motion.planned
+        assert motion is not None, "a monitor follows trajectories only where it bounds them"
+        refusal: Refusal | None = None
+        if self._on_path:
+            refusal = check_path_stop(checked, robot, motion.brakes)
+            # Brakes may bite at any time, and the error of a stop applies from then on.
+            checked = checked._replace(deviation=checked.stop_deviation)
+        if refusal is not None:
+            return refuse_plan(*refusal)
+        if len(self._trajectories) >= MOST_TRAJECTORIES:
+            detail = (
+                f"is the {MOST_TRAJECTORIES + 1}th that the arm may be on: change it less often"
+            )
+            return refuse_plan("plan", detail)
+        if self._is_on_time:
+            # Where its clock is the arm's own, what it does next is not known that closely.
+            first = max(now, checked.stamp)
+            for one in self._trajectories:
+                last = max(first, now + self._latency)
+                refusal = find_disagreement(one.plan, checked, robot, first, last)
+                if refusal is not None:
+                    return refuse_plan(*refusal)
+        along = stamp - checked.stamp
+        if not self._is_on_time:
+            along, checked = max(along, 0.0), self._free_clock(checked)
+        new = Trajectory(checked, now, along, *motion.find_path_stop(checked))
+        self._trajectories.append(new)
+        self._stamp = max(self._stamp, stamp)
+        contact = self._find_contact(tick, self._response_time)
+        return PlanVerdict(True, contact.time, contact.link, contact.obstacle, ())
+
+    def update(self, tick: Tick, stamp: float, path_time: object) -> Reason | None:
+        """Take a tick's joint state; why the arm follows no trajectory any more, if so.
+
+        Args:
+            tick: The tick.
+            stamp: Of its joint state, in [s].
+            path_time: Where on the trajectory the arm says it is, in [s]; None: it is followed on
+                time.
+        """
+        if not self._trajectories:
+            return None
+        if path_time is None and not self._is_on_time:
+            self.reset()
+            detail = "is missing, expected in every step once it was told"
+            return Reason(ReasonKind.PLAN_VOID, "path_time", detail)
+        told: float | None = None
+        if path_time is not None:
+            told = read_number(path_time)
+            if not -math.inf < told < math.inf:
+                self.reset()
+                detail = f"is {path_time!r}, expected a finite number of seconds"
+                return Reason(ReasonKind.PLAN_VOID, "path_time", detail)
+            if self._is_on_time:
+                self._is_on_time = False
+                self._trajectories = [
+                    one._replace(plan=self._free_clock(one.plan)) for one in self._trajectories
+                ]
+        strayed: Refusal | None = None
+        kept = []
+        passed = stamp - self._stamp
+        for one in self._trajectories:
+            found = check_following(one.plan, self._robot, tick.q, tick.v, stamp, told)
+            along = stamp - one.plan.stamp if told is None else told
+            gone = along - one.along
+            if (
+                found is None
+                and one.is_told
+                and not -LIMIT_SLACK <= gone <= max(passed, 0.0) + LIMIT_SLACK
+            ):
+                detail = (
+                    f"went on by {gone:.6g} s in {passed:.6g} s, expected no less than 0 nor more"
+                )
+                found = Refusal("path_time", detail)
+            if found is None:
+                kept.append(one._replace(along=along, is_told=told is not None))
+            strayed = found or strayed
+        self._stamp = stamp
+        if not kept:
+            assert strayed is not None, "the last one was not followed"
+            self.reset()
+            return Reason(ReasonKind.PLAN_VOID, *strayed)
+        self._trajectories = kept
+        return None
+
+    def rests(self, tick: Tick) -> bool:
+        """Whether the arm surely rests before contact, told to stop only after the next tick."""
+        return self.is_followed and self._find_contact(tick, self._response_time).time == math.inf
+
+    def is_free(self, tick: Tick, obeyed_after: float, going_on: float, scale: float) -> bool:
+        """Whether the arm surely rests before contact if its clock keeps to a scale for some time.
+
+        Args:
+            tick: The present one.
+            obeyed_after: How long it goes on as before, in [s].
+            going_on: How long it goes on at the scale then, before it is told to stop, in [s].
+            scale: The greatest pace of its clock then; a faster one slows down as brakes allow. Of
+                a trajectory on time there is only the whole.
+        """
+        if self._is_on_time and scale < 1.0:
+            return False
+        full_until = obeyed_after + self._reaction_time
+        found = self._find_contact(tick, obeyed_after + going_on, full_until, scale)
+        return found.time == math.inf
+
+    def _find_contact(
+        self, tick: Tick, told_after: float, full_until: float = math.inf, pace: float = 1.0
+    ) -> CourseContact:
+        """What could touch an arm that is told to stop within some time, on its way to rest."""
+        motion = self._scheduler.arm.motion.planned
+        assert motion is not None, "a monitor follows trajectories only where it bounds them"
+        first = CourseContact(math.inf, None, None, 0)
+        for one in self._trajectories:
+            found = self._find_one(one, motion, tick, told_after, full_until, pace)
+            self.evaluated += found.evaluated
+            if not found.time >= first.time:
+                first = found
+        return first
+
+    def _find_one(
+        self,
+        one: Trajectory,
+        motion: PlannedMotion,
+        tick: Tick,
+        told_after: float,
+        full_until: float,
+        pace: float,
+    ) -> CourseContact:
+        unknown = CourseContact(0.0, None, None, 0)
+        if self._is_on_time and one.along < 0.0:
+            # Until it begins, joints are free, and the stop decision is asked of that anyway.
+            return unknown
+        now = tick.now
+        plan = one.plan._replace(
+            now=now, measured_stamp=now - tick.arm_age, measured_q=tick.q, measured_v=tick.v
+        )
+        clock = PathClock(
+            one.along,
+            tick.arm_age,
+            self._is_on_time,
+            max(now - one.since, 0.0),
+            full_until,
+            pace,
+            one.slowing,
+        )
+        latest = told_after + self._reaction_time
+        course = motion.lay_out_stop(plan, clock, latest, on_path=self._on_path)
+        if course is None:
+            return unknown
+        scheduler = self._scheduler
+        pairs = scheduler.near_pairs(tick, float(course.end[-1]))
+        return find_course_contact(scheduler, motion, course, pairs, tick, self._margin)
+
+    def _free_clock(self, plan: CheckedPlan) -> CheckedPlan:
+        """The plan of an arm with a clock of its own, which speeds up and slows down as it can."""
+        return plan._replace(acceleration=2.0 * np.array(self._robot.acceleration_limit))

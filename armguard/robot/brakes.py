@@ -1,0 +1,501 @@
+"""What is known of a robot's brakes, by load and speed, as makers publish it.
+
+ISO 10218-1, annex B, has makers state for several loads and speeds how long a joint takes to stop
+and how far it goes meanwhile. Such an entry says nothing of each instant, so all that follows from
+it for a joint that is no faster than its speed is: from the moment on at which the brakes bite the
+joint gets no faster, does not turn round, has gone no further than the distance, and rests after
+the time. Where somebody guarantees more, a deceleration at each instant, the entry says that as
+well; each is a proof by itself. Where a load or a speed lies between two entries, the next one up
+counts: a heavier arm, or a faster one, stops no sooner.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from armguard.exceptions import RobotError
+from armguard.jit.arrays import FloatArray
+from armguard.jit.kernels import kernel
+from armguard.jit.numerics import SUM_ROUNDING
+
+Amounts = float | dict[str, float]
+"""One number for all joints of a row, or one for each by name."""
+
+RANGE_REMEDY = (
+    "state what is known of its brakes under [[brakes]]: load, speed, and deceleration or "
+    "stopping_time and stopping_distance, which hold up to both"
+)
+
+
+class BrakeRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`[[brakes]]`: what brakes do under one load, from one speed of each joint that it names.
+
+    It is about the joints that its mappings name, or about all where each value is one number.
+    """
+
+    load: float
+    """Up to which it holds, in [kg]."""
+    speed: Amounts
+    """Up to which it holds, in [rad]/[s] or [m]/[s]."""
+    stopping_time: Amounts | None = None
+    """From the bite of the brakes until the joint rests, at most, in [s]."""
+    stopping_distance: Amounts | None = None
+    """How far it goes meanwhile, at most, in [rad] or [m]."""
+    deceleration: Amounts | None = None
+    """Guaranteed at each instant until it rests, in [rad]/[s²] or [m]/[s²]."""
+    source: str = ""
+    """Where it comes from; empty: where the braking of its joints does."""
+
+
+class BrakeEntry(NamedTuple):
+    """One row as it applies to one joint, in [kg], [rad] or [m], and [s]."""
+
+    load: float
+    speed: float
+    stopping_time: float
+    """inf where none is stated."""
+    stopping_distance: float
+    """inf where none is stated."""
+    deceleration: float
+    """0 where none is guaranteed."""
+    source: str
+
+
+class BrakeCurves(NamedTuple):
+    """What brakes do under one payload, for compiled code: each of shape (nv, steps).
+
+    The columns of a joint rise in speed; those that it does not need repeat its last.
+    """
+
+    speed: FloatArray
+    """Up to which a column holds, in [rad]/[s] or [m]/[s]."""
+    deceleration: FloatArray
+    """Guaranteed at each instant, in [rad]/[s²] or [m]/[s²]; 0 where none is."""
+    time: FloatArray
+    """From the bite of the brakes until rest, in [s]; inf where none is stated."""
+    distance: FloatArray
+    """How far it is from there to rest, in [rad] or [m]; inf where none is stated."""
+
+
+class Stop(NamedTuple):
+    """How one joint stops from a speed; from any lower one as well."""
+
+    deceleration: float
+    """At least, at each instant, in [rad]/[s²] or [m]/[s²]; 0 where none is guaranteed."""
+    time: float
+    """Until it rests, in [s]; inf where none is stated."""
+    distance: float
+    """Until it rests, in [rad] or [m]; inf where none is stated."""
+
+
+@kernel
+def find_stop(brakes: BrakeCurves, joint: int, speed: float) -> Stop:
+    """How a joint stops from a speed of at most `speed`, by the next entry up.
+
+    Beyond the range of its brakes nothing is known: the last entry stands in, so that what is
+    computed with it stays finite, and proves nothing. `find_uncovered` tells.
+    """
+    last = brakes.speed.shape[1] - 1
+    step = 0
+    while step < last and not speed <= brakes.speed[joint, step]:
+        step += 1
+    return Stop(
+        brakes.deceleration[joint, step], brakes.time[joint, step], brakes.distance[joint, step]
+    )
+
+
+@kernel
+def rest_time(stop: Stop, speed: float) -> float:
+    """Time in which a joint that brakes from at most `speed` surely rests, in [s]."""
+    if not speed > 0.0:
+        return 0.0
+    if stop.deceleration > 0.0:
+        return min(stop.time, speed / stop.deceleration)
+    return stop.time
+
+
+@kernel
+def braked_displacement(speed: float, stop: Stop, s: float) -> float:
+    """How far a joint has gone at most `s` >= 0 seconds after its brakes bit, rounded up.
+
+    The one bound on a joint that brakes, for all that bounds a braking arm. It is the least of what
+    the entry's two halves allow, and falls with neither time nor speed, rounding apart.
+
+    Args:
+        speed: At the bite, at most, in [rad]/[s] or [m]/[s]; >= 0.
+        stop: How it stops from that speed.
+        s: Time since the bite, in [s].
+    """
+    moving = min(s, stop.time)
+    distance = min(speed * moving, stop.distance)
+    if stop.deceleration > 0.0:
+        until = min(moving, speed / stop.deceleration)
+        distance = min(distance, until * (speed - 0.5 * stop.deceleration * until))
+    return distance * (1.0 + SUM_ROUNDING)
+
+
+@kernel
+def fastest_that_rests(brakes: BrakeCurves, joint: int, within: float) -> float:
+    """The greatest speed from which a joint surely rests within a time, in [rad]/[s] or [m]/[s]."""
+    fastest = 0.0
+    for step in range(brakes.speed.shape[1]):
+        top = brakes.speed[joint, step]
+        if not brakes.time[joint, step] <= within:
+            top = min(top, within * brakes.deceleration[joint, step])
+        fastest = max(fastest, top)
+        if top < brakes.speed[joint, step]:
+            break
+    return fastest
+
+
+@kernel
+def scale_that_rests(brakes: BrakeCurves, velocity: FloatArray, within: float) -> float:
+    """The greatest fraction of some velocities, (nv,), from which all joints rest within a time."""
+    scale = 1.0
+    for joint in range(velocity.shape[0]):
+        scale = min(scale, fastest_that_rests(brakes, joint, within) / velocity[joint])
+    return scale
+
+
+@kernel
+def scale_within_range(
+    brakes: BrakeCurves,
+    velocity: FloatArray,
+    velocity_error: FloatArray,
+    acceleration: FloatArray,
+    delay: float,
+) -> float:
+    """The greatest fraction of their velocities at which brakes are stated for all joints.
+
+    A joint that keeps to it, and speeds up from there until its brakes bite, is within their range
+    even then.
+
+    Args:
+        brakes: How joints stop.
+        velocity: What joints keep to, in [rad]/[s] or [m]/[s]. Shape (nv,).
+        velocity_error: What measured velocities may be off by. Shape (nv,).
+        acceleration: With which joints speed up, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
+        delay: From a joint state until brakes bite, in [s].
+    """
+    scale = 1.0
+    last = brakes.speed.shape[1] - 1
+    for joint in range(velocity.shape[0]):
+        fastest = brakes.speed[joint, last]
+        if fastest < velocity[joint]:
+            room = fastest - velocity_error[joint] - acceleration[joint] * delay
+            scale = min(scale, max(room, 0.0) / velocity[joint])
+    return scale
+
+
+def find_gentlest_stop(brakes: BrakeCurves, speeds: FloatArray) -> FloatArray:
+    """The least constant decelerations that keep what is stated of a stop from some speeds.
+
+    Args:
+        brakes: How joints stop.
+        speeds: Of the joints, in [rad]/[s] or [m]/[s]; of either sign. Shape (nv,).
+
+    Returns:
+        In [rad]/[s²] or [m]/[s²], above 0; of a joint at rest what its first entry says, in the
+        mean where that has no deceleration. Shape (nv,).
+    """
+    rates = np.zeros(len(speeds))
+    for j, speed in enumerate(np.abs(speeds).tolist()):
+        stop = find_stop(brakes, j, speed)
+        if speed > 0.0:
+            rates[j] = max(speed / rest_time(stop, speed), 0.5 * speed**2 / stop.distance)
+        else:
+            rates[j] = stop.deceleration or brakes.speed[j, 0] / stop.time
+    return rates
+
+
+@kernel
+def find_decelerations(brakes: BrakeCurves, speeds: FloatArray) -> FloatArray:
+    """What is guaranteed at each instant from speeds of at most `speeds`; 0 where nothing is.
+
+    Args:
+        brakes: How joints stop.
+        speeds: Of the joints, >= 0, in [rad]/[s] or [m]/[s]. Shape (nv,).
+    """
+    decelerations = np.zeros(speeds.shape[0])
+    for j in range(speeds.shape[0]):
+        decelerations[j] = find_stop(brakes, j, speeds[j]).deceleration
+    return decelerations
+
+
+class Brakes:
+    """The table of a robot's brakes, checked; one list of entries for each watched joint.
+
+    Attributes:
+        joints: Names of the joints, in the robot's order.
+        entries: Of each joint, in rising order of load and speed.
+        most_payload: The heaviest load for which every joint has an entry, in [kg].
+    """
+
+    def __init__(self, joints: Sequence[str], entries: Mapping[str, Sequence[BrakeEntry]]) -> None:
+        """Take entries that `check_entries` has passed."""
+        self.joints = tuple(joints)
+        self.entries = {joint: tuple(sorted(entries[joint])) for joint in self.joints}
+        self.most_payload = min(max(one.load for one in row) for row in self.entries.values())
+        self._steps = max(len({one.speed for one in row}) for row in self.entries.values())
+
+    @classmethod
+    def constant(cls, joints: Sequence[str], deceleration: Iterable[float]) -> Brakes:
+        """Brakes that hold one deceleration of each joint, whatever its speed and the load."""
+        held = zip(joints, deceleration, strict=True)
+        return cls(
+            joints,
+            {
+                joint: [BrakeEntry(math.inf, math.inf, math.inf, math.inf, float(rate), "")]
+                for joint, rate in held
+            },
+        )
+
+    def check_payload(self, payload: object) -> float:
+        """The payload in [kg]; None stands for the heaviest of the table.
+
+        Raises:
+            RobotError: It is no number, negative, or above what the table covers.
+        """
+        if payload is None:
+            return self.most_payload
+        number = math.nan
+        if isinstance(payload, int | float | np.integer | np.floating) and not isinstance(
+            payload, bool
+        ):
+            number = float(payload)
+        if not 0.0 <= number <= self.most_payload:
+            raise RobotError(
+                "payload",
+                f"is {payload!r}",
+                expected=f"a number of kilograms from 0 to {self.most_payload:g}, the heaviest "
+                "load that the robot's brakes are stated for",
+            )
+        return number
+
+    def make_curves(self, payload: float | None = None) -> BrakeCurves:
+        """What brakes do under a payload; None: the heaviest of the table.
+
+        Raises:
+            RobotError: The payload is no number, negative, or above what the table covers.
+        """
+        shape = len(self.joints), self._steps
+        curves = BrakeCurves(*(np.zeros(shape) for _ in BrakeCurves._fields))
+        self.fill_curves(curves, payload)
+        return curves
+
+    def fill_curves(self, curves: BrakeCurves, payload: float | None) -> None:
+        """Fill the arrays of `make_curves` anew, in place: what was compiled with them sees it.
+
+        Raises:
+            RobotError: As `make_curves` does; the arrays are as they were then.
+        """
+        load = self.check_payload(payload)
+        for j, joint in enumerate(self.joints):
+            # What holds under more load, or from a higher speed, holds under less as well.
+            known = [one for one in self.entries[joint] if one.load >= load]
+            speeds = sorted({one.speed for one in known})
+            speeds += [speeds[-1]] * (self._steps - len(speeds))
+            for step, speed in enumerate(speeds):
+                above = [one for one in known if one.speed >= speed]
+                curves.speed[j, step] = speed
+                curves.deceleration[j, step] = max(one.deceleration for one in above)
+                curves.time[j, step] = min(one.stopping_time for one in above)
+                curves.distance[j, step] = min(one.stopping_distance for one in above)
+
+    def gentlest_stop(self, speeds: FloatArray) -> FloatArray:
+        """The least constant decelerations that keep what is stated of a stop from some speeds.
+
+        For simulations: what is stated under the heaviest load is all that they may rely on.
+
+        Args:
+            speeds: Of the joints, in [rad]/[s] or [m]/[s]; of either sign. Shape (nv,).
+
+        Returns:
+            In [rad]/[s²] or [m]/[s²], above 0; of a joint at rest what its first entry says, in the
+            mean where that has no deceleration. Shape (nv,).
+        """
+        return find_gentlest_stop(self.make_curves(), speeds)
+
+    def sources(self, joint: str) -> str:
+        """Where the entries of a joint come from, each source once."""
+        return "; ".join(dict.fromkeys(one.source for one in self.entries[joint]))
+
+
+def read_rows(
+    place: str, rows: Sequence[BrakeRow], joints: Mapping[str, str], accelerations: FloatArray
+) -> dict[str, list[BrakeEntry]]:
+    """The entries of each joint, checked.
+
+    Args:
+        place: What to call the file in errors.
+        rows: As they were read.
+        joints: Names of all joints, each with the source of its braking where a row has none.
+        accelerations: Limits of the joints, in [rad]/[s²] or [m]/[s²]. Shape (joints,).
+
+    Raises:
+        RobotError: An entry is missing or unusable, or the table of a joint falls or has a hole.
+    """
+    entries: dict[str, list[BrakeEntry]] = {joint: [] for joint in joints}
+    for number, row in enumerate(rows):
+        where = f"{place}: brakes[{number}]"
+        if not 0.0 <= row.load < math.inf:
+            raise RobotError(where, f"load = {row.load}", expected="non-negative and finite")
+        for joint in _name_joints(where, row, list(joints)):
+            entries[joint].append(_read_entry(f"{where}: joint {joint}", row, joint, joints[joint]))
+    for joint, limit in zip(joints, accelerations, strict=True):
+        where = f"{place}: joint {joint}"
+        if not entries[joint]:
+            raise RobotError(where, "has no brakes with a stated range", remedy=RANGE_REMEDY)
+        _check_entries(where, entries[joint], float(limit))
+    return entries
+
+
+KINDS = ("stopping_time", "stopping_distance", "deceleration")
+
+
+def _name_joints(where: str, row: BrakeRow, joints: list[str]) -> list[str]:
+    """The joints that a row is about."""
+    mappings = {
+        key: value for key in ("speed", *KINDS) if isinstance(value := getattr(row, key), dict)
+    }
+    named: list[str] = []
+    for key, mapping in mappings.items():
+        for joint in mapping:
+            if joint not in joints:
+                raise RobotError(
+                    f"{where}: {key}",
+                    f"names joint {joint}",
+                    expected=f"one of {', '.join(joints)}",
+                )
+        named += [joint for joint in mapping if joint not in named]
+    for key, mapping in mappings.items():
+        for joint in named:
+            if joint not in mapping:
+                raise RobotError(
+                    f"{where}: {key}", f"lacks joint {joint}", expected="the row's other joints too"
+                )
+    return named or joints
+
+
+def _read_entry(where: str, row: BrakeRow, joint: str, general_source: str) -> BrakeEntry:
+    numbers = {}
+    for key in ("speed", *KINDS):
+        value = getattr(row, key)
+        number = value.get(joint) if isinstance(value, dict) else value
+        if number is not None:
+            if not 0.0 < number < math.inf:
+                raise RobotError(where, f"{key} = {number}", expected="positive and finite")
+            numbers[key] = float(number)
+    if ("stopping_time" in numbers) != ("stopping_distance" in numbers):
+        raise RobotError(
+            where,
+            "has one of stopping_time and stopping_distance",
+            expected="both, as makers publish them, or neither",
+        )
+    if len(numbers) == 1:
+        raise RobotError(
+            where,
+            "says a range and nothing of the brakes",
+            expected="deceleration, or stopping_time and stopping_distance",
+        )
+    source = row.source or general_source
+    if not source.strip():
+        raise RobotError(where, "its braking limit has no source")
+    return BrakeEntry(
+        load=float(row.load),
+        speed=numbers["speed"],
+        stopping_time=numbers.get("stopping_time", math.inf),
+        stopping_distance=numbers.get("stopping_distance", math.inf),
+        deceleration=numbers.get("deceleration", 0.0),
+        source=source,
+    )
+
+
+def _check_entries(where: str, entries: list[BrakeEntry], acceleration: float) -> None:
+    """Refuse entries that contradict one another, a limit or themselves."""
+    for one in entries:
+        if not one.deceleration <= acceleration:
+            raise RobotError(
+                where,
+                f"deceleration = {one.deceleration:g} {_spell(one)} exceeds "
+                f"acceleration = {acceleration:g}",
+                remedy="the acceleration limit holds while braking as well",
+            )
+        if one.stopping_time == math.inf:
+            continue
+        # Within rounding of what is printed with three digits or more.
+        reach = one.speed * one.stopping_time
+        if not one.stopping_distance <= reach * (1.0 + 1e-9):
+            raise RobotError(
+                where,
+                f"stopping_distance = {one.stopping_distance:g} {_spell(one)}",
+                expected=f"at most {reach:.6g}, speed times stopping_time",
+            )
+        shortest = 0.5 * one.speed * one.speed / acceleration
+        if not (
+            acceleration * one.stopping_time >= one.speed and one.stopping_distance >= shortest
+        ):
+            raise RobotError(
+                where,
+                f"stops within {one.stopping_time:g} s and {one.stopping_distance:g} {_spell(one)}",
+                expected=f"no harder a stop than by acceleration = {acceleration:g}",
+                remedy="the acceleration limit holds while braking as well",
+            )
+    timed = [one for one in entries if one.stopping_time < math.inf]
+    held = [one for one in entries if one.deceleration > 0.0]
+    for kind, stated in (("stopping_time", timed), ("deceleration", held)):
+        _check_shape(where, kind, stated)
+    for one in entries:
+        for other in entries:
+            if one.load <= other.load and one.speed <= other.speed:
+                _check_order(where, one, other)
+
+
+def _check_shape(where: str, kind: str, stated: list[BrakeEntry]) -> None:
+    """Refuse what is stated twice, or not at all though it is for more load and more speed."""
+    places = [(one.load, one.speed) for one in stated]
+    for load, speed in places:
+        if places.count((load, speed)) > 1:
+            raise RobotError(
+                where,
+                f"has {kind} at {load:g} kg and a speed of {speed:g} twice",
+                expected="one row for each load and speed",
+            )
+    for load in sorted({load for load, _ in places}):
+        for speed in sorted({speed for _, speed in places}):
+            beyond = [place for place in places if place[0] >= load and place[1] >= speed]
+            if beyond and (load, speed) not in places:
+                other = min(beyond)
+                raise RobotError(
+                    where,
+                    f"has a hole: no {kind} at {load:g} kg and a speed of {speed:g}",
+                    expected=f"one, as there is one at {other[0]:g} kg and {other[1]:g}",
+                )
+
+
+def _check_order(where: str, one: BrakeEntry, other: BrakeEntry) -> None:
+    """Refuse a stop that is sooner or shorter under more load or from more speed."""
+    for key in ("stopping_time", "stopping_distance"):
+        less, more = getattr(one, key), getattr(other, key)
+        if less < math.inf and not less <= more:
+            raise RobotError(
+                where,
+                f"{key} = {more:g} {_spell(other)} is below {less:g} {_spell(one)}",
+                expected="no sooner a stop under more load or from more speed",
+            )
+    if other.deceleration > one.deceleration > 0.0:
+        raise RobotError(
+            where,
+            f"deceleration = {other.deceleration:g} {_spell(other)} exceeds "
+            f"{one.deceleration:g} {_spell(one)}",
+            expected="no harder braking under more load or from more speed",
+        )
+
+
+def _spell(entry: BrakeEntry) -> str:
+    return f"at {entry.load:g} kg and a speed of {entry.speed:g}"

@@ -1,0 +1,104 @@
+import numpy as np
+import pytest
+
+from armguard.bounds import CheckedPlan, Plan, append_stop, check_plan
+from armguard.bounds.planned.following import check_following, find_disagreement, is_covered
+from support.example_arms import load_holding
+
+NOW = 5.0
+HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
+STILL = np.zeros(7)
+TIMES = np.linspace(0.0, 0.2, 21)
+ERRORS = np.full(7, 2e-3)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return load_holding("panda")
+
+
+def resting(**changes):
+    plan = Plan(NOW, TIMES, np.tile(HOME, (21, 1)), np.zeros((21, 7)), ERRORS)
+    return plan._replace(**changes)
+
+
+def moved(joint, place, pace):
+    """A plan whose one joint goes along given positions with given velocities."""
+    q, v = np.tile(HOME, (21, 1)), np.zeros((21, 7))
+    q[:, joint], v[:, joint] = place, pace
+    return resting(q=q, v=v)
+
+
+def check(robot, plan, *, now=NOW, q=None, v=None, stamp=NOW, stops=True, **settings):
+    """A plan as checked, with each joint's stop at its end unless it is to be without."""
+    stopped = append_stop(plan, robot.braking_deceleration, on_path=False)
+    plan = stopped if stops and isinstance(stopped, Plan) else plan
+    q = np.asarray(plan.q)[0] if q is None else q
+    v = np.asarray(plan.v)[0] if v is None else v
+    return check_plan(plan, robot, now, q, v, stamp, **settings)
+
+
+def test_after_its_end_the_arm_stays_there(robot):
+    checked = check(robot, resting())
+    for later in (0.2, 0.201, 100.0):
+        assert check_following(checked, robot, HOME, STILL, NOW + later) is None
+        off = HOME + np.eye(7)[6] * 0.01
+        assert check_following(checked, robot, off, STILL, NOW + later).subject == robot.joints[6]
+        moving = STILL + np.eye(7)[2] * 1.0
+        assert "at velocity" in check_following(checked, robot, HOME, moving, NOW + later).detail
+    assert check_following(checked, robot, HOME, STILL, np.nan) is not None
+
+
+def test_stated_velocity_errors_are_tested(robot):
+    slow = STILL + np.eye(7)[1] * 0.1
+    assert isinstance(check(robot, resting(), v=slow), CheckedPlan)
+    refusal = check(robot, resting(velocity_tracking_error=np.full(7, 0.01)), v=slow)
+    assert "at velocity" in refusal.detail
+
+
+def test_a_clock_of_its_own_may_go_at_any_pace_up_to_the_whole(robot):
+    checked = check(
+        robot, moved(0, 0.5 * TIMES, 0.5)._replace(velocity_tracking_error=np.full(7, 0.01))
+    )
+    place = HOME.copy()
+    place[0] = 0.05
+    for pace, is_fine in ((0.0, True), (0.5, True), (1.0, True), (1.2, False), (-0.2, False)):
+        v = STILL.copy()
+        v[0] = 0.5 * pace
+        found = check_following(checked, robot, place, v, NOW + 7.0, 0.1)
+        assert (found is None) is is_fine
+    assert check_following(checked, robot, place, STILL, NOW, 0.2) is not None
+
+
+def test_plans_that_differ_are_told_apart_by_joint_amount_and_when(robot):
+    one = check(robot, moved(0, 0.5 * TIMES, 0.5))
+    assert find_disagreement(one, one, robot, NOW, NOW + 0.5) is None
+    other = one._replace(q=one.q + np.eye(7)[2] * 4e-3)
+    found = find_disagreement(one, other, robot, NOW, NOW + 0.1)
+    assert found.subject == robot.joints[2]
+    assert "by 0.004 at" in found.detail
+    # From some time on only.
+    late = one.q.copy()
+    late[15:, 4] += 5e-3
+    other = one._replace(q=late)
+    assert find_disagreement(one, other, robot, NOW, NOW + 0.13) is None
+    assert find_disagreement(one, other, robot, NOW, NOW + 0.16).subject == robot.joints[4]
+    stated = one._replace(velocity_deviation=np.full(7, 0.02))
+    faster = stated._replace(v=stated.v + np.eye(7)[1] * 0.1)
+    found = find_disagreement(stated, faster, robot, NOW, NOW)
+    assert found.subject == robot.joints[1]
+    assert found.detail.startswith("goes off the committed piece by 0.1")
+
+
+def test_a_plan_covers_another_only_where_it_is_the_same_to_the_end(robot):
+    one = check(robot, moved(0, 0.5 * TIMES, 0.5))
+    assert is_covered(one, one, robot, NOW)
+    wider = one._replace(deviation=2.0 * one.deviation)
+    assert is_covered(one, wider, robot, NOW)
+    assert not is_covered(wider, one, robot, NOW)
+    longer = check(robot, resting())
+    assert not is_covered(one, longer, robot, NOW)
+    # What is over is the same as what stays there.
+    q = one.q[-1]
+    stays = one._replace(times=np.array([0.0, 1.0]), q=np.array([q, q]), v=np.zeros((2, 7)))
+    assert is_covered(one, stays, robot, one.end)

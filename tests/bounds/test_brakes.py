@@ -1,0 +1,69 @@
+"""Tables of braking joints against joints that brake anyhow within what is stated of them.
+
+ARMGUARD_MOTIONS sets how many motions are tried; 1000000 for a long run.
+"""
+
+import os
+
+import numpy as np
+
+from armguard.bounds.displacement import fill_eased_displacements
+from armguard.robot.stop_time import compute_stop_time
+from support.braking_motions import draw_joints, move
+
+MOTIONS = int(os.environ.get("ARMGUARD_MOTIONS", "20000"))
+BATCH = 2000
+
+
+def test_joints_that_brake_anyhow_never_leave_their_table():
+    random, tried, closest, at_rest = np.random.default_rng(11), 0, 0.0, 0
+    while tried < MOTIONS:
+        joints = draw_joints(random, BATCH)
+        limits, count = joints.limits, BATCH
+        age, horizon = random.choice([0.0, 0.01]), random.choice([0.0, 0.02, 0.1])
+        free = age + horizon
+        going_on, scale = random.choice([0.0, 0.1]), random.uniform(0.1, 1.0)
+        end = compute_stop_time(
+            joints.v, limits.velocity_error, limits.operating_velocity, limits.acceleration,
+            limits.brakes, age + going_on, horizon, 0.0, limits.operating_acceleration,
+        )  # fmt: skip
+        time = np.sort(random.uniform(0.0, 1.5 * end, 12))
+        high, low = np.zeros((2, 12, count))
+        highest, lowest = np.zeros((2, count))
+        fill_eased_displacements(
+            joints.q, joints.v, age, free, going_on, scale, limits, time, high, low,
+            highest, lowest,
+        )  # fmt: skip
+        for _ in range(5):
+            places = move(random, joints, free, going_on, scale, age + time)
+            slack = 1e-11 * (1.0 + np.abs(places))
+            assert (places <= high + slack).all()
+            assert (places >= low - slack).all()
+            reached = places > 0.01
+            closest = max(closest, (places[reached] / high[reached]).max())
+            at_rest += int((np.diff(places[-2:], axis=0) == 0.0).sum())
+        tried += 5 * count
+    # They are hostile: bounds are reached.
+    assert closest > 0.999
+    assert at_rest > 0
+
+
+def test_all_joints_rest_by_the_stop_time():
+    random = np.random.default_rng(12)
+    for _ in range(5):
+        joints = draw_joints(random, BATCH)
+        limits, horizon = joints.limits, 0.02
+        for j in range(0, BATCH, 40):
+            own = type(limits)(*(
+                type(part)(*(one[j : j + 1] for one in part)) if isinstance(part, tuple)
+                else part[j : j + 1] for part in limits
+            ))  # fmt: skip
+            end = compute_stop_time(
+                joints.v[j : j + 1], own.velocity_error, own.operating_velocity,
+                own.acceleration, own.brakes, 0.0, horizon, 0.0, own.operating_acceleration,
+            )  # fmt: skip
+            single = type(joints)(own, *(part[j : j + 1] for part in joints[1:]))
+            times = np.array([end * (1.0 + 1e-9), end + 1.0])
+            for _ in range(3):
+                places = move(random, single, horizon, 0.0, 1.0, times)
+                assert abs(places[1, 0] - places[0, 0]) <= 1e-9

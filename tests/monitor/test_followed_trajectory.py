@@ -1,0 +1,346 @@
+import math
+
+import numpy as np
+import pytest
+
+from armguard.bounds import Plan
+from armguard.exceptions import ArmguardError
+from armguard.monitor import Monitor
+from armguard.obstacles import Obstacles
+from armguard.robot import Kinematics
+from armguard.verdict import Level, ReasonKind
+from support.panda_monitor import HOME, STILL, kinds, make_monitor, panda, see
+
+PERIOD = 0.01
+TIMES = np.linspace(0.0, 1.5, 151)
+ERROR, SPEED_ERROR = 1e-3, 0.01
+TURNS = np.array([0.6, 0.2, 0.0, 0.3, 0.0, 0.2, 0.0])
+
+
+def make_plan(turns=TURNS, stamp=0.0, **changes):
+    """From rest to rest, by several joints."""
+    angle = np.pi * TIMES / TIMES[-1]
+    q = HOME + 0.5 * np.outer(1.0 - np.cos(angle), turns)
+    v = 0.5 * np.pi / TIMES[-1] * np.outer(np.sin(angle), turns)
+    plan = Plan(stamp, TIMES.copy(), q, v, np.full(7, ERROR), np.full(7, SPEED_ERROR))
+    return plan._replace(**changes)
+
+
+def start(position=None, **settings):
+    """A monitor at 100 Hz that paths are told to, after one tick, and its obstacles."""
+    settings = {"rate": 1.0 / PERIOD, "reaction_time": 0.1, "rise_delay": 0.0} | settings
+    obstacles, monitor = make_monitor(motion="planned", **settings)
+    if position is not None:
+        obstacles.add_static("post", position, 0.05)
+    monitor.step(0.0, HOME, STILL)
+    return obstacles, monitor
+
+
+def run(monitor, plan, until=151, *, tell=False, slower=1):
+    """Verdicts of an arm that is where the plan has it, its clock slower by a whole number."""
+    verdicts = []
+    for k in range(1, until):
+        j, part = divmod(k, slower)
+        share = part / slower
+        after = min(j + 1, len(TIMES) - 1)
+        q = (1.0 - share) * plan.q[j] + share * plan.q[after]
+        v = ((1.0 - share) * plan.v[j] + share * plan.v[after]) / slower
+        told = PERIOD * k / slower if tell else None
+        verdicts.append(monitor.step(PERIOD * k, q, v, path_time=told))
+    return verdicts
+
+
+POST = [0.75 * np.cos(0.3), 0.75 * np.sin(0.3), 0.55]
+
+
+@pytest.mark.parametrize("stop", ["joints", "path"])
+@pytest.mark.parametrize("tell", [False, True])
+def test_on_its_trajectory_an_arm_may_go_where_it_would_have_to_stop_without(stop, tell):
+    levels = []
+    for follows in (False, True):
+        _, monitor = start(POST, stop=stop)
+        plan = make_plan()
+        if follows:
+            answer = monitor.follow(plan)
+            assert answer.safe
+            assert not answer.reasons
+        verdicts = run(monitor, plan, tell=tell)
+        levels.append(np.mean([verdict.level is Level.STOP for verdict in verdicts]))
+        assert all(ReasonKind.PLAN_VOID not in kinds(verdict) for verdict in verdicts)
+        assert all(
+            (verdict.stop == "brake") is (verdict.level is Level.STOP) for verdict in verdicts
+        )
+    assert levels[0] == 1.0
+    assert levels[1] == 0.0
+
+
+def test_a_trajectory_into_an_obstacle_is_a_stop_before_it_is_reached():
+    kinematics = Kinematics(panda())
+    plan = make_plan()
+    kinematics.compute(plan.q[90], STILL)
+    hand = kinematics.centers[kinematics.spheres.root[-1]]
+    for stop in ("joints", "path"):
+        _, monitor = start(hand, stop=stop)
+        assert monitor.follow(plan).safe
+        verdicts = run(monitor, plan, 90)
+        levels = [verdict.level is Level.STOP for verdict in verdicts]
+        assert any(levels)
+        assert 10 < levels.index(True) < 80
+
+
+def test_a_clock_that_is_told_may_be_slow_and_stand_still():
+    _, monitor = start(POST)
+    plan = make_plan(0.2 * TURNS)
+    assert monitor.follow(plan).safe
+    verdicts = run(monitor, plan, 120, tell=True, slower=2)
+    last = 119 * PERIOD
+    q = 0.5 * (plan.q[59] + plan.q[60])
+    for k in range(1, 30):
+        verdicts.append(monitor.step(last + k * PERIOD, q, STILL, path_time=0.595))
+    assert all(ReasonKind.PLAN_VOID not in kinds(verdict) for verdict in verdicts)
+    assert all(verdict.level > Level.STOP for verdict in verdicts)
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ([0.0, 0.01, None], "is missing"),
+        ([0.0, 0.01, math.nan], "is nan"),
+        ([0.0, 0.01, math.inf], "is inf"),
+        ([0.0, 0.01, "0.02"], "expected a finite number"),
+        ([0.0, 0.01, [0.02]], "expected a finite number"),
+        ([0.0, 0.01, 10**400], "expected a finite number"),
+        ([0.0, 0.01, 0.2], "went on by 0.19 s"),
+        ([0.0, 0.01, 0.005], "went on by -0.005 s"),
+        ([0.0, 0.01, 1.0], "where the plan has it at"),
+    ],
+)
+def test_a_clock_that_cannot_be_is_told_by_name_and_ends_it(told, words):
+    _, monitor = start(POST)
+    plan = make_plan(0.05 * TURNS)
+    assert monitor.follow(plan).safe
+    for k, path_time in enumerate(told):
+        verdict = monitor.step(PERIOD * k, plan.q[k], plan.v[k], path_time=path_time)
+    (reason,) = [one for one in verdict.reasons if one.kind is ReasonKind.PLAN_VOID]
+    assert words in reason.detail
+    assert (verdict.level, verdict.stop) == (Level.STOP, "brake")
+    again = monitor.step(PERIOD * len(told), plan.q[3], plan.v[3])
+    assert ReasonKind.PLAN_VOID not in kinds(again)
+
+
+def test_a_path_that_is_left_is_told_once():
+    _, monitor = start()
+    plan = make_plan()
+    assert monitor.follow(plan).safe
+    run(monitor, plan, 20)
+    told = []
+    for k in range(20, 40):
+        away = PERIOD * (k - 20)
+        q = plan.q[20] + plan.v[20] * away
+        told.append(ReasonKind.PLAN_VOID in kinds(monitor.step(PERIOD * k, q, plan.v[20])))
+    assert sum(told) == 1
+
+
+def test_a_dwell_and_a_crossing_are_no_riddle_on_time_nor_with_a_clock():
+    """There and back through the same place, and a rest in the middle."""
+    ways = np.concatenate([TIMES, TIMES[-1] + 0.5 + TIMES[1:]])
+    plan = make_plan()
+    there_and_back = plan._replace(
+        times=np.concatenate([TIMES, [TIMES[-1] + 0.5], TIMES[-1] + 0.5 + TIMES[1:]]),
+        q=np.concatenate([plan.q, plan.q[-1:], plan.q[-2::-1]]),
+        v=np.concatenate([plan.v, plan.v[-1:], -plan.v[-2::-1]]),
+    )
+    assert len(ways) < len(there_and_back.times)
+    for tell in (False, True):
+        _, monitor = start(POST)
+        assert monitor.follow(there_and_back).safe
+        for now in np.arange(1, 350) * PERIOD:
+            if now <= 1.5:
+                k, sign = round(now / PERIOD), 1.0
+            elif now < 2.0:
+                k, sign = 150, 1.0
+            else:
+                k, sign = 150 - round((now - 2.0) / PERIOD), -1.0
+            told = float(now) if tell else None
+            verdict = monitor.step(float(now), plan.q[k], sign * plan.v[k], path_time=told)
+            assert ReasonKind.PLAN_VOID not in kinds(verdict)
+            assert verdict.level > Level.STOP
+
+
+REFUSED = {
+    "starts elsewhere": (make_plan(q=make_plan().q + 0.01), "panda_joint1"),
+    "in the past": (make_plan(stamp=-2.0), "plan"),
+    "moving at its end": (make_plan(v=make_plan().v + 0.05), "panda_joint1"),
+    "not finite": (make_plan(q=np.full((151, 7), np.nan)), "q"),
+    "times not finite": (make_plan(times=np.full(151, np.inf)), "times"),
+    "no plan": (None, "plan"),
+    "faster than joints": (make_plan(10.0 * TURNS), "panda_joint1"),
+    "error without a sign": (make_plan(stop_tracking_error=-np.ones(7)), "stop_tracking_error"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_bad_trajectory_is_refused_with_its_reason_and_not_followed(case):
+    plan, subject = REFUSED[case]
+    _, monitor = start()
+    answer = monitor.follow(plan)
+    assert (answer.safe, answer.contact_time) == (False, 0.0)
+    (reason,) = answer.reasons
+    assert (reason.kind, reason.subject) == (ReasonKind.PLAN_REFUSED, subject)
+    assert not monitor._judge.path.is_followed
+
+
+def test_a_path_that_cannot_be_stopped_on_is_refused_where_the_stop_is_to_be_on_it():
+    sharp = make_plan(3.2 * TURNS)
+    for stop, is_safe in (("joints", True), ("path", False)):
+        _, monitor = start(stop=stop)
+        answer = monitor.follow(sharp)
+        assert answer.safe is is_safe
+        if not is_safe:
+            assert answer.reasons[0].subject == "panda_joint1"
+            assert "no stop on the path" in answer.reasons[0].detail
+
+
+def test_another_trajectory_agrees_with_the_one_before_until_it_can_have_been_told():
+    _, monitor = start(latency=0.05)
+    plan = make_plan()
+    assert monitor.follow(plan).safe
+    run(monitor, plan, 20)
+    rest = plan._replace(
+        stamp=float(TIMES[19]), times=TIMES[19:] - TIMES[19], q=plan.q[19:], v=plan.v[19:]
+    )
+    assert monitor.follow(rest).safe
+    other = rest._replace(q=rest.q + np.linspace(0.0, 0.5, len(rest.q))[:, None], v=rest.v + 0.38)
+    assert not monitor.follow(other).safe
+    for verdict in run(monitor, plan)[20:]:
+        assert ReasonKind.PLAN_VOID not in kinds(verdict)
+        break
+
+
+def test_the_scale_is_that_of_the_clock():
+    """The nearer a person, the slower; on time there is the whole or nothing."""
+    found = {}
+    for tell in (False, True):
+        for distance in (1.2, 1.4, 1.6, 1.8, 2.0, 2.4):
+            obstacles, monitor = start(slow_margin=0.3)
+            plan = make_plan()
+            assert monitor.follow(plan).safe
+            for k in range(1, 60):
+                see(obstacles, PERIOD * k, [distance, 0.6, 0.6], velocity=[[0.0, 0.0, 0.0]])
+                verdict = monitor.step(
+                    PERIOD * k, plan.q[k], plan.v[k], path_time=PERIOD * k if tell else None
+                )
+                scale = verdict.speed_scale
+                assert 0.0 <= scale <= 1.0
+                assert tell or scale in (0.0, 1.0)
+                assert (verdict.level is Level.STOP) <= (scale == 0.0)
+            found[tell, distance] = scale
+    told = [scale for (tell, _), scale in found.items() if tell]
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+    assert any(0.0 < scale < 1.0 for scale in told)
+
+
+def test_a_stop_on_the_path_is_only_for_a_known_path():
+    with pytest.raises(ArmguardError, match="planned"):
+        make_monitor(stop="path")
+    for junk in ("brake", None, 3):
+        with pytest.raises(ArmguardError, match="stop"):
+            make_monitor(motion="planned", stop=junk)
+
+
+def test_more_error_and_more_delay_never_let_an_arm_go_on():
+    """Whether it may go on beside a person, at many distances."""
+
+    def count(error=ERROR, **settings):
+        stops = 0
+        for distance in np.linspace(0.7, 2.2, 14):
+            obstacles, monitor = start(**settings)
+            plan = make_plan(tracking_error=np.full(7, error))
+            assert monitor.follow(plan).safe
+            for k in range(1, 40):
+                see(obstacles, PERIOD * k, [distance, 0.5, 0.6], velocity=[[0.0, 0.0, 0.0]])
+                verdict = monitor.step(PERIOD * k, plan.q[k], plan.v[k])
+            stops += verdict.level is Level.STOP
+        return stops
+
+    some = count()
+    assert 0 < some < 14
+    assert count(error=2e-2) >= some
+    assert count(reaction_time=0.3) > some
+    assert count(latency=0.2) > some
+
+
+class Chase:
+    """An arm on a trajectory, and a ball that drives at its hand as hard as it may."""
+
+    def __init__(self, seed, mode, late):
+        self.random = np.random.default_rng(seed)
+        self.mode, self.late = mode, late
+        self.kinematics = Kinematics(panda())
+        self.leaves = self.kinematics.spheres.child_count == 0
+        self.obstacles = Obstacles(sources=["camera"])
+        self.reaction, self.latency = 0.1, 0.01
+        self.monitor = Monitor(
+            panda(), self.obstacles, rate=1.0 / PERIOD, motion="planned",
+            reaction_time=self.reaction, latency=self.latency, rise_delay=0.0,
+        )  # fmt: skip
+        self.plan = make_plan(self.random.choice([-1.0, 1.0]) * 1.4 * TURNS)
+        angle = self.random.uniform(-1.0, 1.0)
+        self.ball = np.array([1.5 * np.cos(angle), 1.5 * np.sin(angle), 0.6])
+        self.pace = np.zeros(3)
+
+    def drive(self):
+        """One tick of the ball."""
+        hand = self.kinematics.centers[self.kinematics.spheres.root[-1]]
+        wanted = hand - self.ball
+        wanted *= 2.0 / max(np.linalg.norm(wanted), 1e-9)
+        push = (wanted - self.pace) / PERIOD
+        push *= min(1.0, 10.0 / max(np.linalg.norm(push), 1e-9))
+        self.ball = self.ball + PERIOD * self.pace + 0.5 * PERIOD**2 * push
+        self.pace = self.pace + PERIOD * push
+
+    def touches(self, q):
+        self.kinematics.compute(q, STILL)
+        away = np.linalg.norm(self.kinematics.centers[self.leaves] - self.ball, axis=1)
+        return bool((away < self.kinematics.spheres.radius[self.leaves] + 0.1).any())
+
+    def at(self, along):
+        curve = self.plan
+        q = np.array([np.interp(along, TIMES, curve.q[:, j]) for j in range(7)])
+        return q, np.array([np.interp(along, TIMES, curve.v[:, j]) for j in range(7)])
+
+    def run(self):
+        """Whether the ball touches an arm that moves."""
+        braking = panda().braking_deceleration
+        q, v, along, bite = HOME, STILL, 0.0, math.inf
+        self.kinematics.compute(q, v)
+        for k in range(151):
+            now = k * PERIOD
+            if v.any() and self.touches(q):
+                return True
+            self.obstacles.update(
+                ["ball"], now, [self.ball], [self.pace], radius=0.1, source="camera"
+            )
+            told = along if self.mode != "on time" else None
+            verdict = self.monitor.step(now, q, v, path_time=told if bite > now else None)
+            if k == 0:
+                assert self.monitor.follow(self.plan).safe
+            if verdict.level is Level.STOP and bite == math.inf:
+                bite = now + self.latency + self.reaction + self.late
+            self.drive()
+            if now + PERIOD <= bite + 1e-9:
+                along += PERIOD
+                q, v = self.at(along)
+            else:
+                until = np.minimum(PERIOD, np.abs(v) / braking)
+                q = q + np.sign(v) * until * (np.abs(v) - 0.5 * braking * until)
+                v = np.sign(v) * np.maximum(np.abs(v) - braking * PERIOD, 0.0)
+        return False
+
+
+@pytest.mark.parametrize("mode", ["on time", "with a clock"])
+def test_a_ball_that_drives_at_an_arm_touches_only_one_that_brakes_later_than_told(mode):
+    hits = {late: sum(Chase(seed, mode, late).run() for seed in range(12)) for late in (0.0, 0.5)}
+    assert hits[0.0] == 0
+    assert hits[0.5] > 3

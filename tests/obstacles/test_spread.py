@@ -1,0 +1,132 @@
+"""Errors larger than stated are found, and those that are as stated never are."""
+
+import numpy as np
+import pytest
+
+from armguard.obstacles import Obstacles
+from support.obstacle_samples import see
+
+ACCEL, SPEED = 10.0, 2.0
+
+
+def walk(rng, count, period):
+    """Positions and velocities of a body that uses its bounds up. Shapes (count, 3)."""
+    position, velocity = np.zeros(3), np.zeros(3)
+    positions, velocities = [], []
+    push = np.zeros(3)
+    for k in range(count):
+        positions.append(position)
+        velocities.append(velocity)
+        if k % 10 == 0:
+            push = rng.normal(size=3)
+            push *= ACCEL * (1.0 - 1e-9) / np.linalg.norm(push)
+        after = velocity + push * period
+        if np.linalg.norm(after) > SPEED:
+            push = -push
+            after = velocity + push * period
+        position = position + velocity * period + push * period * period / 2.0
+        velocity = after
+    return np.array(positions), np.array(velocities)
+
+
+def on_sphere(rng, count):
+    directions = rng.normal(size=(count, 3))
+    return directions / np.linalg.norm(directions, axis=1)[:, None]
+
+
+def tell(positions, velocities, period, position_error, velocity_error, points=1, **fields):
+    """Table after those samples, and how many of them left something to tell."""
+    obstacles, told = Obstacles(accel=ACCEL, speed=SPEED), 0
+    shift = np.linspace(0.0, 0.3, points)[:, None] * [0.0, 0.0, 1.0]
+    for k, (position, velocity) in enumerate(zip(positions, velocities, strict=True)):
+        obstacles.update(
+            ["body"], k * period, [position + shift], [np.tile(velocity, (points, 1))], radius=0.1,
+            position_error=position_error, velocity_error=velocity_error, source="camera", **fields,
+        )  # fmt: skip
+        told += obstacles.has_wide_spreads
+    return obstacles, told
+
+
+@pytest.mark.parametrize("period", [0.002, 0.01, 0.05])
+@pytest.mark.parametrize("points", [1, 2])
+def test_a_body_within_its_bounds_and_errors_is_never_told_of(period, points):
+    """At the very edge of both: its errors as large as stated, each in some direction."""
+    rng = np.random.default_rng(3)
+    positions, velocities = walk(rng, 3000, period)
+    positions = positions + 0.005 * on_sphere(rng, len(positions))
+    velocities = velocities + 0.2 * on_sphere(rng, len(positions))
+    _, told = tell(positions, velocities, period, 0.005, 0.2, points)
+    assert told == 0
+
+
+@pytest.mark.parametrize("factor", [3.0, 10.0])
+def test_errors_larger_than_promised_are_named_with_their_size(factor):
+    rng = np.random.default_rng(4)
+    positions, velocities = walk(rng, 600, 0.01)
+    positions = positions + factor * 0.002 * on_sphere(rng, len(positions))
+    obstacles, told = tell(positions, velocities, 0.01, 0.002, 3.0)
+    assert told > 350
+    ((name, detail),) = obstacles.describe_spreads()
+    assert name == "body"
+    words = detail.split()
+    assert detail.startswith("camera: the spread of body is ")
+    assert detail.endswith(" mm, 2 mm were promised")
+    # What is proved is below what it is.
+    assert 0.3 * factor * 2.0 < float(words[words.index("is") + 1]) < factor * 2.0
+
+
+def test_velocities_worse_than_promised_are_named():
+    rng = np.random.default_rng(5)
+    positions, velocities = walk(rng, 600, 0.01)
+    velocities = velocities + 0.9 * on_sphere(rng, len(positions))
+    obstacles, told = tell(positions, velocities, 0.01, 1e-4, 0.1)
+    assert told > 400
+    ((_, detail),) = obstacles.describe_spreads()
+    assert detail.startswith("camera: velocities of body are off by 0.")
+    assert detail.endswith(" m/s, 0.1 m/s were promised")
+
+
+def test_glitches_in_fewer_than_half_of_the_samples_are_no_spread():
+    """Every tenth marker is swapped for one that is a metre away."""
+    rng = np.random.default_rng(6)
+    positions, velocities = walk(rng, 3000, 0.01)
+    positions = positions + 0.002 * on_sphere(rng, len(positions))
+    positions[::10] += 1.0
+    _, told = tell(positions, velocities, 0.01, 0.002, 0.5)
+    assert told == 0
+
+
+def test_errors_that_become_as_promised_are_forgotten_and_so_is_a_body_that_leaves():
+    rng = np.random.default_rng(7)
+    positions, velocities = walk(rng, 1500, 0.01)
+    noise = on_sphere(rng, len(positions)) * np.where(np.arange(1500) < 400, 0.01, 0.002)[:, None]
+    obstacles, told = tell(positions + noise, velocities, 0.01, 0.002, 5.0)
+    assert 200 < told < 700
+    assert not obstacles.has_wide_spreads
+    assert obstacles.describe_spreads() == []
+    obstacles, _ = tell((positions + noise)[:400], velocities[:400], 0.01, 0.002, 5.0)
+    assert obstacles.has_wide_spreads
+    # More room is made, and nothing of it is lost.
+    obstacles.update([f"n{k}" for k in range(200)], 4.0, np.zeros((200, 8, 3)), radius=0.1)
+    assert len(obstacles.describe_spreads()) == 1
+    obstacles.remove(["body"])
+    assert not obstacles.has_wide_spreads
+
+
+def test_late_samples_gaps_and_what_is_no_number_tell_nothing():
+    obstacles = Obstacles(accel=ACCEL, speed=SPEED)
+    spreads = obstacles.table.spreads
+    row = see(obstacles, 0.0)
+    for k in range(1, 60):
+        see(obstacles, 0.01 * k, position_error=0.002)
+        kept = [array[row].copy() for array in spreads[:-1]]
+        see(obstacles, 0.01 * k - 0.005, x=0.001, position_error=0.002)
+        see(obstacles, 0.01 * k, x=np.nan)
+        assert all(
+            np.array_equal(before, array[row])
+            for before, array in zip(kept, spreads[:-1], strict=True)
+        )
+    assert spreads.samples[row] == 50
+    see(obstacles, 5.0, x=3.0)
+    assert spreads.samples[row] == 1
+    assert not obstacles.has_wide_spreads
