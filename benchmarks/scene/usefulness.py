@@ -151,6 +151,7 @@ def write_page(
     ]  # fmt: skip
     parts += _targets(results, scope)
     parts += _shares(results, scope)
+    parts += _beside_rivals(results, scope)
     parts += _spread(results, scope)
     parts += _obeying(results, scope)
     parts += _missed(results, scope)
@@ -264,6 +265,25 @@ def _shares(results: Results, scope: Scope) -> list[str]:
         lines += [f"Bounds on people: {bounds}. Samples are {_milliseconds(camera)} old.", ""]
         lines += [*_table(heads, rows), ""]
     return lines
+
+
+def _beside_rivals(results: Results, scope: Scope) -> list[str]:
+    """Every share as a multiple of those of the separation distance and of the oracle."""
+    columns = [(speed, reaction) for speed in results.speeds for reaction in scope.reactions]
+    rows = []
+    for rule in results.rules:
+        cells = []
+        for speed, reaction in columns:
+            setting = scope.usual._replace(reaction=reaction)
+            pair = [
+                _ratio(results, Target(rule, rival, 0.0, ()), speed, setting)
+                for rival in (SEPARATION, ORACLE)
+            ]
+            cells.append(", ".join(f"{ratio:.2f}" if np.isfinite(ratio) else "–" for ratio in pair))
+        rows.append([rule, *cells])
+    heads = ["rule", *(f"{speed:g} rad/s, {_milliseconds(x)}" for speed, x in columns)]
+    text = f"The first of these tables as multiples: of the {SEPARATION}, and of what {ORACLE}."
+    return [text, "", *_table(heads, rows), ""]
 
 
 def _spread(results: Results, scope: Scope) -> list[str]:
