@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -219,7 +220,9 @@ def main(arguments: list[str] | None = None) -> list[Found]:
     )
     _workplaces.clear()
     priced = play_all(paced, [Case(speed, paths[0], 0, 0) for speed in options.speeds], 1)
-    page = write_page(found, priced, scope, options.rate, describe_machine(load=False))
+    words = shlex.join(sys.argv[1:] if arguments is None else arguments)
+    command = f"python benchmarks/bench_recordings.py {words}".strip()
+    page = write_page(found, priced, scope, options.rate, command, describe_machine(load=False))
     if options.out is None:
         print(page)
     else:

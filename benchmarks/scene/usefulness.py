@@ -121,7 +121,12 @@ class Results:
 
 
 def write_page(
-    found: Iterable[Found], priced: Iterable[Found], scope: Scope, rate: float, machine: str
+    found: Iterable[Found],
+    priced: Iterable[Found],
+    scope: Scope,
+    rate: float,
+    command: str,
+    machine: str,
 ) -> str:
     """The page, in Markdown.
 
@@ -130,6 +135,7 @@ def write_page(
         priced: What was found in the run that counts for prices.
         scope: Settings that were compared.
         rate: Ticks a second.
+        command: What was called.
         machine: What it was measured on.
     """
     results = Results(found, scope.cameras[0], rate)
@@ -145,7 +151,8 @@ def write_page(
                 f"  - **{rule}**: {text}" for rule, text in DESCRIPTIONS.items()
                 if rule in results.rules
             ),
-            machine=machine, oracle=ORACLE.capitalize(), separation=SEPARATION.capitalize(),
+            command=command, machine=machine,
+            oracle=ORACLE.capitalize(), separation=SEPARATION.capitalize(),
             rise=RISE_DELAY, extra=1e3 * (PERIOD + LATENCY), rate=rate,
         )
     ]  # fmt: skip
