@@ -33,6 +33,8 @@ _STRETCH = 1.0 + 1e-9
 """Durations are longer by this much, so that rounding cannot break a limit."""
 
 _ATTEMPTS = 1000
+"""Random waypoints from one start, which may be a dead end."""
+_STARTS = 10
 _CHECKS_PER_SEGMENT = 12
 
 
@@ -155,9 +157,9 @@ def random_trajectory(
     random = np.random.default_rng(seed)
     lower, upper = _random_range(robot)
     waypoints: list[Array] = []
-    attempts = 0
-    while attempts < _ATTEMPTS:
-        attempts += 1
+    for attempt in range(_STARTS * _ATTEMPTS):
+        if attempt % _ATTEMPTS == 0:
+            waypoints.clear()
         candidate = random.uniform(lower, upper)
         if accept is not None and not _accepts_way(accept, [*waypoints[-1:], candidate]):
             continue
@@ -177,7 +179,7 @@ def random_trajectory(
             return trajectory
     raise ArmguardError(
         "random trajectory",
-        f"{attempts} random waypoints did not make one of {duration} s",
+        f"{_STARTS} times {_ATTEMPTS} random waypoints did not make one of {duration} s",
         remedy="shorten it, or accept more configurations",
     )
 

@@ -8,8 +8,8 @@ import platform
 from pathlib import Path
 
 
-def describe_machine() -> str:
-    """Processor, load, and the versions that matter."""
+def describe_machine(*, load: bool = True) -> str:
+    """Processor, load unless that is left out, and the versions that matter."""
     model = platform.processor() or platform.machine()
     path = Path("/proc/cpuinfo")
     if path.exists():
@@ -21,7 +21,8 @@ def describe_machine() -> str:
             versions.append(f"{package} {importlib.metadata.version(package)}")
         except importlib.metadata.PackageNotFoundError:
             versions.append(f"no {package}")
-    return f"{model}, {os.cpu_count()} cores, load {_load()}; " + ", ".join(versions)
+    busy = f", load {_load()}" if load else ""
+    return f"{model}, {os.cpu_count()} cores{busy}; " + ", ".join(versions)
 
 
 def _load() -> str:

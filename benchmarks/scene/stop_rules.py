@@ -1,45 +1,54 @@
-"""Rules that say, tick by tick, whether an arm must stop: side by side, on the same scene.
+"""Rules that say, tick by tick, whether an arm must stop: side by side, on the same states.
 
-Each is put together from the library's motion models and the kernels that prove an interval free.
-All of them evaluate every pair in every tick, descend each link's tree of spheres no further than
-it takes, and reckon with refused samples as well as accepted ones.
+armguard's are monitors as users have them, each with its own settings and its own table; the
+others are what they are measured against. Every rule is shown the same samples, as late as the same
+camera sends them, and its STOP takes the same time to reach the brakes.
 """
 
 from __future__ import annotations
 
+import copy
 import math
+import time
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from armguard.bounds import (
-    BrakingMotion,
-    IsotropicMotion,
-    JointMotion,
-    Plan,
-    PlannedMotion,
-    ReachMotion,
-    Refusal,
-    append_stop,
-    check_plan,
-    table_contact_time,
-)
-from armguard.contact.advancement import row_contact_time
-from armguard.jit import kernel, pack
+from armguard.bounds import Plan
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.obstacles.possible_states import is_known, possible_states, state_at
-from armguard.pairs import SeparationRule
-from armguard.pairs.scene import thread_tree
-from armguard.pairs.separation_margin import SeparationMargin
-from armguard.robot import Kinematics, Robot
-from armguard.robot.stop_time import compute_stop_time
-from armguard.verdict import Level
+from armguard.pairs.separation import HUMAN_SPEED
+from armguard.robot import Robot
+from armguard.simulation.recordings import MARKER_ERROR
+from armguard.verdict import Effect, Level, ReasonKind
+from scene.clearance import Leaves, is_separate
+from scene.recorded_people import RADII, People
+from scene.working_arm import ACCELERATION_SHARE, Braking, WorkingArm
 
-ADVANCES = 8
-ROUNDING = 1e-11
-PLAN_STEP = 0.01
 TRACKING_ERROR, VELOCITY_TRACKING_ERROR = 1e-3, 0.01
+"""What the controller states that it may be off its plans by, in [rad] and [rad]/[s]."""
+PLAN_STEP = 0.02
+"""Between samples of a trajectory to follow, in [s]."""
+PLAN_AHEAD = 70.0
+"""How far such a trajectory leads at least, in [s]: beyond the end of every recording."""
+
+SLOW, SLOW_TICKS = 0.05, 10
+"""Below this speed of all joints, in [rad]/[s], a piece lasts so many ticks; else one."""
+
+LATENCY = 0.002
+PERIOD = 0.005
+"""Of the ticks that delays are stated for, in [s]; what a coarser grid takes, reaction gives."""
+
+
+class Setting(NamedTuple):
+    """What a rule has to live with."""
+
+    reaction: float
+    """From a STOP that has arrived to braking torque, in [s]."""
+    camera: float
+    """Age of a sample when it arrives, in [s]."""
+    bounds: str
+    """Name of the bounds on people."""
 
 
 class Timing(NamedTuple):
@@ -50,300 +59,323 @@ class Timing(NamedTuple):
     reaction: float
 
     @property
-    def horizon(self) -> float:
-        """Until the verdict after this one is obeyed."""
-        return self.period + self.latency
+    def delay(self) -> float:
+        """From a verdict to braking torque."""
+        return self.latency + self.reaction
+
+    @property
+    def response(self) -> float:
+        """From a tick to braking torque, if only the next tick says STOP."""
+        return self.period + self.delay
 
 
-class Spheres(NamedTuple):
-    """The arm's spheres as free bodies, and what their bounds in joint space rest on."""
-
-    centers: Any
-    velocities: Any
-    accel: Any
-    speed: Any
-    position_error: Any
-    velocity_error: Any
-    lever: Any
-    slope_error: Any
-    jacobian: Any
-    balls: Any
+def make_timing(setting: Setting, period: float) -> Timing:
+    """The same response for every grid: as with a tick of `PERIOD`."""
+    return Timing(period, LATENCY, setting.reaction + PERIOD - period)
 
 
-class Parts(NamedTuple):
-    """One scene for compiled code."""
+class Moment(NamedTuple):
+    """What rules judge in a tick."""
 
-    tree: Any
-    arm: Any
-    bodies: Any
-    refused: Any
-    marks: Any
-
-
-class Scene:
-    """An arm among obstacles, at one tick.
-
-    Args:
-        robot: The arm.
-        timing: Of its monitor.
-
-    Attributes:
-        worker: The `WorkingArm` that is judged.
-        q: Its joint positions. Shape (nv,).
-        v: Its joint velocities. Shape (nv,).
-        now: In [s].
-    """
-
-    arm_age = 0.0
-
-    def __init__(self, robot: Robot, timing: Timing) -> None:
-        self.robot, self.timing = robot, timing
-        self.kinematics = Kinematics(robot)
-        self.isotropic = IsotropicMotion(robot)
-        self._joint = JointMotion(robot)
-        self._reach = ReachMotion(robot)
-        self.tree = thread_tree(self.kinematics.spheres)
-        self.worker: Any = None
-        self.v = np.zeros(len(robot.joints))
-        self.q = np.clip(self.v, robot.lower_position_limit, robot.upper_position_limit)
-        self.now = 0.0
-        self.watch(Obstacles())
-
-    def watch(self, obstacles: Obstacles) -> None:
-        """Read another table from now on."""
-        self.obstacles = obstacles
-        self.parts: Parts | None = None
-        self.view()
-
-    def view(self) -> None:
-        """Take the table's arrays, which are replaced when it grows."""
-        table = self.obstacles.table
-        if self.parts is not None and self.parts.bodies is table.accepted:
-            return
-        motion = self.isotropic
-        arm = Spheres(
-            self.kinematics.centers, self.kinematics.velocities, motion.accel, motion.speed,
-            motion.position_error, motion.velocity_error, self._joint.lever,
-            self._joint.slope_error, self.kinematics.data.J, self._reach.link_balls,
-        )  # fmt: skip
-        self.parts = Parts(self.tree, arm, table.accepted, table.refused_states, table.marks)
-        self.handle = pack(self.parts)
-
-    def place(self, worker: Any, now: float) -> None:
-        """Place the arm for a tick."""
-        self.worker, self.q, self.v, self.now = worker, worker.q, worker.v, now
-        self.kinematics.compute(self.q, self.v)
-        self.isotropic.update(self.v)
-        self.view()
-
-    def stop_time(self) -> float:
-        """In which every joint surely rests, in [s] from now."""
-        robot, timing = self.robot, self.timing
-        return compute_stop_time(
-            self.v, robot.velocity_error, robot.velocity_limit, robot.acceleration_limit,
-            robot.brakes.make_curves(), 0.0, timing.horizon, timing.reaction,
-            robot.acceleration_limit,
-        )  # fmt: skip
+    now: float
+    """On the clock of all rules, in [s]."""
+    since: float
+    """From the beginning of the recording, in [s]."""
+    arm: WorkingArm
+    leaves: Leaves
+    """Of that arm, placed."""
+    gaps: np.ndarray
+    """Its real distance from each body, in [m]. Shape (bodies,)."""
+    people: People
+    counts: bool
+    """Whether the arm may set off, and what is said counts; else it rests."""
 
 
 class Rule:
     """What says whether an arm may go on.
 
-    Attributes:
+    Args:
+        robot: The arm.
+        setting: What the rule has to live with.
+        period: Of its ticks, in [s].
         name: For tables.
-        delay: From a STOP to braking torque, in [s].
+        payload: Of the arm, in [kg]; None: the heaviest that its brakes are stated for.
+        clean: Whether it is shown clean data.
+
+    Attributes:
+        delay: From its STOP to deceleration, in [s].
+        brakes: What the arm's guarantee under that payload.
         holds: Whether its STOPs last until it believes that they are over.
+        stops_on_path: Whether the arm stops on its path; else each joint by itself.
+        goes_at_once: Whether an arm that obeys goes on as soon as it may.
+        has_scale: Whether it says how fast the arm may go on.
+        speed_limit: What joints are to keep to by its last judgement, in [rad]/[s]. Shape (nv,).
+        pace_limit: The same of the arm's clock along its way.
+        price: Time that the last judgement took, in [s].
     """
 
-    name = ""
-    holds = False
+    holds = goes_at_once = has_scale = False
 
-    def __init__(self, scene: Scene) -> None:
-        self.delay = scene.timing.latency + scene.timing.reaction
+    def __init__(
+        self,
+        robot: Robot,
+        setting: Setting,
+        period: float,
+        name: str,
+        *,
+        payload: float | None = None,
+        clean: bool = True,
+    ) -> None:
+        self.robot, self.setting, self.name, self.clean = robot, setting, name, clean
+        self.timing = make_timing(setting, period)
+        self.delay = self.timing.delay
+        self.brakes = Braking(robot, payload)
+        self.stops_on_path = False
+        self.speed_limit: np.ndarray | float = np.inf
+        self.pace_limit = 1.0
+        self.price = 0.0
 
-    def begin(self, scene: Scene) -> None:
-        """Start anew, with the table that the scene watches now."""
+    def begin(self, people: People, begin: float) -> None:
+        """Start anew, with a recording that begins at a time in [s]."""
 
-    def judge(self, scene: Scene) -> bool:
+    def judge(self, moment: Moment) -> bool:
         """Whether the arm may go on."""
         raise NotImplementedError
 
 
-class IsotropicRule(Rule):
-    """No sphere, as a free body, could touch anything before the arm rests."""
+class Oracle(Rule):
+    """Knows what the person will do, and stops only for what would really happen.
 
-    name = "isotropic"
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._table = JointMotion(scene.robot).tabulate(scene.q, scene.v, 0.0)
-
-    def judge(self, scene: Scene) -> bool:
-        """Whether the arm may go on."""
-        limit = scene.stop_time()
-        return is_free(scene.handle, self._table, scene.now, limit, False, True, False)
-
-
-class JointRule(Rule):
-    """The same with all bounds on a moving arm: reach, isotropic and joint."""
-
-    name = "joint, reach"
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._motion = JointMotion(scene.robot)
-
-    def judge(self, scene: Scene) -> bool:
-        """Whether the arm may go on."""
-        table = self._motion.tabulate(scene.q, scene.v, 0.0)
-        return is_free(scene.handle, table, scene.now, scene.stop_time(), True, True, True)
-
-
-class BrakingRule(Rule):
-    """No contact could come before the arm rests, if it braked only after the next tick."""
-
-    name = "braking"
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self._motion = BrakingMotion(scene.robot, scene.timing.reaction)
-
-    def judge(self, scene: Scene) -> bool:
-        """Whether the arm may go on."""
-        table = self._motion.tabulate(scene.q, scene.v, 0.0, scene.timing.horizon)
-        rest = table.time[-1] * (1.0 - ROUNDING)
-        return is_free(scene.handle, table, scene.now, rest, True, False, True)
-
-
-class PlannedRule(Rule):
-    """No contact could come before the arm rests, if it did its next piece and its own stop.
-
-    In every tick the controller shows what it will do for the time of one piece. Once a piece is
-    accepted the arm is committed to it: after a refusal it goes on to the end of the last piece
-    that was accepted, and brakes there.
+    It says STOP where an arm that goes on until the next tick's STOP takes effect, and brakes then,
+    would touch the person before it rests. `touched` is the body, and when in [s] from the tick.
     """
 
-    def __init__(self, scene: Scene, piece: float) -> None:
-        super().__init__(scene)
-        timing = scene.timing
-        if not piece >= timing.horizon:
-            raise ValueError(f"a piece of {piece} s ends before the next verdict is obeyed")
-        self.name = f"planned, {1e3 * piece:.0f} ms"
-        self.delay = piece - timing.period + timing.reaction
-        self._motion = PlannedMotion(scene.robot)
-        self._times = np.linspace(0.0, piece, max(2, math.ceil(piece / PLAN_STEP) + 1))
-        self._links = np.arange(len(scene.robot.links))
+    touched: tuple[int, float] | None = None
 
-    def judge(self, scene: Scene) -> bool:
-        """Whether the next piece is safe to commit."""
-        worker, joints = scene.worker, len(scene.q)
-        if worker.braking and not worker.rests:
-            return False
-        q, v = worker.preview(self._times)
-        lead = scene.timing.latency if worker.braking else 0.0
-        plan = Plan(
-            scene.now + lead, self._times, q, v, np.full(joints, TRACKING_ERROR),
-            np.full(joints, VELOCITY_TRACKING_ERROR),
-        )  # fmt: skip
-        plan = append_stop(plan, scene.robot.braking_deceleration, on_path=False)
-        checked = check_plan(plan, scene.robot, scene.now, scene.q, scene.v, scene.now)
-        if isinstance(checked, Refusal):
-            return False
-        course = self._motion.lay_out(checked)
-        _, _, bodies, refused, marks = scene.parts
-        rows = np.flatnonzero(marks.alive)
-        pairs = (rows[:, None] * len(self._links) + self._links).ravel()
-        found = self._motion.contact_time(course, pairs, scene.now, 0.0, bodies, refused, marks)
-        return found.time == math.inf
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._leaves = Leaves(self.robot)
+        self._gain = ACCELERATION_SHARE * self.robot.acceleration_limit * self.timing.response
 
-
-class SeparationStop(Rule):
-    """The distance is above the protective separation distance."""
-
-    def __init__(self, scene: Scene, intrusion_distance: float) -> None:
-        super().__init__(scene)
-        self.name = "separation"
-        if intrusion_distance > 0.0:
-            self.name += f", C {intrusion_distance:g} m"
-        rule = SeparationRule(intrusion_distance=intrusion_distance)
-        self._margin = SeparationMargin(rule, scene.timing.horizon + scene.timing.reaction)
-
-    def judge(self, scene: Scene) -> bool:
+    def judge(self, moment: Moment) -> bool:
         """Whether the arm may go on."""
-        return self._margin.margin(scene, scene.stop_time()) >= 0.0
+        begin = time.perf_counter()
+        self.touched = None
+        arm, people, response = moment.arm, moment.people, self.timing.response
+        fastest = np.abs(arm.v) + self._gain
+        closing = people.pace[people.frame(moment.since)] + float(self._leaves.reach @ fastest)
+        lasting = response + float(self.brakes.lasting(fastest).max())
+        gaps, spent = moment.gaps, 0.0
+        if not gaps.min() > closing * lasting:
+            arm = copy.copy(arm)
+            arm.brakes = self.brakes
+            while True:
+                if not arm.rests and gaps.min() <= 0.0:
+                    self.touched = int(gaps.argmin()), spent
+                    break
+                going = spent < response - 1e-9
+                if arm.rests and not going:
+                    break
+                # Nothing can happen before both have come so far.
+                step = max(float(gaps.min()) / closing, 0.005)
+                if going:
+                    step = min(step, response - spent)
+                arm.step(step, going)
+                spent += step
+                self._leaves.place(arm.q, arm.v)
+                gaps = self._leaves.gaps(people.ends_at(moment.since + spent), RADII)
+        self.price = time.perf_counter() - begin
+        return self.touched is None
+
+
+class Separation(Rule):
+    """The protective separation distance at its honest best.
+
+    A person walks at 1.6 m/s, and no intrusion distance is added; each sphere moves at its
+    measured speed towards the nearest point of the body, and brakes at a constant rate for as long
+    as the slowest of the joints that move it takes from its measured speed. Encoders are exact.
+    """
+
+    def begin(self, people: People, begin: float) -> None:
+        """Start anew, with a recording that begins at a time in [s]."""
+        self._sent = people.streams[self.setting.bounds, self.clean].sent
+        self._bodies = np.arange(len(RADII))
+
+    def judge(self, moment: Moment) -> bool:
+        """Whether the arm may go on."""
+        begin = time.perf_counter()
+        people, leaves, timing = moment.people, moment.leaves, self.timing
+        shown = moment.since - self.setting.camera
+        frames = self._sent[people.frame(shown)]
+        ages = np.where(frames >= 0, moment.since - frames / people.rate, np.inf)
+        lasting = self.brakes.lasting(moment.arm.v)
+        stopping = np.where(leaves.moves, lasting, 0.0).max(axis=1)
+        apart: bool = is_separate(
+            leaves.centers, leaves.velocities, leaves.radius, leaves.link, stopping,
+            people.seen[frames, self._bodies], RADII, ages, timing.response, HUMAN_SPEED,
+            MARKER_ERROR,
+        )  # fmt: skip
+        self.price = time.perf_counter() - begin
+        return apart
 
 
 class MonitorRule(Rule):
-    """The monitor as users have it, whatever its STOP is for."""
+    """A monitor, whatever its STOP is for.
 
-    name = "the monitor"
-    holds = True
+    Args:
+        options: Settings of the monitor beside its delays.
+    """
 
-    def begin(self, scene: Scene) -> None:
-        """Start anew, with the table that the scene watches now."""
-        timing = scene.timing
-        self._monitor = Monitor(
-            scene.robot,
-            scene.obstacles,
-            rate=1.0 / timing.period,
-            latency=timing.latency,
-            reaction_time=timing.reaction,
+    holds = has_scale = True
+
+    def __init__(
+        self,
+        robot: Robot,
+        setting: Setting,
+        period: float,
+        name: str,
+        *,
+        payload: float | None = None,
+        clean: bool = True,
+        **options: Any,
+    ) -> None:
+        super().__init__(robot, setting, period, name, payload=payload, clean=clean)
+        self.stops_on_path = options.get("stop") == "path"
+        self._table = Obstacles()
+        self.monitor = Monitor(
+            robot,
+            self._table,
+            rate=1.0 / period,
+            latency=self.timing.latency,
+            reaction_time=self.timing.reaction,
+            payload=payload,
+            **options,
         )
+        operating = options.get("operating")
+        speeds = robot.velocity_limit if operating is None else operating.resolve(robot)[0]
+        self._speeds = speeds  # whose share a speed scale is
+        self._next, self._begin = 0, 0.0
 
-    def judge(self, scene: Scene) -> bool:
+    def begin(self, people: People, begin: float) -> None:
+        """Start anew, with a recording that begins at a time in [s]."""
+        self._stream = people.streams[self.setting.bounds, self.clean]
+        self._table.remove([name for name in self._table.ids if name])
+        self.monitor.reset()
+        self._next, self._begin = 0, begin
+
+    def judge(self, moment: Moment) -> bool:
         """Whether the arm may go on."""
-        return self._monitor.step(scene.now, scene.q, scene.v).level is not Level.STOP
+        shown = moment.people.frame(moment.since - self.setting.camera)
+        while self._next <= shown:
+            self._stream.publish(self._table, self._next, self._begin)
+            self._next += 1
+        begin = time.perf_counter()
+        safe = self._judge(moment)
+        self.price = time.perf_counter() - begin
+        return safe
+
+    def _judge(self, moment: Moment) -> bool:
+        self.verdict = self.monitor.step(moment.now, moment.arm.q, moment.arm.v)
+        self.speed_limit = self.verdict.speed_scale * self._speeds
+        return self.verdict.level is not Level.STOP
 
 
-@kernel
-def is_free(handle, table, now, limit, by_reach, as_free, by_table):  # type: ignore[no-untyped-def]
-    """Whether no sphere and no body could touch before `limit`, by any of the models named."""
-    parts = handle.content
-    tree, arm, marks = parts.tree, parts.arm, parts.marks
-    for row in range(marks.alive.shape[0]):
-        if not marks.alive[row]:
-            continue
-        if not is_known(marks, row):
-            return False
-        for number in possible_states(marks, row):
-            bodies, place, age = state_at(parts.bodies, parts.refused, marks, row, number, now)
-            points, paces = bodies.points[place], bodies.velocities[place]
-            count = bodies.point_count
-            accel, speed = bodies.accel[place], bodies.speed[place]
-            error, size = bodies.velocity_error[place], bodies.radius[place]
-            size += bodies.position_error[place]
-            for link in range(tree.root.shape[0]):
-                if by_reach:
-                    ball = arm.balls[link]
-                    time = row_contact_time(
-                        ball[0], ball[1], ball[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-                        bodies.points, bodies.velocities, place, count[place], accel, speed, error,
-                        age, (ball[3] + size) * (1.0 + ROUNDING), ADVANCES,
-                    )  # fmt: skip
-                    if time >= limit:
-                        continue
-                node = tree.root[link]
-                while node >= 0:
-                    x, y, z = arm.centers[node]
-                    distance = tree.radius[node] + arm.position_error[node] + size
-                    distance *= 1.0 + ROUNDING
-                    time = 0.0
-                    if as_free:
-                        ux, uy, uz = arm.velocities[node]
-                        time = row_contact_time(
-                            x, y, z, ux, uy, uz, arm.accel[node], arm.speed[node],
-                            arm.velocity_error[node], 0.0, bodies.points, bodies.velocities, place,
-                            count[place], accel, speed, error, age, distance, ADVANCES,
-                        )  # fmt: skip
-                    if by_table and not time >= limit:
-                        time = table_contact_time(
-                            x, y, z, arm.jacobian, arm.lever[node], arm.slope_error[node], table,
-                            points, paces, count[place], accel, speed, error, age, distance, 0.0,
-                        )  # fmt: skip
-                    if time >= limit:
-                        node = tree.skip[node]
-                    elif tree.first_child[node] >= 0:
-                        node = tree.first_child[node]
-                    else:
-                        return False
-    return True
+class ContactTimeRule(MonitorRule):
+    """A monitor's contact time against the time in which any arm rests: no braking is looked at."""
+
+    holds = has_scale = False
+
+    def _judge(self, moment: Moment) -> bool:
+        super()._judge(moment)
+        verdict = self.verdict
+        return verdict.complete and verdict.contact_time > verdict.stop_time
+
+
+class FollowingRule(MonitorRule):
+    """A monitor that is told the trajectory, and in each tick where on it the arm is.
+
+    Whenever the arm takes up another way, it says so before it sets off.
+    """
+
+    def begin(self, people: People, begin: float) -> None:
+        """Start anew, with a recording that begins at a time in [s]."""
+        super().begin(people, begin)
+        self._leg: int | None = None
+        self._from = self._along = 0.0
+
+    def _judge(self, moment: Moment) -> bool:
+        arm = moment.arm
+        if self._leg == arm.legs:
+            self._along = max(arm.leg_time - self._from, 0.0)
+        told = None if self._leg is None else self._along
+        self.verdict = self.monitor.step(moment.now, arm.q, arm.v, path_time=told)
+        if any(reason.kind is ReasonKind.PLAN_VOID for reason in self.verdict.reasons):
+            self._leg = None
+        if self._leg != arm.legs and (arm.rests or not arm.braking):
+            self._follow(moment)
+        # Along a known path a scale is one of the arm's clock, and else one of its joints.
+        scale, is_followed = self.verdict.speed_scale, self._leg is not None
+        self.pace_limit = scale if is_followed else 1.0
+        self.speed_limit = np.inf if is_followed else scale * self._speeds
+        return self.verdict.level is not Level.STOP
+
+    def _follow(self, moment: Moment) -> None:
+        arm = moment.arm
+        leg, first = arm.leg, arm.leg_time
+        lasting = leg.next_rest(first + PLAN_AHEAD) - first
+        times = np.linspace(0.0, lasting, max(2, math.ceil(lasting / PLAN_STEP) + 1))
+        samples = [leg.sample(first + time) for time in times]
+        q, v = (np.array(part) for part in zip(*samples, strict=True))
+        v[-1] = 0.0
+        if self.monitor.follow(make_plan(moment.now, times, q, v)).safe:
+            self._leg, self._from, self._along = arm.legs, first, 0.0
+
+
+class PieceRule(MonitorRule):
+    """A monitor that is shown the next piece of the way, with a stop at its end, again and again.
+
+    A piece lasts until the answer to the next one has arrived, and stops as hard as brakes
+    guarantee. An arm that obeys is on it when no other is found safe, so that no reaction time
+    enters. It goes on with the first piece that is safe: what is proposed must be done. While the
+    arm is slow, pieces are longer: those that joint states cannot tell apart are all kept.
+    """
+
+    holds = has_scale = False
+    goes_at_once = True
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.delay = self.timing.latency
+
+    def begin(self, people: People, begin: float) -> None:
+        """Start anew, with a recording that begins at a time in [s]."""
+        super().begin(people, begin)
+        self._until = -math.inf
+
+    def _judge(self, moment: Moment) -> bool:
+        arm, now, timing = moment.arm, moment.now, self.timing
+        self.verdict = self.monitor.step(now, arm.q, arm.v)
+        if not moment.counts or (arm.braking and not arm.rests):
+            self._until = -math.inf
+            return not moment.counts
+        kinds = {reason.kind for reason in self.verdict.reasons}
+        broken_off = {ReasonKind.PLAN_VOID, ReasonKind.PIECE_UNSAFE}
+        if kinds & broken_off or any(kind.effect is Effect.STANDING for kind in kinds):
+            self._until = -math.inf
+        left = self._until - now - timing.latency
+        if left > timing.period + 1e-9:
+            return True
+        ticks = 1 if np.abs(arm.v).max() > SLOW else SLOW_TICKS
+        times = np.linspace(0.0, ticks * timing.period + timing.latency, ticks + 2)
+        piece = self.monitor.with_stop(make_plan(now, times, *arm.preview(times)))
+        if self.monitor.commit(piece).safe:
+            self._until = now + float(times[-1])
+            return True
+        return left > 1e-9
+
+
+def make_plan(stamp: float, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> Plan:
+    """A plan of samples, as closely followed as the arm here says that it is."""
+    errors = np.full((2, q.shape[1]), TRACKING_ERROR)
+    errors[1] = VELOCITY_TRACKING_ERROR
+    return Plan(stamp, times, q, v, *errors)

@@ -1,0 +1,171 @@
+"""Who takes part in the comparison beside recorded people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from armguard.robot import OperatingLimits, Robot
+from scene.stop_rules import (
+    ContactTimeRule,
+    FollowingRule,
+    MonitorRule,
+    Oracle,
+    PieceRule,
+    Rule,
+    Separation,
+    Setting,
+)
+
+ORACLE, SEPARATION, BRAKING = "knows the future", "separation distance", "braking"
+ISOTROPIC, JOINT = "isotropic", "joint, no braking"
+OPERATING = "operating limits"
+PATH, ON_PATH, PIECES = "known path", "known path, stop on it", "pieces with their own stop"
+NO_LOAD = ", no load"
+AS_THEY_COME = ", data as they come"
+
+OPERATING_VELOCITY = 1.05
+"""Operating velocities, as shares of the top speeds of the arm's trajectories."""
+OPERATING_ACCELERATION = 0.27
+"""Operating accelerations, as shares of the acceleration limits."""
+
+
+DESCRIPTIONS = {
+    ISOTROPIC: '`motion="isotropic"`, points of the arm as free bodies',
+    JOINT: "the default's contact time against the time in which any arm would rest",
+    OPERATING: f"`operating=`, {OPERATING_ACCELERATION:g} of the acceleration limits and"
+    f" {OPERATING_VELOCITY:g} of the top speeds of the arm's trajectories",
+    PATH: "operating limits, and `follow`: the trajectory is known, and where on it the arm is;"
+    " each joint may leave it at any moment until its brakes bite",
+    ON_PATH: 'the same with `stop="path"`: joints stop together, on the path',
+    PIECES: "operating limits, and `commit`: in each tick the next piece, with a stop at its end;"
+    " no reaction time enters; an arm that is refused one stops at the end of the one before",
+    PATH + NO_LOAD: "the known path with `payload=0`: brakes as they are without load",
+}
+"""What is particular about monitors with settings."""
+
+
+ORDER = (
+    ORACLE, ORACLE + NO_LOAD, SEPARATION, SEPARATION + NO_LOAD, SEPARATION + AS_THEY_COME,
+    ISOTROPIC, JOINT, BRAKING, BRAKING + AS_THEY_COME, OPERATING, OPERATING + NO_LOAD,
+    OPERATING + AS_THEY_COME, PATH, PATH + NO_LOAD, PATH + AS_THEY_COME, ON_PATH, PIECES,
+    PIECES + NO_LOAD,
+)  # fmt: skip
+"""All rules, as tables have them."""
+
+NOT_OBEYED = (
+    ORACLE + NO_LOAD, SEPARATION + AS_THEY_COME, ISOTROPIC, JOINT, OPERATING + NO_LOAD,
+    OPERATING + AS_THEY_COME,
+)  # fmt: skip
+"""Rules that are judged only: there is another one of the kind to obey."""
+
+
+class Scope(NamedTuple):
+    """In which settings rules are compared."""
+
+    reactions: tuple[float, ...]
+    """In [s]."""
+    cameras: tuple[float, ...]
+    """In [s]; the first one is the usual one."""
+    bounds: tuple[str, ...]
+    """The first one is the usual one."""
+
+    def settings(self) -> Iterable[Setting]:
+        """The usual one at every reaction, what departs from it in one thing at the extremes."""
+        for bounds in self.bounds:
+            for camera in self.cameras:
+                if (camera, bounds) == (self.cameras[0], self.bounds[0]):
+                    reactions = self.reactions
+                elif bounds == self.bounds[0] or camera == self.cameras[0]:
+                    reactions = self.extremes
+                else:
+                    continue
+                yield from (Setting(reaction, camera, bounds) for reaction in reactions)
+
+    @property
+    def usual(self) -> Setting:
+        """With the first of everything."""
+        return Setting(self.reactions[0], self.cameras[0], self.bounds[0])
+
+    @property
+    def extremes(self) -> tuple[float, ...]:
+        """The first and the last reaction, once if they are the same."""
+        return tuple(dict.fromkeys((self.reactions[0], self.reactions[-1])))
+
+    def is_usual(self, setting: Setting) -> bool:
+        """Whether a setting has the usual camera and bounds."""
+        return (setting.camera, setting.bounds) == (self.cameras[0], self.bounds[0])
+
+
+class Target(NamedTuple):
+    """What the share of time in STOP of one rule was to be at most, in shares of another's."""
+
+    rule: str
+    rival: str
+    most: float
+    reactions: tuple[float, ...]
+    """For which reactions, in [s]."""
+
+
+TARGETS = (
+    Target(OPERATING, SEPARATION, 1.05, (0.02,)),
+    Target(OPERATING, SEPARATION, 1.6, (0.1,)),
+    Target(PATH, SEPARATION, 0.95, (0.02, 0.05, 0.1)),
+    Target(PIECES, SEPARATION, 0.95, (0.02, 0.05, 0.1)),
+    Target(PATH + NO_LOAD, SEPARATION, 0.75, (0.02, 0.05, 0.1)),
+    Target(PATH + NO_LOAD, SEPARATION + NO_LOAD, 0.95, (0.02, 0.05, 0.1)),
+    Target(PATH + NO_LOAD, ORACLE, 3.0, (0.02, 0.05, 0.1)),
+)
+
+
+def make_rules(
+    robot: Robot, speed_fraction: float, scope: Scope, setting: Setting, period: float
+) -> list[Rule]:
+    """All that take part in one setting.
+
+    Args:
+        robot: The arm.
+        speed_fraction: What its trajectories use of the velocity limits at most.
+        scope: Of the comparison; what differs from the usual setting is for the main rules.
+        setting: What the rules have to live with.
+        period: Of ticks, in [s].
+    """
+    given = robot, setting, period
+    operating = OperatingLimits.fraction(
+        robot,
+        velocity=min(1.0, OPERATING_VELOCITY * speed_fraction),
+        acceleration=OPERATING_ACCELERATION,
+    )
+    known = {"motion": "planned", "operating": operating}
+    rules: list[Rule] = [
+        Separation(*given, SEPARATION),
+        MonitorRule(*given, OPERATING, operating=operating),
+        FollowingRule(*given, PATH, **known),
+        FollowingRule(*given, PATH + NO_LOAD, payload=0.0, **known),
+        PieceRule(*given, PIECES, **known),
+        PieceRule(*given, PIECES + NO_LOAD, payload=0.0, **known),
+    ]
+    if setting.camera == scope.cameras[0]:
+        rules += [
+            Oracle(*given, ORACLE),
+            Oracle(*given, ORACLE + NO_LOAD, payload=0.0),
+        ]
+    if not scope.is_usual(setting):
+        return rules
+    rules += [
+        Separation(*given, SEPARATION + NO_LOAD, payload=0.0),
+        MonitorRule(*given, BRAKING),
+    ]
+    if setting.reaction not in scope.extremes:
+        return rules
+    return [
+        *rules,
+        MonitorRule(*given, ISOTROPIC, motion="isotropic"),
+        ContactTimeRule(*given, JOINT),
+        MonitorRule(*given, OPERATING + NO_LOAD, payload=0.0, operating=operating),
+        FollowingRule(*given, ON_PATH, stop="path", **known),
+        Separation(*given, SEPARATION + AS_THEY_COME, clean=False),
+        MonitorRule(*given, BRAKING + AS_THEY_COME, clean=False),
+        MonitorRule(*given, OPERATING + AS_THEY_COME, clean=False, operating=operating),
+        FollowingRule(*given, PATH + AS_THEY_COME, clean=False, **known),
+    ]

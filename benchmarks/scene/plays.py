@@ -1,0 +1,226 @@
+"""One arm beside one recorded person: judged by many rules at once, or obeying one of them."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from scene.clearance import Leaves
+from scene.recorded_people import RADII, People
+from scene.stop_rules import LATENCY, Moment, Oracle, Rule
+from scene.working_arm import WorkingArm
+
+RISE_DELAY = 0.3
+"""How long a rule holds a STOP that it does not hold by itself, in [s]."""
+
+LISTEN, BEGIN = 0.1, 0.5
+"""When rules begin to judge an arm that rests, and when it sets off and counting begins, in [s]."""
+
+
+class Judged(NamedTuple):
+    """What became of one rule beside one recording, of an arm that goes on whatever is said."""
+
+    ticks: int
+    stopped: int
+    needed: int
+    """Ticks in which the rule that knows the future says STOP by itself, not for a tick before."""
+    missed: int
+    """Those of them without a STOP."""
+    beyond: int
+    """Such ticks for a body that broke its bounds shortly before."""
+    hits: int
+    """Contacts of this arm, which obeys nobody."""
+    progress: float
+    """Along its path, in [s]."""
+    prices: np.ndarray
+    """Of judgements: what each took, in [s]. Shape (ticks,)."""
+
+
+class Obeyed(NamedTuple):
+    """What became of one rule beside one recording, of an arm that obeys it."""
+
+    ticks: int
+    stopped: int
+    stops: int
+    """How often it was told to stop."""
+    missed: int
+    """Contacts while it moved."""
+    beyond: int
+    """Such contacts with a body that broke its bounds shortly before."""
+    progress: float
+    """Along its path, in [s]."""
+
+
+class Holder:
+    """A verdict that falls at once and rises after `rise_delay` seconds without a STOP."""
+
+    def __init__(self, rise_delay: float = RISE_DELAY) -> None:
+        self.stops = True
+        self._rise_delay = rise_delay
+        self._last = -np.inf
+
+    def update(self, now: float, safe: bool) -> bool:
+        """Take a judgement; whether this tick says STOP."""
+        if not safe:
+            self._last = now
+        self.stops = not safe or now - self._last < self._rise_delay
+        return self.stops
+
+
+class Brakes:
+    """Carries verdicts to the arm: a GO after the latency, a STOP after all that delays it."""
+
+    def __init__(self, arm: WorkingArm, delay: float) -> None:
+        self._arm, self._delay = arm, delay
+        self._due: deque[tuple[float, bool]] = deque()
+        self._go = self._told = False
+
+    def tell(self, now: float, stop: bool) -> None:
+        """Send a verdict."""
+        if stop == self._told:
+            self._due.append((now + (self._delay if stop else LATENCY), not stop))
+            self._told = not stop
+
+    def run(
+        self,
+        now: float,
+        period: float,
+        speed_limit: np.ndarray | float = np.inf,
+        pace_limit: float = 1.0,
+    ) -> None:
+        """Let the arm move until the next tick, within limits that `WorkingArm.step` knows."""
+        while self._due and self._due[0][0] < now + period - 1e-9:
+            when, go = self._due.popleft()
+            if when > now:
+                self._arm.step(when - now, self._go, speed_limit, pace_limit)
+                period -= when - now
+                now = when
+            self._go = go
+        self._arm.step(period, self._go, speed_limit, pace_limit)
+
+
+class Contacts:
+    """Which contacts begin in a tick, of an arm that moves."""
+
+    def __init__(self) -> None:
+        self._touching = np.zeros(len(RADII), dtype=bool)
+
+    def begun(self, moment: Moment) -> np.ndarray:
+        """Flags. Shape (bodies,)."""
+        touching = (moment.gaps <= 0.0) & (not moment.arm.rests)
+        new: np.ndarray = touching & ~self._touching
+        self._touching = touching
+        return new
+
+
+class Stage:
+    """Plays cases, one after the other, on one clock that never goes back.
+
+    Args:
+        robot: The arm.
+        period: Of ticks, in [s].
+    """
+
+    def __init__(self, robot: Any, period: float) -> None:
+        self._leaves = Leaves(robot)
+        self._period = period
+        self._clock = 0.0
+
+    def judge(
+        self, people: People, arm: WorkingArm, rules: list[Rule], seconds: float
+    ) -> list[Judged]:
+        """Let all rules judge an arm that goes on whatever they say; by rule.
+
+        Of rules that are shown clean data, ticks shortly after a broken bound do not count. A rule
+        misses a STOP if it does not say so in a tick in which an oracle with the same brakes
+        and delays says that it is the last one that is in time.
+        """
+        brakes, contacts = Brakes(arm, 0.0), Contacts()
+        holders = [Holder(0.0 if rule.holds else RISE_DELAY) for rule in rules]
+        oracles = [rule for rule in rules if isinstance(rule, Oracle)]
+        count = np.zeros((len(rules), 5), dtype=int)
+        prices: list[list[float]] = [[] for _ in rules]
+        hits = 0
+        for moment in self._moments(people, arm, rules, seconds):
+            counts = moment.counts
+            frame, says, kept = people.frame(moment.since), [], []
+            for k, (rule, holder) in enumerate(zip(rules, holders, strict=True)):
+                says.append(holder.update(moment.now, rule.judge(moment)))
+                broke = people.streams[rule.setting.bounds, rule.clean].broke[frame]
+                kept.append(counts and not (rule.clean and broke.any()))
+                count[k, :2] += kept[k], kept[k] and says[k]
+                if counts:
+                    prices[k].append(rule.price)
+            for oracle in oracles:
+                if oracle.touched is None:
+                    continue
+                for k, rule in enumerate(rules):
+                    if kept[k] and _is_answerable(rule, oracle):
+                        count[k, 2] += 1
+                        if not says[k]:
+                            beyond = _was_broken(moment, rule, *oracle.touched)
+                            count[k, 4 if beyond else 3] += 1
+            if counts:
+                hits += int(contacts.begun(moment).sum())
+            brakes.tell(moment.now, not counts)
+            brakes.run(moment.now, self._period)
+        return [
+            Judged(*row, hits, arm.progress, np.array(price))
+            for row, price in zip(count.tolist(), prices, strict=True)
+        ]
+
+    def obey(
+        self, people: People, arm: WorkingArm, rule: Rule, seconds: float, *, by_scale: bool
+    ) -> Obeyed:
+        """Let an arm obey one rule, and by wish keep to the speed that it allows."""
+        arm.brakes, arm.stops_on_path = rule.brakes, rule.stops_on_path
+        brakes, contacts = Brakes(arm, rule.delay), Contacts()
+        holder = Holder(0.0 if rule.holds or rule.goes_at_once else RISE_DELAY)
+        ticks = stopped = stops = missed = beyond = 0
+        for moment in self._moments(people, arm, [rule], seconds):
+            before = holder.stops
+            stop = holder.update(moment.now, rule.judge(moment))
+            if moment.counts:
+                ticks += 1
+                stopped += stop
+                stops += stop and not before
+                for body in np.flatnonzero(contacts.begun(moment)):
+                    broken = _was_broken(moment, rule, int(body), 0.0)
+                    beyond += broken
+                    missed += not broken
+            brakes.tell(moment.now, stop or not moment.counts)
+            limits = (rule.speed_limit, rule.pace_limit) if by_scale else ()
+            brakes.run(moment.now, self._period, *limits)
+        return Obeyed(ticks, stopped, stops, missed, beyond, arm.progress)
+
+    def _moments(  # type: ignore[no-untyped-def]
+        self, people: People, arm: WorkingArm, rules: list[Rule], seconds: float
+    ):
+        begin, period = self._clock, self._period
+        for rule in rules:
+            rule.begin(people, begin)
+        duration = min((len(people.ends) - 1) / people.rate, seconds + BEGIN)
+        for tick in range(round(LISTEN / period), int(duration / period)):
+            since = tick * period
+            self._leaves.place(arm.q, arm.v)
+            gaps = self._leaves.gaps(people.ends_at(since), RADII)
+            yield Moment(begin + since, since, arm, self._leaves, gaps, people, since >= BEGIN)
+        self._clock = begin + round(duration) + 10.0
+
+
+def _is_answerable(rule: Rule, oracle: Oracle) -> bool:
+    """Whether a rule's STOP takes as long as that of an oracle, with the same brakes."""
+    delays = rule.timing.period + rule.delay, oracle.timing.period + oracle.delay
+    is_alike = rule.stops_on_path == oracle.stops_on_path
+    is_alike &= rule.setting.bounds == oracle.setting.bounds
+    return delays[0] == delays[1] and is_alike and rule.brakes.payload == oracle.brakes.payload
+
+
+def _was_broken(moment: Moment, rule: Rule, body: int, until: float) -> bool:
+    """Whether a body broke its bounds shortly before a contact, or nobody knows where it was."""
+    people = moment.people
+    first, last = people.frame(moment.since), people.frame(moment.since + until)
+    broke = people.streams[rule.setting.bounds, rule.clean].broke
+    return bool(broke[first : last + 1, body].any() or people.is_filled[last, body])
