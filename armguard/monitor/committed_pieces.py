@@ -121,6 +121,10 @@ class CommittedPieces:
             if piece.plan.stamp > now or not is_covered(piece.plan, checked, robot, first)
         ]
         if len(kept) >= MOST_PIECES:
+            # On one that has come to its end the arm rests, and a resting arm touches nothing: to
+            # forget that it may be there can only cost a STOP.
+            kept = [piece for piece in kept if not _is_at_rest(piece.course, now)]
+        if len(kept) >= MOST_PIECES:
             detail = f"is the {MOST_PIECES + 1}th that the arm may be on: commit less often"
             return refuse_plan("plan", detail)
         before = tuple(piece.plan for piece in going_on)
@@ -202,7 +206,7 @@ class CommittedPieces:
         of obstacles here, and news are judged by that.
         """
         scheduler = self._scheduler
-        if course.epoch + float(course.end[-1]) <= tick.now:
+        if _is_at_rest(course, tick.now):
             # It rests, and a resting arm touches nothing.
             return None
         pairs = np.flatnonzero(scheduler.watched_pairs())
@@ -241,6 +245,11 @@ class CommittedPieces:
             state.bodies, state.marks, known.reference, known.known, known.revision
         )
         return changed
+
+
+def _is_at_rest(course: PlannedCourse, now: float) -> bool:
+    """Whether an arm on this course has come to rest by then, in [s]."""
+    return course.epoch + float(course.end[-1]) <= now
 
 
 @kernel

@@ -94,6 +94,20 @@ def first_touch(plan, place, radius):
     return math.inf
 
 
+def test_a_controller_that_commits_in_each_tick_is_not_refused_for_good():
+    """Pieces that no joint state can tell apart add up, until the arm has come to their ends."""
+    _, monitor = start()
+    safe = []
+    for k in range(1, 200):
+        now = k * PERIOD
+        monitor.step(now, HOME, STILL)
+        q = np.tile(HOME + 1e-6 * k * np.eye(7)[6], (2, 1))
+        safe.append(monitor.commit(make_plan(stamp=now, times=[0.0, 0.02], q=q, v=0.0 * q)).safe)
+    assert safe[0]
+    assert sum(safe) > 150
+    assert all(safe[-20:])
+
+
 def test_a_piece_into_an_obstacle_is_unsafe_and_one_away_from_it_is_safe():
     plan = make_plan()
     # The fingers pass there on the way; where it begins, there is still room.
