@@ -21,7 +21,7 @@ import numpy as np
 from armguard.exceptions import RobotError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
-from armguard.jit.numerics import SUM_ROUNDING
+from armguard.jit.numerics import LIMIT_SLACK, SUM_ROUNDING
 
 Amounts = float | dict[str, float]
 """One number for all joints of a row, or one for each by name."""
@@ -206,11 +206,12 @@ def find_gentlest_stop(brakes: BrakeCurves, speeds: FloatArray) -> FloatArray:
     rates = np.zeros(len(speeds))
     for j, speed in enumerate(np.abs(speeds).tolist()):
         stop = find_stop(brakes, j, speed)
-        # A speed may be so small that its quotients vanish, and so large that its square overflows.
-        rates[j] = (
-            max(stop.deceleration, speed / stop.time, 0.5 * speed * speed / stop.distance)
-            or brakes.speed[j, 0] / stop.time
-        )
+        if speed > LIMIT_SLACK:
+            # By multiplication: a power of a float that overflows is an error.
+            by_distance = 0.5 * speed * speed / stop.distance
+            rates[j] = max(stop.deceleration, speed / stop.time, by_distance)
+        else:
+            rates[j] = stop.deceleration or brakes.speed[j, 0] / stop.time
     return rates
 
 

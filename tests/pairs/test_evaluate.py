@@ -280,7 +280,8 @@ def test_unknown_whereabouts_are_contact_now():
 
 
 def test_a_refused_sample_counts_beside_the_accepted_one():
-    """Both are possible: the sooner contact stands, at the speed that was measured."""
+    """Both are possible: the sooner contact stands, at half as much again as was measured."""
+    random_pose(np.random.default_rng(4))
     motion = free_motion(np.random.default_rng(3))
     apart, close = [4.0, 0.0, 0.5], [1.5, 0.0, 0.5]
     fast = [-30.0, 0.0, 0.0]
@@ -289,7 +290,7 @@ def test_a_refused_sample_counts_beside_the_accepted_one():
     obstacles.update(["ball"], 0.01, [close], [fast], radius=0.1)
     alone = Obstacles(accel=10.0, speed=2.0)
     alone.update(["ball"], 0.0, [apart], [[0.0, 0.0, 0.0]], radius=0.1)
-    racing = Obstacles(accel=10.0, speed=30.0)
+    racing = Obstacles(accel=10.0, speed=45.0)
     racing.update(["ball"], 0.01, [close], [fast], radius=0.1)
     both, of_alone, of_racing = (
         look(make_state(motion, table), [table.row("ball")], 0.02)[0]
