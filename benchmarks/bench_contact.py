@@ -29,7 +29,7 @@ SPHERES = 50  # of the arm, each against the same obstacle, before the next obst
 
 
 @njit(error_model="numpy")
-def _distances(points, velocities, centers, motions, count, distance, out):  # type: ignore[no-untyped-def]
+def _distances(points, velocities, centers, motions, count, distance, out):  # type: ignore[no-untyped-def]  # arrays and numbers of a sweep
     """The plain loop that anyone would write: distance over the sum of the speed bounds."""
     for i in range(out.size):
         square = 0.0
@@ -39,7 +39,7 @@ def _distances(points, velocities, centers, motions, count, distance, out):  # t
 
 
 @njit(error_model="numpy")
-def _rung(points, velocities, centers, motions, count, distance, out, advances, age, speeds):  # type: ignore[no-untyped-def]
+def _rung(points, velocities, centers, motions, count, distance, out, advances, age, speeds):  # type: ignore[no-untyped-def]  # arrays and numbers of a sweep
     for first in range(0, out.size, SPHERES):
         for i in range(first, min(first + SPHERES, out.size)):
             out[i] = row_contact_time(
@@ -52,7 +52,7 @@ def _rung(points, velocities, centers, motions, count, distance, out, advances, 
 
 
 @njit(error_model="numpy")
-def _distance_rung(points, velocities, centers, motions, count, distance, out, age):  # type: ignore[no-untyped-def]
+def _distance_rung(points, velocities, centers, motions, count, distance, out, age):  # type: ignore[no-untyped-def]  # arrays and numbers of a sweep
     for first in range(0, out.size, SPHERES):
         corners = points[first]
         rates = velocities[first]
@@ -66,7 +66,7 @@ def _distance_rung(points, velocities, centers, motions, count, distance, out, a
             )  # fmt: skip
 
 
-def _numpy_roots(position, velocity, distance, accel):  # type: ignore[no-untyped-def]
+def _numpy_roots(position, velocity, distance, accel):  # type: ignore[no-untyped-def]  # arrays and numbers of a sweep
     """The quartic's smallest positive root by numpy.roots, a pair at a time."""
     out = np.empty(len(position))
     for i, (x, v, eps, a) in enumerate(zip(position, velocity, distance, accel, strict=True)):
@@ -76,7 +76,7 @@ def _numpy_roots(position, velocity, distance, accel):  # type: ignore[no-untype
     return out
 
 
-def _numpy_advances(position, velocity, distance, accel, advances):  # type: ignore[no-untyped-def]
+def _numpy_advances(position, velocity, distance, accel, advances):  # type: ignore[no-untyped-def]  # arrays and numbers of a sweep
     """Conservative advancement over whole NumPy arrays, without care for rounding."""
     t = np.zeros(len(position))
     for _ in range(advances):
@@ -101,7 +101,7 @@ def _time(work: Callable[[], object], pairs: int, repetitions: int) -> list[floa
     return [min(spent), *np.quantile(spent, [0.5, 0.99]), max(spent)]
 
 
-def _line(name: str, spent: list[float], times=None, converged=None) -> None:  # type: ignore[no-untyped-def]
+def _line(name: str, spent: list[float], times=None, converged=None) -> None:  # type: ignore[no-untyped-def]  # arrays and numbers of a sweep
     text = f"{name:<44}" + "".join(f"{ns:10.1f}" for ns in spent)
     if times is not None:
         usual = (converged > 0.0) & np.isfinite(converged)

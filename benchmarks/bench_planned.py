@@ -34,6 +34,7 @@ from armguard.bounds import (
     Plan,
     PlannedCourse,
     PlannedMotion,
+    Refusal,
     append_stop,
     check_plan,
     table_contact_time,
@@ -148,7 +149,9 @@ def make_plan(robot: Robot, swing: Swing, error: float, pace: float | None) -> C
     ones = np.ones(len(robot.joints))
     plan = Plan(0.0, times, q, v, error * ones, None if pace is None else pace * ones)
     stopped = append_stop(plan, robot.braking_deceleration, on_path=False)
-    checked = check_plan(stopped, robot, 0.0, q[0], v[0], 0.0)  # type: ignore[arg-type]
+    if isinstance(stopped, Refusal):
+        raise SystemExit(f"refused: {stopped}")
+    checked = check_plan(stopped, robot, 0.0, q[0], v[0], 0.0)
     if not isinstance(checked, CheckedPlan):
         raise SystemExit(f"refused: {checked}")
     return checked

@@ -17,6 +17,7 @@ import numpy as np
 
 from armguard.bounds.planned.check import check_path_stop, check_plan
 from armguard.bounds.planned.course import PlannedCourse
+from armguard.bounds.planned.curve import find_top_speeds
 from armguard.bounds.planned.following import check_following, find_disagreement
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
@@ -121,8 +122,8 @@ class FollowedTrajectory:
         if isinstance(checked, Refusal):
             return refuse_plan(*checked)
         motion = self._planned_motion()
-        refusal: Refusal | None = None
-        if self._on_path:
+        refusal = self._check_velocities(checked)
+        if refusal is None and self._on_path:
             refusal = check_path_stop(checked, robot, motion.brakes)
             # Brakes may bite at any time, and the error of a stop applies from then on.
             checked = checked._replace(deviation=checked.stop_deviation)
@@ -151,6 +152,22 @@ class FollowedTrajectory:
         self._stamp = max(self._stamp, stamp)
         contact = self._find_contact(tick, self._response_time)
         return PlanVerdict(True, contact.time, contact.link, contact.obstacle, ())
+
+    def _check_velocities(self, plan: CheckedPlan) -> Refusal | None:
+        """Why a plan breaks the velocities that the controller is said to keep to; None if not.
+
+        What may be near the arm is known by these, so an arm that is faster could meet what was
+        not asked for.
+        """
+        limits = self._scheduler.arm.state.scene.limits
+        fastest = limits.operating_velocity + limits.velocity_error + LIMIT_SLACK
+        speeds = find_top_speeds(plan.times, plan.q, plan.v)
+        off = np.flatnonzero(~(speeds <= fastest))
+        if not len(off):
+            return None
+        j = int(off[0])
+        detail = f"goes at {speeds[j]:.4g}, velocity in force with error is {fastest[j]:.4g}"
+        return Refusal(self._robot.joints[j], detail)
 
     def update(self, tick: Tick, stamp: float, path_time: object) -> Reason | None:
         """Take a tick's joint state; why the arm follows no trajectory any more, if so.

@@ -144,7 +144,10 @@ class KnownPath:
         return self.is_proved or self._trajectory.is_braked(tick)
 
     def is_free(self, tick: Tick, obeyed_after: float, going_on: float, scale: float) -> bool:
-        """Whether it does after its clock has kept to a scale; see `FollowedTrajectory`."""
+        """Whether the arm surely rests after its clock has kept to a scale.
+
+        See `FollowedTrajectory.is_free`.
+        """
         return self._trajectory.is_free(tick, obeyed_after, going_on, scale)
 
     def compile(self, tick: Tick) -> None:

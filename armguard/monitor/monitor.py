@@ -50,7 +50,7 @@ from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import Schedule
 from armguard.scheduling.scheduler import NOTHING_FOUND, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
-from armguard.verdict import Effect, PlanVerdict, Reason, ReasonKind, Verdict
+from armguard.verdict import Effect, Level, PlanVerdict, Reason, ReasonKind, Verdict
 
 NEVER = -sys.float_info.max
 """Time of the last tick before the first one, in [s]."""
@@ -197,6 +197,7 @@ class Monitor:
         self._quiet_until = -math.inf
         self._unplaced = self._no_sources = self._reloaded = False
         self._standing: Reason | None = None
+        self._stopped_by_braking = False
         self._unmatched: tuple[int, list[Reason]] = -1, []
         self._sequence = 0
         self._disbelieved = 0
@@ -295,6 +296,7 @@ class Monitor:
         self._epoch = math.nan
         self._quiet_until = -math.inf
         self._standing = None
+        self._stopped_by_braking = False
 
     def with_stop(self, plan: Plan) -> Plan:
         """A plan with a stop at its end, as hard as brakes guarantee, to be committed.
@@ -373,7 +375,7 @@ class Monitor:
         tick, result = self._last
         if tick is None or result.pair == NOBODY or self._unplaced:
             return None
-        return self._queries.explain(tick, result.pair)
+        return self._queries.explain(tick, result.pair, by_braking=self._stopped_by_braking)
 
     def headroom(self) -> Headroom:
         """What evaluations cost now, and which number or rate would break the budget."""
@@ -493,6 +495,16 @@ class Monitor:
         if reasons:
             standing = (one for one in reasons if one.kind.effect is Effect.STANDING)
             self._standing = next(standing, None)
+        # Beside another reason to stop, or on a known path, more than the brakes would decide.
+        self._stopped_by_braking = (
+            verdict.level is Level.STOP
+            and verdict.complete
+            and not (self._unplaced or (path is not None and (path.is_proved or path.is_followed)))
+            and all(
+                one.kind.effect is Effect.NOTE or one.kind is ReasonKind.BRAKES_NOT_COVERED
+                for one in verdict.reasons
+            )
+        )
         return verdict
 
     def _known_path(self, method: str) -> KnownPath:

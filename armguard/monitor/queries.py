@@ -61,8 +61,14 @@ class Queries:
             for index, pair in enumerate(listing.pairs)
         ]
 
-    def explain(self, tick: Tick, pair: int) -> Explanation | None:
-        """Why the verdict that this pair decided is as it is; None where it is gone since."""
+    def explain(self, tick: Tick, pair: int, *, by_braking: bool) -> Explanation | None:
+        """Why the verdict that this pair decided is as it is; None where it is gone since.
+
+        Args:
+            tick: The last one.
+            pair: Row × links + link.
+            by_braking: Whether it was a STOP, and for nothing but what the brakes can do.
+        """
         row = pair // len(self._scheduler.arm.links)
         if row in self._obstacles.membership_changes():
             return None
@@ -70,7 +76,7 @@ class Queries:
         settings, robot, scheduler = self._settings, self._robot, self._scheduler
         braking_delay = settings.response_time + settings.reaction_time
         explanation = explain_pair(scheduler, robot, tick, pair, braking_delay)
-        if not settings.with_joints or explanation.contact_time > tick.stop_time:
+        if not (settings.with_joints and by_braking):
             return explanation
         remedies = list_remedies(
             scheduler,

@@ -79,6 +79,15 @@ def test_asking_changes_nothing():
     assert any(one.level is Level.STOP for one in verdicts[0])
 
 
+def test_beside_another_reason_to_stop_no_remedy_is_told():
+    obstacles, monitor = make_monitor(
+        robot=ranged_panda(), reaction_time=REACTION, ignore=[("panda_hand", "missing*")]
+    )
+    see(obstacles, 0.0, [1.05, 0.0, 0.6], velocity=[[-1.0, 0.0, 0.0]])
+    assert monitor.step(0.0, HOME, MOVING).level is Level.STOP
+    assert monitor.explain().remedies == ()
+
+
 @pytest.mark.parametrize("settings", [{"motion": "isotropic"}, {"schedule": "full"}])
 def test_other_settings_are_asked_as_well_or_not_at_all(settings):
     verdict, monitor = judge(0.95, **settings)

@@ -8,7 +8,7 @@ from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
 from armguard.monitor.followed_trajectory import FollowedTrajectory
 from armguard.obstacles import Obstacles
-from armguard.robot import Kinematics
+from armguard.robot import Kinematics, OperatingLimits
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import (
     HOME,
@@ -57,6 +57,19 @@ def run(monitor, plan, until=151, *, tell=False, slower=1):
         told = PERIOD * k / slower if tell else None
         verdicts.append(monitor.step(PERIOD * k, q, v, path_time=told))
     return verdicts
+
+
+def test_a_trajectory_faster_than_the_operating_velocity_is_refused_by_name():
+    plan = make_plan()
+    top = np.abs(plan.v).max(axis=0)
+    for share, is_taken in ((1.01, True), (0.7, False)):
+        velocity = np.maximum(share * top, 0.1)
+        _, monitor = start(operating=OperatingLimits(velocity=velocity))
+        answer = monitor.follow(plan)
+        assert answer.safe is is_taken
+        if not is_taken:
+            assert "panda_joint1" in str(answer.reasons[0])
+            assert "velocity in force" in str(answer.reasons[0])
 
 
 POST = [0.75 * np.cos(0.3), 0.75 * np.sin(0.3), 0.55]
