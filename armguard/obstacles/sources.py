@@ -159,7 +159,7 @@ class Sources:
         return state
 
     def count(self, state: SourceState, stamp: float, rows: int, refused: int) -> None:
-        """Notes how many rows of a message were refused."""
+        """Note how many rows of a message were refused."""
         before = state.recent.is_disbelieved
         state.recent.add(stamp, rows, refused)
         if before or state.recent.is_disbelieved:
