@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.displacement import eased_velocity, fill_eased_displacements
+from armguard.bounds.displacement import fill_displacements
 from armguard.bounds.joint import JointSpaceMotion
 from armguard.bounds.joint_table import JointTable, set_columns, set_span
 from armguard.bounds.limits import JointLimits, check_state
@@ -36,8 +36,6 @@ FREE_NODES = 4
 """Steps of the table before braking begins."""
 BRAKING_NODES = 28
 """Steps of the table from then until the arm rests."""
-GOING_NODES = 8
-"""Of those, steps while the arm goes on before it brakes."""
 
 
 class BrakingMotion(JointSpaceMotion):
@@ -70,6 +68,7 @@ class BrakingMotion(JointSpaceMotion):
         super().__init__(robot, base_placement, lever=lever, operating=operating)
         self.reaction_time = check_duration("reaction_time", reaction_time)
         self.table = self._make_table(np.zeros(FREE_NODES + BRAKING_NODES + 1))
+        self._paced = np.empty(len(robot.joints))
 
     def stop_time(self, q: npt.ArrayLike, v: npt.ArrayLike, age: float, horizon: float) -> float:
         """Time within which every joint surely rests, in [s] from now.
@@ -97,13 +96,11 @@ class BrakingMotion(JointSpaceMotion):
         age: float,
         horizon: float,
         *,
-        going_on: float = 0.0,
-        scale: float = 1.0,
+        pace: float = 1.0,
     ) -> JointTable:
         """Fill the table of one tick; its last node is the stop time.
 
-        Brakes may bite sooner than they must, at any time since the stamp, but not while the arm
-        goes on: a stop meanwhile is a question of its own.
+        Brakes may bite sooner than they must, at any time since the stamp.
 
         It proves nothing where `covers` says that a joint may be faster than its brakes are stated
         for: it stops as their last entry says then, so that times stay finite.
@@ -113,9 +110,8 @@ class BrakingMotion(JointSpaceMotion):
             v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,), float64.
             age: Now minus the stamp of the state, in [s]; negative where that is newer.
             horizon: Until braking is commanded, in [s] from now.
-            going_on: How long the arm goes on after that at the pace of `scale`, in [s].
-            scale: Fraction of their operating velocities that joints keep to meanwhile; faster ones
-                slow down as if they braked.
+            pace: Fraction of their operating velocities that no joint exceeds, from its stamp on;
+                one that is measured to be faster counts as if it were so fast.
 
         Returns:
             The table; always the same one, filled anew.
@@ -127,9 +123,13 @@ class BrakingMotion(JointSpaceMotion):
         self._check_tick(q, v, age)
         free = check_duration("horizon", horizon) + self.reaction_time
         table, limits = self.table, self.limits
-        _spread_nodes(v, age, free, check_duration("going_on", going_on), scale, limits, table.time)
-        fill_eased_displacements(
-            q, v, age, max(age, 0.0) + free, going_on, scale, limits,
+        if pace < 1.0:
+            fastest = np.multiply(limits.operating_velocity, pace, out=self._paced)
+            v = np.clip(v, -fastest, fastest)
+            limits = limits._replace(operating_velocity=fastest)
+        _spread_nodes(v, age, free, limits, table.time)
+        fill_displacements(
+            q, v, age, max(age, 0.0) + free, limits,
             table.time, table.high, table.low, table.highest, table.lowest,
         )  # fmt: skip
         return table
@@ -240,41 +240,25 @@ class BrakingMotion(JointSpaceMotion):
 
 @kernel
 def _spread_nodes(
-    v: FloatArray,
-    age: float,
-    free: float,
-    going_on: float,
-    scale: float,
-    limits: JointLimits,
-    time: FloatArray,
+    v: FloatArray, age: float, free: float, limits: JointLimits, time: FloatArray
 ) -> None:
-    """Fill the times of a table: up to `free`, while going on, and until all joints rest."""
+    """Fill the times of a table: up to `free`, and from then until all joints rest."""
     rest = 0.0
     # Between the stamp and the moment when the command is obeyed: what slows down is faster before.
     after, before = max(age, 0.0) + free, -age
     for j in range(v.shape[0]):
-        speeding = limits.operating_acceleration[j]
         speed = speed_at_bite(
             v[j],
             limits.velocity_error[j],
             limits.operating_velocity[j],
             limits.acceleration[j],
-            speeding,
+            limits.operating_acceleration[j],
             after,
             before,
         )
-        pace = scale * limits.operating_velocity[j]
-        if speed > pace:
-            stop = find_stop(limits.brakes, j, speed)
-            speed = eased_velocity(speed, stop, pace, going_on)
-        else:
-            speed = min(pace, speed + speeding * going_on)
         rest = max(rest, rest_time(find_stop(limits.brakes, j, speed), speed))
-    going = GOING_NODES if going_on > 0.0 else 0
-    braking = time.shape[0] - 1 - FREE_NODES - going
+    braking = time.shape[0] - 1 - FREE_NODES
     for k in range(FREE_NODES):
         time[k] = free * k / FREE_NODES
-    for k in range(going):
-        time[FREE_NODES + k] = free + going_on * k / going
     for k in range(braking + 1):
-        time[FREE_NODES + going + k] = free + going_on + rest * k / braking
+        time[FREE_NODES + k] = free + rest * k / braking

@@ -134,40 +134,7 @@ def brake(velocity: float, accel: float, stop: Stop, s: float) -> float:
 
 
 @kernel
-def eased_velocity(velocity: float, stop: Stop, pace: float, s: float) -> float:
-    """Greatest velocity `s` seconds after a joint faster than a pace began to slow down to it.
-
-    It slows down as if it braked. Of times and distances alone, all that follows is that it keeps
-    to the pace after the time in which it would rest.
-    """
-    if s >= stop.time:
-        return pace
-    return max(pace, velocity - stop.deceleration * s)
-
-
-@kernel
-def _ease(
-    velocity: float, accel: float, speeding: float, stop: Stop, pace: float, s: float
-) -> tuple[float, float]:
-    """Greatest displacement in `s` seconds of keeping to a pace, and the greatest velocity then.
-
-    A joint that is faster slows down as if it braked, any other gets no faster.
-    """
-    if velocity <= pace:
-        eased = operating_displacement(velocity, accel, speeding, pace, s)
-        return eased, operating_velocity(velocity, accel, speeding, pace, s)
-    # As fast as it was for as long as time and distance allow, and at its pace from then on.
-    until = min(s, min(stop.time, stop.distance / velocity))
-    distance = until * velocity + pace * (s - until)
-    if stop.deceleration > 0.0:
-        until = min(min(s, stop.time), (velocity - pace) / stop.deceleration)
-        held = until * (velocity - 0.5 * stop.deceleration * until) + pace * (s - until)
-        distance = min(distance, held)
-    return distance * (1.0 + SUM_ROUNDING), eased_velocity(velocity, stop, pace, s)
-
-
-@kernel
-def _find_stops(
+def _find_braking(
     velocity: float,
     accel: float,
     speeding: float,
@@ -176,22 +143,13 @@ def _find_stops(
     joint: int,
     below: float,
     free: float,
-    going_on: float,
-    pace: float,
-) -> tuple[Stop, Stop]:
-    """How a joint slows down to its pace, and how it stops then: the same at all times.
-
-    Each is the entry for the greatest velocity that `_settle` finds for its beginning.
-    """
+) -> tuple[float, Stop]:
+    """Greatest velocity that a joint can have `free` seconds after its stamp, and its stop then."""
     reached = operating_velocity(velocity, accel, speeding, top, free)
     if free > below:
+        # It may have come to rest at its stop, and have been thrown back from there.
         reached = max(reached, min(top, accel * (free - below)))
-        speeding = accel
-    easing = find_stop(brakes, joint, reached)
-    _, left = _ease(reached, accel, speeding, easing, pace, going_on)
-    if free < below < free + going_on:
-        left = max(left, min(pace, accel * (free + going_on - below)))
-    return easing, find_stop(brakes, joint, left)
+    return reached, find_stop(brakes, joint, reached)
 
 
 @kernel
@@ -200,40 +158,19 @@ def _settle(
     accel: float,
     speeding: float,
     top: float,
-    easing: Stop,
-    braking: Stop,
+    reached: float,
+    stop: Stop,
     highest: float,
     room_below: float,
     below: float,
     free: float,
-    going_on: float,
-    pace: float,
     s: float,
 ) -> float:
-    """`rise` of a joint that eases from `free` seconds after the stamp on, and then brakes."""
-    # Free: from the stamp until `free`.
+    """`rise` of a joint that brakes from `free` seconds after the stamp on."""
     displacement = rise(velocity, accel, speeding, top, room_below, below, min(s, free))
     if s > free:
-        # Easing: for `going_on` seconds, from the greatest velocity that it can have reached.
-        reached = operating_velocity(velocity, accel, speeding, top, free)
-        if free > below:
-            reached = max(reached, min(top, accel * (free - below)))
-            # What a stop has thrown back still speeds up as hard.
-            speeding = accel
-        eased, left = _ease(reached, accel, speeding, easing, pace, min(s - free, going_on))
-        displacement = min(displacement, highest) + eased
-        if free < below < s:
-            # It may have come to rest at its stop meanwhile, and come back from there.
-            back = min(s, free + going_on) - below
-            if back > 0.0:
-                displacement = max(
-                    displacement, free_displacement(0.0, accel, pace, back) - room_below
-                )
-                left = max(left, min(pace, accel * back))
-        if s > free + going_on:
-            # Braking: until it rests, from the greatest velocity that easing has left it.
-            braked = brake(left, accel, braking, s - free - going_on)
-            displacement = min(displacement, highest) + braked
+        # From the greatest velocity that it can have reached, until it rests.
+        displacement = min(displacement, highest) + brake(reached, accel, stop, s - free)
     # One that stops at its limit below gets no further down, however fast it was.
     return max(displacement, -max(room_below, 0.0))
 
@@ -256,33 +193,9 @@ def fill_displacements(
     Joints are free to move for `free` seconds from their stamp, then brake; inf: they never do.
     `high` and `low`, shape (nodes, nv), are not yet clipped to `highest` and `lowest`, (nv,).
     """
-    fill_eased_displacements(q, v, age, free, 0.0, 1.0, limits, time, high, low, highest, lowest)
-
-
-@kernel
-def fill_eased_displacements(
-    q: FloatArray,
-    v: FloatArray,
-    age: float,
-    free: float,
-    going_on: float,
-    scale: float,
-    limits: JointLimits,
-    time: FloatArray,
-    high: FloatArray,
-    low: FloatArray,
-    highest: FloatArray,
-    lowest: FloatArray,
-) -> None:
-    """`fill_displacements` of joints that keep to a fraction of their speed before they brake.
-
-    For `going_on` seconds after they were free, those that are faster than `scale` times their
-    operating velocities slow down as if they braked, and the others get no faster than that.
-    """
     for j in range(q.shape[0]):
         accel, speeding = limits.acceleration[j], limits.operating_acceleration[j]
         top = max(limits.operating_velocity[j], abs(v[j]))
-        pace = scale * limits.operating_velocity[j]
         up, down = v[j] + limits.velocity_error[j], -v[j] + limits.velocity_error[j]
         error = limits.position_error[j]
         room_above, room_below = limits.upper[j] - q[j] - error, q[j] - limits.lower[j] - error
@@ -291,11 +204,9 @@ def fill_eased_displacements(
         below = operating_arrival(down, accel, speeding, top, room_below)
         highest[j] = max(limits.upper[j] - q[j], 0.0) + error
         lowest[j] = min(limits.lower[j] - q[j], 0.0) - error
-        up_easing, up_braking = _find_stops(
-            up, accel, speeding, top, limits.brakes, j, below, free, going_on, pace
-        )
-        down_easing, down_braking = _find_stops(
-            down, accel, speeding, top, limits.brakes, j, above, free, going_on, pace
+        fastest_up, up_stop = _find_braking(up, accel, speeding, top, limits.brakes, j, below, free)
+        fastest_down, down_stop = _find_braking(
+            down, accel, speeding, top, limits.brakes, j, above, free
         )
         # Downwards is upwards mirrored: signs of positions and velocities change.
         for k in range(time.shape[0]):
@@ -305,32 +216,10 @@ def fill_eased_displacements(
                 low[k, j] = -rise(down, accel, speeding, top, room_above, above, s)
             else:
                 high[k, j] = _settle(
-                    up,
-                    accel,
-                    speeding,
-                    top,
-                    up_easing,
-                    up_braking,
-                    highest[j],
-                    room_below,
-                    below,
-                    free,
-                    going_on,
-                    pace,
-                    s,
-                )
+                    up, accel, speeding, top, fastest_up, up_stop, highest[j], room_below, below,
+                    free, s,
+                )  # fmt: skip
                 low[k, j] = -_settle(
-                    down,
-                    accel,
-                    speeding,
-                    top,
-                    down_easing,
-                    down_braking,
-                    -lowest[j],
-                    room_above,
-                    above,
-                    free,
-                    going_on,
-                    pace,
-                    s,
-                )
+                    down, accel, speeding, top, fastest_down, down_stop, -lowest[j], room_above,
+                    above, free, s,
+                )  # fmt: skip

@@ -69,11 +69,10 @@ class CommittedPieces:
     Attributes:
         is_proved: Whether the arm is on a piece, and nothing can touch it until it rests.
         evaluated: Evaluations, since it was set to 0.
-        revision: How often a piece was taken, or all were forgotten.
     """
 
     def __init__(self, robot: Robot, scheduler: Scheduler, latency: float, margin: float) -> None:
-        self.evaluated = self.revision = 0
+        self.evaluated = 0
         self._robot = robot
         self._scheduler = scheduler
         self._latency = latency
@@ -84,7 +83,6 @@ class CommittedPieces:
     def reset(self) -> None:
         """Forget all pieces: from now on the arm may do what its joints can."""
         self._pieces: list[Piece] = []
-        self.revision += 1
         self.is_proved = False
         self._motion = self._scheduler.arm.motion.planned
 
@@ -135,7 +133,6 @@ class CommittedPieces:
         self._pieces = [*kept, Piece(checked, course, before, self._remember())]
         self._motion = self._planned_motion()
         self.is_proved = True
-        self.revision += 1
         return PlanVerdict(True, math.inf, None, None, ())
 
     def update(self, tick: Tick, stamp: float, *, disturbed: bool) -> Reason | None:

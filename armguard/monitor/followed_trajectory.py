@@ -67,7 +67,6 @@ class FollowedTrajectory:
 
     Attributes:
         evaluated: Evaluations, since it was set to 0.
-        revision: How often a trajectory was taken, all were forgotten, or their clock was set free.
     """
 
     def __init__(
@@ -81,7 +80,7 @@ class FollowedTrajectory:
         *,
         on_path: bool,
     ) -> None:
-        self.evaluated = self.revision = 0
+        self.evaluated = 0
         self._robot = robot
         self._scheduler = scheduler
         self._response_time = response_time
@@ -94,7 +93,6 @@ class FollowedTrajectory:
     def reset(self) -> None:
         """Forget all trajectories: from now on the arm may do what its joints can."""
         self._trajectories: list[Trajectory] = []
-        self.revision += 1
         self._is_on_time = True
         self._stamp = -math.inf
 
@@ -148,7 +146,6 @@ class FollowedTrajectory:
         # Until it begins, joints may be off it at any speed.
         new = Trajectory(checked, max(now, checked.stamp), along, *motion.find_path_stop(checked))
         self._trajectories.append(new)
-        self.revision += 1
         self._stamp = max(self._stamp, stamp)
         contact = self._find_contact(tick, self._response_time)
         return PlanVerdict(True, contact.time, contact.link, contact.obstacle, ())
@@ -193,7 +190,6 @@ class FollowedTrajectory:
                 return Reason(ReasonKind.PLAN_VOID, "path_time", detail)
             if self._is_on_time:
                 self._is_on_time = False
-                self.revision += 1
                 self._trajectories = [
                     one._replace(plan=self._free_clock(one.plan)) for one in self._trajectories
                 ]
@@ -235,34 +231,29 @@ class FollowedTrajectory:
             tick: The present one.
         """
         return self.is_followed and all(
-            self._lay_out(one, tick, self._response_time, math.inf, 1.0) is not None
+            self._lay_out(one, tick, self._response_time, 1.0) is not None
             for one in self._trajectories
         )
 
-    def is_free(self, tick: Tick, obeyed_after: float, going_on: float, scale: float) -> bool:
-        """Whether the arm surely rests before contact if its clock keeps to a scale for some time.
+    def is_free(self, tick: Tick, told_after: float, pace: float) -> bool:
+        """Whether the arm surely rests before contact if its clock keeps to a pace until it stops.
 
         Args:
             tick: The present one.
-            obeyed_after: How long it goes on as before, in [s].
-            going_on: How long it goes on at the scale then, before it is told to stop, in [s].
-            scale: The greatest pace of its clock then; a faster one slows down as brakes allow. Of
-                a trajectory on time there is only the whole.
+            told_after: When the arm is told to stop, in [s] from now.
+            pace: The greatest pace of its clock, in [0, 1]. Of a trajectory on time there is only
+                the whole.
         """
-        if self._is_on_time and scale < 1.0:
+        if self._is_on_time and pace < 1.0:
             return False
-        full_until = obeyed_after + self._reaction_time
-        found = self._find_contact(tick, obeyed_after + going_on, full_until, scale)
-        return found.time == math.inf
+        return self._find_contact(tick, told_after, pace).time == math.inf
 
-    def _find_contact(
-        self, tick: Tick, told_after: float, full_until: float = math.inf, pace: float = 1.0
-    ) -> CourseContact:
+    def _find_contact(self, tick: Tick, told_after: float, pace: float = 1.0) -> CourseContact:
         """What could touch an arm that is told to stop within some time, on its way to rest."""
         motion, scheduler = self._planned_motion(), self._scheduler
         first = CourseContact(math.inf, None, None, 0)
         for one in self._trajectories:
-            course = self._lay_out(one, tick, told_after, full_until, pace)
+            course = self._lay_out(one, tick, told_after, pace)
             if course is None:
                 return CourseContact(0.0, None, None, 0)
             pairs = scheduler.near_pairs(tick, float(course.end[-1]))
@@ -273,7 +264,7 @@ class FollowedTrajectory:
         return first
 
     def _lay_out(
-        self, one: Trajectory, tick: Tick, told_after: float, full_until: float, pace: float
+        self, one: Trajectory, tick: Tick, told_after: float, pace: float
     ) -> PlannedCourse | None:
         """Where an arm on a trajectory can be until it rests; None where that is not known."""
         if self._is_on_time and one.along < 0.0:
@@ -288,7 +279,6 @@ class FollowedTrajectory:
             tick.arm_age,
             self._is_on_time,
             max(now - one.since, 0.0),
-            full_until,
             pace,
             one.slowing,
         )

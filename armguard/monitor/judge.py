@@ -69,20 +69,13 @@ class Judge:
         self._stopping = None
         self._late_delay = 0.0
         if settings.with_joints:
-            self._stopping = StopDecision(
-                scheduler,
-                settings.period,
-                settings.response_time,
-                settings.slow_margin,
-                settings.rise_delay,
-            )
+            self._stopping = StopDecision(scheduler, settings.response_time, settings.reaction_time)
             states.delay_braking(self._stopping.looks_ahead - self._response_time)
             self._late_delay = self._stopping.looks_ahead + settings.reaction_time
         self.path = None
         if scheduler.arm.motion.planned is not None:
             self.path = KnownPath(robot, scheduler, settings)
         self._was_followed = False
-        self._path_revision = -1
         self._separation = None
         if separation is not None:
             self._separation = SeparationMargin(separation, self._braking_delay)
@@ -94,11 +87,6 @@ class Judge:
         for memory in (self._stopping, self.path):
             if memory is not None:
                 memory.reset()
-
-    def forget_proofs(self) -> None:
-        """Let no earlier tick's proof count: what it rests on has changed."""
-        if self._stopping is not None:
-            self._stopping.restart_search()
 
     def judge(
         self, stamp: float, tick: Tick, result: TickResult, reasons: list[Reason], *, unplaced: bool
@@ -263,7 +251,8 @@ class Judge:
 
         Where nothing is near there is nothing to slow down for: SLOW comes in time, for while a
         level is higher, the arm can stop before contact at whatever speed it has. A scale that
-        promises something is never above what brakes are stated for.
+        promises something is never above what brakes are stated for. Safety does not rest on it:
+        whether an arm that is faster has to stop, is what the level says.
         """
         if level is Level.STOP:
             return 0.0
@@ -275,18 +264,11 @@ class Judge:
             left = max(contact_time - self._braking_delay, 0.0)
             fastest = self._in_force.velocity
             return float(scale_that_rests(self._in_force.brakes, fastest, left))
-        if path is not None and path.revision != self._path_revision:
-            # What was proved of an arm on another way says nothing of this one.
-            self._path_revision = path.revision
-            stopping.restart_search()
         is_followed = path is not None and path.is_followed
         # On a trajectory it is the clock that is scaled, and no joint gets faster than it says.
         most = 1.0 if is_followed else self._find_most_scale(stopping)
-        if most < 1.0 and not stopping.covers(tick):
-            # Before it obeys, the arm may be too fast for its brakes: nothing is proved.
-            return stopping.hold_scale(tick.now, 0.0)
         if is_followed is not self._was_followed:
-            # Scales of another kind, found so far, say nothing of this one.
+            # Scales of another kind, given out so far, say nothing of this one.
             stopping.reset()
             self._was_followed = is_followed
         # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
@@ -296,7 +278,7 @@ class Judge:
         if not (is_late_known and contact_time > tick.late_stop_time):
             is_free = path.is_free if path is not None and is_followed else None
             scale = stopping.find_scale(tick, is_free)
-        return stopping.hold_scale(tick.now, min(scale, most))
+        return min(scale, most)
 
     def _find_most_scale(self, stopping: StopDecision) -> float:
         """What no scale exceeds, since brakes are not stated for more; found at changes only.

@@ -54,11 +54,6 @@ class KnownPath:
         return self._trajectory.is_followed
 
     @property
-    def revision(self) -> int:
-        """Goes up whenever there is more, or other, that the arm may do than what was told."""
-        return self._pieces.revision + self._trajectory.revision
-
-    @property
     def stop_lasting(self) -> float | None:
         """How long a stop on the path lasts once brakes bite, in [s]; None: joints stop."""
         return self._trajectory.stop_lasting
@@ -143,12 +138,9 @@ class KnownPath:
         """Whether the arm is on a way on which brakes are stated for every speed."""
         return self.is_proved or self._trajectory.is_braked(tick)
 
-    def is_free(self, tick: Tick, obeyed_after: float, going_on: float, scale: float) -> bool:
-        """Whether the arm surely rests after its clock has kept to a scale.
-
-        See `FollowedTrajectory.is_free`.
-        """
-        return self._trajectory.is_free(tick, obeyed_after, going_on, scale)
+    def is_free(self, tick: Tick, told_after: float, pace: float) -> bool:
+        """Whether the arm surely rests if its clock keeps to a pace; see `FollowedTrajectory`."""
+        return self._trajectory.is_free(tick, told_after, pace)
 
     def compile(self, tick: Tick) -> None:
         """Run once what only some ticks need, so that nothing is compiled in a tick.

@@ -468,8 +468,6 @@ class Monitor:
             ),
         )
         result = scheduler.evaluate_due(tick, seen)
-        if result.disturbed:
-            self._judge.forget_proofs()
         path = self._judge.path
         if path is not None:
             disturbed = result.disturbed or bool(result.broken) or not quiet
@@ -539,7 +537,6 @@ class Monitor:
         """Let nothing count that was proved with brakes under another payload."""
         self._reloaded = False
         self._scheduler.invalidate_all()
-        self._judge.forget_proofs()
         void = None
         if self._judge.path is not None:
             void = self._judge.path.drop("payload", f"is {self.payload:g} kg now")
@@ -552,7 +549,6 @@ class Monitor:
         """
         operating.suspend(now)
         self._scheduler.invalidate_all()
-        self._judge.forget_proofs()
         return [describe_break(self._states, operating.record)]
 
     def _tell_unmatched(self) -> list[Reason]:

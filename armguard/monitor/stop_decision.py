@@ -9,21 +9,20 @@ the tick before still had that proof.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.scheduling.timing_wheel import NOBODY
 
-IsFree = Callable[[Tick, float, float, float], bool]
-"""Says of a tick whether the arm surely rests before contact if it goes on as before for some time,
-keeps to a scale for some more, in [s], and is told to stop then."""
+IsFree = Callable[[Tick, float, float], bool]
+"""Says of a tick whether the arm surely rests before contact if it is told to stop after some time,
+in [s], and keeps to a pace of its clock until brakes bite."""
 
-HALVINGS = 5
-"""Of the interval in which the speed scale is sought."""
+STEP = 1.0 / 32.0
+"""To what a speed scale is found, at least."""
 
-STEP, PAUSE = 1e-3, 10e-3
-"""How long a step of the search may take, and how long there is none after its end, [s]."""
+RAISE_PAUSE = 10e-3
+"""How long after a higher scale was found unsafe none is tried, in [s]."""
 
 
 class StopDecision:
@@ -31,58 +30,31 @@ class StopDecision:
 
     Args:
         scheduler: Knows the pairs.
-        period: Of ticks, in [s].
         response_time: Period plus latency, in [s]: until the verdict after this one is obeyed.
-        going_on: How long a speed scale must be safe, in [s].
-        rise_delay: How long a higher scale must have been safe before it is given out, in [s].
+        reaction_time: From then until brakes bite, in [s].
 
     Attributes:
         evaluated: Evaluations so far.
         left: Obstacles that were not decided about, where the user's budget was spent since this
             was set to 0 last.
-        held: Scales below the whole that were found in the last `rise_delay`, each with its time;
-            the least first.
-        looks_ahead: How long from its tick on an arm goes on in the proof of a scale, in [s].
+        braking_delay: From a tick until brakes bite that its verdict, or the next one, calls for,
+            in [s].
+        looks_ahead: When the arm is told to stop in the proof of a scale, in [s] from its tick.
     """
 
-    def __init__(
-        self,
-        scheduler: Scheduler,
-        period: float,
-        response_time: float,
-        going_on: float,
-        rise_delay: float,
-    ) -> None:
+    def __init__(self, scheduler: Scheduler, response_time: float, reaction_time: float) -> None:
         self.evaluated = self.left = 0
         self._scheduler = scheduler
         self._response_time = response_time
-        self._rise_delay = rise_delay
-        self._steps = max(1, math.ceil(period / STEP))
-        """Steps of the search in each tick."""
-        self._pause = math.ceil(PAUSE / period)
-        ticks = math.ceil((HALVINGS + 1) / self._steps)
-        # In seconds, not in ticks: those may come late, and what was proved holds no longer then.
-        self._searching = ticks * period
-        """How long a search may take: its proofs let the arm go on as before for so long, [s]."""
-        self._lasting = (2 * ticks + self._pause) * period
-        """How long a scale counts once it was found safe: to the end of the next search, [s]."""
-        # What a search finds is obeyed only when it is over, and must last until the next one is.
-        self._obeyed_after = response_time + self._searching
-        self._going_on = going_on + self._lasting
-        self.looks_ahead = self._obeyed_after + self._going_on
+        self.braking_delay = response_time + reaction_time
+        self.looks_ahead = response_time + self.braking_delay
         self.reset()
 
     def reset(self) -> None:
-        """Forget the speed scales found and given out so far."""
-        self.held: deque[tuple[float, float]] = deque()
-        self.restart_search()
-
-    def restart_search(self) -> None:
-        """Let no scale that was found so far count as safe: what it rests on has changed."""
-        self._step = 0
-        self._safe, self._safe_at = 0.0, -math.inf
-        self._low, self._high, self._low_at = 0.0, 1.0, -math.inf
-        self._began_at = -math.inf
+        """Forget the speed scale that was found last."""
+        self._found, self._asked_in = 1.0, -1
+        self._raise = STEP
+        self._raise_at = -math.inf
 
     def rests(self, tick: Tick) -> bool:
         """Whether the arm surely rests before contact, braking only after the next tick."""
@@ -92,79 +64,59 @@ class StopDecision:
         table = braking.tabulate(tick.q, tick.v, tick.arm_age, self._response_time)
         return self._is_free(tick, float(table.time[-1]))
 
-    @property
-    def braking_delay(self) -> float:
-        """From a tick until an arm that obeys its scale brakes at the earliest, in [s]."""
-        return self._obeyed_after + self._scheduler.arm.motion.braking.reaction_time
-
     def covers(self, tick: Tick) -> bool:
         """Whether brakes are stated for all that joints can do until they obey a scale."""
         braking = self._scheduler.arm.motion.braking
-        return braking.covers(tick.v, tick.arm_age, self._obeyed_after)
+        return braking.covers(tick.v, tick.arm_age, self._response_time)
 
     def find_scale(self, tick: Tick, is_free: IsFree | None = None) -> float:
         """The greatest fraction of their operating velocities at which joints may go on, in [0, 1].
 
         Of an arm on a known path it is its clock that is scaled, and `is_free` that is asked.
 
-        An arm that obeys and keeps to it for `going_on` seconds, and brakes then, surely rests
-        before contact: joints that are faster slow down as if they braked, the others get no
-        faster. So an arm on its way out may go on as fast as it is. A search takes a few ticks;
-        what it found safe was proved for so much longer that it still holds when the next is over.
+        An arm whose joints are no faster may go on so for as long as a STOP takes to reach the
+        brakes, and surely rests before contact if the next verdict after that tells it to stop. A
+        faster one is to slow down; whether it has to stop, is what the level says.
+
+        Whatever this returns was proved in this very tick. The search begins where the last one
+        ended, so a tick takes one question, and one more now and then whether a higher scale would
+        do; only where the last scale is safe no more, it is a bisection.
         """
-        steps = self._steps
-        if not tick.time - self._safe_at < self._lasting:
-            # There is nothing to give out meanwhile: search to the end.
-            self._step, steps = 0, HALVINGS + 1
-        elif 0 < self._step <= HALVINGS and not tick.time - self._began_at <= self._searching:
-            # Ticks came late, or none was asked for meanwhile: what was found is obeyed too late.
-            self._step = 0
-        for _ in range(steps):
-            if not self._search(tick, is_free):
-                break
-        return self._safe if tick.time - self._safe_at < self._lasting else 0.0
+        found = self._found
+        if tick.number != self._asked_in + 1:
+            # Nothing was slow in between, so the arm may go at full speed until something is found.
+            found = 1.0
+        self._asked_in = tick.number
+        if found < 1.0 and not tick.time < self._raise_at:
+            higher = min(1.0, found + self._raise)
+            if self._is_safe(tick, higher, is_free):
+                self._raise = min(1.0, 2.0 * self._raise)
+                self._found = higher
+                return higher
+            self._raise = STEP
+            self._raise_at = tick.time + RAISE_PAUSE
+        if not self._is_safe(tick, found, is_free):
+            # Invariant: `found` is safe, for an arm that may be told to stop now; `high` is not.
+            found, high = 0.0, found
+            scale = high - STEP
+            while scale > 0.0 and high - found > STEP:
+                if self._is_safe(tick, scale, is_free):
+                    found = scale
+                else:
+                    high = scale
+                scale = 0.5 * (found + high)
+            self._raise_at = tick.time + RAISE_PAUSE
+        self._found = found
+        return found
 
-    def _search(self, tick: Tick, is_free: IsFree | None) -> bool:
-        """One step: the first tries the whole, the others halve. Whether there is another one."""
-        if self._step > HALVINGS:
-            self._step += 1
-            if self._step > HALVINGS + self._pause:
-                self._step = 0
-            return False
-        if self._step == 0:
-            self._low, self._high, self._low_at = 0.0, 1.0, tick.time
-            self._began_at = tick.time
-        scale = 1.0 if self._step == 0 else 0.5 * (self._low + self._high)
-        if is_free is None:
-            safe = self._is_safe(tick, scale)
-        else:
-            safe = is_free(tick, self._obeyed_after, self._going_on, scale)
-        if safe:
-            self._low, self._low_at = scale, tick.time
-        else:
-            self._high = scale
-        self._step += 1
-        if self._low < 1.0 and self._step <= HALVINGS:
+    def _is_safe(self, tick: Tick, scale: float, is_free: IsFree | None) -> bool:
+        """Whether an arm that keeps to a scale rests in time; at 0 it rests already."""
+        if scale == 0.0:
             return True
-        self._safe, self._safe_at = self._low, self._low_at
-        self._step = HALVINGS + 1
-        return False
-
-    def hold_scale(self, now: float, scale: float) -> float:
-        """The scale to give out at `now` [s]: the least of those found in the last `rise_delay`."""
-        recent = self.held
-        while recent and recent[-1][1] >= scale:
-            recent.pop()
-        if scale < 1.0:
-            # The whole need not be kept: it is what there is without anything less.
-            recent.append((now, scale))
-        while recent and recent[0][0] < now - self._rise_delay:
-            recent.popleft()
-        return recent[0][1] if recent else 1.0
-
-    def _is_safe(self, tick: Tick, scale: float) -> bool:
+        if is_free is not None:
+            return is_free(tick, self.looks_ahead, scale)
         table = self._scheduler.arm.motion.braking.tabulate(
-            tick.q, tick.v, tick.arm_age, self._obeyed_after, going_on=self._going_on, scale=scale
+            tick.q, tick.v, tick.arm_age, self.looks_ahead, pace=scale
         )
         return self._is_free(tick, float(table.time[-1]))
 

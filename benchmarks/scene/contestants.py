@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from armguard.robot import OperatingLimits, Robot
+from scene.least_rule import LeastRule
 from scene.stop_rules import (
     ContactTimeRule,
     FollowingRule,
@@ -20,6 +21,7 @@ from scene.stop_rules import (
 ORACLE, SEPARATION, BRAKING = "knows the future", "separation distance", "braking"
 ISOTROPIC, JOINT = "isotropic", "joint, no braking"
 OPERATING = "operating limits"
+LEAST = "least of any sound rule"
 PATH, ON_PATH, PIECES = "known path", "known path, stop on it", "pieces with their own stop"
 NO_LOAD = ", no load"
 AS_THEY_COME = ", data as they come"
@@ -46,7 +48,7 @@ DESCRIPTIONS = {
 
 
 ORDER = (
-    ORACLE, ORACLE + NO_LOAD, SEPARATION, SEPARATION + NO_LOAD, SEPARATION + AS_THEY_COME,
+    ORACLE, ORACLE + NO_LOAD, LEAST, LEAST + NO_LOAD, SEPARATION, SEPARATION + NO_LOAD, SEPARATION + AS_THEY_COME,
     ISOTROPIC, JOINT, BRAKING, BRAKING + AS_THEY_COME, OPERATING, OPERATING + NO_LOAD,
     OPERATING + AS_THEY_COME, PATH, PATH + NO_LOAD, PATH + AS_THEY_COME, ON_PATH, PIECES,
     PIECES + NO_LOAD,
@@ -54,7 +56,7 @@ ORDER = (
 """All rules, as tables have them."""
 
 NOT_OBEYED = (
-    ORACLE + NO_LOAD, SEPARATION + AS_THEY_COME, ISOTROPIC, JOINT, OPERATING + NO_LOAD,
+    ORACLE + NO_LOAD, LEAST, LEAST + NO_LOAD, SEPARATION + AS_THEY_COME, ISOTROPIC, JOINT, OPERATING + NO_LOAD,
     OPERATING + AS_THEY_COME,
 )  # fmt: skip
 """Rules that are judged only: there is another one of the kind to obey."""
@@ -105,16 +107,18 @@ class Target(NamedTuple):
     most: float
     reactions: tuple[float, ...]
     """For which reactions, in [s]."""
+    least: str | None = None
+    """What stops as little as any sound rule in its place could; None where nothing says so."""
 
 
 TARGETS = (
-    Target(OPERATING, SEPARATION, 1.05, (0.02,)),
-    Target(OPERATING, SEPARATION, 1.6, (0.1,)),
-    Target(PATH, SEPARATION, 0.95, (0.02, 0.05, 0.1)),
+    Target(OPERATING, SEPARATION, 1.05, (0.02,), LEAST),
+    Target(OPERATING, SEPARATION, 1.6, (0.1,), LEAST),
+    Target(PATH, SEPARATION, 0.95, (0.02, 0.05, 0.1), LEAST),
     Target(PIECES, SEPARATION, 0.95, (0.02, 0.05, 0.1)),
-    Target(PATH + NO_LOAD, SEPARATION, 0.75, (0.02, 0.05, 0.1)),
-    Target(PATH + NO_LOAD, SEPARATION + NO_LOAD, 0.95, (0.02, 0.05, 0.1)),
-    Target(PATH + NO_LOAD, ORACLE, 3.0, (0.02, 0.05, 0.1)),
+    Target(PATH + NO_LOAD, SEPARATION, 0.75, (0.02, 0.05, 0.1), LEAST + NO_LOAD),
+    Target(PATH + NO_LOAD, SEPARATION + NO_LOAD, 0.95, (0.02, 0.05, 0.1), LEAST + NO_LOAD),
+    Target(PATH + NO_LOAD, ORACLE, 3.0, (0.02, 0.05, 0.1), LEAST + NO_LOAD),
 )
 
 
@@ -139,6 +143,8 @@ def make_rules(
     known = {"motion": "planned", "operating": operating}
     rules: list[Rule] = [
         Separation(*given, SEPARATION),
+        LeastRule(*given, LEAST),
+        LeastRule(*given, LEAST + NO_LOAD, payload=0.0),
         MonitorRule(*given, OPERATING, operating=operating),
         FollowingRule(*given, PATH, **known),
         FollowingRule(*given, PATH + NO_LOAD, payload=0.0, **known),

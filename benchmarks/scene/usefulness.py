@@ -10,6 +10,7 @@ import numpy as np
 
 from scene.contestants import (
     DESCRIPTIONS,
+    LEAST,
     NO_LOAD,
     ORACLE,
     ORDER,
@@ -152,7 +153,7 @@ def write_page(
                 if rule in results.rules
             ),
             command=command, machine=machine,
-            oracle=ORACLE.capitalize(), separation=SEPARATION.capitalize(),
+            oracle=ORACLE.capitalize(), separation=SEPARATION.capitalize(), least=LEAST.capitalize(),
             rise=RISE_DELAY, extra=1e3 * (PERIOD + LATENCY), rate=rate,
         )
     ]  # fmt: skip
@@ -176,12 +177,12 @@ def _targets(results: Results, scope: Scope) -> list[str]:
                 if any(cells):
                     what = f"{target.rule} ÷ {target.rival}, at most {target.most:g}"
                     first = [what, _milliseconds(setting.reaction), setting.bounds]
-                    rows.append(first + [one for some in cells for one in some or ["–"] * 3])
+                    rows.append(first + [one for some in cells for one in some or ["–"] * 4])
     lines = ["## What was aimed at", ""]
     if rows:
         heads = ["ratio of time in STOP", "reaction", "people"]
         for speed in results.speeds:
-            heads += [f"{speed:g} rad/s", "aim", "by recording"]
+            heads += [f"{speed:g} rad/s", "aim", "least possible", "by recording"]
         lines += [*_table(heads, rows), ""]
     rows = [row for setting in _obeyed_settings(scope) for row in _scale_rows(results, setting)]
     if rows:
@@ -191,7 +192,9 @@ def _targets(results: Results, scope: Scope) -> list[str]:
         for speed in results.speeds:
             heads += [f"{speed:g} rad/s: ignores it", "obeys it", "aim"]
         lines += [text, "", *_table(heads, rows), ""]
-    monitors = [one for one in results.found if not one.rule.startswith((ORACLE, SEPARATION))]
+    monitors = [
+        one for one in results.found if not one.rule.startswith((ORACLE, SEPARATION, LEAST))
+    ]
     ticks, contacts = (
         sum(one.outcome.missed for one in monitors if isinstance(one.outcome, kind))
         for kind in (Judged, Obeyed)
@@ -234,11 +237,15 @@ def _target_cells(results: Results, target: Target, speed: float, setting: Setti
         return []
     found = results.of(speed, target.rule, setting)
     names = dict.fromkeys(one.recording for one in found)
+    least = np.nan
+    if target.least is not None:
+        least = _ratio(results, target._replace(rule=target.least), speed, setting)
     each = [_ratio(results, target, speed, setting, recording=name) for name in names]
     known = [ratio for ratio in each if np.isfinite(ratio)]
     return [
         f"{whole:.2f}",
         "met" if whole <= target.most else "not met",
+        f"{least:.2f}" if np.isfinite(least) else "–",
         f"{min(known):.2f} to {max(known):.2f}",
     ]
 

@@ -204,14 +204,18 @@ class WorkingArm:
             # A leg that it has yet to begin begins at rest at any pace.
             self._pace = 0.0 if self.leg_time > 0.0 else 1.0
             return
+        rate = self._slowing()
+        if not rate > 0.0:
+            raise ValueError("the path bends too much for a stop on it")
+        self._advance(dt, max(0.0, self._pace - rate * dt), rate)
+
+    def _slowing(self) -> float:
+        """How fast the pace can fall by what the brakes guarantee, in [1]/[s]; 0 or less: not."""
         (_, slope), (_, ahead) = (
             self.leg.sample(self.leg_time + later) for later in (0.0, BENDING_STEP)
         )
         spare = self._deceleration - np.abs(ahead - slope) / BENDING_STEP
-        rate = float(np.min(spare / np.maximum(np.abs(slope), 1e-9)))
-        if not rate > 0.0:
-            raise ValueError("the path bends too much for a stop on it")
-        self._advance(dt, max(0.0, self._pace - rate * dt), rate)
+        return float(np.min(spare / np.maximum(np.abs(slope), 1e-9)))
 
     def _turn_back(self) -> None:
         """Take up the way, from rest to rest, to where the path was left."""
@@ -240,8 +244,12 @@ class WorkingArm:
             wanted = min(wanted, float(np.min(speed_limit / fastest)))
         # While the rate rises, no more than what that leaves; to slow down is the other way.
         rising = self._slew * (1.0 - self._pace**2 if self.leg_time < self.leg.rise else 1.0)
-        change = float(np.clip(wanted - self._pace, -self._slew * dt, rising * dt))
-        self._advance(dt, self._pace + change, self._slew if change < 0.0 else max(rising, 1e-9))
+        if wanted < self._pace:
+            self._deceleration = self.brakes.deceleration(self.v)
+            rate = max(self._slowing(), self._slew)
+            self._advance(dt, max(wanted, self._pace - rate * dt), rate)
+        else:
+            self._advance(dt, min(wanted, self._pace + rising * dt), max(rising, 1e-9))
 
     def _advance(self, dt: float, pace: float, rate: float) -> None:
         """Go along the leg for a time, first coming to a pace of its clock at a rate [1/s]."""

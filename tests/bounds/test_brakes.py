@@ -7,7 +7,7 @@ import os
 
 import numpy as np
 
-from armguard.bounds.displacement import fill_eased_displacements
+from armguard.bounds.displacement import fill_displacements
 from armguard.robot.stop_time import compute_stop_time
 from support.braking_motions import draw_joints, move
 
@@ -22,20 +22,16 @@ def test_joints_that_brake_anyhow_never_leave_their_table():
         limits, count = joints.limits, BATCH
         age, horizon = random.choice([0.0, 0.01]), random.choice([0.0, 0.02, 0.1])
         free = age + horizon
-        going_on, scale = random.choice([0.0, 0.1]), random.uniform(0.1, 1.0)
         end = compute_stop_time(
             joints.v, limits.velocity_error, limits.operating_velocity, limits.acceleration,
-            limits.brakes, age + going_on, horizon, 0.0, limits.operating_acceleration,
+            limits.brakes, age, horizon, 0.0, limits.operating_acceleration,
         )  # fmt: skip
         time = np.sort(random.uniform(0.0, 1.5 * end, 12))
         high, low = np.zeros((2, 12, count))
         highest, lowest = np.zeros((2, count))
-        fill_eased_displacements(
-            joints.q, joints.v, age, free, going_on, scale, limits, time, high, low,
-            highest, lowest,
-        )  # fmt: skip
+        fill_displacements(joints.q, joints.v, age, free, limits, time, high, low, highest, lowest)
         for _ in range(5):
-            places = move(random, joints, free, going_on, scale, age + time)
+            places = move(random, joints, free, age + time)
             slack = 1e-11 * (1.0 + np.abs(places))
             assert (places <= high + slack).all()
             assert (places >= low - slack).all()
@@ -65,5 +61,5 @@ def test_all_joints_rest_by_the_stop_time():
             single = type(joints)(own, *(part[j : j + 1] for part in joints[1:]))
             times = np.array([end * (1.0 + 1e-9), end + 1.0])
             for _ in range(3):
-                places = move(random, single, horizon, 0.0, 1.0, times)
+                places = move(random, single, horizon, times)
                 assert abs(places[1, 0] - places[0, 0]) <= 1e-9

@@ -45,16 +45,13 @@ def test_a_table_ends_no_sooner_than_the_slowest_joint_rests(robot, models):
             continue
         rest = free + (np.minimum(seen + accel * (age + free), top) / slows).max()
         assert braking.tabulate(q, v, age, horizon).time[-1] == pytest.approx(rest, rel=1e-12)
-        # Kept to its pace, it brakes from no more than that.
-        for scale in (0.1, 1.0):
-            on = braking.tabulate(q, v, age, horizon, going_on=0.1, scale=scale).time[-1]
-            pace = np.minimum(seen + accel * (age + free), top)
-            eased = np.where(
-                pace > scale * top,
-                np.maximum(pace - 0.1 * slows, scale * top),
-                np.minimum(pace + 0.1 * accel, scale * top),
-            )
-            assert on == pytest.approx(free + 0.1 + (eased / slows).max(), rel=1e-12)
+        # Kept to a pace, it brakes from no more than that.
+        for pace in (0.1, 0.5):
+            kept = np.minimum(np.abs(v), pace * top) + robot.velocity_error
+            fastest = np.minimum(kept + accel * (age + free), pace * top)
+            rest = free + (fastest / slows).max()
+            end = braking.tabulate(q, v, age, horizon, pace=pace).time[-1]
+            assert end == pytest.approx(rest, rel=1e-12)
 
 
 def test_stopping_volume_contains_what_brakes(robot, models):

@@ -13,7 +13,6 @@ from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion
 from armguard.bounds.displacement import (
     arrival,
     fill_displacements,
-    fill_eased_displacements,
     free_displacement,
     operating_arrival,
     operating_displacement,
@@ -134,8 +133,6 @@ def attack_joints(limits, braking, motions, random):
         age = 0.05 * random.uniform(-1.0, 1.0) if random.random() < 0.5 else 0.0
         horizon = 0.02 + 0.1 * random.random() if braking else np.inf
         free = max(age, 0.0) + horizon
-        going_on = 0.1 * random.random() if braking and random.random() < 0.5 else 0.0
-        scale = random.random() if going_on > 0.0 else 1.0
         # The motion begins before its stamp where the state is newer than now. What a stop has
         # thrown back by then keeps its limits from then on, or breaks them.
         span = random.uniform(0.0, 0.6)
@@ -156,24 +153,18 @@ def attack_joints(limits, braking, motions, random):
         offsets[:before] = time[:before]
         offsets[before] = max(-age, 0.0)
         record_joint(
-            true_q, true_v, np.inf, 0.0, top, offsets[: before + 1], law, random,
+            true_q, true_v, np.inf, offsets[: before + 1], law, random,
             places[: before + 1], rates[: before + 1],
         )  # fmt: skip
         stamp = before
         offsets[before + 1 : nodes + 1] = age + time[before:]
         record_joint(
-            places[stamp], rates[stamp], free, going_on, scale * top,
-            offsets[before + 1 : nodes + 1], law, random, places[before + 1 : nodes + 1],
-            rates[before + 1 : nodes + 1],
+            places[stamp], rates[stamp], free, offsets[before + 1 : nodes + 1], law, random,
+            places[before + 1 : nodes + 1], rates[before + 1 : nodes + 1],
         )  # fmt: skip
         q[0] = measure(places[stamp], own.position_error[0], random)
         v[0] = measure(rates[stamp], own.velocity_error[0], random)
-        if braking:
-            fill_eased_displacements(
-                q, v, age, free, going_on, scale, own, time, high, low, highest, lowest
-            )
-        else:
-            fill_displacements(q, v, age, free, own, time, high, low, highest, lowest)
+        fill_displacements(q, v, age, free, own, time, high, low, highest, lowest)
         for k in range(nodes):
             way = places[k if k < before else k + 1] - places[stamp]
             most, least = min(high[k, 0], highest[0]), max(low[k, 0], lowest[0])
@@ -220,9 +211,7 @@ def attack_point(
             start = measure(q[j], limits.position_error[j], random)
             start_q[j] = min(max(start, limits.lower[j]), limits.upper[j])
             pace = min(max(measure(v[j], limits.velocity_error[j], random), -top), top)
-            hits |= record_joint(
-                start_q[j], pace, free, 0.0, top, times, law, random, places[j], rates[j]
-            )
+            hits |= record_joint(start_q[j], pace, free, times, law, random, places[j], rates[j])
         if not hits:
             begin = place_point(chain, start_q, local, inner).copy()
             for k in range(count):

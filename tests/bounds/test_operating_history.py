@@ -64,7 +64,7 @@ def test_motion_that_keeps_the_limits_never_fails(seed, epoch):
         for end in range(80, len(times) + 1, 80):
             span = times[begin:end] - (times[begin - 1] if begin else times[0])
             record_joint(
-                q, v, np.inf, 0.0, velocity[j], span, law, random,
+                q, v, np.inf, span, law, random,
                 places[j, begin:end], rates[j, begin:end],
             )  # fmt: skip
             q, v, begin = places[j, end - 1], rates[j, end - 1], end

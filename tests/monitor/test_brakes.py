@@ -100,13 +100,13 @@ def test_no_scale_that_promises_something_exceeds_the_range():
         see(obstacles, 0.0, [distance, 0.0, 0.5])
         verdict = monitor.step(0.0, HOME, STILL)
         delay = monitor._judge._stopping.braking_delay
-        assert delay > PERIOD + 0.002 + 0.02
+        assert delay == pytest.approx(PERIOD + 0.002 + 0.02)
         share = (RANGE - 0.02 - 15.0 * delay) / 2.175
         share = min(share, (0.6 * 2.61 - 0.02 - 20.0 * delay) / 2.61)
         if verdict.level is Level.SLOW:
             slow += 1
             most = max(most, verdict.speed_scale)
-            assert verdict.speed_scale <= share
+            assert verdict.speed_scale <= share + 1e-12
     assert slow > 3
     assert most > 0.0
     # An arm that keeps to it is never told that it may be too fast.

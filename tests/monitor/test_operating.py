@@ -239,7 +239,7 @@ def move_arm(random, velocity, acceleration):
         )  # fmt: skip
         q = random.uniform(lower[j] + 0.2, upper[j] - 0.2)
         v = random.uniform(-1.0, 1.0) * velocity[j] * random.choice([0.3, 1.0])
-        hit = record_joint(q, v, np.inf, 0.0, velocity[j], times, law, random, places[j], rates[j])
+        hit = record_joint(q, v, np.inf, times, law, random, places[j], rates[j])
         if hit:
             return None
     return places.T.copy(), rates.T.copy()

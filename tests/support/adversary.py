@@ -6,7 +6,8 @@ may, with any deceleration between guaranteed and greatest. In each tick what co
 next is tried out, of every ball against points of the true surface of the arm:
 
 - after a GO: the arm goes on for as long as it then may, brakes, and is touched before it rests;
-- after a GO: the arm keeps to its speed scale for a while, brakes, and is touched before it rests;
+- after a GO: the arm keeps to its speed scale, as it has done before, for as long as a STOP takes
+  to reach the brakes, is told to stop, and is touched before it rests;
 - after any verdict: the arm goes on, and is touched before the contact time that it was given.
 
 Either would be a miss, and so would a contact with an arm that is not at rest.
@@ -72,7 +73,9 @@ class Hunt:
         self.step = 1.0 / self.settings["rate"]
         reaction = self.settings["reaction_time"] if true_reaction is None else true_reaction
         self.obeying = int((self.settings["latency"] + reaction) / self.step + 1e-6)
-        self.free = self.step + self.settings["latency"] + reaction
+        response = self.step + self.settings["latency"]
+        self.free = response + reaction
+        self.keeping = response + self.settings["reaction_time"]
         self.obstacles = Obstacles()
         self.monitor = Monitor(robot, self.obstacles, **self.settings)
         self.score = Score()
@@ -221,26 +224,20 @@ class Hunt:
 
     turns = False
 
-    def _attack(self, push, free, *, going=0.0, scale=1.0, end=None):
+    def _attack(self, push, free, *, scale=1.0, end=None):
         """What the worst attack on an arm lacks that goes on so, and how many balls were near."""
         random, limits, nv = self.random, self.limits, len(self.q)
         strength = np.zeros(nv) if random.random() < 0.7 else random.random(nv)
         times = np.empty(SAMPLES)
         if end is None:
-            speed = np.abs(self.v) + limits.accel * free
-            pace = scale * limits.velocity
-            speed = np.minimum(np.where(speed > pace, speed, pace), limits.velocity)
-            slowest = np.max(
-                (speed if going else np.abs(self.v) + limits.accel * free) / limits.braking
-            )
+            speed = np.minimum(np.abs(self.v) + limits.accel * free, scale * limits.velocity)
+            slowest = np.max(speed / limits.braking)
             times[:4] = free * np.arange(1, 5) / 4
-            times[4:] = (
-                free + (going + slowest) * (np.arange(1, SAMPLES - 3) / (SAMPLES - 4)) ** 1.5
-            )
+            times[4:] = free + slowest * (np.arange(1, SAMPLES - 3) / (SAMPLES - 4)) ** 1.5
         else:
             times[:] = end * np.arange(1, SAMPLES + 1) / SAMPLES
         count = true_arm.trace_arm(
-            self.arm, limits, self.q, self.v, push, strength, free, going, scale, times,
+            self.arm, limits, self.q, self.v, push, strength, free, scale, times,
             self.traced,
         )  # fmt: skip
         lacks, _, _, tried = attackers.attack_all(self.arm, self.balls, self.traced, times, count)
@@ -261,8 +258,7 @@ class Hunt:
             )
         if verdict.level is Level.SLOW:
             # In higher levels a scale of 1 promises nothing for longer than the verdict is valid.
-            going, scale = self.settings["slow_margin"], verdict.speed_scale
-            lacks, _ = self._attack(push, free, going=going, scale=scale)
+            lacks, _ = self._attack(push, free + self.keeping, scale=verdict.speed_scale)
             score = score._replace(
                 too_fast=score.too_fast + int(lacks <= 0.0),
                 worst_scale=min(score.worst_scale, lacks),

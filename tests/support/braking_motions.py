@@ -95,25 +95,25 @@ class Pieces:
         self.v = np.where(reached, target, self.v)
         self.go(left - second, np.zeros(len(span)))
 
-    def brake(self, random, limits, to, span):
-        """Slow down to a speed as the entry for the present one says; `span` is used up."""
+    def brake(self, random, limits, span):
+        """Slow down to rest as the entry for the present speed says; `span` is used up."""
         speed = np.abs(self.v)
-        stops = speed > to
+        stops = speed > 0.0
         held, time, distance = look_up(limits.brakes, speed)
         harder = held + (limits.acceleration - held) * random.choice([0.0, 1.0, 0.5], len(speed))
         # What times and distances call for, where nothing is guaranteed at each instant.
         mean = np.maximum(speed / time, 0.5 * speed**2 / distance)
         rate = np.minimum(np.maximum(harder, mean * (1.0 + 1e-9)), limits.acceleration)
         with np.errstate(invalid="ignore", divide="ignore"):
-            ramp = np.where(stops, (speed - to) / rate, 0.0)
-            room = np.minimum(time - ramp, (distance - 0.5 * (speed + to) * ramp) / speed)
+            ramp = np.where(stops, speed / rate, 0.0)
+            room = np.minimum(time - ramp, (distance - 0.5 * speed * ramp) / speed)
         room = np.where((held > 0.0) | ~stops, 0.0, np.maximum(room, 0.0))
         room = np.minimum(room * random.choice([1.0, 0.0, 0.7], len(speed)), span)
         self.go(room, np.zeros(len(speed)))
         slowed = np.minimum(ramp, span - room)
         self.go(slowed, np.where(stops, -np.sign(self.v) * rate, 0.0))
         rests = stops & (ramp <= span - room)
-        self.v = np.where(rests, np.sign(self.starts[-1]) * to, self.v)
+        self.v = np.where(rests, 0.0, self.v)
         return span - room - slowed
 
     def places(self, times):
@@ -132,25 +132,18 @@ def look_up(brakes, speed):
     return (part[rows, step] for part in (brakes.deceleration, brakes.time, brakes.distance))
 
 
-def move(random, joints, free, going_on, scale, times):
+def move(random, joints, free, times):
     """Displacements at `times` from the stamp. Shape (times, n).
 
     Where nothing comes between, brakes may bite before the free time is over.
     """
     limits, count = joints.limits, len(joints.q)
     pieces = Pieces(joints.true)
-    early = (random.random(count) < 0.3) & (going_on == 0.0)
+    early = random.random(count) < 0.3
     bite = np.where(early, free * random.uniform(0.0, 1.0, count), free)
     for part in np.diff(np.linspace(0.0, 1.0, TURNS + 1)):
         target = limits.velocity * np.clip(random.uniform(-2.0, 2.0, count), -1.0, 1.0)
         pieces.until(target, limits.acceleration, limits.operating_acceleration, part * bite)
-    if going_on > 0.0:
-        pace = scale * limits.operating_velocity
-        left = pieces.brake(random, limits, pace, np.full(count, going_on))
-        target = pace * random.choice([-1.0, 1.0, 0.3], count)
-        slower = np.abs(pieces.v) <= pace * (1.0 + 1e-12)
-        speeds = limits.operating_acceleration
-        pieces.until(np.where(slower, target, pieces.v), limits.acceleration, speeds, left)
-    rests = pieces.brake(random, limits, np.zeros(count), np.full(count, 1e3))
+    rests = pieces.brake(random, limits, np.full(count, 1e3))
     pieces.go(rests, np.zeros(count))
     return pieces.places(times)

@@ -82,15 +82,13 @@ def push_joint(q, v, push, span, top, law, bounced):
 
 
 @numba.njit(cache=True)
-def slow_joint(q, v, rate, span, pace, law):
-    """A joint that slows down to a pace, no further."""
-    step = min(span, max(abs(v) - pace, 0.0) / rate)
+def slow_joint(q, v, rate, span, law):
+    """A joint that slows down until it rests."""
+    step = min(span, abs(v) / rate)
     q, faster, _, now = glide(q, v, -np.sign(v) * rate, step, law)
     if now:
         return q, 0.0, True
-    v = np.sign(v) * pace if step < span else faster
-    q, v, _, now = glide(q, v, 0.0, span - step, law)
-    return q, v, now
+    return q, 0.0 if step < span else faster, False
 
 
 @numba.njit(cache=True)
@@ -104,10 +102,10 @@ def random_push(random):
 
 
 @numba.njit(cache=True)
-def record_joint(q, v, free, going_on, pace, times, law, random, places, rates):
+def record_joint(q, v, free, times, law, random, places, rates):
     """One motion from (q, v), recorded at rising times >= 0; whether it ran into a stop.
 
-    It is free until `free`, keeps to a pace for `going_on` seconds, and brakes then.
+    It is free until `free`, and brakes then.
     """
     hit = False
     if times.shape[0] == 0:
@@ -133,21 +131,8 @@ def record_joint(q, v, free, going_on, pace, times, law, random, places, rates):
             if now < free:
                 until = min(until, free)
                 q, v, hit = push_joint(q, v, pushes[piece], until - now, law.velocity, law, hit)
-            elif now < free + going_on:
-                until = min(until, free + going_on)
-                if abs(v) > pace:
-                    rate = strengths[piece]
-                    until = min(until, now + (abs(v) - pace) / rate)
-                    span = until - now
-                    q, v, new = slow_joint(q, v, rate, span, pace, law)
-                    if not new and abs(v) < pace * (1.0 + 1e-12):
-                        v = np.sign(v) * min(abs(v), pace)
-                    hit |= new
-                    until = max(until, np.nextafter(now, np.inf))
-                else:
-                    q, v, hit = push_joint(q, v, pushes[piece], until - now, pace, law, hit)
             else:
-                q, v, new = slow_joint(q, v, strengths[piece], until - now, 0.0, law)
+                q, v, new = slow_joint(q, v, strengths[piece], until - now, law)
                 hit |= new
             now = until
         places[k], rates[k] = q, v

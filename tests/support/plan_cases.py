@@ -94,7 +94,7 @@ class Follower:
         resting: Since when each arm rests, in [s]. Shape (arms,).
     """
 
-    def __init__(self, robot, waves, plan, random, arms, first, now, *, wanders=False):
+    def __init__(self, robot, waves, plan, random, arms, first, now, *, wanders=False, most=1.0):
         nv = len(robot.joints)
         curve = Hermite(plan.times, plan.q, plan.v)
         ends = np.concatenate([plan.times[:-1], plan.times[1:] - 1e-9])
@@ -119,7 +119,7 @@ class Follower:
             # A clock that slows down and speeds up again as it likes, from where it is now on.
             least, slow = random.choice([0.0, 0.3, 1.0], arms), random.uniform(2.0, 15.0, arms)
             turn = slow * (self.time[:, None] - first) + random.uniform(0.0, 6.0, arms)
-            self.pace = least + (1.0 - least) * 0.5 * (1.0 + np.cos(turn))
+            self.pace = most * (least + (1.0 - least) * 0.5 * (1.0 + np.cos(turn)))
             gone = np.cumsum(0.5 * STEP * (self.pace[1:] + self.pace[:-1]), axis=0)
             along = first + np.concatenate([np.zeros((1, arms)), gone])
         self._curve, self._waves, self._stamp = curve, waves, plan.stamp

@@ -181,18 +181,18 @@ def _pushed(v, rate, top, t):
 
 
 @numba.njit(cache=True)
-def _braked(v, rate, pace, t):
-    """Way and velocity after `t` seconds of slowing down to a pace, which is then kept."""
-    until = min(t, (abs(v) - pace) / rate)
-    way = until * (abs(v) - 0.5 * rate * until) + pace * (t - until)
+def _braked(v, rate, t):
+    """Way and velocity after `t` seconds of slowing down to rest."""
+    until = min(t, abs(v) / rate)
+    way = until * (abs(v) - 0.5 * rate * until)
     return np.sign(v) * way, np.sign(v) * (abs(v) - rate * until)
 
 
 @numba.njit(cache=True)
-def trace_arm(arm, limits, q, v, push, strength, free, going, scale, times, trace):
+def trace_arm(arm, limits, q, v, push, strength, free, scale, times, trace):
     """Fill where everything is at `times`, of an arm that is pushed and then brakes.
 
-    After `free` seconds it keeps to a fraction of its speeds for `going` seconds, then brakes.
+    For `free` seconds it keeps to a fraction of its speeds, as it has done before, then it brakes.
     Returns how many of the times there are before it rests. One that reaches a stop stays there.
     """
     rotations, origins, centers = trace
@@ -200,18 +200,12 @@ def trace_arm(arm, limits, q, v, push, strength, free, going, scale, times, trac
     for k in range(times.shape[0]):
         moves = False
         for j in range(q.shape[0]):
-            top, rate = limits.velocity[j], limits.accel[j]
-            way, speed = _pushed(v[j], push[j] * rate, top, min(times[k], free))
+            top, rate = scale * limits.velocity[j], limits.accel[j]
+            start = min(max(v[j], -top), top)
+            way, speed = _pushed(start, push[j] * rate, top, min(times[k], free))
             slows = limits.braking[j] + strength[j] * (rate - limits.braking[j])
             if times[k] > free:
-                then = min(times[k] - free, going)
-                if abs(speed) > scale * top:
-                    further, speed = _braked(speed, slows, scale * top, then)
-                else:
-                    further, speed = _pushed(speed, push[j] * rate, scale * top, then)
-                way += further
-            if times[k] > free + going:
-                further, speed = _braked(speed, slows, 0.0, times[k] - free - going)
+                further, speed = _braked(speed, slows, times[k] - free)
                 way += further
             place[j] = min(max(q[j] + way, limits.lower[j]), limits.upper[j])
             moves |= abs(speed) > 1e-12 and place[j] == q[j] + way

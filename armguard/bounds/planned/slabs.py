@@ -63,12 +63,10 @@ class PathClock(NamedTuple):
     """Whether its clock is time itself; else it goes at any pace from 0 to 1."""
     followed: float
     """How long it has been followed, in [s]."""
-    full_until: float = math.inf
-    """From when on the clock slows down to `pace`, in [s] from now."""
     pace: float = 1.0
-    """What it slows down to, as fast as all brakes together do."""
+    """What the pace of a clock of its own does not exceed until brakes bite."""
     slowing: float = 0.0
-    """How fast that is anywhere on the trajectory, in [1]/[s]; 0: unknown, or not at all."""
+    """How fast brakes can slow it down anywhere on the trajectory, in [1]/[s]; 0: not known to."""
 
 
 def make_piece_slabs(
@@ -115,26 +113,25 @@ def make_stop_slabs(
         on_path: Whether all joints stop together, on the path.
 
     Returns:
-        None where a joint may be faster than its brakes are stated for, and where the clock is to
-        slow down, or the arm to stop on the path, and brakes guarantee no such thing there.
+        None where a joint may be faster than its brakes are stated for, and where the arm is to
+        stop on the path, and brakes guarantee no such thing there.
     """
-    slowing = math.inf
-    if on_path or clock.pace < 1.0:
-        slowing = _find_slowing(plan, limits, clock, latest_bite)
-        if not slowing > 0.0:
-            return None
     count = min(max(int(np.ceil(latest_bite / SLAB)), 4), MOST_LEAVING_SLABS)
     nodes = np.linspace(0.0, latest_bite, count + 1)
     if on_path:
-        rest = 1.0 / slowing + find_settling(plan, limits, clock.followed)
+        slowing = _find_slowing(plan, limits, clock, latest_bite)
+        if not slowing > 0.0:
+            return None
+        rest = clock.pace / slowing + find_settling(plan, limits, clock.followed)
         nodes = np.concatenate([nodes, latest_bite + np.linspace(0.0, rest, BRAKING_SLABS + 1)[1:]])
-        first, last, _, _ = _run_clock(clock, slowing, nodes, latest_bite)
+        first, last = _run_clock(clock, slowing, nodes, latest_bite)
         low, high, _, _ = _fill(plan, first, last)
         return _join([(nodes, low - plan.deviation, high + plan.deviation)], limits)
-    first, last, least, most = _run_clock(clock, slowing, nodes, math.inf)
+    first, last = _run_clock(clock, math.inf, nodes, math.inf)
     low, high, slowest, fastest = _fill(plan, first, last)
-    slowest = np.minimum(slowest * least[:, None], slowest * most[:, None])
-    fastest = np.maximum(fastest * least[:, None], fastest * most[:, None])
+    if not clock.is_on_time:
+        slowest = np.minimum(0.0, slowest * clock.pace)
+        fastest = np.maximum(0.0, fastest * clock.pace)
     _widen_speeds(plan, limits, clock, nodes, slowest, fastest)
     top = np.maximum(limits.velocity, np.abs(plan.v).max(axis=0))
     pace = np.minimum(np.maximum(-slowest, fastest), top)
@@ -183,31 +180,24 @@ def _find_slowing(
 
 def _run_clock(
     clock: PathClock, slowing: float, nodes: FloatArray, latest_bite: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Where on the trajectory the arm can be between neighbouring nodes, and its clock's pace.
+) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest times on the trajectory between neighbouring nodes, (nodes - 1,) each.
 
-    Least and greatest times on it, least and greatest paces, each of shape (nodes - 1,); brakes
-    that bite slow it down to rest.
+    Brakes that bite at the latest bite, in [s], slow its clock down to rest.
     """
-    paused, slowing = 1.0 - clock.pace, min(slowing, 1e300)
-    late = np.maximum(nodes - clock.full_until, 0.0)
-    slow = np.minimum(late, paused / slowing)
-    gone = nodes - 0.5 * slowing * slow * slow - (late - slow) * paused
-    most = np.maximum(1.0 - slowing * slow, clock.pace)
     after = np.maximum(nodes - latest_bite, 0.0)
+    gone = clock.pace * (nodes - after)
     if after.any():
-        bite = int(np.searchsorted(nodes, latest_bite))
-        until = np.minimum(after, most[bite] / slowing)
-        braked = gone[bite] + until * (most[bite] - 0.5 * slowing * until)
-        gone = np.where(after > 0.0, braked, gone)
-    gone = gone * (1.0 + SUM_ROUNDING)
+        slowing = min(slowing, 1e300)  # a path on which no joint moves ends at once
+        until = np.minimum(after, clock.pace / slowing)
+        gone += until * (clock.pace - 0.5 * slowing * until)
+    gone *= 1.0 + SUM_ROUNDING
     if clock.is_on_time:
         # Brakes that can slow the clock down may have done so at once.
         now = clock.at + clock.age
-        first = now + (np.zeros(len(gone) - 1) if after.any() else nodes[:-1])
-        return first, now + gone[1:], np.ones(len(first)), most[:-1]
+        return now + (np.zeros(len(gone) - 1) if after.any() else nodes[:-1]), now + gone[1:]
     first = np.full(len(gone) - 1, clock.at + min(clock.age, 0.0))
-    return first, clock.at + abs(clock.age) + gone[1:], np.zeros(len(first)), most[:-1]
+    return first, clock.at + abs(clock.age) + gone[1:]
 
 
 def _follow(
@@ -253,6 +243,9 @@ def _widen_speeds(
     ages = np.abs(clock.age + nodes)
     away = np.maximum(ages[:-1], ages[1:])[:, None]
     reach = limits.velocity_error + away * limits.acceleration * (1.0 + SUM_ROUNDING)
+    if clock.pace < 1.0:
+        # What was measured says nothing of an arm that keeps to a pace, and may have been faster.
+        reach[:] = np.inf
     slowest[:] = np.maximum(slowest - off, plan.measured_v - reach)
     fastest[:] = np.minimum(fastest + off, plan.measured_v + reach)
 

@@ -89,13 +89,15 @@ def test_until_a_piece_begins_joints_are_on_those_before(robot):
         assert before.sum() >= 4
 
 
-@pytest.mark.parametrize("wanders", [False, True])
-def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders):
+@pytest.mark.parametrize(("wanders", "pace"), [(False, 1.0), (True, 1.0), (True, 0.5), (True, 0.1)])
+def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders, pace):
     random, limits, most = np.random.default_rng(3), read_limits(robot), []
     for _ in range(15):
         waves, plan = draw_plan(robot, random)
         now, age = STEP * random.integers(40, 80), STEP * random.integers(0, 10)
-        follower = Follower(robot, waves, plan, random, 30, now - 0.02, now, wanders=wanders)
+        follower = Follower(
+            robot, waves, plan, random, 30, now - 0.02, now, wanders=wanders, most=pace
+        )
         follower.brake_joints(BITE)
         seen = min(follower.index(now - age), follower.index(now))
         age = now - follower.time[seen]
@@ -104,8 +106,10 @@ def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders):
             checked = checked._replace(acceleration=2.0 * robot.acceleration_limit)
         for arm in range(30):
             off = random.choice([-1.0, 0.0, 1.0], len(limits.lower)) * robot.velocity_error
-            measured = checked._replace(measured_v=follower.v[seen, arm] + off)
-            clock = PathClock(follower.along[seen, arm], age, not wanders, 0.0)
+            # One that is to keep to a pace may be measured at any velocity.
+            velocity = follower.v[seen, arm] if pace == 1.0 else random.uniform(-1.0, 1.0, len(off))
+            measured = checked._replace(measured_v=velocity + off)
+            clock = PathClock(follower.along[seen, arm], age, not wanders, 0.0, pace)
             slabs = make_stop_slabs(measured, limits, clock, BITE, on_path=False)
             assert slabs.end[-1] + STEP >= follower.resting[arm] - now
             time = follower.time - now
@@ -195,24 +199,18 @@ def test_more_error_and_a_clock_that_is_not_known_never_say_less():
         assert holds(later[1], later[2])
 
 
-def test_a_slower_clock_gets_less_far_but_never_before_it_can_have_slowed_down():
+def test_a_slower_clock_gets_less_far():
     robot, random = load_holding("panda"), np.random.default_rng(7)
     for _ in range(20):
         waves = Waves(robot, random, 0.3)
         waves.size *= 0.1
         plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 2.0, 201), np.full(7, 1e-3))
-        slowing, _, _ = bound_path_braking(
-            plan.times, plan.q, plan.v, robot.braking_deceleration, 0.0, 1.9
-        )
-        if not slowing > 0.5:
-            continue
         boxes = [
-            lay_out_stop(robot, plan, PathClock(0.05, 0.0, False, 0.0, 0.05, pace, slowing), 0.4)
+            lay_out_stop(robot, plan, PathClock(0.05, 0.0, False, 0.0, pace), 0.4)
             for pace in (0.1, 0.5, 1.0)
         ]
         assert holds(boxes[0], boxes[1])
         assert holds(boxes[1], boxes[2])
-        assert np.abs(boxes[0].half[3] - boxes[2].half[3]).max() < 1e-9
         assert boxes[0].half[-1].max() < boxes[2].half[-1].max()
 
 
@@ -220,7 +218,6 @@ def test_where_brakes_guarantee_no_stop_on_the_path_there_are_no_slabs():
     robot = load_holding("panda")
     _, plan = draw_plan(robot, np.random.default_rng(8))
     assert lay_out_stop(robot, plan, on_path=True) is None
-    assert lay_out_stop(robot, plan, PathClock(0.05, 0.0, False, 0.0, 0.0, 0.5)) is None
 
 
 def test_slabs_on_the_curve_are_as_wide_as_the_motion_and_the_deviation():
