@@ -153,7 +153,8 @@ def write_page(
                 if rule in results.rules
             ),
             command=command, machine=machine,
-            oracle=ORACLE.capitalize(), separation=SEPARATION.capitalize(), least=LEAST.capitalize(),
+            oracle=ORACLE.capitalize(), least=LEAST.capitalize(),
+            separation=SEPARATION.capitalize(),
             rise=RISE_DELAY, extra=1e3 * (PERIOD + LATENCY), rate=rate,
         )
     ]  # fmt: skip

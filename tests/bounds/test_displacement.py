@@ -101,10 +101,7 @@ def move(random, limits, q, v, free, steps):
     for k in range(steps - 1):
         push = pushes[(k * DT > turns).sum(axis=0), np.arange(len(q))] * accel * DT
         slowed = np.sign(v) * np.maximum(np.abs(v) - rate * DT, 0.0)
-        if k * DT < free - 1e-9:
-            after = np.clip(v + push, -top, top)
-        else:
-            after = slowed
+        after = np.clip(v + push, -top, top) if k * DT < free - 1e-09 else slowed
         moved = q + 0.5 * DT * (v + after)
         q = np.clip(moved, limits.lower, limits.upper)
         v = np.where(q == moved, after, 0.0)

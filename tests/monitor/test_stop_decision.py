@@ -69,10 +69,7 @@ def simulate(q, v, age, free, pace, duration, rng):
         rate = braking + strength * (accel - braking)
         pushed = true_v + np.where(now < turns, push, -push) * accel * STEP
         slowed = np.sign(true_v) * np.maximum(np.abs(true_v) - rate * STEP, 0.0)
-        if now < age + free - 1e-9:
-            after = np.clip(pushed, -top, top)
-        else:
-            after = slowed
+        after = np.clip(pushed, -top, top) if now < age + free - 1e-09 else slowed
         moved = true_q + 0.5 * STEP * (true_v + after)
         true_q = np.clip(moved, lower, upper)
         true_v = np.where(true_q == moved, after, 0.0)

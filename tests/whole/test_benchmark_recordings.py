@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from armguard.contact import earliest_contact_pair
 from armguard.obstacles import Obstacles
 from armguard.pairs import compute_separation
 from armguard.robot import Robot
@@ -135,6 +136,48 @@ def test_the_separation_is_the_one_of_the_formula(load, trajectory):
         assert apart == (margin > 0.0)
         answers.append(apart)
     assert 0 < sum(answers) < len(answers)
+
+
+def test_what_could_touch_is_no_later_than_a_contact_time_says(load):
+    """The one tries what a ball can do, and the other bounds it."""
+    random, could = np.random.default_rng(3), load("scene.least_rule").can_touch
+    moving, radius, gaps = np.ones(1, bool), np.array([0.1]), []
+    for _ in range(400):
+        place = random.normal(size=3) * random.uniform(0.2, 2.0)
+        velocity = random.normal(size=3)
+        velocity *= random.uniform(0.0, 2.0) / np.linalg.norm(velocity)
+        bound = earliest_contact_pair(
+            np.zeros(3), np.zeros(3), 0.0, 0.0, place, velocity, 10.0, 2.0, 0.25
+        )
+        ends, velocities = np.tile(place, (1, 2, 1)), np.tile(velocity, (1, 2, 1))
+        times = np.linspace(0.0, 2.0, 401)
+        touched = next(
+            time for time in times
+            if could(
+                np.zeros((1, 3)), radius, moving, ends, velocities, np.array([0.15]),
+                np.array([time]), np.array([[10.0, 2.0]]),
+            )
+        )  # fmt: skip
+        assert touched >= bound - 1e-9
+        gaps.append(touched - bound)
+    # And hardly later: it is what a ball that attacks needs.
+    assert np.median(gaps) < 0.01
+
+
+def test_a_monitor_stops_wherever_a_sound_rule_must(load, trajectory, people):
+    rules, robot, setting = load("scene.stop_rules"), trajectory.robot, make_setting(load)
+    least = load("scene.least_rule").LeastRule(robot, setting, PERIOD, "least")
+    monitor = rules.MonitorRule(robot, setting, PERIOD, "monitor")
+    stage = load("scene.plays").Stage(robot, PERIOD)
+    needed = 0
+    for person in people:
+        arm = load("scene.working_arm").WorkingArm(trajectory)
+        for moment in stage._moments(person, arm, [least, monitor], 2.0):
+            may_go, goes = least.judge(moment), monitor.judge(moment)
+            assert may_go or not goes
+            needed += not may_go
+            arm.step(PERIOD, moment.counts)
+    assert needed > 20
 
 
 def test_clean_samples_leave_no_fault(load, people):
