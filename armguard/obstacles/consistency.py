@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from armguard.jit.arrays import FloatArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import merged_kernel
 from armguard.jit.numerics import (
     ACCEPTANCE_SLACK,
     ALLOWED,
@@ -24,7 +24,7 @@ from armguard.jit.numerics import (
 )
 
 
-@kernel
+@merged_kernel
 def body_allows(
     points0: FloatArray,
     velocities0: FloatArray,

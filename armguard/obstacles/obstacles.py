@@ -11,9 +11,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import repeat
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from armguard.exceptions import ObstacleError
 from armguard.jit import numerics
@@ -21,20 +22,20 @@ from armguard.jit.arrays import IntArray
 from armguard.jit.handle import machine_code
 from armguard.obstacles import acceptance as rule
 from armguard.obstacles.arguments import (
+    is_same,
     read_bound,
     read_field,
     read_ids,
     read_points,
-    read_samples,
     read_time,
     show,
 )
 from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.frames import Frame
+from armguard.obstacles.message import FIELDS, MessageMemory
 from armguard.obstacles.pattern_bounds import PatternBounds
-from armguard.obstacles.register import NO_ROWS, ObstacleRegister
+from armguard.obstacles.register import NO_ROWS, ObstacleRegister, ResolvedIds
 from armguard.obstacles.sources import NO_SOURCE, Source, SourceState
-from armguard.obstacles.table import Samples
 
 __all__ = ["Fault", "FaultKind", "Frame", "Obstacles", "Source"]
 
@@ -106,11 +107,9 @@ class Obstacles(ObstacleRegister):
             if not isinstance(place, Frame):
                 raise ObstacleError(f"frame {name!r}", f"is {show(place)}", expected="a Frame")
         world = Frame(np.eye(3), np.zeros(3))
-        self._frames = {
-            # Arrays of the one kind that compiled code is made for, whatever becomes of the frames.
-            name: (place.rotation.copy(), place.translation.copy(), float(place.position_error))
-            for name, place in {**(frames or {}), WORLD: world}.items()
-        }
+        places = {WORLD: world} | dict(frames or {}) | {WORLD: world}
+        self._frames = {name: number for number, name in enumerate(places)}
+        self._memory = MessageMemory(list(places.values()))
         self._bind()
 
     def __getstate__(self) -> dict[str, object]:
@@ -122,11 +121,9 @@ class Obstacles(ObstacleRegister):
 
     def _bind(self) -> None:
         """Have compiled what takes samples."""
-        nothing = read_samples(0, (), None, 0.0, 0.0, 0.0, 0.0, 0.0)
-        message = NO_ROWS, nothing, 0.0, self._extent, True, *self._frames[WORLD], True
-        self._take_samples = machine_code(
-            rule.take_samples, self.table.handle, *message, NO_ROWS, np.zeros(0)
-        )
+        message = NO_ROWS, 1, 0.0, self._extent, 0, True, 0, 0.0, 0.0, 0.0, 0.0, 0.0
+        handles = self.table.handle, self._memory.handle
+        self._take_samples = machine_code(rule.take_samples, *handles, *message)
 
     def update(
         self,
@@ -168,50 +165,136 @@ class Obstacles(ObstacleRegister):
         Raises:
             ObstacleError: The call is malformed; nothing of it is taken, and a fault is left.
         """
+        known = self._sources.find(source) if isinstance(source, str) else None
+        resolved = None if known is None else self._resolved.get(known.index)
         try:
-            names = read_ids(ids)
+            if resolved is None or not is_same(ids, resolved.names):
+                resolved = ResolvedIds(read_ids(ids), None, 0.0, 0.0)
             time = read_time("stamp", stamp)
             self._check_source(source)
             self._check_frame(frame)
             if not isinstance(snapshot, (bool, np.bool_)):
                 raise ObstacleError("snapshot", f"is {show(snapshot)}", expected="True or False")
+            names, rows = resolved.names, resolved.rows
             if names and radius is None:
                 raise ObstacleError("radius", "is missing", expected="a radius in [m]")
-            known_accel, known_speed = self.bounds.find(names)
-            samples = read_samples(
+            if rows is None:
+                accels, speeds = self.bounds.find(names)
+                resolved = ResolvedIds(names, rows, accels, speeds)
+            numbers = self._read_samples(
                 len(names),
                 position,
                 velocity,
                 0.0 if radius is None else radius,
-                known_accel if accel is None else accel,
-                known_speed if speed is None else speed,
+                resolved.accel if accel is None else accel,
+                resolved.speed if speed is None else speed,
                 position_error,
                 velocity_error,
             )
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
-        known = self._sources.find(source)
         late = known is not None and time < known.newest
         state = self._sources.hear(source, time)
         if snapshot and not late:
             self._unplaced.forget(state.index)
+        if rows is None:
+            rows = self._find_rows(resolved, time, state)
+        self.table.widen(self._memory.points_each)
+        taken, exceptions, any_refused = self._take_samples(
+            self.table.handle,
+            self._memory.handle,
+            rows,
+            self._memory.points_each,
+            time,
+            self._extent,
+            self._frames[frame],
+            velocity is not None,
+            *numbers,
+        )
+        if taken:
+            self._newest = max(self._newest, time)
+        # A sample that is taken may set aside what a certificate rests on.
+        self._any_refused = self._any_refused or any_refused
+        refused = 0
+        if exceptions:
+            refused = self._tell_exceptions(names, time, source)
+        self._sources.count(state, time, len(names), refused)
+        if snapshot:
+            self._remove_absent(rows, time, state, late)
+
+    def _read_samples(
+        self,
+        count: int,
+        position: ArrayLike,
+        velocity: ArrayLike | None,
+        *fields: ArrayLike,
+    ) -> tuple[Any, ...]:
+        """Reads the samples of a message into its memory.
+
+        Args:
+            count: How many there are.
+            position: As `update` has it.
+            velocity: As `update` has it.
+            fields: The others in the order of `message.FIELDS`, as `update` has them.
+
+        Returns:
+            As `acceptance.take_samples` takes them: `each`, and one number for each field.
+        """
+        memory = self._memory
+        points = read_points("position", position, count)
+        velocities = None
+        if velocity is not None:
+            velocities = read_points("velocity", velocity, count)
+            if velocities.shape != points.shape:
+                raise ObstacleError(
+                    "velocity",
+                    f"has shape {velocities.shape}",
+                    expected=f"{points.shape} as position",
+                )
+        memory.fit(count, points.shape[1])
+        numbers: list[Any] = [0]
+        for i, value in enumerate(fields):
+            if type(value) is not float:
+                value = read_field(FIELDS[i], value, count)
+                if type(value) is not float:
+                    memory.fields[i][:count] = value
+                    numbers[0] += 1 << i
+                    value = math.nan
+            numbers.append(value)
+        memory.points[:] = points
+        if velocities is not None:
+            memory.velocities[:] = velocities
+        return tuple(numbers)
+
+    def _find_rows(self, resolved: ResolvedIds, time: float, state: SourceState) -> IntArray:
+        """Rows of a message's obstacles, those of new ones among them; -1 of what may not come in.
+
+        Remembered for the next message, where all have come in.
+        """
+        names = resolved.names
         places = list(map(self._rows_of(state.index).get, names, repeat(-1)))
         if -1 in places:
             for i, name in enumerate(names):
                 places[i] = self._admit(name, time, state) if places[i] < 0 else places[i]
         rows = np.array(places, dtype=np.int64)
-        codes, values = self._run_rule(rows, samples, time, frame, velocity is None)
+        if -1 in places:
+            self._resolved.pop(state.index, None)
+        else:
+            self._resolved[state.index] = resolved._replace(rows=rows)
+        return rows
+
+    def _tell_exceptions(self, names: list[str], time: float, source: str) -> int:
+        """Leaves a fault for each sample that was not simply taken; how many were refused."""
         refused = 0
-        for i in codes.nonzero()[0].tolist():
+        codes, values = self._memory.data.codes, self._memory.data.values
+        for i in codes[: len(names)].nonzero()[0].tolist():
             if codes[i] == rule.LATE:
                 self.late_count += 1
             else:
                 kind, field = _KINDS[int(codes[i])]
                 refused += codes[i] != rule.TRACK_CHANGED
                 self._faults.leave(kind, source, names[i], field, float(values[i]), time)
-        self._sources.count(state, time, len(names), refused)
-        if snapshot:
-            self._remove_absent(rows, time, state, late)
+        return refused
 
     def add_static(self, id: str, position: ArrayLike, radius: float) -> None:
         """Adds an obstacle that stands still for ever and never ages.
@@ -230,7 +313,7 @@ class Obstacles(ObstacleRegister):
             if name in self._rows_of(NO_SOURCE):
                 raise ObstacleError(f"id {name!r}", "is in the table already")
             points = read_points("position", [position], 1)[0]
-            (size,) = read_field("radius", radius, 1)
+            (size,) = np.atleast_1d(read_field("radius", radius, 1)).tolist()
             if not (np.isfinite(points).all() and 0.0 <= size < math.inf):
                 raise ObstacleError(
                     f"static obstacle {name!r}",
@@ -304,36 +387,6 @@ class Obstacles(ObstacleRegister):
         time = float(stamp) if isinstance(stamp, (float, np.floating)) else math.nan
         self._faults.leave(FaultKind.MALFORMED, name, "", error.offender, error.problem, time)
         return error
-
-    def _run_rule(
-        self,
-        rows: IntArray,
-        samples: Samples,
-        time: float,
-        frame: str,
-        speed_is_error: bool,
-    ) -> tuple[IntArray, NDArray[np.float64]]:
-        codes = np.zeros(len(rows), dtype=np.int64)
-        values = np.zeros(len(rows))
-        place = self._frames[frame]
-        self.table.widen(samples.points.shape[1])
-        taken = self._take_samples(
-            self.table.handle,
-            rows,
-            samples,
-            time,
-            self._extent,
-            speed_is_error,
-            *place,
-            frame == WORLD,
-            codes,
-            values,
-        )
-        if taken:
-            self._newest = max(self._newest, time)
-        # A sample that is taken may set aside what a certificate rests on.
-        self._any_refused = self._any_refused or bool(self.table.refused[rows].any())
-        return codes, values
 
     def _admit(self, name: str, time: float, state: SourceState) -> int:
         """Row for an id that is not in the table; -1 if it may not come in."""

@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import merged_kernel
 from armguard.jit.layout import make_records
 
 STEP = 1.02
@@ -104,7 +104,7 @@ def resize_spreads(spreads: Spreads, rows: int, width: int) -> Spreads:
     return resized
 
 
-@kernel
+@merged_kernel
 def forget_spread(spreads: Spreads, row: int) -> None:
     """Begin anew with a row."""
     spreads.samples[row] = 0
@@ -123,7 +123,7 @@ def describe_spread(spreads: Spreads, row: int, name: str) -> str:
     return f"velocities of {name} are off by {found:.3g} m/s, {stated:.3g} m/s were promised"
 
 
-@kernel
+@merged_kernel
 def _follow_median(median: float, value: float, known: int) -> float:
     """The running median after another value, of which so many samples were known before."""
     if known < BEGINNING:
@@ -134,7 +134,7 @@ def _follow_median(median: float, value: float, known: int) -> float:
     return max(median / STEP, LEAST_ERROR)
 
 
-@kernel
+@merged_kernel
 def follow_spread(
     spreads: Spreads,
     row: int,
