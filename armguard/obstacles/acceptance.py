@@ -79,7 +79,7 @@ FIELDS = ("position", "velocity", "radius", "accel", "speed", "position_error", 
 @kernel
 def _move_to_world(samples: Samples, i: int, frames: Frames, frame: int) -> None:
     rotation, translation = frames.rotation, frames.translation
-    for k in range(samples.points.shape[1]):
+    for k in range(samples.point_count):
         x, y, z = samples.points[i, k, 0], samples.points[i, k, 1], samples.points[i, k, 2]
         u, v, w = (
             samples.velocities[i, k, 0],
@@ -129,8 +129,8 @@ def _find_flaw(samples: Samples, i: int, speed_is_error: bool, extent: float) ->
     if _is_too_large(samples.speed[i], MAXIMUM_SPEED):
         return TOO_LARGE + 4, samples.speed[i]
     top_speed = samples.speed[i] + samples.velocity_error[i]
-    fastest = 0.0
-    for k in range(samples.points.shape[1]):
+    largest = 0.0
+    for k in range(samples.point_count):
         square = 0.0
         for axis in range(3):
             position = samples.points[i, k, axis]
@@ -142,7 +142,8 @@ def _find_flaw(samples: Samples, i: int, speed_is_error: bool, extent: float) ->
             if not abs(position) <= extent:
                 return TOO_FAR, position
             square += velocity * velocity
-        fastest = max(fastest, math.sqrt(square))
+        largest = max(largest, square)
+    fastest = math.sqrt(largest)
     if not (fastest < math.inf and fastest <= top_speed * (1.0 + ACCEPTANCE_SLACK)):
         return TOO_FAST, fastest
     return TAKEN, 0.0
@@ -150,9 +151,10 @@ def _find_flaw(samples: Samples, i: int, speed_is_error: bool, extent: float) ->
 
 @merged_kernel
 def _write(states: States, row: int, samples: Samples, i: int, stamp: float) -> None:
-    count = samples.points.shape[1]
-    states.points[row] = 0.0
-    states.velocities[row] = 0.0
+    count = samples.point_count
+    for k in range(count, states.points.shape[1]):
+        for axis in range(3):
+            states.points[row, k, axis] = states.velocities[row, k, axis] = 0.0
     for k in range(count):
         for axis in range(3):
             states.points[row, k, axis] = samples.points[i, k, axis]
@@ -217,7 +219,7 @@ def _agrees(
             states.stamp[row],
             told_points,
             told_velocities,
-            told_points.shape[0],
+            samples.point_count,
             radius,
             samples.position_error[i],
             samples.velocity_error[i],
@@ -226,7 +228,7 @@ def _agrees(
     return body_allows(
         told_points,
         told_velocities,
-        told_points.shape[0],
+        samples.point_count,
         samples.radius[i],
         max(accel, samples.accel[i]),
         max(speed, samples.speed[i]),
@@ -258,9 +260,9 @@ def _remember_bounds(told: Told, row: int, samples: Samples, i: int, stamp: floa
 
 
 @kernel
-def _largest_step(before: FloatArray, after: FloatArray) -> float:
+def _largest_step(before: FloatArray, after: FloatArray, count: int) -> float:
     largest = 0.0
-    for k in range(min(before.shape[0], after.shape[0])):
+    for k in range(min(before.shape[0], count)):
         square = 0.0
         for axis in range(3):
             square += (after[k, axis] - before[k, axis]) ** 2
@@ -277,13 +279,13 @@ def _measure_bounds(
     inf where nothing can be said of that.
     """
     duration = abs(stamp - states.stamp[row])
-    if not (0.0 < duration <= SEEN_WITHIN and states.point_count[row] == samples.points.shape[1]):
+    if not (0.0 < duration <= SEEN_WITHIN and states.point_count[row] == samples.point_count):
         return math.inf, math.inf
     elapsed = stamp - states.stamp[row]
     error = states.position_error[row] + samples.position_error[i]
     rate_error = states.velocity_error[row]
     accel = speed = 0.0
-    for k in range(samples.points.shape[1]):
+    for k in range(samples.point_count):
         step2 = stray2 = change2 = velocity2 = 0.0
         for axis in range(3):
             v0, v1 = states.velocities[row, k, axis], samples.velocities[i, k, axis]
@@ -360,8 +362,8 @@ def _let_stand(table: Rows, row: int, samples: Samples, i: int, stamp: float) ->
         covered = widen_to_cover(
             refused,
             place,
-            samples.points[i],
-            samples.velocities[i],
+            samples.points[i, : samples.point_count],
+            samples.velocities[i, : samples.point_count],
             samples.radius[i],
             samples.accel[i],
             samples.speed[i],
@@ -417,11 +419,11 @@ def _set_aside(
         _write(candidates, row, samples, i, stamp)
     # What a fault shows: how far the sample is off the accepted state.
     if code == VELOCITY_BY_ACCEL:
-        value = _largest_step(accepted.velocities[row], samples.velocities[i])
+        value = _largest_step(accepted.velocities[row], samples.velocities[i], samples.point_count)
     elif code == SHAPE:
-        value = float(samples.points.shape[1])
+        value = float(samples.point_count)
     else:
-        value = _largest_step(accepted.points[row], samples.points[i])
+        value = _largest_step(accepted.points[row], samples.points[i], samples.point_count)
     if marks.confirmations[row] >= CONFIRMING_SAMPLES and not late:
         # What was believed until now may be true all the same.
         set_state_aside(accepted, row, marks, table.refused, table.refusals)
@@ -477,10 +479,10 @@ def take_samples(
     accepted, marks, told = table.accepted, table.marks, table.told
     changed_rows, reference_states = table.changed_rows, table.reference_states
     count = rows.shape[0]
-    size = 3 * count * points_each
     samples = Samples(
-        data.points[:size].reshape((count, points_each, 3)),
-        data.velocities[:size].reshape((count, points_each, 3)),
+        points_each,
+        data.points,
+        data.velocities,
         data.radius,
         data.accel,
         data.speed,
@@ -503,7 +505,9 @@ def take_samples(
         if not each & 8:
             samples.position_error[i] = position_error
         if not is_velocity_known:
-            samples.velocities[i] = 0.0
+            for k in range(points_each):
+                for axis in range(3):
+                    samples.velocities[i, k, axis] = 0.0
             samples.velocity_error[i] = samples.speed[i]
         elif not each & 16:
             samples.velocity_error[i] = velocity_error
@@ -522,6 +526,7 @@ def take_samples(
                 row,
                 samples.points[i],
                 samples.velocities[i],
+                points_each,
                 stated_accel,
                 samples.position_error[i],
                 samples.velocity_error[i],

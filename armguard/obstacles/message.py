@@ -26,20 +26,22 @@ LEAST_ROOM = 64
 class Samples(NamedTuple):
     """One call's samples, as measured in one frame, before they are judged."""
 
+    point_count: int
+    """Points of each."""
     points: FloatArray
-    """[m]. Shape (n, k, 3)."""
+    """[m]; the first `point_count` of each count. Shape (rows, width, 3)."""
     velocities: FloatArray
-    """[m/s]. Shape (n, k, 3)."""
+    """[m/s]. Shape (rows, width, 3)."""
     radius: FloatArray
-    """[m]. Shape (n,)."""
+    """[m]. Shape (rows,)."""
     accel: FloatArray
-    """[m/s²]. Shape (n,)."""
+    """[m/s²]. Shape (rows,)."""
     speed: FloatArray
-    """[m/s]. Shape (n,)."""
+    """[m/s]. Shape (rows,)."""
     position_error: FloatArray
-    """[m]. Shape (n,)."""
+    """[m]. Shape (rows,)."""
     velocity_error: FloatArray
-    """[m/s]. Shape (n,)."""
+    """[m/s]. Shape (rows,)."""
 
 
 class Frames(NamedTuple):
@@ -57,9 +59,9 @@ class MessageData(NamedTuple):
     """All of a message that compiled code reads and writes; of each array the beginning is used."""
 
     points: FloatArray
-    """In the order of (n, k, 3), [m]. Shape (room,)."""
+    """[m]. Shape (rows, width, 3)."""
     velocities: FloatArray
-    """In the order of (n, k, 3), [m/s]. Shape (room,)."""
+    """[m/s]. Shape (rows, width, 3)."""
     radius: FloatArray
     """[m]. Shape (rows,)."""
     accel: FloatArray
@@ -101,26 +103,25 @@ class MessageMemory:
             np.array([frame.translation for frame in frames]),
             np.array([frame.position_error for frame in frames]),
         )
-        self._shape = 0, 1
-        self._make(LEAST_ROOM, 3 * LEAST_ROOM)
-        self._lay_out(*self._shape)
+        self._make(LEAST_ROOM, 1)
+        self._lay_out(0, 1)
 
     def fit(self, count: int, points_each: int) -> None:
         """Make room for so many samples of so many points each; what stood there is void."""
         if (count, points_each) == self._shape:
             return
-        rows, room = len(self.data.radius), len(self.data.points)
-        needed = 3 * count * points_each
-        if count > rows or needed > room:
-            self._make(_round_up(count, rows), _round_up(needed, room))
+        rows, width = self.data.points.shape[:2]
+        if count > rows or points_each > width:
+            rows = rows if count <= rows else max(count, 2 * rows)
+            self._make(rows, max(width, points_each))
         self._lay_out(count, points_each)
 
-    def _make(self, rows: int, room: int) -> None:
+    def _make(self, rows: int, width: int) -> None:
         radius, accel, speed, position_error, velocity_error = (np.zeros(rows) for _ in FIELDS)
         self.fields = radius, accel, speed, position_error, velocity_error
         self.data = MessageData(
-            points=np.zeros(room),
-            velocities=np.zeros(room),
+            points=np.zeros((rows, width, 3)),
+            velocities=np.zeros((rows, width, 3)),
             radius=radius,
             accel=accel,
             speed=speed,
@@ -135,9 +136,8 @@ class MessageMemory:
     def _lay_out(self, count: int, points_each: int) -> None:
         self._shape = count, points_each
         self.points_each = points_each
-        size, shape = 3 * count * points_each, (count, points_each, 3)
-        self.points = self.data.points[:size].reshape(shape)
-        self.velocities = self.data.velocities[:size].reshape(shape)
+        self.points = self.data.points[:count, :points_each]
+        self.velocities = self.data.velocities[:count, :points_each]
 
     def __getstate__(self) -> dict[str, Any]:
         # Arrays of a copy would be others than those that its handle is on.
@@ -145,10 +145,5 @@ class MessageMemory:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self._frames = state["_frames"]
-        self._make(LEAST_ROOM, 3 * LEAST_ROOM)
+        self._make(LEAST_ROOM, 1)
         self._lay_out(0, 1)
-
-
-def _round_up(needed: int, present: int) -> int:
-    """So much room, or twice as much as there is, so that it is seldom taken anew."""
-    return present if needed <= present else max(needed, 2 * present)

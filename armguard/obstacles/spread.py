@@ -131,6 +131,8 @@ def _follow_median(median: float, value: float, known: int) -> float:
         return min(median, value)
     if value > median:
         return max(median, LEAST_ERROR) * STEP
+    if median <= LEAST_ERROR:
+        return LEAST_ERROR
     return max(median / STEP, LEAST_ERROR)
 
 
@@ -140,6 +142,7 @@ def follow_spread(
     row: int,
     points: FloatArray,
     velocities: FloatArray,
+    count: int,
     accel: float,
     position_error: float,
     velocity_error: float,
@@ -150,14 +153,14 @@ def follow_spread(
     Args:
         spreads: Written.
         row: Of the body.
-        points: Measured, in [m]. Shape (k, 3).
-        velocities: Measured, in [m/s]. Shape (k, 3).
+        points: Measured, in [m]. Shape (width, 3).
+        velocities: Measured, in [m/s]. Shape (width, 3).
+        count: How many of the points there are.
         accel: Bound on its acceleration, in [m/s²].
         position_error: Stated, in [m].
         velocity_error: Stated, in [m/s].
         stamp: In [s].
     """
-    count = points.shape[0]
     known = spreads.samples[row]
     later = stamp - spreads.last_stamp[row]
     if known > 0 and not later > 0.0 and -later <= FORGOTTEN_AFTER:
@@ -175,7 +178,8 @@ def follow_spread(
             for axis in range(3):
                 mean = (points[k, axis] - spreads.last[row, k, axis]) / later
                 square += (velocities[k, axis] - mean) ** 2
-            proved = max(proved, math.sqrt(square) - room)
+            if not square <= room * room:
+                proved = max(proved, math.sqrt(square) - room)
         median = math.inf if known == 1 else spreads.velocity[row]
         spreads.velocity[row] = _follow_median(median, proved, known)
     if known > 1:
@@ -190,7 +194,8 @@ def follow_spread(
                 middle = spreads.last[row, k, axis]
                 went = middle - spreads.before[row, k, axis]
                 square += (points[k, axis] - middle - ratio * went) ** 2
-            proved = max(proved, (math.sqrt(square) - room) / (2.0 + 2.0 * ratio))
+            if not square <= room * room:
+                proved = max(proved, (math.sqrt(square) - room) / (2.0 + 2.0 * ratio))
         median = math.inf if known == 2 else spreads.position[row]
         spreads.position[row] = _follow_median(median, proved, known)
         if known == FEWEST_SAMPLES:
