@@ -23,7 +23,6 @@ from armguard.jit.numerics import (
     VELOCITY_BY_SPEED,
 )
 
-
 SHRINKING = 1.0 - 2.0**-50
 """Factor of a square, below which its root is below that of the whole, however all is rounded."""
 

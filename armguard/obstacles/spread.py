@@ -178,7 +178,7 @@ def follow_spread(
             for axis in range(3):
                 mean = (points[k, axis] - spreads.last[row, k, axis]) / later
                 square += (velocities[k, axis] - mean) ** 2
-            if not square <= room * room:
+            if not (room > 0.0 and square < room * room):
                 proved = max(proved, math.sqrt(square) - room)
         median = math.inf if known == 1 else spreads.velocity[row]
         spreads.velocity[row] = _follow_median(median, proved, known)
@@ -194,7 +194,7 @@ def follow_spread(
                 middle = spreads.last[row, k, axis]
                 went = middle - spreads.before[row, k, axis]
                 square += (points[k, axis] - middle - ratio * went) ** 2
-            if not square <= room * room:
+            if not (room > 0.0 and square < room * room):
                 proved = max(proved, (math.sqrt(square) - room) / (2.0 + 2.0 * ratio))
         median = math.inf if known == 2 else spreads.position[row]
         spreads.position[row] = _follow_median(median, proved, known)
