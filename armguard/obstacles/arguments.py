@@ -65,6 +65,8 @@ def is_same(ids: Sequence[str], names: list[str]) -> bool:
 
 def read_time(name: str, value: object) -> float:
     """A finite time, in [s]."""
+    if type(value) is float and -math.inf < value < math.inf:
+        return value
     time = math.nan
     if isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, bool):
         try:
@@ -93,13 +95,13 @@ def read_bound(name: str, value: object, limit: float, unit: str) -> float:
 
 
 def read_points(name: str, value: ArrayLike | list[ArrayLike], count: int) -> FloatArray:
-    """Points or velocities of `count` obstacles. Shape (count, k, 3), k from 1 to 8."""
+    """Points or velocities of `count` obstacles. Shape (count, 3) or (count, k, 3), k up to 8."""
     array = _read_array(name, value)
     shape = array.shape
     if shape == (count, 3):
-        return array.reshape(count, 1, 3)
+        return array
     if count == 0 and array.size == 0:
-        return np.zeros((0, 1, 3))
+        return np.zeros((0, 3))
     if len(shape) == 3 and shape == (count, shape[1], 3) and shape[1] > 0:
         if shape[1] <= MAXIMUM_POINTS:
             return array

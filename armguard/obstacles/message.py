@@ -88,9 +88,7 @@ class MessageMemory:
     Attributes:
         data: The arrays.
         handle: On all of them, for compiled code; replaced with them.
-        points: Where the points of a message go, of the shape that was asked for last.
-        velocities: Where its velocities go.
-        points_each: Points of each sample.
+        points_each: Points of each sample of the message that is read.
         fields: Where the fields go of which there is one number for each sample; as `FIELDS`.
     """
 
@@ -105,6 +103,18 @@ class MessageMemory:
         )
         self._make(LEAST_ROOM, 1)
         self._lay_out(0, 1)
+
+    def take_points(self, points: FloatArray, velocities: FloatArray | None) -> None:
+        """Take in the points of a message for which there is room, and their velocities if known.
+
+        Args:
+            points: In [m]. Shape (n, 3) or (n, k, 3).
+            velocities: In [m/s]. Alike, or None.
+        """
+        places = self._balls if points.ndim == 2 else self._hulls
+        places[0][:] = points
+        if velocities is not None:
+            places[1][:] = velocities
 
     def fit(self, count: int, points_each: int) -> None:
         """Make room for so many samples of so many points each; what stood there is void."""
@@ -136,8 +146,9 @@ class MessageMemory:
     def _lay_out(self, count: int, points_each: int) -> None:
         self._shape = count, points_each
         self.points_each = points_each
-        self.points = self.data.points[:count, :points_each]
-        self.velocities = self.data.velocities[:count, :points_each]
+        points, velocities = self.data.points[:count], self.data.velocities[:count]
+        self._hulls = points[:, :points_each], velocities[:, :points_each]
+        self._balls = points[:, 0], velocities[:, 0]
 
     def __getstate__(self) -> dict[str, Any]:
         # Arrays of a copy would be others than those that its handle is on.

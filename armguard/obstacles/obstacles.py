@@ -41,6 +41,8 @@ __all__ = ["Fault", "FaultKind", "Frame", "Obstacles", "Source"]
 
 WORLD = "world"
 
+_FLOAT = {float}
+
 _KINDS = {
     numerics.POSITION_BY_ACCEL: (FaultKind.BEYOND_ACCEL, "position"),
     numerics.POSITION_BY_SPEED: (FaultKind.BEYOND_SPEED, "position"),
@@ -199,12 +201,14 @@ class Obstacles(ObstacleRegister):
             self._unplaced.forget(state.index)
         if rows is None:
             rows = self._find_rows(resolved, time, state)
-        self.table.widen(self._memory.points_each)
+        points_each = self._memory.points_each
+        if points_each > 1:
+            self.table.widen(points_each)
         taken, exceptions, any_refused = self._take_samples(
             self.table.handle,
             self._memory.handle,
             rows,
-            self._memory.points_each,
+            points_each,
             time,
             self._extent,
             self._frames[frame],
@@ -227,44 +231,44 @@ class Obstacles(ObstacleRegister):
         count: int,
         position: ArrayLike,
         velocity: ArrayLike | None,
-        *fields: ArrayLike,
+        radius: ArrayLike,
+        accel: ArrayLike,
+        speed: ArrayLike,
+        position_error: ArrayLike,
+        velocity_error: ArrayLike,
     ) -> tuple[Any, ...]:
         """Reads the samples of a message into its memory.
-
-        Args:
-            count: How many there are.
-            position: As `update` has it.
-            velocity: As `update` has it.
-            fields: The others in the order of `message.FIELDS`, as `update` has them.
 
         Returns:
             As `acceptance.take_samples` takes them: `each`, and one number for each field.
         """
         memory = self._memory
-        points = read_points("position", position, count)
-        velocities = None
+        points, velocities = read_points("position", position, count), None
+        shape = points.shape
         if velocity is not None:
             velocities = read_points("velocity", velocity, count)
+            if velocities.shape != shape:
+                # One point each can be told in two ways.
+                points, velocities = points.reshape(count, -1, 3), velocities.reshape(count, -1, 3)
             if velocities.shape != points.shape:
                 raise ObstacleError(
                     "velocity",
                     f"has shape {velocities.shape}",
                     expected=f"{points.shape} as position",
                 )
-        memory.fit(count, points.shape[1])
-        numbers: list[Any] = [0]
-        for i, value in enumerate(fields):
-            if type(value) is not float:
-                value = read_field(FIELDS[i], value, count)
-                if type(value) is not float:
-                    memory.fields[i][:count] = value
-                    numbers[0] += 1 << i
-                    value = math.nan
-            numbers.append(value)
-        memory.points[:] = points
-        if velocities is not None:
-            memory.velocities[:] = velocities
-        return tuple(numbers)
+        memory.fit(count, 1 if len(shape) == 2 else shape[1])
+        memory.take_points(points, velocities)
+        numbers: tuple[Any, ...] = radius, accel, speed, position_error, velocity_error
+        if set(map(type, numbers)) == _FLOAT:
+            return 0, *numbers
+        each, values = 0, []
+        for i, value in enumerate(numbers):
+            number = read_field(FIELDS[i], value, count)
+            if type(number) is not float:
+                memory.fields[i][:count] = number
+                each, number = each + (1 << i), math.nan
+            values.append(number)
+        return each, *values
 
     def _find_rows(self, resolved: ResolvedIds, time: float, state: SourceState) -> IntArray:
         """Rows of a message's obstacles, those of new ones among them; -1 of what may not come in.
@@ -286,14 +290,16 @@ class Obstacles(ObstacleRegister):
     def _tell_exceptions(self, names: list[str], time: float, source: str) -> int:
         """Leaves a fault for each sample that was not simply taken; how many were refused."""
         refused = 0
-        codes, values = self._memory.data.codes, self._memory.data.values
-        for i in codes[: len(names)].nonzero()[0].tolist():
-            if codes[i] == rule.LATE:
+        codes, values = self._memory.data.codes[: len(names)], self._memory.data.values
+        places = codes.nonzero()[0]
+        found = places.tolist(), codes[places].tolist(), values[places].tolist()
+        for i, code, value in zip(*found, strict=True):
+            if code == rule.LATE:
                 self.late_count += 1
             else:
-                kind, field = _KINDS[int(codes[i])]
-                refused += codes[i] != rule.TRACK_CHANGED
-                self._faults.leave(kind, source, names[i], field, float(values[i]), time)
+                kind, field = _KINDS[code]
+                refused += code != rule.TRACK_CHANGED
+                self._faults.leave(kind, source, names[i], field, value, time)
         return refused
 
     def add_static(self, id: str, position: ArrayLike, radius: float) -> None:
@@ -312,7 +318,7 @@ class Obstacles(ObstacleRegister):
             (name,) = read_ids([id])
             if name in self._rows_of(NO_SOURCE):
                 raise ObstacleError(f"id {name!r}", "is in the table already")
-            points = read_points("position", [position], 1)[0]
+            points = read_points("position", [position], 1).reshape(-1, 3)
             (size,) = np.atleast_1d(read_field("radius", radius, 1)).tolist()
             if not (np.isfinite(points).all() and 0.0 <= size < math.inf):
                 raise ObstacleError(
