@@ -20,7 +20,7 @@ NO_SOURCE = -1
 """Index of the owner of static obstacles."""
 
 _LATEST = 1e300
-"""Latest tenth of a second that is told from others: the division of a finite stamp may overflow."""
+"""Latest tenth of a second that is told from others: dividing a finite stamp may overflow."""
 
 FEWEST_REFUSED = 5
 """Rows refused within a second without which a source is believed, however few others there are."""
