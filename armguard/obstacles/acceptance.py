@@ -29,7 +29,7 @@ from armguard.obstacles.possible_states import (
 )
 from armguard.obstacles.reference_states import allows_reference_state
 from armguard.obstacles.spread import follow_spread
-from armguard.obstacles.table import MOST_REFUSED, Rows, States, Told, note_row
+from armguard.obstacles.table import MOST_REFUSED, States, Told, note_row
 
 CONFIRMING_SAMPLES = 5
 """So many consecutive samples that agree with each other confirm another track."""
@@ -304,7 +304,7 @@ def _measure_bounds(
 
 @kernel
 def _widen_broken_bounds(
-    table: Rows, states: States, row: int, samples: Samples, i: int, stamp: float
+    handle: Any, states: States, row: int, samples: Samples, i: int, stamp: float
 ) -> bool:
     """Let what a body has shown between a state and a sample count, if that is believable.
 
@@ -313,6 +313,7 @@ def _widen_broken_bounds(
     Returns:
         Whether it may have broken its bounds, rather than be another body.
     """
+    table = handle.content
     told, accepted = table.told, table.accepted
     accel = max(told.accel[row], told.accel_before[row], samples.accel[i])
     speed = max(told.speed[row], told.speed_before[row], samples.speed[i])
@@ -354,8 +355,9 @@ def _count_broken_bounds(told: Told, row: int, samples: Samples, i: int, stamp: 
 
 
 @kernel
-def _let_stand(table: Rows, row: int, samples: Samples, i: int, stamp: float) -> None:
+def _let_stand(handle: Any, row: int, samples: Samples, i: int, stamp: float) -> None:
     """Let a refused sample be possible: in a place of its own, or within the bounds of another."""
+    table = handle.content
     refused, marks = table.refused, table.marks
     marks.refused[row] = True
     for place in range(row * MOST_REFUSED, row * MOST_REFUSED + marks.refused_count[row]):
@@ -383,24 +385,25 @@ def _let_stand(table: Rows, row: int, samples: Samples, i: int, stamp: float) ->
 
 @kernel
 def _set_aside(
-    table: Rows, row: int, samples: Samples, i: int, stamp: float, code: int, value: float
+    handle: Any, row: int, samples: Samples, i: int, stamp: float, code: int, value: float
 ) -> tuple[int, float]:
     """Keep a sample beside the accepted state, unless it confirms another track.
 
     Returns:
         Its final code, and the value that a fault would show.
     """
+    table = handle.content
     accepted, candidates, marks = table.accepted, table.candidates, table.marks
     if code > TOO_FAST:
         marks.confirmations[row] = 0
         lose_sight(marks, table.refusals, row)
         return code, value
     if marks.has_state[row] and code != SHAPE:
-        _widen_broken_bounds(table, accepted, row, samples, i, stamp)
+        _widen_broken_bounds(handle, accepted, row, samples, i, stamp)
     if code == TOO_FAST:
         marks.confirmations[row] = 0
         samples.speed[i] = max(samples.speed[i], BROKEN_FACTOR * value)
-        _let_stand(table, row, samples, i, stamp)
+        _let_stand(handle, row, samples, i, stamp)
         return code, value
     # A candidate track grows by samples that follow its last one, and begins anew with others.
     known = marks.confirmations[row] > 0
@@ -428,7 +431,7 @@ def _set_aside(
         # What was believed until now may be true all the same.
         set_state_aside(accepted, row, marks, table.refused, table.refusals)
         return TRACK_CHANGED, value
-    _let_stand(table, row, samples, i, stamp)
+    _let_stand(handle, row, samples, i, stamp)
     return code, value
 
 
@@ -545,7 +548,7 @@ def take_samples(
                     note_row(changed_rows, row)
         # Confirm: what does not agree is set aside, or completes another track.
         if code not in (TAKEN, LATE):
-            code, value = _set_aside(table, row, samples, i, stamp, code, value)
+            code, value = _set_aside(handle, row, samples, i, stamp, code, value)
             marks.revision[row] += 1
         data.codes[i] = code
         data.values[i] = value
@@ -566,7 +569,7 @@ def take_samples(
             # that rests on is set aside once; it stands until the change has been read.
             if (
                 not allowed
-                and not _widen_broken_bounds(table, reference_states, row, samples, i, stamp)
+                and not _widen_broken_bounds(handle, reference_states, row, samples, i, stamp)
                 and not changed_rows.is_changed[row]
             ):
                 set_state_aside(reference_states, row, marks, table.refused, table.refusals)
