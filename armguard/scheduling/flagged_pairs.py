@@ -3,32 +3,239 @@
 It uses the link's true geometry instead of its spheres, and speed bounds only: coarser in time, but
 a whole link costs one distance. The bound holds for every point of the link, also where a sphere's
 centre stands still while the link turns inside it.
+
+All flagged pairs are checked in every tick, most of them from afar: the ball around a link gives a
+distance that is too small by a few centimetres, and a contact time that is good enough for a pair
+that decides nothing. The hull is measured where that time is within the stopping time, and wherever
+the pair might be the most imminent of all: so the earliest contact is that of the true geometry.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from armguard.bounds.isotropic import IsotropicMotion
-from armguard.obstacles.possible_states import list_states
+from armguard.jit.arrays import FloatArray, IntArray
+from armguard.jit.handle import pack
+from armguard.jit.kernels import kernel, merged_kernel
+from armguard.jit.numerics import TERM_ROUNDING
+from armguard.obstacles.possible_states import is_known, possible_states, state_at
+from armguard.obstacles.reference_states import expire, keep_reference_state
 from armguard.obstacles.table import States
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.hull_distance import HullDistance
+from armguard.pairs.hull_gap import LinkHulls, hull_gap
+from armguard.pairs.scene import DISTANCE, Scene
+
+
+class FlaggedData(NamedTuple):
+    """What the check knows of the links; fixed, or written in place."""
+
+    hulls: LinkHulls
+    surface_speed: FloatArray
+    """Bound on the speed of any point of each link, [m/s]. Shape (links,)."""
+    surface_position_error: FloatArray
+    """What any point of each link may be off by, [m]. Shape (links,)."""
+
+
+@merged_kernel
+def _ball_gap(scene: Scene, link: int, bodies: States, place: int) -> float:
+    """Distance in [m] from the ball around a link to an obstacle, at the least."""
+    root, count = scene.tree.root[link], bodies.point_count[place]
+    x, y, z = bodies.points[place, 0, 0], bodies.points[place, 0, 1], bodies.points[place, 0, 2]
+    spread = 0.0
+    for k in range(1, count):
+        square = 0.0
+        for axis in range(3):
+            square += (bodies.points[place, k, axis] - bodies.points[place, 0, axis]) ** 2
+        spread = max(spread, square)
+    x -= scene.arm.centers[root, 0]
+    y -= scene.arm.centers[root, 1]
+    z -= scene.arm.centers[root, 2]
+    away = math.sqrt(x * x + y * y + z * z)
+    taken = math.sqrt(spread) + scene.tree.radius[root] + bodies.radius[place]
+    largest = abs(scene.arm.centers[root, 0]) + abs(scene.arm.centers[root, 1])
+    largest += abs(scene.arm.centers[root, 2])
+    return away - taken - TERM_ROUNDING * (2.0 * away + taken + largest)
+
+
+@merged_kernel
+def _time_from_gap(
+    scene: Scene,
+    data: FlaggedData,
+    link: int,
+    bodies: States,
+    place: int,
+    age: float,
+    arm_age: float,
+    distance: float,
+) -> float:
+    """Time from now in [s] before which a distance cannot be closed."""
+    fastest = 0.0
+    for k in range(bodies.point_count[place]):
+        square = 0.0
+        for axis in range(3):
+            square += bodies.velocities[place, k, axis] ** 2
+        fastest = max(fastest, square)
+    speed = max(bodies.speed[place], math.sqrt(fastest) + bodies.velocity_error[place])
+    arm_speed = data.surface_speed[link]
+    grown = arm_speed * abs(arm_age)
+    if age != 0.0:
+        grown += speed * abs(age)
+    errors = bodies.position_error[place] + data.surface_position_error[link]
+    gap = distance - scene.settings.margin - errors - grown
+    if not gap > 0.0:
+        return 0.0
+    closing = speed + arm_speed
+    return gap / closing if closing > 0.0 else math.inf
+
+
+@kernel
+def _exact_time(
+    scene: Scene, data: FlaggedData, row: int, link: int, now: float, arm_age: float
+) -> float:
+    """Contact time of a link's hull and an obstacle, over all states of it that may be true."""
+    if not is_known(scene.marks, row):
+        return 0.0
+    soonest = math.inf
+    for number in possible_states(scene.marks, row):
+        bodies, place, age = state_at(scene.bodies, scene.refused, scene.marks, row, number, now)
+        distance = hull_gap(
+            data.hulls,
+            link,
+            scene.placement,
+            bodies.points[place],
+            bodies.point_count[place],
+            bodies.radius[place],
+        )
+        time = _time_from_gap(scene, data, link, bodies, place, age, arm_age, distance)
+        soonest = min(soonest, time)
+    return soonest
+
+
+@kernel
+def _contact_time(
+    handle: Any, data_handle: Any, row: int, link: int, now: float, arm_age: float
+) -> float:
+    return _exact_time(handle.content, data_handle.content, row, link, now, arm_age)
+
+
+@merged_kernel
+def _extend(
+    scene: Scene,
+    pair: int,
+    links: int,
+    end: float,
+    expiry: FloatArray,
+    bound: NDArray[np.int8],
+    kept_revision: IntArray,
+    reference_states: Any,
+) -> None:
+    """Enter a proof that ends later than the certificate that a pair has."""
+    expiry[pair] = end
+    bound[pair] = DISTANCE
+    row = pair // links
+    # It rests on the present state, no longer on the one behind the last evaluation.
+    if kept_revision[pair] != scene.marks.revision[row]:
+        kept_revision[pair] = scene.marks.revision[row]
+        keep_reference_state(scene.bodies, States(*reference_states), scene.marks, row, pair)
+
+
+@kernel
+def _check(
+    handle: Any,
+    data_handle: Any,
+    pairs: IntArray,
+    links: int,
+    now: float,
+    arm_age: float,
+    time: float,
+    tick: int,
+    stop_time: float,
+    expiry: FloatArray,
+    ticks: IntArray,
+    bound: NDArray[np.int8],
+    kept_revision: IntArray,
+    *reference_states: Any,
+) -> int:
+    """Extend the certificates of flagged pairs by distance over closing speed.
+
+    Args:
+        handle: On the `Scene`.
+        data_handle: On `FlaggedData`.
+        pairs: Those that are flagged, row × links + link. Shape (f,).
+        links: How many links there are.
+        now: Time of the tick on the obstacles' clock, in [s].
+        arm_age: Age of the joint state, in [s].
+        time: Of the tick, in [s] since the monitor's epoch.
+        tick: Its number.
+        stop_time: In [s]; what could be touched within is measured exactly.
+        expiry: Ends of all pairs' certificates, in [s] since the epoch; written.
+        ticks: Tick of each pair's last evaluation; written.
+        bound: What each certificate rests on; written.
+        kept_revision: Revision of the state that each certificate rests on; written.
+        reference_states: States that certificates rest on; written.
+
+    Returns:
+        How many pairs were measured exactly.
+    """
+    scene, data = handle.content, data_handle.content
+    marks = scene.marks
+    # From afar: each pair's certificate is the later of its own and of what its ball proves.
+    first = -1
+    for index in range(pairs.shape[0]):
+        pair = pairs[index]
+        row, link = pair // links, pair % links
+        ticks[pair] = tick
+        if is_known(marks, row) and not marks.refused[row]:
+            age = 0.0 if marks.static[row] else now - scene.bodies.stamp[row]
+            distance = _ball_gap(scene, link, scene.bodies, row)
+            found = _time_from_gap(scene, data, link, scene.bodies, row, age, arm_age, distance)
+            end = expire(time, found)
+            if end > expiry[pair]:
+                _extend(scene, pair, links, end, expiry, bound, kept_revision, reference_states)
+        if first < 0 or not expiry[pair] >= expiry[first]:
+            first = pair
+    if first < 0:
+        return 0
+    # From near: the most imminent of them, then all that could still be sooner or stop the arm.
+    measured = 0
+    earliest = -math.inf
+    latest = time + stop_time
+    for index in range(-1, pairs.shape[0]):
+        pair = first if index < 0 else pairs[index]
+        if expiry[pair] > latest and index >= 0 and expiry[pair] >= earliest:
+            continue
+        if index >= 0 and pair == first:
+            continue
+        row, link = pair // links, pair % links
+        end = expire(time, _exact_time(scene, data, row, link, now, arm_age))
+        measured += 1
+        if end > expiry[pair]:
+            _extend(scene, pair, links, end, expiry, bound, kept_revision, reference_states)
+        earliest = expiry[pair] if index < 0 else min(earliest, expiry[pair])
+    return measured
 
 
 class FlaggedCheck:
-    """Contact times of single pairs from true distance and fastest closing speed.
+    """Contact times of pairs from true distance and fastest closing speed.
 
     Args:
-        exact: Measures the links where they are.
+        hulls: Of the links.
         motion: Whose bounds on the links' surfaces are read.
+        state: The tick's numbers.
+
+    Attributes:
         state: The tick's numbers.
     """
 
-    def __init__(self, exact: HullDistance, motion: IsotropicMotion, state: TickState) -> None:
-        self._exact = exact
-        self._motion = motion
-        self._state = state
+    def __init__(self, hulls: LinkHulls, motion: IsotropicMotion, state: TickState) -> None:
+        data = FlaggedData(hulls, motion.surface_speed, motion.surface_position_error)
+        self._data = pack(data)
+        self.state = state
 
     def contact_time(self, row: int, link: int) -> float:
         """Time from now in [s] before which there is no contact; 0 where that is unknown.
@@ -37,24 +244,29 @@ class FlaggedCheck:
             row: Of the obstacle in its table.
             link: Index in `robot.links`.
         """
-        state = self._state
-        states = list_states(state.bodies, state.refused_bodies, state.marks, row, state.now)
-        return min((self._state_time(link, *each) for each in states), default=0.0)
+        state = self.state
+        found: float = _contact_time(
+            state.handle, self._data, row, link, state.now, float(state.arm_age)
+        )
+        return found
 
-    def _state_time(self, link: int, bodies: States, place: int, age: float) -> float:
-        """The same for one state of the obstacle."""
-        state, motion = self._state, self._motion
-        count = int(bodies.point_count[place])
-        radius = float(bodies.radius[place])
-        distance, _, _ = self._exact.distance(link, bodies.points[place, :count], radius)
-        measured = max(math.hypot(*velocity) for velocity in bodies.velocities[place, :count])
-        speed = max(float(bodies.speed[place]), measured + float(bodies.velocity_error[place]))
-        arm_speed = float(motion.surface_speed[link])
-        grown = arm_speed * abs(state.arm_age)
-        if age != 0.0:
-            grown += speed * abs(float(age))
-        errors = float(bodies.position_error[place]) + float(motion.surface_position_error[link])
-        gap = float(distance) - state.scene.settings.margin - errors - grown
-        if not gap > 0.0:
-            return 0.0
-        return gap / (speed + arm_speed) if speed + arm_speed > 0.0 else math.inf
+    def extend(
+        self,
+        pairs: IntArray,
+        links: int,
+        time: float,
+        tick: int,
+        stop_time: float,
+        expiry: FloatArray,
+        ticks: IntArray,
+        bound: NDArray[np.int8],
+        kept_revision: IntArray,
+        reference_states: States,
+    ) -> int:
+        """Check flagged pairs; see `_check`, whose arguments these are."""
+        state = self.state
+        measured: int = _check(
+            state.handle, self._data, pairs, links, state.now, float(state.arm_age), time, tick,
+            stop_time, expiry, ticks, bound, kept_revision, *reference_states,
+        )  # fmt: skip
+        return measured

@@ -7,12 +7,14 @@ from armguard.bounds.arm import ArmMotion
 from armguard.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.hull_distance import HullDistance
+from armguard.pairs.hull_gap import lay_out_hulls
 from armguard.robot import Kinematics
 from armguard.scheduling.flagged_pairs import FlaggedCheck
 from support.panda_monitor import HOME, panda
 
 KINEMATICS = Kinematics(panda())
 EXACT = HullDistance(panda(), KINEMATICS)
+HULLS = lay_out_hulls(EXACT.vertices, EXACT.joints)
 LINKS = len(panda().links)
 
 
@@ -30,7 +32,7 @@ def test_the_exact_check_is_its_formula(age, arm_age, corners):
     )  # fmt: skip
     KINEMATICS.compute(HOME, np.zeros(7))
     state = TickState(KINEMATICS, motion, obstacles, margin=0.03, advances=8, by_distance=False)
-    check = FlaggedCheck(EXACT, motion.isotropic, state)
+    check = FlaggedCheck(HULLS, motion.isotropic, state)
     state.begin(5.0, arm_age, 0.0)
     row = obstacles.row("body")
     top = max(0.6, max(math.hypot(*velocity) for velocity in velocities) + 0.4)
@@ -59,7 +61,7 @@ def test_the_exact_check_of_statics_and_of_bodies_without_bounds():
     motion = ArmMotion(panda(), 0.02)
     KINEMATICS.compute(HOME, np.zeros(7))
     state = TickState(KINEMATICS, motion, obstacles, margin=0.0, advances=8, by_distance=False)
-    check = FlaggedCheck(EXACT, motion.isotropic, state)
+    check = FlaggedCheck(HULLS, motion.isotropic, state)
     for now in (0.0, 1e6):
         state.begin(now, 0.0, 0.0)
         assert check.contact_time(obstacles.row("post"), 3) > 0.1
