@@ -41,55 +41,72 @@ class FlaggedData(NamedTuple):
     """What any point of each link may be off by, [m]. Shape (links,)."""
 
 
+class Body(NamedTuple):
+    """One state of an obstacle, as far as distances from afar and closing speeds go."""
+
+    x: float
+    """Its first point, [m], world."""
+    y: float
+    z: float
+    size: float
+    """How far from there it extends, [m]."""
+    speed: float
+    """How fast it may be, [m/s]."""
+    lost: float
+    """How much nearer it may be by now, errors included, [m]."""
+
+
 @merged_kernel
-def _ball_gap(scene: Scene, link: int, bodies: States, place: int) -> float:
-    """Distance in [m] from the ball around a link to an obstacle, at the least."""
-    root, count = scene.tree.root[link], bodies.point_count[place]
-    x, y, z = bodies.points[place, 0, 0], bodies.points[place, 0, 1], bodies.points[place, 0, 2]
-    spread = 0.0
-    for k in range(1, count):
-        square = 0.0
+def _describe_body(bodies: States, place: int, age: float) -> Body:
+    """One state of an obstacle, so many seconds old."""
+    spread = fastest = 0.0
+    for k in range(bodies.point_count[place]):
+        away = square = 0.0
         for axis in range(3):
-            square += (bodies.points[place, k, axis] - bodies.points[place, 0, axis]) ** 2
-        spread = max(spread, square)
-    x -= scene.arm.centers[root, 0]
-    y -= scene.arm.centers[root, 1]
-    z -= scene.arm.centers[root, 2]
+            away += (bodies.points[place, k, axis] - bodies.points[place, 0, axis]) ** 2
+            square += bodies.velocities[place, k, axis] ** 2
+        spread, fastest = max(spread, away), max(fastest, square)
+    speed = max(bodies.speed[place], math.sqrt(fastest) + bodies.velocity_error[place])
+    lost = bodies.position_error[place]
+    if age != 0.0:
+        lost += speed * abs(age)
+    points = bodies.points
+    return Body(
+        points[place, 0, 0],
+        points[place, 0, 1],
+        points[place, 0, 2],
+        math.sqrt(spread) + bodies.radius[place],
+        speed,
+        lost,
+    )
+
+
+@merged_kernel
+def _ball_gap(scene: Scene, link: int, body: Body) -> float:
+    """Distance in [m] from the ball around a link to an obstacle, at the least."""
+    root = scene.tree.root[link]
+    cx, cy, cz = (
+        scene.arm.centers[root, 0],
+        scene.arm.centers[root, 1],
+        scene.arm.centers[root, 2],
+    )
+    x, y, z = body.x - cx, body.y - cy, body.z - cz
     away = math.sqrt(x * x + y * y + z * z)
-    taken = math.sqrt(spread) + scene.tree.radius[root] + bodies.radius[place]
-    largest = abs(scene.arm.centers[root, 0]) + abs(scene.arm.centers[root, 1])
-    largest += abs(scene.arm.centers[root, 2])
-    return away - taken - TERM_ROUNDING * (2.0 * away + taken + largest)
+    taken = body.size + scene.tree.radius[root]
+    return away - taken - TERM_ROUNDING * (2.0 * (away + abs(cx) + abs(cy) + abs(cz)) + taken)
 
 
 @merged_kernel
 def _time_from_gap(
-    scene: Scene,
-    data: FlaggedData,
-    link: int,
-    bodies: States,
-    place: int,
-    age: float,
-    arm_age: float,
-    distance: float,
+    scene: Scene, data: FlaggedData, link: int, body: Body, arm_age: float, distance: float
 ) -> float:
-    """Time from now in [s] before which a distance cannot be closed."""
-    fastest = 0.0
-    for k in range(bodies.point_count[place]):
-        square = 0.0
-        for axis in range(3):
-            square += bodies.velocities[place, k, axis] ** 2
-        fastest = max(fastest, square)
-    speed = max(bodies.speed[place], math.sqrt(fastest) + bodies.velocity_error[place])
+    """Time from now in [s] before which a distance in [m] cannot be closed."""
     arm_speed = data.surface_speed[link]
-    grown = arm_speed * abs(arm_age)
-    if age != 0.0:
-        grown += speed * abs(age)
-    errors = bodies.position_error[place] + data.surface_position_error[link]
-    gap = distance - scene.settings.margin - errors - grown
+    errors = body.lost + data.surface_position_error[link] + arm_speed * abs(arm_age)
+    gap = distance - scene.settings.margin - errors
     if not gap > 0.0:
         return 0.0
-    closing = speed + arm_speed
+    closing = body.speed + arm_speed
     return gap / closing if closing > 0.0 else math.inf
 
 
@@ -111,8 +128,8 @@ def _exact_time(
             bodies.point_count[place],
             bodies.radius[place],
         )
-        time = _time_from_gap(scene, data, link, bodies, place, age, arm_age, distance)
-        soonest = min(soonest, time)
+        body = _describe_body(bodies, place, age)
+        soonest = min(soonest, _time_from_gap(scene, data, link, body, arm_age, distance))
     return soonest
 
 
@@ -148,6 +165,7 @@ def _extend(
 def _check(
     handle: Any,
     data_handle: Any,
+    flagged: IntArray,
     pairs: IntArray,
     links: int,
     now: float,
@@ -159,6 +177,7 @@ def _check(
     ticks: IntArray,
     bound: NDArray[np.int8],
     kept_revision: IntArray,
+    proved: FloatArray,
     *reference_states: Any,
 ) -> int:
     """Extend the certificates of flagged pairs by distance over closing speed.
@@ -166,7 +185,8 @@ def _check(
     Args:
         handle: On the `Scene`.
         data_handle: On `FlaggedData`.
-        pairs: Those that are flagged, row × links + link. Shape (f,).
+        flagged: Pairs that are flagged, row × links + link. Shape (f,).
+        pairs: All pairs, ascending: obstacle by obstacle. Shape (m,).
         links: How many links there are.
         now: Time of the tick on the obstacles' clock, in [s].
         arm_age: Age of the joint state, in [s].
@@ -177,6 +197,7 @@ def _check(
         ticks: Tick of each pair's last evaluation; written.
         bound: What each certificate rests on; written.
         kept_revision: Revision of the state that each certificate rests on; written.
+        proved: Room to work in: what is proved of each pair in this tick, in [s] since the epoch.
         reference_states: States that certificates rest on; written.
 
     Returns:
@@ -184,39 +205,56 @@ def _check(
     """
     scene, data = handle.content, data_handle.content
     marks = scene.marks
-    # From afar: each pair's certificate is the later of its own and of what its ball proves.
-    first = -1
-    for index in range(pairs.shape[0]):
-        pair = pairs[index]
-        row, link = pair // links, pair % links
+    if flagged.shape[0] == 0:
+        return 0
+    for pair in flagged:
         ticks[pair] = tick
-        if is_known(marks, row) and not marks.refused[row]:
-            age = 0.0 if marks.static[row] else now - scene.bodies.stamp[row]
-            distance = _ball_gap(scene, link, scene.bodies, row)
-            found = _time_from_gap(scene, data, link, scene.bodies, row, age, arm_age, distance)
-            end = expire(time, found)
-            if end > expiry[pair]:
-                _extend(scene, pair, links, end, expiry, bound, kept_revision, reference_states)
-        if first < 0 or not expiry[pair] >= expiry[first]:
+    # From afar: what each pair's own certificate and the ball around its link prove. Pairs that
+    # were evaluated in this tick come along.
+    body = Body(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    last, is_believed = -1, False
+    first = -1
+    for pair in pairs:
+        if ticks[pair] != tick:
+            continue
+        row, link = pair // links, pair % links
+        if row != last:
+            last = row
+            is_believed = is_known(marks, row) and not marks.refused[row]
+            if is_believed:
+                age = 0.0 if marks.static[row] else now - scene.bodies.stamp[row]
+                body = _describe_body(scene.bodies, row, age)
+        end = expiry[pair]
+        if is_believed:
+            distance = _ball_gap(scene, link, body)
+            found = _time_from_gap(scene, data, link, body, arm_age, distance)
+            end = max(end, expire(time, found))
+        proved[pair] = end
+        if first < 0 or not end >= proved[first]:
             first = pair
     if first < 0:
         return 0
     # From near: the most imminent of them, then all that could still be sooner or stop the arm.
-    measured = 0
-    earliest = -math.inf
+    exact = expire(time, _exact_time(scene, data, first // links, first % links, now, arm_age))
+    proved[first] = max(proved[first], exact)
+    earliest = proved[first]
     latest = time + stop_time
-    for index in range(-1, pairs.shape[0]):
-        pair = first if index < 0 else pairs[index]
-        if expiry[pair] > latest and index >= 0 and expiry[pair] >= earliest:
+    measured = 1
+    for pair in pairs:
+        if ticks[pair] != tick:
             continue
-        if index >= 0 and pair == first:
-            continue
-        row, link = pair // links, pair % links
-        end = expire(time, _exact_time(scene, data, row, link, now, arm_age))
-        measured += 1
-        if end > expiry[pair]:
-            _extend(scene, pair, links, end, expiry, bound, kept_revision, reference_states)
-        earliest = expiry[pair] if index < 0 else min(earliest, expiry[pair])
+        if pair != first and not (proved[pair] > latest and proved[pair] >= earliest):
+            exact = expire(
+                time, _exact_time(scene, data, pair // links, pair % links, now, arm_age)
+            )
+            measured += 1
+            proved[pair] = max(proved[pair], exact)
+            earliest = min(earliest, proved[pair])
+        # A certificate that decides nothing is as good as a later one.
+        if proved[pair] > expiry[pair] and not expiry[pair] > max(earliest, latest):
+            _extend(
+                scene, pair, links, proved[pair], expiry, bound, kept_revision, reference_states
+            )
     return measured
 
 
@@ -252,6 +290,7 @@ class FlaggedCheck:
 
     def extend(
         self,
+        flagged: IntArray,
         pairs: IntArray,
         links: int,
         time: float,
@@ -261,12 +300,13 @@ class FlaggedCheck:
         ticks: IntArray,
         bound: NDArray[np.int8],
         kept_revision: IntArray,
+        proved: FloatArray,
         reference_states: States,
     ) -> int:
         """Check flagged pairs; see `_check`, whose arguments these are."""
         state = self.state
         measured: int = _check(
-            state.handle, self._data, pairs, links, state.now, float(state.arm_age), time, tick,
-            stop_time, expiry, ticks, bound, kept_revision, *reference_states,
+            state.handle, self._data, flagged, pairs, links, state.now, float(state.arm_age), time,
+            tick, stop_time, expiry, ticks, bound, kept_revision, proved, *reference_states,
         )  # fmt: skip
         return measured

@@ -51,6 +51,8 @@ class PairCertificates:
         self.link_count = link_count
         self.keeps_certificates = keeps_certificates
         self._watched = watched
+        self._proved: FloatArray = np.zeros(0)
+        """Room for what the exact check proves."""
         self.active: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
         self.expiry: FloatArray = np.zeros(0)
         """End of each certificate, in [s] since the monitor's epoch."""
@@ -139,8 +141,20 @@ class PairCertificates:
             How many were measured exactly.
         """
         self._fit_reference_states(check.state)
-        kept = self.expiry, self.tick, self.bound, self._kept_revision, self._reference_states
-        return check.extend(pairs, self.link_count, now, tick, stop_time, *kept)
+        return check.extend(
+            pairs,
+            self.pairs,
+            self.link_count,
+            now,
+            tick,
+            stop_time,
+            self.expiry,
+            self.tick,
+            self.bound,
+            self._kept_revision,
+            self._proved,
+            self._reference_states,
+        )
 
     def invalidate(self, pairs: IntArray) -> None:
         """Invalidate the certificates of `pairs`."""
@@ -237,6 +251,7 @@ class PairCertificates:
             width = self._reference_states.points.shape[1]
             self._reference_states = resize_states(self._reference_states, size, width)
             self._outcomes = np.zeros(size, dtype=np.int8)
+            self._proved = np.zeros(size)
 
 
 @kernel
