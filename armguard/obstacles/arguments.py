@@ -51,10 +51,8 @@ def read_ids(ids: Sequence[str]) -> list[str]:
     return names
 
 
-def is_same(ids: Sequence[str], names: list[str]) -> bool:
-    """Whether a list of ids is one that was read before; any other kind of list is read anew."""
-    if type(ids) is not list:
-        return False
+def is_same(ids: list[str], names: list[str]) -> bool:
+    """Whether a list of ids is one that was read before."""
     try:
         # What is no string might call itself equal to one, or be unable to tell.
         "".join(ids)

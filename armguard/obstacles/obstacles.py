@@ -41,6 +41,10 @@ __all__ = ["Fault", "FaultKind", "Frame", "Obstacles", "Source"]
 
 WORLD = "world"
 
+MESSAGES_REMEMBERED = 16
+"""Lists of ids that are remembered of each source: one may measure so many groups in turn. All are
+forgotten once there are more."""
+
 _FLOAT = {float}
 
 _KINDS = {
@@ -168,9 +172,9 @@ class Obstacles(ObstacleRegister):
             ObstacleError: The call is malformed; nothing of it is taken, and a fault is left.
         """
         known = self._sources.find(source) if isinstance(source, str) else None
-        resolved = None if known is None else self._resolved.get(known.index)
+        resolved = None if known is None else self._recall(ids, known.index)
         try:
-            if resolved is None or not is_same(ids, resolved.names):
+            if resolved is None:
                 resolved = ResolvedIds(read_ids(ids), None, 0.0, 0.0)
             time = read_time("stamp", stamp)
             self._check_source(source)
@@ -270,10 +274,18 @@ class Obstacles(ObstacleRegister):
             values.append(number)
         return each, *values
 
+    def _recall(self, ids: Sequence[str], owner: int) -> ResolvedIds | None:
+        """What was found of the same ids in the same order, in a message of this source before."""
+        known = self._resolved.get(owner)
+        if not known or type(ids) is not list or not ids or type(ids[0]) is not str:
+            return None
+        resolved = known.get((len(ids), ids[0]))
+        return resolved if resolved is not None and is_same(ids, resolved.names) else None
+
     def _find_rows(self, resolved: ResolvedIds, time: float, state: SourceState) -> IntArray:
         """Rows of a message's obstacles, those of new ones among them; -1 of what may not come in.
 
-        Remembered for the next message, where all have come in.
+        Remembered for the next such message, where all have come in.
         """
         names = resolved.names
         places = list(map(self._rows_of(state.index).get, names, repeat(-1)))
@@ -281,10 +293,11 @@ class Obstacles(ObstacleRegister):
             for i, name in enumerate(names):
                 places[i] = self._admit(name, time, state) if places[i] < 0 else places[i]
         rows = np.array(places, dtype=np.int64)
-        if -1 in places:
-            self._resolved.pop(state.index, None)
-        else:
-            self._resolved[state.index] = resolved._replace(rows=rows)
+        if names and -1 not in places:
+            known = self._resolved.setdefault(state.index, {})
+            if len(known) >= MESSAGES_REMEMBERED:
+                known.clear()
+            known[len(names), names[0]] = resolved._replace(rows=rows)
         return rows
 
     def _tell_exceptions(self, names: list[str], time: float, source: str) -> int:
@@ -417,6 +430,9 @@ class Obstacles(ObstacleRegister):
 
     def _remove_absent(self, rows: IntArray, time: float, state: SourceState, late: bool) -> None:
         """Removes what a snapshot does not show, unless something newer is known of it."""
+        if len(rows) == len(self._rows_of(state.index)) and not (rows < 0).any():
+            # It shows all that there is.
+            return
         table = self.table
         gone = table.alive & (table.owner == state.index)
         gone[rows[rows >= 0]] = False

@@ -11,6 +11,7 @@ import pytest
 from armguard.exceptions import ObstacleError
 from armguard.obstacles import FaultKind, Frame, Obstacles
 from armguard.obstacles.message import LEAST_ROOM, MessageMemory
+from armguard.obstacles.obstacles import MESSAGES_REMEMBERED
 from armguard.obstacles.reference_states import keep_reference_state
 from armguard.obstacles.table import clear_changed_rows
 from support.obstacle_samples import check_invariants, kinds
@@ -282,3 +283,15 @@ def test_a_copy_has_memory_of_its_own():
     assert (memory.data.points[:2] == 1.0).all()
     assert not copied.data.points.any()
     assert (copied.data.frames.rotation == memory.data.frames.rotation).all()
+
+
+def test_many_lists_of_ids_are_remembered_and_many_more_forgotten():
+    obstacles = Obstacles()
+    ids = [str(k) for k in range(40)]
+    for tick in range(6):
+        for first in range(0, 40, 2 if tick < 3 else 10):
+            tell(obstacles, 0.1 * tick, ids[first : first + 10])
+        assert find_places(obstacles) == {id: (float(id), 0.1 * tick) for id in ids}
+        assert len(obstacles._resolved[0]) <= MESSAGES_REMEMBERED
+    tell(obstacles, 0.6, [])
+    assert not obstacles.take_faults()
