@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armguard.contact.gjk import _nearest_on_segment, _nearest_on_triangle
+from armguard.contact.gjk import nearest_on_segment, nearest_on_triangle
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import HULL_ROUNDING
@@ -99,7 +99,7 @@ def _find_nearest(
 @kernel
 def _triangle(simplex: FloatArray, i: int, j: int, k: int) -> tuple[float, float, float]:
     """Weights of j and k in the point of a triangle nearest to the origin, and its square."""
-    b, c = _nearest_on_triangle(
+    b, c = nearest_on_triangle(
         simplex[i, 0], simplex[i, 1], simplex[i, 2],
         simplex[j, 0], simplex[j, 1], simplex[j, 2],
         simplex[k, 0], simplex[k, 1], simplex[k, 2],
@@ -120,7 +120,7 @@ def _shrink(simplex: FloatArray, members: IntArray, size: int) -> tuple[int, flo
     i, j, k = 0, 1, 2
     b, c = 0.0, 0.0
     if size == 2:
-        b = _nearest_on_segment(
+        b = nearest_on_segment(
             simplex[0, 0], simplex[0, 1], simplex[0, 2],
             simplex[1, 0], simplex[1, 1], simplex[1, 2],
         )  # fmt: skip
