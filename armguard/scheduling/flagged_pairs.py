@@ -197,7 +197,8 @@ def _check(
         ticks: Tick of each pair's last evaluation; written.
         bound: What each certificate rests on; written.
         kept_revision: Revision of the state that each certificate rests on; written.
-        proved: Room to work in: what is proved of each pair in this tick, in [s] since the epoch.
+        proved: Room to work in: what is proved of each flagged pair in this tick, in [s] since the
+            epoch. NaN everywhere, and so it is left.
         reference_states: States that certificates rest on; written.
 
     Returns:
@@ -209,13 +210,14 @@ def _check(
         return 0
     for pair in flagged:
         ticks[pair] = tick
-    # From afar: what each pair's own certificate and the ball around its link prove. Pairs that
-    # were evaluated in this tick come along.
+        proved[pair] = 0.0
+    # From afar: what each pair's own certificate and the ball around its link prove. Obstacle by
+    # obstacle, in the order of memory; pairs that are not flagged have no number there.
     body = Body(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     last, is_believed = -1, False
     first = -1
     for pair in pairs:
-        if ticks[pair] != tick:
+        if math.isnan(proved[pair]):
             continue
         row, link = pair // links, pair % links
         if row != last:
@@ -241,7 +243,7 @@ def _check(
     latest = time + stop_time
     measured = 1
     for pair in pairs:
-        if ticks[pair] != tick:
+        if math.isnan(proved[pair]):
             continue
         if pair != first and not (proved[pair] > latest and proved[pair] >= earliest):
             exact = expire(
@@ -255,6 +257,7 @@ def _check(
             _extend(
                 scene, pair, links, proved[pair], expiry, bound, kept_revision, reference_states
             )
+        proved[pair] = math.nan
     return measured
 
 

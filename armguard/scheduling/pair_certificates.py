@@ -52,7 +52,7 @@ class PairCertificates:
         self.keeps_certificates = keeps_certificates
         self._watched = watched
         self._proved: FloatArray = np.zeros(0)
-        """Room for what the exact check proves."""
+        """Room for what the exact check proves; NaN in between."""
         self.active: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
         self.expiry: FloatArray = np.zeros(0)
         """End of each certificate, in [s] since the monitor's epoch."""
@@ -251,7 +251,7 @@ class PairCertificates:
             width = self._reference_states.points.shape[1]
             self._reference_states = resize_states(self._reference_states, size, width)
             self._outcomes = np.zeros(size, dtype=np.int8)
-            self._proved = np.zeros(size)
+            self._proved = np.full(size, np.nan)
 
 
 @kernel
