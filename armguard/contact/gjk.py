@@ -19,7 +19,7 @@ TOLERANCE = 1e-13
 
 
 @kernel
-def _nearest_on_segment(ax, ay, az, bx, by, bz):
+def nearest_on_segment(ax, ay, az, bx, by, bz):
     """Weight of b in the point of segment a-b nearest to the origin."""
     dx, dy, dz = bx - ax, by - ay, bz - az
     square = dx * dx + dy * dy + dz * dz
@@ -29,7 +29,7 @@ def _nearest_on_segment(ax, ay, az, bx, by, bz):
 
 
 @kernel
-def _nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):
+def nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):
     """Weights of b and c in the point of triangle a-b-c nearest to the origin."""
     px, py, pz = bx - ax, by - ay, bz - az
     qx, qy, qz = cx - ax, cy - ay, cz - az
@@ -45,9 +45,9 @@ def _nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):
         if b >= 0.0 and c >= 0.0 and b + c <= 1.0:
             return b, c
     # On an edge then: the nearest of three.
-    ab = _nearest_on_segment(ax, ay, az, bx, by, bz)
-    ac = _nearest_on_segment(ax, ay, az, cx, cy, cz)
-    bc = _nearest_on_segment(bx, by, bz, cx, cy, cz)
+    ab = nearest_on_segment(ax, ay, az, bx, by, bz)
+    ac = nearest_on_segment(ax, ay, az, cx, cy, cz)
+    bc = nearest_on_segment(bx, by, bz, cx, cy, cz)
     best_b, best_c = ab, 0.0
     sx, sy, sz = ax + ab * px, ay + ab * py, az + ab * pz
     best = sx * sx + sy * sy + sz * sz
@@ -109,26 +109,26 @@ def nearest_on_hull(ox, oy, oz, points, velocities, count, carry):
         if size == 1:
             i1, bx, by, bz = found, px, py, pz
             c = 0.0
-            b = _nearest_on_segment(ax, ay, az, bx, by, bz)
+            b = nearest_on_segment(ax, ay, az, bx, by, bz)
         elif size == 2:
             i2, cx, cy, cz = found, px, py, pz
-            b, c = _nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz)
+            b, c = nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz)
         else:
             # The new point with each edge of the triangle: the nearest of three faces.
-            b, c = _nearest_on_triangle(px, py, pz, ax, ay, az, bx, by, bz)
+            b, c = nearest_on_triangle(px, py, pz, ax, ay, az, bx, by, bz)
             wx = px + b * (ax - px) + c * (bx - px)
             wy = py + b * (ay - py) + c * (by - py)
             wz = pz + b * (az - pz) + c * (bz - pz)
             best = wx * wx + wy * wy + wz * wz
             out = 2
-            b1, c1 = _nearest_on_triangle(px, py, pz, ax, ay, az, cx, cy, cz)
+            b1, c1 = nearest_on_triangle(px, py, pz, ax, ay, az, cx, cy, cz)
             wx = px + b1 * (ax - px) + c1 * (cx - px)
             wy = py + b1 * (ay - py) + c1 * (cy - py)
             wz = pz + b1 * (az - pz) + c1 * (cz - pz)
             square = wx * wx + wy * wy + wz * wz
             if square < best:
                 best, out, b, c = square, 1, b1, c1
-            b1, c1 = _nearest_on_triangle(px, py, pz, bx, by, bz, cx, cy, cz)
+            b1, c1 = nearest_on_triangle(px, py, pz, bx, by, bz, cx, cy, cz)
             wx = px + b1 * (bx - px) + c1 * (cx - px)
             wy = py + b1 * (by - py) + c1 * (cy - py)
             wz = pz + b1 * (bz - pz) + c1 * (cz - pz)

@@ -76,6 +76,19 @@ def inlined_kernel(function: Any) -> Any:
     return kernel(function, inline="always")
 
 
+def merged_kernel(function: Any) -> Any:
+    """A kernel whose machine code becomes part of that of each kernel that calls it.
+
+    For what a loop over rows calls for each of them: to hand over a few groups of arrays, seven
+    words each, takes longer than what is done with one row of them. Unlike `inlined_kernel` this
+    is left to LLVM, which costs far less time to compile.
+
+    Args:
+        function: What to compile.
+    """
+    return kernel(function, forceinline=True)
+
+
 @functools.cache
 def find_cache(source: Path) -> Path:
     """The folder for one module's kernels; those of its older versions beside it are removed.

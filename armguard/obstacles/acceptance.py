@@ -16,12 +16,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 from armguard.jit.arrays import FloatArray, IntArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import ACCEPTANCE_SLACK, ALLOWED, SHAPE, VELOCITY_BY_ACCEL
 from armguard.obstacles.consistency import body_allows
+from armguard.obstacles.message import Frames, Samples
 from armguard.obstacles.possible_states import (
     find_place,
     lose_sight,
@@ -30,7 +29,7 @@ from armguard.obstacles.possible_states import (
 )
 from armguard.obstacles.reference_states import allows_reference_state
 from armguard.obstacles.spread import follow_spread
-from armguard.obstacles.table import MOST_REFUSED, Rows, Samples, States, Told, note_row
+from armguard.obstacles.table import MOST_REFUSED, States, Told, note_row
 
 CONFIRMING_SAMPLES = 5
 """So many consecutive samples that agree with each other confirm another track."""
@@ -78,21 +77,22 @@ FIELDS = ("position", "velocity", "radius", "accel", "speed", "position_error", 
 
 
 @kernel
-def _move_to_world(samples: Samples, i: int, rotation: FloatArray, translation: FloatArray) -> None:
-    moved = np.empty((2, 3))
-    for k in range(samples.points.shape[1]):
+def _move_to_world(samples: Samples, i: int, frames: Frames, frame: int) -> None:
+    rotation, translation = frames.rotation, frames.translation
+    for k in range(samples.point_count):
+        x, y, z = samples.points[i, k, 0], samples.points[i, k, 1], samples.points[i, k, 2]
+        u, v, w = (
+            samples.velocities[i, k, 0],
+            samples.velocities[i, k, 1],
+            samples.velocities[i, k, 2],
+        )
         for axis in range(3):
-            moved[0, axis] = translation[axis]
-            moved[1, axis] = 0.0
-            for other in range(3):
-                moved[0, axis] += rotation[axis, other] * samples.points[i, k, other]
-                moved[1, axis] += rotation[axis, other] * samples.velocities[i, k, other]
-        for axis in range(3):
-            samples.points[i, k, axis] = moved[0, axis]
-            samples.velocities[i, k, axis] = moved[1, axis]
+            a, b, c = rotation[frame, axis, 0], rotation[frame, axis, 1], rotation[frame, axis, 2]
+            samples.points[i, k, axis] = translation[frame, axis] + a * x + b * y + c * z
+            samples.velocities[i, k, axis] = a * u + b * v + c * w
 
 
-@kernel
+@merged_kernel
 def _find_scalar_flaw(field: int, value: float, may_be_infinite: bool) -> int:
     if not (abs(value) < math.inf or (may_be_infinite and value == math.inf)):
         return NOT_FINITE + field
@@ -101,12 +101,12 @@ def _find_scalar_flaw(field: int, value: float, may_be_infinite: bool) -> int:
     return TAKEN
 
 
-@kernel
+@merged_kernel
 def _is_too_large(bound: float, limit: float) -> bool:
     return limit < bound < math.inf
 
 
-@kernel
+@merged_kernel
 def _find_flaw(samples: Samples, i: int, speed_is_error: bool, extent: float) -> tuple[int, float]:
     """Code and value of the first field that cannot be used as it is; TAKEN if all can."""
     flaw = _find_scalar_flaw(2, samples.radius[i], False)
@@ -129,8 +129,8 @@ def _find_flaw(samples: Samples, i: int, speed_is_error: bool, extent: float) ->
     if _is_too_large(samples.speed[i], MAXIMUM_SPEED):
         return TOO_LARGE + 4, samples.speed[i]
     top_speed = samples.speed[i] + samples.velocity_error[i]
-    fastest = 0.0
-    for k in range(samples.points.shape[1]):
+    largest = 0.0
+    for k in range(samples.point_count):
         square = 0.0
         for axis in range(3):
             position = samples.points[i, k, axis]
@@ -142,17 +142,19 @@ def _find_flaw(samples: Samples, i: int, speed_is_error: bool, extent: float) ->
             if not abs(position) <= extent:
                 return TOO_FAR, position
             square += velocity * velocity
-        fastest = max(fastest, math.sqrt(square))
+        largest = max(largest, square)
+    fastest = math.sqrt(largest)
     if not (fastest < math.inf and fastest <= top_speed * (1.0 + ACCEPTANCE_SLACK)):
         return TOO_FAST, fastest
     return TAKEN, 0.0
 
 
-@kernel
+@merged_kernel
 def _write(states: States, row: int, samples: Samples, i: int, stamp: float) -> None:
-    count = samples.points.shape[1]
-    states.points[row] = 0.0
-    states.velocities[row] = 0.0
+    count = samples.point_count
+    for k in range(count, states.points.shape[1]):
+        for axis in range(3):
+            states.points[row, k, axis] = states.velocities[row, k, axis] = 0.0
     for k in range(count):
         for axis in range(3):
             states.points[row, k, axis] = samples.points[i, k, axis]
@@ -183,7 +185,7 @@ def _widen(states: States, row: int, samples: Samples, i: int) -> bool:
     return grew
 
 
-@kernel
+@merged_kernel
 def _agrees(
     states: States, row: int, samples: Samples, i: int, stamp: float, accel: float, speed: float
 ) -> int:
@@ -217,7 +219,7 @@ def _agrees(
             states.stamp[row],
             told_points,
             told_velocities,
-            told_points.shape[0],
+            samples.point_count,
             radius,
             samples.position_error[i],
             samples.velocity_error[i],
@@ -226,7 +228,7 @@ def _agrees(
     return body_allows(
         told_points,
         told_velocities,
-        told_points.shape[0],
+        samples.point_count,
         samples.radius[i],
         max(accel, samples.accel[i]),
         max(speed, samples.speed[i]),
@@ -243,7 +245,7 @@ def _agrees(
     )
 
 
-@kernel
+@merged_kernel
 def _remember_bounds(told: Told, row: int, samples: Samples, i: int, stamp: float) -> None:
     """Let a sample's bounds count for the next `TOLD_FOR` seconds, whatever is told later."""
     elapsed = stamp - told.since[row]
@@ -258,9 +260,9 @@ def _remember_bounds(told: Told, row: int, samples: Samples, i: int, stamp: floa
 
 
 @kernel
-def _largest_step(before: FloatArray, after: FloatArray) -> float:
+def _largest_step(before: FloatArray, after: FloatArray, count: int) -> float:
     largest = 0.0
-    for k in range(min(before.shape[0], after.shape[0])):
+    for k in range(min(before.shape[0], count)):
         square = 0.0
         for axis in range(3):
             square += (after[k, axis] - before[k, axis]) ** 2
@@ -277,13 +279,13 @@ def _measure_bounds(
     inf where nothing can be said of that.
     """
     duration = abs(stamp - states.stamp[row])
-    if not (0.0 < duration <= SEEN_WITHIN and states.point_count[row] == samples.points.shape[1]):
+    if not (0.0 < duration <= SEEN_WITHIN and states.point_count[row] == samples.point_count):
         return math.inf, math.inf
     elapsed = stamp - states.stamp[row]
     error = states.position_error[row] + samples.position_error[i]
     rate_error = states.velocity_error[row]
     accel = speed = 0.0
-    for k in range(samples.points.shape[1]):
+    for k in range(samples.point_count):
         step2 = stray2 = change2 = velocity2 = 0.0
         for axis in range(3):
             v0, v1 = states.velocities[row, k, axis], samples.velocities[i, k, axis]
@@ -302,7 +304,7 @@ def _measure_bounds(
 
 @kernel
 def _widen_broken_bounds(
-    table: Rows, states: States, row: int, samples: Samples, i: int, stamp: float
+    handle: Any, states: States, row: int, samples: Samples, i: int, stamp: float
 ) -> bool:
     """Let what a body has shown between a state and a sample count, if that is believable.
 
@@ -311,6 +313,7 @@ def _widen_broken_bounds(
     Returns:
         Whether it may have broken its bounds, rather than be another body.
     """
+    table = handle.content
     told, accepted = table.told, table.accepted
     accel = max(told.accel[row], told.accel_before[row], samples.accel[i])
     speed = max(told.speed[row], told.speed_before[row], samples.speed[i])
@@ -333,7 +336,7 @@ def _widen_broken_bounds(
     return True
 
 
-@kernel
+@merged_kernel
 def _count_broken_bounds(told: Told, row: int, samples: Samples, i: int, stamp: float) -> None:
     """Let a sample's bounds be no narrower than what its body has shown lately.
 
@@ -352,16 +355,17 @@ def _count_broken_bounds(told: Told, row: int, samples: Samples, i: int, stamp: 
 
 
 @kernel
-def _let_stand(table: Rows, row: int, samples: Samples, i: int, stamp: float) -> None:
+def _let_stand(handle: Any, row: int, samples: Samples, i: int, stamp: float) -> None:
     """Let a refused sample be possible: in a place of its own, or within the bounds of another."""
+    table = handle.content
     refused, marks = table.refused, table.marks
     marks.refused[row] = True
     for place in range(row * MOST_REFUSED, row * MOST_REFUSED + marks.refused_count[row]):
         covered = widen_to_cover(
             refused,
             place,
-            samples.points[i],
-            samples.velocities[i],
+            samples.points[i, : samples.point_count],
+            samples.velocities[i, : samples.point_count],
             samples.radius[i],
             samples.accel[i],
             samples.speed[i],
@@ -381,24 +385,25 @@ def _let_stand(table: Rows, row: int, samples: Samples, i: int, stamp: float) ->
 
 @kernel
 def _set_aside(
-    table: Rows, row: int, samples: Samples, i: int, stamp: float, code: int, value: float
+    handle: Any, row: int, samples: Samples, i: int, stamp: float, code: int, value: float
 ) -> tuple[int, float]:
     """Keep a sample beside the accepted state, unless it confirms another track.
 
     Returns:
         Its final code, and the value that a fault would show.
     """
+    table = handle.content
     accepted, candidates, marks = table.accepted, table.candidates, table.marks
     if code > TOO_FAST:
         marks.confirmations[row] = 0
         lose_sight(marks, table.refusals, row)
         return code, value
     if marks.has_state[row] and code != SHAPE:
-        _widen_broken_bounds(table, accepted, row, samples, i, stamp)
+        _widen_broken_bounds(handle, accepted, row, samples, i, stamp)
     if code == TOO_FAST:
         marks.confirmations[row] = 0
         samples.speed[i] = max(samples.speed[i], BROKEN_FACTOR * value)
-        _let_stand(table, row, samples, i, stamp)
+        _let_stand(handle, row, samples, i, stamp)
         return code, value
     # A candidate track grows by samples that follow its last one, and begins anew with others.
     known = marks.confirmations[row] > 0
@@ -417,69 +422,105 @@ def _set_aside(
         _write(candidates, row, samples, i, stamp)
     # What a fault shows: how far the sample is off the accepted state.
     if code == VELOCITY_BY_ACCEL:
-        value = _largest_step(accepted.velocities[row], samples.velocities[i])
+        value = _largest_step(accepted.velocities[row], samples.velocities[i], samples.point_count)
     elif code == SHAPE:
-        value = float(samples.points.shape[1])
+        value = float(samples.point_count)
     else:
-        value = _largest_step(accepted.points[row], samples.points[i])
+        value = _largest_step(accepted.points[row], samples.points[i], samples.point_count)
     if marks.confirmations[row] >= CONFIRMING_SAMPLES and not late:
         # What was believed until now may be true all the same.
         set_state_aside(accepted, row, marks, table.refused, table.refusals)
         return TRACK_CHANGED, value
-    _let_stand(table, row, samples, i, stamp)
+    _let_stand(handle, row, samples, i, stamp)
     return code, value
 
 
 @kernel
 def take_samples(
     handle: Any,
+    message: Any,
     rows: IntArray,
-    samples: Samples,
+    points_each: int,
     stamp: float,
     extent: float,
-    speed_is_error: bool,
-    rotation: FloatArray,
-    translation: FloatArray,
-    frame_error: float,
-    in_world: bool,
-    codes: IntArray,
-    values: FloatArray,
-) -> int:
-    """Take or refuse the samples of one call.
+    frame: int,
+    is_velocity_known: bool,
+    each: int,
+    radius: float,
+    accel: float,
+    speed: float,
+    position_error: float,
+    velocity_error: float,
+) -> tuple[int, int, bool]:
+    """Take or refuse the samples of one message.
 
     Args:
         handle: On the table's `Rows`; written. A row is noted as changed where its
             reference state does not allow for what was written.
+        message: On `MessageData`: the samples, which are moved to the world frame in place. Its
+            codes are filled with TAKEN, or why not, and its values with what a fault would show.
         rows: Row of each sample, -1 to leave it alone. Shape (n,).
-        samples: The samples; moved to the world frame in place.
+        points_each: Points of each sample.
         stamp: Of all of them, in [s].
         extent: How far from the world's origin a coordinate may be, in [m].
-        speed_is_error: Whether velocities were not measured, so that an error of inf is no flaw.
-        rotation: R_WF of the samples' frame. Shape (3, 3).
-        translation: p_WF, in [m]. Shape (3,).
-        frame_error: What the frame may be off by, in [m].
-        in_world: Whether the samples are in the world frame already.
-        codes: Filled with TAKEN, or why not; left alone where the row is -1. Shape (n,).
-        values: Filled with what a fault would show. Shape (n,).
+        frame: Number of the samples' frame; 0 is the world.
+        is_velocity_known: Whether velocities were measured; else they are 0, with errors as large
+            as the bounds on speed, so that an error of inf is no flaw.
+        each: Sum of 2**i over those of the following five of which the message has one for each
+            sample; of the others it has one for all, which is:
+        radius: Around the hull, in [m].
+        accel: Bound on acceleration, in [m/s²].
+        speed: Bound on speed, in [m/s].
+        position_error: Of positions, in [m].
+        velocity_error: Of velocities, in [m/s].
 
     Returns:
-        How many samples were accepted.
+        How many samples were accepted, how many have another code than TAKEN, and whether of any
+        row a refused sample may be true.
     """
-    table = handle.content
+    table, data = handle.content, message.content
     accepted, marks, told = table.accepted, table.marks, table.told
     changed_rows, reference_states = table.changed_rows, table.reference_states
-    taken = 0
-    for i in range(rows.shape[0]):
+    count = rows.shape[0]
+    samples = Samples(
+        points_each,
+        data.points,
+        data.velocities,
+        data.radius,
+        data.accel,
+        data.speed,
+        data.position_error,
+        data.velocity_error,
+    )
+    taken = exceptions = 0
+    any_refused = False
+    for i in range(count):
         row = rows[i]
         if row < 0:
+            data.codes[i] = TAKEN
             continue
-        if not in_world:
-            _move_to_world(samples, i, rotation, translation)
-            samples.position_error[i] += frame_error
+        if not each & 1:
+            samples.radius[i] = radius
+        if not each & 2:
+            samples.accel[i] = accel
+        if not each & 4:
+            samples.speed[i] = speed
+        if not each & 8:
+            samples.position_error[i] = position_error
+        if not is_velocity_known:
+            for k in range(points_each):
+                for axis in range(3):
+                    samples.velocities[i, k, axis] = 0.0
+            samples.velocity_error[i] = samples.speed[i]
+        elif not each & 16:
+            samples.velocity_error[i] = velocity_error
+        if frame > 0:
+            _move_to_world(samples, i, data.frames, frame)
+            samples.position_error[i] += data.frames.position_error[frame]
         # Read: values that cannot be used at all, and errors below what numbers resolve.
         stated_accel = samples.accel[i]
         _count_broken_bounds(told, row, samples, i, stamp)
-        code, value = _find_flaw(samples, i, speed_is_error, extent)
+        code, value = _find_flaw(samples, i, not is_velocity_known, extent)
         if code in (TAKEN, TOO_FAST):
             samples.position_error[i] = max(samples.position_error[i], RESOLUTION)
             samples.velocity_error[i] = max(samples.velocity_error[i], RESOLUTION)
@@ -488,6 +529,7 @@ def take_samples(
                 row,
                 samples.points[i],
                 samples.velocities[i],
+                points_each,
                 stated_accel,
                 samples.position_error[i],
                 samples.velocity_error[i],
@@ -495,9 +537,9 @@ def take_samples(
             )
         # Gate: does it agree with the accepted state, by all bounds that were told lately?
         if code == TAKEN and marks.has_state[row]:
-            accel = max(told.accel[row], told.accel_before[row])
-            speed = max(told.speed[row], told.speed_before[row])
-            code = _agrees(accepted, row, samples, i, stamp, accel, speed)
+            told_accel = max(told.accel[row], told.accel_before[row])
+            told_speed = max(told.speed[row], told.speed_before[row])
+            code = _agrees(accepted, row, samples, i, stamp, told_accel, told_speed)
             if code == ALLOWED and not stamp > accepted.stamp[row]:
                 # It changes nothing, unless it describes the very moment of the accepted state.
                 code = LATE
@@ -506,10 +548,11 @@ def take_samples(
                     note_row(changed_rows, row)
         # Confirm: what does not agree is set aside, or completes another track.
         if code not in (TAKEN, LATE):
-            code, value = _set_aside(table, row, samples, i, stamp, code, value)
+            code, value = _set_aside(handle, row, samples, i, stamp, code, value)
             marks.revision[row] += 1
-        codes[i] = code
-        values[i] = value
+        data.codes[i] = code
+        data.values[i] = value
+        exceptions += code != TAKEN
         # Write: what agrees or confirms a track replaces the accepted state. The row has changed,
         # unless its reference state allows for what was written.
         is_changed = code != LATE
@@ -526,7 +569,7 @@ def take_samples(
             # that rests on is set aside once; it stands until the change has been read.
             if (
                 not allowed
-                and not _widen_broken_bounds(table, reference_states, row, samples, i, stamp)
+                and not _widen_broken_bounds(handle, reference_states, row, samples, i, stamp)
                 and not changed_rows.is_changed[row]
             ):
                 set_state_aside(reference_states, row, marks, table.refused, table.refusals)
@@ -534,4 +577,5 @@ def take_samples(
             _remember_bounds(told, row, samples, i, stamp)
         if is_changed:
             note_row(changed_rows, row)
-    return taken
+        any_refused = any_refused or marks.refused[row]
+    return taken, exceptions, any_refused

@@ -14,7 +14,9 @@ from numpy.typing import ArrayLike
 
 from armguard.exceptions import ObstacleError
 from armguard.jit.arrays import FloatArray
-from armguard.obstacles.table import MAXIMUM_POINTS, Samples
+from armguard.obstacles.table import MAXIMUM_POINTS
+
+_FLOAT64 = np.dtype(np.float64)
 
 
 def show(value: object) -> str:
@@ -40,13 +42,29 @@ def read_ids(ids: Sequence[str]) -> list[str]:
     if "" in distinct:
         raise ObstacleError("ids", "holds an empty string", expected="names")
     if len(distinct) != len(names):
-        repeated = next(name for i, name in enumerate(names) if name in names[:i])
-        raise ObstacleError("ids", f"names {show(repeated)} twice", expected="each id once")
+        for name in names:
+            # Each is taken out once; a second one is not there any more.
+            if name not in distinct:
+                break
+            distinct.discard(name)
+        raise ObstacleError("ids", f"names {show(name)} twice", expected="each id once")
     return names
+
+
+def is_same(ids: list[str], names: list[str]) -> bool:
+    """Whether a list of ids is one that was read before."""
+    try:
+        # What is no string might call itself equal to one, or be unable to tell.
+        "".join(ids)
+    except TypeError:
+        return False
+    return ids == names
 
 
 def read_time(name: str, value: object) -> float:
     """A finite time, in [s]."""
+    if type(value) is float and -math.inf < value < math.inf:
+        return value
     time = math.nan
     if isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, bool):
         try:
@@ -75,14 +93,15 @@ def read_bound(name: str, value: object, limit: float, unit: str) -> float:
 
 
 def read_points(name: str, value: ArrayLike | list[ArrayLike], count: int) -> FloatArray:
-    """Points or velocities of `count` obstacles, copied. Shape (count, k, 3), k from 1 to 8."""
+    """Points or velocities of `count` obstacles. Shape (count, 3) or (count, k, 3), k up to 8."""
     array = _read_array(name, value)
+    shape = array.shape
+    if shape == (count, 3):
+        return array
     if count == 0 and array.size == 0:
-        return np.zeros((0, 1, 3))
-    if array.shape == (count, 3):
-        return array.reshape(count, 1, 3)
-    if array.ndim == 3 and array.shape == (count, array.shape[1], 3) and array.shape[1] > 0:
-        if array.shape[1] <= MAXIMUM_POINTS:
+        return np.zeros((0, 3))
+    if len(shape) == 3 and shape == (count, shape[1], 3) and shape[1] > 0:
+        if shape[1] <= MAXIMUM_POINTS:
             return array
         raise ObstacleError(
             name, f"has {array.shape[1]} points each", expected=f"at most {MAXIMUM_POINTS}"
@@ -94,15 +113,13 @@ def read_points(name: str, value: ArrayLike | list[ArrayLike], count: int) -> Fl
     )
 
 
-def read_field(name: str, value: ArrayLike, count: int) -> FloatArray:
-    """One number for all obstacles or one for each, copied. Shape (count,)."""
+def read_field(name: str, value: ArrayLike, count: int) -> float | FloatArray:
+    """One number for all obstacles, or one for each: an array of shape (count,)."""
     if type(value) is float:
-        same = np.empty(count)
-        same.fill(value)
-        return same
+        return value
     array = _read_array(name, value)
     if array.shape == ():
-        return np.full(count, array)
+        return float(array)
     if array.shape == (count,):
         return array
     raise ObstacleError(
@@ -110,41 +127,8 @@ def read_field(name: str, value: ArrayLike, count: int) -> FloatArray:
     )
 
 
-def read_samples(
-    count: int,
-    position: ArrayLike,
-    velocity: ArrayLike | None,
-    radius: ArrayLike,
-    accel: ArrayLike,
-    speed: ArrayLike,
-    position_error: ArrayLike,
-    velocity_error: ArrayLike,
-) -> Samples:
-    """The samples of one message, as arrays of its own; `velocity` None: 0, off by `speed`."""
-    points = read_points("position", position, count)
-    speeds = read_field("speed", speed, count)
-    velocity_errors = read_field("velocity_error", velocity_error, count)
-    if velocity is None:
-        velocities = np.zeros_like(points)
-        velocity_errors = speeds.copy()
-    else:
-        velocities = read_points("velocity", velocity, count)
-        if velocities.shape != points.shape:
-            raise ObstacleError(
-                "velocity", f"has shape {velocities.shape}", expected=f"{points.shape} as position"
-            )
-    return Samples(
-        points,
-        velocities,
-        read_field("radius", radius, count),
-        read_field("accel", accel, count),
-        speeds,
-        read_field("position_error", position_error, count),
-        velocity_errors,
-    )
-
-
 def _read_array(name: str, value: ArrayLike | list[ArrayLike]) -> FloatArray:
+    """Numbers as float64, not copied if they are that already."""
     if isinstance(value, np.ma.MaskedArray):
         # What was masked out was not measured.
         value = np.ma.filled(value.astype(np.float64), np.nan)
@@ -152,6 +136,8 @@ def _read_array(name: str, value: ArrayLike | list[ArrayLike]) -> FloatArray:
         array = np.asarray(value)
     except (TypeError, ValueError):
         raise ObstacleError(name, f"is {show(value)}", expected="an array of numbers") from None
+    if array.dtype is _FLOAT64:
+        return array
     if array.dtype.kind not in "fiu":
         raise ObstacleError(name, f"is {show(value)}", expected="an array of numbers")
-    return np.array(array, dtype=np.float64, order="C")
+    return array.astype(np.float64)

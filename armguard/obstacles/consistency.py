@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from armguard.jit.arrays import FloatArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import merged_kernel
 from armguard.jit.numerics import (
     ACCEPTANCE_SLACK,
     ALLOWED,
@@ -23,8 +23,24 @@ from armguard.jit.numerics import (
     VELOCITY_BY_SPEED,
 )
 
+SHRINKING = 1.0 - 2.0**-50
+"""Factor of a square, below which its root is below that of the whole, however all is rounded."""
 
-@kernel
+
+@merged_kernel
+def _keeps_bound(square: float, added: float, bound: float) -> bool:
+    """Whether a finite length, of which the square is told, and what is added are within a bound.
+
+    Nearly always that is clear without the root, which takes as long as all else.
+    """
+    room = bound - added
+    if room > 0.0 and square < SHRINKING * room * room:
+        return True
+    length = math.sqrt(square)
+    return length < math.inf and length + added <= bound
+
+
+@merged_kernel
 def body_allows(
     points0: FloatArray,
     velocities0: FloatArray,
@@ -103,19 +119,15 @@ def body_allows(
             velocity2 += v1 * v1
             length += abs(x0) + abs(x1) + abs(v0) * duration
             rate += abs(v0) + abs(v1)
-        stray = math.sqrt(stray2)
         bound = room + by_accel + ACCEPTANCE_SLACK * (length + room + radius1) + clock_slack * rate
-        if not (stray < math.inf and stray + radius1 <= bound):
+        if not _keeps_bound(stray2, radius1, bound):
             return POSITION_BY_ACCEL
-        step = math.sqrt(step2)
         bound = room + by_speed + ACCEPTANCE_SLACK * (length + room + radius1)
-        if not (step < math.inf and step + radius1 <= bound):
+        if not _keeps_bound(step2, radius1, bound):
             return POSITION_BY_SPEED
-        change = math.sqrt(change2)
-        if not (change < math.inf and change <= velocity_change + ACCEPTANCE_SLACK * rate):
+        if not _keeps_bound(change2, 0.0, velocity_change + ACCEPTANCE_SLACK * rate):
             return VELOCITY_BY_ACCEL
-        velocity = math.sqrt(velocity2)
         fastest = top_speed + ACCEPTANCE_SLACK * (rate + top_speed)
-        if not (velocity < math.inf and velocity <= fastest):
+        if not _keeps_bound(velocity2, 0.0, fastest):
             return VELOCITY_BY_SPEED
     return ALLOWED

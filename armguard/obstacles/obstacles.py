@@ -11,9 +11,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import repeat
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from armguard.exceptions import ObstacleError
 from armguard.jit import numerics
@@ -21,24 +22,30 @@ from armguard.jit.arrays import IntArray
 from armguard.jit.handle import machine_code
 from armguard.obstacles import acceptance as rule
 from armguard.obstacles.arguments import (
+    is_same,
     read_bound,
     read_field,
     read_ids,
     read_points,
-    read_samples,
     read_time,
     show,
 )
 from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.frames import Frame
+from armguard.obstacles.message import FIELDS, MessageMemory
 from armguard.obstacles.pattern_bounds import PatternBounds
-from armguard.obstacles.register import NO_ROWS, ObstacleRegister
+from armguard.obstacles.register import NO_ROWS, ObstacleRegister, ResolvedIds
 from armguard.obstacles.sources import NO_SOURCE, Source, SourceState
-from armguard.obstacles.table import Samples
 
 __all__ = ["Fault", "FaultKind", "Frame", "Obstacles", "Source"]
 
 WORLD = "world"
+
+MESSAGES_REMEMBERED = 16
+"""Lists of ids that are remembered of each source: one may measure so many groups in turn. All are
+forgotten once there are more."""
+
+_FLOAT = {float}
 
 _KINDS = {
     numerics.POSITION_BY_ACCEL: (FaultKind.BEYOND_ACCEL, "position"),
@@ -106,11 +113,9 @@ class Obstacles(ObstacleRegister):
             if not isinstance(place, Frame):
                 raise ObstacleError(f"frame {name!r}", f"is {show(place)}", expected="a Frame")
         world = Frame(np.eye(3), np.zeros(3))
-        self._frames = {
-            # Arrays of the one kind that compiled code is made for, whatever becomes of the frames.
-            name: (place.rotation.copy(), place.translation.copy(), float(place.position_error))
-            for name, place in {**(frames or {}), WORLD: world}.items()
-        }
+        places = {WORLD: world} | dict(frames or {}) | {WORLD: world}
+        self._frames = {name: number for number, name in enumerate(places)}
+        self._memory = MessageMemory(list(places.values()))
         self._bind()
 
     def __getstate__(self) -> dict[str, object]:
@@ -122,11 +127,9 @@ class Obstacles(ObstacleRegister):
 
     def _bind(self) -> None:
         """Have compiled what takes samples."""
-        nothing = read_samples(0, (), None, 0.0, 0.0, 0.0, 0.0, 0.0)
-        message = NO_ROWS, nothing, 0.0, self._extent, True, *self._frames[WORLD], True
-        self._take_samples = machine_code(
-            rule.take_samples, self.table.handle, *message, NO_ROWS, np.zeros(0)
-        )
+        message = NO_ROWS, 1, 0.0, self._extent, 0, True, 0, 0.0, 0.0, 0.0, 0.0, 0.0
+        handles = self.table.handle, self._memory.handle
+        self._take_samples = machine_code(rule.take_samples, *handles, *message)
 
     def update(
         self,
@@ -168,50 +171,149 @@ class Obstacles(ObstacleRegister):
         Raises:
             ObstacleError: The call is malformed; nothing of it is taken, and a fault is left.
         """
+        known = self._sources.find(source) if isinstance(source, str) else None
+        resolved = None if known is None else self._recall(ids, known.index)
         try:
-            names = read_ids(ids)
+            if resolved is None:
+                resolved = ResolvedIds(read_ids(ids), None, 0.0, 0.0)
             time = read_time("stamp", stamp)
             self._check_source(source)
             self._check_frame(frame)
             if not isinstance(snapshot, (bool, np.bool_)):
                 raise ObstacleError("snapshot", f"is {show(snapshot)}", expected="True or False")
+            names, rows = resolved.names, resolved.rows
             if names and radius is None:
                 raise ObstacleError("radius", "is missing", expected="a radius in [m]")
-            known_accel, known_speed = self.bounds.find(names)
-            samples = read_samples(
+            if rows is None:
+                accels, speeds = self.bounds.find(names)
+                resolved = ResolvedIds(names, rows, accels, speeds)
+            numbers = self._read_samples(
                 len(names),
                 position,
                 velocity,
                 0.0 if radius is None else radius,
-                known_accel if accel is None else accel,
-                known_speed if speed is None else speed,
+                resolved.accel if accel is None else accel,
+                resolved.speed if speed is None else speed,
                 position_error,
                 velocity_error,
             )
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
-        known = self._sources.find(source)
         late = known is not None and time < known.newest
         state = self._sources.hear(source, time)
         if snapshot and not late:
             self._unplaced.forget(state.index)
+        if rows is None:
+            rows = self._find_rows(resolved, time, state)
+        points_each = self._memory.points_each
+        if points_each > 1:
+            self.table.widen(points_each)
+        taken, exceptions, any_refused = self._take_samples(
+            self.table.handle,
+            self._memory.handle,
+            rows,
+            points_each,
+            time,
+            self._extent,
+            self._frames[frame],
+            velocity is not None,
+            *numbers,
+        )
+        if taken:
+            self._newest = max(self._newest, time)
+        # A sample that is taken may set aside what a certificate rests on.
+        self._any_refused = self._any_refused or any_refused
+        refused = 0
+        if exceptions:
+            refused = self._tell_exceptions(names, time, source)
+        self._sources.count(state, time, len(names), refused)
+        if snapshot:
+            self._remove_absent(rows, time, state, late)
+
+    def _read_samples(
+        self,
+        count: int,
+        position: ArrayLike,
+        velocity: ArrayLike | None,
+        radius: ArrayLike,
+        accel: ArrayLike,
+        speed: ArrayLike,
+        position_error: ArrayLike,
+        velocity_error: ArrayLike,
+    ) -> tuple[Any, ...]:
+        """Reads the samples of a message into its memory.
+
+        Returns:
+            As `acceptance.take_samples` takes them: `each`, and one number for each field.
+        """
+        memory = self._memory
+        points, velocities = read_points("position", position, count), None
+        shape = points.shape
+        if velocity is not None:
+            velocities = read_points("velocity", velocity, count)
+            if velocities.shape != shape:
+                # One point each can be told in two ways.
+                points, velocities = points.reshape(count, -1, 3), velocities.reshape(count, -1, 3)
+            if velocities.shape != points.shape:
+                raise ObstacleError(
+                    "velocity",
+                    f"has shape {velocities.shape}",
+                    expected=f"{points.shape} as position",
+                )
+        memory.fit(count, 1 if len(shape) == 2 else shape[1])
+        memory.take_points(points, velocities)
+        numbers: tuple[Any, ...] = radius, accel, speed, position_error, velocity_error
+        if set(map(type, numbers)) == _FLOAT:
+            return 0, *numbers
+        each, values = 0, []
+        for i, value in enumerate(numbers):
+            number = read_field(FIELDS[i], value, count)
+            if type(number) is not float:
+                memory.fields[i][:count] = number
+                each, number = each + (1 << i), math.nan
+            values.append(number)
+        return each, *values
+
+    def _recall(self, ids: Sequence[str], owner: int) -> ResolvedIds | None:
+        """What was found of the same ids in the same order, in a message of this source before."""
+        known = self._resolved.get(owner)
+        if not known or type(ids) is not list or not ids or type(ids[0]) is not str:
+            return None
+        resolved = known.get((len(ids), ids[0]))
+        return resolved if resolved is not None and is_same(ids, resolved.names) else None
+
+    def _find_rows(self, resolved: ResolvedIds, time: float, state: SourceState) -> IntArray:
+        """Rows of a message's obstacles, those of new ones among them; -1 of what may not come in.
+
+        Remembered for the next such message, where all have come in.
+        """
+        names = resolved.names
         places = list(map(self._rows_of(state.index).get, names, repeat(-1)))
         if -1 in places:
             for i, name in enumerate(names):
                 places[i] = self._admit(name, time, state) if places[i] < 0 else places[i]
         rows = np.array(places, dtype=np.int64)
-        codes, values = self._run_rule(rows, samples, time, frame, velocity is None)
+        if names and -1 not in places:
+            known = self._resolved.setdefault(state.index, {})
+            if len(known) >= MESSAGES_REMEMBERED:
+                known.clear()
+            known[len(names), names[0]] = resolved._replace(rows=rows)
+        return rows
+
+    def _tell_exceptions(self, names: list[str], time: float, source: str) -> int:
+        """Leaves a fault for each sample that was not simply taken; how many were refused."""
         refused = 0
-        for i in codes.nonzero()[0].tolist():
-            if codes[i] == rule.LATE:
+        codes, values = self._memory.data.codes[: len(names)], self._memory.data.values
+        places = codes.nonzero()[0]
+        found = places.tolist(), codes[places].tolist(), values[places].tolist()
+        for i, code, value in zip(*found, strict=True):
+            if code == rule.LATE:
                 self.late_count += 1
             else:
-                kind, field = _KINDS[int(codes[i])]
-                refused += codes[i] != rule.TRACK_CHANGED
-                self._faults.leave(kind, source, names[i], field, float(values[i]), time)
-        self._sources.count(state, time, len(names), refused)
-        if snapshot:
-            self._remove_absent(rows, time, state, late)
+                kind, field = _KINDS[code]
+                refused += code != rule.TRACK_CHANGED
+                self._faults.leave(kind, source, names[i], field, value, time)
+        return refused
 
     def add_static(self, id: str, position: ArrayLike, radius: float) -> None:
         """Adds an obstacle that stands still for ever and never ages.
@@ -229,8 +331,8 @@ class Obstacles(ObstacleRegister):
             (name,) = read_ids([id])
             if name in self._rows_of(NO_SOURCE):
                 raise ObstacleError(f"id {name!r}", "is in the table already")
-            points = read_points("position", [position], 1)[0]
-            (size,) = read_field("radius", radius, 1)
+            points = read_points("position", [position], 1).reshape(-1, 3)
+            (size,) = np.atleast_1d(read_field("radius", radius, 1)).tolist()
             if not (np.isfinite(points).all() and 0.0 <= size < math.inf):
                 raise ObstacleError(
                     f"static obstacle {name!r}",
@@ -305,36 +407,6 @@ class Obstacles(ObstacleRegister):
         self._faults.leave(FaultKind.MALFORMED, name, "", error.offender, error.problem, time)
         return error
 
-    def _run_rule(
-        self,
-        rows: IntArray,
-        samples: Samples,
-        time: float,
-        frame: str,
-        speed_is_error: bool,
-    ) -> tuple[IntArray, NDArray[np.float64]]:
-        codes = np.zeros(len(rows), dtype=np.int64)
-        values = np.zeros(len(rows))
-        place = self._frames[frame]
-        self.table.widen(samples.points.shape[1])
-        taken = self._take_samples(
-            self.table.handle,
-            rows,
-            samples,
-            time,
-            self._extent,
-            speed_is_error,
-            *place,
-            frame == WORLD,
-            codes,
-            values,
-        )
-        if taken:
-            self._newest = max(self._newest, time)
-        # A sample that is taken may set aside what a certificate rests on.
-        self._any_refused = self._any_refused or bool(self.table.refused[rows].any())
-        return codes, values
-
     def _admit(self, name: str, time: float, state: SourceState) -> int:
         """Row for an id that is not in the table; -1 if it may not come in."""
         if self._tombstones.covers(name, state.index, time):
@@ -358,6 +430,9 @@ class Obstacles(ObstacleRegister):
 
     def _remove_absent(self, rows: IntArray, time: float, state: SourceState, late: bool) -> None:
         """Removes what a snapshot does not show, unless something newer is known of it."""
+        if len(rows) == len(self._rows_of(state.index)) and not (rows < 0).any():
+            # It shows all that there is.
+            return
         table = self.table
         gone = table.alive & (table.owner == state.index)
         gone[rows[rows >= 0]] = False

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import ALLOWED, TIME_ROUNDING
 from armguard.obstacles.consistency import body_allows
 from armguard.obstacles.table import Marks, States, copy_state
@@ -34,7 +34,7 @@ def keep_reference_state(
     copy_state(bodies, row, reference_states, place)
 
 
-@kernel
+@merged_kernel
 def allows_reference_state(
     bodies: States, reference_states: States, row: int, place: int
 ) -> tuple[bool, bool]:

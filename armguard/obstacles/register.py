@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from armguard.exceptions import ObstacleError
 from armguard.jit.arrays import IntArray
@@ -23,6 +25,18 @@ NO_ROWS: IntArray = np.zeros(0, dtype=np.int64)
 
 SPREADS_TOLD = 8
 """Bodies with errors larger than stated that are named at once."""
+
+
+class ResolvedIds(NamedTuple):
+    """The ids of a message, and what follows from them alone."""
+
+    names: list[str]
+    rows: IntArray | None
+    """Shape (n,); None: not found yet."""
+    accel: ArrayLike
+    """Bounds where the message has none, in [m/s²]. Shape () or (n,)."""
+    speed: ArrayLike
+    """Bounds where the message has none, in [m/s]. Shape () or (n,)."""
 
 
 class ObstacleRegister:
@@ -46,6 +60,9 @@ class ObstacleRegister:
         self.watcher = 0
         self._sources = Sources(sources)
         self._rows: dict[int, dict[str, int]] = {NO_SOURCE: {}}
+        self._resolved: dict[int, dict[tuple[int, str], ResolvedIds]] = {}
+        """By source, then by length and first id: ids of its last messages with a row for each.
+        Those of a source are void when one of its rows goes."""
         self._tombstones = Tombstones()
         self._faults = FaultQueue()
         self._unplaced = Unplaced()
@@ -286,6 +303,7 @@ class ObstacleRegister:
             self._tombstones.add(name, time, owner)
         table.free_row(row)
         del self._rows[owner][name]
+        self._resolved.pop(owner, None)
         self.ids[row] = ""
         # A row that came and went between two steps of the monitor was never there for it.
         if row in self._added:

@@ -19,6 +19,9 @@ MAXIMUM_TOMBSTONES = 4096
 NO_SOURCE = -1
 """Index of the owner of static obstacles."""
 
+_LATEST = 1e300
+"""Latest tenth of a second that is told from others: dividing a finite stamp may overflow."""
+
 FEWEST_REFUSED = 5
 """Rows refused within a second without which a source is believed, however few others there are."""
 
@@ -72,26 +75,31 @@ class RefusalCount:
     def restart(self) -> None:
         """Begin anew: the stamps so far were wrong."""
         self.is_disbelieved = False
-        self._tenth = -math.inf
+        self._tenth, self._place = -math.inf, 0
         self._rows, self._refused = [0] * 10, [0] * 10
+        self._all_rows = self._all_refused = 0
 
     def add(self, stamp: float, rows: int, refused: int) -> None:
         """Take in a message of so many rows, stamped in [s]."""
         tenth = stamp // 0.1
         if tenth > self._tenth:
+            tenth = min(tenth, _LATEST)
             # What has stood in the places of the tenths since the last one is over.
             for before in range(int(min(tenth - self._tenth, 10.0))):
                 place = int((tenth - before) % 10.0)
                 self._rows[place] = self._refused[place] = 0
-            self._tenth = tenth
-        place = int(self._tenth % 10.0)
-        self._rows[place] += rows
-        self._refused[place] += refused
-        found = sum(self._refused)
-        self.is_disbelieved = found >= FEWEST_REFUSED and 2 * found > sum(self._rows)
+            self._tenth, self._place = tenth, int(tenth % 10.0)
+            self._all_rows, self._all_refused = sum(self._rows), sum(self._refused)
+        self._rows[self._place] += rows
+        self._all_rows += rows
+        if refused:
+            self._refused[self._place] += refused
+            self._all_refused += refused
+        found = self._all_refused
+        self.is_disbelieved = found >= FEWEST_REFUSED and 2 * found > self._all_rows
 
     def __str__(self) -> str:
-        return f"{sum(self._refused)} of {sum(self._rows)} rows of a second were refused"
+        return f"{self._all_refused} of {self._all_rows} rows of a second were refused"
 
 
 @dataclass(slots=True)

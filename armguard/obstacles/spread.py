@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import merged_kernel
 from armguard.jit.layout import make_records
 
 STEP = 1.02
@@ -104,7 +104,7 @@ def resize_spreads(spreads: Spreads, rows: int, width: int) -> Spreads:
     return resized
 
 
-@kernel
+@merged_kernel
 def forget_spread(spreads: Spreads, row: int) -> None:
     """Begin anew with a row."""
     spreads.samples[row] = 0
@@ -123,7 +123,7 @@ def describe_spread(spreads: Spreads, row: int, name: str) -> str:
     return f"velocities of {name} are off by {found:.3g} m/s, {stated:.3g} m/s were promised"
 
 
-@kernel
+@merged_kernel
 def _follow_median(median: float, value: float, known: int) -> float:
     """The running median after another value, of which so many samples were known before."""
     if known < BEGINNING:
@@ -131,15 +131,18 @@ def _follow_median(median: float, value: float, known: int) -> float:
         return min(median, value)
     if value > median:
         return max(median, LEAST_ERROR) * STEP
+    if median <= LEAST_ERROR:
+        return LEAST_ERROR
     return max(median / STEP, LEAST_ERROR)
 
 
-@kernel
+@merged_kernel
 def follow_spread(
     spreads: Spreads,
     row: int,
     points: FloatArray,
     velocities: FloatArray,
+    count: int,
     accel: float,
     position_error: float,
     velocity_error: float,
@@ -150,14 +153,14 @@ def follow_spread(
     Args:
         spreads: Written.
         row: Of the body.
-        points: Measured, in [m]. Shape (k, 3).
-        velocities: Measured, in [m/s]. Shape (k, 3).
+        points: Measured, in [m]. Shape (width, 3).
+        velocities: Measured, in [m/s]. Shape (width, 3).
+        count: How many of the points there are.
         accel: Bound on its acceleration, in [m/s²].
         position_error: Stated, in [m].
         velocity_error: Stated, in [m/s].
         stamp: In [s].
     """
-    count = points.shape[0]
     known = spreads.samples[row]
     later = stamp - spreads.last_stamp[row]
     if known > 0 and not later > 0.0 and -later <= FORGOTTEN_AFTER:
@@ -175,7 +178,8 @@ def follow_spread(
             for axis in range(3):
                 mean = (points[k, axis] - spreads.last[row, k, axis]) / later
                 square += (velocities[k, axis] - mean) ** 2
-            proved = max(proved, math.sqrt(square) - room)
+            if not (room > 0.0 and square < room * room):
+                proved = max(proved, math.sqrt(square) - room)
         median = math.inf if known == 1 else spreads.velocity[row]
         spreads.velocity[row] = _follow_median(median, proved, known)
     if known > 1:
@@ -190,7 +194,8 @@ def follow_spread(
                 middle = spreads.last[row, k, axis]
                 went = middle - spreads.before[row, k, axis]
                 square += (points[k, axis] - middle - ratio * went) ** 2
-            proved = max(proved, (math.sqrt(square) - room) / (2.0 + 2.0 * ratio))
+            if not (room > 0.0 and square < room * room):
+                proved = max(proved, (math.sqrt(square) - room) / (2.0 + 2.0 * ratio))
         median = math.inf if known == 2 else spreads.position[row]
         spreads.position[row] = _follow_median(median, proved, known)
         if known == FEWEST_SAMPLES:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.handle import pack
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.layout import make_records
 from armguard.obstacles.spread import Spreads, forget_spread, make_spreads, resize_spreads
 
@@ -137,25 +137,6 @@ class Rows(NamedTuple):
     reference_states: States
     """States that certificates rest on; without points where there are none."""
     spreads: Spreads
-
-
-class Samples(NamedTuple):
-    """One call's samples, as measured in one frame, before they are judged."""
-
-    points: FloatArray
-    """[m]. Shape (n, k, 3)."""
-    velocities: FloatArray
-    """[m/s]. Shape (n, k, 3)."""
-    radius: FloatArray
-    """[m]. Shape (n,)."""
-    accel: FloatArray
-    """[m/s²]. Shape (n,)."""
-    speed: FloatArray
-    """[m/s]. Shape (n,)."""
-    position_error: FloatArray
-    """[m]. Shape (n,)."""
-    velocity_error: FloatArray
-    """[m/s]. Shape (n,)."""
 
 
 class ObstacleTable:
@@ -312,7 +293,7 @@ class ObstacleTable:
         self.changes += 1
 
 
-@kernel
+@merged_kernel
 def note_row(changed_rows: ChangedRows, row: int) -> None:
     """Enter a row among those that changed."""
     if not changed_rows.is_changed[row]:

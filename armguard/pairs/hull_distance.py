@@ -34,6 +34,10 @@ class HullDistance:
     """Distances from the true geometry of the arm's links to obstacles.
 
     Placements are those of the last `Kinematics.compute`.
+
+    Attributes:
+        vertices: Of each link, in the frame of its parent joint, in [m]. Shapes (v, 3).
+        joints: Pinocchio's index of each link's parent joint.
     """
 
     def __init__(self, robot: Robot, kinematics: Kinematics) -> None:
@@ -43,10 +47,10 @@ class HullDistance:
             robot: Whose links are measured.
             kinematics: Where they are.
         """
-        self._vertices = [np.ascontiguousarray(robot.hull(link)) for link in robot.links]
-        self._reach = [float(np.abs(vertices).max()) for vertices in self._vertices]
-        self._hulls = [_build_hull(vertices) for vertices in self._vertices]
-        self._joints = [robot.joint_index(link) for link in robot.links]
+        self.vertices = [np.ascontiguousarray(robot.hull(link)) for link in robot.links]
+        self._reach = [float(np.abs(vertices).max()) for vertices in self.vertices]
+        self._hulls = [_build_hull(vertices) for vertices in self.vertices]
+        self.joints = [robot.joint_index(link) for link in robot.links]
         self._data = kinematics.data
         self._request = coal.DistanceRequest()
         self._result = coal.DistanceResult()
@@ -84,7 +88,7 @@ class HullDistance:
         corners = np.ascontiguousarray(points, dtype=np.float64)
         if not (corners.ndim == 2 and corners.shape[1] == 3 and len(corners) > 0):
             raise ArmguardError("points", f"have shape {corners.shape}", expected="(k, 3), k >= 1")
-        placement = self._data.oMi[self._joints[link_index]]
+        placement = self._data.oMi[self.joints[link_index]]
         rotation, translation = placement.rotation, placement.translation
         largest = float(np.abs(corners).max()) + float(np.abs(translation).max())
         if not (0.0 <= radius < np.inf and largest < np.inf):
@@ -108,7 +112,7 @@ class HullDistance:
             normal = _unit(corners.mean(axis=0) - translation)
         if normal is None:
             normal = Z_AXIS
-        vertices = self._vertices[link_index]
+        vertices = self.vertices[link_index]
         front = float((vertices @ (normal @ rotation)).max()) + float(normal @ translation)
         slack = HULL_ROUNDING * (largest + self._reach[link_index] + radius)
         gap = float((corners @ normal).min()) - front - radius - slack

@@ -19,7 +19,7 @@ from armguard.jit.kernels import kernel
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
 from armguard.obstacles.table import States, extend_rows, make_states, resize_states
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.scene import DISTANCE
+from armguard.scheduling.flagged_pairs import FlaggedCheck
 
 NEVER = -1
 """In place of a tick, for a pair that was never evaluated."""
@@ -51,6 +51,8 @@ class PairCertificates:
         self.link_count = link_count
         self.keeps_certificates = keeps_certificates
         self._watched = watched
+        self._proved: FloatArray = np.zeros(0)
+        """Room for what the exact check proves; NaN in between."""
         self.active: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
         self.expiry: FloatArray = np.zeros(0)
         """End of each certificate, in [s] since the monitor's epoch."""
@@ -65,6 +67,8 @@ class PairCertificates:
         self.pairs: IntArray = np.zeros(0, dtype=np.int64)
         """The active pairs, ascending."""
         self._seen_revision: IntArray = np.zeros(0, dtype=np.int64)
+        self._kept_revision: IntArray = np.zeros(0, dtype=np.int64)
+        """Of the state that the last exact check of each pair left behind its certificate."""
         # Two rows at least: arrays of fewer would be of another type for compiled code.
         self._reference_states = make_states(2)
         self._outcomes: NDArray[np.int8] = np.zeros(0, dtype=np.int8)
@@ -95,6 +99,7 @@ class PairCertificates:
         self.expiry[fresh] = -np.inf
         self.evaluated_at[fresh] = -np.inf
         self.tick[fresh] = NEVER
+        self._kept_revision[fresh] = NEVER
         self._seen_revision[added] = NEVER
         self.pairs = np.flatnonzero(self.active)
         return fresh, gone
@@ -121,16 +126,35 @@ class PairCertificates:
             self._keep_reference_states(pairs, state)
 
     def extend(
-        self, pair: int, contact_time: float, now: float, tick: int, state: TickState
-    ) -> None:
-        """Enter another proof for a pair, made at `now`; the later of the two stands."""
-        deadline = expire(now, contact_time)
-        self.tick[pair] = tick
-        if deadline > self.expiry[pair]:
-            self.expiry[pair] = deadline
-            self.bound[pair] = DISTANCE
-            # It rests on the present state, no longer on the one behind the last evaluation.
-            self._keep_reference_states(np.array([pair]), state)
+        self, check: FlaggedCheck, pairs: IntArray, now: float, tick: int, stop_time: float
+    ) -> int:
+        """Enter what the exact check proves of flagged pairs; the later of two proofs stands.
+
+        Args:
+            check: The exact check, in this tick.
+            pairs: Those that are flagged. Shape (f,).
+            now: In [s] since the epoch.
+            tick: Number of the present tick.
+            stop_time: In [s]; what could be touched within is measured exactly.
+
+        Returns:
+            How many were measured exactly.
+        """
+        self._fit_reference_states(check.state)
+        return check.extend(
+            pairs,
+            self.pairs,
+            self.link_count,
+            now,
+            tick,
+            stop_time,
+            self.expiry,
+            self.tick,
+            self.bound,
+            self._kept_revision,
+            self._proved,
+            self._reference_states,
+        )
 
     def invalidate(self, pairs: IntArray) -> None:
         """Invalidate the certificates of `pairs`."""
@@ -184,12 +208,16 @@ class PairCertificates:
 
     def _keep_reference_states(self, pairs: IntArray, state: TickState) -> None:
         """Keep the states that certificates made in this tick rest on."""
+        self._fit_reference_states(state)
+        _keep_reference_states(pairs, self.link_count, state.handle, *self._reference_states)
+
+    def _fit_reference_states(self, state: TickState) -> None:
+        """Make room for as many points as obstacles have."""
         width = state.bodies.points.shape[1]
         if width > self._reference_states.points.shape[1]:
             self._reference_states = resize_states(
                 self._reference_states, len(self._reference_states.stamp), width
             )
-        _keep_reference_states(pairs, self.link_count, state.handle, *self._reference_states)
 
     def _test(self, pairs: IntArray, state: TickState, revision: IntArray) -> NDArray[np.int8]:
         """What newer states did to each pair's certificate. Shape (m,)."""
@@ -217,11 +245,13 @@ class PairCertificates:
         self.tick = extend_rows(self.tick, size)
         self.sphere = extend_rows(self.sphere, size)
         self.bound = extend_rows(self.bound, size)
+        self._kept_revision = extend_rows(self._kept_revision, size)
         self._seen_revision = extend_rows(self._seen_revision, capacity)
         if self.keeps_certificates:
             width = self._reference_states.points.shape[1]
             self._reference_states = resize_states(self._reference_states, size, width)
             self._outcomes = np.zeros(size, dtype=np.int8)
+            self._proved = np.full(size, np.nan)
 
 
 @kernel

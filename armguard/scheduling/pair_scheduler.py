@@ -18,6 +18,7 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.table import clear_changed_rows
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.evaluate import evaluate, find_unsafe_pair
+from armguard.pairs.hull_gap import lay_out_hulls
 from armguard.pairs.scene import REACH
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
@@ -138,9 +139,10 @@ class PairScheduler:
         self._evaluated = evaluate(state, due, times, spheres, bounds)
         certificates.record(due, times, spheres, bounds, tick.time, tick.number, state)
         schedule.settle(times, tick.stop_time)
-        for pair in schedule.flagged().tolist():
-            contact_time = self._flagged.contact_time(*divmod(pair, certificates.link_count))
-            certificates.extend(pair, contact_time, tick.time, tick.number, state)
+        if certificates.keeps_certificates:
+            flagged = np.array(schedule.flagged(), dtype=np.int64)
+            given = tick.time, tick.number, tick.stop_time
+            certificates.extend(self._flagged, flagged, *given)
         # Of no use to schedules of pairs: every state is tested against their certificates.
         clear_changed_rows(self._obstacles.table.changed_rows)
         pair, expiry, overdue = certificates.earliest(tick.time, tick.number)
@@ -230,7 +232,8 @@ class PairScheduler:
             arm.watched_links,
             keeps_certificates=not self.schedule.every_tick,
         )
-        self._flagged = FlaggedCheck(arm.hull_distance, arm.motion.isotropic, arm.state)
+        hulls = lay_out_hulls(arm.hull_distance.vertices, arm.hull_distance.joints)
+        self._flagged = FlaggedCheck(hulls, arm.motion.isotropic, arm.state)
         self._evaluated = 0
         self._make_room(0)
         self._compile()
@@ -251,3 +254,5 @@ class PairScheduler:
         evaluate(state, none, self._contact_times, self._spheres, self._bounds)
         find_unsafe_pair(state, none)
         self.certificates.compile(state, self._obstacles.table.revision)
+        if self.certificates.keeps_certificates:
+            self.certificates.extend(self._flagged, none, 0.0, 0, 0.0)

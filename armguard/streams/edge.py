@@ -396,7 +396,7 @@ class Edge:
         """Count values that are not finite; refusing them is the business of table and monitor."""
         usable = True
         for field, values in named.items():
-            if values is None:
+            if values is None or (type(values) is float and math.isfinite(values)):
                 continue
             array = np.asarray(values, float)
             # Bounds may be infinite: that says that there is none.

@@ -16,7 +16,7 @@ from armguard.jit.numerics import (
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
 )
-from armguard.obstacles.consistency import body_allows
+from armguard.obstacles.consistency import _keeps_bound, body_allows
 
 INF = math.inf
 
@@ -257,3 +257,17 @@ def test_hostile_numbers_get_a_code(numbers):
     new = record(numbers[12:15], numbers[15:18], *numbers[18:23], numbers[23])
     with np.errstate(all="ignore"):
         assert ALLOWED <= judge(old, new) <= SHAPE
+
+
+def test_the_test_without_a_root_says_what_the_one_with_a_root_does():
+    rng = np.random.default_rng(0)
+    squares = [*(10.0 ** rng.uniform(-320.0, 308.0, 4000)).tolist(), 0.0, math.inf, math.nan]
+    for square in squares:
+        length = math.sqrt(square)
+        for added in (0.0, 0.05, length, 1e-300):
+            for ulps in (-8, -3, -2, -1, 0, 1, 2, 3, 2**30):
+                bound = length + added
+                bound += ulps * math.ulp(bound) if math.isfinite(bound) else 0.0
+                expected = length < math.inf and length + added <= bound
+                assert _keeps_bound(square, added, bound) == expected
+                assert _keeps_bound(square, added, math.inf) == (length < math.inf)

@@ -1,9 +1,10 @@
 import math
 
+import numpy as np
 import pytest
 
 from armguard.exceptions import ObstacleError
-from armguard.obstacles import Source
+from armguard.obstacles import Obstacles, Source
 from armguard.obstacles.sources import MAXIMUM_SOURCES, MAXIMUM_TOMBSTONES, Sources, Tombstones
 
 
@@ -99,3 +100,12 @@ def test_a_stamp_far_ahead_hides_no_silence():
     sources.hear("cam", 1.5)
     assert sources.ahead(1.5, 0.2) == []
     assert sources.silent(1.8, 0.2) == ["cam"]
+
+
+@pytest.mark.parametrize("stamp", [1e308, -1e308, math.nextafter(math.inf, 0.0)])
+def test_stamps_beyond_what_can_be_counted_are_taken_all_the_same(stamp):
+    obstacles = Obstacles()
+    for _ in range(2):
+        obstacles.update(["a"], stamp, np.zeros((1, 3)), radius=0.1)
+    assert obstacles.row("a") >= 0
+    assert not obstacles.disbelieved_sources()

@@ -9,14 +9,19 @@ from hypothesis import strategies as st
 from armguard.bounds.arm import ArmMotion
 from armguard.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState
+from armguard.pairs.hull_distance import HullDistance
+from armguard.pairs.hull_gap import lay_out_hulls
 from armguard.pairs.scene import DISTANCE, ISOTROPIC
 from armguard.robot import Kinematics
+from armguard.scheduling.flagged_pairs import FlaggedCheck
 from armguard.scheduling.pair_certificates import NOBODY, PairCertificates
 from support.panda_monitor import HOME, panda
 
 LINKS = 3
 KINEMATICS, MOTION = Kinematics(panda()), ArmMotion(panda(), 0.02, with_joints=False)
 KINEMATICS.compute(HOME, np.zeros(7))
+EXACT = HullDistance(panda(), KINEMATICS)
+HULLS = lay_out_hulls(EXACT.vertices, EXACT.joints)
 
 
 class Scene:
@@ -56,6 +61,12 @@ class Scene:
         self.state.begin(now, 0.0, 0.0)
         grown, broken = self.certificates.disturbed(self.state, self.obstacles.table.revision)
         return grown.tolist(), broken.tolist()
+
+    def check(self, pairs, now, tick):
+        """What is flagged, measured exactly."""
+        self.state.begin(now, 0.0, 0.0)
+        check = FlaggedCheck(HULLS, MOTION.isotropic, self.state)
+        return self.certificates.extend(check, np.array(pairs), now, tick, math.inf)
 
     def see(self, stamp, x, name="ball", v=0.0, radius=0.1, **fields):
         self.obstacles.update(
@@ -226,10 +237,10 @@ def test_bounds_that_grow_back_after_a_look_at_smaller_ones():
     scene = Scene()
     row = scene.see(0.0, 3.0, radius=0.5)
     pairs, _ = scene.follow()
-    scene.enter(pairs)
+    scene.enter(pairs, 0.01)
     scene.see(0.1, 3.0, radius=0.1)
     assert scene.disturbed() == ([], [])
-    scene.certificates.extend(pairs_of(row)[1], 50.0, 0.1, 2, scene.state)
+    scene.check(pairs_of(row)[1:2], 0.1, 2)
     assert scene.certificates.bound[pairs_of(row)].tolist() == [ISOTROPIC, DISTANCE, ISOTROPIC]
     scene.see(0.2, 3.0, radius=0.5)
     assert scene.disturbed() == ([pairs_of(row)[1]], [])
@@ -242,7 +253,7 @@ def test_an_extension_that_adds_nothing_leaves_the_older_proof():
     scene.enter(pairs, 5.0)
     scene.see(0.1, 3.0, radius=0.1)
     scene.disturbed()
-    scene.certificates.extend(pairs_of(row)[0], 1.0, 0.1, 2, scene.state)
+    scene.check(pairs_of(row)[:1], 0.1, 2)
     assert (scene.certificates.bound[pairs_of(row)] == ISOTROPIC).all()
     assert scene.earliest(0.1, 2)[1] == pytest.approx(4.9)
     scene.see(0.2, 3.0, radius=0.5)

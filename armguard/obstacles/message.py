@@ -1,0 +1,160 @@
+"""The memory that messages are read into: one for a table, taken anew only for a larger message.
+
+Each array that Python hands to compiled code costs some 60 ns, and counting references on it costs
+compiled code more than most of what it does with a row. So the samples of a message stand in
+memory that compiled code knows from the message before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armguard.jit.arrays import FloatArray, IntArray
+from armguard.jit.handle import pack
+from armguard.obstacles.frames import Frame
+
+FIELDS = ("radius", "accel", "speed", "position_error", "velocity_error")
+"""What a message says of a sample with one number, in the order of `Samples`."""
+
+LEAST_ROOM = 64
+"""Samples of balls that there is room for at the least."""
+
+
+class Samples(NamedTuple):
+    """One call's samples, as measured in one frame, before they are judged."""
+
+    point_count: int
+    """Points of each."""
+    points: FloatArray
+    """[m]; the first `point_count` of each count. Shape (rows, width, 3)."""
+    velocities: FloatArray
+    """[m/s]. Shape (rows, width, 3)."""
+    radius: FloatArray
+    """[m]. Shape (rows,)."""
+    accel: FloatArray
+    """[m/s²]. Shape (rows,)."""
+    speed: FloatArray
+    """[m/s]. Shape (rows,)."""
+    position_error: FloatArray
+    """[m]. Shape (rows,)."""
+    velocity_error: FloatArray
+    """[m/s]. Shape (rows,)."""
+
+
+class Frames(NamedTuple):
+    """The frames F that messages may refer to, by number: p_W = R_WF p_F + p_WF."""
+
+    rotation: FloatArray
+    """R_WF. Shape (frames, 3, 3)."""
+    translation: FloatArray
+    """p_WF, in [m]. Shape (frames, 3)."""
+    position_error: FloatArray
+    """What each may be off by, in [m]. Shape (frames,)."""
+
+
+class MessageData(NamedTuple):
+    """All of a message that compiled code reads and writes; of each array the beginning is used."""
+
+    points: FloatArray
+    """[m]. Shape (rows, width, 3)."""
+    velocities: FloatArray
+    """[m/s]. Shape (rows, width, 3)."""
+    radius: FloatArray
+    """[m]. Shape (rows,)."""
+    accel: FloatArray
+    """[m/s²]. Shape (rows,)."""
+    speed: FloatArray
+    """[m/s]. Shape (rows,)."""
+    position_error: FloatArray
+    """[m]. Shape (rows,)."""
+    velocity_error: FloatArray
+    """[m/s]. Shape (rows,)."""
+    codes: IntArray
+    """What became of each sample. Shape (rows,)."""
+    values: FloatArray
+    """What a fault would show of it. Shape (rows,)."""
+    frames: Frames
+
+
+class MessageMemory:
+    """Room for the samples of one message.
+
+    Args:
+        frames: Those that messages may refer to, by number; the first is the world.
+
+    Attributes:
+        data: The arrays.
+        handle: On all of them, for compiled code; replaced with them.
+        points_each: Points of each sample of the message that is read.
+        fields: Where the fields go of which there is one number for each sample; as `FIELDS`.
+    """
+
+    data: MessageData
+    handle: Any
+
+    def __init__(self, frames: Sequence[Frame]) -> None:
+        self._frames = Frames(
+            np.array([frame.rotation for frame in frames]),
+            np.array([frame.translation for frame in frames]),
+            np.array([frame.position_error for frame in frames]),
+        )
+        self._make(LEAST_ROOM, 1)
+        self._lay_out(0, 1)
+
+    def take_points(self, points: FloatArray, velocities: FloatArray | None) -> None:
+        """Take in the points of a message for which there is room, and their velocities if known.
+
+        Args:
+            points: In [m]. Shape (n, 3) or (n, k, 3).
+            velocities: In [m/s]. Alike, or None.
+        """
+        places = self._balls if points.ndim == 2 else self._hulls
+        places[0][:] = points
+        if velocities is not None:
+            places[1][:] = velocities
+
+    def fit(self, count: int, points_each: int) -> None:
+        """Make room for so many samples of so many points each; what stood there is void."""
+        if (count, points_each) == self._shape:
+            return
+        rows, width = self.data.points.shape[:2]
+        if count > rows or points_each > width:
+            rows = rows if count <= rows else max(count, 2 * rows)
+            self._make(rows, max(width, points_each))
+        self._lay_out(count, points_each)
+
+    def _make(self, rows: int, width: int) -> None:
+        radius, accel, speed, position_error, velocity_error = (np.zeros(rows) for _ in FIELDS)
+        self.fields = radius, accel, speed, position_error, velocity_error
+        self.data = MessageData(
+            points=np.zeros((rows, width, 3)),
+            velocities=np.zeros((rows, width, 3)),
+            radius=radius,
+            accel=accel,
+            speed=speed,
+            position_error=position_error,
+            velocity_error=velocity_error,
+            codes=np.zeros(rows, dtype=np.int64),
+            values=np.zeros(rows),
+            frames=self._frames,
+        )
+        self.handle = pack(self.data)
+
+    def _lay_out(self, count: int, points_each: int) -> None:
+        self._shape = count, points_each
+        self.points_each = points_each
+        points, velocities = self.data.points[:count], self.data.velocities[:count]
+        self._hulls = points[:, :points_each], velocities[:, :points_each]
+        self._balls = points[:, 0], velocities[:, 0]
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Arrays of a copy would be others than those that its handle is on.
+        return {"_frames": self._frames}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._frames = state["_frames"]
+        self._make(LEAST_ROOM, 1)
+        self._lay_out(0, 1)
