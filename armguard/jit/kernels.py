@@ -64,18 +64,6 @@ def kernel(function: Any = None, *, subject: str = "", **options: Any) -> Any:
     return compile_function if function is None else compile_function(function)
 
 
-def inlined_kernel(function: Any) -> Any:
-    """A kernel that becomes part of each kernel that calls it.
-
-    For what is handed a whole scene: some hundred arrays as arguments of a call would take longer
-    to pass, and far longer to compile, than most of what is done with them.
-
-    Args:
-        function: What to compile.
-    """
-    return kernel(function, inline="always")
-
-
 @functools.cache
 def find_cache(source: Path) -> Path:
     """The folder for one module's kernels; those of its older versions beside it are removed.
