@@ -19,6 +19,8 @@ from typing import Any
 import numba
 from numba.core import caching as numba_caching
 
+from armguard.jit.parts import EntryCompiler, PartCompiler
+
 # Numba's functions are untyped: they are called as anything is.
 caching: Any = numba_caching
 config: Any = numba.config
@@ -51,17 +53,30 @@ def kernel(function: Any = None, *, subject: str = "", **options: Any) -> Any:
     """
 
     def compile_function(function: Any) -> Any:
-        before = config.CACHE_DIR
-        config.CACHE_DIR = str(find_cache(Path(function.__code__.co_filename)) / subject)
-        try:
-            # Python's error model costs two to four times as much, and fastmath would drop NaN.
-            compiled = numba.njit(error_model="numpy", cache=True, **options)(function)
-            compiled._cache = TolerantCache(function)
-            return compiled
-        finally:
-            config.CACHE_DIR = before
+        place = find_cache(Path(function.__code__.co_filename)) / subject
+        compiled = _make_dispatcher(function, place, {"no_cfunc_wrapper": True, "pipeline_class": EntryCompiler, **options})
+        # What only kernels call needs no code to be called from elsewhere, which takes as long to
+        # compile as a short kernel. Where these two names mean nothing, it is compiled all the same.
+        bare = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": PartCompiler}
+        part = _make_dispatcher(function, place / "parts", {**options, **bare})
+        compiled.get_call_template = part.get_call_template
+        compiled.get_overload = part.get_overload
+        return compiled
 
     return compile_function if function is None else compile_function(function)
+
+
+def _make_dispatcher(function: Any, place: Path, options: dict[str, Any]) -> Any:
+    """What compiles a function when it is called, and caches it in a folder."""
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(place)
+    try:
+        # Python's error model costs two to four times as much, and fastmath would drop NaN.
+        compiled = numba.njit(error_model="numpy", cache=True, **options)(function)
+        compiled._cache = TolerantCache(function)
+        return compiled
+    finally:
+        config.CACHE_DIR = before
 
 
 @functools.cache

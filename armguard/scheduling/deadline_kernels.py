@@ -476,7 +476,7 @@ def advance(
         1.0 - handle.content.max_staleness
     )
     row, link, expiry, overdue, evaluated, overtaken = evaluate_due(
-        handle, False, 0, now, now - epoch, number, now - stamp, refinement_threshold
+        handle, bool(0), np.int64(0), now, now - epoch, number, now - stamp, refinement_threshold
     )
     return (
         found,
