@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from armguard.jit.kernels import kernel
 
 MAX_STEPS = 20

@@ -54,11 +54,9 @@ def kernel(function: Any = None, *, subject: str = "", **options: Any) -> Any:
 
     def compile_function(function: Any) -> Any:
         place = find_cache(Path(function.__code__.co_filename)) / subject
-        compiled = _make_dispatcher(function, place, {"no_cfunc_wrapper": True, "pipeline_class": EntryCompiler, **options})
-        # What only kernels call needs no code to be called from elsewhere, which takes as long to
-        # compile as a short kernel. Where these two names mean nothing, it is compiled all the same.
-        bare = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": PartCompiler}
-        part = _make_dispatcher(function, place / "parts", {**options, **bare})
+        compiled = _make_dispatcher(function, place, EntryCompiler, options)
+        part = _make_dispatcher(function, place / "parts", PartCompiler, options, is_part=True)
+        # What other kernels are given when they call it.
         compiled.get_call_template = part.get_call_template
         compiled.get_overload = part.get_overload
         return compiled
@@ -66,13 +64,27 @@ def kernel(function: Any = None, *, subject: str = "", **options: Any) -> Any:
     return compile_function if function is None else compile_function(function)
 
 
-def _make_dispatcher(function: Any, place: Path, options: dict[str, Any]) -> Any:
-    """What compiles a function when it is called, and caches it in a folder."""
+def _make_dispatcher(
+    function: Any, place: Path, compiler: Any, options: dict[str, Any], *, is_part: bool = False
+) -> Any:
+    """What compiles a function for each kind of arguments that it is called with, and caches it.
+
+    Args:
+        function: What to compile.
+        place: Folder of the cache.
+        compiler: Class of the compiler.
+        options: Further options of `numba.njit`.
+        is_part: Whether only kernels call it. What C or Python would call it by takes as long to
+            compile as a short kernel.
+    """
     before = config.CACHE_DIR
     config.CACHE_DIR = str(place)
     try:
         # Python's error model costs two to four times as much, and fastmath would drop NaN.
-        compiled = numba.njit(error_model="numpy", cache=True, **options)(function)
+        compiled = numba.njit(
+            error_model="numpy", cache=True, pipeline_class=compiler, no_cfunc_wrapper=True,
+            no_cpython_wrapper=is_part, **options,
+        )(function)  # fmt: skip
         compiled._cache = TolerantCache(function)
         return compiled
     finally:
