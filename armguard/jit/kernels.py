@@ -24,6 +24,7 @@ from armguard.jit.parts import EntryCompiler, PartCompiler
 # Numba's functions are untyped: they are called as anything is.
 caching: Any = numba_caching
 config: Any = numba.config
+njit: Any = numba.njit
 
 PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -81,7 +82,7 @@ def _make_dispatcher(
     config.CACHE_DIR = str(place)
     try:
         # Python's error model costs two to four times as much, and fastmath would drop NaN.
-        compiled = numba.njit(
+        compiled = njit(
             error_model="numpy", cache=True, pipeline_class=compiler, no_cfunc_wrapper=True,
             no_cpython_wrapper=is_part, **options,
         )(function)  # fmt: skip
