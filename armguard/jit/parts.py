@@ -46,6 +46,15 @@ class PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # a class of u
         """For the cache: nothing but the code that is linked."""
         return self.serialize_using_bitcode()
 
+    @classmethod
+    def unserialize(cls, context: Any, state: Any) -> Any:
+        """The library that was serialized, for a target's context."""
+        name, _, code = state
+        library = cls(context.codegen(), name)
+        library._final_module = codegen.ll.parse_bitcode(code)
+        library._finalize_final_module()
+        return library
+
     @property
     def codegen(self) -> Any:
         """What environments of functions are entered in; see `set_env`."""
@@ -53,6 +62,28 @@ class PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # a class of u
 
     def set_env(self, name: str, environment: Any) -> None:
         """Do nothing: an environment is entered in machine code, by `EnterEnvironments`."""
+
+
+class PartContext:
+    """A target's context under which libraries that are read from a cache become parts.
+
+    Args:
+        context: The target's own.
+    """
+
+    def __init__(self, context: Any) -> None:
+        self._context = context
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._context, name)
+
+    def codegen(self) -> Any:
+        """What reads libraries: this."""
+        return self
+
+    def unserialize_library(self, state: Any) -> Any:
+        """The part that was serialized."""
+        return PartLibrary.unserialize(self._context, state)
 
 
 @machinery.register_pass(mutates_CFG=True, analysis_only=False)
