@@ -18,6 +18,7 @@ from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm import WatchedArm
+from armguard.pairs.evaluate import evaluate
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.scheduling.certificates import (
@@ -361,5 +362,6 @@ class DeadlineScheduler:
         self.evaluate_due(tick)
         self.find_unsafe(tick, 0.0)
         self.near_pairs(tick, 0.0)
+        evaluate(self.arm.state, none, np.zeros(0), none, np.zeros(0, dtype=np.int8))
         self.arm.state.prepare_arm(zeros, zeros)
         find_most_imminent(self._handle, none)
