@@ -69,7 +69,7 @@ def _turn_aged(
     return cx, cy, cz, turned
 
 
-@kernel(forceinline=True)
+@kernel
 def ball_contact_time(
     x, y, z, contact_distance,
     vx1, vy1, vz1, accel1, speed1, velocity_error1, age1,
