@@ -126,7 +126,7 @@ class BrakingMotion(JointSpaceMotion):
         """
         self._check_tick(q, v, age)
         free = check_duration("horizon", horizon) + self.reaction_time
-        table, limits = self.table, self.packed_limits
+        table, limits = self.table, self.limits
         _spread_nodes(v, age, free, check_duration("going_on", going_on), scale, limits, table.time)
         fill_eased_displacements(
             q, v, age, max(age, 0.0) + free, going_on, scale, limits,

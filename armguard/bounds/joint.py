@@ -26,7 +26,6 @@ from armguard.bounds.sums import (
 )
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
-from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 from armguard.robot.joints import is_prismatic
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, put_in_force
@@ -42,7 +41,6 @@ class JointSpaceMotion(ABC):
 
     Attributes:
         limits: The robot's limits and errors.
-        packed_limits: The same for compiled code.
         lever: Proved levers R_j of all spheres, in [m], or 1 for a prismatic joint. Shape (n, nv).
         slope_error: What each column of a sphere's Jacobian may be off by because of the position
             errors, in [m]. Shape (n, nv).
@@ -66,7 +64,6 @@ class JointSpaceMotion(ABC):
         self.limits = read_limits(robot)
         if operating is not None:
             self.limits = read_limits(robot, put_in_force(robot, operating))
-        self.packed_limits = pack(self.limits)
         self._data = robot.model.createData()
         self._base = pinocchio.SE3.Identity() if base_placement is None else base_placement
         model = robot.model
@@ -123,7 +120,7 @@ class JointSpaceMotion(ABC):
         self, q: FloatArray, v: FloatArray, age: float, free: float, table: JointTable
     ) -> None:
         fill_displacements(
-            q, v, age, free, self.packed_limits,
+            q, v, age, free, self.limits,
             table.time, table.high, table.low, table.highest, table.lowest,
         )  # fmt: skip
 
@@ -138,7 +135,7 @@ class JointSpaceMotion(ABC):
             )
         if not abs(age) < np.inf:
             raise ArmguardError("age", f"is {age} s", expected="finite")
-        refuse_flaw(self._robot, self.limits, q, v, find_flaw(q, v, self.packed_limits))
+        refuse_flaw(self._robot, self.limits, q, v, find_flaw(q, v, self.limits))
 
 
 def grid(nodes: int) -> FloatArray:
