@@ -152,9 +152,9 @@ class JointStates:
 
     def find_runaway(self) -> int:
         """First joint that cannot be kept from running into its stop; NO_JOINT if all can."""
-        robot, guard = self.robot, self.guard
+        guard = self.guard
         joint: int = find_runaway(
-            self.q, self.v, guard.lower, guard.upper, robot.velocity_error, robot.acceleration_limit
+            self.q, self.v, guard.lower, guard.upper, guard.velocity_error, guard.acceleration_limit
         )
         return joint
 
