@@ -150,12 +150,14 @@ def find_cache(source: Path) -> Path:
 def digest_sources(source: Path, package: Path) -> str:
     """A digest of a module's source and of all sources of its package that it imports.
 
+    What compiles kernels and reads their handles counts with each, imported or not.
+
     Args:
         source: The module's file.
         package: The folder of the package `armguard`.
     """
     sources: dict[Path, bytes] = {}
-    waiting = [source]
+    waiting = [source, *(package / "jit").glob("*.py")]
     while waiting:
         path = waiting.pop()
         if path not in sources:

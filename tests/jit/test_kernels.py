@@ -95,6 +95,12 @@ def test_the_package_is_all_of_armguard():
     assert Path(armguard.__file__).parent.resolve() == PACKAGE
 
 
+def test_how_kernels_are_compiled_counts_with_each(package):
+    (package / "jit").mkdir()
+    (package / "jit" / "handle.py").write_text("WORD = 8\n")
+    assert is_followed(package, "jit/handle.py")
+
+
 def test_a_change_of_what_is_not_imported_changes_nothing(package):
     before = digest_sources(package / "top.py", package)
     (package / "other.py").write_text("THIRD = 0.0\n")
