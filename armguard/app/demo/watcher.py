@@ -162,14 +162,12 @@ class Watcher:
 
     def _tell_log(self) -> None:
         """Show what the processes wrote since it was last read."""
-        words = self._read_log()
-        if self._waiting is not None:
-            # Progress stands in one place, whatever else is told.
-            lines = words.splitlines()
-            progress = [line.partition(COMPILING)[2] for line in lines if COMPILING in line]
-            if progress:
-                self._waiting.update(f"{WAITING}: {COMPILING}{progress[-1]}")
-            words = "\n".join(line for line in lines if COMPILING not in line)
+        lines = self._read_log().splitlines()
+        # Progress stands in one place, whatever else is told, and only on a terminal.
+        progress = [line.partition(COMPILING)[2] for line in lines if COMPILING in line]
+        if progress and self._waiting is not None:
+            self._waiting.update(f"{WAITING}: {COMPILING}{progress[-1]}")
+        words = "\n".join(line for line in lines if COMPILING not in line)
         if words:
             sys.stderr.write(f"{words}\n")  # Rich puts it above its table
 
