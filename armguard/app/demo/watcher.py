@@ -162,12 +162,7 @@ class Watcher:
 
     def _tell_log(self) -> None:
         """Show what the processes wrote since it was last read."""
-        lines = self._read_log().splitlines()
-        # Progress stands in one place, whatever else is told, and only on a terminal.
-        progress = [line.partition(COMPILING)[2] for line in lines if COMPILING in line]
-        if progress and self._waiting is not None:
-            self._waiting.update(f"{WAITING}: {COMPILING}{progress[-1]}")
-        words = "\n".join(line for line in lines if COMPILING not in line)
+        words = self._read_log()
         if words:
             sys.stderr.write(f"{words}\n")  # Rich puts it above its table
 
@@ -177,7 +172,12 @@ class Watcher:
             log.seek(self._told)
             lines, newline, _ = log.read().rpartition(b"\n")
         self._told += len(lines) + len(newline)
-        return lines.decode(errors="replace")
+        words = lines.decode(errors="replace").splitlines()
+        # Progress stands in one place, whatever else is told, and only on a terminal.
+        progress = [line.partition(COMPILING)[2] for line in words if COMPILING in line]
+        if progress and self._waiting is not None:
+            self._waiting.update(f"{WAITING}: {COMPILING}{progress[-1]}")
+        return "\n".join(line for line in words if COMPILING not in line)
 
 
 def draw_frame(frame: FrameMessage, width: int) -> Table:
