@@ -22,6 +22,7 @@ from armguard.app.summary import VerdictCounts, draw_summary, summarise
 from armguard.app.view_feed import MonitorFeed
 from armguard.bounds.braking import BrakingMotion
 from armguard.exceptions import ArmguardError, StreamError
+from armguard.jit import Progress, telling
 from armguard.monitor.monitor import Monitor
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.streams.addresses import (
@@ -38,6 +39,9 @@ from armguard.view.publisher import FramePublisher
 
 REACH_TIMEOUT = 3.0
 """How long `armguard reset` waits for the monitor to answer, in [s]."""
+
+PROGRESS_INTERVAL = 2.0
+"""Between two lines about the compilation of kernels where there is no terminal, in [s]."""
 
 PAGE_CHECK_INTERVAL = 0.25
 """Between two checks that the page is still served, in [s]."""
@@ -111,8 +115,21 @@ def supervise(
             if missing is not None and not quiet:
                 announcer.tell(missing)
 
-        waiting = console.status("compiling the kernels (once; kept for the next start)")
-        with waiting:
+        waiting = console.status("starting")
+        next_line = 0.0
+
+        def tell_progress(progress: Progress | None) -> None:
+            nonlocal next_line
+            if progress is None:
+                return
+            text = f"{progress} (once; kept for the next start)"
+            if console.is_terminal:
+                waiting.update(text)
+            elif progress.duration >= next_line:
+                next_line = progress.duration + PROGRESS_INTERVAL
+                announcer.tell(text)
+
+        with waiting, telling(tell_progress):
             report = run(
                 cell,
                 obstacles_address,

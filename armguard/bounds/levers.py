@@ -177,8 +177,9 @@ def _walk_inwards(
     for i in range(points.shape[0]):
         supports = outlines[i]
         # The point itself is a circle without radii, in the frame of the outermost joint's axis.
-        circles[0, 0] = points[i]
-        circles[0, 1:] = 0.0
+        for axis in range(3):
+            circles[0, 0, axis] = points[i, axis]
+            circles[0, 1, axis] = circles[0, 2, axis] = 0.0
         count = 1
         scale = 0.0
         # Invariant: all places that the joints behind joint j can bring the point to lie in the
@@ -226,7 +227,10 @@ def _bound_meridian(
 
 @kernel
 def _is_point(circle: FloatArray) -> bool:
-    return not (circle[1].any() or circle[2].any())
+    found = True
+    for axis in range(3):
+        found = found and circle[1, axis] == 0.0 and circle[2, axis] == 0.0
+    return found
 
 
 @kernel
@@ -262,7 +266,9 @@ def _set_circle(circle: FloatArray, distance: float, height: float) -> None:
 def _slide(circles: FloatArray, count: int, lowest: float, highest: float) -> int:
     """The circles at both ends of a prismatic joint's travel."""
     for k in range(count):
-        circles[count + k] = circles[k]
+        for part in range(3):
+            for axis in range(3):
+                circles[count + k, part, axis] = circles[k, part, axis]
         circles[k, 0, 2] += lowest
         circles[count + k, 0, 2] += highest
     return 2 * count

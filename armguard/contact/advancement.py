@@ -69,7 +69,7 @@ def _turn_aged(
     return cx, cy, cz, turned
 
 
-@kernel(forceinline=True)
+@kernel
 def ball_contact_time(
     x, y, z, contact_distance,
     vx1, vy1, vz1, accel1, speed1, velocity_error1, age1,
@@ -136,8 +136,9 @@ def _far_ball_contact_time(
     vx2, vy2, vz2, accel2, speed2, velocity_error2, age2,
     advances, trace, t,
 ):  # fmt: skip
-    points = np.zeros((1, 3))
-    velocities = np.zeros((1, 3))
+    # Every second row: of the layout that rows of states have, for which all this is compiled.
+    points = np.zeros((2, 3))[::2]
+    velocities = np.zeros((2, 3))[::2]
     points[0, 0], points[0, 1], points[0, 2] = x, y, z
     velocities[0, 0], velocities[0, 1], velocities[0, 2] = vx2, vy2, vz2
     return far_contact_time(

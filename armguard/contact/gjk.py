@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from armguard.jit.kernels import kernel
 
 MAX_STEPS = 20
@@ -84,7 +82,7 @@ def nearest_on_hull(ox, oy, oz, points, velocities, count, carry):
     i1 = 0
     i2 = 0
     size = 1
-    ax, ay, az = _carried(np.int64(0), ox, oy, oz, points, velocities, carry)
+    ax, ay, az = _carried(i0, ox, oy, oz, points, velocities, carry)
     bx, by, bz = ax, ay, az
     cx, cy, cz = ax, ay, az
     x, y, z = ax, ay, az

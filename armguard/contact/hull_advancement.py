@@ -155,8 +155,9 @@ def far_contact_time(
     speed_exponent = time_exponent - length_exponent
     accel_exponent = 2 * time_exponent - length_exponent
     floor = 2.0 * TINY if size > 0.0 else 0.0
-    corners = np.zeros((count, 3))
-    motions = np.zeros((count, 3))
+    # Every second row: of the layout that rows of states have, for which all this is compiled.
+    corners = np.zeros((2 * count, 3))[::2]
+    motions = np.zeros((2 * count, 3))[::2]
     for j in range(count):
         corners[j, 0] = math.ldexp(points[j, 0] - px, -length_exponent)
         corners[j, 1] = math.ldexp(points[j, 1] - py, -length_exponent)

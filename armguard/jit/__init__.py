@@ -1,4 +1,4 @@
-"""Compiled kernels and what they share: their cache, handles, layout of arrays, numerics.
+"""Compiled kernels and what they share: cache, progress, handles, layout of arrays, numerics.
 
 Every kernel of armguard is compiled by `kernel`, which keeps it under a digest of all sources that
 went into it, and many arrays cross to it at once by `pack`.
@@ -7,11 +7,14 @@ went into it, and many arrays cross to it at once by `pack`.
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
+from armguard.jit.progress import Progress, telling
 
 __all__ = [
     "BoolArray",
     "FloatArray",
     "IntArray",
+    "Progress",
     "kernel",
     "pack",
+    "telling",
 ]

@@ -9,6 +9,7 @@ kernels are kept under a digest of its source and of all of armguard's sources t
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
 import hashlib
 import os
@@ -19,61 +20,110 @@ from typing import Any
 import numba
 from numba.core import caching as numba_caching
 
+from armguard.jit.parts import EntryCompiler, PartCompiler, PartContext
+
 # Numba's functions are untyped: they are called as anything is.
 caching: Any = numba_caching
 config: Any = numba.config
+njit: Any = numba.njit
 
 PACKAGE = Path(__file__).resolve().parents[1]
 
 
+class KeptKernel(caching.CompileResultCacheImpl):  # type: ignore[misc]  # a class of unknown type
+    """How a kernel is kept: in the folder that it is given, and nowhere else.
+
+    Where Numba cannot write, it looks for another folder, and knows a kernel there by its own file
+    alone.
+    """
+
+    _locator_classes = (caching.UserProvidedCacheLocator,)
+
+
+class KeptPart(KeptKernel):
+    """How a part is kept."""
+
+    def rebuild(self, context: Any, state: Any) -> Any:
+        """What the cache was given, as a part again."""
+        return super().rebuild(PartContext(context), state)._replace(target_context=context)
+
+
 class TolerantCache(caching.FunctionCache):  # type: ignore[misc]  # a class of unknown type
-    """A cache that begins anew where it holds what this process cannot import.
+    """A cache that begins anew where it holds what this process cannot read, and need not be there.
 
     Its index names all types that a kernel was ever compiled for, and so those of a script that was
-    run from elsewhere: to a later process, that must be no more than a cache without an entry.
+    run from elsewhere: to a later process, that must be no more than a cache without an entry. A
+    disk may be full, or a file cut short.
     """
+
+    _impl_class = KeptKernel
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
             return super()._load_overload(sig, target_context)
-        except (ImportError, AttributeError):
-            self._cache_file.flush()
+        except Exception:  # a damaged file can raise anything
+            with contextlib.suppress(OSError):
+                self._cache_file.flush()
             return None
 
+    def _save_overload(self, sig: Any, data: Any) -> None:
+        with contextlib.suppress(OSError):
+            super()._save_overload(sig, data)
 
-def kernel(function: Any = None, *, subject: str = "", **options: Any) -> Any:
+
+class PartCache(TolerantCache):
+    """The same for parts."""
+
+    _impl_class = KeptPart
+
+
+def kernel(function: Any = None, **options: Any) -> Any:
     """Compile a function with NumPy's error model and strict floating point, and cache it.
+
+    What is returned is called from Python. Other kernels that call it are given a part, see
+    `parts`: both are compiled when they are called first, for each kind of arguments.
 
     Args:
         function: What to compile.
-        subject: What its cache is for, where one function is compiled for different subjects.
         options: Further options of `numba.njit`.
     """
 
     def compile_function(function: Any) -> Any:
-        before = config.CACHE_DIR
-        config.CACHE_DIR = str(find_cache(Path(function.__code__.co_filename)) / subject)
-        try:
-            # Python's error model costs two to four times as much, and fastmath would drop NaN.
-            compiled = numba.njit(error_model="numpy", cache=True, **options)(function)
-            compiled._cache = TolerantCache(function)
-            return compiled
-        finally:
-            config.CACHE_DIR = before
+        place = find_cache(Path(function.__code__.co_filename))
+        compiled = _make_dispatcher(function, place, TolerantCache, EntryCompiler, options)
+        # What C or Python would call a part by takes as long to compile as a short kernel.
+        bare = {"no_cpython_wrapper": True, **options}
+        part = _make_dispatcher(function, place / "parts", PartCache, PartCompiler, bare)
+        compiled.get_call_template = part.get_call_template
+        compiled.get_overload = part.get_overload
+        return compiled
 
     return compile_function if function is None else compile_function(function)
 
 
-def inlined_kernel(function: Any) -> Any:
-    """A kernel that becomes part of each kernel that calls it.
-
-    For what is handed a whole scene: some hundred arrays as arguments of a call would take longer
-    to pass, and far longer to compile, than most of what is done with them.
+def _make_dispatcher(
+    function: Any, place: Path, cache: Any, compiler: Any, options: dict[str, Any]
+) -> Any:
+    """What compiles a function for each kind of arguments that it is called with.
 
     Args:
         function: What to compile.
+        place: Folder of the cache.
+        cache: Class of the cache.
+        compiler: Class of the compiler.
+        options: Further options of `numba.njit`.
     """
-    return kernel(function, inline="always")
+    # Python's error model costs two to four times as much, and fastmath would drop NaN.
+    compiled = njit(
+        error_model="numpy", pipeline_class=compiler, no_cfunc_wrapper=True, **options
+    )(function)  # fmt: skip
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(place)
+    # Without a folder that can be written, kernels are compiled at each start.
+    with contextlib.suppress(RuntimeError):
+        compiled._cache = cache(function)
+    config.CACHE_DIR = before
+    return compiled
 
 
 def merged_kernel(function: Any) -> Any:
@@ -113,12 +163,14 @@ def find_cache(source: Path) -> Path:
 def digest_sources(source: Path, package: Path) -> str:
     """A digest of a module's source and of all sources of its package that it imports.
 
+    What compiles kernels and reads their handles counts with each, imported or not.
+
     Args:
         source: The module's file.
         package: The folder of the package `armguard`.
     """
     sources: dict[Path, bytes] = {}
-    waiting = [source]
+    waiting = [source, *(package / "jit").glob("*.py")]
     while waiting:
         path = waiting.pop()
         if path not in sources:

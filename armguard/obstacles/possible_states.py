@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from armguard.jit.arrays import FloatArray
-from armguard.jit.kernels import inlined_kernel, kernel
+from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.table import MOST_REFUSED, Marks, Refusals, States, copy_state, note_row
 
 
-@inlined_kernel
+@kernel
 def possible_states(marks: Marks, row: int) -> range:
     """Numbers of a row's states that may be true, for `state_at`; 0 is the accepted one.
 
@@ -28,7 +28,7 @@ def possible_states(marks: Marks, row: int) -> range:
     return range(0 if marks.has_state[row] else 1, 1 + marks.refused_count[row])
 
 
-@inlined_kernel
+@kernel
 def state_at(
     accepted: States, refused: States, marks: Marks, row: int, number: int, now: float
 ) -> tuple[States, int, float]:
@@ -39,7 +39,7 @@ def state_at(
     return bodies, place, age
 
 
-@inlined_kernel
+@kernel
 def is_known(marks: Marks, row: int) -> bool:
     """Whether an obstacle's whereabouts can be reckoned with at all."""
     return not marks.unknown[row] and (marks.has_state[row] or marks.refused_count[row] > 0)

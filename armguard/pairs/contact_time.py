@@ -15,7 +15,7 @@ import numpy as np
 
 from armguard.bounds.table_time import table_contact_time
 from armguard.contact.advancement import pair_distance_time, row_contact_time
-from armguard.jit.kernels import inlined_kernel, kernel
+from armguard.jit.kernels import kernel
 from armguard.jit.numerics import TABLE_END_SLACK, TERM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.table import States
@@ -25,7 +25,7 @@ REACH_ADVANCES = 2
 """Steps of conservative advancement against what stands still: the second is nearly always last."""
 
 
-@inlined_kernel
+@kernel
 def reach_time(
     x: float, y: float, z: float, radius: float, bodies: States, row: int, age: float, margin: float
 ) -> float:
@@ -42,7 +42,7 @@ def reach_time(
     return time if time >= 0.0 else 0.0
 
 
-@inlined_kernel
+@kernel
 def contact_distance(scene: Scene, node: int, bodies: States, row: int) -> float:
     """Distance of a sphere's centre and a body's hull that counts as contact, errors included."""
     reach: float = scene.tree.radius[node] + bodies.radius[row] + scene.settings.margin
@@ -50,7 +50,7 @@ def contact_distance(scene: Scene, node: int, bodies: States, row: int) -> float
     return reach * (1.0 + TERM_ROUNDING)
 
 
-@inlined_kernel
+@kernel
 def _free_time(
     scene: Scene, node: int, bodies: States, row: int, arm_age: float, age: float, distance: float
 ) -> float:
@@ -151,7 +151,7 @@ def link_time(
     return best, best_node, best_bound, evaluations
 
 
-@inlined_kernel
+@kernel
 def root_time(
     scene: Scene, link: int, row: int, arm_age: float, age: float, lower_bound: float
 ) -> tuple[float, int, int]:
@@ -238,7 +238,7 @@ def pair_time(
     return best, best_node, best_bound, evaluations
 
 
-@inlined_kernel
+@kernel
 def arm_reach_time(scene: Scene, row: int, now: float) -> tuple[float, int]:
     """Time before which an obstacle cannot be where any part of the arm can be; evaluations."""
     marks, settings = scene.marks, scene.settings

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray
-from armguard.jit.kernels import inlined_kernel, kernel
+from armguard.jit.kernels import kernel
 from armguard.robot.brakes import BrakeCurves
 from armguard.robot.joint_history import (
     JointHistory,
@@ -104,7 +104,7 @@ class Guard(NamedTuple):
     """What all states believed so far allow."""
 
 
-@inlined_kernel
+@kernel
 def accept(
     guard: Guard, stamp: float, q_given: FloatArray, v_given: FloatArray, now: float
 ) -> tuple[int, int, float, float]:
@@ -179,7 +179,7 @@ def accept(
     return found, NO_JOINT, stop_time, late_stop_time
 
 
-@inlined_kernel
+@kernel
 def _stands_for(guard: Guard, stamp: float, now: float, ticks: float) -> float:
     """How long a stamp has been the same, in [s].
 
@@ -192,7 +192,7 @@ def _stands_for(guard: Guard, stamp: float, now: float, ticks: float) -> float:
     return duration
 
 
-@inlined_kernel
+@kernel
 def _is_fine(guard: Guard, stamp: float, now: float, is_first: bool, ticks: float) -> bool:
     """Whether there is nothing against the state at hand: the usual case, free of branches."""
     q, v = guard.read_q, guard.read_v

@@ -110,7 +110,7 @@ class JointStates:
         Args:
             age: Of that state, in [s].
         """
-        times: tuple[float, float] = stop_times(self.guard, self.v, age)
+        times: tuple[float, float] = stop_times(self._handle, self.v, age)
         return times
 
     def find_unbraked(self, age: float) -> int:
@@ -119,7 +119,7 @@ class JointStates:
         Args:
             age: Of the state believed last, in [s].
         """
-        joint: int = find_unbraked(self.guard, self.v, age)
+        joint: int = find_unbraked(self._handle, self.v, age)
         return joint
 
     def is_plain(self, q: object, v: object) -> bool:
@@ -152,9 +152,9 @@ class JointStates:
 
     def find_runaway(self) -> int:
         """First joint that cannot be kept from running into its stop; NO_JOINT if all can."""
-        robot, guard = self.robot, self.guard
+        guard = self.guard
         joint: int = find_runaway(
-            self.q, self.v, guard.lower, guard.upper, robot.velocity_error, robot.acceleration_limit
+            self.q, self.v, guard.lower, guard.upper, guard.velocity_error, guard.acceleration_limit
         )
         return joint
 

@@ -27,7 +27,7 @@ from armguard.bounds.operating_history import (
     keeps_operating_limits,
 )
 from armguard.jit.arrays import FloatArray, IntArray
-from armguard.jit.kernels import inlined_kernel, kernel
+from armguard.jit.kernels import kernel
 from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
 from armguard.obstacles.table import clear_changed_rows
@@ -77,7 +77,7 @@ CROWD = 64
 """Evaluations in a tick beyond which, once contact is certain, other obstacles wait."""
 
 
-@inlined_kernel
+@kernel
 def _read_changes(scene: Scene, certificates: Certificates) -> int:
     """Invalidate the certificates that changes of their rows have overtaken; how many rows."""
     overtaken = broken = 0
@@ -99,7 +99,7 @@ def _read_changes(scene: Scene, certificates: Certificates) -> int:
     return overtaken
 
 
-@inlined_kernel
+@kernel
 def _evaluate_links(
     scene: Scene,
     certificates: Certificates,
@@ -170,7 +170,7 @@ def _evaluate_links(
     return best, evaluations
 
 
-@inlined_kernel
+@kernel
 def _evaluate_obstacle(
     scene: Scene,
     certificates: Certificates,
@@ -213,7 +213,7 @@ def _evaluate_obstacle(
     return best, evaluations
 
 
-@inlined_kernel
+@kernel
 def time_to_spare(
     scene: Scene, v: FloatArray, contact_time: float, arm_age: float, braking_delay: float
 ) -> float:
@@ -234,7 +234,7 @@ def time_to_spare(
     return spare
 
 
-@inlined_kernel
+@kernel
 def _joint_time_to_spare(
     brakes: BrakeCurves, joint: int, speed: float, top: float, accel: float, left: float
 ) -> float:
@@ -286,13 +286,13 @@ class TickData(NamedTuple):
     """Evaluations in a tick after which nothing further is begun."""
 
 
-@inlined_kernel
+@kernel
 def tick_of(time: float, period: float) -> int:
     """Number of the tick at a time, to the nearest: those of a loop are never quite on time."""
     return int(time / period + 0.5)
 
 
-@inlined_kernel
+@kernel
 def count_lost(numbers: IntArray, wheel_numbers: IntArray) -> int:
     """How many watched rows are neither in the wheel nor waiting: none would fall due."""
     lost: int = abs(numbers[ACTIVE] - wheel_numbers[WAITING] - wheel_numbers[TURNING])
@@ -476,7 +476,7 @@ def advance(
         1.0 - handle.content.max_staleness
     )
     row, link, expiry, overdue, evaluated, overtaken = evaluate_due(
-        handle, False, 0, now, now - epoch, number, now - stamp, refinement_threshold
+        handle, bool(0), np.int64(0), now, now - epoch, number, now - stamp, refinement_threshold
     )
     return (
         found,

@@ -140,12 +140,13 @@ def take_out(wheel: Wheel, entry: int) -> None:
     wheel.slot[entry] = ABSENT
     if slot == DUE:
         wheel.numbers[WAITING] -= 1
-        place, last = wheel.after[entry], wheel.heap[wheel.numbers[WAITING]]
+        place = np.int64(wheel.after[entry])
+        last = wheel.heap[wheel.numbers[WAITING]]
         if last != entry:
             wheel.heap[place] = last
             wheel.after[last] = place
             _rise(wheel, place)
-            _sink(wheel, wheel.after[last])
+            _sink(wheel, np.int64(wheel.after[last]))
         return
     after, before = wheel.after[entry], wheel.before[entry]
     if before == NOBODY:
@@ -221,6 +222,6 @@ def turn(wheel: Wheel, tick: int) -> None:
         entry = wheel.first[slot]
         while entry != NOBODY:
             following = wheel.after[entry]
-            make_due(wheel, entry, wheel.deadline[entry])
+            make_due(wheel, np.int64(entry), wheel.deadline[entry])
             entry = following
     wheel.numbers[TICK] = tick

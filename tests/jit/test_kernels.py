@@ -95,6 +95,12 @@ def test_the_package_is_all_of_armguard():
     assert Path(armguard.__file__).parent.resolve() == PACKAGE
 
 
+def test_how_kernels_are_compiled_counts_with_each(package):
+    (package / "jit").mkdir()
+    (package / "jit" / "handle.py").write_text("WORD = 8\n")
+    assert is_followed(package, "jit/handle.py")
+
+
 def test_a_change_of_what_is_not_imported_changes_nothing(package):
     before = digest_sources(package / "top.py", package)
     (package / "other.py").write_text("THIRD = 0.0\n")
@@ -149,37 +155,111 @@ def test_kernels_divide_as_numpy_does_and_keep_nan():
     assert find_cache(Path(__file__)) != find_cache(PACKAGE / "jit" / "handle.py")
 
 
-def test_a_cache_with_types_of_a_script_that_is_gone_is_an_empty_one(tmp_path):
-    """One process packs a tuple of its own, the next knows nothing of where it came from."""
-    (tmp_path / "lib.py").write_text(
+class Program:
+    """Runs a kernel that calls another one, each time in a process of its own."""
+
+    LIBRARY = (
         "from armguard.jit.kernels import kernel\n"
         "@kernel\n"
-        "def first(content):\n"
+        "def inner(content):\n"
         "    return content[0]\n"
+        "@kernel\n"
+        "def first(content):\n"
+        "    return inner(content)\n"
+        "@kernel\n"
+        "def twice(content):\n"
+        "    return 2.0 * inner(content)\n"
+        "def hits(one):\n"
+        "    return sum(one.stats.cache_hits.values())\n"
     )
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.cache = folder / "cache"
+        (folder / "lib.py").write_text(self.LIBRARY)
+
+    def run(self, content="(3.0, 1)", name="first", before="", path=None, **environment):
+        """What the kernel returns, and how much of it came from the cache."""
+        told = subprocess.run(
+            [
+                sys.executable,
+                "-c",
+                f"{before}\nimport lib\nprint(lib.{name}({content}), lib.hits(lib.{name}))",
+            ],
+            env={
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join(
+                    [str(self.folder), *filter(None, [path, os.environ.get("PYTHONPATH")])]
+                ),
+                "NUMBA_CACHE_DIR": str(self.cache),
+                **environment,
+            },
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        assert told.stderr == ""
+        return told.stdout.split()
+
+    def kept(self):
+        return [path for path in self.cache.rglob("*") if path.is_file()]
+
+
+@pytest.fixture
+def program(tmp_path):
+    return Program(tmp_path)
+
+
+def test_a_cache_with_types_of_a_script_that_is_gone_is_an_empty_one(program, tmp_path):
+    """One process packs a tuple of its own, the next knows nothing of where it came from."""
     (tmp_path / "script").mkdir()
     (tmp_path / "script" / "own.py").write_text(
         "from typing import NamedTuple\nclass Own(NamedTuple):\n    number: float\n"
     )
-    run = "import lib; print(lib.first({}), sum(lib.first.stats.cache_hits.values()))"
-    own = "import own; " + run.format("own.Own(2.0)")
-    plain = run.format("(3.0, 1)")
-    script = os.pathsep.join((str(tmp_path), str(tmp_path / "script")))
-    found = []
-    for code, path in (
-        (own, script),
-        (own, script),
-        (plain, str(tmp_path)),
-        (plain, str(tmp_path)),
-    ):
-        environment = {
-            **os.environ,
-            "PYTHONPATH": path + os.pathsep + os.environ.get("PYTHONPATH", ""),
-            "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
-        }
-        told = subprocess.run(
-            [sys.executable, "-c", code],
-            env=environment, capture_output=True, text=True, check=True,
-        )  # fmt: skip
-        found.append(told.stdout.split())
-    assert found == [["2.0", "0"], ["2.0", "1"], ["3.0", "0"], ["3.0", "1"]]
+    own = {"content": "own.Own(2.0)", "before": "import own", "path": str(tmp_path / "script")}
+    assert program.run(**own) == ["2.0", "0"]
+    assert program.run(**own) == ["2.0", "1"]
+    assert program.run() == ["3.0", "0"]
+    assert program.run() == ["3.0", "1"]
+
+
+def test_what_another_kernel_calls_is_read_from_the_cache_as_well(program):
+    program.run()
+    before = {path for path in program.kept() if path.name.startswith("lib.inner")}
+    assert program.run(name="twice") == ["6.0", "0"]
+    assert {path for path in program.kept() if path.name.startswith("lib.inner")} == before
+
+
+@pytest.mark.parametrize("ending", [".nbi", ".nbc"])
+@pytest.mark.parametrize("length", [0, 10, 200])
+def test_a_file_of_the_cache_that_is_cut_short_is_written_anew(program, ending, length):
+    program.run()
+    for path in program.kept():
+        if path.suffix == ending:
+            path.write_bytes(path.read_bytes()[:length])
+    assert program.run() == ["3.0", "0"]
+    assert program.run() == ["3.0", "1"]
+
+
+def test_code_for_another_processor_is_not_run(program):
+    assert program.run(NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="") == ["3.0", "0"]
+    assert program.run() == ["3.0", "0"]
+    assert program.run() == ["3.0", "1"]
+    assert program.run(NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="") == ["3.0", "1"]
+
+
+def test_kernels_run_where_no_cache_can_be_written_and_leave_nothing_elsewhere(program):
+    """Numba would put them beside their source, and know them by its content alone."""
+    program.cache.write_text("not a folder")
+    before = sorted(program.folder.rglob("*.nb[ic]"))
+    assert program.run() == ["3.0", "0"]
+    assert program.run() == ["3.0", "0"]
+    assert sorted(program.folder.rglob("*.nb[ic]")) == before == []
+
+
+def test_kernels_run_where_the_disk_is_full(program):
+    full = (
+        "from numba.core import caching\n"
+        "def refuse(*_):\n"
+        "    raise OSError(28, 'No space left on device')\n"
+        "caching.IndexDataCacheFile.save = refuse\n"
+    )
+    assert program.run(before=full) == ["3.0", "0"]

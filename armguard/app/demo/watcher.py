@@ -19,10 +19,12 @@ import zmq
 from rich.console import Console
 from rich.live import Live
 from rich.markup import escape
+from rich.status import Status
 from rich.table import Table
 
 from armguard.app.processes import describe_end
 from armguard.app.summary import COLORS
+from armguard.jit.progress import COMPILING
 from armguard.view.messages import FrameMessage, decode_message
 from armguard.view.process import ViewProcess
 
@@ -32,7 +34,7 @@ REFRESH = 0.1
 END_TIMEOUT = 10.0
 """How long the monitor may take to end each time it is asked to, in [s]."""
 
-WAITING = "starting (the first start compiles for a minute)"
+WAITING = "starting"
 
 
 class Watcher:
@@ -62,6 +64,8 @@ class Watcher:
         self._told = 0
         self._console = console
         self._live = live
+        self._waiting: Status | None = None
+        """What is shown on a terminal until the first frame comes."""
 
     def run(
         self, frames: str, open_page: Callable[[], ViewProcess] | None = None
@@ -111,9 +115,11 @@ class Watcher:
             reader.connect(frames)
             if not self._console.is_terminal:
                 self._console.print(WAITING)
-            with self._console.status(WAITING):
+            with self._console.status(WAITING) as waiting:
+                self._waiting = waiting if self._console.is_terminal else None
                 while not self._ended() and not reader.poll(round(1000 * REFRESH)):
                     pass
+                self._waiting = None
             table = Live(console=self._console, auto_refresh=False, transient=True)
             live = self._live and self._console.is_terminal
             with table if live else contextlib.nullcontext():
@@ -166,7 +172,12 @@ class Watcher:
             log.seek(self._told)
             lines, newline, _ = log.read().rpartition(b"\n")
         self._told += len(lines) + len(newline)
-        return lines.decode(errors="replace")
+        words = lines.decode(errors="replace").splitlines()
+        # Progress stands in one place, whatever else is told, and only on a terminal.
+        progress = [line.partition(COMPILING)[2] for line in words if COMPILING in line]
+        if progress and self._waiting is not None:
+            self._waiting.update(f"{WAITING}: {COMPILING}{progress[-1]}")
+        return "\n".join(line for line in words if COMPILING not in line)
 
 
 def draw_frame(frame: FrameMessage, width: int) -> Table:

@@ -1,0 +1,122 @@
+"""Tells how far the compilation of kernels is, where it takes more than a moment.
+
+A first start compiles for many seconds. Who waits at a terminal is told there; an application may
+tell it in its own way, or not at all.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+from numba.core import event as numba_event
+
+# Numba's functions are untyped: they are called as anything is.
+event: Any = numba_event
+
+USUAL = 220
+"""About how many kernels a first start compiles; `benchmarks/bench_start.py` counts them."""
+
+COMPILING = "compiling kernel"
+"""How a line of progress begins."""
+
+PATIENCE, INTERVAL = 1.0, 0.1
+"""How long kernels compile before anything is told, and between two tellings, in [s]."""
+
+
+class Progress(NamedTuple):
+    """How far the compilation of this process is."""
+
+    number: int
+    """Of the kernel that is compiled now, from 1 on."""
+    name: str
+    """Its own."""
+    duration: float
+    """How long kernels were compiled so far, in [s]."""
+
+    def __str__(self) -> str:
+        return f"{COMPILING} {self.number} of about {max(USUAL, self.number)}"
+
+
+Tell = Callable[[Progress | None], None]
+"""Is told the progress, and None where there is nothing to wait for any more."""
+
+
+def show_on_terminal(progress: Progress | None) -> None:
+    """Show progress in one line of standard error, and remove it, where that is a terminal."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):  # it may be gone
+        if sys.stderr.isatty():
+            text = "" if progress is None else f"armguard: {progress}, once"
+            sys.stderr.write(f"\r\x1b[K{text}")
+            sys.stderr.flush()
+
+
+class Compilation(event.Listener):  # type: ignore[misc]  # a class of unknown type
+    """Counts the kernels that are compiled, and those that Numba compiles for them.
+
+    Args:
+        tell: What is told of it.
+        clock: In [s].
+
+    Attributes:
+        tell: What is told of it; None: nothing.
+        count: Kernels so far.
+    """
+
+    def __init__(
+        self, tell: Tell | None = show_on_terminal, clock: Callable[[], float] = time.perf_counter
+    ) -> None:
+        self.tell = tell
+        self.count = 0
+        self._clock = clock
+        self._depth = 0
+        self._before = 0.0
+        """What earlier compilations took, in [s]."""
+        self._since = self._told_at = 0.0
+        self._has_told = False
+
+    def on_start(self, what: Any) -> None:
+        """Called when a function begins to be compiled, perhaps for another one."""
+        function = what.data["dispatcher"].py_func
+        # What an application compiles for itself is its own affair.
+        if self._depth == 0 and not str(function.__module__).startswith("armguard."):
+            return
+        now = self._clock()
+        if self._depth == 0:
+            self._since = now
+        self._depth += 1
+        self.count += 1
+        duration = self._before + now - self._since
+        if self.tell and duration >= PATIENCE and now >= self._told_at + INTERVAL:
+            self.tell(Progress(self.count, function.__name__, duration))
+            self._has_told, self._told_at = True, now
+
+    def on_end(self, what: Any) -> None:
+        """Called when that is done."""
+        if self._depth == 0:
+            return
+        self._depth -= 1
+        if self._depth == 0:
+            self._before += self._clock() - self._since
+            if self._has_told and self.tell:
+                self.tell(None)
+            self._has_told = False
+
+
+compilation = Compilation()
+"""That of this process."""
+
+event.register("numba:compile", compilation)
+
+
+@contextlib.contextmanager
+def telling(tell: Tell | None) -> Iterator[None]:
+    """Inside, `tell` is told how far the compilation of kernels is; None: nothing is told."""
+    before, compilation.tell = compilation.tell, tell
+    try:
+        yield
+    finally:
+        compilation.tell = before

@@ -1,0 +1,100 @@
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from armguard.jit.progress import INTERVAL, PATIENCE, USUAL, Compilation, Progress
+from armguard.jit.progress import show_on_terminal as show
+
+
+class Clock:
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+class World:
+    """Compilations that take as long as is asked for."""
+
+    def __init__(self):
+        self.told = []
+        self.clock = Clock()
+        self.compilation = Compilation(self.told.append, self.clock)
+
+    def begin(self, name="kernel", module="armguard.some"):
+        function = SimpleNamespace(__module__=module, __name__=name)
+        self.event = SimpleNamespace(data={"dispatcher": SimpleNamespace(py_func=function)})
+        self.compilation.on_start(self.event)
+
+    def end(self, duration=0.0):
+        self.clock.now += duration
+        self.compilation.on_end(self.event)
+
+
+def test_what_takes_a_moment_is_not_told():
+    world = World()
+    for _ in range(5):
+        world.begin()
+        world.end(0.1)
+    assert world.told == []
+    assert world.compilation.count == 5
+
+
+def test_what_takes_longer_is_told_with_its_number_and_ends():
+    world = World()
+    world.begin("first")
+    world.end(PATIENCE)
+    world.clock.now += 1000.0
+    world.begin("second")
+    world.begin("third", module="numba.cpython")
+    world.clock.now += INTERVAL
+    world.begin("fourth")
+    for _ in range(3):
+        world.end()
+    duration = PATIENCE + INTERVAL
+    assert world.told == [
+        Progress(2, "second", PATIENCE), Progress(4, "fourth", pytest.approx(duration)), None
+    ]  # fmt: skip
+    world.begin("fifth")
+    assert world.compilation.count == 5
+
+
+def test_what_an_application_compiles_is_its_own():
+    world = World()
+    world.begin(module="numba.cpython")
+    world.begin(module="scene")
+    world.end(2.0 * PATIENCE)
+    world.end()
+    world.begin()
+    assert world.compilation.count == 1
+    assert world.told == []
+
+
+def test_nothing_is_told_where_nobody_wants_to_know():
+    world = World()
+    world.compilation.tell = None
+    world.begin()
+    world.clock.now += 2.0 * PATIENCE
+    world.begin()
+    world.end()
+    world.end()
+    assert world.compilation.count == 2
+
+
+def test_the_number_never_exceeds_what_it_is_told_of():
+    assert str(Progress(12, "", 0.0)) == f"compiling kernel 12 of about {USUAL}"
+    assert str(Progress(1000, "", 0.0)) == "compiling kernel 1000 of about 1000"
+
+
+def test_it_is_shown_on_a_terminal_alone(capsys, monkeypatch):
+    show(Progress(1, "", 2.0))
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    show(Progress(1, "", 2.0))
+    assert f"compiling kernel 1 of about {USUAL}" in capsys.readouterr().err
+    show(None)
+    assert capsys.readouterr().err == "\r\x1b[K"
+    monkeypatch.setattr(sys, "stderr", None)
+    show(Progress(1, "", 2.0))
