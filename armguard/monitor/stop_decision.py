@@ -22,6 +22,9 @@ keeps to a scale for some more, in [s], and is told to stop then."""
 HALVINGS = 5
 """Of the interval in which the speed scale is sought."""
 
+PROVING = 8e-3
+"""For how long the proof that a STOP is in time should last, [s]: longer is proved of less."""
+
 STEP, PAUSE = 1e-3, 10e-3
 """How long a step of the search may take, and how long there is none after its end, [s]."""
 
@@ -56,6 +59,8 @@ class StopDecision:
         self.evaluated = self.left = 0
         self._scheduler = scheduler
         self._response_time = response_time
+        self._proving = PROVING if period < 0.5 * PROVING else 0.0
+        """For how long a STOP is proved to be in time, in [s]; 0: for the tick at hand."""
         self._rise_delay = rise_delay
         self._steps = max(1, math.ceil(period / STEP))
         """Steps of the search in each tick."""
@@ -85,12 +90,26 @@ class StopDecision:
         self._began_at = -math.inf
 
     def rests(self, tick: Tick) -> bool:
-        """Whether the arm surely rests before contact, braking only after the next tick."""
-        braking = self._scheduler.arm.motion.braking
-        if not braking.covers(tick.v, tick.arm_age, self._response_time):
+        """Whether the arm surely rests before contact, braking only after the next tick.
+
+        What an arm can do that is told to stop in one of the next ticks is proved first: that
+        holds for each of them, so that most ticks find all obstacles proved already.
+        """
+        scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
+        q, v, age, response_time = tick.q, tick.v, tick.arm_age, self._response_time
+        if not braking.covers(v, age, response_time):
             return False
-        table = braking.tabulate(tick.q, tick.v, tick.arm_age, self._response_time)
-        return self._is_free(tick, float(table.time[-1]))
+        if scheduler.is_stop_proved(tick):
+            return True
+        if self._proving > 0.0 and braking.covers(v, age, response_time + self._proving):
+            left = self.left
+            table = braking.tabulate(q, v, age, response_time + self._proving)
+            if self._is_free(tick, float(table.time[-1]), self._proving):
+                return True
+            # What this left over is asked again, of a STOP in this tick alone.
+            self.left = left
+        table = braking.tabulate(q, v, age, response_time)
+        return self._is_free(tick, float(table.time[-1]), 0.0)
 
     @property
     def braking_delay(self) -> float:
@@ -168,8 +187,8 @@ class StopDecision:
         )
         return self._is_free(tick, float(table.time[-1]))
 
-    def _is_free(self, tick: Tick, stop_time: float) -> bool:
-        unsafe = self._scheduler.find_unsafe(tick, stop_time)
+    def _is_free(self, tick: Tick, stop_time: float, lasting: float = -1.0) -> bool:
+        unsafe = self._scheduler.find_unsafe(tick, stop_time, lasting=lasting)
         self.evaluated += unsafe.evaluated
         self.left = max(self.left, unsafe.left)
         return unsafe.pair == NOBODY

@@ -41,6 +41,11 @@ class Certificates(NamedTuple):
     """Sphere that decided each pair. Shape (rows, links)."""
     pair_bound: NDArray[np.int8]
     """What that rests on, an index of `BOUND_NAMES`. Shape (rows, links)."""
+    rests_until: FloatArray
+    """Until when a STOP is in time as far as the row is concerned, in [s] since the epoch: whenever
+    the arm is told to stop up to then, it rests before it touches the row. Shape (rows,)."""
+    rests_revision: IntArray
+    """The row's revision that this was proved with. Shape (rows,)."""
     broken: IntArray
     """Rows whose changes broke the bounds behind their certificates. Shape (rows,)."""
     numbers: IntArray
@@ -60,6 +65,8 @@ def make_certificates(links: int) -> Certificates:
             np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_), np.zeros(1, dtype=np.int64)
         ),
         **_make_rows(0, links),
+        rests_until=np.zeros(0),
+        rests_revision=np.zeros(0, dtype=np.int64),
         broken=np.zeros(0, dtype=np.int64),
         numbers=np.array([0, -1, 0, 0, 0, 0]),
     )
@@ -95,6 +102,8 @@ def grow_certificates(
         reference_states=reference_states,
         news=news,
         **grown,
+        rests_until=extend_rows(certificates.rests_until, rows),
+        rests_revision=extend_rows(certificates.rests_revision, rows),
         broken=extend_rows(certificates.broken, rows),
     )
 
@@ -104,6 +113,7 @@ def invalidate(certificates: Certificates, row: int) -> None:
     """Invalidate all certificates of a row: it is to be evaluated at once."""
     for link in range(certificates.watched.shape[1]):
         certificates.pair_expiry[row, link] = -np.inf
+    certificates.rests_until[row] = -np.inf
     make_due(certificates.wheel, row, -np.inf)
     set_value(certificates.expiry_tree, row, -np.inf)
 

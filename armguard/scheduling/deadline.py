@@ -1,8 +1,8 @@
 """The scheduler that evaluates each obstacle in time, in one compiled call a tick.
 
-The schedule is `deadline`: each obstacle is due when it could matter to a stop, or when the answer
-about it would look stale. What it knows is in `certificates`; here arrays are made, grown and
-handed over.
+The schedule is `deadline`: each obstacle is due when the answer about it would look stale, or where
+no stop decision is made, when it could matter to a stop. What it knows is in `certificates`; here
+arrays are made, grown and handed over.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ from armguard.scheduling.deadline_kernels import (
     advance,
     evaluate_due,
     find_near,
+    find_unproved,
     find_unsafe,
 )
 from armguard.scheduling.scheduler import (
@@ -164,26 +165,27 @@ class DeadlineScheduler:
         all_invalid, self._all_invalid = self._all_invalid, False
         if all_invalid:
             invalidate_all(self._handle)
-        row, link, expiry, overdue, evaluated, disturbed = seen[5:]
+        row, link, expiry, overdue, evaluated, disturbed, ended = seen[5:]
         if row >= 0 and not (disturbed or all_invalid):
             # The usual tick is over already; a named tuple's own constructor takes twice as long.
             return tuple.__new__(
-                TickResult, (row * self._links + link, expiry, overdue, evaluated, (), False)
+                TickResult, (row * self._links + link, expiry, overdue, evaluated, (), False, ended)
             )
         if row == UNSEEN:
-            row, link, expiry, overdue, evaluated, disturbed = self._go_on(tick, 0)
+            row, link, expiry, overdue, evaluated, disturbed, ended = self._go_on(tick, 0)
         broken: tuple[int, ...] = ()
         if disturbed:
             # Read before the evaluations go on: by then no change is marked any more.
             broken = tuple(self.certificates.broken[: self.certificates.numbers[BROKEN]].tolist())
         if row == UNPLACED:
             self._place(tick)
-            row, link, expiry, overdue, evaluated, _ = self._go_on(tick, evaluated)
+            row, link, expiry, overdue, evaluated, _, ended = self._go_on(tick, evaluated)
         pair = NOBODY if row == NOBODY else row * self._links + link
-        return TickResult(pair, expiry, overdue, evaluated, broken, all_invalid or disturbed > 0)
+        disturbs = all_invalid or disturbed > 0
+        return TickResult(pair, expiry, overdue, evaluated, broken, disturbs, ended)
 
-    def _go_on(self, tick: Tick, spent: int) -> tuple[int, int, float, int, int, int]:
-        found: tuple[int, int, float, int, int, int] = self._evaluate_due(
+    def _go_on(self, tick: Tick, spent: int) -> tuple[int, int, float, int, int, int, int]:
+        found: tuple[int, int, float, int, int, int, int] = self._evaluate_due(
             self._tick_data,
             self._placed == tick.number,
             spent,
@@ -242,7 +244,14 @@ class DeadlineScheduler:
         price = certificates.numbers[SPENT] / max(certificates.numbers[EVALUATED_ROWS], 1)
         return rows_per_tick * float(price)
 
-    def find_unsafe(self, tick: Tick, stop_time: float, *, remembers: bool = True) -> Unsafe:
+    def is_stop_proved(self, tick: Tick) -> bool:
+        """Whether earlier ticks have proved already that a STOP in this one is in time."""
+        row: int = self._find_unproved(self._tick_data, tick.time, tick.stop_time, self._candidates)
+        return row == NOBODY
+
+    def find_unsafe(
+        self, tick: Tick, stop_time: float, *, remembers: bool = True, lasting: float = -1.0
+    ) -> Unsafe:
         """A pair that might touch before the arm rests, if there is one."""
         self._place(tick)
         row, link, spent, left = self._find_unsafe(
@@ -252,6 +261,7 @@ class DeadlineScheduler:
             tick.number,
             tick.arm_age,
             stop_time,
+            lasting,
             self._last_offender,
             self._budget,
             self._candidates,
@@ -339,7 +349,10 @@ class DeadlineScheduler:
         self._handle = pack(self.certificates)
         scene = self.arm.state.scene
         guard, record = self._states.guard, self._record
-        self._tick_data = pack(TickData(scene, self.certificates, guard, record, *self._pace))
+        decides = scene.settings.with_joints
+        self._tick_data = pack(
+            TickData(scene, self.certificates, guard, record, *self._pace, decides)
+        )
         self._bind()
 
     def _bind(self) -> None:
@@ -348,8 +361,9 @@ class DeadlineScheduler:
         self._advance = machine_code(advance, handle, 0.0, some, some, 0.0, 0.0, 0, True)
         self._evaluate_due = machine_code(evaluate_due, handle, True, 0, 0.0, 0.0, 0, 0.0, 0.0)
         self._find_unsafe = machine_code(
-            find_unsafe, handle, 0.0, 0.0, 0, 0.0, 0.0, 0, 0, self._candidates
+            find_unsafe, handle, 0.0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0, self._candidates
         )
+        self._find_unproved = machine_code(find_unproved, handle, 0.0, 0.0, self._candidates)
 
     def _compile(self) -> None:
         """Run every kernel once on nothing, so that none is compiled in a tick."""

@@ -8,8 +8,19 @@ each back for the time by which it could matter to a stop, or look stale.
 An evaluation starts with what the whole arm cannot leave; most obstacles are done with then.
 Otherwise links follow in the order of their imminence, so that most of them need no refinement.
 
-Two questions about what could be touched soon stand here as well: which obstacles those are, and
-whether the arm rests before. They are asked where a contact time alone would stop the arm.
+Questions about what could be touched soon stand here as well: which obstacles those are, and
+whether the arm rests before. They are asked where a contact time alone would stop the arm, and what
+is due depends on whether they are:
+
+- With a stop decision an obstacle is due when its answer would look stale, and its certificate's
+  end orders what waits. Nothing else is needed, for this holds in each tick that is no STOP: *each
+  watched pair has a certificate that outlasts the stop, or was proved to be out of the way of an
+  arm that is told to stop in this tick.* `find_unsafe` asks every pair without such a certificate,
+  whether it was ever evaluated or not, so neither a schedule nor a budget can open a gap; one whose
+  certificate has ended makes the contact time 0, and is overdue where that question is not asked,
+  or its answer is no.
+- Without one, a contact time within the stop is a STOP. So an obstacle is due by the time at which
+  it could matter to a stop as well, and overdue from then on.
 """
 
 from __future__ import annotations
@@ -33,6 +44,7 @@ from armguard.obstacles.reference_states import allows_reference_state, expire, 
 from armguard.obstacles.table import clear_changed_rows
 from armguard.pairs.contact_time import (
     RESTS,
+    TOUCHES,
     UNDECIDED,
     arm_reach_time,
     link_time,
@@ -74,7 +86,10 @@ LATEST = sys.float_info.max
 """Latest time that is asked for: what is not watched has no end, nor has what never comes near."""
 
 CROWD = 64
-"""Evaluations in a tick beyond which, once contact is certain, other obstacles wait."""
+"""Evaluations in a tick beyond which, once a STOP is certain, other obstacles wait."""
+
+MOST_DOUBTFUL = 2
+"""Rows whose rest cannot be proved for longer than a tick, until no more of them are asked."""
 
 
 @inlined_kernel
@@ -284,6 +299,8 @@ class TickData(NamedTuple):
     """Of ticks, in [s]."""
     budget: int
     """Evaluations in a tick after which nothing further is begun."""
+    decides: bool
+    """Whether a stop decision is asked where a contact time alone would stop the arm."""
 
 
 @inlined_kernel
@@ -323,11 +340,11 @@ def evaluate_due(
     tick: int,
     arm_age: float,
     refinement_threshold: float,
-) -> tuple[int, int, float, int, int, int]:
+) -> tuple[int, int, float, int, int, int, int]:
     """Evaluate what is due in a tick, as far as the budget goes.
 
-    Where contact is certain already, what still waits is not overdue: the arm stops in any case,
-    and goes on only when all of it has been evaluated.
+    Where a STOP is certain already, what still waits is not overdue: the arm stops in any case,
+    and goes on only when all of it has been evaluated, or the stop decision was made about it.
 
     Args:
         handle: On a `TickData`.
@@ -342,7 +359,8 @@ def evaluate_due(
     Returns:
         Row whose certificate ends first (NOBODY without any, UNPLACED where the arm must be placed
         before the evaluations can go on), its link, the end in [s] since the epoch, obstacles
-        overdue, evaluations, and rows that changes have overtaken.
+        overdue, evaluations, rows that changes have overtaken, and obstacles whose certificates
+        have ended, which are overdue unless the stop decision is made about them.
     """
     certificates = handle.content.certificates
     clock = tick_of(time, handle.content.period)
@@ -355,8 +373,8 @@ def evaluate_due(
             certificates.pair_expiry,
         )
         lost = count_lost(certificates.numbers, certificates.wheel.numbers)
-        return row, link, expiry, lost, spent_before, 0
-    found: tuple[int, int, float, int, int, int] = _evaluate_due(
+        return row, link, expiry, lost, spent_before, 0, 0
+    found: tuple[int, int, float, int, int, int, int] = _evaluate_due(
         handle, placed, spent_before, now, time, tick, arm_age, refinement_threshold
     )
     return found
@@ -372,7 +390,7 @@ def _evaluate_due(
     tick: int,
     arm_age: float,
     refinement_threshold: float,
-) -> tuple[int, int, float, int, int, int]:
+) -> tuple[int, int, float, int, int, int, int]:
     """`evaluate_due` where there is something to be done: all arrays are taken in hand.
 
     Invariant: a watched row either waits, with a deadline, or stands in a slot of the wheel.
@@ -385,7 +403,9 @@ def _evaluate_due(
         watching.guard.v,
     )
     braking_delay, max_staleness = watching.braking_delay, watching.max_staleness
-    period, budget = watching.period, watching.budget
+    period, budget, decides = watching.period, watching.budget, watching.decides
+    # With what could be touched sooner, a STOP is certain: before brakes bite, or another tick.
+    soonest = braking_delay if decides else period
     wheel = certificates.wheel
     # What has changed falls due now.
     overtaken = _read_changes(scene, certificates)
@@ -404,38 +424,42 @@ def _evaluate_due(
         evaluated += spent
         if math.isnan(contact_time):
             # The row still waits: the next call begins with it.
-            return UNPLACED, 0, 0.0, 0, evaluated, overtaken
+            return UNPLACED, 0, 0.0, 0, evaluated, overtaken, 0
         # Enter the evaluation and what it rests on.
         certificates.evaluated_at[row] = time
         certificates.numbers[EVALUATED_ROWS] += 1
         certificates.numbers[SPENT] += spent
         keep_reference_state(scene.bodies, certificates.reference_states, scene.marks, row, row)
-        # Back into the wheel, for when the row could matter to a stop or its answer look stale.
-        spare = time_to_spare(scene, v, contact_time, arm_age, braking_delay)
-        if not is_known(scene.marks, row):
-            spare = 0.0
-        wait = min(spare, max_staleness * contact_time)
-        certain = certain or contact_time <= period
+        # Back into the wheel, for when its answer would look stale, or the row matter to a stop.
+        wait, deadline = max_staleness * contact_time, expire(time, contact_time)
+        if not decides:
+            spare = time_to_spare(scene, v, contact_time, arm_age, braking_delay)
+            if not is_known(scene.marks, row):
+                spare = 0.0
+            wait, deadline = min(spare, wait), time + spare
+        certain = certain or contact_time <= soonest
         due = clock + (int(min(wait / period, 1e9)) if wait > 0.0 else 0)
-        put_off(wheel, row, due, time + spare)
+        put_off(wheel, row, due, deadline)
     if certificates.numbers[EVALUATED_ROWS] > RECENT:
         certificates.numbers[EVALUATED_ROWS] //= 2
         certificates.numbers[SPENT] //= 2
     # What still waits is late: overdue where its deadline has passed, else merely stale.
-    overdue = 0
+    late = 0
     for place in range(wheel.numbers[WAITING]):
-        if not wheel.deadline[wheel.heap[place]] < time:
+        deadline = wheel.deadline[wheel.heap[place]]
+        passed = not deadline > time if decides else deadline < time
+        if decides or not passed:
             certificates.numbers[STALE] += 1
-        elif not certain:
-            overdue += 1
-    overdue += count_lost(certificates.numbers, wheel.numbers)
+        if passed and not certain:
+            late += 1
+    overdue = count_lost(certificates.numbers, wheel.numbers) + (0 if decides else late)
     row, link, expiry = _find_first(
         certificates.numbers,
         certificates.expiry_tree,
         certificates.watched,
         certificates.pair_expiry,
     )
-    return row, link, expiry, overdue, evaluated, overtaken
+    return row, link, expiry, overdue, evaluated, overtaken, late if decides else 0
 
 
 @kernel
@@ -448,7 +472,7 @@ def advance(
     epoch: float,
     number: int,
     may_evaluate: bool,
-) -> tuple[int, int, float, float, float, int, int, float, int, int, int]:
+) -> tuple[int, int, float, float, float, int, int, float, int, int, int, int]:
     """Accept a joint state if there is nothing to be said against it, and evaluate what is due.
 
     Args:
@@ -471,11 +495,11 @@ def advance(
         if not keeps_operating_limits(handle.content.operating, stamp, guard.q, guard.v):
             found |= UNKEPT
     if found != BELIEVED or not may_evaluate:
-        return found, joint, stop_time, late_stop_time, 0.0, UNSEEN, 0, 0.0, 0, 0, 0
+        return found, joint, stop_time, late_stop_time, 0.0, UNSEEN, 0, 0.0, 0, 0, 0, 0
     refinement_threshold = (stop_time + handle.content.aware_margin) / (
         1.0 - handle.content.max_staleness
     )
-    row, link, expiry, overdue, evaluated, overtaken = evaluate_due(
+    row, link, expiry, overdue, evaluated, overtaken, ended = evaluate_due(
         handle, False, 0, now, now - epoch, number, now - stamp, refinement_threshold
     )
     return (
@@ -490,7 +514,31 @@ def advance(
         overdue,
         evaluated,
         overtaken,
+        ended,
     )
+
+
+@inlined_kernel
+def _is_proved(scene: Scene, certificates: Certificates, row: int, time: float) -> bool:
+    """Whether an earlier tick has proved that a STOP in this one is in time for a row.
+
+    That was for the very states that are known of it now: with any news it is asked again.
+    """
+    return (
+        time <= certificates.rests_until[row]
+        and certificates.rests_revision[row] == scene.marks.revision[row]
+        and not scene.marks.refused[row]
+    )
+
+
+@inlined_kernel
+def _outlasts(
+    scene: Scene, link: int, row: int, now: float, arm_age: float, stop_time: float
+) -> tuple[bool, int]:
+    """Whether a pair cannot touch within the stop, by a fresh evaluation; and what that took."""
+    lower_bound, evaluations = arm_reach_time(scene, row, now)
+    found, _, _, spent = pair_time(scene, link, row, now, arm_age, lower_bound, stop_time, np.inf)
+    return found > stop_time, evaluations + spent
 
 
 @kernel
@@ -501,6 +549,7 @@ def find_unsafe(
     tick: int,
     arm_age: float,
     stop_time: float,
+    lasting: float,
     last_offender: int,
     budget: int,
     rows: IntArray,
@@ -508,7 +557,12 @@ def find_unsafe(
     """The first pair that might touch before the arm rests, by the scene's table of braking.
 
     Only what could be touched within `stop_time` is evaluated. Where the budget is spent, the
-    obstacle at hand counts as unsafe.
+    obstacle at hand counts as unsafe. A pair of which the table does not prove that the arm rests
+    is evaluated afresh, unless it was in this tick: its certificate may only have grown stale.
+
+    A table whose brakes may bite at any time up to so much later proves as much of an arm that is
+    told to stop that much later: it does then what that table allows for. The proof is kept by
+    row. It covers the links that were not asked as well: their certificates outlast the table.
 
     Args:
         handle: On a `TickData`.
@@ -517,6 +571,9 @@ def find_unsafe(
         tick: Number of the tick.
         arm_age: Age of the joint state, in [s].
         stop_time: When the table of braking ends, in [s].
+        lasting: By how much later than in this tick the arm may be told to stop, as far as the
+            table is concerned, in [s]. What was proved earlier of a STOP in this tick is not asked
+            again; -1 if the table is of something else, and no proof of a STOP answers it.
         last_offender: Row to decide about first if it is as near: what was unsafe lately likely is
             again.
         budget: Evaluations that may be spent.
@@ -536,17 +593,61 @@ def find_unsafe(
     for i in range(count):
         if rows[i] == last_offender:
             rows[0], rows[i] = rows[i], rows[0]
-    evaluations = 0
+    evaluations = doubtful = 0
+    first_row, first_link_of_row = NOBODY, NOBODY
+    # Invariant: rows before the present one are out of the way of a stop, but for doubtful ones.
     for i in range(count):
         row = rows[i]
+        if lasting >= 0.0 and _is_proved(scene, certificates, row, time):
+            continue
+        rests = True
         for link in range(certificates.watched.shape[1]):
             if not certificates.watched[row, link] or certificates.pair_expiry[row, link] > latest:
                 continue
             answer, spent = rests_in_time(scene, link, row, now, budget - evaluations)
             evaluations += spent
-            if answer != RESTS:
-                return row, link, evaluations, count - i if answer == UNDECIDED else 0
-    return NOBODY, NOBODY, evaluations, 0
+            if answer == RESTS:
+                continue
+            is_stale = certificates.evaluated_at[row] != time and is_known(scene.marks, row)
+            if answer == TOUCHES and is_stale and not lasting > 0.0:
+                outlasts, spent = _outlasts(scene, link, row, now, arm_age, stop_time)
+                evaluations += spent
+                if outlasts:
+                    continue
+            rests = False
+            doubtful += 1
+            if first_row == NOBODY:
+                first_row, first_link_of_row = row, link
+            if answer == UNDECIDED or not lasting > 0.0 or doubtful > MOST_DOUBTFUL:
+                left = count - i if answer == UNDECIDED else 0
+                return first_row, first_link_of_row, evaluations, left
+            # It is asked again by itself, by a table of this tick alone: on to the others.
+            break
+        if rests and lasting > 0.0 and not scene.marks.refused[row]:
+            certificates.rests_until[row] = expire(time, lasting)
+            certificates.rests_revision[row] = scene.marks.revision[row]
+    return first_row, first_link_of_row, evaluations, 0
+
+
+@kernel
+def find_unproved(handle: Any, time: float, stop_time: float, rows: IntArray) -> int:
+    """A row that could be touched within the stop, unless a proof of an earlier tick covers it.
+
+    Args:
+        handle: On a `TickData`.
+        time: Of the tick, in [s] since the epoch.
+        stop_time: In which the arm surely rests that is told to stop in this tick, in [s].
+        rows: Room to work in, for all rows of the obstacle table.
+
+    Returns:
+        The first such row; NOBODY where a STOP in this tick is in time for certain.
+    """
+    scene, certificates = handle.content.scene, handle.content.certificates
+    count = find_below(certificates.expiry_tree, min(time + stop_time, LATEST), rows)
+    for i in range(count):
+        if not _is_proved(scene, certificates, rows[i], time):
+            return rows[i]
+    return NOBODY
 
 
 @kernel
