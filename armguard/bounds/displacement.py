@@ -181,7 +181,7 @@ def _find_stops(
 ) -> tuple[Stop, Stop]:
     """How a joint slows down to its pace, and how it stops then: the same at all times.
 
-    Each is the entry for the greatest velocity that `_settle` finds for its beginning.
+    Each is the entry for the greatest velocity that `_ease_off` finds for its beginning.
     """
     reached = operating_velocity(velocity, accel, speeding, top, free)
     if free > below:
@@ -195,13 +195,12 @@ def _find_stops(
 
 
 @kernel
-def _settle(
+def _ease_off(
     velocity: float,
     accel: float,
     speeding: float,
     top: float,
     easing: Stop,
-    braking: Stop,
     highest: float,
     room_below: float,
     below: float,
@@ -209,33 +208,28 @@ def _settle(
     going_on: float,
     pace: float,
     s: float,
-) -> float:
-    """`rise` of a joint that eases from `free` seconds after the stamp on, and then brakes."""
+) -> tuple[float, float]:
+    """`rise` of a joint that eases from `free` seconds after the stamp on; its velocity then.
+
+    Of a time `s` from then until it has gone on for `going_on` seconds.
+    """
     # Free: from the stamp until `free`.
-    displacement = rise(velocity, accel, speeding, top, room_below, below, min(s, free))
-    if s > free:
-        # Easing: for `going_on` seconds, from the greatest velocity that it can have reached.
-        reached = operating_velocity(velocity, accel, speeding, top, free)
-        if free > below:
-            reached = max(reached, min(top, accel * (free - below)))
-            # What a stop has thrown back still speeds up as hard.
-            speeding = accel
-        eased, left = _ease(reached, accel, speeding, easing, pace, min(s - free, going_on))
-        displacement = min(displacement, highest) + eased
-        if free < below < s:
-            # It may have come to rest at its stop meanwhile, and come back from there.
-            back = min(s, free + going_on) - below
-            if back > 0.0:
-                displacement = max(
-                    displacement, free_displacement(0.0, accel, pace, back) - room_below
-                )
-                left = max(left, min(pace, accel * back))
-        if s > free + going_on:
-            # Braking: until it rests, from the greatest velocity that easing has left it.
-            braked = brake(left, accel, braking, s - free - going_on)
-            displacement = min(displacement, highest) + braked
-    # One that stops at its limit below gets no further down, however fast it was.
-    return max(displacement, -max(room_below, 0.0))
+    displacement = rise(velocity, accel, speeding, top, room_below, below, free)
+    # Easing: for `going_on` seconds, from the greatest velocity that it can have reached.
+    reached = operating_velocity(velocity, accel, speeding, top, free)
+    if free > below:
+        reached = max(reached, min(top, accel * (free - below)))
+        # What a stop has thrown back still speeds up as hard.
+        speeding = accel
+    eased, left = _ease(reached, accel, speeding, easing, pace, min(s - free, going_on))
+    displacement = min(displacement, highest) + eased
+    if free < below < s:
+        # It may have come to rest at its stop meanwhile, and come back from there.
+        back = min(s, free + going_on) - below
+        if back > 0.0:
+            displacement = max(displacement, free_displacement(0.0, accel, pace, back) - room_below)
+            left = max(left, min(pace, accel * back))
+    return displacement, left
 
 
 @kernel
@@ -298,39 +292,36 @@ def fill_eased_displacements(
             down, accel, speeding, top, limits.brakes, j, above, free, going_on, pace
         )
         # Downwards is upwards mirrored: signs of positions and velocities change.
+        up_eased, up_left = _ease_off(
+            up, accel, speeding, top, up_easing, highest[j], room_below, below, free, going_on,
+            pace, free + going_on,
+        )  # fmt: skip
+        down_eased, down_left = _ease_off(
+            down, accel, speeding, top, down_easing, -lowest[j], room_above, above, free, going_on,
+            pace, free + going_on,
+        )  # fmt: skip
         for k in range(time.shape[0]):
             s = age + time[k]
             if s <= free:
                 high[k, j] = rise(up, accel, speeding, top, room_below, below, s)
                 low[k, j] = -rise(down, accel, speeding, top, room_above, above, s)
+            elif s > free + going_on:
+                # Where braking begins, and how fast, is the same for all that follows.
+                braked = brake(up_left, accel, up_braking, s - free - going_on)
+                settled = min(up_eased, highest[j]) + braked
+                high[k, j] = max(settled, -max(room_below, 0.0))
+                braked = brake(down_left, accel, down_braking, s - free - going_on)
+                settled = min(down_eased, -lowest[j]) + braked
+                low[k, j] = -max(settled, -max(room_above, 0.0))
             else:
-                high[k, j] = _settle(
-                    up,
-                    accel,
-                    speeding,
-                    top,
-                    up_easing,
-                    up_braking,
-                    highest[j],
-                    room_below,
-                    below,
-                    free,
-                    going_on,
-                    pace,
-                    s,
-                )
-                low[k, j] = -_settle(
-                    down,
-                    accel,
-                    speeding,
-                    top,
-                    down_easing,
-                    down_braking,
-                    -lowest[j],
-                    room_above,
-                    above,
-                    free,
-                    going_on,
-                    pace,
-                    s,
-                )
+                # One that stops at its limit below gets no further down, however fast it was.
+                settled, _ = _ease_off(
+                    up, accel, speeding, top, up_easing, highest[j], room_below, below, free,
+                    going_on, pace, s,
+                )  # fmt: skip
+                high[k, j] = max(settled, -max(room_below, 0.0))
+                settled, _ = _ease_off(
+                    down, accel, speeding, top, down_easing, -lowest[j], room_above, above, free,
+                    going_on, pace, s,
+                )  # fmt: skip
+                low[k, j] = -max(settled, -max(room_above, 0.0))

@@ -22,7 +22,7 @@ keeps to a scale for some more, in [s], and is told to stop then."""
 HALVINGS = 5
 """Of the interval in which the speed scale is sought."""
 
-PROVING = 8e-3
+PROVING = 10e-3
 """For how long the proof that a STOP is in time should last, [s]: longer is proved of less."""
 
 STEP, PAUSE = 1e-3, 10e-3

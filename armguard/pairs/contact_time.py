@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from armguard.bounds.table_time import table_contact_time
+from armguard.bounds.table_time import is_free_to_end, table_contact_time
 from armguard.contact.advancement import pair_distance_time, row_contact_time
 from armguard.jit.kernels import inlined_kernel, kernel
-from armguard.jit.numerics import TABLE_END_SLACK, TERM_ROUNDING
+from armguard.jit.numerics import TERM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.table import States
 from armguard.pairs.scene import DISTANCE, ISOTROPIC, JOINT, REACH, Scene
@@ -278,8 +278,7 @@ def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) ->
     """
     if not is_known(scene.marks, row):
         return TOUCHES, 0
-    marks, tree, table = scene.marks, scene.tree, scene.braking
-    rest = table.time[table.time.shape[0] - 1] * (1.0 - TABLE_END_SLACK)
+    marks, tree = scene.marks, scene.tree
     evaluations = 0
     for number in possible_states(marks, row):
         bodies, place, age = state_at(scene.bodies, scene.refused, marks, row, number, now)
@@ -289,14 +288,14 @@ def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) ->
             if not evaluations < budget:
                 return UNDECIDED, evaluations
             evaluations += 1
-            reached = table_contact_time(
+            is_free = is_free_to_end(
                 scene.arm.centers[node, 0], scene.arm.centers[node, 1], scene.arm.centers[node, 2],
                 scene.placement.jacobian, scene.arm.lever[node], scene.arm.slope_error[node],
-                table, bodies.points[place], bodies.velocities[place], bodies.point_count[place],
-                bodies.accel[place], bodies.speed[place], bodies.velocity_error[place], age,
-                contact_distance(scene, node, bodies, place), 0.0, np.inf,
+                scene.braking, bodies.points[place], bodies.velocities[place],
+                bodies.point_count[place], bodies.accel[place], bodies.speed[place],
+                bodies.velocity_error[place], age, contact_distance(scene, node, bodies, place),
             )  # fmt: skip
-            if reached >= rest:
+            if is_free:
                 node = tree.skip[node]
             elif tree.first_child[node] >= 0:
                 node = tree.first_child[node]
