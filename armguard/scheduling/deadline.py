@@ -156,7 +156,7 @@ class DeadlineScheduler:
         """Accept a joint state, and evaluate what is due if nothing else needs to be done."""
         may_evaluate = may_evaluate and not (self._all_invalid or self._isotropic.is_widened)
         seen: AdvanceResult = self._advance(
-            self._tick_data, stamp, q, v, now, epoch, number, may_evaluate
+            self._tick_data, self.arm.state.handle, stamp, q, v, now, epoch, number, may_evaluate
         )
         return seen
 
@@ -187,6 +187,7 @@ class DeadlineScheduler:
     def _go_on(self, tick: Tick, spent: int) -> tuple[int, int, float, int, int, int, int]:
         found: tuple[int, int, float, int, int, int, int] = self._evaluate_due(
             self._tick_data,
+            self.arm.state.handle,
             self._placed == tick.number,
             spent,
             tick.now,
@@ -256,6 +257,7 @@ class DeadlineScheduler:
         self._place(tick)
         row, link, spent, left = self._find_unsafe(
             self._tick_data,
+            self.arm.state.handle,
             tick.now,
             tick.time,
             tick.number,
@@ -357,11 +359,14 @@ class DeadlineScheduler:
 
     def _bind(self) -> None:
         """Have compiled what a tick runs, for the arrays that there are now."""
-        handle, some = self._tick_data, np.zeros((len(self._states.q), 2))[:, 0]
-        self._advance = machine_code(advance, handle, 0.0, some, some, 0.0, 0.0, 0, True)
-        self._evaluate_due = machine_code(evaluate_due, handle, True, 0, 0.0, 0.0, 0, 0.0, 0.0)
+        handle, scene = self._tick_data, self.arm.state.handle
+        some = np.zeros((len(self._states.q), 2))[:, 0]
+        self._advance = machine_code(advance, handle, scene, 0.0, some, some, 0.0, 0.0, 0, True)
+        self._evaluate_due = machine_code(
+            evaluate_due, handle, scene, True, 0, 0.0, 0.0, 0, 0.0, 0.0
+        )
         self._find_unsafe = machine_code(
-            find_unsafe, handle, 0.0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0, self._candidates
+            find_unsafe, handle, scene, 0.0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0, self._candidates
         )
         self._find_unproved = machine_code(find_unproved, handle, 0.0, 0.0, self._candidates)
 

@@ -117,6 +117,7 @@ def _read_changes(scene: Scene, certificates: Certificates) -> int:
 @inlined_kernel
 def _evaluate_links(
     scene: Scene,
+    scene_handle: Any,
     certificates: Certificates,
     row: int,
     now: float,
@@ -136,7 +137,7 @@ def _evaluate_links(
             if not certificates.watched[row, each]:
                 continue
             found, node, bound, spent = pair_time(
-                scene, each, row, now, arm_age, lower_bound, refinement_threshold, best
+                scene_handle, each, row, now, arm_age, lower_bound, refinement_threshold, best
             )
             evaluations += spent
             best = min(best, found)
@@ -166,10 +167,10 @@ def _evaluate_links(
         scene.link_time[link] = -1.0
         if found < best and found < refinement_threshold:
             found, node, bound, spent = link_time(
-                scene,
+                scene_handle,
                 link,
                 row,
-                scene.bodies,
+                False,
                 arm_age,
                 age,
                 found,
@@ -188,6 +189,7 @@ def _evaluate_links(
 @inlined_kernel
 def _evaluate_obstacle(
     scene: Scene,
+    scene_handle: Any,
     certificates: Certificates,
     row: int,
     q: FloatArray,
@@ -215,7 +217,15 @@ def _evaluate_obstacle(
                 prepare_arm(scene, q, v, arm_age)
                 certificates.numbers[PREPARED] = tick
             best, spent = _evaluate_links(
-                scene, certificates, row, now, time, arm_age, refinement_threshold, best
+                scene,
+                scene_handle,
+                certificates,
+                row,
+                now,
+                time,
+                arm_age,
+                refinement_threshold,
+                best,
             )
             set_value(certificates.expiry_tree, row, expire(time, best))
             return best, evaluations + spent
@@ -333,6 +343,7 @@ def _find_first(
 @kernel
 def evaluate_due(
     handle: Any,
+    scene_handle: Any,
     placed: bool,
     spent_before: int,
     now: float,
@@ -348,6 +359,7 @@ def evaluate_due(
 
     Args:
         handle: On a `TickData`.
+        scene_handle: On its scene.
         placed: Whether Pinocchio has placed the arm for this tick.
         spent_before: Evaluations of this tick before the arm was placed.
         now: Time of the tick on the obstacles' clock, in [s].
@@ -375,7 +387,7 @@ def evaluate_due(
         lost = count_lost(certificates.numbers, certificates.wheel.numbers)
         return row, link, expiry, lost, spent_before, 0, 0
     found: tuple[int, int, float, int, int, int, int] = _evaluate_due(
-        handle, placed, spent_before, now, time, tick, arm_age, refinement_threshold
+        handle, scene_handle, placed, spent_before, now, time, tick, arm_age, refinement_threshold
     )
     return found
 
@@ -383,6 +395,7 @@ def evaluate_due(
 @kernel
 def _evaluate_due(
     handle: Any,
+    scene_handle: Any,
     placed: bool,
     spent_before: int,
     now: float,
@@ -419,7 +432,18 @@ def _evaluate_due(
         if row == NOBODY:
             break
         contact_time, spent = _evaluate_obstacle(
-            scene, certificates, row, q, v, placed, now, time, tick, arm_age, refinement_threshold
+            scene,
+            scene_handle,
+            certificates,
+            row,
+            q,
+            v,
+            placed,
+            now,
+            time,
+            tick,
+            arm_age,
+            refinement_threshold,
         )
         evaluated += spent
         if math.isnan(contact_time):
@@ -465,6 +489,7 @@ def _evaluate_due(
 @kernel
 def advance(
     handle: Any,
+    scene_handle: Any,
     stamp: float,
     q: FloatArray,
     v: FloatArray,
@@ -477,6 +502,7 @@ def advance(
 
     Args:
         handle: On a `TickData`.
+        scene_handle: On its scene.
         stamp: When the state was measured, in [s].
         q: Joint positions, [rad] or [m]; any strides. Shape (nv,).
         v: Joint velocities, [rad/s] or [m/s]; any strides. Shape (nv,).
@@ -500,7 +526,7 @@ def advance(
         1.0 - handle.content.max_staleness
     )
     row, link, expiry, overdue, evaluated, overtaken, ended = evaluate_due(
-        handle, False, 0, now, now - epoch, number, now - stamp, refinement_threshold
+        handle, scene_handle, False, 0, now, now - epoch, number, now - stamp, refinement_threshold
     )
     return (
         found,
@@ -533,17 +559,26 @@ def _is_proved(scene: Scene, certificates: Certificates, row: int, time: float) 
 
 @inlined_kernel
 def _outlasts(
-    scene: Scene, link: int, row: int, now: float, arm_age: float, stop_time: float
+    scene: Scene,
+    scene_handle: Any,
+    link: int,
+    row: int,
+    now: float,
+    arm_age: float,
+    stop_time: float,
 ) -> tuple[bool, int]:
     """Whether a pair cannot touch within the stop, by a fresh evaluation; and what that took."""
     lower_bound, evaluations = arm_reach_time(scene, row, now)
-    found, _, _, spent = pair_time(scene, link, row, now, arm_age, lower_bound, stop_time, np.inf)
+    found, _, _, spent = pair_time(
+        scene_handle, link, row, now, arm_age, lower_bound, stop_time, np.inf
+    )
     return found > stop_time, evaluations + spent
 
 
 @kernel
 def find_unsafe(
     handle: Any,
+    scene_handle: Any,
     now: float,
     time: float,
     tick: int,
@@ -566,6 +601,7 @@ def find_unsafe(
 
     Args:
         handle: On a `TickData`.
+        scene_handle: On its scene.
         now: Time of the tick on the obstacles' clock, in [s].
         time: The same since the monitor's epoch.
         tick: Number of the tick.
@@ -604,13 +640,13 @@ def find_unsafe(
         for link in range(certificates.watched.shape[1]):
             if not certificates.watched[row, link] or certificates.pair_expiry[row, link] > latest:
                 continue
-            answer, spent = rests_in_time(scene, link, row, now, budget - evaluations)
+            answer, spent = rests_in_time(scene_handle, link, row, now, budget - evaluations)
             evaluations += spent
             if answer == RESTS:
                 continue
             is_stale = certificates.evaluated_at[row] != time and is_known(scene.marks, row)
             if answer == TOUCHES and is_stale and not lasting > 0.0:
-                outlasts, spent = _outlasts(scene, link, row, now, arm_age, stop_time)
+                outlasts, spent = _outlasts(scene, scene_handle, link, row, now, arm_age, stop_time)
                 evaluations += spent
                 if outlasts:
                     continue
