@@ -167,6 +167,10 @@ class Judge:
             reasons.append(Reason(ReasonKind.CONTACT, f"{names[0]} and {names[1]}", detail))
         if held:
             reasons.append(Reason(ReasonKind.HOLD))
+        waiting = self._scheduler.waiting if level is Level.STOP and complete else 0
+        if waiting:
+            some = "1 obstacle waits" if waiting == 1 else f"{waiting} obstacles wait"
+            reasons.append(Reason(ReasonKind.CROWD, detail=f"{some}: a STOP is certain anyway"))
         scale = self._find_scale(tick, level, contact_time, is_proved=is_proved)
         evaluated = result.evaluated
         if path is not None:

@@ -54,7 +54,7 @@ from armguard.scheduling.scheduler import (
     TickResult,
     Unsafe,
 )
-from armguard.scheduling.timing_wheel import NOBODY, SLOTS
+from armguard.scheduling.timing_wheel import NOBODY, SLOTS, WAITING
 
 UNLIMITED = 2**62
 """A budget that nothing exceeds."""
@@ -109,6 +109,11 @@ class DeadlineScheduler:
     def stale_evaluations(self) -> int:
         """How many evaluations so far came later than max_staleness asked for."""
         return int(self.certificates.numbers[STALE])
+
+    @property
+    def waiting(self) -> int:
+        """Obstacles that were due in the last tick and still wait."""
+        return int(self.certificates.wheel.numbers[WAITING])
 
     def follow(self) -> None:
         """Take in what was attached to the robot, and obstacles that came or went."""
@@ -270,9 +275,10 @@ class DeadlineScheduler:
         )
         if row == NOBODY:
             return Unsafe(NOBODY, spent, 0)
+        pair = row * self._links + link
         if remembers:
-            self._last_offender = row
-        return Unsafe(row * self._links + link, spent, left)
+            self._last_offender = pair
+        return Unsafe(pair, spent, left)
 
     def recall(self, pair: int) -> PairResult:
         """What is known of one pair."""

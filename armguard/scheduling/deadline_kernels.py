@@ -63,6 +63,7 @@ from armguard.scheduling.certificates import (
     SPENT,
     STALE,
     UNPLACED,
+    UNSAFE,
     UNSEEN,
     Certificates,
     first_link,
@@ -419,6 +420,9 @@ def _evaluate_due(
     period, budget, decides = watching.period, watching.budget, watching.decides
     # With what could be touched sooner, a STOP is certain: before brakes bite, or another tick.
     soonest = braking_delay if decides else period
+    # After a STOP by its decision another one is to be expected. What waits for that is not
+    # overlooked: the decision asks for every pair that has no certificate for long enough.
+    expects_stop = decides and tick - 1 <= certificates.numbers[UNSAFE] <= tick
     wheel = certificates.wheel
     # What has changed falls due now.
     overtaken = _read_changes(scene, certificates)
@@ -426,7 +430,7 @@ def _evaluate_due(
     turn(wheel, clock)
     # The most urgent row first, until nothing waits or the budget is spent.
     evaluated = spent_before
-    certain = False
+    certain = expects_stop
     while evaluated < budget and not (certain and evaluated > CROWD):
         row = most_urgent(wheel)
         if row == NOBODY:
@@ -610,8 +614,8 @@ def find_unsafe(
         lasting: By how much later than in this tick the arm may be told to stop, as far as the
             table is concerned, in [s]. What was proved earlier of a STOP in this tick is not asked
             again; -1 if the table is of something else, and no proof of a STOP answers it.
-        last_offender: Row to decide about first if it is as near: what was unsafe lately likely is
-            again.
+        last_offender: Pair to decide about first if it is as near, row × links + link: what was
+            unsafe lately likely is again.
         budget: Evaluations that may be spent.
         rows: Room to work in, for all rows of the obstacle table.
 
@@ -626,8 +630,10 @@ def find_unsafe(
     latest = time + stop_time
     count = find_below(certificates.expiry_tree, min(latest, LATEST), rows)
     # The last offender first: one unsafe pair is answer enough.
+    links = certificates.watched.shape[1]
+    offending_row, offending_link = last_offender // links, last_offender % links
     for i in range(count):
-        if rows[i] == last_offender:
+        if rows[i] == offending_row:
             rows[0], rows[i] = rows[i], rows[0]
     evaluations = doubtful = 0
     first_row, first_link_of_row = NOBODY, NOBODY
@@ -637,7 +643,11 @@ def find_unsafe(
         if lasting >= 0.0 and _is_proved(scene, certificates, row, time):
             continue
         rests = True
-        for link in range(certificates.watched.shape[1]):
+        for number in range(links):
+            link = number
+            if row == offending_row:
+                # The others after it, in their order.
+                link = (offending_link + number) % links
             if not certificates.watched[row, link] or certificates.pair_expiry[row, link] > latest:
                 continue
             answer, spent = rests_in_time(scene_handle, link, row, now, budget - evaluations)
@@ -656,6 +666,8 @@ def find_unsafe(
                 first_row, first_link_of_row = row, link
             if answer == UNDECIDED or not lasting > 0.0 or doubtful > MOST_DOUBTFUL:
                 left = count - i if answer == UNDECIDED else 0
+                if lasting == 0.0 and answer == TOUCHES:
+                    certificates.numbers[UNSAFE] = tick
                 return first_row, first_link_of_row, evaluations, left
             # It is asked again by itself, by a table of this tick alone: on to the others.
             break

@@ -65,6 +65,11 @@ class PairScheduler:
         self._operating = operating
         self._prepare()
 
+    @property
+    def waiting(self) -> int:
+        """Obstacles that were due in the last tick and still wait: none ever does."""
+        return 0
+
     def follow(self) -> None:
         """Take in what was attached to the robot, and obstacles that came or went.
 

@@ -127,6 +127,11 @@ class Scheduler(Protocol):
 
     arm: WatchedArm
 
+    @property
+    def waiting(self) -> int:
+        """How many obstacles were due in the last tick and still wait, as a STOP was certain."""
+        ...
+
     def follow(self) -> None:
         """Take in what was attached to the robot, and obstacles that came or went.
 
