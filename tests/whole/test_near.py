@@ -119,7 +119,7 @@ def test_every_pair_is_accounted_for_in_each_tick_that_is_no_stop(seed):
 
 def test_what_is_proved_of_stops_ends_with_any_news():
     obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
-    places = [[1.0, 0.2, 0.5], [-1.0, 0.2, 0.5]]
+    places = [[0.72, 0.2, 0.5], [0.72, -0.2, 0.5]]
 
     def tell(now):
         see(obstacles, now, places, ["near", "other"], velocity=np.zeros((2, 3)))
@@ -175,7 +175,7 @@ def test_a_stop_is_proved_by_far_fewer_questions_than_ticks(monkeypatch):
 def test_five_thousand_within_the_stopping_distance_are_a_stop_at_a_bounded_price():
     random = np.random.default_rng(4)
     way = random.normal(size=(5000, 3))
-    places = 0.75 * way / np.linalg.norm(way, axis=1)[:, None] + (0.0, 0.0, 0.4)
+    places = 0.64 * way / np.linalg.norm(way, axis=1)[:, None] + (0.0, 0.0, 0.4)
     obstacles, monitor = make_monitor(source_timeout=10.0)
     names = [f"body {k}" for k in range(5000)]
     see(obstacles, 0.0, places, names, radius=0.02, velocity=np.zeros((5000, 3)))
