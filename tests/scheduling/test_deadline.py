@@ -29,7 +29,7 @@ NEAR = [0.9, 0.3, 0.5]
 @pytest.mark.parametrize(
     ("seed", "count", "pair_ticks", "settings"),
     [
-        (1, 40, 6e5, {}),
+        (4, 40, 6e5, {}),
         (2, 30, 4e5, {"max_staleness": 0.9}),
         (3, 30, 4e5, {"rate": 250.0, "latency": 0.004}),
         (5, 20, 4e5, {"budget": 300}),
