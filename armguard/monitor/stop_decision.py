@@ -97,10 +97,10 @@ class StopDecision:
         """
         scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
         q, v, age, response_time = tick.q, tick.v, tick.arm_age, self._response_time
-        if scheduler.is_stop_proved(tick):
-            return True
         if not braking.covers(v, age, response_time):
             return False
+        if scheduler.is_stop_proved(tick):
+            return True
         if self._proving > 0.0 and braking.covers(v, age, response_time + self._proving):
             left = self.left
             table = braking.tabulate(q, v, age, response_time + self._proving)
