@@ -19,7 +19,7 @@ def draw_configurations(robot, count, random):
     return random.uniform(lower, upper, (count, len(lower)))
 
 
-@pytest.mark.parametrize("name", ["panda", "tiago", "ur10"])
+@pytest.mark.parametrize("name", ["panda", "tiago", "ur5"])
 @pytest.mark.parametrize("base", [None, ASIDE], ids=["origin", "aside"])
 def test_places_are_those_of_pinocchio(name, base):
     robot, random = load_arm(name), np.random.default_rng(0)
