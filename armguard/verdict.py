@@ -58,6 +58,7 @@ class ReasonKind(enum.Enum):
     PLAN_VOID = ("plan not followed any more", Effect.NOTE)
     PIECE_UNSAFE = ("committed piece not safe any more", Effect.STANDING)
     BUDGET_SPENT = ("budget spent before the stop decision was made", Effect.NOTE)
+    CROWD = ("more is near than was evaluated", Effect.NOTE)
     OBSTACLE_REFUSED = ("obstacle refused", Effect.NOTE)
     BOUND_BROKEN = ("obstacle broke its bounds", Effect.NOTE)
     ERRORS_EXCEEDED = ("errors larger than stated", Effect.NOTE)
@@ -121,7 +122,8 @@ class Verdict(NamedTuple):
     obstacle: str | None
     """Obstacle of the deciding pair; None where `link` is."""
     complete: bool
-    """Whether a certificate in force stands behind every pair."""
+    """Whether a certificate in force stands behind every pair, or the stop decision was made about
+    it in this tick. Where a STOP is certain anyway, what is near may wait; a reason says so."""
     evaluated: int
     """Contact-time evaluations in this tick, sphere against obstacle."""
     reasons: tuple[Reason, ...]

@@ -8,6 +8,8 @@ elsewhere.
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 import pinocchio
@@ -15,11 +17,12 @@ import pinocchio
 from armguard.bounds.displacement import fill_displacements
 from armguard.bounds.joint import JointSpaceMotion
 from armguard.bounds.joint_table import JointTable, set_columns, set_span
-from armguard.bounds.limits import JointLimits, check_state
+from armguard.bounds.limits import JointLimits, check_state, find_flaw, refuse_flaw
 from armguard.bounds.model import check_duration
 from armguard.bounds.sums import sum_levers, sum_second_order
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
+from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.brakes import find_stop, rest_time
@@ -36,6 +39,13 @@ FREE_NODES = 4
 """Steps of the table before braking begins."""
 BRAKING_NODES = 28
 """Steps of the table from then until the arm rests."""
+
+
+class BrakingData(NamedTuple):
+    """What compiled code reads and fills when it tabulates a stop."""
+
+    limits: JointLimits
+    table: JointTable
 
 
 class BrakingMotion(JointSpaceMotion):
@@ -68,7 +78,11 @@ class BrakingMotion(JointSpaceMotion):
         super().__init__(robot, base_placement, lever=lever, operating=operating)
         self.reaction_time = check_duration("reaction_time", reaction_time)
         self.table = self._make_table(np.zeros(FREE_NODES + BRAKING_NODES + 1))
-        self._paced = np.empty(len(robot.joints))
+        # Both are asked in most ticks: to hand over all arrays would take longer than the answer.
+        self._handle = pack(BrakingData(self.limits, self.table))
+        self._paced = np.zeros(len(robot.joints))
+        paced = self.limits._replace(operating_velocity=self._paced)
+        self._paced_handle = pack(BrakingData(paced, self.table))
 
     def stop_time(self, q: npt.ArrayLike, v: npt.ArrayLike, age: float, horizon: float) -> float:
         """Time within which every joint surely rests, in [s] from now.
@@ -120,19 +134,15 @@ class BrakingMotion(JointSpaceMotion):
             ArmguardError: A vector has the wrong length, the state is not finite or beyond its
                 limits by more than its errors, or a time is unusable.
         """
-        self._check_tick(q, v, age)
+        self._check_shapes(q, v, age)
         free = check_duration("horizon", horizon) + self.reaction_time
-        table, limits = self.table, self.limits
+        handle = self._handle
         if pace < 1.0:
-            fastest = np.multiply(limits.operating_velocity, pace, out=self._paced)
-            v = np.clip(v, -fastest, fastest)
-            limits = limits._replace(operating_velocity=fastest)
-        _spread_nodes(v, age, free, limits, table.time)
-        fill_displacements(
-            q, v, age, max(age, 0.0) + free, limits,
-            table.time, table.high, table.low, table.highest, table.lowest,
-        )  # fmt: skip
-        return table
+            fastest = np.multiply(self.limits.operating_velocity, pace, out=self._paced)
+            v, handle = np.clip(v, -fastest, fastest), self._paced_handle
+        flaw = _tabulate(handle, q, v, age, free)
+        refuse_flaw(self._robot, self.limits, q, v, flaw)
+        return self.table
 
     def stopping_volume(
         self, q: npt.ArrayLike, v: npt.ArrayLike, age: float, horizon: float
@@ -204,18 +214,7 @@ class BrakingMotion(JointSpaceMotion):
         return self._find_uncovered(v, age, horizon) == ALL_COVERED
 
     def _find_uncovered(self, v: FloatArray, age: float, horizon: float) -> int:
-        limits = self.limits
-        joint: int = find_uncovered(
-            v,
-            limits.velocity_error,
-            limits.operating_velocity,
-            limits.acceleration,
-            limits.brakes,
-            age,
-            horizon,
-            self.reaction_time,
-            limits.operating_acceleration,
-        )
+        joint: int = _find_uncovered(self._handle, v, age, horizon, self.reaction_time)
         return joint
 
     def _check_covered(self, v: FloatArray, age: float, horizon: float) -> None:
@@ -236,6 +235,33 @@ class BrakingMotion(JointSpaceMotion):
     ) -> None:
         # Beyond the range of the brakes nothing is known of a stop: joints may go on for ever.
         super()._fill(q, v, age, free if self.covers(v, age, 0.0) else np.inf, table)
+
+
+@kernel
+def _find_uncovered(
+    handle: Any, v: FloatArray, age: float, horizon: float, reaction_time: float
+) -> int:
+    """`find_uncovered` on the handle of a `BrakingData`."""
+    limits = handle.content.limits
+    joint: int = find_uncovered(
+        v, limits.velocity_error, limits.operating_velocity, limits.acceleration, limits.brakes,
+        age, horizon, reaction_time, limits.operating_acceleration,
+    )  # fmt: skip
+    return joint
+
+
+@kernel
+def _tabulate(handle: Any, q: FloatArray, v: FloatArray, age: float, free: float) -> int:
+    """Fill the table of a `BrakingData`; first joint whose state is flawed, else -1."""
+    limits, table = handle.content.limits, handle.content.table
+    flaw: int = find_flaw(q, v, limits)
+    if flaw < 0:
+        _spread_nodes(v, age, free, limits, table.time)
+        fill_displacements(
+            q, v, age, max(age, 0.0) + free, limits,
+            table.time, table.high, table.low, table.highest, table.lowest,
+        )  # fmt: skip
+    return flaw
 
 
 @kernel

@@ -153,29 +153,6 @@ def _find_braking(
 
 
 @kernel
-def _settle(
-    velocity: float,
-    accel: float,
-    speeding: float,
-    top: float,
-    reached: float,
-    stop: Stop,
-    highest: float,
-    room_below: float,
-    below: float,
-    free: float,
-    s: float,
-) -> float:
-    """`rise` of a joint that brakes from `free` seconds after the stamp on."""
-    displacement = rise(velocity, accel, speeding, top, room_below, below, min(s, free))
-    if s > free:
-        # From the greatest velocity that it can have reached, until it rests.
-        displacement = min(displacement, highest) + brake(reached, accel, stop, s - free)
-    # One that stops at its limit below gets no further down, however fast it was.
-    return max(displacement, -max(room_below, 0.0))
-
-
-@kernel
 def fill_displacements(
     q: FloatArray,
     v: FloatArray,
@@ -208,6 +185,9 @@ def fill_displacements(
         fastest_down, down_stop = _find_braking(
             down, accel, speeding, top, limits.brakes, j, above, free
         )
+        # Where braking begins is the same for all that follows.
+        up_free = min(rise(up, accel, speeding, top, room_below, below, free), highest[j])
+        down_free = min(rise(down, accel, speeding, top, room_above, above, free), -lowest[j])
         # Downwards is upwards mirrored: signs of positions and velocities change.
         for k in range(time.shape[0]):
             s = age + time[k]
@@ -215,11 +195,8 @@ def fill_displacements(
                 high[k, j] = rise(up, accel, speeding, top, room_below, below, s)
                 low[k, j] = -rise(down, accel, speeding, top, room_above, above, s)
             else:
-                high[k, j] = _settle(
-                    up, accel, speeding, top, fastest_up, up_stop, highest[j], room_below, below,
-                    free, s,
-                )  # fmt: skip
-                low[k, j] = -_settle(
-                    down, accel, speeding, top, fastest_down, down_stop, -lowest[j], room_above,
-                    above, free, s,
-                )  # fmt: skip
+                # One that stops at its limit gets no further, however fast it was.
+                braked = up_free + brake(fastest_up, accel, up_stop, s - free)
+                high[k, j] = max(braked, -max(room_below, 0.0))
+                braked = down_free + brake(fastest_down, accel, down_stop, s - free)
+                low[k, j] = -max(braked, -max(room_above, 0.0))

@@ -124,8 +124,8 @@ class JointSpaceMotion(ABC):
             table.time, table.high, table.low, table.highest, table.lowest,
         )  # fmt: skip
 
-    def _check_tick(self, q: FloatArray, v: FloatArray, age: float) -> None:
-        """Refuse what a table cannot be filled for."""
+    def _check_shapes(self, q: FloatArray, v: FloatArray, age: float) -> None:
+        """Refuse what no table can be filled for, whatever the limits."""
         shape = (len(self.limits.lower),)
         if not (q.shape == v.shape == shape and q.dtype == v.dtype == np.float64):
             raise ArmguardError(
@@ -135,6 +135,10 @@ class JointSpaceMotion(ABC):
             )
         if not abs(age) < np.inf:
             raise ArmguardError("age", f"is {age} s", expected="finite")
+
+    def _check_tick(self, q: FloatArray, v: FloatArray, age: float) -> None:
+        """Refuse what a table cannot be filled for."""
+        self._check_shapes(q, v, age)
         refuse_flaw(self._robot, self.limits, q, v, find_flaw(q, v, self.limits))
 
 

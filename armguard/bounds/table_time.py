@@ -27,7 +27,7 @@ from armguard.bounds.joint_table import JointTable, displacement_in_span, set_co
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
-from armguard.jit.numerics import SUM_ROUNDING
+from armguard.jit.numerics import SUM_ROUNDING, TABLE_END_SLACK
 
 FIRST_STRIDE = 4
 """How many steps of the table the search takes at first."""
@@ -102,6 +102,81 @@ def _aim(
     x, y, z = nearest_on_hull(x, y, z, points, velocities, count, ahead)
     length = math.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
+
+
+@kernel
+def is_free_to_end(
+    px: float,
+    py: float,
+    pz: float,
+    jacobian: FloatArray,
+    lever: FloatArray,
+    slope_error: FloatArray,
+    table: JointTable,
+    points: FloatArray,
+    velocities: FloatArray,
+    count: int,
+    accel: float,
+    speed: float,
+    velocity_error: float,
+    age: float,
+    contact_distance: float,
+) -> bool:
+    """Whether a sphere of the arm and a rounded hull surely do not touch before the table ends.
+
+    The end is when an arm that brakes has come to rest. Both can be farthest from where they are
+    now in the end, so nearly always the direction for the end proves the whole time at once. And
+    it is the direction of every interval up to the end: what it does not prove of the last step it
+    proves of no longer one, so that no search would get there. (A table that interpolates has
+    parts of steps, which end before.) Between the two, `table_contact_time` searches: what that
+    proves is proved here.
+
+    Args:
+        px: As for `table_contact_time`.
+        py: As px.
+        pz: As px.
+        jacobian: As for `table_contact_time`.
+        lever: As for `table_contact_time`.
+        slope_error: As for `table_contact_time`.
+        table: As for `table_contact_time`.
+        points: As for `table_contact_time`.
+        velocities: As for `table_contact_time`.
+        count: As for `table_contact_time`.
+        accel: As for `table_contact_time`.
+        speed: As for `table_contact_time`.
+        velocity_error: As for `table_contact_time`.
+        age: As for `table_contact_time`.
+        contact_distance: As for `table_contact_time`.
+    """
+    nodes = table.time.shape[0] - 1
+    set_columns(px, py, pz, jacobian, table)
+    usable = (
+        count >= 1
+        and contact_distance >= 0.0
+        and accel >= 0.0
+        and speed >= 0.0
+        and velocity_error >= 0.0
+        and abs(age) < math.inf
+        and abs(table.columns.sum()) < math.inf
+    )
+    if not usable:
+        return False
+    nx, ny, nz = _aim(px, py, pz, lever, table, nodes, points, velocities, count, accel, speed, age)
+    for first in (0, nodes - 1):
+        set_span(table, first, nodes, 1.0)
+        room = obstacle_room(
+            nx, ny, nz, px, py, pz, points, velocities, count,
+            accel, speed, velocity_error, age + table.time[first], age + table.time[nodes],
+        )  # fmt: skip
+        room -= contact_distance * (1.0 + SUM_ROUNDING)
+        is_free = room > displacement_in_span(nx, ny, nz, jacobian, lever, slope_error, table)
+        if is_free == (first == 0):
+            return is_free
+    reached = table_contact_time(
+        px, py, pz, jacobian, lever, slope_error, table, points, velocities, count,
+        accel, speed, velocity_error, age, contact_distance, 0.0,
+    )  # fmt: skip
+    return reached >= table.time[nodes] * (1.0 - TABLE_END_SLACK)
 
 
 @kernel

@@ -130,8 +130,7 @@ def merged_kernel(function: Any) -> Any:
     """A kernel whose machine code becomes part of that of each kernel that calls it.
 
     For what a loop over rows calls for each of them: to hand over a few groups of arrays, seven
-    words each, takes longer than what is done with one row of them. Unlike `inlined_kernel` this
-    is left to LLVM, which costs far less time to compile.
+    words each, takes longer than what is done with one row of them.
 
     Args:
         function: What to compile.

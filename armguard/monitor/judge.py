@@ -104,12 +104,9 @@ class Judge:
         pair, contact_time = result.pair, max(0.0, result.expiry - tick.time)
         if unplaced:
             pair, contact_time = NOBODY, 0.0
-        if result.overdue:
-            reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{result.overdue} pairs"))
         standing = bool(reasons) and any(
             reason.kind.effect is Effect.STANDING for reason in reasons
         )
-        complete = not result.overdue
         spent_before = 0
         if stopping is not None:
             stopping.left = 0
@@ -123,15 +120,22 @@ class Judge:
                 stop_time=max(tick.stop_time, self._braking_delay + lasting),
                 late_stop_time=max(tick.late_stop_time, self._late_delay + lasting),
             )
-        rests = (
-            complete
-            and not (standing or unplaced or contact_time > tick.stop_time)
+        matters = not (result.overdue or standing or unplaced or contact_time > tick.stop_time)
+        # What was decided about in this tick is not overdue, though its certificate has ended.
+        is_decided = (
+            matters
+            and (result.ended > 0 or not is_proved)
             and (
-                is_proved
-                or (stopping is not None and lasting is None and stopping.rests(tick))
+                (stopping is not None and lasting is None and stopping.rests(tick))
                 or (path is not None and path.rests(tick))
             )
         )
+        overdue = result.overdue + (0 if is_decided else result.ended)
+        rests = is_decided or (matters and is_proved and not overdue)
+        complete = not overdue
+        if overdue:
+            reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{overdue} pairs"))
+            standing = True
         level, held = rule.decide(
             tick.now,
             contact_time,
@@ -151,6 +155,10 @@ class Judge:
             reasons.append(Reason(ReasonKind.CONTACT, f"{names[0]} and {names[1]}", detail))
         if held:
             reasons.append(Reason(ReasonKind.HOLD))
+        waiting = self._scheduler.waiting if level is Level.STOP and complete else 0
+        if waiting:
+            some = "1 obstacle waits" if waiting == 1 else f"{waiting} obstacles wait"
+            reasons.append(Reason(ReasonKind.CROWD, detail=f"{some}: a STOP is certain anyway"))
         scale = self._find_scale(tick, level, contact_time, is_proved=is_proved)
         evaluated = result.evaluated
         if path is not None:

@@ -24,6 +24,9 @@ STEP = 1.0 / 32.0
 RAISE_PAUSE = 10e-3
 """How long after a higher scale was found unsafe none is tried, in [s]."""
 
+PROVING = 10e-3
+"""For how long the proof that a STOP is in time should last, [s]: longer is proved of less."""
+
 
 class StopDecision:
     """Asks a scheduler whether the arm rests in time, by its table of braking.
@@ -46,6 +49,8 @@ class StopDecision:
         self.evaluated = self.left = 0
         self._scheduler = scheduler
         self._response_time = response_time
+        self._proving = PROVING if response_time < 0.5 * PROVING else 0.0
+        """For how long a STOP is proved to be in time, in [s]; 0: for the tick at hand."""
         self.braking_delay = response_time + reaction_time
         self.looks_ahead = response_time + self.braking_delay
         self.reset()
@@ -57,12 +62,26 @@ class StopDecision:
         self._raise_at = -math.inf
 
     def rests(self, tick: Tick) -> bool:
-        """Whether the arm surely rests before contact, braking only after the next tick."""
-        braking = self._scheduler.arm.motion.braking
-        if not braking.covers(tick.v, tick.arm_age, self._response_time):
+        """Whether the arm surely rests before contact, braking only after the next tick.
+
+        What an arm can do that is told to stop in one of the next ticks is proved first: that
+        holds for each of them, so that most ticks find all obstacles proved already.
+        """
+        scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
+        q, v, age, response_time = tick.q, tick.v, tick.arm_age, self._response_time
+        if not braking.covers(v, age, response_time):
             return False
-        table = braking.tabulate(tick.q, tick.v, tick.arm_age, self._response_time)
-        return self._is_free(tick, float(table.time[-1]))
+        if scheduler.is_stop_proved(tick):
+            return True
+        if self._proving > 0.0 and braking.covers(v, age, response_time + self._proving):
+            left = self.left
+            table = braking.tabulate(q, v, age, response_time + self._proving)
+            if self._is_free(tick, float(table.time[-1]), self._proving):
+                return True
+            # What this left over is asked again, of a STOP in this tick alone.
+            self.left = left
+        table = braking.tabulate(q, v, age, response_time)
+        return self._is_free(tick, float(table.time[-1]), 0.0)
 
     def covers(self, tick: Tick) -> bool:
         """Whether brakes are stated for all that joints can do until they obey a scale."""
@@ -120,8 +139,8 @@ class StopDecision:
         )
         return self._is_free(tick, float(table.time[-1]))
 
-    def _is_free(self, tick: Tick, stop_time: float) -> bool:
-        unsafe = self._scheduler.find_unsafe(tick, stop_time)
+    def _is_free(self, tick: Tick, stop_time: float, lasting: float = -1.0) -> bool:
+        unsafe = self._scheduler.find_unsafe(tick, stop_time, lasting=lasting)
         self.evaluated += unsafe.evaluated
         self.left = max(self.left, unsafe.left)
         return unsafe.pair == NOBODY

@@ -5,6 +5,9 @@ are tried from the cheapest to the dearest: what the link cannot leave, its sphe
 its joints within their limits. A node's bound holds for everything that it owns. Its children are
 opened only while their times could matter to the verdict, and what is later than the soonest
 sphere found so far is not refined.
+
+What is called once a pair takes the handle of a scene: to hand over its arrays themselves, a
+hundred of them, takes longer than most evaluations.
 """
 
 from __future__ import annotations
@@ -13,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from armguard.bounds.table_time import table_contact_time
+from armguard.bounds.table_time import is_free_to_end, table_contact_time
 from armguard.contact.advancement import pair_distance_time, row_contact_time
 from armguard.jit.kernels import kernel
-from armguard.jit.numerics import TABLE_END_SLACK, TERM_ROUNDING
+from armguard.jit.numerics import TERM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.table import States
 from armguard.pairs.scene import DISTANCE, ISOTROPIC, JOINT, REACH, Scene
@@ -78,10 +81,10 @@ def _free_time(
 
 @kernel
 def link_time(
-    scene: Scene,
+    handle: Any,
     link: int,
-    row: int,
-    bodies: States,
+    place: int,
+    is_refused: bool,
     arm_age: float,
     age: float,
     lower_bound: float,
@@ -92,10 +95,10 @@ def link_time(
     """Earliest contact of one link and one body.
 
     Args:
-        scene: The tick.
+        handle: On the tick's `Scene`.
         link: Of the arm.
-        row: Of the body's state in `bodies`.
-        bodies: Accepted or refused states.
+        place: Of the body's state among those.
+        is_refused: Whether it is among the refused states; else the accepted ones.
         arm_age: Age of the joint state, in [s].
         age: Of the body's state, in [s].
         lower_bound: What is known of the whole link already, in [s].
@@ -106,7 +109,9 @@ def link_time(
     Returns:
         Contact time in [s], the sphere that decided, what its time rests on, and evaluations.
     """
+    scene = handle.content
     tree, settings = scene.tree, scene.settings
+    bodies, row = scene.refused if is_refused else scene.bodies, place
     node_time, node_bound = scene.node_time, scene.node_bound
     best = np.inf
     best_node = node = tree.root[link]
@@ -186,7 +191,7 @@ def root_time(
 
 @kernel
 def pair_time(
-    scene: Scene,
+    handle: Any,
     link: int,
     row: int,
     now: float,
@@ -198,7 +203,7 @@ def pair_time(
     """Earliest contact of one link and one obstacle, whichever of its states is true.
 
     Args:
-        scene: The tick.
+        handle: On the tick's `Scene`.
         link: Of the arm.
         row: Of the obstacle, of which something is known; see `possible_states`.
         now: Time of the tick on the obstacles' clock, in [s].
@@ -210,6 +215,7 @@ def pair_time(
     Returns:
         As `link_time`.
     """
+    scene = handle.content
     marks, settings = scene.marks, scene.settings
     best = np.inf
     best_node, best_bound, evaluations = scene.tree.root[link], REACH, 0
@@ -229,8 +235,8 @@ def pair_time(
         bound: Any = np.int64(REACH)
         if known < refinement_threshold and known < cut_off:
             time, node, bound, spent = link_time(
-                scene, link, place, bodies, arm_age, age, known, bound, refinement_threshold,
-                cut_off,
+                handle, link, place, number > 0, arm_age, age, known, bound,
+                refinement_threshold, cut_off,
             )  # fmt: skip
             evaluations += spent
         if time < best:
@@ -260,13 +266,13 @@ RESTS, TOUCHES, UNDECIDED = range(3)
 
 
 @kernel
-def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) -> tuple[int, int]:
+def rests_in_time(handle: Any, link: int, row: int, now: float, budget: int) -> tuple[int, int]:
     """Whether a link surely rests before contact, though the arm brakes only after the next tick.
 
-    Descends to the spheres that fail; `scene.braking` ends when the arm rests.
+    Descends to the spheres that fail; the scene's table of braking ends when the arm rests.
 
     Args:
-        scene: The tick, its arm prepared.
+        handle: On the tick's `Scene`, its arm prepared.
         link: Of the arm.
         row: Of the obstacle.
         now: Time of the tick on the obstacles' clock, in [s].
@@ -276,10 +282,10 @@ def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) ->
         RESTS if it does, TOUCHES if it might not, UNDECIDED if the budget did not suffice to know,
         and evaluations.
     """
+    scene = handle.content
     if not is_known(scene.marks, row):
         return TOUCHES, 0
-    marks, tree, table = scene.marks, scene.tree, scene.braking
-    rest = table.time[table.time.shape[0] - 1] * (1.0 - TABLE_END_SLACK)
+    marks, tree = scene.marks, scene.tree
     evaluations = 0
     for number in possible_states(marks, row):
         bodies, place, age = state_at(scene.bodies, scene.refused, marks, row, number, now)
@@ -289,14 +295,14 @@ def rests_in_time(scene: Scene, link: int, row: int, now: float, budget: int) ->
             if not evaluations < budget:
                 return UNDECIDED, evaluations
             evaluations += 1
-            reached = table_contact_time(
+            is_free = is_free_to_end(
                 scene.arm.centers[node, 0], scene.arm.centers[node, 1], scene.arm.centers[node, 2],
                 scene.placement.jacobian, scene.arm.lever[node], scene.arm.slope_error[node],
-                table, bodies.points[place], bodies.velocities[place], bodies.point_count[place],
-                bodies.accel[place], bodies.speed[place], bodies.velocity_error[place], age,
-                contact_distance(scene, node, bodies, place), 0.0, np.inf,
+                scene.braking, bodies.points[place], bodies.velocities[place],
+                bodies.point_count[place], bodies.accel[place], bodies.speed[place],
+                bodies.velocity_error[place], age, contact_distance(scene, node, bodies, place),
             )  # fmt: skip
-            if reached >= rest:
+            if is_free:
                 node = tree.skip[node]
             elif tree.first_child[node] >= 0:
                 node = tree.first_child[node]

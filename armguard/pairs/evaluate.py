@@ -179,7 +179,7 @@ def evaluate_handle(
             lower_bound, spent = arm_reach_time(scene, row, now)
             evaluations += spent
         time, node, bound, spent = pair_time(
-            scene, link, row, now, arm_age, lower_bound, refinement_threshold, np.inf
+            handle, link, row, now, arm_age, lower_bound, refinement_threshold, np.inf
         )
         evaluations += spent
         contact_times[index] = time
@@ -224,11 +224,10 @@ def evaluate(
 
 @kernel
 def _find_unsafe(handle: Any, pairs: IntArray, now: float) -> tuple[int, int]:
-    scene = handle.content
-    links = scene.tree.root.shape[0]
+    links = handle.content.tree.root.shape[0]
     evaluations = 0
     for pair in pairs:
-        answer, spent = rests_in_time(scene, pair % links, pair // links, now, NO_LIMIT)
+        answer, spent = rests_in_time(handle, pair % links, pair // links, now, NO_LIMIT)
         evaluations += spent
         if answer != RESTS:
             return pair, evaluations

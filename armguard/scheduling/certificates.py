@@ -18,7 +18,7 @@ from armguard.scheduling.tournament import find_least, grow_tournament, make_tou
 UNSEEN, UNPLACED = -3, -2
 """In place of a row, where nothing was evaluated yet, or the arm must be placed first."""
 
-ACTIVE, PREPARED, STALE, EVALUATED_ROWS, SPENT, BROKEN = range(6)
+ACTIVE, PREPARED, STALE, EVALUATED_ROWS, SPENT, BROKEN, UNSAFE = range(7)
 """Places in `Certificates.numbers`."""
 
 
@@ -41,13 +41,18 @@ class Certificates(NamedTuple):
     """Sphere that decided each pair. Shape (rows, links)."""
     pair_bound: NDArray[np.int8]
     """What that rests on, an index of `BOUND_NAMES`. Shape (rows, links)."""
+    rests_until: FloatArray
+    """Until when a STOP is in time as far as the row is concerned, in [s] since the epoch: whenever
+    the arm is told to stop up to then, it rests before it touches the row. Shape (rows,)."""
+    rests_revision: IntArray
+    """The row's revision that this was proved with. Shape (rows,)."""
     broken: IntArray
     """Rows whose changes broke the bounds behind their certificates. Shape (rows,)."""
     numbers: IntArray
     """Rows that are watched, the tick that the arm was last prepared for, how many rows were
     evaluated later than max_staleness asked for, and of late, evaluated rows and evaluations spent
-    on them; and
-    how many of `broken` are in use. Shape (6,)."""
+    on them; how many of `broken` are in use; and the last tick in which the stop decision found a
+    pair unsafe. Shape (7,)."""
 
 
 def make_certificates(links: int) -> Certificates:
@@ -60,8 +65,10 @@ def make_certificates(links: int) -> Certificates:
             np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_), np.zeros(1, dtype=np.int64)
         ),
         **_make_rows(0, links),
+        rests_until=np.zeros(0),
+        rests_revision=np.zeros(0, dtype=np.int64),
         broken=np.zeros(0, dtype=np.int64),
-        numbers=np.array([0, -1, 0, 0, 0, 0]),
+        numbers=np.array([0, -1, 0, 0, 0, 0, -9]),
     )
 
 
@@ -95,6 +102,8 @@ def grow_certificates(
         reference_states=reference_states,
         news=news,
         **grown,
+        rests_until=extend_rows(certificates.rests_until, rows),
+        rests_revision=extend_rows(certificates.rests_revision, rows),
         broken=extend_rows(certificates.broken, rows),
     )
 
@@ -104,6 +113,7 @@ def invalidate(certificates: Certificates, row: int) -> None:
     """Invalidate all certificates of a row: it is to be evaluated at once."""
     for link in range(certificates.watched.shape[1]):
         certificates.pair_expiry[row, link] = -np.inf
+    certificates.rests_until[row] = -np.inf
     make_due(certificates.wheel, row, -np.inf)
     set_value(certificates.expiry_tree, row, -np.inf)
 

@@ -1,8 +1,8 @@
 """The scheduler that evaluates each obstacle in time, in one compiled call a tick.
 
-The schedule is `deadline`: each obstacle is due when it could matter to a stop, or when the answer
-about it would look stale. What it knows is in `certificates`; here arrays are made, grown and
-handed over.
+The schedule is `deadline`: each obstacle is due when the answer about it would look stale, or where
+no stop decision is made, when it could matter to a stop. What it knows is in `certificates`; here
+arrays are made, grown and handed over.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ from armguard.scheduling.deadline_kernels import (
     advance,
     evaluate_due,
     find_near,
+    find_unproved,
     find_unsafe,
 )
 from armguard.scheduling.scheduler import (
@@ -53,7 +54,7 @@ from armguard.scheduling.scheduler import (
     TickResult,
     Unsafe,
 )
-from armguard.scheduling.timing_wheel import NOBODY, SLOTS
+from armguard.scheduling.timing_wheel import NOBODY, SLOTS, WAITING
 
 UNLIMITED = 2**62
 """A budget that nothing exceeds."""
@@ -109,6 +110,11 @@ class DeadlineScheduler:
         """How many evaluations so far came later than max_staleness asked for."""
         return int(self.certificates.numbers[STALE])
 
+    @property
+    def waiting(self) -> int:
+        """Obstacles that were due in the last tick and still wait."""
+        return int(self.certificates.wheel.numbers[WAITING])
+
     def follow(self) -> None:
         """Take in what was attached to the robot, and obstacles that came or went."""
         changes, revision = self._obstacles.table.changes, self._robot.revision
@@ -155,7 +161,7 @@ class DeadlineScheduler:
         """Accept a joint state, and evaluate what is due if nothing else needs to be done."""
         may_evaluate = may_evaluate and not (self._all_invalid or self._isotropic.is_widened)
         seen: AdvanceResult = self._advance(
-            self._tick_data, stamp, q, v, now, epoch, number, may_evaluate
+            self._tick_data, self.arm.state.handle, stamp, q, v, now, epoch, number, may_evaluate
         )
         return seen
 
@@ -164,27 +170,29 @@ class DeadlineScheduler:
         all_invalid, self._all_invalid = self._all_invalid, False
         if all_invalid:
             invalidate_all(self._handle)
-        row, link, expiry, overdue, evaluated, disturbed = seen[5:]
+        row, link, expiry, overdue, evaluated, disturbed, ended = seen[5:]
         if row >= 0 and not (disturbed or all_invalid):
             # The usual tick is over already; a named tuple's own constructor takes twice as long.
             return tuple.__new__(
-                TickResult, (row * self._links + link, expiry, overdue, evaluated, (), False)
+                TickResult, (row * self._links + link, expiry, overdue, evaluated, (), False, ended)
             )
         if row == UNSEEN:
-            row, link, expiry, overdue, evaluated, disturbed = self._go_on(tick, 0)
+            row, link, expiry, overdue, evaluated, disturbed, ended = self._go_on(tick, 0)
         broken: tuple[int, ...] = ()
         if disturbed:
             # Read before the evaluations go on: by then no change is marked any more.
             broken = tuple(self.certificates.broken[: self.certificates.numbers[BROKEN]].tolist())
         if row == UNPLACED:
             self._place(tick)
-            row, link, expiry, overdue, evaluated, _ = self._go_on(tick, evaluated)
+            row, link, expiry, overdue, evaluated, _, ended = self._go_on(tick, evaluated)
         pair = NOBODY if row == NOBODY else row * self._links + link
-        return TickResult(pair, expiry, overdue, evaluated, broken, all_invalid or disturbed > 0)
+        disturbs = all_invalid or disturbed > 0
+        return TickResult(pair, expiry, overdue, evaluated, broken, disturbs, ended)
 
-    def _go_on(self, tick: Tick, spent: int) -> tuple[int, int, float, int, int, int]:
-        found: tuple[int, int, float, int, int, int] = self._evaluate_due(
+    def _go_on(self, tick: Tick, spent: int) -> tuple[int, int, float, int, int, int, int]:
+        found: tuple[int, int, float, int, int, int, int] = self._evaluate_due(
             self._tick_data,
+            self.arm.state.handle,
             self._placed == tick.number,
             spent,
             tick.now,
@@ -242,25 +250,35 @@ class DeadlineScheduler:
         price = certificates.numbers[SPENT] / max(certificates.numbers[EVALUATED_ROWS], 1)
         return rows_per_tick * float(price)
 
-    def find_unsafe(self, tick: Tick, stop_time: float, *, remembers: bool = True) -> Unsafe:
+    def is_stop_proved(self, tick: Tick) -> bool:
+        """Whether earlier ticks have proved already that a STOP in this one is in time."""
+        row: int = self._find_unproved(self._tick_data, tick.time, tick.stop_time, self._candidates)
+        return row == NOBODY
+
+    def find_unsafe(
+        self, tick: Tick, stop_time: float, *, remembers: bool = True, lasting: float = -1.0
+    ) -> Unsafe:
         """A pair that might touch before the arm rests, if there is one."""
         self._place(tick)
         row, link, spent, left = self._find_unsafe(
             self._tick_data,
+            self.arm.state.handle,
             tick.now,
             tick.time,
             tick.number,
             tick.arm_age,
             stop_time,
+            lasting,
             self._last_offender,
             self._budget,
             self._candidates,
         )
         if row == NOBODY:
             return Unsafe(NOBODY, spent, 0)
+        pair = row * self._links + link
         if remembers:
-            self._last_offender = row
-        return Unsafe(row * self._links + link, spent, left)
+            self._last_offender = pair
+        return Unsafe(pair, spent, left)
 
     def recall(self, pair: int) -> PairResult:
         """What is known of one pair."""
@@ -339,17 +357,24 @@ class DeadlineScheduler:
         self._handle = pack(self.certificates)
         scene = self.arm.state.scene
         guard, record = self._states.guard, self._record
-        self._tick_data = pack(TickData(scene, self.certificates, guard, record, *self._pace))
+        decides = scene.settings.with_joints
+        self._tick_data = pack(
+            TickData(scene, self.certificates, guard, record, *self._pace, decides)
+        )
         self._bind()
 
     def _bind(self) -> None:
         """Have compiled what a tick runs, for the arrays that there are now."""
-        handle, some = self._tick_data, np.zeros((len(self._states.q), 2))[:, 0]
-        self._advance = machine_code(advance, handle, 0.0, some, some, 0.0, 0.0, 0, True)
-        self._evaluate_due = machine_code(evaluate_due, handle, True, 0, 0.0, 0.0, 0, 0.0, 0.0)
-        self._find_unsafe = machine_code(
-            find_unsafe, handle, 0.0, 0.0, 0, 0.0, 0.0, 0, 0, self._candidates
+        handle, scene = self._tick_data, self.arm.state.handle
+        some = np.zeros((len(self._states.q), 2))[:, 0]
+        self._advance = machine_code(advance, handle, scene, 0.0, some, some, 0.0, 0.0, 0, True)
+        self._evaluate_due = machine_code(
+            evaluate_due, handle, scene, True, 0, 0.0, 0.0, 0, 0.0, 0.0
         )
+        self._find_unsafe = machine_code(
+            find_unsafe, handle, scene, 0.0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0, self._candidates
+        )
+        self._find_unproved = machine_code(find_unproved, handle, 0.0, 0.0, self._candidates)
 
     def _compile(self) -> None:
         """Run every kernel once on nothing, so that none is compiled in a tick."""

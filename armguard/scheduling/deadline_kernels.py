@@ -8,8 +8,19 @@ each back for the time by which it could matter to a stop, or look stale.
 An evaluation starts with what the whole arm cannot leave; most obstacles are done with then.
 Otherwise links follow in the order of their imminence, so that most of them need no refinement.
 
-Two questions about what could be touched soon stand here as well: which obstacles those are, and
-whether the arm rests before. They are asked where a contact time alone would stop the arm.
+Questions about what could be touched soon stand here as well: which obstacles those are, and
+whether the arm rests before. They are asked where a contact time alone would stop the arm, and what
+is due depends on whether they are:
+
+- With a stop decision an obstacle is due when its answer would look stale, and its certificate's
+  end orders what waits. Nothing else is needed, for this holds in each tick that is no STOP: *each
+  watched pair has a certificate that outlasts the stop, or was proved to be out of the way of an
+  arm that is told to stop in this tick.* `find_unsafe` asks every pair without such a certificate,
+  whether it was ever evaluated or not, so neither a schedule nor a budget can open a gap; one whose
+  certificate has ended makes the contact time 0, and is overdue where that question is not asked,
+  or its answer is no.
+- Without one, a contact time within the stop is a STOP. So an obstacle is due by the time at which
+  it could matter to a stop as well, and overdue from then on.
 """
 
 from __future__ import annotations
@@ -33,6 +44,7 @@ from armguard.obstacles.reference_states import allows_reference_state, expire, 
 from armguard.obstacles.table import clear_changed_rows
 from armguard.pairs.contact_time import (
     RESTS,
+    TOUCHES,
     UNDECIDED,
     arm_reach_time,
     link_time,
@@ -51,6 +63,7 @@ from armguard.scheduling.certificates import (
     SPENT,
     STALE,
     UNPLACED,
+    UNSAFE,
     UNSEEN,
     Certificates,
     first_link,
@@ -74,7 +87,10 @@ LATEST = sys.float_info.max
 """Latest time that is asked for: what is not watched has no end, nor has what never comes near."""
 
 CROWD = 64
-"""Evaluations in a tick beyond which, once contact is certain, other obstacles wait."""
+"""Evaluations in a tick beyond which, once a STOP is certain, other obstacles wait."""
+
+MOST_DOUBTFUL = 2
+"""Rows whose rest cannot be proved for longer than a tick, until no more of them are asked."""
 
 
 @kernel
@@ -102,6 +118,7 @@ def _read_changes(scene: Scene, certificates: Certificates) -> int:
 @kernel
 def _evaluate_links(
     scene: Scene,
+    scene_handle: Any,
     certificates: Certificates,
     row: int,
     now: float,
@@ -121,7 +138,7 @@ def _evaluate_links(
             if not certificates.watched[row, each]:
                 continue
             found, node, bound, spent = pair_time(
-                scene, each, row, now, arm_age, lower_bound, refinement_threshold, best
+                scene_handle, each, row, now, arm_age, lower_bound, refinement_threshold, best
             )
             evaluations += spent
             best = min(best, found)
@@ -151,10 +168,10 @@ def _evaluate_links(
         scene.link_time[link] = -1.0
         if found < best and found < refinement_threshold:
             found, node, bound, spent = link_time(
-                scene,
+                scene_handle,
                 link,
                 row,
-                scene.bodies,
+                False,
                 arm_age,
                 age,
                 found,
@@ -173,6 +190,7 @@ def _evaluate_links(
 @kernel
 def _evaluate_obstacle(
     scene: Scene,
+    scene_handle: Any,
     certificates: Certificates,
     row: int,
     q: FloatArray,
@@ -200,7 +218,15 @@ def _evaluate_obstacle(
                 prepare_arm(scene, q, v, arm_age)
                 certificates.numbers[PREPARED] = tick
             best, spent = _evaluate_links(
-                scene, certificates, row, now, time, arm_age, refinement_threshold, best
+                scene,
+                scene_handle,
+                certificates,
+                row,
+                now,
+                time,
+                arm_age,
+                refinement_threshold,
+                best,
             )
             set_value(certificates.expiry_tree, row, expire(time, best))
             return best, evaluations + spent
@@ -284,6 +310,8 @@ class TickData(NamedTuple):
     """Of ticks, in [s]."""
     budget: int
     """Evaluations in a tick after which nothing further is begun."""
+    decides: bool
+    """Whether a stop decision is asked where a contact time alone would stop the arm."""
 
 
 @kernel
@@ -316,6 +344,7 @@ def _find_first(
 @kernel
 def evaluate_due(
     handle: Any,
+    scene_handle: Any,
     placed: bool,
     spent_before: int,
     now: float,
@@ -323,14 +352,15 @@ def evaluate_due(
     tick: int,
     arm_age: float,
     refinement_threshold: float,
-) -> tuple[int, int, float, int, int, int]:
+) -> tuple[int, int, float, int, int, int, int]:
     """Evaluate what is due in a tick, as far as the budget goes.
 
-    Where contact is certain already, what still waits is not overdue: the arm stops in any case,
-    and goes on only when all of it has been evaluated.
+    Where a STOP is certain already, what still waits is not overdue: the arm stops in any case,
+    and goes on only when all of it has been evaluated, or the stop decision was made about it.
 
     Args:
         handle: On a `TickData`.
+        scene_handle: On its scene.
         placed: Whether Pinocchio has placed the arm for this tick.
         spent_before: Evaluations of this tick before the arm was placed.
         now: Time of the tick on the obstacles' clock, in [s].
@@ -342,7 +372,8 @@ def evaluate_due(
     Returns:
         Row whose certificate ends first (NOBODY without any, UNPLACED where the arm must be placed
         before the evaluations can go on), its link, the end in [s] since the epoch, obstacles
-        overdue, evaluations, and rows that changes have overtaken.
+        overdue, evaluations, rows that changes have overtaken, and obstacles whose certificates
+        have ended, which are overdue unless the stop decision is made about them.
     """
     certificates = handle.content.certificates
     clock = tick_of(time, handle.content.period)
@@ -355,9 +386,9 @@ def evaluate_due(
             certificates.pair_expiry,
         )
         lost = count_lost(certificates.numbers, certificates.wheel.numbers)
-        return row, link, expiry, lost, spent_before, 0
-    found: tuple[int, int, float, int, int, int] = _evaluate_due(
-        handle, placed, spent_before, now, time, tick, arm_age, refinement_threshold
+        return row, link, expiry, lost, spent_before, 0, 0
+    found: tuple[int, int, float, int, int, int, int] = _evaluate_due(
+        handle, scene_handle, placed, spent_before, now, time, tick, arm_age, refinement_threshold
     )
     return found
 
@@ -365,6 +396,7 @@ def evaluate_due(
 @kernel
 def _evaluate_due(
     handle: Any,
+    scene_handle: Any,
     placed: bool,
     spent_before: int,
     now: float,
@@ -372,7 +404,7 @@ def _evaluate_due(
     tick: int,
     arm_age: float,
     refinement_threshold: float,
-) -> tuple[int, int, float, int, int, int]:
+) -> tuple[int, int, float, int, int, int, int]:
     """`evaluate_due` where there is something to be done: all arrays are taken in hand.
 
     Invariant: a watched row either waits, with a deadline, or stands in a slot of the wheel.
@@ -385,7 +417,12 @@ def _evaluate_due(
         watching.guard.v,
     )
     braking_delay, max_staleness = watching.braking_delay, watching.max_staleness
-    period, budget = watching.period, watching.budget
+    period, budget, decides = watching.period, watching.budget, watching.decides
+    # With what could be touched sooner, a STOP is certain: before brakes bite, or another tick.
+    soonest = braking_delay if decides else period
+    # After a STOP by its decision another one is to be expected. What waits for that is not
+    # overlooked: the decision asks for every pair that has no certificate for long enough.
+    expects_stop = decides and tick - 1 <= certificates.numbers[UNSAFE] <= tick
     wheel = certificates.wheel
     # What has changed falls due now.
     overtaken = _read_changes(scene, certificates)
@@ -393,54 +430,70 @@ def _evaluate_due(
     turn(wheel, clock)
     # The most urgent row first, until nothing waits or the budget is spent.
     evaluated = spent_before
-    certain = False
+    certain = expects_stop
     while evaluated < budget and not (certain and evaluated > CROWD):
         row = most_urgent(wheel)
         if row == NOBODY:
             break
         contact_time, spent = _evaluate_obstacle(
-            scene, certificates, row, q, v, placed, now, time, tick, arm_age, refinement_threshold
+            scene,
+            scene_handle,
+            certificates,
+            row,
+            q,
+            v,
+            placed,
+            now,
+            time,
+            tick,
+            arm_age,
+            refinement_threshold,
         )
         evaluated += spent
         if math.isnan(contact_time):
             # The row still waits: the next call begins with it.
-            return UNPLACED, 0, 0.0, 0, evaluated, overtaken
+            return UNPLACED, 0, 0.0, 0, evaluated, overtaken, 0
         # Enter the evaluation and what it rests on.
         certificates.evaluated_at[row] = time
         certificates.numbers[EVALUATED_ROWS] += 1
         certificates.numbers[SPENT] += spent
         keep_reference_state(scene.bodies, certificates.reference_states, scene.marks, row, row)
-        # Back into the wheel, for when the row could matter to a stop or its answer look stale.
-        spare = time_to_spare(scene, v, contact_time, arm_age, braking_delay)
-        if not is_known(scene.marks, row):
-            spare = 0.0
-        wait = min(spare, max_staleness * contact_time)
-        certain = certain or contact_time <= period
+        # Back into the wheel, for when its answer would look stale, or the row matter to a stop.
+        wait, deadline = max_staleness * contact_time, expire(time, contact_time)
+        if not decides:
+            spare = time_to_spare(scene, v, contact_time, arm_age, braking_delay)
+            if not is_known(scene.marks, row):
+                spare = 0.0
+            wait, deadline = min(spare, wait), time + spare
+        certain = certain or contact_time <= soonest
         due = clock + (int(min(wait / period, 1e9)) if wait > 0.0 else 0)
-        put_off(wheel, row, due, time + spare)
+        put_off(wheel, row, due, deadline)
     if certificates.numbers[EVALUATED_ROWS] > RECENT:
         certificates.numbers[EVALUATED_ROWS] //= 2
         certificates.numbers[SPENT] //= 2
     # What still waits is late: overdue where its deadline has passed, else merely stale.
-    overdue = 0
+    late = 0
     for place in range(wheel.numbers[WAITING]):
-        if not wheel.deadline[wheel.heap[place]] < time:
+        deadline = wheel.deadline[wheel.heap[place]]
+        passed = not deadline > time if decides else deadline < time
+        if decides or not passed:
             certificates.numbers[STALE] += 1
-        elif not certain:
-            overdue += 1
-    overdue += count_lost(certificates.numbers, wheel.numbers)
+        if passed and not certain:
+            late += 1
+    overdue = count_lost(certificates.numbers, wheel.numbers) + (0 if decides else late)
     row, link, expiry = _find_first(
         certificates.numbers,
         certificates.expiry_tree,
         certificates.watched,
         certificates.pair_expiry,
     )
-    return row, link, expiry, overdue, evaluated, overtaken
+    return row, link, expiry, overdue, evaluated, overtaken, late if decides else 0
 
 
 @kernel
 def advance(
     handle: Any,
+    scene_handle: Any,
     stamp: float,
     q: FloatArray,
     v: FloatArray,
@@ -448,11 +501,12 @@ def advance(
     epoch: float,
     number: int,
     may_evaluate: bool,
-) -> tuple[int, int, float, float, float, int, int, float, int, int, int]:
+) -> tuple[int, int, float, float, float, int, int, float, int, int, int, int]:
     """Accept a joint state if there is nothing to be said against it, and evaluate what is due.
 
     Args:
         handle: On a `TickData`.
+        scene_handle: On its scene.
         stamp: When the state was measured, in [s].
         q: Joint positions, [rad] or [m]; any strides. Shape (nv,).
         v: Joint velocities, [rad/s] or [m/s]; any strides. Shape (nv,).
@@ -471,12 +525,20 @@ def advance(
         if not keeps_operating_limits(handle.content.operating, stamp, guard.q, guard.v):
             found |= UNKEPT
     if found != BELIEVED or not may_evaluate:
-        return found, joint, stop_time, late_stop_time, 0.0, UNSEEN, 0, 0.0, 0, 0, 0
+        return found, joint, stop_time, late_stop_time, 0.0, UNSEEN, 0, 0.0, 0, 0, 0, 0
     refinement_threshold = (stop_time + handle.content.aware_margin) / (
         1.0 - handle.content.max_staleness
     )
-    row, link, expiry, overdue, evaluated, overtaken = evaluate_due(
-        handle, bool(0), np.int64(0), now, now - epoch, number, now - stamp, refinement_threshold
+    row, link, expiry, overdue, evaluated, overtaken, ended = evaluate_due(
+        handle,
+        scene_handle,
+        bool(0),
+        np.int64(0),
+        now,
+        now - epoch,
+        number,
+        now - stamp,
+        refinement_threshold,
     )
     return (
         found,
@@ -490,17 +552,51 @@ def advance(
         overdue,
         evaluated,
         overtaken,
+        ended,
     )
+
+
+@kernel
+def _is_proved(scene: Scene, certificates: Certificates, row: int, time: float) -> bool:
+    """Whether an earlier tick has proved that a STOP in this one is in time for a row.
+
+    That was for the very states that are known of it now: with any news it is asked again.
+    """
+    return (
+        time <= certificates.rests_until[row]
+        and certificates.rests_revision[row] == scene.marks.revision[row]
+        and not scene.marks.refused[row]
+    )
+
+
+@kernel
+def _outlasts(
+    scene: Scene,
+    scene_handle: Any,
+    link: int,
+    row: int,
+    now: float,
+    arm_age: float,
+    stop_time: float,
+) -> tuple[bool, int]:
+    """Whether a pair cannot touch within the stop, by a fresh evaluation; and what that took."""
+    lower_bound, evaluations = arm_reach_time(scene, row, now)
+    found, _, _, spent = pair_time(
+        scene_handle, link, row, now, arm_age, lower_bound, stop_time, np.inf
+    )
+    return found > stop_time, evaluations + spent
 
 
 @kernel
 def find_unsafe(
     handle: Any,
+    scene_handle: Any,
     now: float,
     time: float,
     tick: int,
     arm_age: float,
     stop_time: float,
+    lasting: float,
     last_offender: int,
     budget: int,
     rows: IntArray,
@@ -508,17 +604,26 @@ def find_unsafe(
     """The first pair that might touch before the arm rests, by the scene's table of braking.
 
     Only what could be touched within `stop_time` is evaluated. Where the budget is spent, the
-    obstacle at hand counts as unsafe.
+    obstacle at hand counts as unsafe. A pair of which the table does not prove that the arm rests
+    is evaluated afresh, unless it was in this tick: its certificate may only have grown stale.
+
+    A table whose brakes may bite at any time up to so much later proves as much of an arm that is
+    told to stop that much later: it does then what that table allows for. The proof is kept by
+    row. It covers the links that were not asked as well: their certificates outlast the table.
 
     Args:
         handle: On a `TickData`.
+        scene_handle: On its scene.
         now: Time of the tick on the obstacles' clock, in [s].
         time: The same since the monitor's epoch.
         tick: Number of the tick.
         arm_age: Age of the joint state, in [s].
         stop_time: When the table of braking ends, in [s].
-        last_offender: Row to decide about first if it is as near: what was unsafe lately likely is
-            again.
+        lasting: By how much later than in this tick the arm may be told to stop, as far as the
+            table is concerned, in [s]. What was proved earlier of a STOP in this tick is not asked
+            again; -1 if the table is of something else, and no proof of a STOP answers it.
+        last_offender: Pair to decide about first if it is as near, row × links + link: what was
+            unsafe lately likely is again.
         budget: Evaluations that may be spent.
         rows: Room to work in, for all rows of the obstacle table.
 
@@ -533,20 +638,72 @@ def find_unsafe(
     latest = time + stop_time
     count = find_below(certificates.expiry_tree, min(latest, LATEST), rows)
     # The last offender first: one unsafe pair is answer enough.
+    links = certificates.watched.shape[1]
+    offending_row, offending_link = last_offender // links, last_offender % links
     for i in range(count):
-        if rows[i] == last_offender:
+        if rows[i] == offending_row:
             rows[0], rows[i] = rows[i], rows[0]
-    evaluations = 0
+    evaluations = doubtful = 0
+    first_row, first_link_of_row = NOBODY, NOBODY
+    # Invariant: rows before the present one are out of the way of a stop, but for doubtful ones.
     for i in range(count):
         row = rows[i]
-        for link in range(certificates.watched.shape[1]):
+        if lasting >= 0.0 and _is_proved(scene, certificates, row, time):
+            continue
+        rests = True
+        for number in range(links):
+            link = number
+            if row == offending_row:
+                # The others after it, in their order.
+                link = (offending_link + number) % links
             if not certificates.watched[row, link] or certificates.pair_expiry[row, link] > latest:
                 continue
-            answer, spent = rests_in_time(scene, link, row, now, budget - evaluations)
+            answer, spent = rests_in_time(scene_handle, link, row, now, budget - evaluations)
             evaluations += spent
-            if answer != RESTS:
-                return row, link, evaluations, count - i if answer == UNDECIDED else 0
-    return NOBODY, NOBODY, evaluations, 0
+            if answer == RESTS:
+                continue
+            is_stale = certificates.evaluated_at[row] != time and is_known(scene.marks, row)
+            if answer == TOUCHES and is_stale and not lasting > 0.0:
+                outlasts, spent = _outlasts(scene, scene_handle, link, row, now, arm_age, stop_time)
+                evaluations += spent
+                if outlasts:
+                    continue
+            rests = False
+            doubtful += 1
+            if first_row == NOBODY:
+                first_row, first_link_of_row = row, link
+            if answer == UNDECIDED or not lasting > 0.0 or doubtful > MOST_DOUBTFUL:
+                left = count - i if answer == UNDECIDED else 0
+                if lasting == 0.0 and answer == TOUCHES:
+                    certificates.numbers[UNSAFE] = tick
+                return first_row, first_link_of_row, evaluations, left
+            # It is asked again by itself, by a table of this tick alone: on to the others.
+            break
+        if rests and lasting > 0.0 and not scene.marks.refused[row]:
+            certificates.rests_until[row] = expire(time, lasting)
+            certificates.rests_revision[row] = scene.marks.revision[row]
+    return first_row, first_link_of_row, evaluations, 0
+
+
+@kernel
+def find_unproved(handle: Any, time: float, stop_time: float, rows: IntArray) -> int:
+    """A row that could be touched within the stop, unless a proof of an earlier tick covers it.
+
+    Args:
+        handle: On a `TickData`.
+        time: Of the tick, in [s] since the epoch.
+        stop_time: In which the arm surely rests that is told to stop in this tick, in [s].
+        rows: Room to work in, for all rows of the obstacle table.
+
+    Returns:
+        The first such row; NOBODY where a STOP in this tick is in time for certain.
+    """
+    scene, certificates = handle.content.scene, handle.content.certificates
+    count = find_below(certificates.expiry_tree, min(time + stop_time, LATEST), rows)
+    for i in range(count):
+        if not _is_proved(scene, certificates, rows[i], time):
+            return rows[i]
+    return NOBODY
 
 
 @kernel

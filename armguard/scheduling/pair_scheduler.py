@@ -66,6 +66,11 @@ class PairScheduler:
         self._operating = operating
         self._prepare()
 
+    @property
+    def waiting(self) -> int:
+        """Obstacles that were due in the last tick and still wait: none ever does."""
+        return 0
+
     def follow(self) -> None:
         """Take in what was attached to the robot, and obstacles that came or went.
 
@@ -168,7 +173,13 @@ class PairScheduler:
         """How many evaluations a tick costs: as many as the last one."""
         return float(self._evaluated)
 
-    def find_unsafe(self, tick: Tick, stop_time: float, *, remembers: bool = True) -> Unsafe:
+    def is_stop_proved(self, tick: Tick) -> bool:
+        """Whether a STOP was proved to be in time: that is asked in every tick."""
+        return False
+
+    def find_unsafe(
+        self, tick: Tick, stop_time: float, *, remembers: bool = True, lasting: float = -1.0
+    ) -> Unsafe:
         """A pair that might touch before the arm rests; all pairs that are near are evaluated."""
         near = self.near_pairs(tick, stop_time)
         return Unsafe(*find_unsafe_pair(self.arm.state, near), left=0)

@@ -18,15 +18,15 @@ from armguard.robot.joint_acceptance import BELIEVED, NO_JOINT
 from armguard.scheduling.certificates import UNSEEN
 from armguard.scheduling.timing_wheel import NOBODY
 
-AdvanceResult = tuple[int, int, float, float, float, int, int, float, int, int, int]
+AdvanceResult = tuple[int, int, float, float, float, int, int, float, int, int, int, int]
 """Result of an advance, as compiled code returns it: what was found of the joint state, below 0
 where it is refused, and the joint that it is refused for, both stop times in [s], and unless the
 row is UNSEEN the refinement threshold in [s]; then row and link whose certificate ends first, that
-end in [s] since the epoch, how many obstacles are overdue, evaluations, and how many rows changes
-have overtaken."""
+end in [s] since the epoch, how many obstacles are overdue, evaluations, how many rows changes
+have overtaken, and how many obstacles' certificates have ended."""
 
 _NO_STATE = BELIEVED, NO_JOINT, math.inf, math.inf
-NOTHING_EVALUATED: AdvanceResult = (*_NO_STATE, 0.0, UNSEEN, 0, 0.0, 0, 0, 0)
+NOTHING_EVALUATED: AdvanceResult = (*_NO_STATE, 0.0, UNSEEN, 0, 0.0, 0, 0, 0, 0)
 """Result of an advance in which nothing was evaluated."""
 
 
@@ -60,13 +60,17 @@ class TickResult(NamedTuple):
     expiry: float
     """When that is, in [s] since the monitor's epoch; inf without pairs."""
     overdue: int
-    """How many have neither a certificate in force nor an evaluation in this tick."""
+    """How many have neither a certificate in force nor an evaluation in this tick, whatever the
+    stop decision says; beside those that have `ended`."""
     evaluated: int
     """Evaluations spent."""
     broken: tuple[int, ...] = ()
     """Rows of obstacles that broke the bounds behind their certificates."""
     disturbed: bool = True
     """Whether there may be changes that proofs of earlier ticks do not allow for."""
+    ended: int = 0
+    """How many obstacles have certificates that ended and were not evaluated in this tick: overdue
+    unless the stop decision is made about all of them."""
 
 
 NOTHING_FOUND = TickResult(NOBODY, math.inf, 0, 0)
@@ -122,6 +126,11 @@ class Scheduler(Protocol):
     """Evaluates pairs, and knows for each until when it is safe."""
 
     arm: WatchedArm
+
+    @property
+    def waiting(self) -> int:
+        """How many obstacles were due in the last tick and still wait, as a STOP was certain."""
+        ...
 
     def follow(self) -> None:
         """Take in what was attached to the robot, and obstacles that came or went.
@@ -182,12 +191,26 @@ class Scheduler(Protocol):
         """How many evaluations a tick costs as imminent as all pairs are now."""
         ...
 
-    def find_unsafe(self, tick: Tick, stop_time: float, *, remembers: bool = True) -> Unsafe:
+    def is_stop_proved(self, tick: Tick) -> bool:
+        """Whether earlier ticks have proved already that a STOP in this one is in time.
+
+        For what has no certificate that outlasts the stop, by `find_unsafe` for a time that has not
+        passed. False says nothing.
+        """
+        ...
+
+    def find_unsafe(
+        self, tick: Tick, stop_time: float, *, remembers: bool = True, lasting: float = -1.0
+    ) -> Unsafe:
         """A pair that might touch before the arm rests, if there is one.
 
         Judged by the arm's table of braking, for whatever could be touched within `stop_time`.
         Where the user's budget does not suffice, a pair counts as unsafe. What is found may be
         asked for first the next time, unless `remembers` is false: then nothing changes.
+
+        A `lasting` of 0 or more, in [s], says that the table is that of an arm that is told to stop
+        at any time from this tick until so much later. Then what was proved of earlier tables for
+        long enough need not be asked again.
         """
         ...
 

@@ -3,9 +3,10 @@ import pinocchio
 import pytest
 
 from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, table_contact_time
-from armguard.bounds.table_time import obstacle_room
+from armguard.bounds.table_time import is_free_to_end, obstacle_room
 from armguard.contact.advancement import pair_contact_time
 from armguard.exceptions import ArmguardError
+from armguard.jit.numerics import TABLE_END_SLACK
 from armguard.robot import Kinematics
 from support.example_arms import load_arm
 from support.hostile_joints import (
@@ -278,3 +279,27 @@ def test_states_that_cannot_be_are_refused(robot, joint_motion, q, v, age):
         joint_motion.tabulate(q, v, age)
     with pytest.raises(ArmguardError):
         BrakingMotion(robot, REACTION).tabulate(q, v, age, HORIZON)
+
+
+@pytest.mark.parametrize("name", ["panda", "tiago"])
+def test_whether_the_end_is_reached_is_what_the_search_says(name):
+    """And where one says more, the search is not far from it."""
+    robot, random = load_arm(name), np.random.default_rng(5)
+    spheres, motion = spheres_of(robot), BrakingMotion(robot, REACTION)
+    answers = []
+    for _ in range(400):
+        scene = Scene(robot, motion, spheres, random, NOW * STEP + HORIZON + REACTION)
+        table = motion.tabulate(scene.q, scene.v, scene.arm_age, HORIZON)
+        end = float(table.time[-1]) * (1.0 - TABLE_END_SLACK)
+        searched = scene.time(motion, table) >= end
+        answer = is_free_to_end(
+            *scene.place, scene.jacobian, motion.lever[scene.row], motion.slope_error[scene.row],
+            table, scene.points, scene.velocities, scene.count, scene.accel, scene.speed,
+            scene.velocity_error, scene.age, scene.distance,
+        )  # fmt: skip
+        assert answer >= searched
+        assert not answer or scene.contact >= end
+        answers.append((answer, searched))
+    agree = np.mean([one == other for one, other in answers])
+    assert agree > 0.97
+    assert 0.1 < np.mean([one for one, _ in answers]) < 0.9

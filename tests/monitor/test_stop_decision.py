@@ -19,17 +19,17 @@ LATENCY, REACTION = 0.002, 0.02
 
 
 @pytest.mark.parametrize(
-    ("robot", "settings"),
+    ("robot", "seed", "settings"),
     [
-        ("panda", {}),
-        ("panda", {"rate": 100.0, "latency": 0.01}),
-        ("panda", {"rate": 500.0, "latency": 0.0, "reaction_time": 0.0}),
-        ("xarm7", {}),
+        ("panda", 11, {}),
+        ("panda", 11, {"rate": 100.0, "latency": 0.01}),
+        ("panda", 11, {"rate": 500.0, "latency": 0.0, "reaction_time": 0.0}),
+        ("xarm7", 12, {}),
     ],
 )
-def test_a_stop_that_is_obeyed_is_in_time(robot, settings):
+def test_a_stop_that_is_obeyed_is_in_time(robot, seed, settings):
     """Every ball attacks; the arm brakes as late as it may and as weakly, or as hard, as it may."""
-    hunt = Hunt(Robot.load(robot), 11, 12, 12, top=(0.1, 0.3, 1.0), **settings)
+    hunt = Hunt(Robot.load(robot), seed, 12, 12, top=(0.1, 0.3, 1.0), **settings)
     score = hunt.run(2.5e5)
     assert (score.hits, score.missed, score.early) == (0, 0, 0), score
     # It was a fight: the arm was let go and stopped again and again.

@@ -35,9 +35,8 @@ ACCEL = 10.0
 
 @kernel
 def ask_link(handle, link, row, arm_age, age, floor, refinement_threshold, ceiling):
-    scene = handle.content
     return link_time(
-        scene, link, row, scene.bodies, arm_age, age, floor, REACH, refinement_threshold, ceiling
+        handle, link, row, False, arm_age, age, floor, REACH, refinement_threshold, ceiling
     )
 
 
@@ -48,7 +47,7 @@ def ask_root(handle, link, row, arm_age, age, floor):
 
 @kernel
 def ask_pair(handle, link, row, now, arm_age, floor, refinement_threshold, ceiling):
-    return pair_time(handle.content, link, row, now, arm_age, floor, refinement_threshold, ceiling)
+    return pair_time(handle, link, row, now, arm_age, floor, refinement_threshold, ceiling)
 
 
 @kernel
@@ -63,7 +62,7 @@ def ask_known(handle, row):
 
 @kernel
 def ask_rest(handle, link, row, now):
-    return rests_in_time(handle.content, link, row, now, 10**6)[0] == RESTS
+    return rests_in_time(handle, link, row, now, 10**6)[0] == RESTS
 
 
 @kernel

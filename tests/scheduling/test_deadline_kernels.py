@@ -190,8 +190,9 @@ def watched(position):
 def test_state_and_look_in_one_call():
     _, monitor = watched(FAR)
     verdict = monitor.step(1e-3, HOME, STILL)
-    found, _, stop_time, late, opening, row, link, expiry, overdue, _, news = advance(monitor, 2)
-    assert (found, overdue, news) == (BELIEVED, 0, 0)
+    seen = advance(monitor, 2)
+    found, _, stop_time, late, opening, row, link, expiry, overdue, _, news, ended = seen
+    assert (found, overdue, news, ended) == (BELIEVED, 0, 0, 0)
     assert stop_time == verdict.stop_time
     assert stop_time < late < math.inf
     assert opening == (stop_time + 0.3) / 0.75
@@ -204,7 +205,7 @@ def test_state_and_look_in_one_call():
 
 def test_without_leave_it_does_not_look():
     _, monitor = watched(FAR)
-    found, *_, row, _, _, _, _, _ = advance(monitor, 1, may_evaluate=False)
+    found, *_, row, _, _, _, _, _, _ = advance(monitor, 1, may_evaluate=False)
     assert (found, row) == (BELIEVED, UNSEEN)
 
 

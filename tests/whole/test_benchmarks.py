@@ -11,6 +11,7 @@ from armguard.contact import earliest_contact_pair
 from armguard.pairs.hull_distance import HullDistance
 from armguard.robot import Kinematics, Robot
 from armguard.robot.kinematics import ArmSpheres
+from armguard.verdict import Level
 
 ACCEL, SPEED, RADIUS = 10.0, 2.0, 0.1
 
@@ -265,3 +266,18 @@ def test_a_short_run_on_awareness(load, capsys, monkeypatch):
         assert 0.0 < cells[1] <= 1.0
         assert cells[2] <= float(rows["full"][titles["evaluated"]])
     assert rows["full"][:3] == ["100", "100", "0"]
+
+
+def test_the_benchmark_beside_people_runs_and_nothing_in_it_is_refused(load, capsys):
+    bench = load("bench_near")
+    runs = bench.main(["--only", "at 1.1", "5,000", "--ticks", "30", "--turns", "1", "--warm", "5"])
+    person, crowd = runs
+    assert not (person.refused | crowd.refused)
+    assert len(person.steps) == len(crowd.steps) == 30
+    assert crowd.levels[Level.STOP] == 30
+    assert person.levels[Level.SLOW] == 30
+    # What is known of them lasts: the mean is far below an evaluation of everything.
+    assert np.mean(person.evaluated) < 0.3 * 9 * len(person._swing.robot.links)
+    assert np.mean(crowd.evaluated) < 500
+    table = capsys.readouterr().out
+    assert all(run.name in table for run in runs)

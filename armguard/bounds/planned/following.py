@@ -170,6 +170,20 @@ def check_following(
     return Refusal(robot.joints[joint], f"{what}, expected within {allowed:.3g}")
 
 
+@kernel
+def _evaluate_all(
+    times: FloatArray,
+    q: FloatArray,
+    v: FloatArray,
+    along: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+) -> None:
+    """`evaluate_curve` at many times, (k,); `position` and `velocity` are (k, nv)."""
+    for k in range(along.shape[0]):
+        evaluate_curve(times, q, v, along[k], position[k], velocity[k])
+
+
 def find_disagreement(
     before: CheckedPlan,
     after: CheckedPlan,
@@ -192,9 +206,8 @@ def find_disagreement(
         knots = np.append(knots, np.nextafter(knots[0], math.inf))
     shape = len(knots), len(robot.joints)
     apart, pace, place, rate = np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape)
-    for k, knot in enumerate(knots):
-        evaluate_curve(before.times, before.q, before.v, knot - before.stamp, place[k], rate[k])
-        evaluate_curve(after.times, after.q, after.v, knot - after.stamp, apart[k], pace[k])
+    _evaluate_all(before.times, before.q, before.v, knots - before.stamp, place, rate)
+    _evaluate_all(after.times, after.q, after.v, knots - after.stamp, apart, pace)
     apart -= place
     pace -= rate
     # Both are cubic between these, and so is their difference.

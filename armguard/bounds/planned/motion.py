@@ -19,9 +19,10 @@ from armguard.bounds.limits import read_limits
 from armguard.bounds.model import check_duration, check_question, read_only
 from armguard.bounds.planned.check import check_path_stop, check_plan, check_stop
 from armguard.bounds.planned.contact import PlannedContact, find_planned_contact
-from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, deviation_along
+from armguard.bounds.planned.course import ArmShape, PlannedCourse, deviation_along
 from armguard.bounds.planned.curve import evaluate_curve, find_top_speeds
 from armguard.bounds.planned.following import find_disagreement
+from armguard.bounds.planned.placing import enclose, make_chain, place_all
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
 from armguard.bounds.planned.slabs import (
     JointSlabs,
@@ -34,7 +35,6 @@ from armguard.bounds.planned.stop import append_stop, bound_path_braking
 from armguard.bounds.sums import compute_levers, compute_sphere_levers
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
-from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.table import Marks, States, make_states
 from armguard.robot.brakes import BrakeCurves, find_decelerations, find_gentlest_stop
 from armguard.robot.joints import is_prismatic
@@ -86,6 +86,7 @@ class PlannedMotion:
             stack=np.zeros(len(spheres), dtype=np.int64),
         )
         self._still = np.zeros(len(robot.joints))
+        self._chain = make_chain(self._kinematics)
         self._compile()
 
     def lay_out(self, plan: CheckedPlan, before: Sequence[CheckedPlan] = ()) -> PlannedCourse:
@@ -169,14 +170,8 @@ class PlannedMotion:
 
     def _place(self, epoch: float, slabs: JointSlabs) -> PlannedCourse:
         """The arm in the middle of each slab, and the balls around all that it sweeps."""
-        kinematics, count = self._kinematics, len(slabs.start)
-        centers = np.empty((count, len(kinematics.spheres), 3))
-        jacobian = np.empty((count, 6, len(self._limits.lower)))
-        for slab in range(count):
-            kinematics.compute(slabs.middle[slab], self._still)
-            centers[slab] = kinematics.centers
-            jacobian[slab] = kinematics.data.J
-        block_balls, arm_ball = self._enclose(centers, slabs.half)
+        centers, jacobian = place_all(self._chain, slabs.middle)
+        block_balls, arm_ball = enclose(self._arm, centers, slabs.half)
         return PlannedCourse(epoch, *slabs, centers, jacobian, block_balls, arm_ball)
 
     def contact_time(
@@ -259,21 +254,6 @@ class PlannedMotion:
             largest = max(largest, float(along @ place) - origin + deviation)
         return largest
 
-    def _enclose(self, centers: FloatArray, half: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Balls around what links sweep, (blocks, links, 4), and one around those, (4,)."""
-        roots = self._arm.root
-        places = centers[:, roots]
-        reach = half @ self._arm.lever[roots].T
-        first = np.arange(0, len(half), BLOCK)
-        low, high = np.minimum.reduceat(places, first), np.maximum.reduceat(places, first)
-        middles = 0.5 * (low + high)
-        away = np.linalg.norm(places - np.repeat(middles, BLOCK, axis=0)[: len(half)], axis=2)
-        radii = np.maximum.reduceat(away + reach, first) + self._arm.radius[roots]
-        balls = _widen(np.concatenate([middles, radii[..., None]], axis=2))
-        middle = 0.5 * (low.min(axis=(0, 1)) + high.max(axis=(0, 1)))
-        radius = (np.linalg.norm(middles - middle, axis=2) + balls[..., 3]).max()
-        return balls, _widen(np.append(middle, radius))
-
     def _compile(self) -> None:
         """Run every kernel once on nothing, so that none is compiled when a plan is due."""
         robot, still = self._robot, self._still
@@ -296,9 +276,3 @@ class PlannedMotion:
         marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 4))
         none = np.zeros(0, dtype=np.int64)
         self.contact_time(course, none, 0.0, 0.0, make_states(0), make_states(0), marks)
-
-
-def _widen(balls: FloatArray) -> FloatArray:
-    """The balls with room for the rounding of what they were made from. Shape (..., 4)."""
-    balls[..., 3] += SUM_ROUNDING * np.abs(balls).sum(axis=-1)
-    return balls

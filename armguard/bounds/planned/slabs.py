@@ -133,7 +133,8 @@ def make_stop_slabs(
         slowest = np.minimum(0.0, slowest * clock.pace)
         fastest = np.maximum(0.0, fastest * clock.pace)
     _widen_speeds(plan, limits, clock, nodes, slowest, fastest)
-    top = np.maximum(limits.velocity, np.abs(plan.v).max(axis=0))
+    top = limits.velocity.copy()
+    _raise_to_fastest(plan.v, top)
     pace = np.minimum(np.maximum(-slowest, fastest), top)
     if not (pace.max(axis=0) <= limits.brakes.speed[:, -1]).all():
         return None
@@ -230,24 +231,12 @@ def _widen_speeds(
     The least of what is stated, what follows from staying within the deviation, and what follows
     from the measured velocity.
     """
-    off = np.empty_like(slowest)
-    for k in range(len(off)):
-        fill_deviation_speed(
-            plan.deviation,
-            plan.acceleration,
-            plan.velocity_deviation,
-            clock.followed + nodes[k],
-            off[k],
-        )
-    # Either way between the stamp and a time of the slab.
-    ages = np.abs(clock.age + nodes)
-    away = np.maximum(ages[:-1], ages[1:])[:, None]
-    reach = limits.velocity_error + away * limits.acceleration * (1.0 + SUM_ROUNDING)
-    if clock.pace < 1.0:
-        # What was measured says nothing of an arm that keeps to a pace, and may have been faster.
-        reach[:] = np.inf
-    slowest[:] = np.maximum(slowest - off, plan.measured_v - reach)
-    fastest[:] = np.minimum(fastest + off, plan.measured_v + reach)
+    # What was measured says nothing of an arm that keeps to a pace, and may have been faster.
+    error = limits.velocity_error if clock.pace == 1.0 else np.full_like(plan.deviation, np.inf)
+    _widen_all(
+        plan.deviation, plan.acceleration, plan.velocity_deviation, plan.measured_v, error,
+        limits.acceleration, clock.followed, clock.age, nodes, slowest, fastest,
+    )  # fmt: skip
 
 
 def _join(
@@ -259,13 +248,10 @@ def _join(
         starts.append(offset + nodes[:-1])
         offset += float(nodes[-1])
         ends.append(np.append(starts[-1][1:], offset))
-    # Joints are believed up to an error beyond their limits, and truly another one beyond.
     low = np.concatenate([low for _, low, _ in parts])
     high = np.concatenate([high for _, _, high in parts])
-    low = np.maximum(low, limits.lower - 2.0 * limits.position_error)
-    high = np.minimum(high, limits.upper + 2.0 * limits.position_error)
-    half = 0.5 * (high - low) + SUM_ROUNDING * (np.abs(low) + np.abs(high))
-    return JointSlabs(np.concatenate(starts), np.concatenate(ends), 0.5 * (high + low), half)
+    _center(low, high, limits.lower, limits.upper, limits.position_error)
+    return JointSlabs(np.concatenate(starts), np.concatenate(ends), low, high)
 
 
 def _spread(
@@ -299,6 +285,54 @@ def _fill_ranges(
     for k in range(first.shape[0]):
         curve_range(times, q, v, first[k], last[k], low[k], high[k])
         speed_range(times, q, v, first[k], last[k], slowest[k], fastest[k])
+
+
+@kernel
+def _widen_all(
+    deviation: FloatArray,
+    acceleration: FloatArray,
+    stated: FloatArray,
+    measured_v: FloatArray,
+    velocity_error: FloatArray,
+    acceleration_limit: FloatArray,
+    followed: float,
+    age: float,
+    nodes: FloatArray,
+    slowest: FloatArray,
+    fastest: FloatArray,
+) -> None:
+    """`_widen_speeds`, field by field; `slowest` and `fastest` are (nodes - 1, nv)."""
+    off = np.empty_like(deviation)
+    for k in range(slowest.shape[0]):
+        fill_deviation_speed(deviation, acceleration, stated, followed + nodes[k], off)
+        # Either way between the stamp and a time of the slab.
+        away = max(abs(age + nodes[k]), abs(age + nodes[k + 1]))
+        for j in range(off.shape[0]):
+            reach = velocity_error[j] + away * acceleration_limit[j] * (1.0 + SUM_ROUNDING)
+            slowest[k, j] = max(slowest[k, j] - off[j], measured_v[j] - reach)
+            fastest[k, j] = min(fastest[k, j] + off[j], measured_v[j] + reach)
+
+
+@kernel
+def _center(
+    low: FloatArray, high: FloatArray, lower: FloatArray, upper: FloatArray, error: FloatArray
+) -> None:
+    """Turn least and greatest positions, (slabs, nv), into middles and half widths, in place."""
+    for k in range(low.shape[0]):
+        for j in range(low.shape[1]):
+            # Joints are believed up to an error beyond their limits, and truly another one beyond.
+            least = max(low[k, j], lower[j] - 2.0 * error[j])
+            most = min(high[k, j], upper[j] + 2.0 * error[j])
+            low[k, j] = 0.5 * (most + least)
+            high[k, j] = 0.5 * (most - least) + SUM_ROUNDING * (abs(least) + abs(most))
+
+
+@kernel
+def _raise_to_fastest(v: FloatArray, top: FloatArray) -> None:
+    """Raise `top`, (nv,), to the greatest speeds among samples, (k, nv)."""
+    for k in range(v.shape[0]):
+        for j in range(v.shape[1]):
+            top[j] = max(top[j], abs(v[k, j]))
 
 
 @kernel

@@ -1,0 +1,207 @@
+"""Right beside people: few evaluations, the same stops, and no pair unaccounted for in a tick."""
+
+import numpy as np
+import pytest
+
+from armguard.pairs.evaluate import evaluate, find_unsafe_pair
+from armguard.scheduling.deadline_kernels import CROWD
+from armguard.verdict import Level, ReasonKind
+from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps
+
+LATENCY, STALENESS = 0.002, 0.25
+LINKS = len(panda().links)
+
+
+class Company:
+    """Bodies that sway close to an arm that swings, each in a motion of its own.
+
+    Args:
+        seed: Of all that is random.
+        count: Bodies.
+        nearest: Least distance of their places from the base's axis, in [m].
+        farthest: Greatest.
+    """
+
+    def __init__(self, seed, count, nearest=0.9, farthest=1.5):
+        random = np.random.default_rng(seed)
+        turn = random.uniform(0.0, 2.0 * np.pi, count)
+        distance = random.uniform(nearest, farthest, count)
+        height = random.uniform(0.0, 1.2, count)
+        self.places = np.column_stack([distance * np.cos(turn), distance * np.sin(turn), height])
+        self.size = random.uniform(0.0, 0.15, (count, 3))
+        self.rate = random.uniform(0.5, 3.0, (count, 3))
+        self.phase = random.uniform(0.0, 2.0 * np.pi, (count, 3))
+        self.names = [f"body {k}" for k in range(count)]
+        self.swing = random.uniform(-0.5, 0.5, 7)
+
+    def tell(self, obstacles, now, **fields):
+        turn = self.rate * now + self.phase
+        place = self.places + self.size * np.sin(turn)
+        pace = self.size * self.rate * np.cos(turn)
+        see(obstacles, now, place, self.names, velocity=pace, **fields)
+
+    def arm(self, now):
+        turn = 1.3 * now
+        return HOME + 0.3 * self.swing * np.sin(turn), 0.39 * self.swing * np.cos(turn)
+
+
+def compute_all(scheduler, tick, pairs):
+    """Contact times of pairs, in [s] from now, evaluated afresh one by one."""
+    state = scheduler.arm.state
+    times, nodes = np.zeros(len(pairs)), np.zeros(len(pairs), dtype=np.int64)
+    state.begin(tick.now, tick.arm_age, tick.stop_time + 10.0)
+    state.prepare_arm(tick.q, tick.v)
+    evaluate(state, pairs, times, nodes, np.zeros(len(pairs), dtype=np.int8))
+    return times
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_stops_are_those_of_a_monitor_that_evaluates_everything(seed):
+    """And contact times are never later than its, nor staler than they may be."""
+    company = Company(seed, 9, 0.85 + 0.05 * seed, 1.4)
+    worlds = [
+        make_monitor(schedule, rise_delay=0.0, source_timeout=10.0)
+        for schedule in ("deadline", "full")
+    ]
+    levels, spent = [], [0, 0]
+    for k in range(150):
+        now = k * PERIOD
+        answers = []
+        for which, (obstacles, monitor) in enumerate(worlds):
+            if k % 10 == 0:
+                company.tell(obstacles, now)
+            answers.append(monitor.step(now, *company.arm(now)))
+            spent[which] += answers[-1].evaluated
+        lazy, full = answers
+        assert (lazy.level is Level.STOP) == (full.level is Level.STOP), (k, lazy, full)
+        assert lazy.level <= full.level
+        # One that shares evaluations among links finds some times a little later, none too late.
+        assert lazy.contact_time <= 1.05 * full.contact_time + 2.0 * PERIOD
+        assert lazy.contact_time >= (1.0 - STALENESS) * full.contact_time - 0.1
+        levels.append(full.level)
+    assert worlds[0][1]._scheduler.stale_evaluations == 0
+    assert Level.SLOW in levels
+    assert spent[0] < 0.2 * spent[1]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_pair_is_accounted_for_in_each_tick_that_is_no_stop(seed):
+    """By a certificate that outlasts the stop, or a proof that the arm rests, asked once more."""
+    company, asked, proved = Company(10 + seed, 14), 0, 0
+    budget = [None, 60][seed % 2]
+    obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0, budget=budget)
+    scheduler = monitor._scheduler
+    for k in range(120):
+        now = k * PERIOD
+        if k % 10 == 0:
+            company.tell(obstacles, now)
+        verdict = monitor.step(now, *company.arm(now))
+        if verdict.level is Level.STOP:
+            continue
+        assert verdict.complete
+        tick = monitor._last[0]
+        certificates = scheduler.certificates
+        rows = np.array([obstacles.row(name) for name in company.names])
+        pairs = (rows[:, None] * LINKS + np.arange(LINKS)).ravel()
+        expiry = certificates.pair_expiry[rows].ravel()
+        near = pairs[~(expiry > tick.time + tick.stop_time)]
+        asked += len(near)
+        proved += int((certificates.rests_until[rows] >= tick.time).sum())
+        # What stands is no later than what is proved of the same tick anew, but for looser bounds.
+        table = scheduler.arm.motion.braking.tabulate(tick.q, tick.v, 0.0, PERIOD + LATENCY)
+        times = compute_all(scheduler, tick, near)
+        doubtful = near[~(times > tick.stop_time)]
+        assert find_unsafe_pair(scheduler.arm.state, doubtful)[0] == -1
+        assert table.time[-1] <= tick.stop_time + 1e-9
+    assert asked > 100
+    assert proved > 100
+
+
+def test_what_is_proved_of_stops_ends_with_any_news():
+    obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
+    places = [[0.72, 0.2, 0.5], [0.72, -0.2, 0.5]]
+
+    def tell(now):
+        see(obstacles, now, places, ["near", "other"], velocity=np.zeros((2, 3)))
+
+    tell(0.0)
+    verdicts = steps(monitor, 0, 3)
+    assert all(one.level is Level.SLOW for one in verdicts)
+    scheduler = monitor._scheduler
+    tick, until = monitor._last[0], scheduler.certificates.rests_until
+    row = obstacles.row("near")
+    assert until[row] > tick.time
+    assert scheduler.is_stop_proved(tick)
+    assert not scheduler.is_stop_proved(tick._replace(time=float(until[row]) + 1e-6))
+    # A state that agrees: it is no news to certificates, and yet more is known than was.
+    tell(2.5 * PERIOD)
+    assert not scheduler.is_stop_proved(tick)
+    assert steps(monitor, 3, 1)[0].level is Level.SLOW
+    assert scheduler.is_stop_proved(monitor._last[0])
+    # A refused sample: two states may be true.
+    see(obstacles, 3.5 * PERIOD, [9.0, 0.0, 0.0], ["near"])
+    assert not scheduler.is_stop_proved(monitor._last[0])
+    steps(monitor, 4, 1)
+    assert not until[row] > 4 * PERIOD
+    # Other limits or brakes, or another tool.
+    other = obstacles.row("other")
+    assert until[other] > 4 * PERIOD
+    scheduler.invalidate_all()
+    scheduler.evaluate_due(monitor._last[0])
+    assert until[other] == -np.inf
+
+
+def test_a_stop_is_proved_by_far_fewer_questions_than_ticks(monkeypatch):
+    company, questions = Company(3, 9, 1.0, 1.3), []
+    obstacles, monitor = make_monitor(source_timeout=10.0)
+    scheduler = monitor._scheduler
+    ask = scheduler.find_unsafe
+
+    def count(tick, stop_time, **options):
+        questions.append(options.get("lasting", -1.0) >= 0.0)
+        return ask(tick, stop_time, **options)
+
+    monkeypatch.setattr(scheduler, "find_unsafe", count)
+    slow = 0
+    for k in range(200):
+        if k % 10 == 0:
+            company.tell(obstacles, k * PERIOD)
+        verdict = monitor.step(k * PERIOD, *company.arm(k * PERIOD))
+        slow += verdict.level is Level.SLOW and not verdict.contact_time > verdict.stop_time
+    assert slow > 100
+    assert 0 < sum(questions) < 0.5 * slow
+
+
+def test_five_thousand_within_the_stopping_distance_are_a_stop_at_a_bounded_price():
+    random = np.random.default_rng(4)
+    way = random.normal(size=(5000, 3))
+    places = 0.64 * way / np.linalg.norm(way, axis=1)[:, None] + (0.0, 0.0, 0.4)
+    obstacles, monitor = make_monitor(source_timeout=10.0)
+    names = [f"body {k}" for k in range(5000)]
+    see(obstacles, 0.0, places, names, radius=0.02, velocity=np.zeros((5000, 3)))
+    steps(monitor, 0, 1)
+    price = 4 * (2 * len(monitor._scheduler.arm.state.tree.radius) + 2 * LINKS + 2)
+    for verdict in steps(monitor, 1, 60):
+        assert (verdict.level, verdict.complete) == (Level.STOP, True)
+        assert verdict.evaluated <= CROWD + price
+    assert ReasonKind.CROWD in kinds(verdict)
+    # They leave: all is evaluated before the level rises again.
+    obstacles.remove(names)
+    see(obstacles, 61 * PERIOD, [9.0, 0.0, 0.0], ["far"])
+    last = steps(monitor, 61, 400)[-1]
+    assert last.level is Level.CLEAR
+    assert ReasonKind.CROWD not in kinds(last)
+
+
+def test_without_a_stop_decision_what_could_matter_to_a_stop_is_due():
+    """By free bodies alone a contact time within the stop is a STOP, and may not be stale then."""
+    obstacles, monitor = make_monitor(motion="isotropic", rise_delay=0.0, source_timeout=10.0)
+    see(obstacles, 0.0, [3.2, 0.0, 0.5], velocity=np.zeros((1, 3)), speed=1.0, accel=2.0)
+    certificates = monitor._scheduler.certificates
+    verdicts = []
+    for k in range(200):
+        verdicts += steps(monitor, k, 1, HOME, STILL)
+        row = obstacles.row("ball")
+        half = len(certificates.expiry_tree) // 2
+        assert certificates.wheel.deadline[row] < certificates.expiry_tree[half + row]
+    assert not any(ReasonKind.OVERDUE in kinds(one) for one in verdicts)
