@@ -1,11 +1,19 @@
-"""What an arm's monitor was told and what it answered, on a file, and the same again from it.
+"""What a monitor was told and what it answered, in a file, and the same again from it.
 
 A `Recorder` writes from a process of its own; `replay` steps a monitor made anew through a
-recording, and compares its verdicts to the bit. Needs the extra `record`.
+recording, and compares its verdicts to the bit. Both need the extra `record`.
 """
 
+from armguard.recording.reading import Recording
 from armguard.recording.recorder import Recorder
+from armguard.recording.replay import Difference, Replay, ReplayedTick, ReplayReport, replay
 
 __all__ = [
+    "Difference",
     "Recorder",
+    "Recording",
+    "Replay",
+    "ReplayReport",
+    "ReplayedTick",
+    "replay",
 ]
