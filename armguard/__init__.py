@@ -32,6 +32,7 @@ from armguard.monitor import (
 )
 from armguard.obstacles import Fault, Frame, Obstacles, Source
 from armguard.pairs import SeparationRule
+from armguard.recording import Recorder
 from armguard.robot import OperatingLimits, Robot
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
 
@@ -54,6 +55,7 @@ __all__ = [
     "PlanVerdict",
     "Reason",
     "ReasonKind",
+    "Recorder",
     "Robot",
     "SeparationRule",
     "Snapshot",

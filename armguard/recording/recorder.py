@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import stat
 import struct
 import subprocess
 import sys
@@ -347,6 +346,28 @@ def check_installed() -> None:
             )
 
 
+def check_new(path: Path) -> None:
+    """Refuse a file that is there already, or that cannot be in its folder, and go on without one.
+
+    Raises:
+        ArmguardError: It is so, or the packages for recordings are missing.
+    """
+    check_installed()
+    try:
+        is_there = path.is_file() and path.stat().st_size > 0
+        if not path.parent.is_dir():
+            raise ArmguardError(str(path), f"cannot be written (no folder {path.parent})")
+    except OSError as error:
+        raise ArmguardError(str(path), f"cannot be written ({error.strerror})") from None
+    if is_there:
+        raise ArmguardError(
+            str(path),
+            "is there already, and no recording is written over",
+            expected="a new file",
+            remedy="a folder in its place gets a file named by the time",
+        )
+
+
 def open_new(path: Path) -> tuple[Path, int]:
     """Open a file that is not there yet, for writing; a recording is never written over.
 
@@ -361,14 +382,8 @@ def open_new(path: Path) -> tuple[Path, int]:
     """
     if path.is_dir():
         path = path / time.strftime("armguard-%Y%m%dT%H%M%S.mcap")
+    check_new(path)
     try:
-        if path.exists() and stat.S_ISREG(path.stat().st_mode) and path.stat().st_size > 0:
-            raise ArmguardError(
-                str(path),
-                "is there already, and no recording is written over",
-                expected="a new file",
-                remedy="a folder in its place gets a file named by the time",
-            )
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
         return path, os.open(path, flags, 0o644)
     except OSError as error:
