@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio
@@ -131,6 +131,7 @@ def read_settings(
             "stop", f"is {stop!r}", expected='"joints" unless motion="planned" tells the path'
         )
     by_deadline = isinstance(schedule, str) and schedule == DEADLINE
+    numbers: dict[str, Any] = {name: float(amount) for name, amount in amounts.items()}
     return MonitorSettings(
         period=period,
         schedule=None if by_deadline else make_schedule(schedule, period),
@@ -141,7 +142,7 @@ def read_settings(
         base_placement=base_placement or pinocchio.SE3.Identity(),
         operating=read_operating(robot, operating),
         payload=robot.brakes.check_payload(payload),
-        **{name: float(amount) for name, amount in amounts.items()},
+        **numbers,
     )
 
 

@@ -16,11 +16,14 @@ from typing import Any
 
 import llvmlite.binding
 import msgspec
-import numba
 import pinocchio
+from numba import __version__ as numba_version
+from numba import config as numba_config
 
 from armguard.robot.portable import describe_robot
 from armguard.robot.robot import Robot
+
+config: Any = numba_config
 
 PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -49,10 +52,10 @@ def describe_provenance(robot: Robot) -> dict[str, str]:
         "armguard": importlib.metadata.version("armguard"),
         "sources": digest_package(PACKAGE),
         **digest_robot(robot),
-        "processor": numba.config.CPU_NAME or llvmlite.binding.get_host_cpu_name(),
-        "processor_features": numba.config.CPU_FEATURES or _digest(repr(features).encode()),
+        "processor": config.CPU_NAME or llvmlite.binding.get_host_cpu_name(),
+        "processor_features": config.CPU_FEATURES or _digest(repr(features).encode()),
         "machine": f"{platform.system()} {platform.machine()}",
-        "numba": numba.__version__,
+        "numba": numba_version,
         "llvm": version,
         "numpy": importlib.metadata.version("numpy"),
         "pinocchio": pinocchio.__version__,

@@ -169,9 +169,7 @@ class Recording:
                 start = file.read(len(MAGIC))
                 if start != MAGIC:
                     problem = "is empty" if not start else "is no MCAP file"
-                    raise ArmguardError(
-                        str(self.path), problem, expected="a recording of armguard"
-                    )
+                    raise ArmguardError(str(self.path), problem, expected="a recording of armguard")
                 while True:
                     header = file.read(_FRAME.size)
                     if len(header) < _FRAME.size:

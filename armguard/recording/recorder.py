@@ -109,8 +109,12 @@ class Recorder:
         memory = create_memory(capacity)
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "armguard.recording"]
-                + [str(memory), str(file), str(os.getpid())],
+                [
+                    sys.executable,
+                    "-m",
+                    "armguard.recording",
+                    *map(str, (memory, file, os.getpid())),
+                ],
                 stdin=subprocess.DEVNULL,
                 pass_fds=(memory, file),
                 start_new_session=True,  # a Ctrl-C is the loop's, whose end is to be in the file
@@ -232,9 +236,7 @@ class Recorder:
         """As `ObstacleJournal` says."""
         try:
             # Lists are made of the arrays by the other process: that takes longer than a tick.
-            arrays = [
-                np.ascontiguousarray(array, dtype=np.float64).tobytes() for array in samples
-            ]
+            arrays = [np.ascontiguousarray(array, dtype=np.float64).tobytes() for array in samples]
             given = (True, has_velocity, True, has_accel, has_speed, True, has_velocity)
             fields = [
                 array if is_given else None for array, is_given in zip(arrays, given, strict=True)

@@ -173,9 +173,7 @@ class Replay:
                     self._compared += 1
                     if not is_identical:
                         self._note_difference(recorded._asdict(), replayed._asdict())
-                yield ReplayedTick(
-                    nanoseconds, now, recorded, replayed, is_compared, is_identical
-                )
+                yield ReplayedTick(nanoseconds, now, recorded, replayed, is_compared, is_identical)
 
     def report(self) -> ReplayReport:
         """What was found so far."""
@@ -240,9 +238,7 @@ class Replay:
                 told = tell_answer(answer)
                 self._note_difference(_list_fields(event), _list_fields(told))
 
-    def _note_difference(
-        self, recorded: Mapping[str, Any], replayed: Mapping[str, Any]
-    ) -> None:
+    def _note_difference(self, recorded: Mapping[str, Any], replayed: Mapping[str, Any]) -> None:
         if self._difference is not None:
             return
         fields = tuple(

@@ -122,7 +122,7 @@ class Ring:
 
 
 def create_memory(capacity: int) -> int:
-    """Memory for a ring, in RAM from the start; the descriptor is to be handed to the other process.
+    """Memory for a ring, in RAM from the start; its descriptor is for both processes.
 
     Args:
         capacity: Bytes of records with their frames, at least.

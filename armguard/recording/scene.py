@@ -240,11 +240,14 @@ class Scene:
             spheres += [_make_sphere(place, radius, color) for place in places]
             if len(places) > 1:
                 pairs = [
-                    Vector(*end) for k, one in enumerate(places) for other in places[:k]
+                    Vector(*end)
+                    for k, one in enumerate(places)
+                    for other in places[:k]
                     for end in (one, other)
                 ]
                 lines.append(Line(2, Pose(Vector(0.0, 0.0, 0.0)), 2.0, True, pairs, color))
-            above = Vector(*(places[0][:2]), places[0][2] + radius)
+            x, y, z = places[0]
+            above = Vector(x, y, z + radius)
             texts.append(Text(Pose(above), True, 12.0, True, color, name))
         return {"spheres": spheres, "lines": lines, "texts": texts}
 

@@ -133,11 +133,13 @@ def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) ->
     """A monitor from the data of `describe_settings`; errors as of `make_obstacles`."""
     base, operating, separation = data["base_placement"], data["operating"], data["separation"]
     schedule = data["schedule"]
+    words: dict[str, Any] = {name: str(data[name]) for name in _WORDS}
+    numbers: dict[str, Any] = {name: float(data[name]) for name in _PLAIN}
     return Monitor(
         robot,
         obstacles,
-        **{name: float(data[name]) for name in _PLAIN},
-        **{name: str(data[name]) for name in _WORDS},  # type: ignore[arg-type]  # of other types
+        **numbers,
+        **words,
         schedule=schedule
         if isinstance(schedule, str)
         else DaaSchedule(float(schedule["period"]), schedule["law"], schedule["sort"]),
@@ -235,5 +237,3 @@ def _describe_schedule(schedule: Schedule | None) -> Any:
         f"is a {type(schedule).__name__} of the application's own",
         expected="one of armguard's, which alone can be made anew from a recording",
     )
-
-

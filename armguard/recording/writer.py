@@ -11,13 +11,14 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import FrameType
 from typing import Any
 
 import msgspec
 import numpy as np
 from msgspec import UNSET
+from numpy.typing import NDArray
 
 from armguard.recording.events import (
     KINDS,
@@ -121,8 +122,9 @@ class RecordingWriter:
         from mcap.writer import CompressionType, IndexType, Writer
 
         self._file = file
-        self._writer = Writer(
-            file,  # type: ignore[arg-type]  # it needs no more of a file than this has
+        # Its types are incomplete, and it needs no more of a file than this one has.
+        self._writer: Any = Writer(
+            file,  # type: ignore[arg-type]
             chunk_size=CHUNK_SIZE,
             compression=CompressionType.ZSTD,
             index_types=IndexType.ALL,
@@ -140,7 +142,9 @@ class RecordingWriter:
         self._next_scene = 0
         self._last_time = 0
         self._count = 0
-        self._decoders = {kind: msgspec.json.Decoder(kind) for kind in KINDS}
+        self._decoders: dict[type[Any], msgspec.json.Decoder[Any]] = {
+            kind: msgspec.json.Decoder(kind) for kind in KINDS
+        }
         self._last_state = b""
 
     def take(self, number: int, nanoseconds: int, data: bytes) -> None:
@@ -215,12 +219,11 @@ class RecordingWriter:
 def read_update(data: bytes) -> ObstacleUpdate:
     """An update from the bytes that `Recorder` sends: arrays become lists here."""
     ids, stamp, source, frame, snapshot, points, *arrays = msgspec.msgpack.decode(data)
-    position, velocity, *fields = (
-        None if array is None else np.frombuffer(array, np.float64) for array in arrays
-    )
-    radius, accel, speed, position_error, velocity_error = (
-        UNSET if array is None else write_field(array) for array in fields
-    )
+    position, velocity, radius, accel, speed, position_error, velocity_error = arrays
+
+    def read(array: bytes | None, write: Callable[[NDArray[np.float64]], Any]) -> Any:
+        return UNSET if array is None else write(np.frombuffer(array, np.float64))
+
     return ObstacleUpdate(
         ids=ids,
         stamp=write_number(stamp),
@@ -228,13 +231,14 @@ def read_update(data: bytes) -> ObstacleUpdate:
         frame=frame,
         snapshot=snapshot,
         points=points,
-        position=write_numbers(position),
-        velocity=UNSET if velocity is None else write_numbers(velocity),
-        radius=radius,
-        accel=accel,
-        speed=speed,
-        position_error=position_error,
-        velocity_error=[] if velocity_error is UNSET else velocity_error,
+        position=read(position, write_numbers),
+        velocity=read(velocity, write_numbers),
+        radius=read(radius, write_field),
+        accel=read(accel, write_field),
+        speed=read(speed, write_field),
+        position_error=read(position_error, write_field),
+        # Without velocities, what they are off by was made up by the table.
+        velocity_error=[] if velocity_error is None else read(velocity_error, write_field),
     )
 
 

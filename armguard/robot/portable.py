@@ -107,7 +107,7 @@ class RestoredRobot(Robot):
         self.brakes = Brakes(
             self.joints,
             {
-                joint: [BrakeEntry(*map(float, row[:5]), str(row[5])) for row in rows]
+                joint: [BrakeEntry._make([*map(float, row[:5]), str(row[5])]) for row in rows]
                 for joint, rows in data["brakes"].items()
             },
         )
@@ -236,7 +236,9 @@ def _make_model(name: str, joints: Iterable[Mapping[str, Any]]) -> Any:
         parent = int(model.getJointId(str(entry["parent"])))
         if not parent < model.njoints:
             raise ValueError(f"joint {entry['name']!r} has no parent {entry['parent']!r}")
-        placement = pinocchio.SE3(_read(entry["rotation"], (3, 3)), _read(entry["translation"], (3,)))
+        placement = pinocchio.SE3(
+            _read(entry["rotation"], (3, 3)), _read(entry["translation"], (3,))
+        )
         model.addJoint(parent, joint, placement, str(entry["name"]))
     return model
 

@@ -97,10 +97,17 @@ def see_people(obstacles, rng, tick, now):
             source="camera",
         )
     if tick % 20 == 0:
-        boxes = rng.normal(scale=0.02, size=(2, 8, 3)) + [[[2.0, -1.0, 0.5]], [[-2.0, 1.5, 0.5]]]
+        middles = np.array([[[2.0, -1.0, 0.5]], [[-2.0, 1.5, 0.5]]])
+        boxes = middles + rng.normal(scale=0.02, size=(2, 8, 3))
         ids = ["cart", "hidden crate"] if tick % 40 else ["cart"]
         obstacles.update(
-            ids, now, boxes[: len(ids)], radius=0.02, source="scanner", frame="tilted", snapshot=True
+            ids,
+            now,
+            boxes[: len(ids)],
+            radius=0.02,
+            source="scanner",
+            frame="tilted",
+            snapshot=True,
         )
     if tick % 300 == 250:
         obstacles.update(["thrown 1"], now, [[3.0, 0.0, 1.0]], radius=0.1, source="camera")
