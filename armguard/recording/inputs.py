@@ -136,7 +136,7 @@ def _tell_vector(values: Any, joints: int) -> tuple[Any, Any]:
             return (listed if math.isfinite(sum(listed)) else write_numbers(values)), UNSET  # type: ignore[arg-type]
         return UNSET, OddArray(_FLOAT.str, [len(values)])
     array = _read_array(values)
-    if isinstance(array, np.ndarray) and array.shape == (joints,):
+    if array is not None and array.dtype == _FLOAT and array.shape == (joints,):
         return write_numbers(array), UNSET
     return UNSET, _describe(array)
 
