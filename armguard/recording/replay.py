@@ -106,7 +106,7 @@ class ReplayReport(NamedTuple):
     @property
     def is_identical(self) -> bool:
         """Whether all verdicts of the recording were compared, and are the same to the bit."""
-        return self.difference is None and self.compared == self.ticks and not self.lost
+        return self.difference is None and self.compared == self.ticks > 0 and not self.lost
 
 
 class Replay:

@@ -182,7 +182,7 @@ def change_settings(data: dict[str, Any], changes: Mapping[str, str], robot: Rob
             data["monitor"][name] = _read_number(name, text)
         elif name == "budget":
             number = _read_number(name, text)
-            if number != int(number):
+            if not number.is_integer():
                 raise ArmguardError(name, f"is {text!r}", expected="a whole number")
             data["monitor"][name] = int(number)
         elif name == "operating":

@@ -22,6 +22,14 @@ def count(path):
     return number, recording.is_cut_off
 
 
+def try_to_count(path):
+    """What `count` says, or the line that tells why it cannot."""
+    try:
+        return count(path)
+    except ArmguardError as error:
+        return str(error)
+
+
 def write(path, *, metadata=None, attachments=(), messages=()):
     """An MCAP file of this content."""
     from mcap.writer import Writer
@@ -50,11 +58,12 @@ def test_a_file_that_was_cut_off_anywhere_is_read_as_far_as_it_goes(path, tmp_pa
     found = []
     for length in [*range(0, len(whole), len(whole) // 40), len(whole) - 1]:
         cut.write_bytes(whole[:length])
-        try:
-            found.append(count(cut))
-        except ArmguardError as error:
-            assert "\n" not in str(error)
+        answer = try_to_count(cut)
+        if isinstance(answer, str):
+            assert "\n" not in answer
             assert not found, "only what ends before its settings cannot be read"
+        else:
+            found.append(answer)
     numbers = [number for number, _ in found]
     assert numbers == sorted(numbers)
     assert numbers[-1] == everything
@@ -69,12 +78,12 @@ def test_a_damaged_file_is_one_line_or_what_stands_before_the_damage(path, tmp_p
         data = bytearray(whole)
         data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
         damaged.write_bytes(data)
-        try:
-            number, _ = count(damaged)
-            assert number <= everything
-        except ArmguardError as error:
-            assert "\n" not in str(error)
-            assert str(damaged) in str(error)
+        answer = try_to_count(damaged)
+        if isinstance(answer, str):
+            assert answer.startswith(f"{damaged}: ")
+            assert "\n" not in answer
+        else:
+            assert answer[0] <= everything
 
 
 @pytest.mark.parametrize(

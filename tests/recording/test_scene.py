@@ -46,7 +46,7 @@ def test_the_arm_is_drawn_where_it_is_in_the_colour_of_its_level(made):
         arm = draw(scene)["arm"]
         colors.append(str(arm["spheres"][0]["color"]))
     kinematics = Kinematics(robot)
-    kinematics.update(HOME, np.zeros(7))
+    kinematics.compute(HOME, np.zeros(7))
     leaves = kinematics.spheres.child_count == 0
     assert np.allclose(centres(arm), kinematics.centers[leaves], atol=1e-9)
     sizes = [ball["size"]["x"] for ball in arm["spheres"]]

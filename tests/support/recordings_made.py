@@ -40,9 +40,8 @@ def wait_until(condition):
 
 def is_running(pid):
     """Whether a process is there, and is no zombie."""
-    with contextlib.suppress(OSError):
-        with open(f"/proc/{pid}/stat") as file:
-            return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+    with contextlib.suppress(OSError), open(f"/proc/{pid}/stat") as file:
+        return file.read().rsplit(")", 1)[1].split()[0] != "Z"
     return False
 
 
