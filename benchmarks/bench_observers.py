@@ -100,7 +100,9 @@ def run_case(case, build, folder, seconds):
             if feed is not None:
                 feed.observe(verdict, clock.now(), loop.durations, loop.late)
 
-        loop = TimedLoop(monitor, edge, [resting], clock, verdicts.publish, verdicts.answer, observe)
+        loop = TimedLoop(
+            monitor, edge, [resting], clock, verdicts.publish, verdicts.answer, observe
+        )
         if view is not None:
             loop.run(1.0)
             if case == "hung view":

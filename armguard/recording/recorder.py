@@ -9,6 +9,7 @@ was told until then.
 from __future__ import annotations
 
 import importlib.util
+import math
 import os
 import struct
 import subprocess
@@ -23,6 +24,7 @@ import msgspec
 import numpy as np
 from msgspec import UNSET
 
+from armguard.contact.earliest import Certificate
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.monitor.monitor import Monitor
@@ -30,6 +32,7 @@ from armguard.obstacles.table import Samples
 from armguard.recording.events import (
     FORMAT,
     KINDS,
+    REASON_NAMES,
     BodiesChanged,
     FaultsTaken,
     Gap,
@@ -46,14 +49,13 @@ from armguard.recording.events import (
     VerdictTold,
     encode,
     tell_answer,
-    tell_verdict,
 )
 from armguard.recording.inputs import tell_plan, tell_state
 from armguard.recording.provenance import describe_provenance
 from armguard.recording.ring import Ring, create_memory
 from armguard.recording.settings import describe_settings
 from armguard.robot.portable import describe_bodies, describe_robot, write_number, write_numbers
-from armguard.verdict import PlanVerdict, Verdict
+from armguard.verdict import Level, PlanVerdict, Reason, Verdict
 
 CAPACITY = 32 * 1024 * 1024
 """Bytes that wait for the disk at most: a minute and more of a usual cell."""
@@ -64,13 +66,18 @@ END_TIMEOUT = 10.0
 FRAME = struct.Struct("<Bq")
 """Before each event: its kind, by its place in `KINDS`, and when it came, in [ns] since 1970."""
 
-ATTACHED, NOTED = len(KINDS), len(KINDS) + 1
-"""Instead of a kind: what stands in the file once, as an attachment or as metadata."""
+ATTACHED, NOTED, PLAIN_STATE = range(len(KINDS), len(KINDS) + 3)
+"""Instead of a kind: what stands in the file once, as an attachment or as metadata, and a joint
+state as it usually is: the three numbers of `TIMES`, then q and v, all of float64."""
+
+TIMES = struct.Struct("<ddd")
+"""Stamp, time of the tick, path time; NaN where that was not told."""
 
 _NUMBERS = {kind: number for number, kind in enumerate(KINDS)}
 _STATE, _VERDICT, _UPDATE = (_NUMBERS[kind] for kind in (JointState, VerdictTold, ObstacleUpdate))
 
-_packer = msgspec.msgpack.Encoder()
+_REASONS = {name: kind for kind, name in REASON_NAMES.items()}
+_FLOAT = np.dtype(np.float64)
 
 
 class Recorder:
@@ -185,8 +192,12 @@ class Recorder:
         try:
             if self._robot.revision != self._revision:
                 self._tell_bodies()
-            event = tell_state(stamp, q, v, now, path_time, self._joints)
-            self._send(_STATE, encode(event))
+            if _is_plain(stamp, q, v, now, path_time, self._joints):
+                times = TIMES.pack(stamp, now, math.nan if path_time is None else path_time)
+                self._send(PLAIN_STATE, times + q.tobytes() + v.tobytes())
+            else:
+                event = tell_state(stamp, q, v, now, path_time, self._joints)
+                self._send(_STATE, encode(event))
         except Exception:
             # A recorder must not hurt the loop: what cannot be recorded is a gap.
             self._lose()
@@ -195,7 +206,7 @@ class Recorder:
         """As `MonitorJournal` says; also of what is told while there is no joint state to judge."""
         self._stepping = False
         try:
-            self._send(_VERDICT, encode(tell_verdict(verdict)))
+            self._send(_VERDICT, pack_verdict(verdict))
         except Exception:
             self._lose()
 
@@ -331,6 +342,52 @@ class Recorder:
             return False
         self._gap_events = 0
         return True
+
+
+def pack_verdict(verdict: Verdict) -> bytes:
+    """A verdict as it is sent: made into what stands in the file by the other process."""
+    reasons = [(REASON_NAMES[kind], subject, detail) for kind, subject, detail in verdict.reasons]
+    certificate: Any = verdict.certificate
+    if certificate is not None:
+        times, witnesses = certificate.times, certificate.witnesses
+        certificate = certificate.contact_time, times.tolist(), np.ravel(witnesses).tolist()
+    return _packer.encode((*verdict[:10], reasons, *verdict[11:13], certificate, verdict[14]))
+
+
+def unpack_verdict(data: bytes) -> Verdict:
+    """The verdict that `pack_verdict` made bytes of."""
+    fields = msgspec.msgpack.decode(data)
+    fields[2] = Level(fields[2])
+    fields[10] = tuple(
+        Reason(_REASONS[name], subject, detail) for name, subject, detail in fields[10]
+    )
+    if fields[13] is not None:
+        contact_time, times, witnesses = fields[13]
+        fields[13] = Certificate(
+            contact_time, np.array(times, dtype=float), np.array(witnesses).reshape(-1, 3)
+        )
+    return Verdict(*fields)
+
+
+def _is_plain(stamp: object, q: Any, v: Any, now: object, path_time: object, joints: int) -> bool:
+    """Whether the arguments of a step are what they usually are."""
+    return (
+        type(stamp) is float is type(now)
+        and (path_time is None or (type(path_time) is float and path_time == path_time))
+        and type(q) is np.ndarray is type(v)
+        and q.dtype == _FLOAT == v.dtype
+        and q.shape == (joints,) == v.shape
+    )
+
+
+def _to_plain(value: object) -> object:
+    """Numbers of NumPy as Python's."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{value!r} cannot be recorded")
+
+
+_packer = msgspec.msgpack.Encoder(enc_hook=_to_plain)
 
 
 def check_installed() -> None:

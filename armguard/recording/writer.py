@@ -32,9 +32,17 @@ from armguard.recording.events import (
     encode,
     make_schema,
     schema_name,
+    tell_verdict,
     write_field,
 )
-from armguard.recording.recorder import ATTACHED, FRAME, NOTED
+from armguard.recording.recorder import (
+    ATTACHED,
+    FRAME,
+    NOTED,
+    PLAIN_STATE,
+    TIMES,
+    unpack_verdict,
+)
 from armguard.recording.ring import Ring
 from armguard.recording.scene import INTERVAL, SCENE_SCHEMA, Scene, SceneUpdate
 from armguard.robot.portable import write_number, write_numbers
@@ -166,8 +174,12 @@ class RecordingWriter:
             if {"robot.json", "settings.json"} <= set(self._attached):
                 self._scene = Scene(self._attached["robot.json"], self._attached["settings.json"])
             return
+        if number == PLAIN_STATE:
+            number, data = _NUMBERS[JointState], encode(read_state(data))
         kind = KINDS[number]
-        if kind is ObstacleUpdate:
+        if kind is VerdictTold:
+            data = encode(tell_verdict(unpack_verdict(data)))
+        elif kind is ObstacleUpdate:
             update = read_update(data)
             data = encode(update)
             if self._scene is not None:
@@ -214,6 +226,17 @@ class RecordingWriter:
                 scene.take_state(self._decoders[JointState].decode(self._last_state))
             picture = encode(scene.draw(self._last_time))
             self._write(self._scene_channel, self._last_time, picture)
+
+
+def read_state(data: bytes) -> JointState:
+    """A joint state from the bytes that `Recorder` sends."""
+    stamp, now, path_time = TIMES.unpack_from(data)
+    values = np.frombuffer(data, np.float64, offset=TIMES.size)
+    q, v = np.split(values, 2)
+    told = UNSET if path_time != path_time else write_number(path_time)
+    return JointState(
+        write_number(stamp), write_number(now), write_numbers(q), write_numbers(v), path_time=told
+    )
 
 
 def read_update(data: bytes) -> ObstacleUpdate:
