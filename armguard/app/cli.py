@@ -140,7 +140,19 @@ class Replay:
     """
 
     file: Annotated[Path, tyro.conf.Positional]
-    """What `--record` or `armguard.Recorder` wrote."""
+    """What `--record` or `armguard.Recorder` wrote; with --topics a rosbag2 folder or MCAP file."""
+    topics: tuple[str, ...] = ()
+    """Of a recording of others: joint states, and obstacles as /topic or source=/topic."""
+    cell: Path | None = None
+    """The cell file for a recording of others."""
+    radius: float | None = None
+    """Of what comes as poses without sizes, in metres."""
+    snapshot: Flag = False
+    """Each message of obstacles shows all that its source sees; what is absent is gone."""
+    stamps: Literal["header", "recorded"] = "header"
+    """When states of others were measured: as their headers say, or when they were recorded."""
+    record: Path | None = None
+    """Make a recording of a recording of others: a new MCAP file, or a folder for one."""
     speed: float | None = None
     """How many times as fast as it was; without it, as fast as possible, or 1 with --view."""
     explain: str | None = None
@@ -160,8 +172,34 @@ class Replay:
 
     def run(self) -> int:
         """Replay; the exit code is 1 where verdicts differ."""
-        from armguard.app.replay import run_replay
+        from armguard.app.replay import run_bag, run_replay
 
+        if self.topics or self.cell is not None:
+            if not self.topics or self.cell is None:
+                missing = "--cell" if self.topics else "--topics"
+                raise ArmguardError(missing, "is missing: a recording of others needs both")
+            if self.what_if is not None:
+                raise ArmguardError(
+                    "--what-if", "is for armguard's own recordings", remedy="make one by --record"
+                )
+            return run_bag(
+                self.file,
+                self.cell,
+                self.topics,
+                radius=self.radius,
+                snapshot=self.snapshot,
+                stamps=self.stamps,
+                record=self.record,
+                speed=self.speed,
+                explain=self.explain,
+                csv_file=self.csv,
+                view=self.view,
+                port=self.port,
+                open_browser=self.open,
+                as_json=self.json,
+            )
+        if self.record is not None:
+            raise ArmguardError("--record", "is for recordings of others", remedy="copy the file")
         return run_replay(
             self.file,
             speed=self.speed,

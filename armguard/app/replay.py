@@ -1,4 +1,7 @@
-"""`armguard replay`: a recording led through a monitor made anew, compared, explained, changed."""
+"""`armguard replay`: a recording led through a monitor made anew, compared, explained, changed.
+
+Recordings of others, which have no verdicts, are led through the monitor of a cell file.
+"""
 
 from __future__ import annotations
 
@@ -10,21 +13,25 @@ import sys
 import tempfile
 import time
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, Literal, NamedTuple
 
 import msgspec
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from armguard.app.cell.cell import Cell
 from armguard.app.loop import Durations
-from armguard.app.processes import COMPLAINT
+from armguard.app.processes import COMPLAINT, complain
 from armguard.app.view_feed import MonitorFeed
 from armguard.exceptions import ArmguardError
+from armguard.monitor.monitor import Monitor
+from armguard.recording.bags import BagRun
 from armguard.recording.reading import Recording
+from armguard.recording.recorder import Recorder, check_new
 from armguard.recording.replay import Replay, ReplayedTick, ReplayReport
 from armguard.robot.description import list_robots
 from armguard.verdict import Level, ReasonKind, Verdict
@@ -95,49 +102,32 @@ def run_replay(
     Raises:
         ArmguardError: The file or an argument is unusable.
     """
-    if speed is not None and not 0.0 < speed < math.inf:
-        raise ArmguardError("--speed", f"is {speed}", expected="a number above 0")
     recording = Recording(path)
     changes = {} if what_if is None else read_changes(what_if)
-    if view and recording.robot.get("name") not in list_robots():
-        raise ArmguardError(
-            "--view",
-            f"cannot draw {recording.robot.get('name')!r}",
-            expected=f"one of {', '.join(list_robots())}: meshes are in no recording",
-        )
+    if view:
+        check_drawable(str(recording.robot.get("name")))
     replay = Replay(recording, changes)
-    stops = StopList()
-    watch = Watch(explain)
-    begin = time.monotonic()
-    with contextlib.ExitStack() as resources:
-        observers: list[Callable[[ReplayedTick], None]] = [stops.take, watch.take]
-        if csv_file is not None:
-            observers.append(resources.enter_context(open_table(csv_file)))
-        if view:
-            observers.append(resources.enter_context(show_page(replay, port, open_browser)))
-        pace = Pace(1.0 if view and speed is None else speed)
-        for tick in replay.ticks():
-            pace.wait(tick.nanoseconds)
-            for observe in observers:
-                observe(tick)
-            if watch.found is not None:
-                break
-    took = time.monotonic() - begin
+    stops, watch, took = lead(
+        replay.monitor,
+        replay.ticks(),
+        speed=speed,
+        explain=explain,
+        csv_file=csv_file,
+        view=view,
+        port=port,
+        open_browser=open_browser,
+    )
     report = replay.report()
-    if explain is not None and watch.found is None:
-        raise ArmguardError(
-            "--explain", f"is {explain}", expected=f"a time from {watch.first} to {watch.last}"
-        )
     if as_json:
         summary = summarise(report, stops, took, changes)
         if watch.found is not None:
-            summary["explained"] = "\n".join(explain_tick(replay, watch))
+            summary["explained"] = "\n".join(explain_tick(replay.monitor, watch))
         sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
     else:
         # A table on standard output stays one.
         console = Console(stderr=csv_file == Path("-"), soft_wrap=True)
         if watch.found is not None:
-            for line in explain_tick(replay, watch):
+            for line in explain_tick(replay.monitor, watch):
                 console.print(line, markup=False, highlight=False)
         elif changes:
             print_changes(console, stops, changes)
@@ -146,6 +136,163 @@ def run_replay(
     if changes or watch.found is not None:
         return 0
     return 0 if report.is_identical else COMPLAINT
+
+
+def run_bag(
+    path: Path,
+    cell_file: Path,
+    topics: Sequence[str],
+    *,
+    radius: float | None = None,
+    snapshot: bool = False,
+    stamps: Literal["header", "recorded"] = "header",
+    record: Path | None = None,
+    speed: float | None = None,
+    explain: str | None = None,
+    csv_file: Path | None = None,
+    view: bool = False,
+    port: int = 0,
+    open_browser: bool = False,
+    as_json: bool = False,
+) -> int:
+    """Lead a cell's monitor through a recording of others, and print what it said.
+
+    Args:
+        path: A rosbag2 folder or an MCAP file.
+        cell_file: The cell.
+        topics: As `BagRun` takes them; so are the three that follow.
+        radius: Of what comes as poses alone, in [m].
+        snapshot: Whether each message shows all that its source sees.
+        stamps: Which times count.
+        record: Where to write a recording of armguard's own; None: nowhere.
+        speed: As in `run_replay`; so are those that follow.
+        explain: The time of the verdict to be explained.
+        csv_file: Where a table of all verdicts goes.
+        view: Show the cell in a browser page.
+        port: Of that page.
+        open_browser: Open the page.
+        as_json: Print one JSON object instead of words.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        ArmguardError: The files or an argument are unusable.
+    """
+    if record is not None:
+        check_new(record)
+    cell = Cell.load(cell_file)
+    _, _, monitor = cell.build()
+    bag = BagRun(path, monitor, topics, radius=radius, snapshot=snapshot, stamps=stamps)
+    with contextlib.ExitStack() as resources:
+        if record is not None:
+            recorder = resources.enter_context(Recorder(record, monitor))
+        stops, watch, took = lead(
+            monitor,
+            bag.ticks(),
+            speed=speed,
+            explain=explain,
+            csv_file=csv_file,
+            view=view,
+            port=port,
+            open_browser=open_browser,
+            urdf=cell.urdf,
+        )
+        problem = recorder.close() if record is not None else ""
+    explained = explain_tick(monitor, watch)
+    if as_json:
+        summary: dict[str, Any] = {
+            "ticks": stops.ticks,
+            "seconds": stops.seconds,
+            "took": took,
+            "stops": [stop._asdict() for stop in stops.stops],
+            "passed_over": bag.passed_over,
+        }
+        if explained:
+            summary["explained"] = "\n".join(explained)
+        sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
+    else:
+        console = Console(stderr=csv_file == Path("-"), soft_wrap=True)
+        lines = explained or [
+            f"{path}: {stops.ticks} verdicts, {len(stops.stops)} stops in {stops.seconds:.1f} s"
+        ]
+        if not explained:
+            lines += [f"{one.begin:.3f} s to {one.end:.3f} s: {one.reason}" for one in stops.stops]
+        lines += [f"passed over: {count} {kind}" for kind, count in bag.passed_over.items()]
+        for line in lines:
+            console.print(line, markup=False, highlight=False)
+    if problem:
+        complain(problem)
+    return COMPLAINT if problem else 0
+
+
+def lead(
+    monitor: Monitor,
+    ticks: Iterator[ReplayedTick],
+    *,
+    speed: float | None,
+    explain: str | None,
+    csv_file: Path | None,
+    view: bool,
+    port: int,
+    open_browser: bool,
+    urdf: tuple[str, list[str]] = ("", []),
+) -> tuple[StopList, Watch, float]:
+    """Take all ticks, or those up to the one that is to be explained.
+
+    Args:
+        monitor: What gives them.
+        ticks: Makes the next when it is asked for.
+        speed: As in `run_replay`; so are those that follow.
+        explain: The time of the verdict to be explained.
+        csv_file: Where a table of all verdicts goes.
+        view: Show the cell in a browser page.
+        port: Of that page.
+        open_browser: Open the page.
+        urdf: Path of the arm's URDF and its package folders, where it is not one that armguard
+            knows.
+
+    Returns:
+        The stops, the verdict that was found, and how long it took in [s].
+
+    Raises:
+        ArmguardError: There is no verdict at the time that is to be explained.
+    """
+    stops, watch = StopList(), Watch(explain)
+    pace = Pace(1.0 if view and speed is None else speed)
+    begin = time.monotonic()
+    with contextlib.ExitStack() as resources:
+        observers: list[Callable[[ReplayedTick], None]] = [stops.take, watch.take]
+        if csv_file is not None:
+            observers.append(resources.enter_context(open_table(csv_file)))
+        if view:
+            page = show_page(monitor, urdf, port, open_browser)
+            observers.append(resources.enter_context(page))
+        for tick in ticks:
+            pace.wait(tick.nanoseconds)
+            for observe in observers:
+                observe(tick)
+            if watch.found is not None:
+                break
+    if explain is not None and watch.found is None:
+        raise ArmguardError(
+            "--explain", f"is {explain}", expected=f"a time from {watch.first} to {watch.last}"
+        )
+    return stops, watch, time.monotonic() - begin
+
+
+def check_drawable(robot: str) -> None:
+    """Refuse to draw an arm of which there are no meshes.
+
+    Raises:
+        ArmguardError: The arm is none that armguard knows.
+    """
+    if robot not in list_robots():
+        raise ArmguardError(
+            "--view",
+            f"cannot draw {robot!r}",
+            expected=f"one of {', '.join(list_robots())}: meshes are in no recording",
+        )
 
 
 def read_changes(text: str) -> dict[str, str]:
@@ -170,9 +317,14 @@ class Pace:
 
     Args:
         speed: How many times as fast as the recording; None: never wait.
+
+    Raises:
+        ArmguardError: It is no number above 0.
     """
 
     def __init__(self, speed: float | None) -> None:
+        if speed is not None and not 0.0 < speed < math.inf:
+            raise ArmguardError("--speed", f"is {speed}", expected="a number above 0")
         self._speed = speed
         self._start: tuple[float, int] | None = None
 
@@ -193,13 +345,14 @@ class StopList:
 
     Attributes:
         stops: Those that have ended, and the present one.
+        ticks: How many there were.
         new: Ticks that are a STOP in the replay alone.
         seconds: From the first tick to the last, in [s] of the monitor's clock.
     """
 
     def __init__(self) -> None:
         self.stops: list[Stop] = []
-        self.new = 0
+        self.ticks = self.new = 0
         self.seconds = 0.0
         self._is_stopped = False
         self._first = math.nan
@@ -207,6 +360,7 @@ class StopList:
     def take(self, tick: ReplayedTick) -> None:
         """Take the next tick."""
         now, verdict = tick.now, tick.recorded
+        self.ticks += 1
         if math.isnan(self._first):
             self._first = now
         self.seconds = now - self._first
@@ -307,8 +461,8 @@ def weightiest(verdict: Verdict) -> str:
     return str(verdict.reasons[0]) if verdict.reasons else "no reason"
 
 
-def explain_tick(replay: Replay, watch: Watch) -> list[str]:
-    """Why a verdict was as it was, in lines; the replay stands at its tick."""
+def explain_tick(monitor: Monitor, watch: Watch) -> list[str]:
+    """Why a verdict was as it was, in lines; the monitor stands at its tick."""
     tick, since = watch.found, watch.since
     if tick is None or since is None:
         return []
@@ -321,10 +475,10 @@ def explain_tick(replay: Replay, watch: Watch) -> list[str]:
     ]
     if not tick.is_identical:
         lines.append("the replayed verdict differs, so what follows explains another one")
-    explanation = replay.monitor.explain()
+    explanation = monitor.explain()
     if explanation is not None:
         lines += str(explanation).splitlines()
-    for pair in replay.monitor.pairs(PAIRS_SHOWN):
+    for pair in monitor.pairs(PAIRS_SHOWN):
         lines.append(f"pair: {pair.link} and {pair.obstacle} in {pair.contact_time:.3f} s")
     return lines
 
@@ -447,13 +601,13 @@ def open_table(path: Path) -> Iterator[Callable[[ReplayedTick], None]]:
 
 @contextlib.contextmanager
 def show_page(
-    replay: Replay, port: int, open_browser: bool
+    monitor: Monitor, urdf: tuple[str, list[str]], port: int, open_browser: bool
 ) -> Iterator[Callable[[ReplayedTick], None]]:
     """A page that shows what the replayed monitor sees; what takes its ticks."""
     with contextlib.ExitStack() as resources:
         folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="armguard-"))
         publisher = resources.enter_context(FramePublisher(f"ipc://{folder}/frames"))
-        feed = MonitorFeed(replay.monitor, publisher)
+        feed = MonitorFeed(monitor, publisher, urdf=urdf[0], package_dirs=urdf[1])
         page = resources.enter_context(launch(publisher.address, port))
         Console(stderr=True).print(f"see it in the browser: {page.url}", soft_wrap=True)
         if open_browser:

@@ -76,7 +76,10 @@ class Recording:
                 break
         if not self.provenance:
             raise ArmguardError(
-                str(self.path), "is no recording of armguard", expected="what --record wrote"
+                str(self.path),
+                "is no recording of armguard",
+                expected="what --record wrote",
+                remedy="recordings of others need --cell and --topics",
             )
         try:
             self.settings: dict[str, Any] = msgspec.json.decode(attached["settings.json"])

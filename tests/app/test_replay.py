@@ -14,6 +14,7 @@ from armguard.recording.events import Gap
 from armguard.robot import Robot
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
 from support import eventful_runs
+from support.bags_made import usual, write_bag
 from support.recordings_made import record
 
 VERDICT = Verdict(0.0, 1, Level.CLEAR, 1.0, 0.1, 1.0, None, None, True, 0, (), 0.1)
@@ -239,6 +240,68 @@ def test_the_page_shows_the_replay(path, capsys, monkeypatch):
     assert code == 0
     assert "see it in the browser: http://127.0.0.1:" in err
     assert len(frames) == 500
+
+
+@pytest.fixture
+def cell(tmp_path):
+    """A cell whose camera publishes people."""
+    path = tmp_path / "cell.toml"
+    path.write_text('[robot]\nname = "panda"\n[sources.camera]\nrate = 50.0\n')
+    return path
+
+
+BAG = ["--topics", "/joint_states", "camera=/people", "--radius", "0.1"]
+
+
+def test_a_recording_of_others_is_led_through_a_cell_and_recorded(cell, tmp_path, capsys):
+    bag, path = write_bag(tmp_path / "bag", usual(50)), tmp_path / "run.mcap"
+    table = tmp_path / "verdicts.csv"
+    arguments = [bag, "--cell", cell, *BAG]
+    code, out, _ = run(capsys, *arguments, "--record", path, "--csv", table)
+    assert code == 0
+    assert "50 verdicts" in out
+    assert len(table.read_text().splitlines()) == 51
+    code, out, _ = run(capsys, path)
+    assert code == 0
+    assert "bit-identical: all 50 verdicts" in out
+    code, out, _ = run(capsys, *arguments, "--json")
+    told = json.loads(out)
+    assert (told["ticks"], told["passed_over"]) == (50, {})
+    code, out, _ = run(capsys, *arguments, "--explain", "0.3")
+    assert out.startswith("0.300 s (")
+    assert "because: " in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (BAG, "--cell: is missing"),
+        (["--cell", "demos/cell.toml"], "--topics: is missing"),
+        ([*BAG, "--cell", "nowhere.toml"], "nowhere.toml: cannot be read"),
+        ([*BAG[:3], "--cell", "CELL"], "poses without sizes"),
+        (["--topics", "/people", "/nothing", "--cell", "CELL"], "topic '/nothing': is not there"),
+        ([*BAG, "--cell", "CELL", "--what-if", "latency=1"], "for armguard's own recordings"),
+        ([*BAG, "--cell", "CELL", "--record", "/nowhere/a.mcap"], "no folder /nowhere"),
+        ([*BAG, "--cell", "CELL", "--explain", "99"], "expected a time from 0.000 s"),
+        (["--record", "a.mcap"], "--record: is for recordings of others"),
+    ],
+)
+def test_a_mistake_about_a_recording_of_others_is_one_line(
+    arguments, words, cell, tmp_path, capsys
+):
+    bag = write_bag(tmp_path / "bag", usual(3))
+    arguments = [str(cell) if one == "CELL" else one for one in arguments]
+    code, out, err = run(capsys, bag, *arguments)
+    assert (code, out) == (MISTAKE, "")
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_a_recording_of_others_without_its_options_says_what_it_needs(tmp_path, capsys):
+    (file,) = write_bag(tmp_path / "bag", usual(3)).glob("*.mcap")
+    code, _, err = run(capsys, file)
+    assert code == MISTAKE
+    assert "recordings of others need --cell and --topics" in err
 
 
 def test_changes_are_read_by_commas():
