@@ -83,7 +83,7 @@ class Demo:
 class Run:
     """Supervise a cell: obstacles and joint states streamed in, verdicts streamed out.
 
-    Example: armguard run demos/cell.toml --view tcp://127.0.0.1:5704 --record recordings/
+    Example: armguard run demos/cell.toml --view tcp://127.0.0.1:5704 --record run.mcap
     """
 
     cell: Annotated[Path, tyro.conf.Positional]

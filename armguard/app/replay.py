@@ -461,6 +461,10 @@ def weightiest(verdict: Verdict) -> str:
     return str(verdict.reasons[0]) if verdict.reasons else "no reason"
 
 
+def _tell_why(verdict: Verdict) -> str:
+    return f": {weightiest(verdict)}" if verdict.reasons else ""
+
+
 def explain_tick(monitor: Monitor, watch: Watch) -> list[str]:
     """Why a verdict was as it was, in lines; the monitor stands at its tick."""
     tick, since = watch.found, watch.since
@@ -470,7 +474,7 @@ def explain_tick(monitor: Monitor, watch: Watch) -> list[str]:
     lines = [
         f"{tell_time(tick)}: {verdict.level.name}, contact possible in "
         f"{verdict.contact_time:.3f} s, at rest in {verdict.stop_time:.3f} s",
-        f"{verdict.level.name} since {tell_time(since)}: {weightiest(since.recorded)}",
+        f"{verdict.level.name} since {tell_time(since)}{_tell_why(since.recorded)}",
         *(f"because: {reason}" for reason in verdict.reasons),
     ]
     if not tick.is_identical:

@@ -157,6 +157,7 @@ class BagRun:
         for topic in self._sources:
             if topic not in types:
                 raise self._refuse(f"topic {topic!r}", "is not there", expected=f"one of: {there}")
+        for topic in self._sources:
             if types[topic] not in KINDS:
                 raise self._refuse(
                     f"topic {topic!r}",

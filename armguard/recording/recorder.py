@@ -440,7 +440,8 @@ def open_new(path: Path) -> tuple[Path, int]:
         ArmguardError: It is there already, or cannot be written.
     """
     if path.is_dir():
-        path = path / time.strftime("armguard-%Y%m%dT%H%M%S.mcap")
+        # A service that is started anew may be so within a second.
+        path = path / f"{time.strftime('armguard-%Y%m%dT%H%M%S')}-{os.getpid()}.mcap"
     check_new(path)
     try:
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
