@@ -133,6 +133,11 @@ class Recorder:
             os.close(memory)
         for number, data in start:
             self._send(number, data)
+        if self.lost:
+            self.close()
+            raise ArmguardError(
+                "capacity", f"is {capacity} bytes", expected="room for the robot's description"
+            )
         self._known_links = monitor.robot.links
         self._revision = monitor.robot.revision
         for event in _list_statics(monitor):

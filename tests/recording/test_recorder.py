@@ -1,9 +1,12 @@
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
 import textwrap
+import time
+from pathlib import Path
 
 import coal
 import numpy as np
@@ -124,6 +127,15 @@ def test_what_cannot_be_recorded_is_a_gap_and_harms_nobody(tmp_path):
     assert replay(path).lost == 4
 
 
+def is_waiting(pid):
+    """Whether a process waits in writing to a pipe, as far as the system tells."""
+    calls = set()
+    for _ in range(20):
+        calls.add(Path(f"/proc/{pid}/wchan").read_text())
+        time.sleep(0.01)
+    return len(calls) == 1 and any("pipe" in call or call in ("", "0") for call in calls)
+
+
 def test_a_slow_disk_leaves_a_gap_and_never_holds_up_the_loop(tmp_path):
     """A pipe that nothing reads is a disk that takes nothing: by count, not by time."""
     path, copy = tmp_path / "pipe", tmp_path / "run.mcap"
@@ -133,14 +145,25 @@ def test_a_slow_disk_leaves_a_gap_and_never_holds_up_the_loop(tmp_path):
     positions = np.random.default_rng(0).uniform(5.0, 9.0, (200, 3))
     names = [f"ball {number}" for number in range(200)]
     ticks = 0
-    while recorder.lost < 100:
-        obstacles.update(names, PERIOD * ticks, positions, radius=0.1, source="camera")
-        monitor.step(PERIOD * ticks, HOME, STILL)
-        ticks += 1
-        assert ticks < 100_000
+
+    def fill():
+        """Go on until there is no room."""
+        nonlocal ticks
+        before = recorder.lost
+        while recorder.lost < before + 100:
+            obstacles.update(names, PERIOD * ticks, positions, radius=0.1, source="camera")
+            monitor.step(PERIOD * ticks, HOME, STILL)
+            ticks += 1
+            assert ticks < 100_000
+
+    fill()
+    # It has begun to write, and once the pipe is full it waits for ever.
+    wait_until(lambda: select.select([reading], [], [], 0.0)[0])
+    wait_until(lambda: is_waiting(recorder.pid))
+    fill()
     told = recorder.lost
     stand(monitor, 50, ticks)
-    assert recorder.lost >= told + 100, "each call comes back, and what it told is counted"
+    assert recorder.lost == told + 100, "each call comes back, and what it told is counted"
     os.set_blocking(reading, True)
     with os.fdopen(reading, "rb") as pipe, copy.open("wb") as file:
         copier = subprocess.Popen(["cat"], stdin=pipe, stdout=file)
@@ -252,6 +275,11 @@ def test_it_must_be_made_before_anything_is_told_that_a_replay_needs(tmp_path):
     with pytest.raises(ArmguardError, match=r"armguard\.Monitor"):
         Recorder(tmp_path / "a.mcap", "monitor")
     assert not (tmp_path / "a.mcap").exists()
+
+
+def test_a_capacity_without_room_for_the_robot_is_refused(tmp_path):
+    with pytest.raises(ArmguardError, match="capacity: is 1000 bytes"):
+        start(tmp_path / "run.mcap", capacity=1000)
 
 
 def test_no_recording_is_written_over(tmp_path):
