@@ -8,6 +8,7 @@ was told until then.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import math
 import os
@@ -60,8 +61,11 @@ from armguard.verdict import Level, PlanVerdict, Reason, Verdict
 CAPACITY = 32 * 1024 * 1024
 """Bytes that wait for the disk at most: a minute and more of a usual cell."""
 
-END_TIMEOUT = 10.0
-"""How long what was told may take to be written at the end, in [s]."""
+START_TIMEOUT = 60.0
+"""How long the process that writes may take to start, in [s]; the end waits for it."""
+
+STUCK_TIMEOUT = 10.0
+"""How long the disk may hold up that process at the end, in [s], before it is ended."""
 
 FRAME = struct.Struct("<Bq")
 """Before each event: its kind, by its place in `KINDS`, and when it came, in [ns] since 1970."""
@@ -161,17 +165,19 @@ class Recorder:
             self._monitor.journal = self._monitor.obstacles.journal = None
         if self._ring.is_released:
             return ""
-        deadline = time.monotonic() + END_TIMEOUT
-        while self._gap_events and time.monotonic() < deadline and process.poll() is None:
-            if not self._end_gap():
-                time.sleep(0.01)
-        self._ring.close_writing()
-        try:
-            process.wait(max(0.1, deadline - time.monotonic()))
-        except subprocess.TimeoutExpired:
+        ring = self._ring
+        beats, deadline = 0, time.monotonic() + START_TIMEOUT
+        while process.poll() is None and time.monotonic() < deadline:
+            if not self._gap_events or self._end_gap():
+                ring.close_writing()
+            if ring.beats != beats:
+                beats, deadline = ring.beats, time.monotonic() + STUCK_TIMEOUT
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(0.01)
+        if process.poll() is None:
             process.kill()
             process.wait()
-        self._ring.release()
+        ring.release()
         if process.returncode != 0:
             return f"{self.path} is not complete: what wrote it was ended, or could not write it"
         if self.lost:

@@ -21,7 +21,7 @@ import numpy as np
 HEADER = 4096
 """Bytes before the first record: a page, in which the counters below are eight bytes each."""
 
-_WRITTEN, _READ, _CLOSED = 0, 8, 16
+_WRITTEN, _READ, _CLOSED, _BEATS = 0, 8, 16, 24
 """Places of counters in units of eight bytes: so far apart that no two share a cache line."""
 
 _FRAME = struct.Struct("<II")
@@ -108,6 +108,15 @@ class Ring:
     def is_finished(self) -> bool:
         """Whether nothing more will come, and all that came was read."""
         return bool(self._counters[_CLOSED]) and self.is_empty
+
+    def beat(self) -> None:
+        """Say, as the reader, that it goes on."""
+        self._counters[_BEATS] += 1
+
+    @property
+    def beats(self) -> int:
+        """How often the reader has said that it goes on."""
+        return self._counters[_BEATS]
 
     def release(self) -> None:
         """Give the memory back; the ring must not be used any more. Harmless if that was done."""

@@ -286,6 +286,7 @@ def write_recording(ring: Ring, file: PatientFile, parent: int) -> int:
     signal.signal(signal.SIGTERM, end)
     flushed = moved = time.monotonic()
     while True:
+        ring.beat()
         record = ring.read() if file.unwritten < UNWRITTEN_LIMIT else None
         now = time.monotonic()
         if now - flushed >= FLUSH_INTERVAL:

@@ -61,6 +61,13 @@ def test_a_record_that_is_not_all_there_is_read_later(ends):
     assert reader.read() == b"whole"
 
 
+def test_a_reader_says_that_it_goes_on(ends):
+    writer, reader = ends
+    reader.beat()
+    reader.beat()
+    assert writer.beats == 2
+
+
 def test_the_end_comes_after_all_was_read(ends):
     writer, reader = ends
     writer.write(b"last")
