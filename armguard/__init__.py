@@ -13,7 +13,8 @@ at the price of a few. Between ticks `monitor.explain()` says why a verdict is a
 `monitor.headroom()` how much more could be watched, and `monitor.attention()` which obstacle a
 sensor should measure next. A controller that shares its next piece of trajectory, a `Plan`,
 asks `monitor.commit(plan)` whether it is safe. With a `SeparationRule` each verdict carries the
-margin of the usual separation distance, too.
+margin of the usual separation distance, too. A `Recorder` writes all that a monitor is told and all
+that it answers, for `armguard replay`.
 """
 
 from armguard import bounds, contact, people
@@ -32,6 +33,7 @@ from armguard.monitor import (
 )
 from armguard.obstacles import Fault, Frame, Obstacles, Source
 from armguard.pairs import SeparationRule
+from armguard.recording import Recorder
 from armguard.robot import OperatingLimits, Robot
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
 
@@ -54,6 +56,7 @@ __all__ = [
     "PlanVerdict",
     "Reason",
     "ReasonKind",
+    "Recorder",
     "Robot",
     "SeparationRule",
     "Snapshot",

@@ -1,9 +1,10 @@
-"""What observers cost the loop: a view absent, attached, hung or killed, a reader that never reads.
+"""What observers cost the loop: a view, a reader that never reads, a recorder, a stopped recorder.
 
 One monitor runs at its rate in the same scene throughout; the cases take turns of a few seconds, so
 that whatever else the machine does falls on all of them. Times are in microseconds, and beside them
 the ratio to "no view": frames are published, and no view reads them. In the case "no feed" one tick
-in thirty is spared the making of a frame.
+in thirty is spared the making of a frame. The cases "recorder" and "hung recorder" have no feed
+either, so they are to be compared with "no feed".
 
     python benchmarks/bench_observers.py --rounds 5 --seconds 4
 """
@@ -22,6 +23,7 @@ from armguard.app.cell import Cell
 from armguard.app.loop import RateLoop
 from armguard.app.view_feed import MonitorFeed
 from armguard.clock import MonotonicClock
+from armguard.recording import Recorder
 from armguard.simulation import ProceduralPerson
 from armguard.streams import Edge, FaultLog, VerdictPublisher
 from armguard.streams.messages import JointsMessage, encode
@@ -29,7 +31,16 @@ from armguard.view import FramePublisher, launch
 
 CELL = '[robot]\nname = "panda"\n[sources.person]\n'
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
-CASES = ("no feed", "no view", "view", "hung view", "killed view", "reader that never reads")
+CASES = (
+    "no feed",
+    "no view",
+    "view",
+    "hung view",
+    "killed view",
+    "reader that never reads",
+    "recorder",
+    "hung recorder",
+)
 WITH_VIEW = CASES[2:5]
 
 
@@ -79,14 +90,19 @@ def run_case(case, build, folder, seconds):
         reader.connect(verdicts.address)
     durations = []
     with FramePublisher(f"ipc://{folder}/frames") as frames:
-        feed = None if case == "no feed" else MonitorFeed(monitor, frames)
+        recorder = None
+        if case.endswith("recorder"):
+            recorder = Recorder(Path(folder) / "run.mcap", monitor)
+        feed = None if case == "no feed" or recorder else MonitorFeed(monitor, frames)
         view = launch(frames.address) if case in WITH_VIEW else None
 
         def observe(loop, verdict):
             if feed is not None:
                 feed.observe(verdict, clock.now(), loop.durations, loop.late)
 
-        loop = TimedLoop(monitor, edge, [resting], clock, verdicts.publish, observe)
+        loop = TimedLoop(
+            monitor, edge, [resting], clock, verdicts.publish, verdicts.answer, observe
+        )
         if view is not None:
             loop.run(1.0)
             if case == "hung view":
@@ -94,10 +110,15 @@ def run_case(case, build, folder, seconds):
             elif case == "killed view":
                 os.kill(view.pid, signal.SIGKILL)
         loop.run(0.5)
+        if case == "hung recorder":
+            os.kill(recorder.pid, signal.SIGSTOP)
         loop.spent = durations
         loop.run(seconds)
         if view is not None:
             view.close()
+        if recorder is not None:
+            os.kill(recorder.pid, signal.SIGCONT)
+            recorder.close()
     verdicts.close()
     context.destroy(linger=0)
     return durations

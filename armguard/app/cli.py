@@ -37,7 +37,7 @@ class Command(Protocol):
 class Demo:
     """Supervise a simulated Panda at 1 kHz among moving people and obstacles.
 
-    Example: armguard demo --duration 20 --obstacles 10
+    Example: armguard demo --duration 20 --obstacles 10 --record demo.mcap
     """
 
     duration: float = 20.0
@@ -56,6 +56,8 @@ class Demo:
     """TCP port of the page on 127.0.0.1; 0: any that is free."""
     open: Flag = False
     """Open the page in the browser."""
+    record: Path | None = None
+    """Write a recording: a new MCAP file, or a folder for one."""
     json: Flag = False
     """Print one JSON object at the end and nothing else."""
 
@@ -72,6 +74,7 @@ class Demo:
             view=not self.no_view,
             port=self.port,
             open_browser=self.open,
+            record=self.record,
             as_json=self.json,
         )
 
@@ -80,7 +83,7 @@ class Demo:
 class Run:
     """Supervise a cell: obstacles and joint states streamed in, verdicts streamed out.
 
-    Example: armguard run demos/cell.toml --view tcp://127.0.0.1:5704
+    Example: armguard run demos/cell.toml --view tcp://127.0.0.1:5704 --record run.mcap
     """
 
     cell: Annotated[Path, tyro.conf.Positional]
@@ -95,8 +98,8 @@ class Run:
     """Address to bind for views to attach to, as `armguard view` does."""
     reset_token: str | None = None
     """What `armguard reset` must bring to end a latched STOP; without one, none is obeyed."""
-    recorded: Flag = False
-    """Standard input is a recording: its first stamp is now, and later lines wait their turn."""
+    record: Path | None = None
+    """Write a recording for `armguard replay`: a new MCAP file, or a folder for one."""
     no_realtime: Flag = False
     """Do not ask the system for real-time scheduling and memory kept in RAM."""
     duration: float = float("inf")
@@ -121,11 +124,92 @@ class Run:
             verdicts_address=self.verdicts,
             view_address=self.view,
             reset_token=self.reset_token,
-            recorded=self.recorded,
+            record=self.record,
             realtime=not self.no_realtime,
             duration=self.duration,
             as_json=self.json,
             quiet=self.quiet,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Replay:
+    """Lead a monitor through a recording: the same verdicts to the bit, or the first that differs.
+
+    Example: armguard replay demo.mcap --what-if latency=0.005,operating.velocity=0.3
+    """
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """What `--record` or `armguard.Recorder` wrote; with --topics a rosbag2 folder or MCAP file."""
+    topics: tuple[str, ...] = ()
+    """Of a recording of others: joint states, and obstacles as /topic or source=/topic."""
+    cell: Path | None = None
+    """The cell file for a recording of others."""
+    radius: float | None = None
+    """Of what comes as poses without sizes, in metres."""
+    snapshot: Flag = False
+    """Each message of obstacles shows all that its source sees; what is absent is gone."""
+    stamps: Literal["header", "recorded"] = "header"
+    """When states of others were measured: as their headers say, or when they were recorded."""
+    record: Path | None = None
+    """Make a recording of a recording of others: a new MCAP file, or a folder for one."""
+    speed: float | None = None
+    """How many times as fast as it was; without it, as fast as possible, or 1 with --view."""
+    explain: str | None = None
+    """Why the verdict at this time was as it was: in seconds of the monitor, or as 14:03:12.5."""
+    what_if: str | None = None
+    """Which stops there would not have been with other settings: name=value, by commas."""
+    csv: Path | None = None
+    """Write a table of all verdicts; "-" is standard output."""
+    view: Flag = False
+    """Show the cell in a browser page."""
+    port: int = 0
+    """TCP port of the page on 127.0.0.1; 0: any that is free."""
+    open: Flag = False
+    """Open the page in the browser."""
+    json: Flag = False
+    """Print one JSON object."""
+
+    def run(self) -> int:
+        """Replay; the exit code is 1 where verdicts differ."""
+        from armguard.app.replay import run_bag, run_replay
+
+        if self.topics or self.cell is not None:
+            if not self.topics or self.cell is None:
+                missing = "--cell" if self.topics else "--topics"
+                raise ArmguardError(missing, "is missing: a recording of others needs both")
+            if self.what_if is not None:
+                raise ArmguardError(
+                    "--what-if", "is for armguard's own recordings", remedy="make one by --record"
+                )
+            return run_bag(
+                self.file,
+                self.cell,
+                self.topics,
+                radius=self.radius,
+                snapshot=self.snapshot,
+                stamps=self.stamps,
+                record=self.record,
+                speed=self.speed,
+                explain=self.explain,
+                csv_file=self.csv,
+                view=self.view,
+                port=self.port,
+                open_browser=self.open,
+                as_json=self.json,
+            )
+        if self.record is not None:
+            raise ArmguardError("--record", "is for recordings of others", remedy="copy the file")
+        return run_replay(
+            self.file,
+            speed=self.speed,
+            explain=self.explain,
+            what_if=self.what_if,
+            csv_file=self.csv,
+            view=self.view,
+            port=self.port,
+            open_browser=self.open,
+            as_json=self.json,
         )
 
 
@@ -252,6 +336,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                 tyro.conf.OmitSubcommandPrefixes[  # type: ignore[misc]  # a type made by a call
                     Annotated[Demo, tyro.conf.subcommand("demo")]
                     | Annotated[Run, tyro.conf.subcommand("run")]
+                    | Annotated[Replay, tyro.conf.subcommand("replay")]
                     | Annotated[Reset, tyro.conf.subcommand("reset")]
                     | Annotated[View, tyro.conf.subcommand("view")]
                     | Annotated[Cover, tyro.conf.subcommand("cover")]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -25,10 +26,11 @@ from armguard.clock import Clock, MonotonicClock
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.plan_verdict import refuse_plan
 from armguard.obstacles.obstacles import Obstacles
+from armguard.recording.recorder import Recorder
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 from armguard.streams.edge import Edge, PlanRequest, StampClock
-from armguard.streams.faults import FaultLog
-from armguard.streams.inputs import Input, LineInput, PacedInput, SocketInput
+from armguard.streams.faults import FaultLog, logger
+from armguard.streams.inputs import Input, LineInput, SocketInput
 from armguard.streams.nodes import VerdictPublisher
 from armguard.verdict import BRAKE, Level, PlanVerdict, Reason, ReasonKind, Verdict
 
@@ -59,6 +61,8 @@ class LoopReport(NamedTuple):
     """Refused rows and calls, and joint states not believed."""
     realtime: Realtime | None = None
     """What the system granted; None: it was not asked."""
+    lost: int | None = None
+    """Events that the recording lacks; None: nothing was recorded."""
 
 
 class RateLoop:
@@ -183,6 +187,49 @@ class RateLoop:
         )
 
 
+class RunRecording:
+    """What a run adds to the recording of its monitor.
+
+    Verdicts while there is no joint state to judge, and lines about messages that could not be
+    used. Of the recording it says, once, that it has a gap.
+
+    Args:
+        recorder: Is closed with this.
+        faults: What tells of faulty messages.
+        observe: Sees each verdict afterwards; None: nothing does.
+        tell: Takes a line for people; None: it is logged.
+    """
+
+    def __init__(
+        self,
+        recorder: Recorder,
+        faults: FaultLog,
+        observe: Callable[[RateLoop, Verdict], None] | None,
+        tell: Callable[[str], None] | None,
+    ) -> None:
+        self.recorder = recorder
+        self._observe = observe
+        self._tell = logger.warning if tell is None else tell
+        self._is_gap_told = False
+        faults.also_emit(recorder.note)
+
+    def observe(self, loop: RateLoop, verdict: Verdict) -> None:
+        """Take a verdict that was published."""
+        if verdict.sequence == 0:
+            self.recorder.note_verdict(verdict)
+        if self.recorder.lost and not self._is_gap_told:
+            self._is_gap_told = True
+            self._tell("the recording has a gap: what writes it does not keep up")
+        if self._observe is not None:
+            self._observe(loop, verdict)
+
+    def close(self) -> None:
+        """End the recording; what went wrong with it is told on standard error."""
+        problem = self.recorder.close()
+        if problem:
+            complain(problem)
+
+
 def judge_request(monitor: Monitor, request: PlanRequest, *, is_newest: bool) -> PlanVerdict:
     """The answer to a plan that came from outside; nothing in it makes this raise.
 
@@ -216,7 +263,7 @@ def run(
     joints_address: str | None = None,
     verdicts_address: str = VERDICTS_ADDRESS,
     *,
-    recorded: bool = False,
+    record: Path | None = None,
     duration: float = math.inf,
     reset_token: str | None = None,
     realtime: bool = False,
@@ -234,8 +281,7 @@ def run(
         joints_address: Bound for publishers of joint states; may be the same as that of obstacles.
             Default: `JOINTS_ADDRESS`.
         verdicts_address: Bound for readers of verdicts.
-        recorded: Whether standard input is a recording: its first stamp is taken for the present,
-            and each line waits until it is due.
+        record: Where to write a recording: a new file, or a folder for one; None: nowhere.
         duration: How long to run, in [s].
         reset_token: What a reset message must carry; without one, none is obeyed.
         realtime: Whether to ask the system for real-time scheduling and locked memory; what it
@@ -262,25 +308,27 @@ def run(
         clock,
         FaultLog(clock.now) if tell is None else FaultLog(clock.now, tell),
         stamp_clocks={
-            name: StampClock(
-                "monotonic" if recorded else source.clock, source.latency, source.clock_error
-            )
+            name: StampClock(source.clock, source.latency, source.clock_error)
             for name, source in cell.sources.items()
         },
         # What this clock is off by is in the robot's joint errors already.
-        joint_clock=StampClock("monotonic" if recorded else joint_state.clock, joint_state.latency),
+        joint_clock=StampClock(joint_state.clock, joint_state.latency),
         joint_timeout=monitor.settings.joint_timeout,
         reset_token=reset_token,
         speed=_read_bound(cell, "speed"),
         accel=_read_bound(cell, "accel"),
     )
     opened: list[Input | VerdictPublisher] = []
+    log: RunRecording | None = None
     try:
+        if record is not None:
+            log = RunRecording(Recorder(record, monitor), edge.faults, observe, tell)
+            observe = log.observe
         inputs: list[Input] = []
         bound: dict[str, str] = {}
         addresses = _inputs(obstacles_address, joints_address)
         for address in dict.fromkeys(addresses):
-            source, bound[address] = _open_input(address, recorded)
+            source, bound[address] = _open_input(address)
             inputs.append(source)
             opened.append(source)
         # Verdicts must not be valid for longer than they are.
@@ -297,12 +345,16 @@ def run(
             )
         loop = RateLoop(monitor, edge, inputs, clock, publisher.publish, publisher.answer, observe)
         if not realtime:
-            return loop.run(duration)
-        with request_realtime() as granted:
-            for line in granted.refusals:
-                complain(line)
-            return loop.run(duration)._replace(realtime=granted)
+            report = loop.run(duration)
+        else:
+            with request_realtime() as granted:
+                for line in granted.refusals:
+                    complain(line)
+                report = loop.run(duration)._replace(realtime=granted)
+        return report if log is None else report._replace(lost=log.recorder.lost)
     finally:
+        if log is not None:
+            log.close()
         for resource in opened:
             resource.close()
 
@@ -313,12 +365,12 @@ def _read_bound(cell: Cell, name: str) -> float:
     return float(given(cell.tables.bounds).get(name, default))
 
 
-def _open_input(address: str, recorded: bool) -> tuple[Input, str]:
+def _open_input(address: str) -> tuple[Input, str]:
     """An input, and the address that it is bound to: that which the system chose, if it did."""
     if address != "-":
         source = SocketInput(address)
         return source, source.address
-    return PacedInput(LineInput()) if recorded else LineInput(), address
+    return LineInput(), address
 
 
 def _inputs(obstacles_address: str, joints_address: str | None) -> tuple[str, str]:

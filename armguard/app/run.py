@@ -24,6 +24,7 @@ from armguard.bounds.braking import BrakingMotion
 from armguard.exceptions import ArmguardError, StreamError
 from armguard.jit import Progress, telling
 from armguard.monitor.monitor import Monitor
+from armguard.recording.recorder import check_new
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.streams.addresses import (
     JOINTS_ADDRESS,
@@ -55,7 +56,7 @@ def supervise(
     verdicts_address: str | None,
     view_address: str | None,
     reset_token: str | None,
-    recorded: bool,
+    record: Path | None,
     realtime: bool,
     duration: float,
     as_json: bool,
@@ -70,7 +71,7 @@ def supervise(
         verdicts_address: Bound for verdicts; None: the default.
         view_address: Bound for views; None: no feed.
         reset_token: What a reset message must carry; None: none is obeyed.
-        recorded: Whether standard input is a recording.
+        record: Where to write a recording; None: nowhere.
         realtime: Whether to ask the system for real-time scheduling and locked memory.
         duration: How long, in [s].
         as_json: Print one JSON object instead of a table.
@@ -85,6 +86,8 @@ def supervise(
     if not duration > 0.0:
         raise ArmguardError("--duration", f"is {duration}", expected="seconds above 0")
     cell = Cell.load(cell_file)
+    if record is not None:
+        check_new(record)
     obstacles_address = obstacles_address or OBSTACLES_ADDRESS
     verdicts_address = verdicts_address or VERDICTS_ADDRESS
     inputs = (obstacles_address, joints_address or JOINTS_ADDRESS)
@@ -136,7 +139,7 @@ def supervise(
                 joints_address,
                 verdicts_address,
                 duration=duration,
-                recorded=recorded,
+                record=record,
                 reset_token=reset_token,
                 realtime=realtime,
                 observe=observer.observe,

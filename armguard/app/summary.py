@@ -41,6 +41,7 @@ def summarise(report: LoopReport, counts: VerdictCounts) -> dict[str, Any]:
         "faults": report.monitor_faults + sum(report.faults.values()),
         "received": report.received,
         "message_faults": report.faults,
+        "recording_lost": report.lost,
     }
 
 
@@ -72,6 +73,9 @@ def draw_summary(summary: dict[str, Any]) -> Table:
     table.add_row("real time", _tell_realtime(summary["realtime"]))
     table.add_row("incomplete ticks", str(summary["incomplete"]))
     table.add_row("faults", str(summary["faults"]))
+    if summary["recording_lost"] is not None:
+        lost = summary["recording_lost"]
+        table.add_row("recording", f"{lost} events lost" if lost else "nothing lost")
     return table
 
 

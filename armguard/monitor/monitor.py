@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import pinocchio
 from numpy.typing import ArrayLike
@@ -28,6 +28,7 @@ from armguard.monitor.joint_reasons import (
     describe_unbraked,
     read_joint_vectors,
 )
+from armguard.monitor.journal import MonitorJournal
 from armguard.monitor.judge import Judge
 from armguard.monitor.known_path import KnownPath
 from armguard.monitor.levels import VerdictRule
@@ -103,6 +104,10 @@ class Monitor:
         separation: Attach to each verdict the margin of the speed-and-separation distance by this
             rule; evaluates every pair in every tick.
 
+    Attributes:
+        settings: What it was made with, checked.
+        journal: Is told all that reaches the monitor, and its answers; None: nothing is.
+
     Raises:
         ArmguardError: If an argument is out of range or names what does not exist.
     """
@@ -133,7 +138,8 @@ class Monitor:
         certify: bool = False,
         separation: SeparationRule | None = None,
     ) -> None:
-        self.settings = settings = read_settings(
+        self.journal: MonitorJournal | None = None
+        settings = read_settings(
             robot,
             obstacles,
             rate=rate,
@@ -177,6 +183,9 @@ class Monitor:
         )
         sources = obstacles.source_names
         self._ignored = IgnoredPairs(ignore, robot, sources)
+        self.settings = settings = settings._replace(
+            rate=float(rate), ignore=self._ignored.entries, certify=certify, separation=separation
+        )
         self._scheduler = make_scheduler(
             robot, obstacles, settings, self._ignored, self._states, in_force, self._operating
         )
@@ -228,6 +237,13 @@ class Monitor:
         self._in_force.load(payload)
         if self._in_force.payload != before:
             self._reloaded = True
+        if self.journal is not None:
+            self.journal.note_payload(self._in_force.payload)
+
+    @property
+    def ticks(self) -> int:
+        """How many steps there were so far."""
+        return self._sequence
 
     @property
     def faults(self) -> int:
@@ -258,14 +274,20 @@ class Monitor:
         self._sequence += 1
         if now is None:
             now = stamp
+        journal = self.journal
+        if journal is not None:
+            journal.note_state(stamp, q, v, now, path_time)
         try:
-            return self._step(stamp, q, v, now, path_time)
+            verdict = self._step(stamp, q, v, now, path_time)
         except Exception as error:
             # Whatever went wrong inside, the arm must stop.
-            return self._refuse(
+            verdict = self._refuse(
                 read_number(stamp),
                 Reason(ReasonKind.INTERNAL_ERROR, type(error).__name__, str(error)),
             )
+        if journal is not None:
+            journal.note_verdict(verdict)
+        return verdict
 
     def run(self, source: Iterable[tuple[Any, ...]], sink: Callable[[Verdict], object]) -> None:
         """Step through all joint states of a source, until it ends.
@@ -284,6 +306,8 @@ class Monitor:
         Levels rise only after `rise_delay` seconds of evidence, counted from the next tick on; its
         time may be earlier than that of the ticks before.
         """
+        if self.journal is not None:
+            self.journal.note_reset()
         self._rule.reset()
         self._states.reset()
         if self._operating is not None:
@@ -330,9 +354,7 @@ class Monitor:
         Raises:
             ArmguardError: The monitor was not made with motion="planned".
         """
-        path = self._known_path("commit")
-        tick = self._find_tick_to_plan()
-        return tick if isinstance(tick, PlanVerdict) else path.commit(plan, tick)
+        return self._judge_plan("commit", self._known_path("commit").commit, plan)
 
     def follow(self, plan: Plan) -> PlanVerdict:
         """Take a whole trajectory, at whose end the arm rests, as the one that it follows.
@@ -354,9 +376,7 @@ class Monitor:
         Raises:
             ArmguardError: The monitor was not made with motion="planned".
         """
-        path = self._known_path("follow")
-        tick = self._find_tick_to_plan()
-        return tick if isinstance(tick, PlanVerdict) else path.follow(plan, tick)
+        return self._judge_plan("follow", self._known_path("follow").follow, plan)
 
     def pairs(self, limit: int = 64) -> list[PairReport]:
         """The most imminent pairs as of the last tick, soonest first, at most `limit`.
@@ -509,6 +529,21 @@ class Monitor:
         if self._judge.path is None:
             raise ArmguardError(method, "needs plans", remedy='Monitor(..., motion="planned")')
         return self._judge.path
+
+    def _judge_plan(
+        self,
+        ask: Literal["commit", "follow"],
+        judge: Callable[[Plan, Tick], PlanVerdict],
+        plan: Plan,
+    ) -> PlanVerdict:
+        """The answer to a plan, by what the last tick found."""
+        if self.journal is not None:
+            self.journal.note_plan(ask, plan)
+        tick = self._find_tick_to_plan()
+        answer = tick if isinstance(tick, PlanVerdict) else judge(plan, tick)
+        if self.journal is not None:
+            self.journal.note_plan_verdict(answer)
+        return answer
 
     def _find_tick_to_plan(self) -> Tick | PlanVerdict:
         """The last tick, if a plan can be judged by it; else why not."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio
@@ -13,6 +13,7 @@ from armguard.bounds.operating_history import OperatingHistory
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm import IgnoredPairs, WatchedArm
+from armguard.pairs.separation_margin import SeparationRule
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, read_operating
 from armguard.robot.robot import Robot
@@ -55,6 +56,14 @@ class MonitorSettings(NamedTuple):
     """What the controller keeps to; None: the robot's limits."""
     payload: float = 0.0
     """What the arm carries at most, in [kg]."""
+    rate: float = math.nan
+    """Of ticks, [Hz], as it was given: `period` is its inverse, rounded."""
+    ignore: tuple[tuple[str, ...], ...] = ()
+    """Pairs that are not watched, as they were given."""
+    certify: bool = False
+    """Whether verdicts carry certificates."""
+    separation: SeparationRule | None = None
+    """By which verdicts carry the margin of a separation distance."""
 
     @property
     def response_time(self) -> float:
@@ -122,6 +131,7 @@ def read_settings(
             "stop", f"is {stop!r}", expected='"joints" unless motion="planned" tells the path'
         )
     by_deadline = isinstance(schedule, str) and schedule == DEADLINE
+    numbers: dict[str, Any] = {name: float(amount) for name, amount in amounts.items()}
     return MonitorSettings(
         period=period,
         schedule=None if by_deadline else make_schedule(schedule, period),
@@ -132,7 +142,7 @@ def read_settings(
         base_placement=base_placement or pinocchio.SE3.Identity(),
         operating=read_operating(robot, operating),
         payload=robot.brakes.check_payload(payload),
-        **{name: float(amount) for name, amount in amounts.items()},
+        **numbers,
     )
 
 

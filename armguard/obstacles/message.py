@@ -116,6 +116,20 @@ class MessageMemory:
         if velocities is not None:
             places[1][:] = velocities
 
+    def read_samples(self, count: int, each: int, *numbers: float) -> Samples:
+        """The message that was read, for who is told of it; arrays that the next one overwrites.
+
+        Args:
+            count: Of its samples.
+            each: Of which fields there is one number for each sample, a bit for each of `FIELDS`.
+            numbers: The others, in the order of `FIELDS`.
+        """
+        fields = [
+            own[:count] if each >> i & 1 else np.full(count, number)
+            for i, (own, number) in enumerate(zip(self.fields, numbers, strict=True))
+        ]
+        return Samples(self.points_each, *self._hulls, *fields)
+
     def fit(self, count: int, points_each: int) -> None:
         """Make room for so many samples of so many points each; what stood there is void."""
         if (count, points_each) == self._shape:

@@ -32,6 +32,7 @@ from armguard.obstacles.arguments import (
 )
 from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.frames import Frame
+from armguard.obstacles.journal import ObstacleSettings
 from armguard.obstacles.message import FIELDS, MessageMemory
 from armguard.obstacles.pattern_bounds import PatternBounds
 from armguard.obstacles.register import NO_ROWS, ObstacleRegister, ResolvedIds
@@ -119,11 +120,31 @@ class Obstacles(ObstacleRegister):
         self._bind()
 
     def __getstate__(self) -> dict[str, object]:
-        return {name: value for name, value in self.__dict__.items() if name != "_take_samples"}
+        left_out = ("_take_samples", "journal")
+        return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
         self._bind()
+
+    @property
+    def settings(self) -> ObstacleSettings:
+        """What the table was made with, and the sources that it has heard of since."""
+        accel, speed = self.bounds.others
+        frames = {}
+        placed = self._memory.data.frames
+        for name, number in self._frames.items():
+            if name != WORLD:
+                rotation = placed.rotation[number].copy()
+                frames[name] = frame = Frame(
+                    rotation, placed.translation[number], float(placed.position_error[number])
+                )
+                # As it is: what has been made orthonormal would change if that were done again.
+                frame.rotation = rotation
+        sources = None
+        if not self.expects_sources:
+            sources = tuple(state.source for state in self._sources.states)
+        return ObstacleSettings(accel, speed, sources, frames, self._extent, self.bounds.patterns)
 
     def _bind(self) -> None:
         """Have compiled what takes samples."""
@@ -199,6 +220,18 @@ class Obstacles(ObstacleRegister):
             )
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
+        if self.journal is not None:
+            self.journal.note_update(
+                names,
+                time,
+                self._memory.read_samples(len(names), *numbers),
+                has_velocity=velocity is not None,
+                has_accel=accel is not None,
+                has_speed=speed is not None,
+                source=source,
+                frame=frame,
+                snapshot=bool(snapshot),
+            )
         late = known is not None and time < known.newest
         state = self._sources.hear(source, time)
         if snapshot and not late:
@@ -351,6 +384,8 @@ class Obstacles(ObstacleRegister):
                 raise ObstacleError(f"id {name!r}", "finds no room in the table")
         except ObstacleError as error:
             raise self._leave_malformed(error, "", math.nan) from None
+        if self.journal is not None:
+            self.journal.note_static(name, points, float(size))
         self.table.place_static(row, points, size)
 
     def remove(
@@ -377,6 +412,8 @@ class Obstacles(ObstacleRegister):
                 self._check_source(source)
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
+        if self.journal is not None:
+            self.journal.note_removal(names, time, source)
         state = None if source is None else self._sources.find(source)
         if source is not None and time is not None:
             state = self._sources.hear(source, time)
@@ -404,8 +441,21 @@ class Obstacles(ObstacleRegister):
     ) -> ObstacleError:
         name = source if isinstance(source, str) else ""
         time = float(stamp) if isinstance(stamp, (float, np.floating)) else math.nan
-        self._faults.leave(FaultKind.MALFORMED, name, "", error.offender, error.problem, time)
+        self.leave_malformed(name, error.offender, error.problem, time)
         return error
+
+    def leave_malformed(self, source: str, offender: str, problem: str, stamp: float) -> None:
+        """Leaves the fault of a malformed call: for those that made it out to be one elsewhere.
+
+        Args:
+            source: Who made it; empty where that is not known.
+            offender: What was at fault.
+            problem: What was wrong with it.
+            stamp: Of the call, in [s]; NaN where it had none.
+        """
+        if self.journal is not None:
+            self.journal.note_malformed(source, offender, problem, stamp)
+        self._faults.leave(FaultKind.MALFORMED, source, "", offender, problem, stamp)
 
     def _admit(self, name: str, time: float, state: SourceState) -> int:
         """Row for an id that is not in the table; -1 if it may not come in."""

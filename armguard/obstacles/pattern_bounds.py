@@ -30,6 +30,9 @@ class PatternBounds:
         patterns: Pattern of ids as in `fnmatch`, acceleration and speed. The first that fits
             counts.
 
+    Attributes:
+        others: Acceleration and speed of ids that no pattern fits, in [m]/[s]² and [m]/[s].
+
     Raises:
         ObstacleError: A bound or a pattern is malformed; the message names it.
     """
@@ -37,7 +40,7 @@ class PatternBounds:
     def __init__(
         self, accel: object, speed: object, patterns: Iterable[tuple[str, float, float]] = ()
     ) -> None:
-        self._others = _read_pair("", accel, speed)
+        self.others = _read_pair("", accel, speed)
         try:
             entries = [(pattern, accel, speed) for pattern, accel, speed in patterns]
         except (TypeError, ValueError):
@@ -52,6 +55,11 @@ class PatternBounds:
             for pattern, accel, speed in entries
         ]
         self._known: dict[str, tuple[float, float]] = {}
+
+    @property
+    def patterns(self) -> tuple[tuple[str, float, float], ...]:
+        """Patterns of ids, each with its acceleration and speed, in [m]/[s]² and [m]/[s]."""
+        return tuple((pattern, *pair) for pattern, pair in self._patterns)
 
     def find(
         self, ids: Sequence[str], accel: float | None = None, speed: float | None = None
@@ -68,8 +76,8 @@ class PatternBounds:
             Shapes () or (n,).
         """
         others = (
-            self._others[0] if accel is None else accel,
-            self._others[1] if speed is None else speed,
+            self.others[0] if accel is None else accel,
+            self.others[1] if speed is None else speed,
         )
         if not self._patterns:
             return others

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from armguard.exceptions import ObstacleError
 from armguard.jit.arrays import IntArray
 from armguard.obstacles.faults import Fault, FaultQueue, Unplaced
+from armguard.obstacles.journal import ObstacleJournal
 from armguard.obstacles.possible_states import distrust, forget_expired, list_states
 from armguard.obstacles.sources import NO_SOURCE, Source, Sources, Tombstones
 from armguard.obstacles.spread import describe_spread
@@ -48,7 +49,10 @@ class ObstacleRegister:
         late_count: Late messages, by obstacle, that were ignored.
         expects_sources: Whether sources are to come of which none was named.
         watcher: Number of the scheduler that follows the rows; see `start_watching`.
+        journal: Is told each call that changes the table; None: nothing is. Copies have none.
     """
+
+    journal: ObstacleJournal | None = None
 
     def __init__(self, sources: Iterable[str | Source]) -> None:
         if isinstance(sources, str):
@@ -243,12 +247,26 @@ class ObstacleRegister:
             told.append((self.ids[row], f"{self.source_of(row)}: {words}"))
         return told
 
+    @property
+    def is_untouched(self) -> bool:
+        """Whether nothing was told of it so far but what stands still for ever."""
+        table = self.table
+        number = int(np.count_nonzero(table.alive))
+        return (
+            not any(state.heard for state in self._sources.states)
+            and self.fault_count == 0
+            and self._tombstones.newest == -math.inf
+            and bool((table.alive[:number] & table.static[:number]).all())
+        )
+
     def unplaced(self) -> list[str]:
         """Obstacles that were reported and found no room in the table."""
         return self._unplaced.names()
 
     def take_faults(self) -> list[Fault]:
         """What was refused since the last call, oldest first."""
+        if self.journal is not None:
+            self.journal.note_faults_taken()
         return self._faults.take()
 
     @property

@@ -168,6 +168,14 @@ class IgnoredPairs:
             )
         )
 
+    @property
+    def entries(self) -> tuple[tuple[str, ...], ...]:
+        """What was given: link and pattern, with the source where one was named."""
+        return tuple(
+            (one.link, one.ids) if one.source is None else (one.link, one.ids, one.source)
+            for one in self._entries
+        )
+
     def follow(self, robot: Robot) -> None:
         """Take the links that the robot has now; what names a detached one waits for its return."""
         self._links = robot.links

@@ -7,7 +7,7 @@ and `VerdictReader` are for users' own nodes; `Edge` and the inputs are the moni
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 from armguard.streams.edge import Edge, JointState, StampClock
 from armguard.streams.faults import FaultLog
-from armguard.streams.inputs import Input, LineInput, PacedInput, SocketInput
+from armguard.streams.inputs import Input, LineInput, SocketInput
 from armguard.streams.nodes import Publisher, VerdictPublisher, VerdictReader
 
 __all__ = [
@@ -19,7 +19,6 @@ __all__ = [
     "Input",
     "JointState",
     "LineInput",
-    "PacedInput",
     "Publisher",
     "SocketInput",
     "StampClock",

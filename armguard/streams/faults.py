@@ -45,7 +45,7 @@ class FaultLog:
         self.counts: Counter[FaultKey] = Counter()
         """How often each fault was met."""
         self._now = now
-        self._emit = emit
+        self._emit = [emit]
         self._interval = interval
         self._told: dict[FaultKey, tuple[float, int]] = {}
 
@@ -87,7 +87,13 @@ class FaultLog:
         unsaid = self.counts[key] - told - times
         more = f" ({unsaid} more since the last such line)" if unsaid else ""
         self._told[key] = (now, self.counts[key])
-        self._emit(f"{key.kind}: {quote(source)}{number}: {quote(problem)}{more}")
+        line = f"{key.kind}: {quote(source)}{number}: {quote(problem)}{more}"
+        for emit in self._emit:
+            emit(line)
+
+    def also_emit(self, emit: Callable[[str], None]) -> None:
+        """Tell each line to something else as well."""
+        self._emit.append(emit)
 
 
 def quote(text: str, width: int = _WIDTH) -> str:

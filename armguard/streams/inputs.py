@@ -7,18 +7,15 @@ raised as `MessageError` for the edge to count.
 
 from __future__ import annotations
 
-import math
 import os
 import select
-import time
-from collections.abc import Callable
 from typing import Protocol
 
 import zmq
 
 from armguard.exceptions import StreamError
 from armguard.streams.addresses import check_address, check_free, explain, remove_file
-from armguard.streams.messages import MessageError, TimedMessage, decode, encode
+from armguard.streams.messages import MessageError
 
 BYTE_LIMIT = 4 * 1024 * 1024
 """Longest message taken: 10,000 boxes with velocities, packed, are 3.9 MB."""
@@ -154,45 +151,3 @@ class LineInput:
 
     def close(self) -> None:
         """Nothing to give back: the descriptor belongs to the caller."""
-
-
-class PacedInput:
-    """A recording, played: its first stamp is taken for the present, and each line waits until due.
-
-    Args:
-        lines: Where its lines come from.
-        monotonic: Reads the clock that its stamps are moved to, in [s].
-    """
-
-    def __init__(self, lines: Input, monotonic: Callable[[], float] = time.monotonic) -> None:
-        self.ended = False
-        self._lines = lines
-        self._monotonic = monotonic
-        self._shift: float | None = None
-        self._held: TimedMessage | None = None
-
-    def receive(self) -> bytes | None:
-        """The next line that is due, its stamp moved to the present; None if there is none."""
-        if self._held is None:
-            line = self._lines.receive()
-            if line is None:
-                self.ended = self._lines.ended
-                return None
-            try:
-                message = decode(line)
-            except MessageError:
-                return line  # counted where it is refused
-            if not isinstance(message, TimedMessage) or not math.isfinite(message.stamp):
-                return line
-            if self._shift is None:
-                self._shift = self._monotonic() - message.stamp
-            message.stamp += self._shift
-            self._held = message
-        if self._held.stamp > self._monotonic():
-            return None
-        message, self._held = self._held, None
-        return encode(message)
-
-    def close(self) -> None:
-        """Close what the lines come from."""
-        self._lines.close()

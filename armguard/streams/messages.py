@@ -123,10 +123,7 @@ class ResetMessage(Message, tag="reset"):
     token: str
 
 
-TimedMessage = ObstaclesMessage | JointsMessage | PlanMessage | RemoveMessage
-"""Those that say when."""
-
-AnyMessage = TimedMessage | ResetMessage
+AnyMessage = ObstaclesMessage | JointsMessage | PlanMessage | RemoveMessage | ResetMessage
 
 
 class ReasonMessage(msgspec.Struct):

@@ -18,8 +18,11 @@ from armguard.app.cell import Cell
 from armguard.app.loop import LONGEST_SPELL, REST, Durations, RateLoop, run
 from armguard.clock import ManualClock
 from armguard.exceptions import StreamError
+from armguard.recording import replay
+from armguard.recording.events import Log, VerdictTold
 from armguard.streams import Edge, FaultLog, Publisher, SocketInput, VerdictReader
 from armguard.verdict import Level, ReasonKind
+from support.recordings_made import read_events
 
 EXAMPLE = Path(__file__).parents[2] / "demos" / "cell.toml"
 CELL = '[robot]\nname = "panda"\n[sources.camera]\n'
@@ -366,6 +369,7 @@ def test_an_address_in_use_gives_back_what_was_opened(tmp_path):
 
 RUN = """
 import sys
+from pathlib import Path
 from armguard.app.cell.cell import Cell
 from armguard.app.loop import run
 from armguard.verdict import Level
@@ -375,7 +379,7 @@ report = run(
     Cell.load(sys.argv[1]),
     sys.argv[2],
     verdicts_address=sys.argv[3],
-    recorded="recorded" in sys.argv,
+    record=Path(sys.argv[4]) if len(sys.argv) > 4 else None,
     observe=lambda loop, verdict: levels.append(verdict.level.name),
 )
 print(report.received, report.faults, sorted(set(levels)), len(levels), sep=";")
@@ -397,19 +401,32 @@ def write_cell(folder):
     return folder / "cell.toml"
 
 
-def test_a_recording_on_standard_input_is_played_to_its_end(tmp_path):
-    lines = [json.dumps(m) for n in range(300) for m in (joints(n / 500), ball(n / 500))]
-    lines.insert(100, "nonsense")
-    process = start(write_cell(tmp_path), "-", f"ipc://{tmp_path}/out", "recorded")
+def test_a_run_is_recorded_with_what_was_wrong_with_messages(tmp_path):
+    path = tmp_path / "run.mcap"
+    process = start(write_cell(tmp_path), "-", f"ipc://{tmp_path}/out", path)
+    for _ in range(2):  # the second line comes when everything is compiled
+        process.stdin.write("nonsense\n")
+        process.stdin.flush()
+        with VerdictReader(f"ipc://{tmp_path}/out") as reader:
+            while reader.latest(0.1) is None:
+                assert process.poll() is None, process.stderr.read()
+    now = time.monotonic()
+    lines = [
+        json.dumps(m) for n in range(300) for m in (joints(now + n / 500), ball(now + n / 500))
+    ]
     output, errors = process.communicate("\n".join(lines), timeout=60)
     assert process.returncode == 0, errors
-    received, faults, levels, ticks = output.splitlines()[-1].split(";")
-    assert int(received) == 601
-    assert faults == "{'malformed: unknown': 1}"
-    assert "CLEAR" in levels
-    assert int(ticks) > 100
-    assert errors.count("\n") == 1
-    assert "malformed: unknown" in errors
+    ticks = int(output.splitlines()[-1].split(";")[-1])
+    events = read_events(path)
+    told = [event for event in events if isinstance(event, VerdictTold)]
+    assert len(told) == ticks, "those without a joint state are there as well"
+    assert any(event.sequence == 0 for event in told)
+    assert any("malformed: unknown" in e.message for e in events if isinstance(e, Log))
+    judged = sum(event.sequence > 0 for event in told)
+    assert judged
+    report = replay(path)
+    assert report.is_identical
+    assert report.compared == judged
 
 
 def test_stamps_of_long_ago_on_standard_input_are_no_news(tmp_path):

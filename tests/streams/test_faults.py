@@ -21,3 +21,12 @@ def test_made_up_names_fill_neither_log_nor_memory():
     assert len(log.counts) <= 513
     assert len(lines) <= 513
     assert all(line.isprintable() and len(line) < 700 for line in lines)
+
+
+def test_a_line_can_be_told_to_several():
+    told, also_told = [], []
+    faults = FaultLog(lambda: 0.0, told.append)
+    faults.also_emit(also_told.append)
+    faults.add("malformed", "camera", 3, "radius is −1")
+    assert told == also_told
+    assert len(told) == 1

@@ -5,9 +5,9 @@ import time
 import pytest
 import zmq
 
-from armguard.streams import LineInput, PacedInput, SocketInput
+from armguard.streams import LineInput, SocketInput
 from armguard.streams.inputs import BYTE_LIMIT
-from armguard.streams.messages import MessageError, decode
+from armguard.streams.messages import MessageError
 from support.stream_messages import World, obstacles
 from support.stream_sockets import PATIENCE, attend
 
@@ -107,22 +107,3 @@ def test_lines_come_as_they_are_written_and_the_end_is_seen():
 def test_a_descriptor_that_is_not_open_is_an_error():
     with pytest.raises(Exception, match="cannot be read"):
         LineInput(987)
-
-
-def test_a_played_line_waits_until_its_stamp_is_due():
-    reading, writing = os.pipe()
-    now = 70.0
-    played = PacedInput(LineInput(reading), lambda: now)
-    messages = [json.dumps(obstacles(stamp=stamp)).encode() for stamp in (5.0, 5.5)]
-    os.write(writing, b"\n".join([*messages, b"nonsense", b""]))
-    os.close(writing)
-    assert decode(played.receive()).stamp == 70.0
-    now = 70.49
-    assert played.receive() is None
-    now = 70.51
-    assert decode(played.receive()).stamp == 70.5
-    assert played.receive() == b"nonsense"
-    assert not played.ended
-    assert played.receive() is None
-    assert played.ended
-    os.close(reading)

@@ -17,6 +17,7 @@ SOON = 10.0
 SIGNS = {
     "-m armguard run": "monitor",
     "-m armguard.view": "view",
+    "-m armguard.recording": "recorder",
     '"type":"Perception"': "perception",
     '"type":"RobotNode"': "robot",
 }
@@ -62,7 +63,7 @@ class RunningDemo:
         return found
 
     def pid_of(self, role):
-        """The process with a role: "launcher", "monitor", "view", "perception" or "robot"."""
+        """The process with a role: "launcher", or one of those in `SIGNS`."""
         if role == "launcher":
             return self.process.pid
         roles = {}

@@ -32,6 +32,7 @@ ROOMS = {
     "monitor": "scheduling pairs bounds robot cover obstacles contact jit verdict",
     "streams": "obstacles contact verdict clock",
     "view": "streams robot",
+    "recording": "monitor scheduling pairs bounds robot obstacles contact jit verdict",
     "people": "obstacles",
     "simulation": "robot",
     "app": EVERYTHING,

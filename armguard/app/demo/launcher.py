@@ -27,6 +27,7 @@ from armguard.app.demo.watcher import Watcher
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.summary import draw_summary
 from armguard.exceptions import ArmguardError
+from armguard.recording.recorder import check_new
 from armguard.view.process import ViewProcess, launch
 
 END_TIMEOUT = 3.0
@@ -63,6 +64,7 @@ def run_demo(
     view: bool = True,
     port: int = 0,
     open_browser: bool = False,
+    record: Path | None = None,
     as_json: bool = False,
 ) -> int:
     """Run the demo and print its summary.
@@ -76,6 +78,7 @@ def run_demo(
         view: Show the cell in a browser page.
         port: TCP port of that page on 127.0.0.1; 0: any that is free.
         open_browser: Open the page.
+        record: Where to write a recording; None: nowhere.
         as_json: Print one JSON object instead of tables.
 
     Returns:
@@ -88,6 +91,8 @@ def run_demo(
         raise ArmguardError("--duration", f"is {duration}", expected="seconds above 0")
     if not obstacle_count >= 0:
         raise ArmguardError("--obstacles", f"is {obstacle_count}", expected="at least 0")
+    if record is not None:
+        check_new(record)
     recording = "" if person is None else str(person)
     # Made here as well, so that a mistake is one line now and not a process that dies later.
     sources = nodes.make_sources(duration, recording, obstacle_count, seed)
@@ -106,6 +111,8 @@ def run_demo(
         command += ["--quiet"]  # the table says what it would
         command += ["--obstacles", obstacles, "--joints", joints, "--verdicts", verdicts]
         command += ["--view", frames, "--duration", str(duration), "--parent", str(os.getpid())]
+        if record is not None:
+            command += ["--record", str(record)]
         # The monitor first: it has the longest way to go.
         monitor = subprocess.Popen(
             command,

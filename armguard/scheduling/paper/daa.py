@@ -179,6 +179,8 @@ class DaaSchedule:
         measure: What `settle` is to be given.
         every_tick: Whether all pairs are due in every tick.
         period: Time between two ticks, in [s].
+        law: By which places are parted into buckets.
+        sort: How pairs that were evaluated are sorted.
         tick: Number of the present tick; -1 before the first.
     """
 
@@ -195,6 +197,7 @@ class DaaSchedule:
                 "sort", f"unknown law {sort!r}", expected=", ".join(get_args(SortLaw))
             )
         self.period = float(period)
+        self.law, self.sort = partition, sort
         self._total = sort == "total"
         self._partition = make_partition(partition)
         self._table = _make_table(capacity=64)

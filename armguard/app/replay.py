@@ -1,0 +1,624 @@
+"""`armguard replay`: a recording led through a monitor made anew, compared, explained, changed.
+
+Recordings of others, which have no verdicts, are led through the monitor of a cell file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import math
+import re
+import sys
+import tempfile
+import time
+import webbrowser
+from collections.abc import Callable, Iterator, Sequence
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import IO, Any, Literal, NamedTuple
+
+import msgspec
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from armguard.app.cell.cell import Cell
+from armguard.app.loop import Durations
+from armguard.app.processes import COMPLAINT, complain
+from armguard.app.view_feed import MonitorFeed
+from armguard.exceptions import ArmguardError
+from armguard.monitor.monitor import Monitor
+from armguard.recording.bags import BagRun
+from armguard.recording.reading import Recording
+from armguard.recording.recorder import Recorder, check_new
+from armguard.recording.replay import Replay, ReplayedTick, ReplayReport
+from armguard.robot.description import list_robots
+from armguard.verdict import Level, ReasonKind, Verdict
+from armguard.view.process import launch
+from armguard.view.publisher import FramePublisher
+
+COLUMNS = (
+    "time",
+    "now",
+    "sequence",
+    "level",
+    "contact_time",
+    "stop_time",
+    "speed_scale",
+    "link",
+    "obstacle",
+    "complete",
+    "evaluated",
+    "stop",
+    "reasons",
+    "identical",
+)
+"""Of the table that `--csv` writes."""
+
+PAIRS_SHOWN = 5
+
+
+class Stop(NamedTuple):
+    """One recorded STOP, from its first verdict to its last; times in [s] of the monitor."""
+
+    begin: float
+    end: float
+    reason: str
+    """The weightiest of its first verdict."""
+    ticks: int
+    kept: int
+    """Of these, how many are a STOP in the replay as well."""
+
+
+def run_replay(
+    path: Path,
+    *,
+    speed: float | None = None,
+    explain: str | None = None,
+    what_if: str | None = None,
+    csv_file: Path | None = None,
+    view: bool = False,
+    port: int = 0,
+    open_browser: bool = False,
+    as_json: bool = False,
+) -> int:
+    """Replay a recording and print what was found.
+
+    Args:
+        path: The recording.
+        speed: How many times as fast as it was; None: as fast as possible, or as it was for a view.
+        explain: A time of the verdict that is to be explained; None: none is.
+        what_if: Settings to be changed, as "latency=0.01,operating.velocity=0.3".
+        csv_file: Where a table of all verdicts goes; "-" is standard output.
+        view: Show the cell in a browser page.
+        port: TCP port of that page on 127.0.0.1; 0: any that is free.
+        open_browser: Open the page.
+        as_json: Print one JSON object instead of words.
+
+    Returns:
+        The exit code: 0, or 1 where verdicts differ or could not all be compared.
+
+    Raises:
+        ArmguardError: The file or an argument is unusable.
+    """
+    recording = Recording(path)
+    changes = {} if what_if is None else read_changes(what_if)
+    if view:
+        check_drawable(str(recording.robot.get("name")))
+    replay = Replay(recording, changes)
+    stops, watch, took = lead(
+        replay.monitor,
+        replay.ticks(),
+        speed=speed,
+        explain=explain,
+        csv_file=csv_file,
+        view=view,
+        port=port,
+        open_browser=open_browser,
+    )
+    report = replay.report()
+    if as_json:
+        summary = summarise(report, stops, took, changes)
+        if watch.found is not None:
+            summary["explained"] = "\n".join(explain_tick(replay.monitor, watch))
+        sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
+    else:
+        # A table on standard output stays one.
+        console = Console(stderr=csv_file == Path("-"), soft_wrap=True)
+        if watch.found is not None:
+            for line in explain_tick(replay.monitor, watch):
+                console.print(line, markup=False, highlight=False)
+        elif changes:
+            print_changes(console, stops, changes)
+        else:
+            print_report(console, recording, report, stops, took)
+    if changes or watch.found is not None:
+        return 0
+    return 0 if report.is_identical else COMPLAINT
+
+
+def run_bag(
+    path: Path,
+    cell_file: Path,
+    topics: Sequence[str],
+    *,
+    radius: float | None = None,
+    snapshot: bool = False,
+    stamps: Literal["header", "recorded"] = "header",
+    record: Path | None = None,
+    speed: float | None = None,
+    explain: str | None = None,
+    csv_file: Path | None = None,
+    view: bool = False,
+    port: int = 0,
+    open_browser: bool = False,
+    as_json: bool = False,
+) -> int:
+    """Lead a cell's monitor through a recording of others, and print what it said.
+
+    Args:
+        path: A rosbag2 folder or an MCAP file.
+        cell_file: The cell.
+        topics: As `BagRun` takes them; so are the three that follow.
+        radius: Of what comes as poses alone, in [m].
+        snapshot: Whether each message shows all that its source sees.
+        stamps: Which times count.
+        record: Where to write a recording of armguard's own; None: nowhere.
+        speed: As in `run_replay`; so are those that follow.
+        explain: The time of the verdict to be explained.
+        csv_file: Where a table of all verdicts goes.
+        view: Show the cell in a browser page.
+        port: Of that page.
+        open_browser: Open the page.
+        as_json: Print one JSON object instead of words.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        ArmguardError: The files or an argument are unusable.
+    """
+    if record is not None:
+        check_new(record)
+    cell = Cell.load(cell_file)
+    _, _, monitor = cell.build()
+    bag = BagRun(path, monitor, topics, radius=radius, snapshot=snapshot, stamps=stamps)
+    with contextlib.ExitStack() as resources:
+        if record is not None:
+            recorder = resources.enter_context(Recorder(record, monitor))
+        stops, watch, took = lead(
+            monitor,
+            bag.ticks(),
+            speed=speed,
+            explain=explain,
+            csv_file=csv_file,
+            view=view,
+            port=port,
+            open_browser=open_browser,
+            urdf=cell.urdf,
+        )
+        problem = recorder.close() if record is not None else ""
+    explained = explain_tick(monitor, watch)
+    if as_json:
+        summary: dict[str, Any] = {
+            "ticks": stops.ticks,
+            "seconds": stops.seconds,
+            "took": took,
+            "stops": [stop._asdict() for stop in stops.stops],
+            "passed_over": bag.passed_over,
+        }
+        if explained:
+            summary["explained"] = "\n".join(explained)
+        sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
+    else:
+        console = Console(stderr=csv_file == Path("-"), soft_wrap=True)
+        lines = explained or [
+            f"{path}: {stops.ticks} verdicts, {len(stops.stops)} stops in {stops.seconds:.1f} s"
+        ]
+        if not explained:
+            lines += [f"{one.begin:.3f} s to {one.end:.3f} s: {one.reason}" for one in stops.stops]
+        lines += [f"passed over: {count} {kind}" for kind, count in bag.passed_over.items()]
+        for line in lines:
+            console.print(line, markup=False, highlight=False)
+    if problem:
+        complain(problem)
+    return COMPLAINT if problem else 0
+
+
+def lead(
+    monitor: Monitor,
+    ticks: Iterator[ReplayedTick],
+    *,
+    speed: float | None,
+    explain: str | None,
+    csv_file: Path | None,
+    view: bool,
+    port: int,
+    open_browser: bool,
+    urdf: tuple[str, list[str]] = ("", []),
+) -> tuple[StopList, Watch, float]:
+    """Take all ticks, or those up to the one that is to be explained.
+
+    Args:
+        monitor: What gives them.
+        ticks: Makes the next when it is asked for.
+        speed: As in `run_replay`; so are those that follow.
+        explain: The time of the verdict to be explained.
+        csv_file: Where a table of all verdicts goes.
+        view: Show the cell in a browser page.
+        port: Of that page.
+        open_browser: Open the page.
+        urdf: Path of the arm's URDF and its package folders, where it is not one that armguard
+            knows.
+
+    Returns:
+        The stops, the verdict that was found, and how long it took in [s].
+
+    Raises:
+        ArmguardError: There is no verdict at the time that is to be explained.
+    """
+    stops, watch = StopList(), Watch(explain)
+    pace = Pace(1.0 if view and speed is None else speed)
+    begin = time.monotonic()
+    with contextlib.ExitStack() as resources:
+        observers: list[Callable[[ReplayedTick], None]] = [stops.take, watch.take]
+        if csv_file is not None:
+            observers.append(resources.enter_context(open_table(csv_file)))
+        if view:
+            page = show_page(monitor, urdf, port, open_browser)
+            observers.append(resources.enter_context(page))
+        for tick in ticks:
+            pace.wait(tick.nanoseconds)
+            for observe in observers:
+                observe(tick)
+            if watch.found is not None:
+                break
+    if explain is not None and watch.found is None:
+        raise ArmguardError(
+            "--explain", f"is {explain}", expected=f"a time from {watch.first} to {watch.last}"
+        )
+    return stops, watch, time.monotonic() - begin
+
+
+def check_drawable(robot: str) -> None:
+    """Refuse to draw an arm of which there are no meshes.
+
+    Raises:
+        ArmguardError: The arm is none that armguard knows.
+    """
+    if robot not in list_robots():
+        raise ArmguardError(
+            "--view",
+            f"cannot draw {robot!r}",
+            expected=f"one of {', '.join(list_robots())}: meshes are in no recording",
+        )
+
+
+def read_changes(text: str) -> dict[str, str]:
+    """Settings and their values from the text of `--what-if`.
+
+    Raises:
+        ArmguardError: It is no list of name=value.
+    """
+    changes = {}
+    for part in text.split(","):
+        name, equals, value = part.partition("=")
+        if not (equals and name.strip() and value.strip()):
+            raise ArmguardError(
+                "--what-if", f"holds {part!r}", expected="name=value, such as latency=0.01"
+            )
+        changes[name.strip()] = value.strip()
+    return changes
+
+
+class Pace:
+    """Waits so that a replay is as fast as is asked.
+
+    Args:
+        speed: How many times as fast as the recording; None: never wait.
+
+    Raises:
+        ArmguardError: It is no number above 0.
+    """
+
+    def __init__(self, speed: float | None) -> None:
+        if speed is not None and not 0.0 < speed < math.inf:
+            raise ArmguardError("--speed", f"is {speed}", expected="a number above 0")
+        self._speed = speed
+        self._start: tuple[float, int] | None = None
+
+    def wait(self, nanoseconds: int) -> None:
+        """Return when what was recorded then is due."""
+        if self._speed is None:
+            return
+        if self._start is None:
+            self._start = time.monotonic(), nanoseconds
+        begin, first = self._start
+        remaining = begin + 1e-9 * (nanoseconds - first) / self._speed - time.monotonic()
+        if remaining > 0.0:
+            time.sleep(remaining)
+
+
+class StopList:
+    """Finds the STOPs of a recording, and how much of each is one in the replay as well.
+
+    Attributes:
+        stops: Those that have ended, and the present one.
+        ticks: How many there were.
+        new: Ticks that are a STOP in the replay alone.
+        seconds: From the first tick to the last, in [s] of the monitor's clock.
+    """
+
+    def __init__(self) -> None:
+        self.stops: list[Stop] = []
+        self.ticks = self.new = 0
+        self.seconds = 0.0
+        self._is_stopped = False
+        self._first = math.nan
+
+    def take(self, tick: ReplayedTick) -> None:
+        """Take the next tick."""
+        now, verdict = tick.now, tick.recorded
+        self.ticks += 1
+        if math.isnan(self._first):
+            self._first = now
+        self.seconds = now - self._first
+        kept = tick.replayed.level is Level.STOP
+        if verdict.level is not Level.STOP:
+            self._is_stopped = False
+            self.new += kept
+        elif not self._is_stopped:
+            self._is_stopped = True
+            self.stops.append(Stop(now, now, weightiest(verdict), 1, int(kept)))
+        else:
+            last = self.stops[-1]
+            self.stops[-1] = last._replace(end=now, ticks=last.ticks + 1, kept=last.kept + kept)
+
+
+class Watch:
+    """Waits for the verdict that is to be explained.
+
+    Args:
+        text: Seconds of the monitor's clock, or a time of day; None: wait for nothing.
+
+    Attributes:
+        found: The first tick at that time or after it.
+        since: The tick in which its level was taken on.
+        first: When the recording begins, in words.
+        last: When it ended so far, in words.
+    """
+
+    def __init__(self, text: str | None) -> None:
+        self.found: ReplayedTick | None = None
+        self.since: ReplayedTick | None = None
+        self.first = self.last = "its beginning"
+        self._text = text
+        self._seconds, self._of_day = (math.inf, None) if text is None else read_time(text)
+        self._nanoseconds = math.inf
+        self._is_first = True
+
+    def take(self, tick: ReplayedTick) -> None:
+        """Take the next tick."""
+        if self._text is None:
+            return
+        if self._is_first:
+            self._is_first = False
+            self.first = tell_time(tick)
+            if self._of_day is not None:
+                self._nanoseconds = find_next(tick.nanoseconds, self._of_day)
+        self.last = tell_time(tick)
+        if self.since is None or self.since.recorded.level is not tick.recorded.level:
+            self.since = tick
+        if tick.now >= self._seconds or tick.nanoseconds >= self._nanoseconds:
+            self.found = tick
+
+
+def read_time(text: str) -> tuple[float, timedelta | None]:
+    """Seconds of the monitor's clock, or inf and a time of day.
+
+    Raises:
+        ArmguardError: It is neither.
+    """
+    of_day = re.fullmatch(r"(\d{1,2}):(\d{2}):(\d{2}(?:\.\d+)?)", text)
+    if of_day is not None:
+        hours, minutes, seconds = of_day.groups()
+        return math.inf, timedelta(hours=int(hours), minutes=int(minutes), seconds=float(seconds))
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if math.isnan(number):
+        raise ArmguardError(
+            "--explain",
+            f"is {text!r}",
+            expected="seconds of the monitor's clock, or a time of day as 14:03:12.5",
+        )
+    return number, None
+
+
+def find_next(nanoseconds: int, of_day: timedelta) -> int:
+    """The first moment from `nanoseconds` since 1970 on at which it is that time of day, here."""
+    start = datetime.fromtimestamp(nanoseconds * 1e-9)
+    moment = datetime(start.year, start.month, start.day) + of_day
+    # What was asked for without fractions means all of that second.
+    if moment < start - timedelta(seconds=1):
+        moment += timedelta(days=1)
+    return round(moment.timestamp() * 1e9)
+
+
+def tell_time(tick: ReplayedTick) -> str:
+    """When a tick was, by both clocks."""
+    moment = datetime.fromtimestamp(tick.nanoseconds * 1e-9)
+    return f"{tick.now:.3f} s ({moment:%H:%M:%S}.{moment.microsecond // 1000:03d})"
+
+
+def weightiest(verdict: Verdict) -> str:
+    """The weightiest reason of a verdict in words."""
+    for reason in verdict.reasons:
+        if reason.kind is not ReasonKind.HOLD:
+            return str(reason)
+    return str(verdict.reasons[0]) if verdict.reasons else "no reason"
+
+
+def _tell_why(verdict: Verdict) -> str:
+    return f": {weightiest(verdict)}" if verdict.reasons else ""
+
+
+def explain_tick(monitor: Monitor, watch: Watch) -> list[str]:
+    """Why a verdict was as it was, in lines; the monitor stands at its tick."""
+    tick, since = watch.found, watch.since
+    if tick is None or since is None:
+        return []
+    verdict = tick.recorded
+    lines = [
+        f"{tell_time(tick)}: {verdict.level.name}, contact possible in "
+        f"{verdict.contact_time:.3f} s, at rest in {verdict.stop_time:.3f} s",
+        f"{verdict.level.name} since {tell_time(since)}{_tell_why(since.recorded)}",
+        *(f"because: {reason}" for reason in verdict.reasons),
+    ]
+    if not tick.is_identical:
+        lines.append("the replayed verdict differs, so what follows explains another one")
+    explanation = monitor.explain()
+    if explanation is not None:
+        lines += str(explanation).splitlines()
+    for pair in monitor.pairs(PAIRS_SHOWN):
+        lines.append(f"pair: {pair.link} and {pair.obstacle} in {pair.contact_time:.3f} s")
+    return lines
+
+
+def summarise(
+    report: ReplayReport, stops: StopList, took: float, changes: dict[str, str]
+) -> dict[str, Any]:
+    """The object that `--json` prints."""
+    return {
+        "ticks": report.ticks,
+        "compared": report.compared,
+        "identical": report.is_identical,
+        "difference": None if report.difference is None else str(report.difference),
+        "lost": report.lost,
+        "cut_off": report.is_cut_off,
+        "differs_here": list(report.differences),
+        "seconds": stops.seconds,
+        "took": took,
+        "what_if": changes,
+        "stops": [{**stop._asdict(), "would_be": stop.kept > 0} for stop in stops.stops],
+        "new_stop_ticks": stops.new,
+    }
+
+
+def print_report(
+    console: Console, recording: Recording, report: ReplayReport, stops: StopList, took: float
+) -> None:
+    """Tell whether the replay gave the same verdicts."""
+
+    def tell(line: str) -> None:
+        console.print(line, markup=False, highlight=False)
+
+    faster = stops.seconds / took if took > 0.0 else math.inf
+    tell(
+        f"{recording.path}: {report.ticks} verdicts, {len(stops.stops)} stops in "
+        f"{stops.seconds:.1f} s, replayed {faster:.1f} times as fast"
+    )
+    if report.is_cut_off:
+        tell("the recording has no end: what wrote it was killed; it was read as far as it goes")
+    if report.lost:
+        tell(
+            f"{report.lost} events were lost while it was recorded; the {report.compared} verdicts "
+            "before the first gap were compared"
+        )
+    if report.difference is not None:
+        tell(f"not identical: {report.difference}")
+    elif report.compared:
+        tell(f"bit-identical: all {report.compared} verdicts that were compared are the same")
+    else:
+        tell("nothing could be compared")
+    if report.difference is None:
+        for line in report.differences:
+            tell(f"although there is {line}")
+
+
+def print_changes(console: Console, stops: StopList, changes: dict[str, str]) -> None:
+    """Tell which stops there would not have been."""
+    asked = ", ".join(f"{name} = {value}" for name, value in changes.items())
+    table = Table(title=f"stops with {asked}")
+    for column in ("from [s]", "to [s]", "because", "then"):
+        table.add_column(column)
+    for stop in stops.stops:
+        if stop.kept == 0:
+            then = "no stop"
+        elif stop.kept < stop.ticks:
+            then = f"a stop for {100.0 * stop.kept / stop.ticks:.0f} % of the time"
+        else:
+            then = "a stop"
+        table.add_row(f"{stop.begin:.3f}", f"{stop.end:.3f}", escape(stop.reason), then)
+    console.print(table)
+    gone = sum(stop.kept == 0 for stop in stops.stops)
+    console.print(
+        f"{gone} of {len(stops.stops)} stops would not have been; {stops.new} ticks would be a "
+        "STOP that were none. The arm moves as it was recorded, whatever the verdicts say.",
+        markup=False,
+        highlight=False,
+    )
+
+
+@contextlib.contextmanager
+def open_table(path: Path) -> Iterator[Callable[[ReplayedTick], None]]:
+    """A file for the table of all verdicts; what takes its rows.
+
+    Raises:
+        ArmguardError: The file cannot be written.
+    """
+    with contextlib.ExitStack() as resources:
+        file: IO[str] = sys.stdout
+        if path != Path("-"):
+            try:
+                file = resources.enter_context(path.open("w", newline="", encoding="utf-8"))
+            except OSError as error:
+                raise ArmguardError(str(path), f"cannot be written ({error.strerror})") from None
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+
+        def take(tick: ReplayedTick) -> None:
+            verdict = tick.replayed
+            writer.writerow(
+                (
+                    datetime.fromtimestamp(tick.nanoseconds * 1e-9).isoformat(),
+                    repr(tick.now),
+                    verdict.sequence,
+                    verdict.level.name,
+                    verdict.contact_time,
+                    verdict.stop_time,
+                    verdict.speed_scale,
+                    verdict.link or "",
+                    verdict.obstacle or "",
+                    verdict.complete,
+                    verdict.evaluated,
+                    verdict.stop or "",
+                    "; ".join(map(str, verdict.reasons)),
+                    tick.is_identical,
+                )
+            )
+
+        yield take
+
+
+@contextlib.contextmanager
+def show_page(
+    monitor: Monitor, urdf: tuple[str, list[str]], port: int, open_browser: bool
+) -> Iterator[Callable[[ReplayedTick], None]]:
+    """A page that shows what the replayed monitor sees; what takes its ticks."""
+    with contextlib.ExitStack() as resources:
+        folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="armguard-"))
+        publisher = resources.enter_context(FramePublisher(f"ipc://{folder}/frames"))
+        feed = MonitorFeed(monitor, publisher, urdf=urdf[0], package_dirs=urdf[1])
+        page = resources.enter_context(launch(publisher.address, port))
+        Console(stderr=True).print(f"see it in the browser: {page.url}", soft_wrap=True)
+        if open_browser:
+            webbrowser.open(page.url)
+        durations = Durations()
+
+        def take(tick: ReplayedTick) -> None:
+            feed.observe(tick.replayed, tick.now, durations, 0)
+
+        yield take

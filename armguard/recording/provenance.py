@@ -1,0 +1,96 @@
+"""What verdicts rest on besides their inputs: versions, sources, processor, compiler.
+
+The same inputs give the same verdicts to the bit where all of this is the same. Where it is not,
+the last digits of a number may differ, and where two recordings of verdicts differ, this is what is
+looked at first.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding
+import msgspec
+import pinocchio
+from numba import __version__ as numba_version
+from numba import config as numba_config
+
+from armguard.robot.portable import describe_robot
+from armguard.robot.robot import Robot
+
+config: Any = numba_config
+
+PACKAGE = Path(__file__).resolve().parents[1]
+
+NAMES = {
+    "armguard": "another version of armguard",
+    "sources": "other sources of armguard",
+    "robot": "another robot description",
+    "cover": "another cover",
+    "processor": "another processor",
+    "processor_features": "another processor",
+    "machine": "another machine",
+    "numba": "another compiler (numba)",
+    "llvm": "another compiler (LLVM)",
+    "numpy": "another version of NumPy",
+    "pinocchio": "another version of Pinocchio",
+    "python": "another version of Python",
+}
+"""What a difference in each is called."""
+
+
+def describe_provenance(robot: Robot) -> dict[str, str]:
+    """What verdicts of this process about this robot rest on, by the names of `NAMES`."""
+    features = sorted(llvmlite.binding.get_host_cpu_features().items())
+    version = ".".join(map(str, llvmlite.binding.llvm_version_info))
+    return {
+        "armguard": importlib.metadata.version("armguard"),
+        "sources": digest_package(PACKAGE),
+        **digest_robot(robot),
+        "processor": config.CPU_NAME or llvmlite.binding.get_host_cpu_name(),
+        "processor_features": config.CPU_FEATURES or _digest(repr(features).encode()),
+        "machine": f"{platform.system()} {platform.machine()}",
+        "numba": numba_version,
+        "llvm": version,
+        "numpy": importlib.metadata.version("numpy"),
+        "pinocchio": pinocchio.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def digest_robot(robot: Robot) -> dict[str, str]:
+    """Digests of a robot: of all that is not its cover, and of its cover."""
+    data = describe_robot(robot)
+    covers = {link["name"]: link.pop("cover") for link in data["links"]}
+    return {
+        "robot": _digest(msgspec.json.encode(data, order="deterministic")),
+        "cover": _digest(msgspec.json.encode(covers, order="deterministic")),
+    }
+
+
+def list_differences(recorded: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
+    """What differs, in words with both values; each kind of cause once."""
+    told: dict[str, str] = {}
+    for name, words in NAMES.items():
+        before, now = recorded.get(name, "unknown"), here.get(name, "unknown")
+        if before != now:
+            told.setdefault(words, f"{words}: {before} recorded, {now} here")
+    return list(told.values())
+
+
+def digest_package(package: Path) -> str:
+    """A digest of all modules of a package."""
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        digest.update(path.relative_to(package).as_posix().encode() + b"\0")
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]

@@ -1,0 +1,504 @@
+"""`Recorder`: writes all that reaches a monitor, and all that it answers, from another process.
+
+What happens in the loop is to write bytes into memory that both processes share. It never waits:
+where the other process does not keep up, as with a slow disk, events are lost, counted, and a gap
+is recorded in their place. The other process ends with this one, however that ends, and writes what
+was told until then.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import math
+import os
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import UNSET
+
+from armguard.contact.earliest import Certificate
+from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray
+from armguard.monitor.monitor import Monitor
+from armguard.obstacles.message import Samples
+from armguard.recording.events import (
+    FORMAT,
+    KINDS,
+    REASON_NAMES,
+    BodiesChanged,
+    FaultsTaken,
+    Gap,
+    JointState,
+    LinkTold,
+    Log,
+    MalformedCall,
+    ObstacleUpdate,
+    Payload,
+    Removal,
+    Reset,
+    StaticObstacle,
+    Time,
+    VerdictTold,
+    encode,
+    tell_answer,
+)
+from armguard.recording.inputs import tell_plan, tell_state
+from armguard.recording.provenance import describe_provenance
+from armguard.recording.ring import Ring, create_memory
+from armguard.recording.settings import describe_settings
+from armguard.robot.portable import describe_bodies, describe_robot, write_number, write_numbers
+from armguard.verdict import Level, PlanVerdict, Reason, Verdict
+
+CAPACITY = 32 * 1024 * 1024
+"""Bytes that wait for the disk at most: a minute and more of a usual cell."""
+
+START_TIMEOUT = 60.0
+"""How long the process that writes may take to start, in [s]; the end waits for it."""
+
+STUCK_TIMEOUT = 10.0
+"""How long the disk may hold up that process at the end, in [s], before it is ended."""
+
+FRAME = struct.Struct("<Bq")
+"""Before each event: its kind, by its place in `KINDS`, and when it came, in [ns] since 1970."""
+
+ATTACHED, NOTED, PLAIN_STATE = range(len(KINDS), len(KINDS) + 3)
+"""Instead of a kind: what stands in the file once, as an attachment or as metadata, and a joint
+state as it usually is: the three numbers of `TIMES`, then q and v, all of float64."""
+
+TIMES = struct.Struct("<ddd")
+"""Stamp, time of the tick, path time; NaN where that was not told."""
+
+_NUMBERS = {kind: number for number, kind in enumerate(KINDS)}
+_STATE, _VERDICT, _UPDATE = (_NUMBERS[kind] for kind in (JointState, VerdictTold, ObstacleUpdate))
+
+_REASONS = {name: kind for kind, name in REASON_NAMES.items()}
+_FLOAT = np.dtype(np.float64)
+
+
+class Recorder:
+    """Writes a file from which a replay gives the same verdicts to the bit; a context.
+
+    It begins when it is made: before the first step of the monitor, and before any obstacle is
+    told but those that stand still for ever. From then on it is told by the monitor and its table
+    themselves. Nothing that goes wrong with the file reaches the monitor.
+
+    Args:
+        path: The file, which must not exist yet; or a folder, for a file named by the time.
+        monitor: Whose inputs and verdicts are written.
+        capacity: Bytes that may wait for the disk; what comes beyond is lost, and a gap is written.
+
+    Attributes:
+        path: The file.
+        lost: Events so far that were lost.
+        pid: The process that writes the file.
+
+    Raises:
+        ArmguardError: The file cannot be written, the monitor or its table is in use already or
+            cannot be made anew from a recording, or the packages for recordings are missing.
+    """
+
+    def __init__(self, path: str | Path, monitor: Monitor, *, capacity: int = CAPACITY) -> None:
+        check_installed()
+        _check_untouched(monitor)
+        self._monitor, self._robot = monitor, monitor.robot
+        self._joints = len(monitor.robot.joints)
+        self._clock_offset = time.time_ns() - time.monotonic_ns()
+        self._stepping = False
+        self.lost = 0
+        self._gap_events, self._gap_since = 0, 0
+        start = self._describe_start()
+        self.path, file = open_new(Path(path))
+        memory = create_memory(capacity)
+        try:
+            self._process = subprocess.Popen(
+                [
+                    sys.executable,
+                    "-m",
+                    "armguard.recording",
+                    *map(str, (memory, file, os.getpid())),
+                ],
+                stdin=subprocess.DEVNULL,
+                pass_fds=(memory, file),
+                start_new_session=True,  # a Ctrl-C is the loop's, whose end is to be in the file
+            )
+            self.pid = self._process.pid
+            self._ring = Ring(memory)
+        finally:
+            os.close(file)
+            os.close(memory)
+        for number, data in start:
+            self._send(number, data)
+        if self.lost:
+            self.close()
+            raise ArmguardError(
+                "capacity", f"is {capacity} bytes", expected="room for the robot's description"
+            )
+        self._known_links = monitor.robot.links
+        self._revision = monitor.robot.revision
+        for event in _list_statics(monitor):
+            self._tell(event)
+        monitor.journal = monitor.obstacles.journal = self
+
+    def note(self, text: str) -> None:
+        """Write a line for people, as of the present."""
+        now = time.time_ns()
+        timestamp = Time(now // 1_000_000_000, now % 1_000_000_000)
+        self._tell(Log(timestamp=timestamp, level=3, message=text))
+
+    def close(self) -> str:
+        """Write what is left, and end; harmless if that was done.
+
+        Returns:
+            What went wrong with the file, in words; empty if nothing did.
+        """
+        process = self._process
+        if self._monitor.journal is self:
+            self._monitor.journal = self._monitor.obstacles.journal = None
+        if self._ring.is_released:
+            return ""
+        ring = self._ring
+        beats, deadline = 0, time.monotonic() + START_TIMEOUT
+        while process.poll() is None and time.monotonic() < deadline:
+            if not self._gap_events or self._end_gap():
+                ring.close_writing()
+            if ring.beats != beats:
+                beats, deadline = ring.beats, time.monotonic() + STUCK_TIMEOUT
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(0.01)
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+        ring.release()
+        if process.returncode != 0:
+            return f"{self.path} is not complete: what wrote it was ended, or could not write it"
+        if self.lost:
+            return f"{self.path} has gaps: {self.lost} events were lost, the disk did not keep up"
+        return ""
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # What a monitor tells; see `armguard.monitor.journal`.
+
+    def note_state(self, stamp: object, q: Any, v: Any, now: object, path_time: object) -> None:
+        """As `MonitorJournal` says."""
+        self._stepping = True
+        try:
+            if self._robot.revision != self._revision:
+                self._tell_bodies()
+            if _is_plain(stamp, q, v, now, path_time, self._joints):
+                times = TIMES.pack(stamp, now, math.nan if path_time is None else path_time)
+                self._send(PLAIN_STATE, times + q.tobytes() + v.tobytes())
+            else:
+                event = tell_state(stamp, q, v, now, path_time, self._joints)
+                self._send(_STATE, encode(event))
+        except Exception:
+            # A recorder must not hurt the loop: what cannot be recorded is a gap.
+            self._lose()
+
+    def note_verdict(self, verdict: Verdict) -> None:
+        """As `MonitorJournal` says; also of what is told while there is no joint state to judge."""
+        self._stepping = False
+        try:
+            self._send(_VERDICT, pack_verdict(verdict))
+        except Exception:
+            self._lose()
+
+    def note_plan(self, ask: Literal["commit", "follow"], plan: object) -> None:
+        """As `MonitorJournal` says."""
+        try:
+            self._tell(tell_plan(ask, plan))
+        except Exception:
+            self._lose()
+
+    def note_plan_verdict(self, verdict: PlanVerdict) -> None:
+        """As `MonitorJournal` says."""
+        self._tell(tell_answer(verdict))
+
+    def note_payload(self, payload: float) -> None:
+        """As `MonitorJournal` says."""
+        self._tell(Payload(payload=write_number(payload)))
+
+    def note_reset(self) -> None:
+        """As `MonitorJournal` says."""
+        self._tell(Reset())
+
+    # What a table of obstacles tells; see `armguard.obstacles.journal`.
+
+    def note_update(
+        self,
+        ids: Sequence[str],
+        stamp: float,
+        samples: Samples,
+        *,
+        has_velocity: bool,
+        has_accel: bool,
+        has_speed: bool,
+        source: str,
+        frame: str,
+        snapshot: bool,
+    ) -> None:
+        """As `ObstacleJournal` says."""
+        try:
+            # Lists are made of the arrays by the other process: that takes longer than a tick.
+            arrays = [
+                np.ascontiguousarray(array, dtype=np.float64).tobytes() for array in samples[1:]
+            ]
+            given = (True, has_velocity, True, has_accel, has_speed, True, has_velocity)
+            fields = [
+                array if is_given else None for array, is_given in zip(arrays, given, strict=True)
+            ]
+            header = (list(ids), stamp, source, frame, snapshot, samples.point_count)
+            self._send(_UPDATE, _packer.encode((*header, *fields)))
+        except Exception:
+            self._lose()
+
+    def note_static(self, id: str, points: FloatArray, radius: float) -> None:
+        """As `ObstacleJournal` says."""
+        self._tell(_tell_static(id, points, radius))
+
+    def note_removal(self, ids: Sequence[str], stamp: float | None, source: str | None) -> None:
+        """As `ObstacleJournal` says."""
+        self._tell(
+            Removal(
+                ids=list(ids),
+                stamp=UNSET if stamp is None else write_number(stamp),
+                source=UNSET if source is None else source,
+            )
+        )
+
+    def note_malformed(self, source: str, offender: str, problem: str, stamp: float) -> None:
+        """As `ObstacleJournal` says."""
+        self._tell(
+            MalformedCall(
+                source=source, offender=offender, problem=problem, stamp=write_number(stamp)
+            )
+        )
+
+    def note_faults_taken(self) -> None:
+        """As `ObstacleJournal` says; the monitor itself takes them in its steps."""
+        if not self._stepping:
+            self._tell(FaultsTaken())
+
+    def _describe_start(self) -> list[tuple[int, bytes]]:
+        """What stands once at the start of the file."""
+        monitor = self._monitor
+        provenance = {
+            "format": str(FORMAT),
+            **describe_provenance(monitor.robot),
+            "monotonic_offset_ns": str(self._clock_offset),
+        }
+        pack = _packer.encode
+        robot = encode_plain(describe_robot(monitor.robot))
+        settings = encode_plain(describe_settings(monitor))
+        return [
+            (NOTED, pack(("armguard", provenance))),
+            (ATTACHED, pack(("settings.json", "application/json", settings))),
+            (ATTACHED, pack(("robot.json", "application/json", robot))),
+        ]
+
+    def _tell_bodies(self) -> None:
+        data = describe_bodies(self._robot, self._known_links)
+        links = [
+            LinkTold(link["name"], "" if len(link) == 1 else encode_plain(link).decode())
+            for link in data["links"]
+        ]
+        self._tell(BodiesChanged(revision=data["revision"], links=links))
+        self._known_links = tuple(link["name"] for link in data["links"])
+        self._revision = data["revision"]
+
+    def _tell(self, event: Any) -> None:
+        try:
+            self._send(_NUMBERS[type(event)], encode(event))
+        except Exception:
+            self._lose()
+
+    def _send(self, number: int, data: bytes) -> None:
+        now = time.monotonic_ns() + self._clock_offset
+        if (self._gap_events and not self._end_gap()) or not self._ring.write(
+            FRAME.pack(number, now) + data
+        ):
+            self._lose()
+
+    def _lose(self) -> None:
+        self.lost += 1
+        if not self._gap_events:
+            self._gap_since = time.monotonic_ns()
+        self._gap_events += 1
+
+    def _end_gap(self) -> bool:
+        """Tell of a gap, once there is room for more than that."""
+        ring = self._ring
+        if ring.free < ring.capacity // 4:
+            return False
+        seconds = 1e-9 * (time.monotonic_ns() - self._gap_since)
+        event = encode(Gap(events=self._gap_events, seconds=seconds))
+        now = time.monotonic_ns() + self._clock_offset
+        if not ring.write(FRAME.pack(_NUMBERS[Gap], now) + event):
+            return False
+        self._gap_events = 0
+        return True
+
+
+def pack_verdict(verdict: Verdict) -> bytes:
+    """A verdict as it is sent: made into what stands in the file by the other process."""
+    reasons = [(REASON_NAMES[kind], subject, detail) for kind, subject, detail in verdict.reasons]
+    certificate: Any = verdict.certificate
+    if certificate is not None:
+        times, witnesses = certificate.times, certificate.witnesses
+        certificate = certificate.contact_time, times.tolist(), np.ravel(witnesses).tolist()
+    return _packer.encode((*verdict[:10], reasons, *verdict[11:13], certificate, verdict[14]))
+
+
+def unpack_verdict(data: bytes) -> Verdict:
+    """The verdict that `pack_verdict` made bytes of."""
+    fields = msgspec.msgpack.decode(data)
+    fields[2] = Level(fields[2])
+    fields[10] = tuple(
+        Reason(_REASONS[name], subject, detail) for name, subject, detail in fields[10]
+    )
+    if fields[13] is not None:
+        contact_time, times, witnesses = fields[13]
+        fields[13] = Certificate(
+            contact_time, np.array(times, dtype=float), np.array(witnesses).reshape(-1, 3)
+        )
+    return Verdict(*fields)
+
+
+def _is_plain(stamp: object, q: Any, v: Any, now: object, path_time: object, joints: int) -> bool:
+    """Whether the arguments of a step are what they usually are."""
+    return (
+        type(stamp) is float is type(now)
+        and (path_time is None or (type(path_time) is float and path_time == path_time))
+        and type(q) is np.ndarray is type(v)
+        and q.dtype == _FLOAT == v.dtype
+        and q.shape == (joints,) == v.shape
+    )
+
+
+def _to_plain(value: object) -> object:
+    """Numbers of NumPy as Python's."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{value!r} cannot be recorded")
+
+
+_packer = msgspec.msgpack.Encoder(enc_hook=_to_plain)
+
+
+def check_installed() -> None:
+    """Refuse to go on without the packages that recordings need.
+
+    Raises:
+        ArmguardError: They are missing.
+    """
+    for package in ("mcap", "zstandard"):
+        if importlib.util.find_spec(package) is None:
+            raise ArmguardError(
+                "recordings",
+                f"need the package {package}, which is not installed",
+                remedy="pip install 'armguard[record]'",
+            )
+
+
+def check_new(path: Path) -> None:
+    """Refuse a file that is there already, or that cannot be in its folder, and go on without one.
+
+    Raises:
+        ArmguardError: It is so, or the packages for recordings are missing.
+    """
+    check_installed()
+    try:
+        is_there = path.is_file() and path.stat().st_size > 0
+        if not path.parent.is_dir():
+            raise ArmguardError(str(path), f"cannot be written (no folder {path.parent})")
+    except OSError as error:
+        raise ArmguardError(str(path), f"cannot be written ({error.strerror})") from None
+    if is_there:
+        raise ArmguardError(
+            str(path),
+            "is there already, and no recording is written over",
+            expected="a new file",
+            remedy="a folder in its place gets a file named by the time",
+        )
+
+
+def open_new(path: Path) -> tuple[Path, int]:
+    """Open a file that is not there yet, for writing; a recording is never written over.
+
+    Args:
+        path: The file; or a folder, for a file in it that is named by the time.
+
+    Returns:
+        The file's path and descriptor.
+
+    Raises:
+        ArmguardError: It is there already, or cannot be written.
+    """
+    if path.is_dir():
+        # A service that is started anew may be so within a second.
+        path = path / f"{time.strftime('armguard-%Y%m%dT%H%M%S')}-{os.getpid()}.mcap"
+    check_new(path)
+    try:
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
+        return path, os.open(path, flags, 0o644)
+    except OSError as error:
+        raise ArmguardError(str(path), f"cannot be written ({error.strerror})") from None
+
+
+def encode_plain(data: Any) -> bytes:
+    """Plain data as JSON."""
+    return msgspec.json.encode(data)
+
+
+def _check_untouched(monitor: Monitor) -> None:
+    if not isinstance(monitor, Monitor):
+        raise ArmguardError("monitor", f"is {monitor!r}", expected="an armguard.Monitor")
+    obstacles = monitor.obstacles
+    if monitor.journal is not None or obstacles.journal is not None:
+        raise ArmguardError("monitor", "is recorded already", expected="one recorder at a time")
+    if monitor.ticks:
+        raise ArmguardError(
+            "monitor",
+            f"has judged {monitor.ticks} joint states already",
+            expected="none: a replay needs them all",
+            remedy="make the recorder before the first step",
+        )
+    if not obstacles.is_untouched:
+        raise ArmguardError(
+            "obstacles",
+            "were told already",
+            expected="none but those that stand still: a replay needs all",
+            remedy="make the recorder before the first update",
+        )
+
+
+def _list_statics(monitor: Monitor) -> list[StaticObstacle]:
+    table, ids = monitor.obstacles.table, monitor.obstacles.ids
+    return [
+        _tell_static(ids[row], table.points[row, : table.point_count[row]], table.radius[row])
+        for row in np.flatnonzero(table.alive & table.static).tolist()
+    ]
+
+
+def _tell_static(id: str, points: FloatArray, radius: float) -> StaticObstacle:
+    return StaticObstacle(
+        id=id, position=write_numbers(np.ravel(points)), radius=write_number(float(radius))
+    )

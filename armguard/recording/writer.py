@@ -1,0 +1,318 @@
+"""The process that writes a recording: what it finds in shared memory goes into an MCAP file.
+
+What it has written is whole up to the last chunk, twice a second, whichever process is killed. A
+disk that is slow holds up this process alone; one that is full is tried again, and again.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from types import FrameType
+from typing import Any
+
+import msgspec
+import numpy as np
+from msgspec import UNSET
+from numpy.typing import NDArray
+
+from armguard.recording.events import (
+    KINDS,
+    PREFIX,
+    TOPICS,
+    JointState,
+    ObstacleUpdate,
+    Removal,
+    StaticObstacle,
+    VerdictTold,
+    encode,
+    make_schema,
+    schema_name,
+    tell_verdict,
+    write_field,
+)
+from armguard.recording.recorder import (
+    ATTACHED,
+    FRAME,
+    NOTED,
+    PLAIN_STATE,
+    TIMES,
+    unpack_verdict,
+)
+from armguard.recording.ring import Ring
+from armguard.recording.scene import INTERVAL, SCENE_SCHEMA, Scene, SceneUpdate
+from armguard.robot.portable import write_number, write_numbers
+
+FLUSH_INTERVAL = 0.5
+"""Between two chunks at most, in [s]: so much is lost when this process is killed."""
+
+CHUNK_SIZE = 1024 * 1024
+"""Bytes after which a chunk is ended sooner."""
+
+PAUSE = 0.02
+"""Between two looks into the memory, in [s]."""
+
+UNWRITTEN_LIMIT = 8 * 1024 * 1024
+"""Bytes that wait for the disk in this process; while there are more, none are taken."""
+
+STUCK_AFTER = 2.0
+"""A record that is not whole after so long, in [s], with nobody left to write, never will be."""
+
+_NUMBERS = {kind: number for number, kind in enumerate(KINDS)}
+
+
+class PatientFile:
+    """A file whose writes never fail: what a disk does not take waits, and is tried again.
+
+    Args:
+        descriptor: Open for writing.
+
+    Attributes:
+        problem: Why the last write failed; empty if it did not.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self.problem = ""
+        self._descriptor = descriptor
+        self._unwritten = bytearray()
+        self._length = 0
+
+    @property
+    def unwritten(self) -> int:
+        """Bytes that wait for the disk."""
+        return len(self._unwritten)
+
+    def write(self, data: bytes) -> int:
+        """Take bytes; `flush` writes them."""
+        self._unwritten += data
+        self._length += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        """How long the file will be."""
+        return self._length
+
+    def flush(self) -> None:
+        """Write what the disk takes."""
+        try:
+            while self._unwritten:
+                written = os.write(self._descriptor, self._unwritten)
+                del self._unwritten[:written]
+            self._sync()
+            self.problem = ""
+        except OSError as error:
+            problem = error.strerror or str(error)
+            if problem != self.problem:
+                sys.stderr.write(f"armguard: the recording cannot be written: {problem}\n")
+            self.problem = problem
+
+    def _sync(self) -> None:
+        try:
+            os.fdatasync(self._descriptor)
+        except OSError as error:
+            if error.errno not in (errno.EINVAL, errno.EROFS):  # a pipe has nothing to sync
+                raise
+
+
+class RecordingWriter:
+    """Makes an MCAP file of events.
+
+    Args:
+        file: Takes the bytes.
+    """
+
+    def __init__(self, file: PatientFile) -> None:
+        # Here, since most of armguard works without recordings.
+        from mcap.writer import CompressionType, IndexType, Writer
+
+        self._file = file
+        # Its types are incomplete, and it needs no more of a file than this one has.
+        self._writer: Any = Writer(
+            file,  # type: ignore[arg-type]
+            chunk_size=CHUNK_SIZE,
+            compression=CompressionType.ZSTD,
+            index_types=IndexType.ALL,
+        )
+        self._writer.start(profile="", library="armguard")
+        self._channels = [
+            self._register(PREFIX + TOPICS[kind], schema_name(kind), make_schema(kind))
+            for kind in KINDS
+        ]
+        self._scene_channel = self._register(
+            f"{PREFIX}scene", SCENE_SCHEMA, make_schema(SceneUpdate)
+        )
+        self._attached: dict[str, Any] = {}
+        self._scene: Scene | None = None
+        self._next_scene = 0
+        self._last_time = 0
+        self._count = 0
+        self._decoders: dict[type[Any], msgspec.json.Decoder[Any]] = {
+            kind: msgspec.json.Decoder(kind) for kind in KINDS
+        }
+        self._last_state = b""
+
+    def take(self, number: int, nanoseconds: int, data: bytes) -> None:
+        """Write one event.
+
+        Args:
+            number: Of its kind.
+            nanoseconds: When it came, since 1970.
+            data: As `Recorder` sends it.
+        """
+        if number == NOTED:
+            name, values = msgspec.msgpack.decode(data)
+            self._writer.add_metadata(name, values)
+            return
+        if number == ATTACHED:
+            name, media_type, content = msgspec.msgpack.decode(data)
+            self._writer.add_attachment(nanoseconds, nanoseconds, name, media_type, content)
+            self._attached[name] = msgspec.json.decode(content)
+            if {"robot.json", "settings.json"} <= set(self._attached):
+                self._scene = Scene(self._attached["robot.json"], self._attached["settings.json"])
+            return
+        if number == PLAIN_STATE:
+            number, data = _NUMBERS[JointState], encode(read_state(data))
+        kind = KINDS[number]
+        if kind is VerdictTold:
+            data = encode(tell_verdict(unpack_verdict(data)))
+        elif kind is ObstacleUpdate:
+            update = read_update(data)
+            data = encode(update)
+            if self._scene is not None:
+                self._scene.take_update(update)
+        # Events are in order in the file; their times say so as well.
+        self._last_time = max(nanoseconds, self._last_time + 1)
+        self._write(self._channels[number], self._last_time, data)
+        self._follow(kind, data)
+
+    def flush(self) -> None:
+        """End the chunk, and write what there is."""
+        self._writer.flush()
+
+    def finish(self) -> None:
+        """End the file."""
+        self._writer.finish()
+        self._file.flush()
+
+    def _register(self, topic: str, name: str, schema: dict[str, Any]) -> int:
+        number = self._writer.register_schema(name, "jsonschema", msgspec.json.encode(schema))
+        return self._writer.register_channel(topic, "json", number)
+
+    def _write(self, channel: int, nanoseconds: int, data: bytes) -> None:
+        self._count += 1
+        self._writer.add_message(
+            channel, nanoseconds, data, nanoseconds, sequence=self._count & 0xFFFFFFFF
+        )
+
+    def _follow(self, kind: type[Any], data: bytes) -> None:
+        """Keep the picture of the cell up to date."""
+        scene = self._scene
+        if scene is None:
+            return
+        if kind is JointState:
+            self._last_state = data
+        elif kind is StaticObstacle:
+            scene.take_static(self._decoders[kind].decode(data))
+        elif kind is Removal:
+            scene.take_removal(self._decoders[kind].decode(data))
+        elif kind is VerdictTold and self._last_time >= self._next_scene:
+            self._next_scene = self._last_time + round(1e9 * INTERVAL)
+            scene.take_level(self._decoders[kind].decode(data).level)
+            if self._last_state:
+                scene.take_state(self._decoders[JointState].decode(self._last_state))
+            picture = encode(scene.draw(self._last_time))
+            self._write(self._scene_channel, self._last_time, picture)
+
+
+def read_state(data: bytes) -> JointState:
+    """A joint state from the bytes that `Recorder` sends."""
+    stamp, now, path_time = TIMES.unpack_from(data)
+    values = np.frombuffer(data, np.float64, offset=TIMES.size)
+    q, v = np.split(values, 2)
+    told = UNSET if path_time != path_time else write_number(path_time)
+    return JointState(
+        write_number(stamp), write_number(now), write_numbers(q), write_numbers(v), path_time=told
+    )
+
+
+def read_update(data: bytes) -> ObstacleUpdate:
+    """An update from the bytes that `Recorder` sends: arrays become lists here."""
+    ids, stamp, source, frame, snapshot, points, *arrays = msgspec.msgpack.decode(data)
+    position, velocity, radius, accel, speed, position_error, velocity_error = arrays
+
+    def read(array: bytes | None, write: Callable[[NDArray[np.float64]], Any]) -> Any:
+        return UNSET if array is None else write(np.frombuffer(array, np.float64))
+
+    return ObstacleUpdate(
+        ids=ids,
+        stamp=write_number(stamp),
+        source=source,
+        frame=frame,
+        snapshot=snapshot,
+        points=points,
+        position=read(position, write_numbers),
+        velocity=read(velocity, write_numbers),
+        radius=read(radius, write_field),
+        accel=read(accel, write_field),
+        speed=read(speed, write_field),
+        position_error=read(position_error, write_field),
+        # Without velocities, what they are off by was made up by the table.
+        velocity_error=[] if velocity_error is None else read(velocity_error, write_field),
+    )
+
+
+def write_recording(ring: Ring, file: PatientFile, parent: int) -> int:
+    """Write what comes until its writer says that it is done, or is gone.
+
+    Args:
+        ring: Where events come from.
+        file: Where they go.
+        parent: The process that writes to the ring.
+
+    Returns:
+        The exit code of the process: 0 if all could be written.
+    """
+    writer = RecordingWriter(file)
+    asked_to_end = False
+
+    def end(number: int, frame: FrameType | None) -> None:
+        nonlocal asked_to_end
+        asked_to_end = True
+
+    signal.signal(signal.SIGTERM, end)
+    flushed = moved = time.monotonic()
+    while True:
+        ring.beat()
+        record = ring.read() if file.unwritten < UNWRITTEN_LIMIT else None
+        now = time.monotonic()
+        if now - flushed >= FLUSH_INTERVAL:
+            writer.flush()
+            flushed = now
+        if record is not None:
+            moved = now
+            number, nanoseconds = FRAME.unpack_from(record)
+            writer.take(number, nanoseconds, record[FRAME.size :])
+            continue
+        # Asked in this order: what is found afterwards was there before.
+        is_alone = asked_to_end or os.getppid() != parent
+        if ring.is_finished or (is_alone and (ring.is_empty or now - moved > STUCK_AFTER)):
+            break
+        time.sleep(PAUSE)
+    writer.finish()
+    return 1 if file.problem else 0
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Write a recording until its end; the exit code.
+
+    Args:
+        arguments: Descriptors of the shared memory and of the file, and the parent's number.
+    """
+    memory, file, parent = map(int, arguments)
+    # The loop comes first.
+    os.nice(5)
+    return write_recording(Ring(memory), PatientFile(file), parent)

@@ -1,0 +1,312 @@
+import csv
+import json
+import re
+from datetime import datetime, timedelta
+
+import pytest
+
+from armguard.app.cli import MISTAKE, main
+from armguard.app.processes import COMPLAINT
+from armguard.app.replay import COLUMNS, Pace, StopList, find_next, read_changes, read_time
+from armguard.exceptions import ArmguardError
+from armguard.recording import Recording, Replay, ReplayedTick
+from armguard.recording.events import Gap
+from armguard.robot import Robot
+from armguard.verdict import Level, Reason, ReasonKind, Verdict
+from support import eventful_runs
+from support.bags_made import usual, write_bag
+from support.recordings_made import record
+
+VERDICT = Verdict(0.0, 1, Level.CLEAR, 1.0, 0.1, 1.0, None, None, True, 0, (), 0.1)
+CONTACT = Reason(ReasonKind.CONTACT, "panda_hand and ball", "in 1 s")
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recordings") / "run.mcap"
+    record(path, ticks=500)
+    return path
+
+
+def run(capsys, *arguments):
+    """Exit code, and what is printed on both streams."""
+    code = main(["replay", *map(str, arguments)])
+    printed = capsys.readouterr()
+    return code, printed.out, printed.err
+
+
+def test_a_replay_says_whether_it_is_identical(path, capsys):
+    code, out, _ = run(capsys, path)
+    assert code == 0
+    assert "bit-identical: all 500 verdicts that were compared are the same" in out
+    code, out, _ = run(capsys, path, "--json")
+    told = json.loads(out)
+    assert code == 0
+    assert told["identical"]
+    assert (told["ticks"], told["compared"], told["lost"]) == (500, 500, 0)
+    assert told["difference"] is None
+    assert not told["cut_off"]
+
+
+def test_what_is_not_identical_is_told_with_its_cause_and_another_exit_code(
+    path, capsys, monkeypatch
+):
+    step = Replay.ticks
+
+    def alter(self):
+        for number, tick in enumerate(step(self)):
+            if number == 20:
+                later = tick.recorded._replace(evaluated=77)
+                self._note_difference(later._asdict(), tick.replayed._asdict())
+            yield tick
+
+    monkeypatch.setattr(Replay, "ticks", alter)
+    code, out, _ = run(capsys, path)
+    assert code == COMPLAINT
+    assert "not identical: tick 21 at" in out
+    assert "evaluated: 77 recorded" in out
+    assert "cause: none that a recording knows of" in out
+
+
+def test_a_gap_is_told_and_is_no_success(path, capsys, monkeypatch):
+    events = Recording.events
+
+    def lose(self):
+        for number, event in enumerate(events(self)):
+            yield event._replace(event=Gap(events=3, seconds=0.1)) if number == 300 else event
+
+    monkeypatch.setattr(Recording, "events", lose)
+    code, out, _ = run(capsys, path)
+    assert code == COMPLAINT
+    assert "3 events were lost" in out
+
+
+def test_a_recording_without_an_end_is_told_and_is_a_success(path, tmp_path, capsys):
+    cut = tmp_path / "cut.mcap"
+    content = path.read_bytes()
+    end = bytes([15, 4, 0, 0, 0, 0, 0, 0, 0])  # of the data; behind it stands the index
+    cut.write_bytes(content[: content.rindex(end)])
+    code, out, _ = run(capsys, cut)
+    assert code == 0
+    assert "has no end" in out
+
+
+def test_a_table_has_all_verdicts(path, tmp_path, capsys):
+    table = tmp_path / "verdicts.csv"
+    code, _, _ = run(capsys, path, "--csv", table)
+    assert code == 0
+    with table.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == COLUMNS
+    ticks = list(Replay(Recording(path)).ticks())
+    assert [float(row["now"]) for row in rows] == [tick.now for tick in ticks]
+    assert [row["level"] for row in rows] == [tick.replayed.level.name for tick in ticks]
+    assert {row["identical"] for row in rows} == {"True"}
+    code, out, err = run(capsys, path, "--csv", "-")
+    assert code == 0
+    assert len(list(csv.reader(out.splitlines()))) == 501
+    assert "bit-identical" in err
+
+
+def test_a_verdict_is_explained_by_either_clock(path, capsys):
+    ticks = list(Replay(Recording(path)).ticks())
+    tick = ticks[400]
+    code, by_monitor, _ = run(capsys, path, "--explain", f"{tick.now - 1e-6}")
+    assert code == 0
+    moment = datetime.fromtimestamp(ticks[399].nanoseconds * 1e-9)
+    _, by_day, _ = run(capsys, path, "--explain", f"{moment:%H:%M:%S.%f}")
+    assert abs(float(re.match(r"(\S+) s", by_day)[1]) - tick.now) < 0.01
+    verdict = tick.recorded
+    assert by_monitor.startswith(f"{tick.now:.3f} s (")
+    assert (
+        f"): {verdict.level.name}, contact possible in {verdict.contact_time:.3f} s" in by_monitor
+    )
+    for reason in verdict.reasons:
+        assert f"because: {reason}" in by_monitor
+    assert "pair: panda_" in by_monitor
+    assert f"{verdict.level.name} since " in by_monitor
+    _, out, _ = run(capsys, path, "--explain", f"{tick.now}", "--json")
+    assert "because: " in json.loads(out)["explained"]
+
+
+def test_stops_that_would_not_have_been_are_shown(path, capsys):
+    code, out, _ = run(capsys, path, "--what-if", "rise_delay=0,operating.velocity=0.3")
+    assert code == 0
+    assert "stops with rise_delay = 0, operating.velocity = 0.3" in out
+    assert re.search(r"\d+ of \d+ stops would not have been", out)
+    assert "as it was recorded" in out
+    _, out, _ = run(capsys, path, "--what-if", "latency=0.5", "--json")
+    told = json.loads(out)
+    assert told["what_if"] == {"latency": "0.5"}
+    assert all(stop["would_be"] for stop in told["stops"])
+    assert told["new_stop_ticks"] > 0
+
+
+def test_stops_are_counted_from_their_first_verdict_to_their_last():
+    stops = StopList()
+    for now, recorded, replayed in [
+        (1.0, "CLEAR", "STOP"),
+        (2.0, "STOP", "CLEAR"),
+        (3.0, "STOP", "STOP"),
+        (4.0, "SLOW", "SLOW"),
+        (5.0, "STOP", "SLOW"),
+    ]:
+        verdicts = [
+            VERDICT._replace(level=Level[one], reasons=(CONTACT,)) for one in (recorded, replayed)
+        ]
+        stops.take(ReplayedTick(0, now, *verdicts, is_compared=False, is_identical=False))
+    first, second = stops.stops
+    assert (first.begin, first.end, first.ticks, first.kept) == (2.0, 3.0, 2, 1)
+    assert (second.begin, second.end, second.kept) == (5.0, 5.0, 0)
+    assert first.reason == str(CONTACT)
+    assert (stops.new, stops.seconds) == (1, 4.0)
+
+
+def test_a_replay_is_as_fast_as_is_asked(monkeypatch):
+    time, slept = [10.0], []
+
+    def sleep(duration):
+        slept.append(duration)
+        time[0] += duration
+
+    monkeypatch.setattr("armguard.app.replay.time.monotonic", lambda: time[0])
+    monkeypatch.setattr("armguard.app.replay.time.sleep", sleep)
+    pace = Pace(2.0)
+    for second in (5, 6, 8):
+        pace.wait(second * 1_000_000_000)
+    assert slept == pytest.approx([0.5, 1.0])
+    Pace(None).wait(10**18)
+    assert len(slept) == 2
+
+
+def test_a_time_of_day_is_the_next_one_from_the_start_on():
+    start = datetime(2026, 11, 22, 23, 59, 0)
+    nanoseconds = round(start.timestamp() * 1e9)
+    for text, expected in (("23:59:30.5", 30.5), ("0:00:10", 70.0), ("23:59:00", 0.0)):
+        _, of_day = read_time(text)
+        assert find_next(nanoseconds, of_day) - nanoseconds == pytest.approx(1e9 * expected)
+    assert read_time("12.5") == (12.5, None)
+    assert read_time("1:02:03")[1] == timedelta(hours=1, minutes=2, seconds=3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--speed", "0"], "--speed: is 0.0"),
+        (["--explain", "yesterday"], "--explain: is 'yesterday'"),
+        (["--explain", "1e9"], "--explain: is 1e9; expected a time from 0.000 s ("),
+        (["--what-if", "latency"], "--what-if: holds 'latency'"),
+        (["--what-if", "colour=red"], "setting 'colour': is not known"),
+        (["--what-if", "latency=-1"], "latency: is -1.0"),
+        (["--csv", "/nowhere/table.csv"], "/nowhere/table.csv: cannot be written"),
+    ],
+)
+def test_a_mistake_is_one_line(arguments, words, path, capsys):
+    code, out, err = run(capsys, path, *arguments)
+    assert code == MISTAKE
+    assert not out
+    assert words in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("content", [None, b"", b"nonsense", b"\x89MCAP0\r\n"])
+def test_a_file_that_is_none_is_one_line(content, tmp_path, capsys):
+    path = tmp_path / "run.mcap"
+    if content is not None:
+        path.write_bytes(content)
+    code, out, err = run(capsys, path)
+    assert (code, out) == (MISTAKE, "")
+    assert err.startswith(f"armguard: {path}: ")
+    assert err.count("\n") == 1
+
+
+def test_an_arm_that_armguard_does_not_know_cannot_be_drawn(tmp_path, capsys):
+    path, robot = tmp_path / "run.mcap", Robot.load("panda")
+    robot.name = "unknown arm"
+    record(path, robot=robot, ticks=5)
+    code, _, err = run(capsys, path, "--view")
+    assert code == MISTAKE
+    assert "cannot draw 'unknown arm'" in err
+    code, _, _ = run(capsys, path)
+    assert code == 0
+
+
+def test_the_page_shows_the_replay(path, capsys, monkeypatch):
+    frames = []
+    monkeypatch.setattr(
+        "armguard.app.replay.MonitorFeed.observe", lambda self, *arguments: frames.append(arguments)
+    )
+    code, _, err = run(capsys, path, "--view", "--speed", "1000")
+    assert code == 0
+    assert "see it in the browser: http://127.0.0.1:" in err
+    assert len(frames) == 500
+
+
+@pytest.fixture
+def cell(tmp_path):
+    """A cell whose camera publishes people."""
+    path = tmp_path / "cell.toml"
+    path.write_text('[robot]\nname = "panda"\n[sources.camera]\nrate = 50.0\n')
+    return path
+
+
+BAG = ["--topics", "/joint_states", "camera=/people", "--radius", "0.1"]
+
+
+def test_a_recording_of_others_is_led_through_a_cell_and_recorded(cell, tmp_path, capsys):
+    bag, path = write_bag(tmp_path / "bag", usual(50)), tmp_path / "run.mcap"
+    table = tmp_path / "verdicts.csv"
+    arguments = [bag, "--cell", cell, *BAG]
+    code, out, _ = run(capsys, *arguments, "--record", path, "--csv", table)
+    assert code == 0
+    assert "50 verdicts" in out
+    assert len(table.read_text().splitlines()) == 51
+    code, out, _ = run(capsys, path)
+    assert code == 0
+    assert "bit-identical: all 50 verdicts" in out
+    code, out, _ = run(capsys, *arguments, "--json")
+    told = json.loads(out)
+    assert (told["ticks"], told["passed_over"]) == (50, {})
+    code, out, _ = run(capsys, *arguments, "--explain", "0.3")
+    assert out.startswith("0.300 s (")
+    assert "pair: panda_" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (BAG, "--cell: is missing"),
+        (["--cell", "demos/cell.toml"], "--topics: is missing"),
+        ([*BAG, "--cell", "nowhere.toml"], "nowhere.toml: cannot be read"),
+        ([*BAG[:3], "--cell", "CELL"], "poses without sizes"),
+        (["--topics", "/people", "/nothing", "--cell", "CELL"], "topic '/nothing': is not there"),
+        ([*BAG, "--cell", "CELL", "--what-if", "latency=1"], "for armguard's own recordings"),
+        ([*BAG, "--cell", "CELL", "--record", "/nowhere/a.mcap"], "no folder /nowhere"),
+        ([*BAG, "--cell", "CELL", "--explain", "99"], "expected a time from 0.000 s"),
+        (["--record", "a.mcap"], "--record: is for recordings of others"),
+    ],
+)
+def test_a_mistake_about_a_recording_of_others_is_one_line(
+    arguments, words, cell, tmp_path, capsys
+):
+    bag = write_bag(tmp_path / "bag", usual(3))
+    arguments = [str(cell) if one == "CELL" else one for one in arguments]
+    code, out, err = run(capsys, bag, *arguments)
+    assert (code, out) == (MISTAKE, "")
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_a_recording_of_others_without_its_options_says_what_it_needs(tmp_path, capsys):
+    (file,) = write_bag(tmp_path / "bag", usual(3)).glob("*.mcap")
+    code, _, err = run(capsys, file)
+    assert code == MISTAKE
+    assert "recordings of others need --cell and --topics" in err
+
+
+def test_changes_are_read_by_commas():
+    assert read_changes("a=1, b.c = x") == {"a": "1", "b.c": "x"}
+    for text in ("", "a", "=1", "a=", "a=1,,b=2"):
+        with pytest.raises(ArmguardError, match="name=value"):
+            read_changes(text)
+    assert eventful_runs.MOTIONS

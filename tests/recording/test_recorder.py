@@ -1,0 +1,323 @@
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import coal
+import numpy as np
+import pytest
+
+import armguard
+from armguard.exceptions import ArmguardError
+from armguard.obstacles import Obstacles
+from armguard.recording import Recorder, Recording, replay
+from armguard.recording import recorder as recorder_module
+from armguard.recording.events import (
+    BodiesChanged,
+    FaultsTaken,
+    Gap,
+    JointState,
+    Log,
+    ObstacleUpdate,
+    StaticObstacle,
+    VerdictTold,
+    encode,
+    tell_verdict,
+)
+from armguard.recording.recorder import check_new
+from armguard.scheduling import FullSchedule
+from support import eventful_runs
+from support.eventful_runs import PERIOD, stand
+from support.panda_monitor import HOME, STILL, make_monitor
+from support.recordings_made import is_running, read_events, read_verdicts, record, wait_until
+
+
+def start(path, **options):
+    """A recorder of a monitor whose camera sees nothing."""
+    obstacles, monitor = make_monitor(obstacles=Obstacles(sources=["camera"]))
+    return Recorder(path, monitor, **options), obstacles, monitor
+
+
+def test_every_input_and_every_verdict_is_in_the_file(tmp_path):
+    path = tmp_path / "run.mcap"
+    verdicts, _ = record(path, ticks=200, start=300)
+    events = read_events(path)
+    kinds = [type(event) for event in events]
+    assert [encode(event) for event in events if isinstance(event, VerdictTold)] == [
+        encode(tell_verdict(verdict)) for verdict in verdicts
+    ]
+    assert kinds.count(JointState) == 200
+    assert kinds.count(ObstacleUpdate) >= 40
+    assert kinds.count(StaticObstacle) == 2
+    assert kinds.count(FaultsTaken) == 1, "what the monitor itself takes is not told"
+    assert len(read_verdicts(path)) == len(verdicts)
+
+
+def test_the_tools_of_the_field_can_read_it(tmp_path):
+    from mcap.reader import make_reader
+
+    path = tmp_path / "run.mcap"
+    record(path, ticks=200)
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        counts = summary.statistics.channel_message_counts
+        topics = {summary.channels[number].topic: count for number, count in counts.items()}
+        assert topics["/armguard/verdict"] == topics["/armguard/joint_state"] == 200
+        assert {"/armguard/scene", "/armguard/obstacles", "/armguard/statics"} <= set(topics)
+        assert {channel.message_encoding for channel in summary.channels.values()} == {"json"}
+        assert {schema.encoding for schema in summary.schemas.values()} == {"jsonschema"}
+        last = 0
+        for schema, channel, message in reader.iter_messages():
+            content = json.loads(message.data)
+            assert set(json.loads(schema.data)["required"]) <= set(content), channel.topic
+            assert message.log_time > last or channel.topic == "/armguard/scene"
+            last = message.log_time
+        scenes = list(reader.iter_messages(topics=["/armguard/scene"]))
+    schema, _, message = scenes[-1]
+    assert schema.name == "foxglove.SceneUpdate"
+    entities = {entity["id"]: entity for entity in json.loads(message.data)["entities"]}
+    assert len(entities["arm"]["spheres"]) > 10
+    assert "part0" in [text["text"] for text in entities["obstacles"]["texts"]]
+
+
+def test_a_recorder_is_no_part_of_the_answer(tmp_path):
+    _, obstacles, monitor = eventful_runs.make_monitor("joint")
+    expected, _ = eventful_runs.drive(monitor, obstacles, ticks=150)
+    verdicts, _ = record(tmp_path / "run.mcap", ticks=150)
+    assert repr(verdicts) == repr(expected)
+
+
+def test_tools_are_recorded_too(tmp_path):
+    path, robot = tmp_path / "run.mcap", armguard.Robot.load("panda")
+    obstacles, monitor = make_monitor(robot=robot)
+    obstacles.add_static("post", [0.7, 0.3, 0.6], 0.05)
+    with Recorder(path, monitor):
+        stand(monitor, 5)
+        robot.attach("gripper", "panda_hand", coal.Box(0.2, 0.2, 0.2))
+        stand(monitor, 5, 5)
+        robot.detach("gripper")
+        stand(monitor, 5, 10)
+    assert sum(isinstance(event, BodiesChanged) for event in read_events(path)) == 2
+    assert replay(path).is_identical
+
+
+def test_lines_for_people_are_recorded(tmp_path):
+    path = tmp_path / "run.mcap"
+    recorder, _, _ = start(path)
+    recorder.note("malformed: camera: radius is −1")
+    recorder.close()
+    (line,) = (event for event in read_events(path) if isinstance(event, Log))
+    assert line.message == "malformed: camera: radius is −1"
+
+
+def test_what_cannot_be_recorded_is_a_gap_and_harms_nobody(tmp_path):
+    path = tmp_path / "run.mcap"
+    recorder, obstacles, monitor = start(path)
+    obstacles.update(["\ud800"], 0.0, [[3.0, 0.0, 0.0]], radius=0.1, source="camera")
+    verdicts = stand(monitor, 3)
+    assert verdicts[-1].obstacle == "\ud800"
+    assert recorder.close()
+    assert recorder.lost == 4, "the name is in each verdict as well"
+    assert replay(path).lost == 4
+
+
+def is_waiting(pid):
+    """Whether a process waits in writing to a pipe, as far as the system tells."""
+    calls = set()
+    for _ in range(20):
+        calls.add(Path(f"/proc/{pid}/wchan").read_text())
+        time.sleep(0.01)
+    return len(calls) == 1 and any("pipe" in call or call in ("", "0") for call in calls)
+
+
+def test_a_slow_disk_leaves_a_gap_and_never_holds_up_the_loop(tmp_path):
+    """A pipe that nothing reads is a disk that takes nothing: by count, not by time."""
+    path, copy = tmp_path / "pipe", tmp_path / "run.mcap"
+    os.mkfifo(path)
+    reading = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    recorder, obstacles, monitor = start(path, capacity=1 << 20)
+    positions = np.random.default_rng(0).uniform(5.0, 9.0, (200, 3))
+    names = [f"ball {number}" for number in range(200)]
+    ticks = 0
+
+    def fill():
+        """Go on until there is no room."""
+        nonlocal ticks
+        before = recorder.lost
+        while recorder.lost < before + 100:
+            obstacles.update(names, PERIOD * ticks, positions, radius=0.1, source="camera")
+            monitor.step(PERIOD * ticks, HOME, STILL)
+            ticks += 1
+            assert ticks < 100_000
+
+    fill()
+    # It has begun to write, and once the pipe is full it waits for ever.
+    wait_until(lambda: select.select([reading], [], [], 0.0)[0])
+    wait_until(lambda: is_waiting(recorder.pid))
+    fill()
+    told = recorder.lost
+    stand(monitor, 50, ticks)
+    assert recorder.lost == told + 100, "each call comes back, and what it told is counted"
+    os.set_blocking(reading, True)
+    with os.fdopen(reading, "rb") as pipe, copy.open("wb") as file:
+        copier = subprocess.Popen(["cat"], stdin=pipe, stdout=file)
+        # The disk takes everything again.
+        wait_until(lambda: recorder._ring.free > recorder._ring.capacity // 2)
+        lost = recorder.lost
+        stand(monitor, 20, ticks + 50)
+        assert recorder.lost == lost
+        assert "gaps" in recorder.close()
+    copier.wait()
+    events = read_events(copy)
+    gaps = [event for event in events if isinstance(event, Gap)]
+    assert sum(gap.events for gap in gaps) == lost
+    after = events[events.index(gaps[-1]) :]
+    assert sum(isinstance(event, JointState) for event in after) == 20
+    report = replay(copy)
+    assert report.lost == lost
+    assert report.difference is None
+    assert not report.is_identical
+
+
+def test_what_writes_may_be_killed_and_the_file_reads_up_to_its_last_chunk(tmp_path):
+    path = tmp_path / "run.mcap"
+    recorder, _, monitor = start(path)
+    expected = stand(monitor, 200)
+    wait_until(lambda: path.stat().st_size > 200_000 or count_verdicts(path) >= 200)
+    os.kill(recorder.pid, signal.SIGKILL)
+    wait_until(lambda: not is_running(recorder.pid))
+    stand(monitor, 50, 200)
+    assert "not complete" in recorder.close()
+    recording = Recording(path)
+    assert len(list(recording.events()))
+    assert recording.is_cut_off
+    report = replay(path)
+    assert report.is_cut_off
+    assert report.is_identical
+    assert report.compared == 200
+    assert repr(read_verdicts(path)) == repr(expected)
+
+
+def count_verdicts(path):
+    """Verdicts that can be read by now."""
+    try:
+        return sum(isinstance(event, VerdictTold) for event in read_events(path))
+    except ArmguardError:
+        return 0
+
+
+LOOP = textwrap.dedent(
+    """
+    import sys
+    from armguard.recording import Recorder
+    from support import eventful_runs
+
+    _, obstacles, monitor = eventful_runs.make_monitor("joint")
+    recorder = Recorder(sys.argv[1], monitor)
+    print(recorder.pid, flush=True)
+    eventful_runs.drive(monitor, obstacles, ticks=10**9)
+    """
+)
+
+
+def test_the_loop_may_be_killed_and_all_that_it_told_is_in_the_file(tmp_path):
+    path = tmp_path / "run.mcap"
+    paths = [os.path.dirname(os.path.dirname(armguard.__file__)), *sys.path]
+    paths.append(os.path.dirname(os.path.dirname(__file__)))
+    loop = subprocess.Popen(
+        [sys.executable, "-c", LOOP, path],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
+    )
+    with loop:
+        writer = int(loop.stdout.readline())
+        wait_until(lambda: path.stat().st_size > 100_000)
+        loop.kill()
+    wait_until(lambda: not is_running(writer))
+    recording = Recording(path)
+    events = [event for _, event, _ in recording.events()]
+    assert not recording.is_cut_off, "what writes the file ends it when the loop has gone"
+    states = sum(isinstance(event, JointState) for event in events)
+    verdicts = sum(isinstance(event, VerdictTold) for event in events)
+    assert states - verdicts in (0, 1)
+    assert replay(path).is_identical
+
+
+def test_a_recorder_may_be_closed_twice_and_then_nothing_is_told(tmp_path):
+    path = tmp_path / "run.mcap"
+    recorder, obstacles, monitor = start(path)
+    assert recorder.close() == recorder.close() == ""
+    assert monitor.journal is obstacles.journal is None
+    stand(monitor, 3)
+    assert not read_events(path)
+    assert not is_running(recorder.pid)
+
+
+def test_it_must_be_made_before_anything_is_told_that_a_replay_needs(tmp_path):
+    obstacles, monitor = make_monitor(obstacles=Obstacles())
+    stand(monitor, 1)
+    with pytest.raises(ArmguardError, match="judged 1 joint states already"):
+        Recorder(tmp_path / "a.mcap", monitor)
+    obstacles, monitor = make_monitor(obstacles=Obstacles())
+    obstacles.update(["ball"], 0.0, [[1, 1, 1]], radius=0.1)
+    with pytest.raises(ArmguardError, match="were told already"):
+        Recorder(tmp_path / "a.mcap", monitor)
+    recorder, _, monitor = start(tmp_path / "b.mcap")
+    with pytest.raises(ArmguardError, match="recorded already"):
+        Recorder(tmp_path / "a.mcap", monitor)
+    recorder.close()
+    with pytest.raises(ArmguardError, match=r"armguard\.Monitor"):
+        Recorder(tmp_path / "a.mcap", "monitor")
+    assert not (tmp_path / "a.mcap").exists()
+
+
+def test_a_capacity_without_room_for_the_robot_is_refused(tmp_path):
+    with pytest.raises(ArmguardError, match="capacity: is 1000 bytes"):
+        start(tmp_path / "run.mcap", capacity=1000)
+
+
+def test_no_recording_is_written_over(tmp_path):
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"something")
+    with pytest.raises(ArmguardError, match="there already"):
+        start(path)
+    assert path.read_bytes() == b"something"
+    with pytest.raises(ArmguardError, match="no folder"):
+        check_new(tmp_path / "nowhere" / "run.mcap")
+
+
+def test_a_folder_gets_a_file_named_by_the_time(tmp_path):
+    recorder, _, _ = start(tmp_path)
+    assert recorder.close() == ""
+    assert [recorder.path] == list(tmp_path.glob("armguard-*T*.mcap"))
+
+
+def test_without_its_packages_it_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ArmguardError, match=r"pip install 'armguard\[record\]'"):
+        start(tmp_path / "run.mcap")
+
+
+def test_a_schedule_of_the_applications_own_cannot_be_recorded(tmp_path):
+    class Own(FullSchedule):
+        pass
+
+    _, monitor = make_monitor(Own())
+    with pytest.raises(ArmguardError, match="Own of the application's own"):
+        Recorder(tmp_path / "run.mcap", monitor)
+
+
+def test_a_disk_without_room_is_told_and_harms_nobody(tmp_path, capfd):
+    if not os.path.exists("/dev/full"):
+        pytest.skip("no /dev/full here")
+    recorder, _, monitor = start("/dev/full")
+    stand(monitor, 20)
+    assert "not complete" in recorder.close()
+    assert "No space left" in capfd.readouterr().err

@@ -1,0 +1,199 @@
+import json
+
+import msgspec
+import numpy as np
+import pytest
+
+from armguard.exceptions import ArmguardError
+from armguard.recording import Recorder, Recording, Replay, replay
+from armguard.recording.events import Gap, ObstacleUpdate, VerdictTold, encode
+from armguard.recording.reading import TimedEvent
+from armguard.recording.replay import UNEXPLAINED, apply_update
+from armguard.verdict import Level
+from support import eventful_runs
+from support.eventful_runs import MOTIONS
+from support.panda_monitor import make_monitor
+from support.recordings_made import record
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recordings") / "run.mcap"
+    record(path, ticks=700)
+    return path
+
+
+class Edited(Recording):
+    """A recording with some of its events changed; the file stays as it is."""
+
+    def __init__(self, path, edit):
+        super().__init__(path)
+        self._edit = edit
+
+    def events(self):
+        for number, (nanoseconds, event, _) in enumerate(super().events()):
+            for one in self._edit(number, event):
+                yield TimedEvent(nanoseconds, one, encode(one))
+
+
+def run(recording, changes=None):
+    one = Replay(recording, changes)
+    return list(one.ticks()), one.report()
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_verdicts_of_an_eventful_run_are_the_same_to_the_bit(motion, tmp_path):
+    path = tmp_path / "run.mcap"
+    verdicts, answers = record(path, motion)
+    report = replay(path)
+    assert report.difference is None
+    assert report.is_identical
+    assert report.ticks == report.compared == len(verdicts)
+    assert report.differences == ()
+    assert len({verdict.level for verdict in verdicts}) > 1, "an eventful run"
+    if MOTIONS[motion].get("motion") == "planned":
+        assert {answer.safe for answer in answers} == {True, False}
+    ticks, _ = run(Recording(path))
+    assert repr([tick.replayed for tick in ticks]) == repr(verdicts)
+    assert repr([tick.recorded for tick in ticks]) == repr(verdicts)
+
+
+def test_one_bit_of_one_input_is_found_out(path):
+    def edit(number, event):
+        if isinstance(event, ObstacleUpdate) and event.ids and number > 600:
+            shifted = [float(np.nextafter(x, 9.0)) for x in map(float, event.position)]
+            event = msgspec.structs.replace(event, position=shifted)
+        yield event
+
+    ticks, report = run(Edited(path, edit))
+    difference = report.difference
+    assert difference is not None
+    assert not report.is_identical
+    first = next(tick for tick in ticks if not tick.is_identical)
+    assert (difference.sequence, difference.now) == (first.replayed.sequence, first.now)
+    assert difference.causes == (UNEXPLAINED,)
+    assert f"tick {first.replayed.sequence}" in str(difference)
+
+
+def test_one_bit_of_one_verdict_is_found_out_with_the_field_and_the_cause(path):
+    def edit(_, event):
+        if isinstance(event, VerdictTold) and event.sequence == 200:
+            later = float(np.nextafter(float(event.stop_time), 9.0))
+            event = msgspec.structs.replace(event, stop_time=later)
+        yield event
+
+    recording = Edited(path, edit)
+    recording.provenance |= {"numba": "0.61.0", "processor": "pentium", "cover": "other"}
+    _, report = run(recording)
+    assert report.difference.sequence == 200
+    (field,) = report.difference.fields
+    assert field.startswith("stop_time: 0.")
+    told = str(report.difference)
+    for cause in ("another compiler (numba): 0.61.0 recorded", "another processor: pentium"):
+        assert cause in told
+    assert "another cover: other recorded" in told
+
+
+def test_after_a_gap_nothing_is_compared_and_that_is_told(path):
+    def edit(number, event):
+        if number == 400:
+            yield Gap(events=7, seconds=0.01)
+        elif not 400 < number < 420:
+            yield event
+
+    ticks, report = run(Edited(path, edit))
+    assert report.lost == 7
+    assert report.difference is None
+    assert not report.is_identical
+    assert report.compared < report.ticks
+    assert [tick.is_compared for tick in ticks] == sorted(
+        (tick.is_compared for tick in ticks), reverse=True
+    )
+
+
+def test_another_setting_changes_verdicts_and_nothing_is_compared(path):
+    ticks, report = run(Recording(path), {"latency": "0.2"})
+    assert report.compared == 0
+    assert report.difference is None
+    stops = [[one.level is Level.STOP for one in (tick.recorded, tick.replayed)] for tick in ticks]
+    assert sum(after for _, after in stops) > sum(before for before, _ in stops)
+    assert all(after or not before for before, after in stops), "more latency, never fewer stops"
+
+
+@pytest.mark.parametrize(
+    "changes", [{"motion": "isotropic"}, {"payload": "0.1"}, {"schedule": "full"}]
+)
+def test_plans_and_payloads_of_the_recording_do_not_hinder_a_change(changes, tmp_path):
+    path = tmp_path / "run.mcap"
+    record(path, "committed", ticks=60, start=680)
+    ticks, _ = run(Recording(path), changes)
+    assert len(ticks) == 60
+
+
+def test_a_recording_is_the_same_on_a_machine_without_the_robots_files(path, monkeypatch):
+    from armguard.robot import robot as robot_module
+
+    def refuse(*_):
+        raise AssertionError("a file of a robot was opened")
+
+    for name in ("find_robot", "read_description", "read_urdf"):
+        monkeypatch.setattr(robot_module, name, refuse)
+    assert replay(path).is_identical
+
+
+def test_between_two_ticks_the_monitor_may_be_asked_anything(path):
+    one = Replay(Recording(path))
+    for number, _ in enumerate(one.ticks()):
+        if number % 50 == 10:
+            one.monitor.explain()
+            one.monitor.attention()
+            one.monitor.snapshot(pair_limit=5, row_limit=5)
+    assert one.report().is_identical
+
+
+def test_settings_that_are_damaged_are_refused(path):
+    recording = Recording(path)
+    del recording.settings["monitor"]["latency"]
+    with pytest.raises(ArmguardError, match="settings that cannot be read"):
+        Replay(recording)
+
+
+def test_events_that_are_damaged_are_refused(path):
+    def edit(_, event):
+        if isinstance(event, ObstacleUpdate) and event.ids:
+            event = msgspec.structs.replace(event, position=event.position[:-1])
+        yield event
+
+    with pytest.raises(ArmguardError, match="ObstacleUpdate that cannot be replayed"):
+        run(Edited(path, edit))
+
+
+def test_an_update_is_told_again_as_it_was():
+    told = {
+        "ids": ["a", "b"],
+        "stamp": 1.0,
+        "source": "camera",
+        "frame": "world",
+        "snapshot": False,
+        "points": 2,
+        "position": list(range(12)),
+        "radius": [0.5],
+        "position_error": [0.1, 0.2],
+        "velocity_error": [],
+    }
+    obstacles, _ = make_monitor()
+    apply_update(obstacles, msgspec.json.decode(json.dumps(told), type=ObstacleUpdate))
+    table, row = obstacles.table, obstacles.row("b")
+    assert table.points[row, :2].ravel().tolist() == list(range(6, 12))
+    assert (table.radius[row], table.accepted.position_error[row]) == (0.5, 0.2)
+    assert (table.accepted.speed[row], table.accepted.velocity_error[row]) == (2.0, 2.0)
+
+
+def test_a_run_of_users_in_python_is_replayed(tmp_path):
+    """As in the README: `Recorder` beside a loop of one's own."""
+    path = tmp_path / "run.mcap"
+    obstacles, monitor = make_monitor()
+    with Recorder(path, monitor):
+        eventful_runs.stand(monitor, 20)
+    assert replay(path).is_identical
+    assert len(obstacles) == 0

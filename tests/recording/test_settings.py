@@ -1,0 +1,96 @@
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from armguard.exceptions import ArmguardError
+from armguard.recording.settings import (
+    change_settings,
+    describe_settings,
+    make_monitor,
+    make_obstacles,
+)
+from armguard.scheduling import DaaSchedule
+from support import eventful_runs, panda_monitor
+from support.eventful_runs import MOTIONS
+
+
+def through_json(data):
+    return msgspec.json.decode(msgspec.json.encode(data))
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_a_monitor_that_is_made_anew_has_the_same_settings(motion):
+    robot, _, monitor = eventful_runs.make_monitor(motion)
+    data = through_json(describe_settings(monitor))
+    again = make_monitor(data["monitor"], robot, make_obstacles(data["obstacles"]))
+    assert describe_settings(again) == data
+    assert again.period == monitor.period
+    assert again.payload == monitor.payload
+    placements = (one.base_placement.homogeneous.tobytes() for one in (again, monitor))
+    assert len(set(placements)) == 1
+    frames = [one.obstacles.settings.frames["tilted"].rotation for one in (again, monitor)]
+    assert frames[0].tobytes() == frames[1].tobytes()
+
+
+@pytest.mark.parametrize("rate", [1000.0, 333.3, 49.0, 1e3 / 3.0])
+def test_a_rate_is_kept_to_the_bit(rate):
+    _, monitor = panda_monitor.make_monitor(rate=rate)
+    data = through_json(describe_settings(monitor))
+    robot = panda_monitor.panda()
+    assert make_monitor(data["monitor"], robot, make_obstacles(data["obstacles"])).period == (
+        1.0 / rate
+    )
+
+
+def test_laws_of_the_papers_schedule_are_kept():
+    _, monitor = panda_monitor.make_monitor(("fibonacci", "total"))
+    data = through_json(describe_settings(monitor))
+    robot = panda_monitor.panda()
+    again = make_monitor(data["monitor"], robot, make_obstacles(data["obstacles"]))
+    schedule = again.settings.schedule
+    assert isinstance(schedule, DaaSchedule)
+    assert (schedule.law, schedule.sort) == ("fibonacci", "total")
+
+
+def change(**changes):
+    robot, _, monitor = eventful_runs.make_monitor("joint")
+    data = through_json(describe_settings(monitor))
+    named = {name.replace("__", "."): value for name, value in changes.items()}
+    change_settings(data, named, robot)
+    return robot, data
+
+
+def test_settings_are_changed_by_name():
+    robot, data = change(
+        latency="0.01", operating__velocity="0.3", bounds__speed="inf", budget="500", stop="joints"
+    )
+    assert data["monitor"]["latency"] == 0.01
+    assert data["monitor"]["budget"] == 500
+    assert data["monitor"]["operating"]["acceleration"] is None
+    assert np.allclose(data["monitor"]["operating"]["velocity"], 0.3 * robot.velocity_limit)
+    assert data["obstacles"]["speed"] == math.inf
+    _, data = change(operating="published")
+    assert len(data["monitor"]["operating"]["velocity"]) == 7
+    _, data = change(operating="none", motion="planned", schedule="full")
+    assert data["monitor"]["operating"] is None
+    assert (data["monitor"]["motion"], data["monitor"]["schedule"]) == ("planned", "full")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"colour": "red"}, "setting 'colour': is not known; expected one of reaction_time"),
+        ({"latency": "soon"}, "latency: is 'soon'; expected a number"),
+        ({"latency": "nan"}, "latency: is 'nan'"),
+        ({"budget": "1.5"}, "budget: is '1.5'"),
+        ({"budget": "inf"}, "budget: is 'inf'"),
+        ({"operating": "fast"}, "operating: is 'fast'"),
+        ({"operating__velocity": "3"}, "operating velocity: is the fraction 3"),
+        ({"operating__speed": "1"}, r"setting 'operating\.speed': is not known"),
+    ],
+)
+def test_a_change_that_makes_no_sense_is_told_by_name(changes, words):
+    with pytest.raises(ArmguardError, match=words):
+        change(**changes)

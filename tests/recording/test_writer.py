@@ -1,0 +1,121 @@
+import os
+import threading
+
+import msgspec
+import numpy as np
+import pytest
+
+from armguard.recording import Recording
+from armguard.recording.events import KINDS, JointState, Log, Reset, Time, encode
+from armguard.recording.recorder import ATTACHED, FRAME, NOTED
+from armguard.recording.ring import Ring, create_memory
+from armguard.recording.settings import describe_settings
+from armguard.recording.writer import PatientFile, RecordingWriter, read_update, write_recording
+from armguard.robot.portable import describe_robot
+from support import eventful_runs
+
+pack = msgspec.msgpack.encode
+
+
+@pytest.fixture(scope="module")
+def start():
+    """What stands in front of each recording."""
+    robot, _, monitor = eventful_runs.make_monitor("joint")
+    made = {"settings.json": describe_settings(monitor), "robot.json": describe_robot(robot)}
+    return [
+        (NOTED, 1, pack(("armguard", {"format": "1"}))),
+        *(
+            (ATTACHED, 1, pack((name, "", msgspec.json.encode(data))))
+            for name, data in made.items()
+        ),
+    ]
+
+
+def open_file(path):
+    return PatientFile(os.open(path, os.O_WRONLY | os.O_CREAT, 0o644))
+
+
+def test_a_file_keeps_what_the_disk_does_not_take_and_tries_again(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "file"
+    file = open_file(path)
+    write, room = os.write, [3]
+
+    def take(descriptor, data):
+        if not room[0]:
+            raise OSError(28, "No space left on device")
+        length = min(room[0], len(data))
+        room[0] -= length
+        return write(descriptor, bytes(data[:length]))
+
+    monkeypatch.setattr(os, "write", take)
+    file.write(b"what is written")
+    for _ in range(3):
+        file.flush()
+        assert (file.problem, file.unwritten) == ("No space left on device", 12)
+    assert capsys.readouterr().err.count("cannot be written") == 1
+    assert file.tell() == 15
+    room[0] = 1000
+    file.flush()
+    assert (file.problem, file.unwritten) == ("", 0)
+    assert path.read_bytes() == b"what is written"
+
+
+def test_what_a_full_disk_did_not_take_is_in_the_file_once_it_does(start, tmp_path, monkeypatch):
+    path = tmp_path / "run.mcap"
+    write, is_full = os.write, [False]
+
+    def take(descriptor, data):
+        if is_full[0]:
+            raise OSError(28, "No space left on device")
+        return write(descriptor, bytes(data[:1000]))
+
+    monkeypatch.setattr(os, "write", take)
+    writer = RecordingWriter(open_file(path))
+    for entry in start:
+        writer.take(*entry)
+    for number in range(3000):
+        is_full[0] = 1000 <= number < 2000
+        log = Log(timestamp=Time(0, number), level=3, message="a line")
+        writer.take(KINDS.index(Log), number, encode(log))
+        if number % 100 == 0:
+            writer.flush()
+    writer.finish()
+    events = [event for _, event, _ in Recording(path).events()]
+    assert [event.timestamp.nsec for event in events] == list(range(3000))
+
+
+def test_times_never_go_back_in_the_file(start, tmp_path):
+    path = tmp_path / "run.mcap"
+    writer = RecordingWriter(open_file(path))
+    for entry in start:
+        writer.take(*entry)
+    for time in (5, 3, 3, 9):
+        writer.take(KINDS.index(Reset), time, encode(Reset()))
+    writer.finish()
+    assert [time for time, _, _ in Recording(path).events()] == [5, 6, 7, 9]
+
+
+def test_events_in_the_ring_are_written_even_when_nobody_is_left_to_end_it(start, tmp_path):
+    path, memory = tmp_path / "run.mcap", create_memory(1 << 20)
+    ring = Ring(memory)
+    state = JointState(0.0, 0.0, [0.0] * 7, [0.0] * 7)
+    for entry in (*start, (KINDS.index(JointState), 7, encode(state))):
+        assert ring.write(FRAME.pack(*entry[:2]) + entry[2])
+    nobody = 2**22 + 1
+    assert threading.current_thread() is threading.main_thread()
+    assert write_recording(Ring(memory), open_file(path), nobody) == 0
+    os.close(memory)
+    recording = Recording(path)
+    assert [event for _, event, _ in recording.events()] == [state]
+    assert not recording.is_cut_off
+
+
+def test_an_update_is_written_as_lists():
+    points = np.arange(6.0)
+    fields = [points.tobytes(), None, np.full(2, 0.5).tobytes(), None, None]
+    data = pack((["a", "b"], 1.5, "camera", "world", True, 1, *fields, bytes(16), None))
+    event = read_update(data)
+    assert event.position == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert (event.radius, event.position_error, event.velocity_error) == ([0.5], [0.0], [])
+    assert event.velocity is event.accel is event.speed
+    assert event.snapshot is True

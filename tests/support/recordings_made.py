@@ -1,0 +1,54 @@
+"""Recordings that tests make, and what is in them."""
+
+import contextlib
+import os
+import time
+
+from armguard.recording import Recorder, Recording
+from armguard.recording.events import VerdictTold, read_verdict
+from support import eventful_runs
+
+PATIENCE = 60.0
+
+
+def record(path, motion="joint", *, robot=None, **options):
+    """An eventful run on a file; its verdicts and answers to plans."""
+    _, obstacles, monitor = eventful_runs.make_monitor(motion, robot)
+    with Recorder(path, monitor) as recorder:
+        answers = eventful_runs.drive(monitor, obstacles, **options)
+        assert recorder.close() == ""
+    return answers
+
+
+def read_events(path):
+    """All events of a recording, its times left out."""
+    return [event for _, event, _ in Recording(path).events()]
+
+
+def read_verdicts(path):
+    """The verdicts of a recording."""
+    return [read_verdict(event) for event in read_events(path) if isinstance(event, VerdictTold)]
+
+
+def wait_until(condition):
+    """Return when a condition holds."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, "it did not come to that in time"
+        time.sleep(0.02)
+
+
+def is_running(pid):
+    """Whether a process is there, and is no zombie."""
+    with contextlib.suppress(OSError), open(f"/proc/{pid}/stat") as file:
+        return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+    return False
+
+
+def drain(descriptor):
+    """Read all that is in a pipe now."""
+    content = b""
+    with contextlib.suppress(BlockingIOError):
+        while part := os.read(descriptor, 1 << 16):
+            content += part
+    return content
