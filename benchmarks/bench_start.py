@@ -2,11 +2,12 @@
 
     python benchmarks/bench_start.py --kernels 10
 
-starts processes one after another, each of which makes a monitor of a Panda with all defaults, takes
-in ten obstacles and steps once. The first has an empty folder for its kernels, the others what the
-first one left. Times are the process's own, imports included: processor time on all cores, and wall
-time, which other load stretches. `compiled` counts kernels and what Numba compiles for them, and
-beside each of the dearest stands what it took without those that were compiled on its behalf.
+starts processes one after another, each of which makes a monitor of a Panda with all defaults,
+takes in ten obstacles and steps once. The first has an empty folder for its kernels, the others
+what the first one left. Times are the process's own, imports included: processor time on all cores,
+and wall time, which other load stretches. `compiled` counts kernels and what Numba compiles for
+them, and beside each of the dearest stands what it took without those that were compiled on its
+behalf.
 """
 
 from __future__ import annotations
