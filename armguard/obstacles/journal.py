@@ -11,8 +11,8 @@ from typing import NamedTuple, Protocol
 
 from armguard.jit.arrays import FloatArray
 from armguard.obstacles.frames import Frame
-from armguard.obstacles.sources import Source
 from armguard.obstacles.message import Samples
+from armguard.obstacles.sources import Source
 
 
 class ObstacleSettings(NamedTuple):
