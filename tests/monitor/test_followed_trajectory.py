@@ -388,6 +388,27 @@ class Chase:
         return False
 
 
+def test_a_scale_needs_brakes_for_all_speeds_until_the_stop_that_it_counts_with():
+    """Far from anything, an arm that speeds up beyond their range by then has no scale of 1."""
+    robot = ranged_panda()
+    plan = make_plan(np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    plan = plan._replace(times=0.3 * TIMES, v=plan.v / 0.3)
+    stated = robot.brakes.make_curves().speed[0, -1]
+    obstacles, monitor = start(robot=robot, reaction_time=0.02, slow_margin=3.0)
+    assert monitor.follow(plan).safe
+    step = float(plan.times[1])
+    # Period and latency, the delay of a STOP, and the time until brakes bite.
+    ahead = round((2.0 * (PERIOD + 0.002 + 0.02)) / step)
+    scales = []
+    for k in range(1, 30):
+        see(obstacles, step * k, [4.2, 0.0, 0.5], velocity=[[0.0, 0.0, 0.0]])
+        verdict = monitor.step(step * k, plan.q[k], plan.v[k])
+        if verdict.level is Level.SLOW:
+            scales.append((plan.v[k + ahead, 0] > stated, verdict.speed_scale))
+    assert {scale for is_beyond, scale in scales if is_beyond} == {0.0}
+    assert (False, 1.0) in scales
+
+
 @pytest.mark.parametrize("mode", ["on time", "with a clock"])
 def test_a_ball_that_drives_at_an_arm_touches_only_one_that_brakes_later_than_told(mode):
     hits = {late: sum(Chase(seed, mode, late).run() for seed in range(12)) for late in (0.0, 0.5)}
