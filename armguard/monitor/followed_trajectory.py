@@ -67,6 +67,7 @@ class FollowedTrajectory:
 
     Attributes:
         evaluated: Evaluations, since it was set to 0.
+        is_on_time: Whether the clock of what is followed is time itself; else the arm tells it.
     """
 
     def __init__(
@@ -93,7 +94,7 @@ class FollowedTrajectory:
     def reset(self) -> None:
         """Forget all trajectories: from now on the arm may do what its joints can."""
         self._trajectories: list[Trajectory] = []
-        self._is_on_time = True
+        self.is_on_time = True
         self._stamp = -math.inf
 
     @property
@@ -132,7 +133,7 @@ class FollowedTrajectory:
                 f"is the {MOST_TRAJECTORIES + 1}th that the arm may be on: change it less often"
             )
             return refuse_plan("plan", detail)
-        if self._is_on_time:
+        if self.is_on_time:
             # Where its clock is the arm's own, what it does next is not known that closely.
             first = max(now, checked.stamp)
             for one in self._trajectories:
@@ -141,7 +142,7 @@ class FollowedTrajectory:
                 if refusal is not None:
                     return refuse_plan(*refusal)
         along = stamp - checked.stamp
-        if not self._is_on_time:
+        if not self.is_on_time:
             along, checked = max(along, 0.0), self._free_clock(checked)
         # Until it begins, joints may be off it at any speed.
         new = Trajectory(checked, max(now, checked.stamp), along, *motion.find_path_stop(checked))
@@ -177,7 +178,7 @@ class FollowedTrajectory:
         """
         if not self._trajectories:
             return None
-        if path_time is None and not self._is_on_time:
+        if path_time is None and not self.is_on_time:
             self.reset()
             detail = "is missing, expected in every step once it was told"
             return Reason(ReasonKind.PLAN_VOID, "path_time", detail)
@@ -188,8 +189,8 @@ class FollowedTrajectory:
                 self.reset()
                 detail = f"is {path_time!r}, expected a finite number of seconds"
                 return Reason(ReasonKind.PLAN_VOID, "path_time", detail)
-            if self._is_on_time:
-                self._is_on_time = False
+            if self.is_on_time:
+                self.is_on_time = False
                 self._trajectories = [
                     one._replace(plan=self._free_clock(one.plan)) for one in self._trajectories
                 ]
@@ -241,11 +242,8 @@ class FollowedTrajectory:
         Args:
             tick: The present one.
             told_after: When the arm is told to stop, in [s] from now.
-            pace: The greatest pace of its clock, in [0, 1]. Of a trajectory on time there is only
-                the whole.
+            pace: The greatest pace of its clock, in [0, 1]; of one that is time itself 1.
         """
-        if self._is_on_time and pace < 1.0:
-            return False
         return self._find_contact(tick, told_after, pace).time == math.inf
 
     def _find_contact(self, tick: Tick, told_after: float, pace: float = 1.0) -> CourseContact:
@@ -267,7 +265,7 @@ class FollowedTrajectory:
         self, one: Trajectory, tick: Tick, told_after: float, pace: float
     ) -> PlannedCourse | None:
         """Where an arm on a trajectory can be until it rests; None where that is not known."""
-        if self._is_on_time and one.along < 0.0:
+        if self.is_on_time and one.along < 0.0:
             # Until it begins, joints are free, and the stop decision is asked of that anyway.
             return None
         now = tick.now
@@ -277,7 +275,7 @@ class FollowedTrajectory:
         clock = PathClock(
             one.along,
             tick.arm_age,
-            self._is_on_time,
+            self.is_on_time,
             max(now - one.since, 0.0),
             pace,
             one.slowing,

@@ -285,7 +285,11 @@ class Judge:
         is_late_known = not is_followed or stopping.covers(tick)
         if not (is_late_known and contact_time > tick.late_stop_time):
             is_free = path.is_free if path is not None and is_followed else None
-            scale = stopping.find_scale(tick, is_free)
+            if path is not None and is_free is not None and path.is_on_time:
+                # Its clock is time itself, so there is no search: it goes on, or it does not.
+                scale = 1.0 if is_free(tick, stopping.looks_ahead, 1.0) else 0.0
+            else:
+                scale = stopping.find_scale(tick, is_free)
         return min(scale, most)
 
     def _find_most_scale(self, stopping: StopDecision) -> float:

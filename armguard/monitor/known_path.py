@@ -54,6 +54,11 @@ class KnownPath:
         return self._trajectory.is_followed
 
     @property
+    def is_on_time(self) -> bool:
+        """Whether the clock of a trajectory that is followed is time itself."""
+        return self._trajectory.is_on_time
+
+    @property
     def stop_lasting(self) -> float | None:
         """How long a stop on the path lasts once brakes bite, in [s]; None: joints stop."""
         return self._trajectory.stop_lasting

@@ -84,9 +84,9 @@ class StopDecision:
         return self._is_free(tick, float(table.time[-1]), 0.0)
 
     def covers(self, tick: Tick) -> bool:
-        """Whether brakes are stated for all that joints can do until they obey a scale."""
+        """Whether brakes are stated for all that joints can do until the proof of a scale ends."""
         braking = self._scheduler.arm.motion.braking
-        return braking.covers(tick.v, tick.arm_age, self._response_time)
+        return braking.covers(tick.v, tick.arm_age, self.looks_ahead)
 
     def find_scale(self, tick: Tick, is_free: IsFree | None = None) -> float:
         """The greatest fraction of their operating velocities at which joints may go on, in [0, 1].

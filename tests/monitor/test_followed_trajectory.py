@@ -263,6 +263,33 @@ def test_the_scale_is_that_of_the_clock():
     assert any(0.0 < scale < 1.0 for scale in told)
 
 
+def test_on_time_the_scale_rises_again_as_soon_as_the_whole_is_safe():
+    """There and back: towards the post there is nothing but to stop, and away from it no need."""
+    angle = 2.0 * np.pi * TIMES / TIMES[-1]
+    there = make_plan()
+    plan = there._replace(
+        times=2.0 * TIMES,
+        q=HOME + 0.5 * np.outer(1.0 - np.cos(angle), TURNS),
+        v=0.5 * np.pi / TIMES[-1] * np.outer(np.sin(angle), TURNS),
+    )
+    kinematics = Kinematics(panda())
+    hands = []
+    for q in there.q[[-10, -1]]:
+        kinematics.compute(q, STILL)
+        hands.append(np.array(kinematics.centers[kinematics.spheres.root[-1]]))
+    ahead = (hands[1] - hands[0]) / np.linalg.norm(hands[1] - hands[0])
+    _, monitor = start(hands[1] + 0.1 * ahead)
+    assert monitor.follow(plan).safe
+    # By steps of 20 ms, which are those of the plan.
+    verdicts = [
+        monitor.step(2.0 * PERIOD * k, plan.q[k], plan.v[k]) for k in range(1, len(plan.times))
+    ]
+    slow = [one.speed_scale for one in verdicts if one.level is Level.SLOW]
+    away = [one.speed_scale for one in verdicts[100:]]
+    assert 0.0 in slow
+    assert away == [1.0] * len(away)
+
+
 def test_a_stop_on_the_path_is_only_for_a_known_path():
     with pytest.raises(ArmguardError, match="planned"):
         make_monitor(stop="path")
@@ -359,6 +386,27 @@ class Chase:
                 q = q + np.sign(v) * until * (np.abs(v) - 0.5 * braking * until)
                 v = np.sign(v) * np.maximum(np.abs(v) - braking * PERIOD, 0.0)
         return False
+
+
+def test_a_scale_needs_brakes_for_all_speeds_until_the_stop_that_it_counts_with():
+    """Far from anything, an arm that speeds up beyond their range by then has no scale of 1."""
+    robot = ranged_panda()
+    plan = make_plan(np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    plan = plan._replace(times=0.3 * TIMES, v=plan.v / 0.3)
+    stated = robot.brakes.make_curves().speed[0, -1]
+    obstacles, monitor = start(robot=robot, reaction_time=0.02, slow_margin=3.0)
+    assert monitor.follow(plan).safe
+    step = float(plan.times[1])
+    # Period and latency, the delay of a STOP, and the time until brakes bite.
+    ahead = round((2.0 * (PERIOD + 0.002 + 0.02)) / step)
+    scales = []
+    for k in range(1, 30):
+        see(obstacles, step * k, [4.2, 0.0, 0.5], velocity=[[0.0, 0.0, 0.0]])
+        verdict = monitor.step(step * k, plan.q[k], plan.v[k])
+        if verdict.level is Level.SLOW:
+            scales.append((plan.v[k + ahead, 0] > stated, verdict.speed_scale))
+    assert {scale for is_beyond, scale in scales if is_beyond} == {0.0}
+    assert (False, 1.0) in scales
 
 
 @pytest.mark.parametrize("mode", ["on time", "with a clock"])
