@@ -177,8 +177,9 @@ class Recorder:
         if process.poll() is None:
             process.kill()
             process.wait()
+        is_unread = ring.free < ring.capacity
         ring.release()
-        if process.returncode != 0:
+        if process.returncode != 0 or is_unread:
             return f"{self.path} is not complete: what wrote it was ended, or could not write it"
         if self.lost:
             return f"{self.path} has gaps: {self.lost} events were lost, the disk did not keep up"
@@ -485,7 +486,7 @@ def _check_untouched(monitor: Monitor) -> None:
         raise ArmguardError(
             "obstacles",
             "were told already",
-            expected="none but those that stand still: a replay needs all",
+            expected="none but those that stand still, none of them removed: a replay needs all",
             remedy="make the recorder before the first update",
         )
 

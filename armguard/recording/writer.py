@@ -12,7 +12,6 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
-from types import FrameType
 from typing import Any
 
 import msgspec
@@ -277,13 +276,6 @@ def write_recording(ring: Ring, file: PatientFile, parent: int) -> int:
         The exit code of the process: 0 if all could be written.
     """
     writer = RecordingWriter(file)
-    asked_to_end = False
-
-    def end(number: int, frame: FrameType | None) -> None:
-        nonlocal asked_to_end
-        asked_to_end = True
-
-    signal.signal(signal.SIGTERM, end)
     flushed = moved = time.monotonic()
     while True:
         ring.beat()
@@ -298,7 +290,7 @@ def write_recording(ring: Ring, file: PatientFile, parent: int) -> int:
             writer.take(number, nanoseconds, record[FRAME.size :])
             continue
         # Asked in this order: what is found afterwards was there before.
-        is_alone = asked_to_end or os.getppid() != parent
+        is_alone = os.getppid() != parent
         if ring.is_finished or (is_alone and (ring.is_empty or now - moved > STUCK_AFTER)):
             break
         time.sleep(PAUSE)
@@ -313,6 +305,8 @@ def main(arguments: Sequence[str]) -> int:
         arguments: Descriptors of the shared memory and of the file, and the parent's number.
     """
     memory, file, parent = map(int, arguments)
+    # It may go to the loop as well, which is to end first: its end is to be in the file.
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     # The loop comes first.
     os.nice(5)
     return write_recording(Ring(memory), PatientFile(file), parent)
