@@ -10,13 +10,21 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import io
+import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Protocol
 
 import tyro
 
-from armguard.app.processes import INTERRUPTED, complain, end_with, termination_as_interrupt
+from armguard.app.processes import (
+    COMPLAINT,
+    INTERRUPTED,
+    complain,
+    end_with,
+    termination_as_interrupt,
+)
 from armguard.exceptions import ArmguardError
 
 MISTAKE = 2
@@ -322,6 +330,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ArmguardError as error:
         complain(str(error))
         return MISTAKE
+    except BrokenPipeError:
+        # Who read the output has enough, as `head` has. What is left goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return COMPLAINT
     except KeyboardInterrupt:
         complain("interrupted before there was anything to show")
         return INTERRUPTED
