@@ -249,7 +249,7 @@ class ObstacleRegister:
 
     @property
     def is_untouched(self) -> bool:
-        """Whether nothing was told of it so far but what stands still for ever, in rows in order."""
+        """Whether nothing was told of it but what stands still for ever, in rows in order."""
         table = self.table
         return (
             not any(state.heard for state in self._sources.states)

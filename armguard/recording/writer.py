@@ -175,18 +175,21 @@ class RecordingWriter:
             return
         if number == PLAIN_STATE:
             number, data = _NUMBERS[JointState], encode(read_state(data))
-        kind = KINDS[number]
+        kind, update = KINDS[number], None
         if kind is VerdictTold:
             data = encode(tell_verdict(unpack_verdict(data)))
         elif kind is ObstacleUpdate:
             update = read_update(data)
             data = encode(update)
-            if self._scene is not None:
-                self._scene.take_update(update)
         # Events are in order in the file; their times say so as well.
         self._last_time = max(nanoseconds, self._last_time + 1)
         self._write(self._channels[number], self._last_time, data)
-        self._follow(kind, data)
+        try:
+            self._follow(kind, data, update)
+        except Exception as error:
+            # The picture is for viewers; what a replay needs goes on without it.
+            self._scene = None
+            sys.stderr.write(f"armguard: the recording has no scene from here on: {error!r}\n")
 
     def flush(self) -> None:
         """End the chunk, and write what there is."""
@@ -207,13 +210,15 @@ class RecordingWriter:
             channel, nanoseconds, data, nanoseconds, sequence=self._count & 0xFFFFFFFF
         )
 
-    def _follow(self, kind: type[Any], data: bytes) -> None:
+    def _follow(self, kind: type[Any], data: bytes, update: ObstacleUpdate | None) -> None:
         """Keep the picture of the cell up to date."""
         scene = self._scene
         if scene is None:
             return
         if kind is JointState:
             self._last_state = data
+        elif update is not None:
+            scene.take_update(update)
         elif kind is StaticObstacle:
             scene.take_static(self._decoders[kind].decode(data))
         elif kind is Removal:

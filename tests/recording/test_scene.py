@@ -64,6 +64,7 @@ def test_obstacles_are_drawn_as_they_were_reported(made):
     assert [text["text"] for text in parts["texts"]] == ["post", "a", "c"]
     assert np.allclose(centres(parts)[2:], [[1, 2, 3], [0.9, 0.4, 0.3]])
     assert len(parts["lines"][0]["points"]) == 2
+    scene.take_update(update(["far"], [1e308, 1e308, "Infinity"], frame="tilted"))
     scene.take_update(update(["d"], [9, 9, 9], snapshot=True))
     scene.take_removal(Removal(ids=["c"], source="camera"))
     assert [text["text"] for text in draw(scene)["obstacles"]["texts"]] == ["post", "c", "d"]
