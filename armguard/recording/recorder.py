@@ -16,6 +16,7 @@ import struct
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -85,7 +86,9 @@ _FLOAT = np.dtype(np.float64)
 
 
 class Recorder:
-    """Writes a file from which a replay gives the same verdicts to the bit; a context.
+    """Writes a file from which a replay gives the same verdicts to the bit.
+
+    It is a context, which is left with a `RuntimeWarning` if the file is not complete.
 
     It begins when it is made: before the first step of the monitor, and before any obstacle is
     told but those that stand still for ever. From then on it is told by the monitor and its table
@@ -182,7 +185,10 @@ class Recorder:
         if process.returncode != 0 or is_unread:
             return f"{self.path} is not complete: what wrote it was ended, or could not write it"
         if self.lost:
-            return f"{self.path} has gaps: {self.lost} events were lost, the disk did not keep up"
+            return (
+                f"{self.path} has gaps: {self.lost} events were lost, since the disk did not keep "
+                "up or they could not be written as text"
+            )
         return ""
 
     def __enter__(self) -> Recorder:
@@ -194,7 +200,9 @@ class Recorder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.close()
+        problem = self.close()
+        if problem:
+            warnings.warn(problem, RuntimeWarning, stacklevel=2)
 
     # What a monitor tells; see `armguard.monitor.journal`.
 

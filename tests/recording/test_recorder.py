@@ -228,6 +228,15 @@ def test_a_recording_that_ended_before_the_loop_is_not_complete(tmp_path):
     assert "not complete" in recorder.close()
 
 
+def test_a_context_is_not_left_in_silence_where_the_file_is_not_complete(tmp_path):
+    recorder, _, monitor = start(tmp_path / "run.mcap")
+    recorder.__enter__()
+    stand(monitor, 5)
+    os.kill(recorder.pid, signal.SIGKILL)
+    with pytest.warns(RuntimeWarning, match="is not complete"):
+        recorder.__exit__(None, None, None)
+
+
 def test_heartbeats_and_empty_snapshots_are_recorded(tmp_path):
     path = tmp_path / "run.mcap"
     recorder, obstacles, monitor = start(path)
