@@ -206,8 +206,17 @@ class Replay:
                 open_browser=self.open,
                 as_json=self.json,
             )
-        if self.record is not None:
-            raise ArmguardError("--record", "is for recordings of others", remedy="copy the file")
+        of_others = {
+            "--radius": self.radius is not None,
+            "--snapshot": self.snapshot,
+            "--stamps": self.stamps != "header",
+            "--record": self.record is not None,
+        }
+        for name, is_given in of_others.items():
+            if is_given:
+                raise ArmguardError(
+                    name, "is for recordings of others", expected="--cell and --topics beside it"
+                )
         return run_replay(
             self.file,
             speed=self.speed,

@@ -559,7 +559,7 @@ def print_report(
         tell("nothing could be compared")
     if report.difference is None:
         for line in report.differences:
-            tell(f"although there is {line}")
+            tell(f"what differs here: {line}")
 
 
 def print_changes(console: Console, stops: StopList, changes: dict[str, str]) -> None:

@@ -309,6 +309,9 @@ def test_a_recording_of_others_is_led_through_a_cell_and_recorded(cell, tmp_path
         ([*BAG, "--cell", "CELL", "--record", "/nowhere/a.mcap"], "no folder /nowhere"),
         ([*BAG, "--cell", "CELL", "--explain", "99"], "expected a time from 0.000 s"),
         (["--record", "a.mcap"], "--record: is for recordings of others"),
+        (["--radius", "0.1"], "--radius: is for recordings of others"),
+        (["--snapshot"], "--snapshot: is for recordings of others"),
+        (["--stamps", "recorded"], "--stamps: is for recordings of others"),
     ],
 )
 def test_a_mistake_about_a_recording_of_others_is_one_line(
