@@ -10,13 +10,21 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import io
+import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Protocol
 
 import tyro
 
-from armguard.app.processes import INTERRUPTED, complain, end_with, termination_as_interrupt
+from armguard.app.processes import (
+    COMPLAINT,
+    INTERRUPTED,
+    complain,
+    end_with,
+    termination_as_interrupt,
+)
 from armguard.exceptions import ArmguardError
 
 MISTAKE = 2
@@ -198,8 +206,17 @@ class Replay:
                 open_browser=self.open,
                 as_json=self.json,
             )
-        if self.record is not None:
-            raise ArmguardError("--record", "is for recordings of others", remedy="copy the file")
+        of_others = {
+            "--radius": self.radius is not None,
+            "--snapshot": self.snapshot,
+            "--stamps": self.stamps != "header",
+            "--record": self.record is not None,
+        }
+        for name, is_given in of_others.items():
+            if is_given:
+                raise ArmguardError(
+                    name, "is for recordings of others", expected="--cell and --topics beside it"
+                )
         return run_replay(
             self.file,
             speed=self.speed,
@@ -322,6 +339,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ArmguardError as error:
         complain(str(error))
         return MISTAKE
+    except BrokenPipeError:
+        # Who read the output has enough, as `head` has. What is left goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return COMPLAINT
     except KeyboardInterrupt:
         complain("interrupted before there was anything to show")
         return INTERRUPTED

@@ -58,6 +58,8 @@ COLUMNS = (
 
 PAIRS_SHOWN = 5
 
+STANDARD_OUTPUT = Path("-")
+
 
 class Stop(NamedTuple):
     """One recorded STOP, from its first verdict to its last; times in [s] of the monitor."""
@@ -102,6 +104,7 @@ def run_replay(
     Raises:
         ArmguardError: The file or an argument is unusable.
     """
+    check_table(csv_file, path)
     recording = Recording(path)
     changes = {} if what_if is None else read_changes(what_if)
     if view:
@@ -125,7 +128,7 @@ def run_replay(
         sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
     else:
         # A table on standard output stays one.
-        console = Console(stderr=csv_file == Path("-"), soft_wrap=True)
+        console = Console(stderr=csv_file == STANDARD_OUTPUT, soft_wrap=True)
         if watch.found is not None:
             for line in explain_tick(replay.monitor, watch):
                 console.print(line, markup=False, highlight=False)
@@ -181,6 +184,7 @@ def run_bag(
     """
     if record is not None:
         check_new(record)
+    check_table(csv_file, path)
     cell = Cell.load(cell_file)
     _, _, monitor = cell.build()
     bag = BagRun(path, monitor, topics, radius=radius, snapshot=snapshot, stamps=stamps)
@@ -212,7 +216,7 @@ def run_bag(
             summary["explained"] = "\n".join(explained)
         sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
     else:
-        console = Console(stderr=csv_file == Path("-"), soft_wrap=True)
+        console = Console(stderr=csv_file == STANDARD_OUTPUT, soft_wrap=True)
         lines = explained or [
             f"{path}: {stops.ticks} verdicts, {len(stops.stops)} stops in {stops.seconds:.1f} s"
         ]
@@ -279,6 +283,26 @@ def lead(
             "--explain", f"is {explain}", expected=f"a time from {watch.first} to {watch.last}"
         )
     return stops, watch, time.monotonic() - begin
+
+
+def check_table(csv_file: Path | None, path: Path) -> None:
+    """Refuse to write a table over what is replayed.
+
+    Args:
+        csv_file: Where the table goes; None: nowhere.
+        path: The recording, or the folder of one.
+
+    Raises:
+        ArmguardError: The table would stand in its place.
+    """
+    if csv_file is None or csv_file == STANDARD_OUTPUT:
+        return
+    table, recording = csv_file.resolve(), path.resolve()
+    is_linked = table.exists() and recording.exists() and table.samefile(recording)
+    if is_linked or table == recording or recording in table.parents:
+        raise ArmguardError(
+            "--csv", f"is {csv_file}, the recording itself", expected="another file"
+        )
 
 
 def check_drawable(robot: str) -> None:
@@ -535,7 +559,7 @@ def print_report(
         tell("nothing could be compared")
     if report.difference is None:
         for line in report.differences:
-            tell(f"although there is {line}")
+            tell(f"what differs here: {line}")
 
 
 def print_changes(console: Console, stops: StopList, changes: dict[str, str]) -> None:
@@ -571,11 +595,9 @@ def open_table(path: Path) -> Iterator[Callable[[ReplayedTick], None]]:
     """
     with contextlib.ExitStack() as resources:
         file: IO[str] = sys.stdout
-        if path != Path("-"):
-            try:
-                file = resources.enter_context(path.open("w", newline="", encoding="utf-8"))
-            except OSError as error:
-                raise ArmguardError(str(path), f"cannot be written ({error.strerror})") from None
+        if path != STANDARD_OUTPUT:
+            resources.enter_context(_telling_write_errors(path))
+            file = resources.enter_context(path.open("w", newline="", encoding="utf-8"))
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
 
@@ -601,6 +623,14 @@ def open_table(path: Path) -> Iterator[Callable[[ReplayedTick], None]]:
             )
 
         yield take
+
+
+@contextlib.contextmanager
+def _telling_write_errors(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise ArmguardError(str(path), f"cannot be written ({error.strerror})") from None
 
 
 @contextlib.contextmanager

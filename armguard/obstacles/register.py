@@ -249,14 +249,14 @@ class ObstacleRegister:
 
     @property
     def is_untouched(self) -> bool:
-        """Whether nothing was told of it so far but what stands still for ever."""
+        """Whether nothing was told of it but what stands still for ever, in rows in order."""
         table = self.table
-        number = int(np.count_nonzero(table.alive))
         return (
             not any(state.heard for state in self._sources.states)
             and self.fault_count == 0
             and self._tombstones.newest == -math.inf
-            and bool((table.alive[:number] & table.static[:number]).all())
+            and bool(table.static[table.alive].all())
+            and table.is_compact
         )
 
     def unplaced(self) -> list[str]:

@@ -230,6 +230,12 @@ class ObstacleTable:
         self._free.append(row)
         note_row(self.changed_rows, row)
 
+    @property
+    def is_compact(self) -> bool:
+        """Whether rows are taken in order, as if none had ever been given back."""
+        used = int(np.count_nonzero(self.alive))
+        return self._free == list(range(len(self.alive) - 1, used - 1, -1))
+
     def place_static(self, row: int, points: FloatArray, radius: float) -> None:
         """Lets a row stand still for ever: points in [m] of shape (k, 3), radius in [m]."""
         self.widen(len(points))

@@ -16,6 +16,7 @@ import struct
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -85,7 +86,9 @@ _FLOAT = np.dtype(np.float64)
 
 
 class Recorder:
-    """Writes a file from which a replay gives the same verdicts to the bit; a context.
+    """Writes a file from which a replay gives the same verdicts to the bit.
+
+    It is a context, which is left with a `RuntimeWarning` if the file is not complete.
 
     It begins when it is made: before the first step of the monitor, and before any obstacle is
     told but those that stand still for ever. From then on it is told by the monitor and its table
@@ -177,11 +180,15 @@ class Recorder:
         if process.poll() is None:
             process.kill()
             process.wait()
+        is_unread = ring.free < ring.capacity
         ring.release()
-        if process.returncode != 0:
+        if process.returncode != 0 or is_unread:
             return f"{self.path} is not complete: what wrote it was ended, or could not write it"
         if self.lost:
-            return f"{self.path} has gaps: {self.lost} events were lost, the disk did not keep up"
+            return (
+                f"{self.path} has gaps: {self.lost} events were lost, since the disk did not keep "
+                "up or they could not be written as text"
+            )
         return ""
 
     def __enter__(self) -> Recorder:
@@ -193,7 +200,9 @@ class Recorder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.close()
+        problem = self.close()
+        if problem:
+            warnings.warn(problem, RuntimeWarning, stacklevel=2)
 
     # What a monitor tells; see `armguard.monitor.journal`.
 
@@ -485,7 +494,7 @@ def _check_untouched(monitor: Monitor) -> None:
         raise ArmguardError(
             "obstacles",
             "were told already",
-            expected="none but those that stand still: a replay needs all",
+            expected="none but those that stand still, none of them removed: a replay needs all",
             remedy="make the recorder before the first update",
         )
 

@@ -172,10 +172,11 @@ class Scene:
 
     def take_update(self, event: ObstacleUpdate) -> None:
         """Take a message about obstacles."""
-        points = read_numbers(event.position).reshape(len(event.ids), -1, 3)
+        points = read_numbers(event.position).reshape(len(event.ids), event.points, 3)
         if event.frame in self._frames:
             rotation, translation = self._frames[event.frame]
-            points = points @ rotation.T + translation
+            with np.errstate(all="ignore"):  # what is not finite is not drawn
+                points = points @ rotation.T + translation
         radius = np.broadcast_to(read_numbers(event.radius), len(event.ids))
         if event.snapshot:
             seen = set(event.ids)

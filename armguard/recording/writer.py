@@ -12,7 +12,6 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
-from types import FrameType
 from typing import Any
 
 import msgspec
@@ -176,18 +175,21 @@ class RecordingWriter:
             return
         if number == PLAIN_STATE:
             number, data = _NUMBERS[JointState], encode(read_state(data))
-        kind = KINDS[number]
+        kind, update = KINDS[number], None
         if kind is VerdictTold:
             data = encode(tell_verdict(unpack_verdict(data)))
         elif kind is ObstacleUpdate:
             update = read_update(data)
             data = encode(update)
-            if self._scene is not None:
-                self._scene.take_update(update)
         # Events are in order in the file; their times say so as well.
         self._last_time = max(nanoseconds, self._last_time + 1)
         self._write(self._channels[number], self._last_time, data)
-        self._follow(kind, data)
+        try:
+            self._follow(kind, data, update)
+        except Exception as error:
+            # The picture is for viewers; what a replay needs goes on without it.
+            self._scene = None
+            sys.stderr.write(f"armguard: the recording has no scene from here on: {error!r}\n")
 
     def flush(self) -> None:
         """End the chunk, and write what there is."""
@@ -208,13 +210,15 @@ class RecordingWriter:
             channel, nanoseconds, data, nanoseconds, sequence=self._count & 0xFFFFFFFF
         )
 
-    def _follow(self, kind: type[Any], data: bytes) -> None:
+    def _follow(self, kind: type[Any], data: bytes, update: ObstacleUpdate | None) -> None:
         """Keep the picture of the cell up to date."""
         scene = self._scene
         if scene is None:
             return
         if kind is JointState:
             self._last_state = data
+        elif update is not None:
+            scene.take_update(update)
         elif kind is StaticObstacle:
             scene.take_static(self._decoders[kind].decode(data))
         elif kind is Removal:
@@ -277,13 +281,6 @@ def write_recording(ring: Ring, file: PatientFile, parent: int) -> int:
         The exit code of the process: 0 if all could be written.
     """
     writer = RecordingWriter(file)
-    asked_to_end = False
-
-    def end(number: int, frame: FrameType | None) -> None:
-        nonlocal asked_to_end
-        asked_to_end = True
-
-    signal.signal(signal.SIGTERM, end)
     flushed = moved = time.monotonic()
     while True:
         ring.beat()
@@ -298,7 +295,7 @@ def write_recording(ring: Ring, file: PatientFile, parent: int) -> int:
             writer.take(number, nanoseconds, record[FRAME.size :])
             continue
         # Asked in this order: what is found afterwards was there before.
-        is_alone = asked_to_end or os.getppid() != parent
+        is_alone = os.getppid() != parent
         if ring.is_finished or (is_alone and (ring.is_empty or now - moved > STUCK_AFTER)):
             break
         time.sleep(PAUSE)
@@ -313,6 +310,8 @@ def main(arguments: Sequence[str]) -> int:
         arguments: Descriptors of the shared memory and of the file, and the parent's number.
     """
     memory, file, parent = map(int, arguments)
+    # It may go to the loop as well, which is to end first: its end is to be in the file.
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     # The loop comes first.
     os.nice(5)
     return write_recording(Ring(memory), PatientFile(file), parent)

@@ -1,6 +1,8 @@
 import csv
 import json
 import re
+import subprocess
+import sys
 from datetime import datetime, timedelta
 
 import pytest
@@ -108,6 +110,28 @@ def test_a_table_has_all_verdicts(path, tmp_path, capsys):
     assert "bit-identical" in err
 
 
+def test_no_table_is_written_over_what_is_replayed(path, cell, tmp_path, capsys):
+    content = path.read_bytes()
+    link = tmp_path / "link.csv"
+    link.hardlink_to(path)
+    for table in (path, link):
+        code, out, err = run(capsys, path, "--csv", table)
+        assert (code, out) == (MISTAKE, "")
+        assert "the recording itself" in err
+    assert path.read_bytes() == content
+    bag = write_bag(tmp_path / "bag", usual(3))
+    code, _, err = run(capsys, bag, "--cell", cell, *BAG, "--csv", bag / "metadata.yaml")
+    assert code == MISTAKE
+    assert "the recording itself" in err
+
+
+def test_a_table_that_nobody_reads_to_its_end_is_no_mistake(path):
+    command = f"{sys.executable} -m armguard replay {path} --csv - | head -n 1"
+    shown = subprocess.run(command, shell=True, capture_output=True, text=True, check=True)
+    assert shown.stdout == ",".join(COLUMNS) + "\n"
+    assert not shown.stderr
+
+
 def test_a_verdict_is_explained_by_either_clock(path, capsys):
     ticks = list(Replay(Recording(path)).ticks())
     tick = ticks[400]
@@ -198,6 +222,7 @@ def test_a_time_of_day_is_the_next_one_from_the_start_on():
         (["--what-if", "latency"], "--what-if: holds 'latency'"),
         (["--what-if", "colour=red"], "setting 'colour': is not known"),
         (["--what-if", "latency=-1"], "latency: is -1.0"),
+        (["--csv", "/dev/full"], "/dev/full: cannot be written (No space left on device)"),
         (["--csv", "/nowhere/table.csv"], "/nowhere/table.csv: cannot be written"),
     ],
 )
@@ -284,6 +309,9 @@ def test_a_recording_of_others_is_led_through_a_cell_and_recorded(cell, tmp_path
         ([*BAG, "--cell", "CELL", "--record", "/nowhere/a.mcap"], "no folder /nowhere"),
         ([*BAG, "--cell", "CELL", "--explain", "99"], "expected a time from 0.000 s"),
         (["--record", "a.mcap"], "--record: is for recordings of others"),
+        (["--radius", "0.1"], "--radius: is for recordings of others"),
+        (["--snapshot"], "--snapshot: is for recordings of others"),
+        (["--stamps", "recorded"], "--stamps: is for recordings of others"),
     ],
 )
 def test_a_mistake_about_a_recording_of_others_is_one_line(

@@ -89,3 +89,19 @@ def test_a_table_is_untouched_until_something_is_told_that_moves():
         assert obstacles.is_untouched
         touch(obstacles)
         assert not obstacles.is_untouched
+
+
+def test_rows_that_were_given_back_are_told_from_those_that_never_were():
+    obstacles = Obstacles()
+    for name in "abc":
+        obstacles.add_static(name, [0.0, 0.0, 3.0], 0.1)
+    obstacles.remove(["c"])
+    assert obstacles.is_untouched, "the next row is that of a table that never had it"
+    obstacles.remove(["b"])
+    assert obstacles.is_untouched
+    obstacles = Obstacles()
+    for name in "abc":
+        obstacles.add_static(name, [0.0, 0.0, 3.0], 0.1)
+    for name in "bc":
+        obstacles.remove([name])
+    assert not obstacles.is_untouched, "the next row is another one"

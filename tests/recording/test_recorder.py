@@ -204,6 +204,51 @@ def test_what_writes_may_be_killed_and_the_file_reads_up_to_its_last_chunk(tmp_p
     assert repr(read_verdicts(path)) == repr(expected)
 
 
+def test_the_process_that_writes_is_ended_by_the_loop_and_not_by_a_signal_to_both(tmp_path):
+    path = tmp_path / "run.mcap"
+    recorder, _, monitor = start(path)
+    stand(monitor, 20)
+    wait_until(lambda: path.stat().st_size > 0)
+    os.kill(recorder.pid, signal.SIGTERM)
+    time.sleep(0.2)
+    assert is_running(recorder.pid)
+    stand(monitor, 20, 20)
+    assert recorder.close() == ""
+    assert replay(path).compared == 40
+
+
+def test_a_recording_that_ended_before_the_loop_is_not_complete(tmp_path):
+    recorder, _, monitor = start(tmp_path / "run.mcap")
+    os.kill(recorder.pid, signal.SIGSTOP)
+    stand(monitor, 20)
+    process = recorder._process
+    os.kill(recorder.pid, signal.SIGKILL)
+    process.wait()
+    process.returncode = 0
+    assert "not complete" in recorder.close()
+
+
+def test_a_context_is_not_left_in_silence_where_the_file_is_not_complete(tmp_path):
+    recorder, _, monitor = start(tmp_path / "run.mcap")
+    recorder.__enter__()
+    stand(monitor, 5)
+    os.kill(recorder.pid, signal.SIGKILL)
+    with pytest.warns(RuntimeWarning, match="is not complete"):
+        recorder.__exit__(None, None, None)
+
+
+def test_heartbeats_and_empty_snapshots_are_recorded(tmp_path):
+    path = tmp_path / "run.mcap"
+    recorder, obstacles, monitor = start(path)
+    obstacles.update([], 0.0, source="camera")
+    stand(monitor, 3)
+    obstacles.update([], PERIOD, np.zeros((0, 4, 3)), source="camera", snapshot=True)
+    stand(monitor, 3, 3)
+    assert recorder.close() == ""
+    assert replay(path).compared == 6
+    assert replay(path).is_identical
+
+
 def count_verdicts(path):
     """Verdicts that can be read by now."""
     try:

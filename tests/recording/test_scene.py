@@ -64,11 +64,23 @@ def test_obstacles_are_drawn_as_they_were_reported(made):
     assert [text["text"] for text in parts["texts"]] == ["post", "a", "c"]
     assert np.allclose(centres(parts)[2:], [[1, 2, 3], [0.9, 0.4, 0.3]])
     assert len(parts["lines"][0]["points"]) == 2
+    scene.take_update(update(["far"], [1e308, 1e308, "Infinity"], frame="tilted"))
     scene.take_update(update(["d"], [9, 9, 9], snapshot=True))
     scene.take_removal(Removal(ids=["c"], source="camera"))
     assert [text["text"] for text in draw(scene)["obstacles"]["texts"]] == ["post", "c", "d"]
     scene.take_removal(Removal(ids=["c", "post"]))
     assert [text["text"] for text in draw(scene)["obstacles"]["texts"]] == ["d"]
+
+
+def test_a_heartbeat_changes_nothing_and_an_empty_snapshot_clears_the_cell(made):
+    _, data, settings = made
+    scene = Scene(data, settings)
+    scene.take_update(update(["a"], [1, 2, 3]))
+    scene.take_update(update([], [], radius=[]))
+    scene.take_update(update([], [], radius=[], frame="tilted"))
+    assert [text["text"] for text in draw(scene)["obstacles"]["texts"]] == ["a"]
+    scene.take_update(update([], [], radius=[], snapshot=True))
+    assert not draw(scene)["obstacles"]["texts"]
 
 
 def test_a_crowd_is_drawn_in_part(made):

@@ -1,14 +1,22 @@
 import os
-import threading
 
 import msgspec
 import numpy as np
 import pytest
 
 from armguard.recording import Recording
-from armguard.recording.events import KINDS, JointState, Log, Reset, Time, encode
+from armguard.recording.events import (
+    KINDS,
+    JointState,
+    Log,
+    Reset,
+    StaticObstacle,
+    Time,
+    encode,
+)
 from armguard.recording.recorder import ATTACHED, FRAME, NOTED
 from armguard.recording.ring import Ring, create_memory
+from armguard.recording.scene import Scene
 from armguard.recording.settings import describe_settings
 from armguard.recording.writer import PatientFile, RecordingWriter, read_update, write_recording
 from armguard.robot.portable import describe_robot
@@ -95,6 +103,25 @@ def test_times_never_go_back_in_the_file(start, tmp_path):
     assert [time for time, _, _ in Recording(path).events()] == [5, 6, 7, 9]
 
 
+def test_a_picture_that_cannot_be_drawn_costs_the_recording_nothing_else(
+    start, tmp_path, monkeypatch, capsys
+):
+    def fail(self, event):
+        raise ValueError("no picture")
+
+    monkeypatch.setattr(Scene, "take_static", fail)
+    path = tmp_path / "run.mcap"
+    writer = RecordingWriter(open_file(path))
+    for entry in start:
+        writer.take(*entry)
+    told = StaticObstacle(id="post", position=[0.0, 0.0, 1.0], radius=0.1), Reset()
+    for event in told:
+        writer.take(KINDS.index(type(event)), 7, encode(event))
+    writer.finish()
+    assert tuple(event for _, event, _ in Recording(path).events()) == told
+    assert "no scene from here on: ValueError('no picture')" in capsys.readouterr().err
+
+
 def test_events_in_the_ring_are_written_even_when_nobody_is_left_to_end_it(start, tmp_path):
     path, memory = tmp_path / "run.mcap", create_memory(1 << 20)
     ring = Ring(memory)
@@ -102,7 +129,6 @@ def test_events_in_the_ring_are_written_even_when_nobody_is_left_to_end_it(start
     for entry in (*start, (KINDS.index(JointState), 7, encode(state))):
         assert ring.write(FRAME.pack(*entry[:2]) + entry[2])
     nobody = 2**22 + 1
-    assert threading.current_thread() is threading.main_thread()
     assert write_recording(Ring(memory), open_file(path), nobody) == 0
     os.close(memory)
     recording = Recording(path)
