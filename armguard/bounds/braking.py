@@ -124,8 +124,9 @@ class BrakingMotion(JointSpaceMotion):
             v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,), float64.
             age: Now minus the stamp of the state, in [s]; negative where that is newer.
             horizon: Until braking is commanded, in [s] from now.
-            pace: Fraction of their operating velocities that no joint exceeds, from its stamp on;
-                one that is measured to be faster counts as if it were so fast.
+            pace: Fraction of their operating velocities that no joint exceeds from now on; one
+                that is measured to be faster counts as if it were so fast, but for how far it may
+                have gone since its stamp.
 
         Returns:
             The table; always the same one, filled anew.
@@ -136,12 +137,22 @@ class BrakingMotion(JointSpaceMotion):
         """
         self._check_shapes(q, v, age)
         free = check_duration("horizon", horizon) + self.reaction_time
-        handle = self._handle
-        if pace < 1.0:
-            fastest = np.multiply(self.limits.operating_velocity, pace, out=self._paced)
-            v, handle = np.clip(v, -fastest, fastest), self._paced_handle
-        flaw = _tabulate(handle, q, v, age, free)
-        refuse_flaw(self._robot, self.limits, q, v, flaw)
+        if not pace < 1.0:
+            flaw = _tabulate(self._handle, q, v, age, free)
+            refuse_flaw(self._robot, self.limits, q, v, flaw)
+            return self.table
+        limits = self.limits
+        fastest = np.multiply(limits.operating_velocity, pace, out=self._paced)
+        paced = np.clip(v, -fastest, fastest)
+        flaw = _tabulate(self._paced_handle, q, paced, age, free)
+        refuse_flaw(self._robot, limits, q, paced, flaw)
+        if age > 0.0:
+            # Until now a joint kept to its limits alone: what that adds to where it can be.
+            speed = np.abs(v) + limits.velocity_error + limits.operating_acceleration * age
+            speed = np.minimum(speed, np.maximum(limits.operating_velocity, np.abs(v)))
+            gone = np.maximum(speed - fastest, 0.0) * (age * (1.0 + SUM_ROUNDING))
+            self.table.high[:] += gone
+            self.table.low[:] -= gone
         return self.table
 
     def stopping_volume(

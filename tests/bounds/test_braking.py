@@ -54,6 +54,29 @@ def test_a_table_ends_no_sooner_than_the_slowest_joint_rests(robot, models):
             assert end == pytest.approx(rest, rel=1e-12)
 
 
+def test_a_joint_that_has_slowed_down_to_a_pace_since_its_stamp_is_where_its_table_says(
+    robot, models
+):
+    random, braking = np.random.default_rng(8), models["braking"]
+    top, accel = robot.velocity_limit, robot.acceleration_limit
+    for _ in range(200):
+        q, v = moderate_state(robot, random)
+        age, pace = random.uniform(0.0, 0.05), random.uniform(0.05, 0.9)
+        kept = np.minimum(pace * top, np.abs(v))
+        # As late as it can, so that it is no faster from now on, and brakes as late as it may.
+        true = np.minimum(np.minimum(kept + accel * age, np.abs(v) + robot.velocity_error), top)
+        slowing = np.minimum((true - kept) / accel, age)
+        gone = true * age - 0.5 * (true - kept) * slowing
+        table = braking.tabulate(q, v, age, 0.02, pace=pace)
+        time = table.time[:, None]
+        on = np.minimum(time, 0.04)
+        braked = np.minimum(time - on, kept / robot.braking_deceleration)
+        gone = gone + kept * on + braked * (kept - 0.5 * robot.braking_deceleration * braked)
+        room = np.where(v > 0.0, robot.upper_position_limit - q, q - robot.lower_position_limit)
+        gone = np.minimum(gone, room)
+        assert (np.where(v > 0.0, table.high, -table.low) >= gone * (1.0 - 1e-12)).all()
+
+
 def test_stopping_volume_contains_what_brakes(robot, models):
     random, braking = np.random.default_rng(6), models["braking"]
     kinematics = Kinematics(robot)

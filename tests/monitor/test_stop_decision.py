@@ -49,23 +49,25 @@ def braking_motion():
 
 
 def simulate(q, v, age, free, pace, duration, rng):
-    """Displacements of joints that go as they like at a pace, and brake, (steps, nv).
+    """Displacements of joints that go as they like, from now on at a pace, and brake, (steps, nv).
 
     And how far wrong a straight line between two steps may be, where joints run into their stops
     on the way, and the velocities in the end.
     """
     robot, nv = panda(), len(q)
-    accel, top = robot.acceleration_limit, pace * robot.velocity_limit
+    accel, fastest = robot.acceleration_limit, robot.velocity_limit
     braking = robot.braking_deceleration
     lower, upper = robot.lower_position_limit, robot.upper_position_limit
     true_q = np.clip(q + rng.choice([-1.0, 0.0, 1.0], nv) * robot.position_error, lower, upper)
-    true_v = np.clip(v + rng.choice([-1.0, 0.0, 1.0], nv) * robot.velocity_error, -top, top)
+    true_v = np.clip(v + rng.choice([-1.0, 0.0, 1.0], nv) * robot.velocity_error, -fastest, fastest)
     start = true_q.copy()
     ways, jolts = [np.zeros(nv)], [np.zeros(nv)]
     push, turns = rng.choice([-1.0, 1.0], nv), rng.uniform(0.0, 3.0 * (age + free), nv)
     strength = rng.choice([0.0, 1.0, rng.random()], nv)
     for k in range(round((age + duration) / STEP)):
         now = k * STEP
+        top = fastest if now < age - 1e-9 else pace * fastest
+        true_v = np.clip(true_v, -top, top)
         rate = braking + strength * (accel - braking)
         pushed = true_v + np.where(now < turns, push, -push) * accel * STEP
         slowed = np.sign(true_v) * np.maximum(np.abs(true_v) - rate * STEP, 0.0)
