@@ -149,6 +149,8 @@ class Recorder:
         self._revision = monitor.robot.revision
         for event in _list_statics(monitor):
             self._tell(event)
+        if monitor.payload != monitor.settings.payload:
+            self.note_payload(monitor.payload)
         monitor.journal = monitor.obstacles.journal = self
 
     def note(self, text: str) -> None:

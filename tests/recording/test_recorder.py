@@ -24,6 +24,7 @@ from armguard.recording.events import (
     JointState,
     Log,
     ObstacleUpdate,
+    Payload,
     StaticObstacle,
     VerdictTold,
     encode,
@@ -105,6 +106,17 @@ def test_tools_are_recorded_too(tmp_path):
         stand(monitor, 5, 10)
     assert sum(isinstance(event, BodiesChanged) for event in read_events(path)) == 2
     assert replay(path).is_identical
+
+
+def test_a_payload_that_was_told_before_is_recorded_too(tmp_path):
+    path = tmp_path / "run.mcap"
+    _, monitor = make_monitor()
+    monitor.payload = 1.0
+    with Recorder(path, monitor):
+        stand(monitor, 5)
+    assert [event.payload for event in read_events(path) if isinstance(event, Payload)] == [1.0]
+    report = replay(path)
+    assert report.is_identical, report.difference
 
 
 def test_lines_for_people_are_recorded(tmp_path):
