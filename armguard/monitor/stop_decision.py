@@ -134,13 +134,39 @@ class StopDecision:
             return True
         if is_free is not None:
             return is_free(tick, self.looks_ahead, scale)
+        if scale == 1.0:
+            return self._is_whole_safe(tick)
         table = self._scheduler.arm.motion.braking.tabulate(
             tick.q, tick.v, tick.arm_age, self.looks_ahead, pace=scale
         )
         return self._is_free(tick, float(table.time[-1]))
 
-    def _is_free(self, tick: Tick, stop_time: float, lasting: float = -1.0) -> bool:
-        unsafe = self._scheduler.find_unsafe(tick, stop_time, lasting=lasting)
+    def _is_whole_safe(self, tick: Tick) -> bool:
+        """Whether an arm at any speed rests in time; proved for some ticks at once, as in `rests`.
+
+        An arm that can be told to stop so much later can be told to at any time before, so what
+        this proves answers `rests` as well.
+        """
+        scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
+        later = self.looks_ahead - self._response_time
+        if scheduler.is_stop_proved(
+            tick._replace(time=tick.time + later, stop_time=tick.late_stop_time)
+        ):
+            return True
+        horizons = (self.looks_ahead + self._proving, self.looks_ahead)
+        for horizon in horizons if self._proving > 0.0 else horizons[1:]:
+            left = self.left
+            table = braking.tabulate(tick.q, tick.v, tick.arm_age, horizon)
+            if self._is_free(tick, float(table.time[-1]), horizon - self._response_time, later):
+                return True
+            if horizon > self.looks_ahead:
+                self.left = left
+        return False
+
+    def _is_free(
+        self, tick: Tick, stop_time: float, lasting: float = -1.0, until: float = 0.0
+    ) -> bool:
+        unsafe = self._scheduler.find_unsafe(tick, stop_time, lasting=lasting, until=until)
         self.evaluated += unsafe.evaluated
         self.left = max(self.left, unsafe.left)
         return unsafe.pair == NOBODY

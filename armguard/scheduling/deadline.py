@@ -256,7 +256,13 @@ class DeadlineScheduler:
         return row == NOBODY
 
     def find_unsafe(
-        self, tick: Tick, stop_time: float, *, remembers: bool = True, lasting: float = -1.0
+        self,
+        tick: Tick,
+        stop_time: float,
+        *,
+        remembers: bool = True,
+        lasting: float = -1.0,
+        until: float = 0.0,
     ) -> Unsafe:
         """A pair that might touch before the arm rests, if there is one."""
         self._place(tick)
@@ -269,6 +275,7 @@ class DeadlineScheduler:
             tick.arm_age,
             stop_time,
             lasting,
+            until,
             self._last_offender,
             self._budget,
             self._candidates,
@@ -372,7 +379,7 @@ class DeadlineScheduler:
             evaluate_due, handle, scene, True, 0, 0.0, 0.0, 0, 0.0, 0.0
         )
         self._find_unsafe = machine_code(
-            find_unsafe, handle, scene, 0.0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0, self._candidates
+            find_unsafe, handle, scene, 0.0, 0.0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, self._candidates
         )
         self._find_unproved = machine_code(find_unproved, handle, 0.0, 0.0, self._candidates)
 

@@ -597,6 +597,7 @@ def find_unsafe(
     arm_age: float,
     stop_time: float,
     lasting: float,
+    until: float,
     last_offender: int,
     budget: int,
     rows: IntArray,
@@ -620,8 +621,10 @@ def find_unsafe(
         arm_age: Age of the joint state, in [s].
         stop_time: When the table of braking ends, in [s].
         lasting: By how much later than in this tick the arm may be told to stop, as far as the
-            table is concerned, in [s]. What was proved earlier of a STOP in this tick is not asked
-            again; -1 if the table is of something else, and no proof of a STOP answers it.
+            table is concerned, in [s]; -1 if the table is of something else, and no proof of a STOP
+            answers it.
+        until: By how much later it is to be told, in [s], at most `lasting`: what was proved
+            earlier of a STOP that comes so late is not asked again.
         last_offender: Pair to decide about first if it is as near, row × links + link: what was
             unsafe lately likely is again.
         budget: Evaluations that may be spent.
@@ -648,7 +651,7 @@ def find_unsafe(
     # Invariant: rows before the present one are out of the way of a stop, but for doubtful ones.
     for i in range(count):
         row = rows[i]
-        if lasting >= 0.0 and _is_proved(scene, certificates, row, time):
+        if lasting >= 0.0 and _is_proved(scene, certificates, row, time + until):
             continue
         rests = True
         for number in range(links):

@@ -178,7 +178,13 @@ class PairScheduler:
         return False
 
     def find_unsafe(
-        self, tick: Tick, stop_time: float, *, remembers: bool = True, lasting: float = -1.0
+        self,
+        tick: Tick,
+        stop_time: float,
+        *,
+        remembers: bool = True,
+        lasting: float = -1.0,
+        until: float = 0.0,
     ) -> Unsafe:
         """A pair that might touch before the arm rests; all pairs that are near are evaluated."""
         near = self.near_pairs(tick, stop_time)

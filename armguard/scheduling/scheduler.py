@@ -200,7 +200,13 @@ class Scheduler(Protocol):
         ...
 
     def find_unsafe(
-        self, tick: Tick, stop_time: float, *, remembers: bool = True, lasting: float = -1.0
+        self,
+        tick: Tick,
+        stop_time: float,
+        *,
+        remembers: bool = True,
+        lasting: float = -1.0,
+        until: float = 0.0,
     ) -> Unsafe:
         """A pair that might touch before the arm rests, if there is one.
 
@@ -210,7 +216,7 @@ class Scheduler(Protocol):
 
         A `lasting` of 0 or more, in [s], says that the table is that of an arm that is told to stop
         at any time from this tick until so much later. Then what was proved of earlier tables for
-        long enough need not be asked again.
+        all that comes `until` so much later, in [s], need not be asked again.
         """
         ...
 

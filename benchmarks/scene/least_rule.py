@@ -24,9 +24,6 @@ from scene.stop_rules import Moment, Rule
 STEP = 4e-3
 """Between instants at which a touch is looked for, in [s]; those between are left out."""
 
-SHARES = 5
-"""Ways between going straight on and turning on the arm, of which each is tried."""
-
 
 class LeastRule(Rule):
     """Says STOP only where it must."""
@@ -87,11 +84,10 @@ class LeastRule(Rule):
 def can_touch(centers, radius, moving, ends, velocities, radii, ages, bounds):  # type: ignore[no-untyped-def]
     """Whether a body can be where a moving sphere is, so long after it was seen.
 
-    What is tried is possible: one end of a body turns to a velocity by the whole acceleration and
-    keeps that, and velocities and accelerations within bounds are convex sets, so that whatever
-    lies between two such motions is possible, too.
+    Each end of a body turns by its whole acceleration to a velocity that its speed allows, and
+    keeps that. Its velocity changes straight towards the sphere, and so that is how far it gets
+    from where it would have drifted to; by less, if it likes, since its bounds are convex.
     """
-    reached = np.empty((2, 3))
     for body in range(ends.shape[0]):
         age, accel, speed = ages[body], bounds[body, 0], bounds[body, 1]
         if age == math.inf:
@@ -102,28 +98,17 @@ def can_touch(centers, radius, moving, ends, velocities, radii, ages, bounds):  
                 continue
             x, y, z = centers[i]
             dx, dy, dz, distance = nearest_on_segment(x, y, z, drift)
-            reach = radius[i] + radii[body]
-            if distance <= reach:
+            room = distance - radius[i] - radii[body]
+            if room <= 0.0:
                 return True
-            if distance > reach + 2.0 * speed * age:
-                continue
-            # Towards the sphere, as fast as may be.
+            gain = math.inf
             for end in range(2):
-                wx, wy, wz = -dx, -dy, -dz
-                size = math.sqrt(wx * wx + wy * wy + wz * wz)
-                wx, wy, wz = wx * speed / size, wy * speed / size, wz * speed / size
                 vx, vy, vz = velocities[body, end]
-                ux, uy, uz = wx - vx, wy - vy, wz - vz
-                change = math.sqrt(ux * ux + uy * uy + uz * uz)
-                turning = min(age, change / accel)
-                gain = accel * turning * (age - 0.5 * turning) / max(change, 1e-12)
-                reached[end, 0] = ends[body, end, 0] + vx * age + gain * ux
-                reached[end, 1] = ends[body, end, 1] + vy * age + gain * uy
-                reached[end, 2] = ends[body, end, 2] + vz * age + gain * uz
-            for share in range(1, SHARES + 1):
-                part = share / SHARES
-                between = drift + part * (reached - drift)
-                _, _, _, distance = nearest_on_segment(x, y, z, between)
-                if distance <= reach:
-                    return True
+                towards = -(vx * dx + vy * dy + vz * dz) / distance
+                square = vx * vx + vy * vy + vz * vz
+                change = math.sqrt(max(towards**2 + speed**2 - square, 0.0)) - towards
+                turning = min(age, max(change, 0.0) / accel)
+                gain = min(gain, accel * turning * (age - 0.5 * turning))
+            if room <= gain:
+                return True
     return False

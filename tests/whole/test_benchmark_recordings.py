@@ -143,7 +143,8 @@ def test_what_could_touch_is_no_later_than_a_contact_time_says(load):
     random, could = np.random.default_rng(3), load("scene.least_rule").can_touch
     moving, radius, gaps = np.ones(1, bool), np.array([0.1]), []
     for _ in range(400):
-        place = random.normal(size=3) * random.uniform(0.2, 2.0)
+        place = random.normal(size=3)
+        place *= random.uniform(0.3, 1.5) / np.linalg.norm(place)
         velocity = random.normal(size=3)
         velocity *= random.uniform(0.0, 2.0) / np.linalg.norm(velocity)
         bound = earliest_contact_pair(

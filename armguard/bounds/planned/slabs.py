@@ -231,10 +231,21 @@ def _widen_speeds(
     The least of what is stated, what follows from staying within the deviation, and what follows
     from the measured velocity.
     """
-    # What was measured says nothing of an arm that keeps to a pace, and may have been faster.
-    error = limits.velocity_error if clock.pace == 1.0 else np.full_like(plan.deviation, np.inf)
+    measured, error = plan.measured_v, limits.velocity_error
+    if clock.pace < 1.0:
+        # One that was measured to be faster than its pace counts as if it were so fast: for one
+        # that is not, the velocity nearest to the measured one is no farther from the true one.
+        off = np.empty_like(measured)
+        fill_deviation_speed(
+            plan.deviation, plan.acceleration, plan.velocity_deviation, clock.followed, off
+        )
+        kept = np.clip(measured, slowest[0] - off, fastest[0] + off)
+        if clock.age < 0.0:
+            # It was measured later than that, when it may have had any pace.
+            error = error + np.abs(measured - kept)
+        measured = kept
     _widen_all(
-        plan.deviation, plan.acceleration, plan.velocity_deviation, plan.measured_v, error,
+        plan.deviation, plan.acceleration, plan.velocity_deviation, measured, error,
         limits.acceleration, clock.followed, clock.age, nodes, slowest, fastest,
     )  # fmt: skip
 

@@ -106,16 +106,14 @@ def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders, pace
             checked = checked._replace(acceleration=2.0 * robot.acceleration_limit)
         for arm in range(30):
             off = random.choice([-1.0, 0.0, 1.0], len(limits.lower)) * robot.velocity_error
-            # One that is to keep to a pace may be measured at any velocity.
-            velocity = follower.v[seen, arm] if pace == 1.0 else random.uniform(-1.0, 1.0, len(off))
-            measured = checked._replace(measured_v=velocity + off)
+            measured = checked._replace(measured_v=follower.v[seen, arm] + off)
             clock = PathClock(follower.along[seen, arm], age, not wanders, 0.0, pace)
             slabs = make_stop_slabs(measured, limits, clock, BITE, on_path=False)
             assert slabs.end[-1] + STEP >= follower.resting[arm] - now
             time = follower.time - now
             most.append(find_most(slabs, time, follower.q[:, arm], slabs.end[-1]))
     assert max(most) <= 1.0
-    assert max(most) > 0.97
+    assert max(most) > (0.97 if pace == 1.0 else 0.9)
 
 
 @pytest.mark.parametrize("wanders", [False, True])
