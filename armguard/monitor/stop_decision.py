@@ -145,7 +145,8 @@ class StopDecision:
         """Whether an arm at any speed rests in time; proved for some ticks at once, as in `rests`.
 
         An arm that can be told to stop so much later can be told to at any time before, so what
-        this proves answers `rests` as well.
+        this proves answers `rests` as well: unless brakes are not stated for what joints can do by
+        then, since the table of such a stop proves nothing.
         """
         scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
         later = self.looks_ahead - self._response_time
@@ -153,15 +154,17 @@ class StopDecision:
             tick._replace(time=tick.time + later, stop_time=tick.late_stop_time)
         ):
             return True
-        horizons = (self.looks_ahead + self._proving, self.looks_ahead)
-        for horizon in horizons if self._proving > 0.0 else horizons[1:]:
+        q, v, age = tick.q, tick.v, tick.arm_age
+        longest = self.looks_ahead + self._proving
+        if self._proving > 0.0 and braking.covers(v, age, longest):
             left = self.left
-            table = braking.tabulate(tick.q, tick.v, tick.arm_age, horizon)
-            if self._is_free(tick, float(table.time[-1]), horizon - self._response_time, later):
+            table = braking.tabulate(q, v, age, longest)
+            if self._is_free(tick, float(table.time[-1]), later + self._proving, later):
                 return True
-            if horizon > self.looks_ahead:
-                self.left = left
-        return False
+            self.left = left
+        table = braking.tabulate(q, v, age, self.looks_ahead)
+        lasting = later if braking.covers(v, age, self.looks_ahead) else -1.0
+        return self._is_free(tick, float(table.time[-1]), lasting, later)
 
     def _is_free(
         self, tick: Tick, stop_time: float, lasting: float = -1.0, until: float = 0.0

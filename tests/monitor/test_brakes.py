@@ -115,6 +115,26 @@ def test_no_scale_that_promises_something_exceeds_the_range():
     assert not any(UNBRAKED in kinds(verdict) for verdict in glided)
 
 
+def test_no_proof_that_lasts_counts_with_brakes_beyond_their_range():
+    """What may be too fast by then proves nothing, though it may be told to stop in this tick."""
+    proved = {}
+    for below in (1e-3, 1.0):
+        speed = RANGE - 0.02 - 15.0 * (PERIOD + 0.002 + 0.02) - below
+        for distance in np.arange(0.7, 1.8, 0.05):
+            obstacles, monitor = make_ranged(obstacles=Obstacles(speed=1.0), slow_margin=1.0)
+            see(obstacles, 0.0, [distance, 0.0, 0.5], ["post"])
+            monitor.step(0.0, HOME, moving(speed))
+            scheduler, (tick, *_) = monitor._scheduler, monitor._last
+            until = scheduler.certificates.rests_until[obstacles.row("post")]
+            lasting = until - tick.time
+            if lasting > 0.0:
+                proved[below] = max(proved.get(below, 0.0), lasting)
+                braking = scheduler.arm.motion.braking
+                assert braking.covers(tick.v, 0.0, PERIOD + 0.002 + lasting - 1e-9)
+    assert 1e-3 not in proved
+    assert proved[1.0] > 0.02
+
+
 def test_by_free_bodies_the_scale_is_what_rests_in_time_by_the_table():
     found = set()
     for distance in np.arange(1.5, 12.0, 0.5):
