@@ -342,6 +342,9 @@ class Judge:
         if self._stopping is not None:
             self._find_most_scale(self._stopping)
             self._stopping.covers(tick)
+            # Where nothing is near, neither stops nor scales have to be asked for.
+            self._scheduler.arm.motion.braking.tabulate(tick.q, tick.v, 0.0, 0.0, pace=0.5)
+            self._scheduler.find_unsafe(tick, 0.0)
             self._stopping.find_scale(tick)
             self._stopping.reset()
         if self.path is not None:
