@@ -97,9 +97,10 @@ class StopDecision:
         brakes, and surely rests before contact if the next verdict after that tells it to stop. A
         faster one is to slow down; whether it has to stop, is what the level says.
 
-        Whatever this returns was proved in this very tick. The search begins where the last one
-        ended, so a tick takes one question, and one more now and then whether a higher scale would
-        do; only where the last scale is safe no more, it is a bisection.
+        What this returns below the whole was proved in this very tick; the whole may rest on a
+        proof of an earlier one that lasts. The search begins where the last one ended, so a tick
+        takes one question, and one more now and then whether a higher scale would do; only where
+        the last scale is safe no more, it is a bisection.
         """
         found = self._found
         if tick.number != self._asked_in + 1:

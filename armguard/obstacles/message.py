@@ -117,7 +117,7 @@ class MessageMemory:
             places[1][:] = velocities
 
     def read_samples(self, count: int, each: int, *numbers: float) -> Samples:
-        """The message that was read, for who is told of it; arrays that the next one overwrites.
+        """The message that was read, for a journal; the next one overwrites its arrays.
 
         Args:
             count: Of its samples.
