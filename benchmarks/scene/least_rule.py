@@ -2,9 +2,9 @@
 
 It knows to the micrometre how the arm goes on and how it stops, has no errors, and says STOP only
 where a person who moves on from what was measured of them, within the bounds, could touch a link
-that moves. A rule that says go on then is right by luck alone. So what stops less than this is not right for
-all that people may do, whatever it knows of the arm; and what armguard stops more is what its
-errors and its bounds on the arm cost.
+that moves. A rule that says go on then is right by luck alone. So what stops less than this is not
+right for all that people may do, whatever it knows of the arm; and what armguard stops more is what
+its errors and its bounds on the arm cost.
 """
 
 from __future__ import annotations
