@@ -24,6 +24,10 @@ STEP = 1.0 / 32.0
 RAISE_PAUSE = 10e-3
 """How long after a higher scale was found unsafe none is tried, in [s]."""
 
+LONGEST_PROMISE = 30e-3
+"""For how long a scale promises that the arm may go on, at most, in [s]: by its delays alone a slow
+brake would make a promise that leaves no speed wherever a person is near (docs/usefulness.md)."""
+
 PROVING = 10e-3
 """For how long the proof that a STOP is in time should last, [s]: longer is proved of less."""
 
@@ -52,7 +56,7 @@ class StopDecision:
         self._proving = PROVING if response_time < 0.5 * PROVING else 0.0
         """For how long a STOP is proved to be in time, in [s]; 0: for the tick at hand."""
         self.braking_delay = response_time + reaction_time
-        self.looks_ahead = response_time + self.braking_delay
+        self.looks_ahead = response_time + min(self.braking_delay, LONGEST_PROMISE)
         self.reset()
 
     def reset(self) -> None:
@@ -94,8 +98,9 @@ class StopDecision:
         Of an arm on a known path it is its clock that is scaled, and `is_free` that is asked.
 
         An arm whose joints are no faster may go on so for as long as a STOP takes to reach the
-        brakes, and surely rests before contact if the next verdict after that tells it to stop. A
-        faster one is to slow down; whether it has to stop, is what the level says.
+        brakes, at most `LONGEST_PROMISE`, and surely rests before contact if the next verdict
+        after that tells it to stop. A faster one is to slow down; whether it has to stop, is what
+        the level says.
 
         What this returns below the whole was proved in this very tick; the whole may rest on a
         proof of an earlier one that lasts. The search begins where the last one ended, so a tick
