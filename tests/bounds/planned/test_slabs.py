@@ -1,3 +1,10 @@
+"""Joints that leave a known path as they like, against the boxes that bound them.
+
+ARMGUARD_MOTIONS sets how many joint motions are tried in all; a million take an hour.
+"""
+
+import os
+
 import numpy as np
 import pytest
 
@@ -11,6 +18,10 @@ from support.plan_cases import Follower, Hermite, Waves, make_plan
 
 BITE = 0.1
 """When brakes bite at the latest, in [s]."""
+
+USUAL_MOTIONS = 80_000
+MORE = max(1, round(int(os.environ.get("ARMGUARD_MOTIONS", "0")) / USUAL_MOTIONS))
+"""Times as many as usual."""
 
 
 @pytest.fixture(scope="module", params=["panda", "kinova", "tiago"])
@@ -53,7 +64,7 @@ def find_most(slabs, time, q, until):
 
 def test_joints_stay_in_the_slabs_of_their_piece_until_they_rest(robot):
     random, limits, most = np.random.default_rng(1), read_limits(robot), []
-    for _ in range(20):
+    for _ in range(20 * MORE):
         waves, plan = draw_plan(robot, random)
         now = STEP * random.integers(-30, 40)
         follower = Follower(robot, waves, plan, random, 30, now - 0.01, max(now, 0.0))
@@ -92,7 +103,7 @@ def test_until_a_piece_begins_joints_are_on_those_before(robot):
 @pytest.mark.parametrize(("wanders", "pace"), [(False, 1.0), (True, 1.0), (True, 0.5), (True, 0.1)])
 def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders, pace):
     random, limits, most = np.random.default_rng(3), read_limits(robot), []
-    for _ in range(15):
+    for _ in range(15 * MORE):
         waves, plan = draw_plan(robot, random)
         now, age = STEP * random.integers(40, 80), STEP * random.integers(0, 10)
         follower = Follower(
@@ -119,7 +130,7 @@ def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders, pace
 @pytest.mark.parametrize("wanders", [False, True])
 def test_an_arm_that_stops_on_its_path_stays_in_the_slabs(robot, wanders):
     random, limits, most, stops = np.random.default_rng(4), read_limits(robot), [], 0
-    for _ in range(25):
+    for _ in range(25 * MORE):
         waves, plan = draw_plan(robot, random, speed=0.3, share=0.1)
         now = STEP * random.integers(40, 80)
         # It goes on beyond what is looked at here, so no joint's own stop is in the way.
