@@ -65,18 +65,28 @@ class CommittedPieces:
         scheduler: Knows the pairs.
         latency: Until an answer is obeyed, in [s].
         margin: Distance that counts as contact already, in [m].
+        may_leave: Whether joints may leave a piece at any moment, to brake by themselves.
 
     Attributes:
         is_proved: Whether the arm is on a piece, and nothing can touch it until it rests.
         evaluated: Evaluations, since it was set to 0.
     """
 
-    def __init__(self, robot: Robot, scheduler: Scheduler, latency: float, margin: float) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        scheduler: Scheduler,
+        latency: float,
+        margin: float,
+        *,
+        may_leave: bool,
+    ) -> None:
         self.evaluated = 0
         self._robot = robot
         self._scheduler = scheduler
         self._latency = latency
         self._margin = margin
+        self._may_leave = may_leave
         self.reset()
         self._has_changed(self._remember())
 
@@ -112,11 +122,15 @@ class CommittedPieces:
             return refuse_plan(*refusal)
         going_on = kept
         # One at whose every place the arm is on the new piece, too, need not be kept; but one that
-        # has not begun is kept for what the arm may do until then.
+        # has not begun is kept for what the arm may do until then, and so is one that it may leave
+        # before the new one begins.
+        may_leave_first = self._may_leave and checked.stamp > now
         kept = [
             piece
             for piece in kept
-            if piece.plan.stamp > now or not is_covered(piece.plan, checked, robot, first)
+            if may_leave_first
+            or piece.plan.stamp > now
+            or not is_covered(piece.plan, checked, robot, first)
         ]
         if len(kept) >= MOST_PIECES:
             # On one that has come to its end the arm rests, and a resting arm touches nothing: to
@@ -126,7 +140,9 @@ class CommittedPieces:
             detail = f"is the {MOST_PIECES + 1}th that the arm may be on: commit less often"
             return refuse_plan("plan", detail)
         before = tuple(piece.plan for piece in going_on)
-        course = self._planned_motion().lay_out(checked, before)
+        course = self._lay_out(checked, before)
+        if isinstance(course, Refusal):
+            return refuse_plan(*course)
         contact = self._find_contact(course, tick)
         if contact is not None:
             return contact
@@ -164,9 +180,12 @@ class CommittedPieces:
         if motion is not self._motion:
             # Another tool: the same way, swept by other spheres.
             self._motion, disturbed = motion, True
-            self._pieces = [
-                piece._replace(course=motion.lay_out(piece.plan, piece.before)) for piece in kept
-            ]
+            for k, piece in enumerate(kept):
+                course = self._lay_out(piece.plan, piece.before)
+                if isinstance(course, Refusal):
+                    self.reset()
+                    return Reason(ReasonKind.PIECE_UNSAFE, *course)
+                self._pieces[k] = piece._replace(course=course)
         for k, piece in enumerate(self._pieces):
             if not disturbed and not self._has_changed(piece.known):
                 continue
@@ -195,6 +214,23 @@ class CommittedPieces:
         motion = self._scheduler.arm.motion.planned
         assert motion is not None, "a monitor commits to plans only where it bounds them"
         return motion
+
+    def _lay_out(
+        self, plan: CheckedPlan, before: tuple[CheckedPlan, ...]
+    ) -> PlannedCourse | Refusal:
+        """Where the arm can be from when a piece was checked until it rests."""
+        motion = self._planned_motion()
+        if not self._may_leave:
+            return motion.lay_out(plan, before)
+        course = motion.lay_out_left(plan, before)
+        if course is not None:
+            return course
+        if plan.stamp > plan.now and not before:
+            detail = (
+                f"begins in {plan.stamp - plan.now:.4g} s: until then no brakes are known of it"
+            )
+            return Refusal("plan", detail)
+        return Refusal("plan", "may be left faster than the brakes are stated for")
 
     def _find_contact(self, course: PlannedCourse, tick: Tick) -> PlanVerdict | None:
         """What could touch the arm on what is left of a piece; None if nothing can.

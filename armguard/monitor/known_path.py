@@ -32,7 +32,9 @@ class KnownPath:
         self._scheduler = scheduler
         self._on_path = settings.stop == "path"
         margin, latency = settings.margin, settings.latency
-        self._pieces = CommittedPieces(robot, scheduler, latency, margin)
+        self._pieces = CommittedPieces(
+            robot, scheduler, latency, margin, may_leave=settings.leave == "any"
+        )
         self._trajectory = FollowedTrajectory(
             robot,
             scheduler,

@@ -74,6 +74,10 @@ class Monitor:
         stop: How an arm that follows a trajectory stops, for motion="planned": "joints", each by
             itself from a moment of its own, or "path", together and on the path. The same goes for
             what `with_stop` appends.
+        leave: Whether joints may leave a committed piece on the way, for motion="planned": "never",
+            or at "any" moment, each at its own, to brake by itself, as at an emergency stop or
+            without power. What is committed is then proved safe for that, too, and refused more
+            often.
         ignore: Pairs not to be watched, as (link, pattern of obstacle ids); "*" is any. A pattern
             that has fitted no obstacle yet is a STOP that names it. With a third element, the name
             of one of the obstacles' sources, only what that source reports is ignored, and may come
@@ -121,6 +125,7 @@ class Monitor:
         schedule: str | Schedule = "deadline",
         motion: str = "joint",
         stop: str = "joints",
+        leave: str = "never",
         ignore: Iterable[Sequence[str]] = (),
         reaction_time: float = 0.02,
         latency: float = 0.002,
@@ -146,6 +151,7 @@ class Monitor:
             schedule=schedule,
             motion=motion,
             stop=stop,
+            leave=leave,
             joint_timeout=joint_timeout,
             max_staleness=max_staleness,
             budget=budget,
@@ -342,7 +348,7 @@ class Monitor:
         followed, and nothing new is seen, it stays safe without a further look; what it may not
         allow for judges it anew, in that tick, and a STOP says by `stop` whether to finish it or to
         leave it. An arm that brakes joint by joint on the way, at an emergency stop or without
-        power, is not on its piece any more, and that is not covered.
+        power, is not on its piece any more: that is covered with `leave="any"` only.
 
         Judged on what the last step saw, so commit after a step: where something is not as it was
         then, or was not as it should be, the piece is refused and the reason told. Nothing in a

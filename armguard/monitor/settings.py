@@ -25,6 +25,9 @@ from armguard.scheduling.scheduler import Scheduler
 STOPS = ("joints", "path")
 """How an arm stops that follows a trajectory: each joint by itself, or all of them on the path."""
 
+LEAVES = ("never", "any")
+"""When joints may leave a committed piece to brake by themselves: never, or at any moment."""
+
 MOST_EVALUATIONS = 2**62
 """A budget that nothing exceeds."""
 
@@ -40,6 +43,8 @@ class MonitorSettings(NamedTuple):
     """One of `MOTIONS`."""
     stop: str
     """One of `STOPS`."""
+    leave: str
+    """One of `LEAVES`."""
     reaction_time: float
     latency: float
     slow_margin: float
@@ -85,6 +90,7 @@ def read_settings(
     schedule: str | Schedule,
     motion: str,
     stop: str = "joints",
+    leave: str = "never",
     joint_timeout: float | None,
     max_staleness: float,
     budget: int | None,
@@ -130,6 +136,12 @@ def read_settings(
         raise ArmguardError(
             "stop", f"is {stop!r}", expected='"joints" unless motion="planned" tells the path'
         )
+    if not (isinstance(leave, str) and leave in LEAVES):
+        raise ArmguardError("leave", f"is {leave!r}", expected=f"one of {', '.join(LEAVES)}")
+    if leave != "never" and motion != PLANNED:
+        raise ArmguardError(
+            "leave", f"is {leave!r}", expected='"never" unless motion="planned" tells the path'
+        )
     by_deadline = isinstance(schedule, str) and schedule == DEADLINE
     numbers: dict[str, Any] = {name: float(amount) for name, amount in amounts.items()}
     return MonitorSettings(
@@ -137,6 +149,7 @@ def read_settings(
         schedule=None if by_deadline else make_schedule(schedule, period),
         motion=motion,
         stop=stop,
+        leave=leave,
         max_staleness=float(max_staleness),
         budget=_read_budget(budget, by_deadline=by_deadline),
         base_placement=base_placement or pinocchio.SE3.Identity(),

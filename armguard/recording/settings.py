@@ -37,7 +37,7 @@ _PLAIN = (
 )
 """Settings of a monitor that are one number each."""
 
-_WORDS = ("motion", "stop")
+_WORDS = ("motion", "stop", "leave")
 
 
 def describe_settings(monitor: Monitor) -> dict[str, Any]:

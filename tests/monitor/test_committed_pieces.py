@@ -75,6 +75,59 @@ def test_a_piece_that_nothing_can_come_near_is_safe():
     assert monitor.commit(make_plan()).safe
 
 
+def make_sharp_turn():
+    """Out by the first joint, sharply round, harder than brakes would, and gently to rest."""
+    rates, lasting = [5.0, -11.0, 2.0], [0.15, 0.0955, 0.15]
+    times, angle, pace = [0.0], [0.0], [0.0]
+    for rate, whole in zip(rates, lasting, strict=True):
+        for dt in np.diff(np.linspace(0.0, whole, 11)):
+            angle.append(angle[-1] + pace[-1] * dt + 0.5 * rate * dt * dt)
+            pace.append(pace[-1] + rate * dt)
+            times.append(times[-1] + dt)
+    pace[-1] = 0.0
+    q, v = np.tile(HOME, (len(times), 1)), np.zeros((len(times), 7))
+    q[:, 0] += angle
+    v[:, 0] = pace
+    return Plan(0.0, np.array(times), q, v, np.full(7, ERROR), np.full(7, SPEED_ERROR))
+
+
+def test_a_piece_that_may_be_left_allows_for_brakes_on_the_way():
+    plan = make_sharp_turn()
+    fastest = int(np.argmax(plan.v[:, 0]))
+    brake = panda().braking_deceleration[0]
+    lasting = plan.v[fastest, 0] / brake
+    times = np.linspace(0.0, lasting, 41)
+    q = np.tile(plan.q[fastest], (41, 1))
+    q[:, 0] += plan.v[fastest, 0] * times - 0.5 * brake * times**2
+    left = plan._replace(times=times, q=q)
+    told = []
+    for bearing in np.linspace(0.40, 0.56, 9):
+        safe = []
+        for leave in ("never", "any"):
+            obstacles, monitor = make_monitor(motion="planned", leave=leave)
+            place = put_post(obstacles, bearing, distance=0.42)
+            monitor.step(0.0, HOME, STILL)
+            safe.append(monitor.commit(plan).safe)
+        touches = first_touch(left, place, 0.03) < math.inf
+        assert not (safe[1] and (touches or not safe[0]))
+        told.append((*safe, touches))
+    # Somewhere an arm that is braked on the way touches what it would not reach on its piece.
+    assert (True, False, True) in told
+    assert (True, True, False) in told
+
+
+def test_a_piece_that_may_be_left_does_not_begin_out_of_nothing():
+    _, monitor = start(leave="any")
+    answer = monitor.commit(make_plan(stamp=0.02))
+    assert not answer.safe
+    assert "begins in 0.02 s" in answer.reasons[0].detail
+    assert monitor.commit(make_plan()).safe
+    later = make_plan()
+    again = later._replace(stamp=0.02, times=later.times[2:] - 0.02, q=later.q[2:], v=later.v[2:])
+    assert monitor.commit(again).safe
+    assert len(monitor._judge.path._pieces._pieces) == 2, "it may leave the first one until then"
+
+
 def first_touch(plan, place, radius):
     """When the arm's true geometry first touches a ball on its way along a plan, in [s]; or inf."""
     model, shapes = panda().model, pinocchio.GeometryModel()

@@ -151,6 +151,7 @@ class MonitorTable(_Table, frozen=True, kw_only=True):
     schedule: Name | UnsetType = UNSET
     motion: Name | UnsetType = UNSET
     stop: Name | UnsetType = UNSET
+    leave: Name | UnsetType = UNSET
     max_staleness: Annotated[float, Meta(ge=0.0, lt=1.0)] | UnsetType = UNSET
     budget: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
 

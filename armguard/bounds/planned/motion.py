@@ -28,6 +28,7 @@ from armguard.bounds.planned.slabs import (
     JointSlabs,
     PathClock,
     find_settling,
+    make_left_piece_slabs,
     make_piece_slabs,
     make_stop_slabs,
 )
@@ -106,6 +107,29 @@ class PlannedMotion:
         for one in (plan, *before):
             self._check(one)
         return self._place(plan.now, make_piece_slabs(plan, self._limits, before))
+
+    def lay_out_left(
+        self, plan: CheckedPlan, before: Sequence[CheckedPlan] = ()
+    ) -> PlannedCourse | None:
+        """The same of a piece that joints may leave, each at any moment, to brake by themselves.
+
+        An arm that leaves one of the pieces before is on the course of that one.
+
+        Args:
+            plan: What `armguard.bounds.check_plan` found to be in order for this robot.
+            before: Pieces that the arm may be following until this one begins.
+
+        Returns:
+            None where a joint may be faster than its brakes are stated for, and where the piece is
+            yet to begin and follows none.
+
+        Raises:
+            ArmguardError: A plan was not checked, or for a robot with other joints.
+        """
+        for one in (plan, *before):
+            self._check(one)
+        slabs = make_left_piece_slabs(plan, self._limits, before)
+        return None if slabs is None else self._place(plan.now, slabs)
 
     def lay_out_stop(
         self, plan: CheckedPlan, clock: PathClock, latest_bite: float, *, on_path: bool
@@ -273,6 +297,7 @@ class PlannedMotion:
         check_path_stop(plan, robot, self.brakes)
         self.lay_out(plan._replace(now=-0.1), [plan])
         course = self.lay_out(plan._replace(now=-0.1))
+        self.lay_out_left(plan)
         marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 4))
         none = np.zeros(0, dtype=np.int64)
         self.contact_time(course, none, 0.0, 0.0, make_states(0), make_states(0), marks)

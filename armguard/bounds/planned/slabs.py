@@ -2,7 +2,8 @@
 
 *A piece that carries its own stop* is followed to its end, where the arm rests: joints are on its
 curve, give or take their deviation. Until it begins they are on the pieces that the arm may be
-following, or free within their limits where there is none.
+following, or free within their limits where there is none. If the arm may leave it, each joint is
+on it until a time of its own, at any moment, and brakes by itself from then on.
 
 *A trajectory* is followed until brakes bite, at any time from now until the latest. From then on
 either each joint brakes by itself, having left the trajectory at a time of its own, or all of them
@@ -83,20 +84,61 @@ def make_piece_slabs(
     begin, last = max(-lead, 0.0), float(plan.times[-1])
     parts = []
     if lead > 0.0:
-        nodes = np.linspace(0.0, lead, WAITING_SLABS + 1)
-        if before:
-            boxes = [_follow(one, nodes + (plan.now - one.stamp)) for one in before]
-            low = np.min([box[0] for box in boxes], axis=0)
-            high = np.max([box[1] for box in boxes], axis=0)
-        else:
-            low, high = _spread(plan, limits, nodes)
-        parts.append((nodes, low, high))
+        parts.append(_wait(plan, limits, before, lead))
     count = min(max(int(np.ceil((last - begin) / SLAB)), 1), MOST_CURVE_SLABS)
     settled = find_settling(plan, limits, math.inf)
     nodes = np.append(np.linspace(begin, last, count + 1), last + settled)
     low, high, _, _ = _follow(plan, nodes)
     parts.append((nodes - begin, low, high))
     return _join(parts, limits)
+
+
+def make_left_piece_slabs(
+    plan: CheckedPlan, limits: JointLimits, before: Sequence[CheckedPlan] = ()
+) -> JointSlabs | None:
+    """The same of a piece that joints may leave, each at any moment, to brake by themselves.
+
+    An arm that leaves one of the pieces before, while it waits for this one to begin, is not in
+    these slabs: it is in those of that piece.
+
+    Args:
+        plan: What the arm follows; it ends at rest.
+        limits: Of the robot that it was checked for.
+        before: What it may be following until the piece begins.
+
+    Returns:
+        None where a joint may be faster than its brakes are stated for, and where the piece is yet
+        to begin and joints are free until then: no brakes are known of those.
+    """
+    lead = plan.stamp - plan.now
+    parts = []
+    if lead > 0.0:
+        if not before:
+            return None
+        parts.append(_wait(plan, limits, before, lead))
+    begin = max(-lead, 0.0)
+    age = max(lead, 0.0) + plan.now - plan.measured_stamp
+    # It need not have been followed before now: how fast joints are off it, is then least known.
+    clock = PathClock(begin - age, age, True, 0.0)
+    # The last moment is when it rests at the end; from then on nothing is left to brake.
+    latest = max(float(plan.times[-1]) - begin, 0.0) + find_settling(plan, limits, math.inf)
+    left = _leave(plan, limits, clock, latest)
+    if left is None:
+        return None
+    return _join([*parts, left], limits)
+
+
+def _wait(
+    plan: CheckedPlan, limits: JointLimits, before: Sequence[CheckedPlan], lead: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Nodes until a piece begins, and least and greatest positions between them."""
+    nodes = np.linspace(0.0, lead, WAITING_SLABS + 1)
+    if not before:
+        return nodes, *_spread(plan, limits, nodes)
+    boxes = [_follow(one, nodes + (plan.now - one.stamp)) for one in before]
+    low = np.min([box[0] for box in boxes], axis=0)
+    high = np.max([box[1] for box in boxes], axis=0)
+    return nodes, low, high
 
 
 def make_stop_slabs(
@@ -116,17 +158,35 @@ def make_stop_slabs(
         None where a joint may be faster than its brakes are stated for, and where the arm is to
         stop on the path, and brakes guarantee no such thing there.
     """
+    if not on_path:
+        left = _leave(plan, limits, clock, latest_bite)
+        return None if left is None else _join([left], limits)
+    slowing = _find_slowing(plan, limits, clock, latest_bite)
+    if not slowing > 0.0:
+        return None
+    rest = clock.pace / slowing + find_settling(plan, limits, clock.followed)
+    nodes = _divide(latest_bite, rest)
+    first, last = _run_clock(clock, slowing, nodes, latest_bite)
+    low, high, _, _ = _fill(plan, first, last)
+    return _join([(nodes, low - plan.deviation, high + plan.deviation)], limits)
+
+
+def _divide(latest_bite: float, rest: float) -> FloatArray:
+    """Nodes until the latest bite, in [s], and from then on until all rest."""
     count = min(max(int(np.ceil(latest_bite / SLAB)), 4), MOST_LEAVING_SLABS)
     nodes = np.linspace(0.0, latest_bite, count + 1)
-    if on_path:
-        slowing = _find_slowing(plan, limits, clock, latest_bite)
-        if not slowing > 0.0:
-            return None
-        rest = clock.pace / slowing + find_settling(plan, limits, clock.followed)
-        nodes = np.concatenate([nodes, latest_bite + np.linspace(0.0, rest, BRAKING_SLABS + 1)[1:]])
-        first, last = _run_clock(clock, slowing, nodes, latest_bite)
-        low, high, _, _ = _fill(plan, first, last)
-        return _join([(nodes, low - plan.deviation, high + plan.deviation)], limits)
+    braking = latest_bite + np.linspace(0.0, rest, BRAKING_SLABS + 1)[1:]
+    return np.concatenate([nodes, braking if rest > 0.0 else []])
+
+
+def _leave(
+    plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Nodes until all rest, and least and greatest positions between them, of joints that leave.
+
+    None where a joint may be faster than its brakes are stated for.
+    """
+    nodes = _divide(latest_bite, 0.0)
     first, last = _run_clock(clock, math.inf, nodes, math.inf)
     low, high, slowest, fastest = _fill(plan, first, last)
     if not clock.is_on_time:
@@ -140,11 +200,11 @@ def make_stop_slabs(
         return None
     rest = _slowest_rest(pace.max(axis=0), limits.brakes)
     rest = max(rest, 1e-6) * (1.0 + SUM_ROUNDING)
-    nodes = np.concatenate([nodes, latest_bite + np.linspace(0.0, rest, BRAKING_SLABS + 1)[1:]])
+    nodes = _divide(latest_bite, rest)
     low_on, high_on = low - plan.deviation, high + plan.deviation
     low, high = np.empty((2, len(nodes) - 1, len(top)))
     _fill_leaving(nodes, low_on, high_on, slowest, fastest, top, limits, low, high)
-    return _join([(nodes, low, high)], limits)
+    return nodes, low, high
 
 
 def find_settling(plan: CheckedPlan, limits: JointLimits, followed: float) -> float:

@@ -10,7 +10,11 @@ import pytest
 
 from armguard.bounds import CheckedPlan, PathClock, Plan, append_stop, check_plan
 from armguard.bounds.limits import read_limits
-from armguard.bounds.planned.slabs import make_piece_slabs, make_stop_slabs
+from armguard.bounds.planned.slabs import (
+    make_left_piece_slabs,
+    make_piece_slabs,
+    make_stop_slabs,
+)
 from armguard.bounds.planned.stop import bound_path_braking
 from support.example_arms import load_holding
 from support.hostile_joints import STEP
@@ -98,6 +102,52 @@ def test_until_a_piece_begins_joints_are_on_those_before(robot):
         middle = 0.5 * (slabs.start + slabs.end)[before] - 0.03
         assert slabs.middle[before] == pytest.approx(waves.position(middle), abs=1e-3)
         assert before.sum() >= 4
+
+
+def test_joints_that_leave_a_piece_when_they_like_stay_in_the_slabs(robot):
+    random, limits, most = np.random.default_rng(6), read_limits(robot), []
+    for _ in range(20 * MORE):
+        waves, plan = draw_plan(robot, random)
+        now = STEP * random.integers(0, 40)
+        follower = Follower(robot, waves, plan, random, 30, now - 0.01, now)
+        follower.brake_joints(max(plan.times[-1] - now, STEP))
+        seen = follower.index(now)
+        checked = check(robot, plan, now)
+        for arm in range(30):
+            off = random.choice([-1.0, 0.0, 1.0], len(limits.lower)) * robot.velocity_error
+            measured = checked._replace(measured_v=follower.v[seen, arm] + off)
+            slabs = make_left_piece_slabs(measured, limits)
+            assert slabs.end[-1] + STEP >= follower.resting[arm] - now
+            time = follower.time - now
+            most.append(find_most(slabs, time, follower.q[:, arm], slabs.end[-1]))
+    assert max(most) <= 1.0
+    assert max(most) > 0.97
+
+
+def test_an_arm_that_leaves_while_it_waits_is_on_the_piece_before():
+    robot, random = load_holding("panda"), np.random.default_rng(7)
+    limits = read_limits(robot)
+    waves, plan = draw_plan(robot, random)
+    times = np.linspace(0.0, 0.2, 41)
+    first = check(robot, make_plan(robot, waves, -0.05, times, plan.tracking_error), now=-0.03)
+    later = check(robot, plan, -0.03, waves.position(-0.03), waves.velocity(-0.03))
+    assert make_left_piece_slabs(later, limits) is None, "joints are free until it begins"
+    waiting = make_left_piece_slabs(later, limits, [first])
+    begun = waiting.start >= 0.03 - 1e-12
+    kept = make_piece_slabs(later, limits, [first])
+    for slabs in (waiting, kept):
+        assert slabs.start[0] == 0.0
+        assert np.array_equal(slabs.start[1:], slabs.end[:-1])
+    assert np.array_equal(waiting.middle[~begun], kept.middle[: (~begun).sum()])
+    assert np.array_equal(waiting.half[~begun], kept.half[: (~begun).sum()])
+    # From then on, slabs that may be left hold those that may not.
+    for k in np.flatnonzero(kept.start >= 0.03 - 1e-12):
+        low, high = kept.middle[k] - kept.half[k], kept.middle[k] + kept.half[k]
+        meets = begun & (waiting.start < kept.end[k]) & (waiting.end > kept.start[k])
+        assert (np.min(waiting.middle - waiting.half, axis=0, where=meets[:, None], initial=9.0)
+                <= low + 1e-9).all()  # fmt: skip
+        assert (np.max(waiting.middle + waiting.half, axis=0, where=meets[:, None], initial=-9.0)
+                >= high - 1e-9).all()  # fmt: skip
 
 
 @pytest.mark.parametrize(("wanders", "pace"), [(False, 1.0), (True, 1.0), (True, 0.5), (True, 0.1)])
