@@ -64,6 +64,8 @@ class FollowedTrajectory:
         reaction_time: From then until brakes bite, in [s].
         margin: Distance that counts as contact already, in [m].
         on_path: Whether the arm stops on its path; else each joint by itself.
+        path_deceleration: How fast such a stop surely slows the path's clock down, in [1]/[s];
+            None: as fast as brakes guarantee.
 
     Attributes:
         evaluated: Evaluations, since it was set to 0.
@@ -80,6 +82,7 @@ class FollowedTrajectory:
         margin: float,
         *,
         on_path: bool,
+        path_deceleration: float | None,
     ) -> None:
         self.evaluated = 0
         self._robot = robot
@@ -89,6 +92,7 @@ class FollowedTrajectory:
         self._reaction_time = reaction_time
         self._margin = margin
         self._on_path = on_path
+        self._path_deceleration = path_deceleration
         self.reset()
 
     def reset(self) -> None:
@@ -123,7 +127,8 @@ class FollowedTrajectory:
         motion = self._planned_motion()
         refusal = self._check_velocities(checked)
         if refusal is None and self._on_path:
-            refusal = check_path_stop(checked, robot, motion.brakes)
+            if self._path_deceleration is None:
+                refusal = check_path_stop(checked, robot, motion.brakes)
             # Brakes may bite at any time, and the error of a stop applies from then on.
             checked = checked._replace(deviation=checked.stop_deviation)
         if refusal is not None:
@@ -145,7 +150,8 @@ class FollowedTrajectory:
         if not self.is_on_time:
             along, checked = max(along, 0.0), self._free_clock(checked)
         # Until it begins, joints may be off it at any speed.
-        new = Trajectory(checked, max(now, checked.stamp), along, *motion.find_path_stop(checked))
+        stopping = motion.find_path_stop(checked, self._path_deceleration)
+        new = Trajectory(checked, max(now, checked.stamp), along, *stopping)
         self._trajectories.append(new)
         self._stamp = max(self._stamp, stamp)
         contact = self._find_contact(tick, self._response_time)
@@ -279,6 +285,7 @@ class FollowedTrajectory:
             max(now - one.since, 0.0),
             pace,
             one.slowing,
+            self._path_deceleration is not None,
         )
         latest = told_after + self._reaction_time
         return self._planned_motion().lay_out_stop(plan, clock, latest, on_path=self._on_path)

@@ -43,6 +43,7 @@ class KnownPath:
             settings.reaction_time,
             margin,
             on_path=self._on_path,
+            path_deceleration=settings.path_deceleration,
         )
 
     @property

@@ -74,6 +74,9 @@ class Monitor:
         stop: How an arm that follows a trajectory stops, for motion="planned": "joints", each by
             itself from a moment of its own, or "path", together and on the path. The same goes for
             what `with_stop` appends.
+        path_deceleration: How fast a stop on the path slows the path's clock down at the least,
+            wherever it begins, by the controller's word, [1/s]: its time is 1 second a second
+            before. For stop="path"; default: what the brakes of all joints guarantee together.
         leave: Whether joints may leave a committed piece on the way, for motion="planned": "never",
             or at "any" moment, each at its own, to brake by itself, as at an emergency stop or
             without power. What is committed is then proved safe for that, too, and refused more
@@ -126,6 +129,7 @@ class Monitor:
         motion: str = "joint",
         stop: str = "joints",
         leave: str = "never",
+        path_deceleration: float | None = None,
         ignore: Iterable[Sequence[str]] = (),
         reaction_time: float = 0.02,
         latency: float = 0.002,
@@ -152,6 +156,7 @@ class Monitor:
             motion=motion,
             stop=stop,
             leave=leave,
+            path_deceleration=path_deceleration,
             joint_timeout=joint_timeout,
             max_staleness=max_staleness,
             budget=budget,

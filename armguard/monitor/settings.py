@@ -45,6 +45,8 @@ class MonitorSettings(NamedTuple):
     """One of `STOPS`."""
     leave: str
     """One of `LEAVES`."""
+    path_deceleration: float | None
+    """Of the clock of an arm that stops on its path, [1/s]; None: what brakes guarantee."""
     reaction_time: float
     latency: float
     slow_margin: float
@@ -91,6 +93,7 @@ def read_settings(
     motion: str,
     stop: str = "joints",
     leave: str = "never",
+    path_deceleration: float | None = None,
     joint_timeout: float | None,
     max_staleness: float,
     budget: int | None,
@@ -142,6 +145,15 @@ def read_settings(
         raise ArmguardError(
             "leave", f"is {leave!r}", expected='"never" unless motion="planned" tells the path'
         )
+    if path_deceleration is not None:
+        if not 0.0 < read_number(path_deceleration) < math.inf:
+            raise ArmguardError(
+                "path_deceleration", f"is {path_deceleration!r}", expected="a finite number above 0"
+            )
+        if stop != "path":
+            raise ArmguardError(
+                "path_deceleration", "is given", expected='stop="path", which alone slows a clock'
+            )
     by_deadline = isinstance(schedule, str) and schedule == DEADLINE
     numbers: dict[str, Any] = {name: float(amount) for name, amount in amounts.items()}
     return MonitorSettings(
@@ -150,6 +162,7 @@ def read_settings(
         motion=motion,
         stop=stop,
         leave=leave,
+        path_deceleration=None if path_deceleration is None else float(path_deceleration),
         max_staleness=float(max_staleness),
         budget=_read_budget(budget, by_deadline=by_deadline),
         base_placement=base_placement or pinocchio.SE3.Identity(),

@@ -54,6 +54,7 @@ def describe_settings(monitor: Monitor) -> dict[str, Any]:
             **{name: getattr(settings, name) for name in _WORDS},
             "schedule": _describe_schedule(settings.schedule),
             "budget": settings.budget,
+            "path_deceleration": settings.path_deceleration,
             "ignore": [list(entry) for entry in settings.ignore],
             "certify": bool(settings.certify),
             "base_placement": {
@@ -144,6 +145,7 @@ def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) ->
         if isinstance(schedule, str)
         else DaaSchedule(float(schedule["period"]), schedule["law"], schedule["sort"]),
         budget=data["budget"],
+        path_deceleration=data["path_deceleration"],
         ignore=[tuple(entry) for entry in data["ignore"]],
         certify=bool(data["certify"]),
         base_placement=pinocchio.SE3(

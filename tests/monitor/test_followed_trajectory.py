@@ -298,6 +298,50 @@ def test_a_stop_on_the_path_is_only_for_a_known_path():
             make_monitor(motion="planned", stop=junk)
 
 
+def test_a_stated_stop_on_the_path_lasts_as_long_as_it_says():
+    for rate in (0.5, 1.0):
+        _, monitor = start(stop="path", path_deceleration=rate)
+        plan = make_plan()
+        assert monitor.follow(plan).safe
+        verdict = run(monitor, plan, 5)[-1]
+        # Period, latency, reaction time; then the clock; then what joints are still off their path.
+        assert 0.0 < verdict.stop_time - (PERIOD + 0.102 + 1.0 / rate) < 0.1
+
+
+def test_a_slower_stated_stop_never_lets_an_arm_go_on():
+    def count(rate):
+        stops = 0
+        for distance in np.linspace(0.7, 2.2, 14):
+            obstacles, monitor = start(stop="path", path_deceleration=rate)
+            plan = make_plan()
+            assert monitor.follow(plan).safe
+            for k in range(1, 40):
+                see(obstacles, PERIOD * k, [distance, 0.5, 0.6], velocity=[[0.0, 0.0, 0.0]])
+                verdict = monitor.step(PERIOD * k, plan.q[k], plan.v[k])
+            stops += verdict.level is Level.STOP
+        return stops
+
+    stops = [count(rate) for rate in (1.0, 3.0, 20.0)]
+    assert stops == sorted(stops, reverse=True)
+    assert stops[0] > stops[-1]
+
+
+def test_a_path_that_brakes_cannot_stop_on_is_followed_where_the_controller_can():
+    wave = 4.0 * np.pi * TIMES / TIMES[-1]
+    bend = make_plan()._replace(
+        q=HOME + 0.02 * np.outer(1.0 - np.cos(wave), TURNS),
+        v=0.02 * 4.0 * np.pi / TIMES[-1] * np.outer(np.sin(wave), TURNS),
+        times=0.48 * TIMES / TIMES[-1],
+    )
+    bend = bend._replace(v=bend.v * TIMES[-1] / 0.48)
+    _, monitor = start(stop="path")
+    refused = monitor.follow(bend)
+    assert not refused.safe
+    assert "no stop on the path" in refused.reasons[0].detail
+    _, monitor = start(stop="path", path_deceleration=5.0)
+    assert monitor.follow(bend).safe
+
+
 def test_more_error_and_more_delay_never_let_an_arm_go_on():
     """Whether it may go on beside a person, at many distances."""
 

@@ -152,6 +152,7 @@ class MonitorTable(_Table, frozen=True, kw_only=True):
     motion: Name | UnsetType = UNSET
     stop: Name | UnsetType = UNSET
     leave: Name | UnsetType = UNSET
+    path_deceleration: Positive | UnsetType = UNSET
     max_staleness: Annotated[float, Meta(ge=0.0, lt=1.0)] | UnsetType = UNSET
     budget: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
 

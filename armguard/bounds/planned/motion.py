@@ -162,17 +162,21 @@ class PlannedMotion:
         """How joints stop under the payload in force."""
         return self._limits.brakes
 
-    def find_path_stop(self, plan: CheckedPlan) -> tuple[float, float]:
+    def find_path_stop(self, plan: CheckedPlan, stated: float | None = None) -> tuple[float, float]:
         """How the arm can be stopped on its path, wherever on it.
 
         Args:
             plan: What `armguard.bounds.check_plan` found to be in order for this robot.
+            stated: How fast a stop surely slows its clock down, by the controller's word, in
+                [1]/[s]; None: what brakes guarantee counts.
 
         Returns:
             How fast its clock can surely be slowed down, in [1]/[s], 0 or less where that is not
             guaranteed; and how long a stop lasts from its beginning until the arm rests, in [s].
         """
         self._check(plan)
+        if stated is not None:
+            return stated, 1.0 / stated + find_settling(plan, self._limits, 0.0)
         braking = find_decelerations(
             self._limits.brakes, find_top_speeds(plan.times, plan.q, plan.v)
         )

@@ -67,7 +67,9 @@ class PathClock(NamedTuple):
     pace: float = 1.0
     """What the pace of a clock of its own does not exceed until brakes bite."""
     slowing: float = 0.0
-    """How fast brakes can slow it down anywhere on the trajectory, in [1]/[s]; 0: not known to."""
+    """How fast a stop slows it down anywhere on the trajectory, in [1]/[s]; 0: not known to."""
+    is_slowing_stated: bool = False
+    """Whether the controller says so; else it is what brakes guarantee, more in some places."""
 
 
 def make_piece_slabs(
@@ -227,8 +229,8 @@ def _find_slowing(
     plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float
 ) -> float:
     """How fast the clock can surely be slowed down wherever the arm can be by then, in [1]/[s]."""
-    if not clock.slowing > 0.0:
-        return 0.0
+    if clock.is_slowing_stated or not clock.slowing > 0.0:
+        return clock.slowing
     # Only what lies ahead counts: that far it gets at the most by what brakes do anywhere.
     begin = clock.at - abs(clock.age)
     end = clock.at + abs(clock.age) + latest_bite + 0.5 / clock.slowing
