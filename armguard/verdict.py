@@ -45,45 +45,201 @@ class Effect(enum.Enum):
 
 
 class ReasonKind(enum.Enum):
-    """Everything that a verdict can rest on, with its effect."""
+    """Everything that a verdict can rest on.
 
-    CONTACT = ("contact possible", Effect.NOTE)
-    HOLD = ("waiting for evidence before the level rises", Effect.NOTE)
-    NO_SOURCES_EXPECTED = ("no sources, as was said", Effect.NOTE)
-    NOT_YET_COMPLETE = ("no complete look yet", Effect.NOTE)
-    REMOVAL_IGNORED = ("removal ignored", Effect.NOTE)
-    ID_SHARED = ("id used twice", Effect.NOTE)
-    PLAN_REFUSED = ("plan refused", Effect.NOTE)
-    PLAN_UNSAFE = ("plan unsafe", Effect.NOTE)
-    PLAN_VOID = ("plan not followed any more", Effect.NOTE)
-    PIECE_UNSAFE = ("committed piece not safe any more", Effect.STANDING)
-    BUDGET_SPENT = ("budget spent before the stop decision was made", Effect.NOTE)
-    CROWD = ("more is near than was evaluated", Effect.NOTE)
-    OBSTACLE_REFUSED = ("obstacle refused", Effect.NOTE)
-    BOUND_BROKEN = ("obstacle broke its bounds", Effect.NOTE)
-    ERRORS_EXCEEDED = ("errors larger than stated", Effect.NOTE)
-    NO_SOURCES = ("no sources", Effect.STANDING)
-    SOURCE_SILENT = ("source silent", Effect.STANDING)
-    STAMP_AHEAD = ("stamp ahead of the clock", Effect.STANDING)
-    OBSTACLE_NOT_BELIEVED = ("obstacle not believed", Effect.STANDING)
-    SOURCE_NOT_BELIEVED = ("source not believed", Effect.STANDING)
-    CALL_REFUSED = ("malformed obstacle call", Effect.STANDING)
-    OVERDUE = ("pair overdue", Effect.STANDING)
-    IGNORE_UNMATCHED = ("ignored pair matches nothing", Effect.STANDING)
-    JOINT_STOP_AHEAD = ("joint runs into its stop", Effect.STANDING)
-    BRAKES_NOT_COVERED = ("brakes not stated for such speeds", Effect.STANDING)
-    OPERATING_LIMITS_BROKEN = ("operating limits broken", Effect.STANDING)
-    JOINT_STATE_MALFORMED = ("joint state malformed", Effect.LATCHED)
-    JOINT_STATE_BEYOND_LIMITS = ("joint state beyond its limits", Effect.LATCHED)
-    JOINT_STATE_JUMPED = ("joint state jumped", Effect.LATCHED)
-    TIME_INVALID = ("time not finite", Effect.LATCHED)
-    TIME_BACKWARDS = ("time ran backwards", Effect.LATCHED)
-    JOINT_STATE_GAP = ("gap in joint states", Effect.LATCHED)
-    INTERNAL_ERROR = ("error inside armguard", Effect.LATCHED)
+    Attributes:
+        text: In a few words.
+        effect: What it does to the level.
+        remedy: What to do about it.
+    """
 
-    def __init__(self, text: str, effect: Effect) -> None:
+    CONTACT = (
+        "contact possible",
+        Effect.NOTE,
+        "Nothing is wrong: this pair is what the level rests on. `monitor.explain()` and "
+        "`armguard replay --explain` say what would buy time.",
+    )
+    HOLD = (
+        "waiting for evidence before the level rises",
+        Effect.NOTE,
+        "Wait: a level rises after `rise_delay` seconds without a cause for the lower one.",
+    )
+    NO_SOURCES_EXPECTED = (
+        "no sources, as was said",
+        Effect.NOTE,
+        "Nothing, if no obstacle is to be watched; else name the sources of the cell.",
+    )
+    NOT_YET_COMPLETE = (
+        "no complete look yet",
+        Effect.NOTE,
+        "Wait for the first joint state and the first tick; if it stays, see that the "
+        "controller publishes to the address that `armguard run` printed.",
+    )
+    REMOVAL_IGNORED = (
+        "removal ignored",
+        Effect.NOTE,
+        "See what the source removes: an id that it never reported, or something newer than "
+        "the removal.",
+    )
+    ID_SHARED = (
+        "id used twice",
+        Effect.NOTE,
+        "Give bodies of different sources different ids; until then both are watched.",
+    )
+    PLAN_REFUSED = (
+        "plan refused",
+        Effect.NOTE,
+        "Mend what the detail names, and send the plan again; the one before still counts.",
+    )
+    PLAN_UNSAFE = (
+        "plan unsafe",
+        Effect.NOTE,
+        "Send a shorter or slower piece, or another way; finish the one before.",
+    )
+    PLAN_VOID = (
+        "plan not followed any more",
+        Effect.NOTE,
+        "The arm is not where its plan has it, or what the plan rested on is gone: send one "
+        "that begins where the arm is; state tracking errors that it keeps.",
+    )
+    PIECE_UNSAFE = (
+        "committed piece not safe any more",
+        Effect.STANDING,
+        "Brake; then send a piece that is safe by what is seen now.",
+    )
+    BUDGET_SPENT = (
+        "budget spent before the stop decision was made",
+        Effect.NOTE,
+        "Raise `budget`, or watch fewer obstacles; `monitor.headroom()` says how much is missing.",
+    )
+    CROWD = (
+        "more is near than was evaluated",
+        Effect.NOTE,
+        "Nothing: a STOP is certain anyway, and the rest waits until it is over.",
+    )
+    OBSTACLE_REFUSED = (
+        "obstacle refused",
+        Effect.NOTE,
+        "The sample cannot be of that body by its bounds. Where they are right, look for "
+        "swapped ids and jumps in perception; where the body is that fast, state larger "
+        "bounds (docs/people.md).",
+    )
+    BOUND_BROKEN = (
+        "obstacle broke its bounds",
+        Effect.NOTE,
+        "State the bounds that the body keeps: `accel` and `speed` of the message, a pattern "
+        "in `[bounds.of]`, or `armguard.people` by part of the body.",
+    )
+    ERRORS_EXCEEDED = (
+        "errors larger than stated",
+        Effect.NOTE,
+        "State the errors that the detail names, `position_error` and `velocity_error`: what "
+        "is promised rests on them.",
+    )
+    NO_SOURCES = (
+        "no sources",
+        Effect.STANDING,
+        "Name the sources that must be heard, or say that there are none: `Obstacles(sources=[])`.",
+    )
+    SOURCE_SILENT = (
+        "source silent",
+        Effect.STANDING,
+        "Start the source, or see why it sends nothing; one that sees nothing sends an empty "
+        "message as its heartbeat. One that may be off is `required = false` in the cell "
+        "file.",
+    )
+    STAMP_AHEAD = (
+        "stamp ahead of the clock",
+        Effect.STANDING,
+        "Let the source stamp by the clock that the cell file names for it, and synchronise "
+        "that clock.",
+    )
+    OBSTACLE_NOT_BELIEVED = (
+        "obstacle not believed",
+        Effect.STANDING,
+        "See what the detail says: a sample that was refused where its source asks for STOP, "
+        "or one that came too late for the table to hold it.",
+    )
+    SOURCE_NOT_BELIEVED = (
+        "source not believed",
+        Effect.STANDING,
+        "Most of what it sends contradicts its own bounds: check its units, frame, stamps and ids.",
+    )
+    CALL_REFUSED = (
+        "malformed obstacle call",
+        Effect.STANDING,
+        "Mend the message that the detail names; none of it was taken.",
+    )
+    OVERDUE = (
+        "pair overdue",
+        Effect.STANDING,
+        "The tick had no time for all pairs: raise `budget` or `max_staleness`, or watch "
+        "fewer obstacles.",
+    )
+    IGNORE_UNMATCHED = (
+        "ignored pair matches nothing",
+        Effect.STANDING,
+        "Correct the pattern, or name the source of what comes later: (link, pattern, source).",
+    )
+    JOINT_STOP_AHEAD = (
+        "joint runs into its stop",
+        Effect.STANDING,
+        "The joint cannot stop before its limit: keep the arm slower there, or correct the "
+        "limit in robot.toml.",
+    )
+    BRAKES_NOT_COVERED = (
+        "brakes not stated for such speeds",
+        Effect.STANDING,
+        "Keep the joint slower, state operating limits (`operating=`), or state brakes for "
+        "that speed and load in robot.toml.",
+    )
+    OPERATING_LIMITS_BROKEN = (
+        "operating limits broken",
+        Effect.STANDING,
+        "Let the controller keep to what was stated, or state what it keeps to.",
+    )
+    JOINT_STATE_MALFORMED = (
+        "joint state malformed",
+        Effect.LATCHED,
+        "Send one finite position and velocity for each watched joint; then reset.",
+    )
+    JOINT_STATE_BEYOND_LIMITS = (
+        "joint state beyond its limits",
+        Effect.LATCHED,
+        "Check units and signs of the joint states, and the limits in robot.toml; then reset.",
+    )
+    JOINT_STATE_JUMPED = (
+        "joint state jumped",
+        Effect.LATCHED,
+        "No arm moves like that: check for lost or swapped states, units, and stamps that are "
+        "those of the measurement; then reset.",
+    )
+    TIME_INVALID = (
+        "time not finite",
+        Effect.LATCHED,
+        "Give finite seconds as stamp and time; then reset.",
+    )
+    TIME_BACKWARDS = (
+        "time ran backwards",
+        Effect.LATCHED,
+        "Use one clock that never goes back (the monotonic one); then reset.",
+    )
+    JOINT_STATE_GAP = (
+        "gap in joint states",
+        Effect.LATCHED,
+        "See why joint states stayed away or one stamp stood for so long; a slow driver needs "
+        "a longer `joint_timeout`. Then reset.",
+    )
+    INTERNAL_ERROR = (
+        "error inside armguard",
+        Effect.LATCHED,
+        "A fault of armguard's: keep the recording, and report it with the detail. Then reset.",
+    )
+
+    def __init__(self, text: str, effect: Effect, remedy: str) -> None:
         self.text = text
         self.effect = effect
+        self.remedy = remedy
 
 
 class Reason(NamedTuple):
