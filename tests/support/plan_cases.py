@@ -149,6 +149,7 @@ class Follower:
     def brake_joints(self, window):
         """From now on each joint leaves, at a time of its own within a window, and brakes."""
         robot, random = self.robot, self.random
+        braking = robot.braking_deceleration
         arms, nv = self.q.shape[1:]
         begin = self.index(self.now)
         leaves = begin + random.choice([0, round(window / STEP), -1], (arms, nv))
@@ -159,9 +160,7 @@ class Follower:
         for k in range(begin, len(self.time) - 1):
             off = leaves <= k
             part = np.where(flips & (random.random((arms, nv)) < 0.5), 1.0 - strength, strength)
-            rate = robot.braking_deceleration + part * (
-                robot.acceleration_limit - robot.braking_deceleration
-            )
+            rate = braking + part * (robot.acceleration_limit - braking)
             q, v = self.q[k], self.v[k]
             until = np.minimum(STEP, np.abs(v) / rate)
             way = np.sign(v) * until * (np.abs(v) - 0.5 * rate * until)
@@ -182,7 +181,8 @@ class Follower:
 
     def stop_on_path(self, window):
         """From now on brakes bite, at a time within a window, and slow the arm's clock down."""
-        robot, random, curve = self.robot, self.random, self._curve
+        random, curve = self.random, self._curve
+        braking = self.robot.braking_deceleration
         arms = self.q.shape[1]
         begin = self.index(self.now)
         bites = begin + random.choice([0, round(window / STEP), round(0.5 * window / STEP)], arms)
@@ -192,7 +192,7 @@ class Follower:
             pace = np.where(bites >= k, self.pace[k], pace)
             at = np.clip(self.along[k], 0.0, curve.times[-1])
             bend, speed = np.abs(curve(at, 2)), np.abs(curve(at, 1))
-            room = robot.braking_deceleration - bend * pace[:, None] ** 2
+            room = braking - bend * pace[:, None] ** 2
             slowing = hard * (room / np.maximum(speed, 1e-9)).min(axis=1)
             after = np.where(bites <= k, np.maximum(pace - slowing * STEP, 0.0), self.pace[k + 1])
             until = np.minimum(STEP, pace / slowing)
@@ -200,6 +200,9 @@ class Follower:
             self.along[k + 1] = np.where(bites <= k, self.along[k] + gone, self.along[k + 1])
             pace = after
             self.pace[k + 1] = pace
+            if not pace.any() and k >= bites.max():
+                self.along[k + 1 :], self.pace[k + 1 :] = self.along[k + 1], 0.0
+                break
         ended = (self.pace <= 0.0) | (self.along >= curve.times[-1])
         self.resting = np.where(ended.any(axis=0), self.time[np.argmax(ended, axis=0)], np.inf)
         self._lay()
