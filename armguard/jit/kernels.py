@@ -19,13 +19,18 @@ from typing import Any
 
 import numba
 from numba.core import caching as numba_caching
+from numba.core import event as numba_event
 
+from armguard.jit.collection import CollectionPause
 from armguard.jit.parts import EntryCompiler, PartCompiler, PartContext
 
 # Numba's functions are untyped: they are called as anything is.
 caching: Any = numba_caching
 config: Any = numba.config
+event: Any = numba_event
 njit: Any = numba.njit
+
+event.register("numba:compile", CollectionPause())
 
 PACKAGE = Path(__file__).resolve().parents[1]
 
