@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba import types as numba_types
 from numba.core import caching as numba_caching
 from numba.core import event as numba_event
 
@@ -29,6 +30,7 @@ caching: Any = numba_caching
 config: Any = numba.config
 event: Any = numba_event
 njit: Any = numba.njit
+types: Any = numba_types
 
 event.register("numba:compile", CollectionPause())
 
@@ -99,7 +101,13 @@ def kernel(function: Any = None, **options: Any) -> Any:
         # What C or Python would call a part by takes as long to compile as a short kernel.
         bare = {"no_cpython_wrapper": True, **options}
         part = _make_dispatcher(function, place / "parts", PartCache, PartCompiler, bare)
-        compiled.get_call_template = part.get_call_template
+
+        def find_part(kinds: tuple[Any, ...], names: dict[str, Any]) -> Any:
+            # A constant is a number like any other, and needs no part of its own.
+            plain = {name: types.unliteral(kind) for name, kind in names.items()}
+            return part.get_call_template(tuple(map(types.unliteral, kinds)), plain)
+
+        compiled.get_call_template = find_part
         compiled.get_overload = part.get_overload
         return compiled
 
