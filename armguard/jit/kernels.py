@@ -18,14 +18,24 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba import types as numba_types
 from numba.core import caching as numba_caching
+from numba.core import compiler_lock as numba_compiler_lock
+from numba.core import event as numba_event
 
+from armguard.jit.collection import CollectionPause
 from armguard.jit.parts import EntryCompiler, PartCompiler, PartContext
+from armguard.jit.turns import take_turn
 
 # Numba's functions are untyped: they are called as anything is.
 caching: Any = numba_caching
+compiler_lock: Any = numba_compiler_lock
 config: Any = numba.config
+event: Any = numba_event
 njit: Any = numba.njit
+types: Any = numba_types
+
+event.register("numba:compile", CollectionPause())
 
 PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -94,7 +104,13 @@ def kernel(function: Any = None, **options: Any) -> Any:
         # What C or Python would call a part by takes as long to compile as a short kernel.
         bare = {"no_cpython_wrapper": True, **options}
         part = _make_dispatcher(function, place / "parts", PartCache, PartCompiler, bare)
-        compiled.get_call_template = part.get_call_template
+
+        def find_part(kinds: tuple[Any, ...], names: dict[str, Any]) -> Any:
+            # A constant is a number like any other, and needs no part of its own.
+            plain = {name: types.unliteral(kind) for name, kind in names.items()}
+            return part.get_call_template(tuple(map(types.unliteral, kinds)), plain)
+
+        compiled.get_call_template = find_part
         compiled.get_overload = part.get_overload
         return compiled
 
@@ -123,6 +139,17 @@ def _make_dispatcher(
     with contextlib.suppress(RuntimeError):
         compiled._cache = cache(function)
     config.CACHE_DIR = before
+    compile_at_once = compiled.compile
+
+    def compile_in_turn(kinds: Any) -> Any:
+        if isinstance(kinds, tuple) and kinds in compiled.overloads:
+            return compiled.overloads[kinds].entry_point
+        # Numba's lock first: then no thread waits for a turn that another one has.
+        with compiler_lock.global_compiler_lock, take_turn(turn):
+            return compile_at_once(kinds)
+
+    turn = place / f"{function.__name__}-{function.__code__.co_firstlineno}.turn"
+    compiled.compile = compile_in_turn
     return compiled
 
 

@@ -5,7 +5,8 @@ for each function anew. In a chain of twelve that is done twelve times with what
 and eleven times for nothing. A part stops before: it is linked into its callers as it was written,
 and optimised and translated once, within each entry.
 
-Parts are made by replacing one step of Numba's compiler and the kind of library that it fills.
+Parts are made by replacing one step of Numba's compiler and the kind of library that it fills. With
+it, steps are left out that find nothing in a kernel and look for it for long.
 """
 
 from __future__ import annotations
@@ -16,14 +17,23 @@ from numba.core import codegen as numba_codegen
 from numba.core import compiler as numba_compiler
 from numba.core import compiler_machinery as numba_machinery
 from numba.core import typed_passes as numba_passes
+from numba.core import untyped_passes as numba_untyped_passes
 from numba.core.environment import lookup_environment as numba_lookup_environment
+
+from armguard.jit.operators import OperatorTypes
 
 # Numba's functions are untyped: they are called as anything is.
 codegen: Any = numba_codegen
 compiler: Any = numba_compiler
 machinery: Any = numba_machinery
 passes: Any = numba_passes
+untyped_passes: Any = numba_untyped_passes
 lookup_environment: Any = numba_lookup_environment
+
+
+NEEDLESS = (untyped_passes.InlineClosureLikes, passes.NopythonRewrites)
+"""Steps for what no kernel has: functions within functions, and sums of whole arrays, which are
+right without but slow. Together they take a twentieth of the time."""
 
 
 class PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # a class of unknown type
@@ -86,6 +96,36 @@ class PartContext:
         return PartLibrary.unserialize(self._context, state)
 
 
+class EntryLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # a class of unknown type
+    """Code that Python calls, with all parts that it needs."""
+
+    def _optimize_final_module(self) -> None:
+        """Optimise it once.
+
+        Numba does it twice: a first time so that references can be found that cancel out. Of the
+        arrays that kernels borrow none is counted.
+        """
+        manager, builder = self._codegen._module_pass_manager()
+        manager.run(self._final_module, builder)
+
+
+@machinery.register_pass(mutates_CFG=True, analysis_only=False)
+class InferTypes(passes.NopythonTypeInference):  # type: ignore[misc]  # a class of unknown type
+    """Infer types as Numba does, with operators that are known."""
+
+    _name = "armguard_infer_types"
+
+    def run_pass(self, state: Any) -> bool:
+        """Infer types; the context is left as it was."""
+        context = state.typingctx
+        state.typingctx = OperatorTypes(context, state.flags)
+        try:
+            changed: bool = super().run_pass(state)
+        finally:
+            state.typingctx = context
+        return changed
+
+
 @machinery.register_pass(mutates_CFG=True, analysis_only=False)
 class UsePartLibrary(machinery.LoweringPass):  # type: ignore[misc]  # a class of unknown type
     """Have a function's code put in a `PartLibrary`."""
@@ -98,6 +138,23 @@ class UsePartLibrary(machinery.LoweringPass):  # type: ignore[misc]  # a class o
     def run_pass(self, state: Any) -> bool:
         """Provide the library; nothing else changes."""
         state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        return False
+
+
+@machinery.register_pass(mutates_CFG=True, analysis_only=False)
+class UseEntryLibrary(machinery.LoweringPass):  # type: ignore[misc]  # a class of unknown type
+    """Have a function's code put in an `EntryLibrary`."""
+
+    _name = "armguard_use_entry_library"
+
+    def __init__(self) -> None:
+        super().__init__()
+
+    def run_pass(self, state: Any) -> bool:
+        """Provide the library; nothing else changes."""
+        state.library = EntryLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        # As Numba does for its own: the machine code is kept for the cache.
+        state.library.enable_object_caching()
         return False
 
 
@@ -119,12 +176,22 @@ class EnterEnvironments(machinery.LoweringPass):  # type: ignore[misc]  # a clas
         return False
 
 
+def _define_steps(state: Any) -> Any:
+    """Numba's own steps, but for how types are inferred, without those that are needless."""
+    steps = compiler.DefaultPassBuilder.define_nopython_pipeline(state)
+    instead = {passes.NopythonTypeInference: InferTypes}
+    steps.passes = [
+        (instead.get(step, step), title) for step, title in steps.passes if step not in NEEDLESS
+    ]
+    return steps
+
+
 class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]  # a class of unknown type
     """Compiles parts."""
 
     def define_pipelines(self) -> list[Any]:
-        """Numba's own, but for the library."""
-        steps = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
+        """The steps, into a library for parts."""
+        steps = _define_steps(self.state)
         steps.add_pass_after(UsePartLibrary, passes.AnnotateTypes)
         steps.finalize()
         return [steps]
@@ -134,8 +201,9 @@ class EntryCompiler(compiler.CompilerBase):  # type: ignore[misc]  # a class of 
     """Compiles entries."""
 
     def define_pipelines(self) -> list[Any]:
-        """Numba's own, and what parts need."""
-        steps = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
+        """The steps, into a library for entries, and what parts need."""
+        steps = _define_steps(self.state)
+        steps.add_pass_after(UseEntryLibrary, passes.AnnotateTypes)
         steps.add_pass_after(EnterEnvironments, passes.NoPythonBackend)
         steps.finalize()
         return [steps]

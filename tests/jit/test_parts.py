@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from numba.core import event
 
 from armguard.jit import kernel
 
@@ -60,3 +61,32 @@ def test_it_is_the_same_from_the_cache():
         )
         told.append(result.stdout)
     assert told[1] == "1\n"
+
+
+@kernel
+def scale(number, factor, negative):
+    return -factor * number if negative else factor * number
+
+
+@kernel
+def scale_variously(number, factor):
+    return (
+        scale(number, 2, False) + scale(number, 3, True) + scale(number, negative=True, factor=4),
+        scale(number, factor, factor > 5),
+    )
+
+
+def test_a_constant_is_no_other_kind_of_argument():
+    names = []
+
+    class Listener(event.Listener):
+        def on_start(self, what):
+            names.append(what.data["dispatcher"].py_func.__name__)
+
+        def on_end(self, what):
+            pass
+
+    with event.install_listener("numba:compile", Listener()):
+        assert scale_variously(1.0, 6) == (2.0 - 3.0 - 4.0, -6.0)
+    # None where it comes from the cache.
+    assert names.count("scale") <= 1

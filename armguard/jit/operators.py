@@ -1,0 +1,64 @@
+"""Types of what operators give, found once for each kind of operands.
+
+Numba tries all that an operator could mean, on strings, lists and sets as well, each time that it
+meets one. Kernels add, multiply and index the same few kinds of numbers and arrays thousands of
+times: with this, the first time tells for all others.
+"""
+
+from __future__ import annotations
+
+import types as python_types
+from typing import Any
+
+from numba import types as numba_types
+
+# Numba's functions are untyped: they are called as anything is.
+types: Any = numba_types
+
+_Signatures = dict[tuple[int, tuple[Any, ...]], tuple[Any, Any]]
+
+_known: dict[Any, _Signatures] = {}
+"""For each set of options of the compiler: signature by operator, named by its identity, and kinds
+of operands. The operator stands beside it and lives as long."""
+
+
+class OperatorTypes:
+    """A context of Numba's type inference that knows operators which it was asked about before.
+
+    Args:
+        context: Numba's own.
+        flags: Options that the function at hand is compiled with.
+    """
+
+    def __init__(self, context: Any, flags: Any) -> None:
+        self._context = context
+        self._signatures = _known.setdefault(flags.copy(), {})
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._context, name)
+
+    def resolve_function_type(self, function: Any, args: Any, kws: Any) -> Any:
+        """Signature of a function for arguments of these types; None: there is none."""
+        if kws or not _is_operator(function) or not all(_is_plain(kind) for kind in args):
+            return self._context.resolve_function_type(function, args, kws)
+        key = id(function), tuple(args)
+        if key not in self._signatures:
+            signature = self._context.resolve_function_type(function, args, kws)
+            if signature is None:
+                return None
+            self._signatures[key] = signature, function
+        return self._signatures[key][0]
+
+
+def _is_operator(function: Any) -> bool:
+    """Whether a type of function is that of an operator or another function built into Python."""
+    return isinstance(function, types.Function) and isinstance(
+        function.typing_key, python_types.BuiltinFunctionType | type
+    )
+
+
+def _is_plain(kind: Any) -> bool:
+    """Whether a type is that of numbers, of arrays, or of tuples of these, and will not change."""
+    if isinstance(kind, types.BaseTuple):
+        return all(_is_plain(part) for part in kind)
+    return isinstance(kind, types.Number | types.Boolean | types.Array) and kind.is_precise()

@@ -1,0 +1,111 @@
+import os
+import subprocess
+import sys
+
+import pytest
+
+from armguard.jit import turns
+from armguard.jit.turns import take_turn
+
+HOLDER = (
+    "import sys, time\n"
+    "from pathlib import Path\n"
+    "from armguard.jit.turns import take_turn\n"
+    "with take_turn(Path(sys.argv[1])):\n"
+    "    print('taken', flush=True)\n"
+    "    time.sleep(600.0)\n"
+)
+
+COMPILER = (
+    "import sys\n"
+    "from numba.core import event\n"
+    "from armguard.jit import kernel\n"
+    "class Listener(event.Listener):\n"
+    "    names = []\n"
+    "    def on_start(self, what):\n"
+    "        self.names.append(what.data['dispatcher'].py_func.__name__)\n"
+    "    def on_end(self, what):\n"
+    "        pass\n"
+    "event.register('numba:compile', Listener())\n"
+    "@kernel\n"
+    "def inner(number):\n"
+    "    return number + 1.0\n"
+    "@kernel\n"
+    "def outer(number):\n"
+    "    return 2.0 * inner(number)\n"
+    "print('ready', flush=True)\n"
+    "sys.stdin.readline()\n"
+    "assert outer(3.0) == 8.0\n"
+    "print(*Listener.names)\n"
+)
+
+
+@pytest.fixture
+def holder(tmp_path):
+    """A process that has the turn for as long as it lives, and the turn's file."""
+    path = tmp_path / "folder" / "kernel.turn"
+    command = [sys.executable, "-c", HOLDER, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "taken\n"
+        yield process, path
+        process.kill()
+
+
+def test_processes_that_start_at_once_compile_each_kernel_once(tmp_path):
+    (tmp_path / "program.py").write_text(COMPILER)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    processes = [
+        subprocess.Popen(
+            [sys.executable, str(tmp_path / "program.py")],
+            env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )
+        for _ in range(3)
+    ]  # fmt: skip
+    for process in processes:
+        assert process.stdout.readline() == "ready\n"
+    for process in processes:
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    compiled = [name for process in processes for name in process.communicate()[0].split()]
+    assert sorted(compiled) == ["inner", "outer"]
+    assert all(process.returncode == 0 for process in processes)
+
+
+def test_a_process_that_keeps_its_turn_for_too_long_is_not_waited_for(holder, monkeypatch):
+    monkeypatch.setattr(turns, "PATIENCE", 0.1)
+    with take_turn(holder[1]):
+        assert holder[0].poll() is None
+
+
+def test_the_turn_of_a_process_that_died_is_free(holder):
+    process, path = holder
+    process.kill()
+    process.wait()
+    with take_turn(path):
+        pass
+
+
+def test_a_process_may_need_a_turn_again_while_it_has_it(tmp_path):
+    path = tmp_path / "kernel.turn"
+    with take_turn(path), take_turn(path):
+        pass
+    assert not turns._held
+
+
+def test_turns_are_left_where_a_kernel_cannot_be_compiled(tmp_path):
+    with pytest.raises(TypeError, match="no such kind"), take_turn(tmp_path / "kernel.turn"):
+        raise TypeError("no such kind")
+    assert not turns._held
+
+
+def test_nobody_is_waited_for_where_nothing_can_be_written(tmp_path):
+    (tmp_path / "folder").write_text("not a folder")
+    with take_turn(tmp_path / "folder" / "kernel.turn"):
+        pass
+
+
+def test_nobody_is_waited_for_where_files_cannot_be_locked(tmp_path, monkeypatch):
+    monkeypatch.setattr(turns, "fcntl", None)
+    with take_turn(tmp_path / "kernel.turn"):
+        pass
+    assert not list(tmp_path.iterdir())
