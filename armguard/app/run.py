@@ -239,7 +239,8 @@ def make_keys(name: str, folder: Path) -> int:
         "in the cell file, for a client and what it may do (obstacles, joints, verdicts, reset, "
         f"view):\n\n[keys.clients.{table}]\n"
         f'public = "{key}"\nmay = ["obstacles"]\n\n'
-        f'or for the monitor itself:\n\n[keys]\nsecret = "{secret}"',
+        "or for the monitor itself, with the path from the cell file:\n\n"
+        f'[keys]\nsecret = "{secret.name}"',
         soft_wrap=True,
         markup=False,
         highlight=False,

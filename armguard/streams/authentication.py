@@ -86,7 +86,7 @@ class Authenticator:
                 )
             self._names[client.public] = name
         # ZeroMQ has one authority a context: with one of our own, no other socket is asked for.
-        self.context = zmq.Context()
+        self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._socket: zmq.Socket[bytes] = self.context.socket(zmq.ROUTER)
         self._socket.set(zmq.LINGER, 0)
         self._socket.bind(_ENDPOINT)

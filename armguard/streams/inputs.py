@@ -66,7 +66,9 @@ class SocketInput:
         self.sender: str | None = None
         self._in_parts = False
         self.authenticator = authenticator
-        context = zmq.Context.instance() if authenticator is None else authenticator.context
+        context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
+        if authenticator is not None:
+            context = authenticator.context
         self._socket: zmq.Socket[bytes] = context.socket(zmq.SUB)
         self._socket.set(zmq.LINGER, 0)
         self._socket.set(zmq.RCVHWM, QUEUE_LIMIT)
@@ -79,7 +81,7 @@ class SocketInput:
         except zmq.ZMQError as error:
             self._socket.close()
             raise explain(address, error) from None
-        self.address: str = self._socket.last_endpoint.rstrip(b"\0").decode()
+        self.address = self._socket.get_string(zmq.LAST_ENDPOINT)
 
     def receive(self) -> bytes | None:
         """The next message, or None.
@@ -95,7 +97,7 @@ class SocketInput:
             self._admit_clients()
             return None
         if self.authenticator is not None:
-            self.sender = frame.get("User-Id")
+            self.sender = str(frame.get("User-Id"))
         in_parts = self._in_parts or frame.more
         self._in_parts = frame.more
         if in_parts:

@@ -13,6 +13,7 @@ import stat
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import zmq
 from zmq.utils import z85
@@ -131,7 +132,7 @@ def write_new_pair(name: str, folder: str | Path) -> tuple[Path, Path, str]:
     return secret_path, public_path, public
 
 
-def present(socket: zmq.Socket[bytes], keys: Keys) -> None:
+def present(socket: zmq.Socket[Any], keys: Keys) -> None:
     """Have a socket prove who it is, and speak with the monitor of these keys only.
 
     To be called before it connects.

@@ -307,7 +307,9 @@ class VerdictPublisher:
         check_free(address)
         self._offset = offset
         self._authenticator = authenticator
-        context = zmq.Context.instance() if authenticator is None else authenticator.context
+        context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
+        if authenticator is not None:
+            context = authenticator.context
         self._socket: zmq.Socket[bytes] = context.socket(zmq.PUB)
         self._socket.set(zmq.LINGER, 0)
         if authenticator is not None:
@@ -317,7 +319,7 @@ class VerdictPublisher:
         except zmq.ZMQError as error:
             self._socket.close()
             raise explain(address, error) from None
-        self.address: str = self._socket.last_endpoint.rstrip(b"\0").decode()
+        self.address = self._socket.get_string(zmq.LAST_ENDPOINT)
 
     def publish(self, verdict: Verdict) -> None:
         """Send one verdict; never blocks. Readers that ask to be let in are answered."""

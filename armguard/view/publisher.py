@@ -43,9 +43,9 @@ class FramePublisher:
         self._scene: SceneMessage | None = None
         self._frames_since_scene = 0
         self._authenticator = authenticator
-        # A context of its own: closing it waits for no other sockets.
-        self._own_context = zmq.Context() if authenticator is None else None
-        context = self._own_context if authenticator is None else authenticator.context
+        # A context of its own, or that of its authenticator: closing waits for no other sockets.
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        context = self._context if authenticator is None else authenticator.context
         self._socket = context.socket(zmq.PUB)
         self._socket.set(zmq.SNDHWM, 2)
         self._socket.set(zmq.LINGER, 0)
@@ -93,8 +93,7 @@ class FramePublisher:
 
     def _free(self) -> None:
         self._socket.close()
-        if self._own_context is not None:
-            self._own_context.destroy(linger=0)
+        self._context.destroy(linger=0)
 
     def _send(self, message: SceneMessage | FrameMessage) -> None:
         try:

@@ -186,16 +186,15 @@ class Cell:
     @property
     def source_limits(self) -> dict[str, SourceLimits]:
         """How much each source that the file names may send."""
-        limits = {}
-        for name, table in self.sources.items():
-            named = {
-                "message_size": table.max_message_size,
-                "message_rate": table.max_message_rate,
-                "obstacles": table.max_obstacles,
-            }
-            stated = {key: value for key, value in named.items() if value is not UNSET}
-            limits[name] = SourceLimits()._replace(**stated)
-        return limits
+        usual = SourceLimits()
+        return {
+            name: SourceLimits(
+                usual.message_size if table.max_message_size is UNSET else table.max_message_size,
+                usual.message_rate if table.max_message_rate is UNSET else table.max_message_rate,
+                usual.obstacles if table.max_obstacles is UNSET else table.max_obstacles,
+            )
+            for name, table in self.sources.items()
+        }
 
     def make_monitor(self, robot: Robot, obstacles: Obstacles) -> Monitor:
         """The monitor, with the file's settings; what the file leaves out is as in `Monitor`."""
