@@ -231,6 +231,25 @@ class Replay:
 
 
 @dataclasses.dataclass(frozen=True)
+class Commission:
+    """Find in a recording of a few stops what an arm and its controller do, as lines to paste.
+
+    Example: armguard commission run.mcap --out commissioned
+    """
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """What `--record` or `armguard.Recorder` wrote while the arm was stopped a few times."""
+    out: Path | None = None
+    """The folder to write cell-lines.toml, robot.toml and pictures into."""
+
+    def run(self) -> int:
+        """Find it."""
+        from armguard.app.commission import run_commission
+
+        return run_commission(self.file, self.out)
+
+
+@dataclasses.dataclass(frozen=True)
 class Reset:
     """End a latched STOP of a running monitor, once its cause has gone.
 
@@ -395,6 +414,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                     Annotated[Demo, tyro.conf.subcommand("demo")]
                     | Annotated[Run, tyro.conf.subcommand("run")]
                     | Annotated[Replay, tyro.conf.subcommand("replay")]
+                    | Annotated[Commission, tyro.conf.subcommand("commission")]
                     | Annotated[Reset, tyro.conf.subcommand("reset")]
                     | Annotated[View, tyro.conf.subcommand("view")]
                     | Annotated[Keys, tyro.conf.subcommand("keys")]
