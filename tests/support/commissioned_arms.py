@@ -1,5 +1,7 @@
 """Simulated arms whose figures are known, as recordings of them would show them."""
 
+import functools
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -29,32 +31,40 @@ class Arm:
 
     def work(self, stops, duration, hold=1.0):
         """Times, positions and velocities, each `FINE`; it begins anew `hold` [s] after a STOP."""
-        count = round(duration / FINE)
-        q = np.zeros((count, len(self.velocity)))
-        v = np.zeros_like(q)
-        rise = self.velocity / self.acceleration
-        whole = 2.0 * rise + self.cruise + 0.1
-        begun = 0.0
-        position = np.zeros(len(self.velocity))
-        speed = np.zeros(len(self.velocity))
-        for k in range(count):
-            q[k], v[k] = position, speed
-            now = k * FINE
-            braking = [stop for stop in stops if stop + self.latency <= now < stop + hold]
-            if braking:
-                since = now - braking[0] - self.latency
-                share = 1.0 if not self.ramp else min(1.0, (since + 0.5 * FINE) / self.ramp)
-                change = np.minimum(np.abs(speed), share * self.braking * FINE)
-                after = speed - np.sign(speed) * change
-                begun = braking[0] + hold
-            else:
-                turn, time = np.divmod(max(0.0, now + FINE - begun), whole)
-                way = np.where(turn % 2, -1.0, 1.0)
-                profile = np.minimum(time, 2.0 * rise + self.cruise - time) * self.acceleration
-                after = way * np.clip(profile, 0.0, self.velocity)
-            position = position + 0.5 * (speed + after) * FINE
-            speed = after
-        return FINE * np.arange(count), q, v
+        figures = zip(self.velocity, self.acceleration, self.braking, strict=True)
+        courses = [
+            work_joint(*joint, self.latency, self.cruise, self.ramp, tuple(stops), duration, hold)
+            for joint in figures
+        ]
+        q, v = (np.stack(rows, axis=1) for rows in zip(*courses, strict=True))
+        return FINE * np.arange(len(q)), q, v
+
+
+@functools.lru_cache
+def work_joint(velocity, acceleration, braking, latency, cruise, ramp, stops, duration, hold):
+    """Positions and velocities of one joint, each `FINE`."""
+    count = round(duration / FINE)
+    q, v = np.zeros(count), np.zeros(count)
+    rise = velocity / acceleration
+    whole = 2.0 * rise + cruise + 0.1
+    begun = position = speed = 0.0
+    for k in range(count):
+        q[k], v[k] = position, speed
+        now = k * FINE
+        told = next((stop for stop in stops if stop + latency <= now < stop + hold), None)
+        if told is not None:
+            since = now - told - latency
+            share = min(1.0, (since + 0.5 * FINE) / ramp) if ramp else 1.0
+            change = min(abs(speed), share * braking * FINE)
+            after = speed - math.copysign(change, speed)
+            begun = told + hold
+        else:
+            turn, time = divmod(max(0.0, now + FINE - begun), whole)
+            profile = min(time, 2.0 * rise + cruise - time) * acceleration
+            after = (-1.0 if turn % 2 else 1.0) * min(max(profile, 0.0), velocity)
+        position += 0.5 * (speed + after) * FINE
+        speed = after
+    return q, v
 
 
 def sample(

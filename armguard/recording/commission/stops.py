@@ -34,8 +34,14 @@ _FEWEST = 4
 _STEPS_BETWEEN = 16
 """Times between two samples that are tried for the break."""
 
+_MOST_PLACES = 800
+"""Times tried at most."""
+
 _LEAST_BREAK = 0.3
 """Of the deceleration, by which the line before must be flatter: else it slowed down anyway."""
+
+_STRAIGHT = 0.005
+"""Of a speed, that samples of a steady deceleration may be off a straight line by, noise or not."""
 
 _UNEVEN = 2.0
 """Times the noise that samples of a steady deceleration may be off its line by."""
@@ -106,7 +112,7 @@ def measure_stop(seen: Observations, command: StopCommand, joint: int) -> JointS
     deceleration = min(
         fit.least_deceleration, fit.speed / time, 0.5 * fit.speed * fit.speed / distance
     )
-    is_steady = fit.residual <= max(_UNEVEN * noise, 0.02 * fit.speed)
+    is_steady = fit.residual <= max(_UNEVEN * noise, _STRAIGHT * fit.speed)
     return JointStop(
         seen.robot.joints[joint],
         command.told,
@@ -135,32 +141,33 @@ def _fit_break(stamps: FloatArray, speed: FloatArray, told: float) -> _Break | s
     """Fit both lines to a course of speeds that ends while the joint still slows down."""
     if len(stamps) < 2 * _FEWEST + 1:
         return f"only {len(stamps)} joint states while it slows down"
-    fine = np.linspace(0.0, 1.0, _STEPS_BETWEEN, endpoint=False)
     gaps = np.diff(stamps)
-    places = (stamps[:-1, None] + gaps[:, None] * fine).ravel()
-    usable = (places >= max(told, stamps[_FEWEST - 1])) & (places <= stamps[-_FEWEST])
-    places = places[usable]
+    usable = (stamps >= max(told, stamps[_FEWEST - 1])) & (stamps <= stamps[-_FEWEST])
+    places = stamps[usable]
     if not len(places):
         return f"fewer than {_FEWEST} joint states before or after its brakes bit"
-    squares = np.empty(len(places))
-    lines = np.empty((len(places), 3))
-    for number, place in enumerate(places):
-        time = stamps - place
-        basis = np.stack([np.ones_like(time), np.minimum(time, 0.0), np.maximum(time, 0.0)], 1)
-        lines[number] = np.linalg.lstsq(basis, speed, rcond=None)[0]
-        squares[number] = np.sum((speed - basis @ lines[number]) ** 2)
+    freedom = len(stamps) - 4
+    worst = 1.0 + DEVIATIONS**2 / freedom
+    # At the states first, and then between those that are not much worse than the best.
+    squares, _ = _fit_lines(stamps, speed, places)
+    near = np.flatnonzero(squares <= 2.0 * worst * squares.min())
+    first, last = max(0, near[0] - 1), min(len(places) - 1, near[-1] + 1)
+    step = float(np.max(gaps)) / _STEPS_BETWEEN
+    fine = np.arange(max(told, places[first] - gaps[0]), places[last] + step, step)
+    places = np.linspace(fine[0], fine[-1], min(len(fine), _MOST_PLACES))
+    squares, lines = _fit_lines(stamps, speed, places)
     best = int(np.argmin(squares))
     level, before, after = lines[best]
     if not -after > 0.0 or not before - after >= _LEAST_BREAK * -after:
         return "it slowed down already, so that its brakes cannot be told from its plan"
-    freedom = len(stamps) - 4
     variance = squares[best] / freedom
-    possible = places[squares <= squares[best] * (1.0 + DEVIATIONS**2 / freedom)]
+    possible = places[squares <= squares[best] * worst]
+    # Nor is it known what happens between two states.
+    step = float(np.max(np.diff(places), initial=step)) + 0.5 * float(np.median(gaps))
     time = stamps - places[best]
     basis = np.stack([np.ones_like(time), np.minimum(time, 0.0), np.maximum(time, 0.0)], 1)
     spread = np.sqrt(variance * np.diag(np.linalg.inv(basis.T @ basis)))
     slowing = (speed - basis @ lines[best])[time >= 0.0]
-    step = float(np.max(gaps)) / _STEPS_BETWEEN
     return _Break(
         float(possible.min()) - step,
         float(possible.max()) + step,
@@ -169,3 +176,19 @@ def _fit_break(stamps: FloatArray, speed: FloatArray, told: float) -> _Break | s
         float(-after - DEVIATIONS * spread[2]),
         float(np.sqrt(np.mean(slowing**2))),
     )
+
+
+def _fit_lines(
+    stamps: FloatArray, speed: FloatArray, places: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Fit two lines that meet at each of the places.
+
+    Returns:
+        The sums of squares that are left, shape (places,), and of each pair of lines the level
+        where they meet and the slopes before and after, shape (places, 3).
+    """
+    time = stamps - places[:, None]
+    basis = np.stack([np.ones_like(time), np.minimum(time, 0.0), np.maximum(time, 0.0)], axis=-1)
+    lines = (np.linalg.pinv(basis) @ speed[:, None])[..., 0]
+    left = speed - (basis @ lines[..., None])[..., 0]
+    return np.sum(left * left, axis=1), lines
