@@ -75,48 +75,46 @@ def run_commission(file: Path, out: Path | None) -> int:
 
 def _draw_tables(found: Findings) -> list[Table]:
     """Joints, and sources if there are any."""
-    joints = Table("joint", title=f"{found.seen.robot.name}, {found.seen.payload:g} kg")
-    for title in (
-        "stops",
-        "up to speed",
-        "stopping time [ms]",
-        "distance",
-        "deceleration",
-        "kept speed",
-        "kept acceleration",
-        "position error",
-        "velocity error",
-    ):
-        joints.add_column(title, justify="right")
+    title = f"{found.seen.robot.name}, {found.seen.payload:g} kg"
+    stops = _make_table(title, "joint", "stops", "speed", "time [ms]", "distance", "deceleration")
+    kept = _make_table("", "joint", "kept speed", "acceleration", "off position", "off velocity")
     for name in found.seen.robot.joints:
         entry = found.brakes[name][-1] if name in found.brakes else None
-        kept, errors = found.limits.get(name), found.errors.get(name)
-        joints.add_row(
+        limits, errors = found.limits.get(name), found.errors.get(name)
+        stops.add_row(
             name,
             str(sum(stop.joint == name for stop in found.stops)),
             _show(entry and entry.speed),
             _show(entry and 1e3 * entry.stopping_time),
             _show(entry and entry.stopping_distance),
             _show((entry and entry.deceleration) or None),
-            _show(kept and kept.velocity),
-            _show(kept and kept.acceleration),
+        )
+        kept.add_row(
+            name,
+            _show(limits and limits.velocity),
+            _show(limits and limits.acceleration),
             _show(errors and errors.position),
             _show(errors and errors.velocity),
         )
     if not found.sources:
-        return [joints]
-    sources = Table("source")
-    for title in ("rate [Hz]", "longest silence [ms]", "age, median / oldest [ms]", "spread [mm]"):
-        sources.add_column(title, justify="right")
+        return [stops, kept]
+    sources = _make_table("", "source", "rate [Hz]", "silence [ms]", "age [ms]", "spread [mm]")
     for name, source in found.sources.items():
         sources.add_row(
             name,
             _show(source.rate),
-            _show(1e3 * source.longest_silence),
-            f"{_show(1e3 * source.median_age)} / {_show(1e3 * source.oldest)}",
+            f"{_show(1e3 * source.usual_silence)}, at most {_show(1e3 * source.longest_silence)}",
+            f"{_show(1e3 * source.median_age)}, at most {_show(1e3 * source.oldest)}",
             _show(1e3 * source.spread),
         )
-    return [joints, sources]
+    return [stops, kept, sources]
+
+
+def _make_table(title: str, first: str, *others: str) -> Table:
+    table = Table(first, title=title or None)
+    for other in others:
+        table.add_column(other, justify="right")
+    return table
 
 
 def _show(value: float | None) -> str:

@@ -46,11 +46,12 @@ def write_cell_lines(found: Findings) -> str:
             "",
         ]
     for name, source in found.sources.items():
-        silence = round_up(max(1.5 * source.longest_silence, 1.5 / source.rate))
+        silence = round_up(1.5 * max(source.usual_silence, 1.0 / source.rate))
         lines += [
             f"[sources.{quote_key(name)}]",
             f"rate = {round_down(source.rate)}",
-            f"timeout = {silence} # half as long again as its longest silence",
+            f"timeout = {silence} # half as long again as 99 of 100 silences; the longest was "
+            f"{source.longest_silence:.3g} s",
         ]
         if not math.isnan(source.spread):
             spread = round_up(source.spread)
@@ -73,11 +74,17 @@ def write_robot_lines(found: Findings) -> str:
         lines.append(f"velocity = {float(robot.velocity_limit[joint])}")
         lines.append(f"acceleration = {float(robot.acceleration_limit[joint])}")
         errors = found.errors.get(name)
-        if errors is not None:
-            lines.append(
-                f"position_error = {round_up(errors.position)} # constant errors add to it"
-            )
-            lines.append(f"velocity_error = {round_up(errors.velocity)}")
+        for title, stated, measured in (
+            ("position_error", robot.position_error, errors and errors.position),
+            ("velocity_error", robot.velocity_error, errors and errors.velocity),
+        ):
+            # What is constant cannot be seen, so nothing is stated to be better than it was.
+            known = float(stated[joint])
+            if measured is None or measured <= known:
+                how = "not found" if measured is None else f"{measured:.2g} was found"
+                lines.append(f"{title} = {known} # as in the recording; {how}")
+            else:
+                lines.append(f"{title} = {round_up(measured)} # found; it was {known:g}")
     for joint, name in enumerate(robot.joints):
         if name in found.brakes:
             most = float(robot.acceleration_limit[joint])

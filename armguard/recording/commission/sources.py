@@ -20,6 +20,8 @@ class SourceFindings(NamedTuple):
 
     rate: float
     """Messages a second, by the median of their intervals; [Hz]."""
+    usual_silence: float
+    """Between two stamps, at most, 99 times of 100; in [s]."""
     longest_silence: float
     """Between two stamps, in [s]."""
     median_age: float
@@ -47,6 +49,7 @@ def measure_source(seen: SourceObservations) -> SourceFindings | None:
         spreads.append(widest * (1.0 + DEVIATIONS / np.sqrt(len(stamps))))
     return SourceFindings(
         float(1.0 / np.median(intervals)),
+        float(np.percentile(intervals, 99.0)),
         float(intervals.max()),
         float(np.median(seen.ages)),
         float(seen.ages.max()),

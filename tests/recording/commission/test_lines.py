@@ -18,6 +18,8 @@ from support.commissioned_arms import Arm, sample
 def find(stops, braking=4.0):
     seen = sample(Arm([1.0], [3.0], [braking], 0.03), stops, 4.0)
     seen.robot.lower_position_limit = np.array([-3.0])
+    seen.robot.position_error = np.array([1e-3])
+    seen.robot.velocity_error = np.array([1e-9])
     seen.robot.upper_position_limit = np.array([np.inf])
     entry = BrakeEntry(2.0, 1.5, np.inf, np.inf, 3.5, "the maker")
     seen.robot.brakes = Brakes(seen.robot.joints, {"joint0": [entry]})
@@ -60,3 +62,11 @@ def test_an_arm_that_brakes_harder_than_its_limit_is_stated_no_harder():
     (entry,) = read_description(msgspec.toml.decode(text)).brake_entries()["joint0"]
     assert entry.deceleration <= 15.0
     assert "position" not in msgspec.toml.decode(text)["joints"]["joint0"]
+
+
+def test_no_error_is_stated_to_be_smaller_than_it_was():
+    found = find([0.6])
+    worse = found.errors["joint0"]._replace(position=1e-4, velocity=0.0123)
+    text = write_robot_lines(found._replace(errors={"joint0": worse}))
+    joint = read_description(msgspec.toml.decode(text)).joints["joint0"]
+    assert (joint.position_error, joint.velocity_error) == (1e-3, 0.0123)

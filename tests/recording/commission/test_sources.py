@@ -28,6 +28,7 @@ def test_the_longest_silence_is_found():
     seen = make()
     gone = np.r_[0:100, 160:400]
     found = measure_source(seen._replace(stamps=seen.stamps[gone], ages=seen.ages[gone], tracks={}))
+    assert found.usual_silence == pytest.approx(0.01)
     assert found.longest_silence == pytest.approx(0.61)
     assert found.rate == pytest.approx(100.0)
     assert np.isnan(found.spread)
