@@ -234,7 +234,7 @@ def make_keys(name: str, folder: Path) -> int:
     secret, public, key = write_new_pair(name, folder)
     table = name if re.fullmatch(r"[\w-]+", name) else f'"{name}"'
     Console().print(
-        f"{secret}: stays with {name}; no one else may read it\n"
+        f"{secret}: stays with {name}, for its owner alone to read\n"
         f"{public}: for all that speak with {name}\n"
         "in the cell file, for a client and what it may do (obstacles, joints, verdicts, reset, "
         f"view):\n\n[keys.clients.{table}]\n"

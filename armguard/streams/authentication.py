@@ -142,7 +142,7 @@ class Authenticator:
         return name
 
     def close(self) -> None:
-        """Let nobody in any more, and close the sockets that this has guarded."""
+        """Let no more clients in, and close the sockets that this has guarded."""
         self.context.destroy(linger=0)
 
     def __enter__(self) -> Authenticator:

@@ -1,8 +1,8 @@
 """Key pairs of CURVE (Curve25519), in files: made, kept from others, and read again.
 
-Whoever holds a secret key is the client that its public key names. So a secret file is made for
-its owner alone, and one that others can read is no longer secret, and refused. The format is that
-of ZeroMQ's own certificates, which `zmq.auth` and CZMQ read as well.
+A process that holds a secret key is the client that its public key names. So a secret file is made
+for its owner alone, and one that others can read is no longer secret, and refused. The format is
+that of ZeroMQ's own certificates, which `zmq.auth` and CZMQ read as well.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def write_new_pair(name: str, folder: str | Path) -> tuple[Path, Path, str]:
     secret_path, public_path = folder / f"{name}{SECRET_SUFFIX}", folder / f"{name}{PUBLIC_SUFFIX}"
     public_line = f'    public-key = "{public}"\n'
     secret_text = (
-        f"# Secret key of {name}: it stays on the machine that uses it, and no one else reads it.\n"
+        f"# Secret key of {name}: it stays on the machine that uses it.\n"
         f'curve\n{public_line}    secret-key = "{secret}"\n'
     )
     public_text = f"# Public key of {name}, for those that speak with it.\ncurve\n{public_line}"
@@ -172,7 +172,7 @@ def _read(path: Path, *, is_secret: bool) -> tuple[str, str | None]:
             str(path),
             f"can be read by others (mode {stat.S_IMODE(mode):04o})",
             expected="a secret file that its owner alone can read",
-            remedy=f"make new keys; or `chmod 600 {path}`, if no one has read it",
+            remedy=f"make new keys; or `chmod 600 {path}`, if it was not read",
         )
     for half, key in found.items():
         if not check_key(key):

@@ -1,7 +1,7 @@
 """Commissioning: what a recording of a few stops says of an arm, its controller and its sources.
 
-Nobody knows how long a controller takes to obey, or how far a joint still goes. A recording does:
-each STOP in it is a measurement. What it cannot say is named, and not made up.
+No data sheet says how long a controller takes to obey, or how far a joint still goes. Each STOP in
+a recording is a measurement of both. What a recording cannot say is named, and not made up.
 """
 
 from armguard.recording.commission.findings import Findings, commission
