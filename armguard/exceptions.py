@@ -50,3 +50,7 @@ class CellError(ArmguardError):
 
 class StreamError(ArmguardError):
     """An address cannot be used, or what was to be sent does not fit the wire."""
+
+
+class KeyFileError(StreamError):
+    """A file of keys cannot be used, or must not be: others can read a secret."""

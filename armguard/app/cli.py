@@ -231,6 +231,25 @@ class Replay:
 
 
 @dataclasses.dataclass(frozen=True)
+class Commission:
+    """Find in a recording of a few stops what an arm and its controller do, as lines to paste.
+
+    Example: armguard commission run.mcap --out commissioned
+    """
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """What `--record` or `armguard.Recorder` wrote while the arm was stopped a few times."""
+    out: Path | None = None
+    """The folder to write cell-lines.toml, robot.toml and pictures into."""
+
+    def run(self) -> int:
+        """Find it."""
+        from armguard.app.commission import run_commission
+
+        return run_commission(self.file, self.out)
+
+
+@dataclasses.dataclass(frozen=True)
 class Reset:
     """End a latched STOP of a running monitor, once its cause has gone.
 
@@ -241,12 +260,16 @@ class Reset:
     """Where the monitor takes obstacles or joint states; `armguard run` prints it."""
     token: str
     """What `armguard run --reset-token` was given."""
+    key: Path | None = None
+    """Where the monitor asks for keys: the secret file of a client that may reset."""
+    server_key: Path | None = None
+    """The monitor's public file."""
 
     def run(self) -> int:
         """Send the reset."""
-        from armguard.app.run import send_reset
+        from armguard.app.run import read_key_files, send_reset
 
-        return send_reset(self.address, self.token)
+        return send_reset(self.address, self.token, read_key_files(self.key, self.server_key))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -259,15 +282,48 @@ class View:
     address: Annotated[str, tyro.conf.Positional]
     """What `armguard run --view` was given."""
     port: int = 0
-    """TCP port of the page on 127.0.0.1; 0: any that is free."""
+    """TCP port of the page; 0: any that is free."""
     open: Flag = False
     """Open the page in the browser."""
+    host: str = "127.0.0.1"
+    """Address of the interface that serves the page: beyond this machine by a token in its URL."""
+    key: Path | None = None
+    """Where the monitor asks for keys: the secret file of a client that may view."""
+    server_key: Path | None = None
+    """The monitor's public file."""
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
-        from armguard.app.run import show
+        from armguard.app.run import read_key_files, show
 
-        return show(self.address, self.port, open_browser=self.open)
+        return show(
+            self.address,
+            self.port,
+            open_browser=self.open,
+            host=self.host,
+            key_files=read_key_files(self.key, self.server_key),
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Keys:
+    """Make keys, with which streams may leave this machine, and without which nothing is let in.
+
+    Example: armguard keys new camera --dir keys
+    """
+
+    action: Annotated[Literal["new"], tyro.conf.Positional]
+    """Make a new pair."""
+    name: Annotated[str, tyro.conf.Positional]
+    """Of the client, as in [keys.clients.NAME] of the cell file, or of the monitor."""
+    dir: Path = Path()
+    """The folder to write NAME.secret and NAME.public into."""
+
+    def run(self) -> int:
+        """Make them."""
+        from armguard.app.run import make_keys
+
+        return make_keys(self.name, self.dir)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -358,8 +414,10 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                     Annotated[Demo, tyro.conf.subcommand("demo")]
                     | Annotated[Run, tyro.conf.subcommand("run")]
                     | Annotated[Replay, tyro.conf.subcommand("replay")]
+                    | Annotated[Commission, tyro.conf.subcommand("commission")]
                     | Annotated[Reset, tyro.conf.subcommand("reset")]
                     | Annotated[View, tyro.conf.subcommand("view")]
+                    | Annotated[Keys, tyro.conf.subcommand("keys")]
                     | Annotated[Cover, tyro.conf.subcommand("cover")]
                     | Annotated[Robots, tyro.conf.subcommand("robots")]
                 ],

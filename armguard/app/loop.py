@@ -28,6 +28,7 @@ from armguard.monitor.plan_verdict import refuse_plan
 from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.recorder import Recorder
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
+from armguard.streams.authentication import Authenticator
 from armguard.streams.edge import Edge, PlanRequest, StampClock
 from armguard.streams.faults import FaultLog, logger
 from armguard.streams.inputs import Input, LineInput, SocketInput
@@ -267,6 +268,7 @@ def run(
     duration: float = math.inf,
     reset_token: str | None = None,
     realtime: bool = False,
+    authenticator: Authenticator | None = None,
     observe: Callable[[RateLoop, Verdict], None] | None = None,
     prepared: Callable[[Monitor], None] | None = None,
     listening: Callable[[Mapping[str, str]], None] | None = None,
@@ -286,6 +288,7 @@ def run(
         reset_token: What a reset message must carry; without one, none is obeyed.
         realtime: Whether to ask the system for real-time scheduling and locked memory; what it
             refuses is told on standard error.
+        authenticator: Lets in clients, and stays open; None: one is made where the cell has keys.
         observe: Sees each verdict, with the loop, after it was published; must not block.
         prepared: Called with the monitor when everything is compiled, before the first tick.
         listening: Called with the addresses that were bound ("obstacles", "joints", "verdicts"),
@@ -315,11 +318,14 @@ def run(
         joint_clock=StampClock(joint_state.clock, joint_state.latency),
         joint_timeout=monitor.settings.joint_timeout,
         reset_token=reset_token,
+        limits=cell.source_limits,
         speed=_read_bound(cell, "speed"),
         accel=_read_bound(cell, "accel"),
     )
     opened: list[Input | VerdictPublisher] = []
     log: RunRecording | None = None
+    own_authenticator = cell.make_authenticator() if authenticator is None else None
+    authenticator = authenticator or own_authenticator
     try:
         if record is not None:
             log = RunRecording(Recorder(record, monitor), edge.faults, observe, tell)
@@ -328,11 +334,12 @@ def run(
         bound: dict[str, str] = {}
         addresses = _inputs(obstacles_address, joints_address)
         for address in dict.fromkeys(addresses):
-            source, bound[address] = _open_input(address)
+            source, bound[address] = _open_input(address, authenticator)
             inputs.append(source)
             opened.append(source)
         # Verdicts must not be valid for longer than they are.
-        publisher = VerdictPublisher(verdicts_address, edge.offset - edge.offset_error)
+        offset = edge.offset - edge.offset_error
+        publisher = VerdictPublisher(verdicts_address, offset, authenticator)
         opened.append(publisher)
         if listening is not None:
             obstacles_bound, joints_bound = (bound[address] for address in addresses)
@@ -357,6 +364,8 @@ def run(
             log.close()
         for resource in opened:
             resource.close()
+        if own_authenticator is not None:
+            own_authenticator.close()
 
 
 def _read_bound(cell: Cell, name: str) -> float:
@@ -365,10 +374,10 @@ def _read_bound(cell: Cell, name: str) -> float:
     return float(given(cell.tables.bounds).get(name, default))
 
 
-def _open_input(address: str) -> tuple[Input, str]:
+def _open_input(address: str, authenticator: Authenticator | None) -> tuple[Input, str]:
     """An input, and the address that it is bound to: that which the system chose, if it did."""
     if address != "-":
-        source = SocketInput(address)
+        source = SocketInput(address, authenticator)
         return source, source.address
     return LineInput(), address
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import shlex
 import sys
 import time
@@ -33,8 +34,10 @@ from armguard.streams.addresses import (
     check_address,
     check_free,
 )
+from armguard.streams.keys import Keys, write_new_pair
 from armguard.streams.nodes import Publisher
 from armguard.verdict import Verdict
+from armguard.view.listening import LOOPBACK
 from armguard.view.process import launch
 from armguard.view.publisher import FramePublisher
 
@@ -91,15 +94,18 @@ def supervise(
     obstacles_address = obstacles_address or OBSTACLES_ADDRESS
     verdicts_address = verdicts_address or VERDICTS_ADDRESS
     inputs = (obstacles_address, joints_address or JOINTS_ADDRESS)
-    # Mistakes are told before anything is compiled.
-    for address in {*(one for one in inputs if one != "-"), verdicts_address}:
-        check_address(address)
-        check_free(address)
     console = Console(stderr=True)
     with contextlib.ExitStack() as resources:
+        # Mistakes are told before anything is compiled.
+        authenticator = cell.make_authenticator()
+        if authenticator is not None:
+            resources.enter_context(authenticator)
+        for address in {*(one for one in inputs if one != "-"), verdicts_address}:
+            check_address(address, has_keys=authenticator is not None)
+            check_free(address)
         publisher = None
         if view_address is not None:
-            publisher = resources.enter_context(FramePublisher(view_address))
+            publisher = resources.enter_context(FramePublisher(view_address, authenticator))
         # Its thread starts before real-time scheduling is asked for.
         announcer = resources.enter_context(Announcer(quiet=quiet))
         observer = _Observer(cell, publisher, announcer)
@@ -142,6 +148,7 @@ def supervise(
                 record=record,
                 reset_token=reset_token,
                 realtime=realtime,
+                authenticator=authenticator,
                 observe=observer.observe,
                 prepared=tell_prepared,
                 listening=tell_addresses,
@@ -200,23 +207,68 @@ def describe_remedy(addresses: Mapping[str, str], reset_token: str | None) -> st
     return f"this run obeys no reset: start it anew; with --reset-token TOKEN this ends it: {way}"
 
 
-def send_reset(address: str, token: str) -> int:
+def read_key_files(own: Path | None, server: Path | None) -> tuple[Path, Path] | None:
+    """The two key files named on a command line; None if neither is.
+
+    Raises:
+        ArmguardError: One of the two is missing.
+    """
+    if own is None and server is None:
+        return None
+    if own is None or server is None:
+        missing = "--key" if own is None else "--server-key"
+        raise ArmguardError(missing, "is missing: a monitor with keys is spoken to with both")
+    return own, server
+
+
+def make_keys(name: str, folder: Path) -> int:
+    """Make a key pair, write it, and tell what to do with it; the exit code.
+
+    Args:
+        name: Of the client, or of the monitor.
+        folder: Where its two files go.
+
+    Raises:
+        KeyFileError: A file is there already, or cannot be written.
+    """
+    secret, public, key = write_new_pair(name, folder)
+    table = name if re.fullmatch(r"[\w-]+", name) else f'"{name}"'
+    Console().print(
+        f"{secret}: stays with {name}, for its owner alone to read\n"
+        f"{public}: for all that speak with {name}\n"
+        "in the cell file, for a client and what it may do (obstacles, joints, verdicts, reset, "
+        f"view):\n\n[keys.clients.{table}]\n"
+        f'public = "{key}"\nmay = ["obstacles"]\n\n'
+        "or for the monitor itself, with the path from the cell file:\n\n"
+        f'[keys]\nsecret = "{secret.name}"',
+        soft_wrap=True,
+        markup=False,
+        highlight=False,
+    )
+    return 0
+
+
+def send_reset(address: str, token: str, key_files: tuple[Path, Path] | None = None) -> int:
     """Send a reset to a running monitor; the exit code.
 
     Args:
         address: Where it takes obstacles or joint states.
         token: What its run was started with.
+        key_files: Secret file of a client that may reset, and the monitor's public file; None: it
+            asks for no keys.
 
     Raises:
-        StreamError: The address cannot be used, or no monitor listens there.
+        StreamError: The address or a key cannot be used, or no monitor listens there.
     """
-    with Publisher(address) as publisher:
+    keys = None if key_files is None else Keys.load(*key_files)
+    with Publisher(address, keys=keys) as publisher:
         if not publisher.wait(REACH_TIMEOUT):
             raise StreamError(
                 address,
                 f"no monitor listens there (waited {REACH_TIMEOUT:g} s)",
                 expected="an address of obstacles or joint states",
-                remedy="`armguard run` prints both",
+                remedy="`armguard run` prints both; with [keys] in its cell file it lets in those "
+                "that may reset, with --key and --server-key",
             )
         publisher.reset(token)
     Console().print(
@@ -225,15 +277,27 @@ def send_reset(address: str, token: str) -> int:
     return 0
 
 
-def show(address: str, port: int, *, open_browser: bool) -> int:
+def show(
+    address: str,
+    port: int,
+    *,
+    open_browser: bool,
+    host: str = LOOPBACK,
+    key_files: tuple[Path, Path] | None = None,
+) -> int:
     """Serve the page of a running monitor until Ctrl-C; the exit code.
 
     Args:
         address: Of the monitor's feed.
         port: TCP port of the page; 0: any that is free.
         open_browser: Open the page.
+        host: Address of the interface on which the page is served; by token beyond loopback.
+        key_files: Secret file of a client that may view, and the monitor's public file.
     """
-    with contextlib.suppress(KeyboardInterrupt), launch(address, port) as page:
+    with (
+        contextlib.suppress(KeyboardInterrupt),
+        launch(address, port, host=host, key_files=key_files) as page,
+    ):
         Console().print(f"see it in the browser: {page.url}", soft_wrap=True)
         if open_browser:
             webbrowser.open(page.url)

@@ -106,6 +106,12 @@ class ObstacleRegister:
         owner = int(self.table.owner[row])
         return "" if owner == NO_SOURCE else self._sources.states[owner].source.name
 
+    def count_of(self, source: str, also: Iterable[str] = ()) -> int:
+        """How many obstacles of a source there are, or would be with these ids besides."""
+        state = self._sources.find(source)
+        rows = {} if state is None else self._rows.get(state.index, {})
+        return len(rows) + len({id for id in also if id not in rows})
+
     def start_watching(self) -> int:
         """Lets every row in use count as added, for a new watcher, and returns its number.
 

@@ -5,22 +5,30 @@ and `VerdictReader` are for users' own nodes; `Edge` and the inputs are the moni
 """
 
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
+from armguard.streams.authentication import Authenticator, Client
 from armguard.streams.edge import Edge, JointState, StampClock
 from armguard.streams.faults import FaultLog
 from armguard.streams.inputs import Input, LineInput, SocketInput
+from armguard.streams.keys import KeyPair, Keys
+from armguard.streams.limits import SourceLimits
 from armguard.streams.nodes import Publisher, VerdictPublisher, VerdictReader
 
 __all__ = [
     "JOINTS_ADDRESS",
     "OBSTACLES_ADDRESS",
     "VERDICTS_ADDRESS",
+    "Authenticator",
+    "Client",
     "Edge",
     "FaultLog",
     "Input",
     "JointState",
+    "KeyPair",
+    "Keys",
     "LineInput",
     "Publisher",
     "SocketInput",
+    "SourceLimits",
     "StampClock",
     "VerdictPublisher",
     "VerdictReader",

@@ -1,7 +1,7 @@
-"""Addresses of this machine only: ipc and loopback TCP, checked before a socket sees them.
+"""Addresses: ipc and loopback TCP, and with keys any TCP, checked before a socket sees them.
 
-Nothing on these streams is encrypted or signed, so an address that other machines could reach is
-refused.
+Without keys nothing on these streams is encrypted or signed, so an address that other machines
+could reach is refused.
 """
 
 from __future__ import annotations
@@ -24,8 +24,13 @@ VERDICTS_ADDRESS = "tcp://127.0.0.1:5703"
 _EXPECTED = "ipc:///some/path, or tcp://127.0.0.1:PORT"
 
 
-def check_address(address: str) -> None:
-    """Raise StreamError unless `address` is ipc or TCP on the loopback interface."""
+def check_address(address: str, *, has_keys: bool = False) -> None:
+    """Raise StreamError unless `address` can be used.
+
+    Args:
+        address: ipc, or TCP: on the loopback interface unless there are keys.
+        has_keys: Whether both sides prove by keys who they are.
+    """
     if re.fullmatch(r"ipc://[^\0]+", address):
         return
     match = re.fullmatch(r"tcp://(\[[^\]]*\]|[^:\[\]]*):(\d+|\*)", address)
@@ -36,12 +41,12 @@ def check_address(address: str) -> None:
         loopback = ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:  # a name: what it stands for may change, so names are refused
         loopback = False
-    if not loopback:
+    if not loopback and not (has_keys and host):
         raise StreamError(
             address,
-            "could be reached from other machines, or is a name",
+            "could be reached from other machines, or is a name, and there are no keys",
             expected=_EXPECTED,
-            remedy="all that can connect may use armguard's streams: keep them on this machine",
+            remedy="`armguard keys new` makes keys, without which all that can connect are let in",
         )
     if port != "*" and not 0 < int(port) < 65536:
         raise StreamError(address, f"port {port} does not exist", expected="1 to 65535")
@@ -58,8 +63,11 @@ def check_free(address: str) -> None:
     elif not address.endswith(":*"):
         host, port = address.removeprefix("tcp://").rsplit(":", 1)
         family = socket.AF_INET6 if host.startswith("[") else socket.AF_INET
+        host = "" if host == "*" else host.strip("[]")
         try:
-            socket.create_server((host.strip("[]"), int(port)), family=family).close()
+            socket.create_server((host, int(port)), family=family).close()
+        except socket.gaierror:
+            return  # the name of an interface, which ZeroMQ looks up itself
         except OSError as error:
             if error.errno == errno.EADDRINUSE:
                 raise _in_use(address) from None

@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 from armguard.clock import Clock
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
+from armguard.streams.authentication import Authenticator, Right, SenderError
 from armguard.streams.faults import FaultLog
-from armguard.streams.inputs import BYTE_LIMIT, Input
+from armguard.streams.inputs import BYTE_LIMIT, Input, SocketInput
+from armguard.streams.limits import LimitError, MessageAllowance, SourceLimits
 from armguard.streams.messages import (
     AnyMessage,
     JointsMessage,
@@ -31,6 +33,7 @@ from armguard.streams.messages import (
     ObstaclesMessage,
     PlanMessage,
     RemoveMessage,
+    ResetMessage,
     decode,
     to_points,
     to_rows,
@@ -42,6 +45,8 @@ _MESSAGES_A_DRAIN = 64
 
 _SOURCES = 256
 """Most sources known at once, so that made-up names cannot fill the memory."""
+
+USUAL_LIMITS = SourceLimits()
 
 _NANOSECOND = 1e-9
 
@@ -126,6 +131,7 @@ class Edge:
         accel: Acceleration bound of obstacles that bring none and that no pattern of the table's
             fits, in [m/s²]; for sources without a clock.
         reset_token: What a reset message must carry; without one, none is obeyed.
+        limits: How much sources may send; those not named here, as `SourceLimits` has it.
         monotonic: Reads the clock of `monotonic` stamps, in [s].
         unix: Reads the clock of `unix` stamps, in [s].
     """
@@ -143,6 +149,7 @@ class Edge:
         speed: float = math.inf,
         accel: float = math.inf,
         reset_token: str | None = None,
+        limits: Mapping[str, SourceLimits] | None = None,
         monotonic: Callable[[], float] = time.monotonic,
         unix: Callable[[], float] = time.time,
     ) -> None:
@@ -172,7 +179,9 @@ class Edge:
         self._speed = speed
         self._accel = accel
         self._reset_token = reset_token
+        self._limits = dict(limits or {})
         self._watches: dict[str, SequenceWatch] = {}
+        self._allowances: dict[str, MessageAllowance] = {}
         self._joint_watch = SequenceWatch()
         self._joint_names: list[str] | None = None
         self._joint_order: NDArray[np.int64] = np.zeros(0, np.int64)
@@ -213,9 +222,14 @@ class Edge:
                         break
                     self.received += 1
                     size += len(data)
-                    self._take(decode(data))
+                    message = decode(data)
+                    if isinstance(source, SocketInput) and source.authenticator is not None:
+                        self._check_sender(message, source.sender, source.authenticator)
+                    self._take(message, len(data))
                 except MessageError as error:
-                    self.faults.add("malformed", error.source, error.sequence, str(error))
+                    # What a message says of itself may be wrong; its key is not.
+                    sender = source.sender if isinstance(source, SocketInput) else None
+                    self.faults.add(error.kind, sender or error.source, error.sequence, str(error))
                 if size > BYTE_LIMIT:
                     break
             self._emptied[source] = self._arrived_after
@@ -254,7 +268,79 @@ class Edge:
         )
         self.faults.add("backlog", "joints", sequence, problem)
 
-    def _take(self, message: AnyMessage) -> None:
+    def _check_sender(
+        self, message: AnyMessage, sender: str | None, authenticator: Authenticator
+    ) -> None:
+        """Raise SenderError if the key of a message's sender does not entitle to send it.
+
+        Args:
+            message: What was sent.
+            sender: Client whose key it came with.
+            authenticator: Knows what clients may do.
+        """
+        right: Right = "joints"
+        if isinstance(message, ObstaclesMessage | RemoveMessage):
+            right = "obstacles"
+        elif isinstance(message, ResetMessage):
+            right = "reset"
+        if sender is None or not authenticator.may(sender, right):
+            found = f"one of {sender!r}, which may not send {right}"
+            raise SenderError(
+                "message", found, f"a client that may: {right!r}", sender or "unknown"
+            )
+        if isinstance(message, ObstaclesMessage | RemoveMessage) and message.source != sender:
+            found = f"{message.source!r} in a message with the key of {sender!r}"
+            error = SenderError("source", found, repr(sender), sender, message.seq)
+            self._tell_verdict(error)
+            raise error
+
+    def _check_limits(self, message: ObstaclesMessage | RemoveMessage, size: int) -> None:
+        """Raise LimitError if a message takes its source beyond a limit.
+
+        Args:
+            message: What was sent.
+            size: Its length, in bytes.
+        """
+        source = message.source
+        limits = self._limits.get(source, USUAL_LIMITS)
+        allowance = self._allowances.get(source)
+        if allowance is None:
+            allowance = MessageAllowance(limits.message_rate, self._now)
+            self._allowances[source] = allowance
+        found = expected = ""
+        if not allowance.take(self._now):
+            found = "one more than a second may bring"
+            expected = f"max_message_rate, {limits.message_rate:g} a second at most"
+        elif size > limits.message_size:
+            found, expected = (
+                f"{size} bytes long",
+                f"max_message_size, {limits.message_size} at most",
+            )
+        elif isinstance(message, ObstaclesMessage):
+            count = self._count_obstacles(message, limits.obstacles)
+            if count > limits.obstacles:
+                found = f"one by which {source!r} has {count} obstacles"
+                expected = f"max_obstacles, {limits.obstacles} at most"
+        if found:
+            error = LimitError("message", found, expected, source, message.seq)
+            self._tell_verdict(error)
+            raise error
+
+    def _count_obstacles(self, message: ObstaclesMessage, most: int) -> int:
+        """How many obstacles a source has with a message; not counted closely up to `most`."""
+        count = len(message.ids)
+        if message.snapshot:
+            return count
+        count += self._obstacles.count_of(message.source)
+        # Those that the table has already are looked up only where that decides.
+        return count if count <= most else self._obstacles.count_of(message.source, message.ids)
+
+    def _tell_verdict(self, error: MessageError) -> None:
+        """Let the verdict know of a refused message: what it would have told is not known."""
+        problem = f"{error.value}; expected {error.expected}"
+        self._obstacles.leave_malformed(error.source, error.field, problem, self._now)
+
+    def _take(self, message: AnyMessage, size: int) -> None:
         if isinstance(message, JointsMessage):
             self._follow(self._joint_watch, "joints", message.seq)
             self._take_joints(message)
@@ -269,6 +355,7 @@ class Edge:
                     return
                 watch = self._watches[message.source] = SequenceWatch()
             self._follow(watch, message.source, message.seq)
+            self._check_limits(message, size)
             if isinstance(message, ObstaclesMessage):
                 self._take_obstacles(message)
             else:

@@ -15,10 +15,15 @@ import zmq
 
 from armguard.exceptions import StreamError
 from armguard.streams.addresses import check_address, check_free, explain, remove_file
+from armguard.streams.authentication import INPUT_RIGHTS, Authenticator
 from armguard.streams.messages import MessageError
 
 BYTE_LIMIT = 4 * 1024 * 1024
 """Longest message taken: 10,000 boxes with velocities, packed, are 3.9 MB."""
+
+FRAME_LIMIT = 2 * BYTE_LIMIT
+"""Longest message that ZeroMQ makes room for. A longer one ends its sender's connection; between
+the two limits a message is dropped, and told by its length."""
 
 QUEUE_LIMIT = 4000
 """Messages that wait while the loop is busy: forty seconds of a 100 Hz source, four of joints."""
@@ -43,40 +48,76 @@ class SocketInput:
 
     Args:
         address: `ipc://path`, or TCP on the loopback interface; `tcp://127.0.0.1:*` takes any port.
+            With an authenticator, TCP on any interface.
+        authenticator: Lets in the clients that it knows; None: there are no keys.
+
+    Attributes:
+        authenticator: As above.
+        sender: Client that the last message came from; None where there are no keys.
+
+    Raises:
+        StreamError: The address cannot be used.
     """
 
-    def __init__(self, address: str) -> None:
-        check_address(address)
+    def __init__(self, address: str, authenticator: Authenticator | None = None) -> None:
+        check_address(address, has_keys=authenticator is not None)
         check_free(address)
         self.ended = False
+        self.sender: str | None = None
         self._in_parts = False
-        self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.SUB)
+        self.authenticator = authenticator
+        context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
+        if authenticator is not None:
+            context = authenticator.context
+        self._socket: zmq.Socket[bytes] = context.socket(zmq.SUB)
         self._socket.set(zmq.LINGER, 0)
         self._socket.set(zmq.RCVHWM, QUEUE_LIMIT)
+        self._socket.set(zmq.MAXMSGSIZE, FRAME_LIMIT)
         self._socket.subscribe(b"")
+        if authenticator is not None:
+            authenticator.guard(self._socket, INPUT_RIGHTS)
         try:
             self._socket.bind(address)
         except zmq.ZMQError as error:
             self._socket.close()
             raise explain(address, error) from None
-        self.address: str = self._socket.last_endpoint.rstrip(b"\0").decode()
+        self.address = self._socket.get_string(zmq.LAST_ENDPOINT)
 
     def receive(self) -> bytes | None:
-        """The next message, or None; raises MessageError for one too long or in several parts."""
+        """The next message, or None.
+
+        Raises:
+            MessageError: For one too long or in several parts, and for a client that was refused.
+        """
         try:
             # Without a copy, so that the size is known before any is made.
             frame = self._socket.recv(zmq.NOBLOCK, copy=False)
         except zmq.Again:
+            self.sender = None
+            self._admit_clients()
             return None
+        if self.authenticator is not None:
+            self.sender = str(frame.get("User-Id"))
         in_parts = self._in_parts or frame.more
         self._in_parts = frame.more
         if in_parts:
-            raise MessageError("message", "in several parts", "one part")
+            raise self._refuse("in several parts", "one part")
         size = len(frame)
         if size > BYTE_LIMIT:
-            raise MessageError("message", f"{size} bytes long", f"at most {BYTE_LIMIT}")
+            raise self._refuse(f"{size} bytes long", f"at most {BYTE_LIMIT}")
         data: bytes = frame.bytes
         return data
+
+    def _refuse(self, found: str, expected: str) -> MessageError:
+        return MessageError("message", found, expected, self.sender or "unknown")
+
+    def _admit_clients(self) -> None:
+        """Let in who asks for it and may be, and tell who may not."""
+        if self.authenticator is not None:
+            self.authenticator.answer()
+            refused = self.authenticator.take_refused()
+            if refused is not None:
+                raise refused
 
     def close(self) -> None:
         """Unbind and close; what waits in the queue is dropped."""

@@ -41,6 +41,9 @@ Values = float | bytes | list[float]
 class MessageError(Exception):
     """A message that cannot be used: where, what was found, what was expected, and from whom."""
 
+    kind = "malformed"
+    """What it is counted as."""
+
     def __init__(
         self,
         field: str,

@@ -19,7 +19,9 @@ from numpy.typing import ArrayLike
 
 from armguard.exceptions import StreamError
 from armguard.streams.addresses import check_address, check_free, explain, remove_file
-from armguard.streams.inputs import QUEUE_LIMIT
+from armguard.streams.authentication import Authenticator
+from armguard.streams.inputs import FRAME_LIMIT, QUEUE_LIMIT
+from armguard.streams.keys import Keys, present
 from armguard.streams.messages import (
     AnyMessage,
     JointsMessage,
@@ -39,12 +41,15 @@ from armguard.verdict import Level, PlanVerdict, Verdict
 _ANSWERS = 16
 """Answers to plans that a reader keeps."""
 
+_MESSAGES_AFTER = 64
+"""Messages that are looked at for an answer once its time is over, at most."""
+
 _LINGER = 200
 """How long, in [ms], a closing publisher may take to hand over its last messages."""
 
 
-def _connect(address: str, kind: int) -> zmq.Socket[bytes]:
-    check_address(address)
+def _connect(address: str, kind: int, keys: Keys | None) -> zmq.Socket[bytes]:
+    check_address(address, has_keys=keys is not None)
     connection: zmq.Socket[bytes] = zmq.Context.instance().socket(kind)
     connection.set(zmq.SNDHWM, QUEUE_LIMIT)
     connection.set(zmq.RCVHWM, QUEUE_LIMIT)
@@ -54,6 +59,9 @@ def _connect(address: str, kind: int) -> zmq.Socket[bytes]:
         connection.set(zmq.IMMEDIATE, 1)
     connection.set(zmq.RECONNECT_IVL, 20)
     connection.set(zmq.RECONNECT_IVL_MAX, 200)
+    connection.set(zmq.MAXMSGSIZE, FRAME_LIMIT)
+    if keys is not None:
+        present(connection, keys)
     try:
         connection.connect(address)
     except zmq.ZMQError as error:
@@ -68,9 +76,14 @@ class Publisher:
     Args:
         address: The monitor's input.
         source: Name under which the obstacles are known; one publisher a source.
+        keys: Of this client, where the monitor asks for keys; its `source` must be the name by
+            which the monitor knows them.
+
+    Raises:
+        StreamError: The address cannot be used; beyond this machine it can be with keys only.
     """
 
-    def __init__(self, address: str, source: str = "default") -> None:
+    def __init__(self, address: str, source: str = "default", keys: Keys | None = None) -> None:
         self.source = source
         self._sequence = 0
         self._joints_sequence = 0
@@ -78,7 +91,7 @@ class Publisher:
         self._plans = time.monotonic_ns()
         self._connected = False
         # XPUB publishes as PUB does, and tells when a monitor begins to listen.
-        self._socket = _connect(address, zmq.XPUB)
+        self._socket = _connect(address, zmq.XPUB, keys)
 
     def wait(self, timeout: float) -> bool:
         """Whether a monitor has begun to listen, waiting for that up to `timeout` [s].
@@ -281,23 +294,37 @@ class VerdictPublisher:
     Args:
         address: Where readers connect to; bound.
         offset: Machine's monotonic clock minus the monitor's, in [s].
+        authenticator: Lets in the readers that it knows; None: there are no keys.
+
+    Raises:
+        StreamError: The address cannot be used.
     """
 
-    def __init__(self, address: str, offset: float) -> None:
-        check_address(address)
+    def __init__(
+        self, address: str, offset: float, authenticator: Authenticator | None = None
+    ) -> None:
+        check_address(address, has_keys=authenticator is not None)
         check_free(address)
         self._offset = offset
-        self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.PUB)
+        self._authenticator = authenticator
+        context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
+        if authenticator is not None:
+            context = authenticator.context
+        self._socket: zmq.Socket[bytes] = context.socket(zmq.PUB)
         self._socket.set(zmq.LINGER, 0)
+        if authenticator is not None:
+            authenticator.guard(self._socket, ["verdicts"])
         try:
             self._socket.bind(address)
         except zmq.ZMQError as error:
             self._socket.close()
             raise explain(address, error) from None
-        self.address: str = self._socket.last_endpoint.rstrip(b"\0").decode()
+        self.address = self._socket.get_string(zmq.LAST_ENDPOINT)
 
     def publish(self, verdict: Verdict) -> None:
-        """Send one verdict; never blocks."""
+        """Send one verdict; never blocks. Readers that ask to be let in are answered."""
+        if self._authenticator is not None:
+            self._authenticator.answer()
         self._socket.send(encode_verdict(verdict, self._offset), zmq.NOBLOCK)
 
     def answer(self, number: int, verdict: PlanVerdict) -> None:
@@ -319,13 +346,17 @@ class VerdictReader:
 
     Args:
         address: The monitor's verdicts.
+        keys: Of this client, where the monitor asks for keys.
+
+    Raises:
+        StreamError: The address cannot be used; beyond this machine it can be with keys only.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, keys: Keys | None = None) -> None:
         self.refused = 0
         self._last: Verdict | None = None
         self._answers: deque[tuple[int, PlanVerdict]] = deque(maxlen=_ANSWERS)
-        self._socket = _connect(address, zmq.SUB)
+        self._socket = _connect(address, zmq.SUB, keys)
         self._socket.subscribe(b"")
 
     def latest(self, timeout: float = 0.0) -> Verdict | None:
@@ -348,12 +379,15 @@ class VerdictReader:
             timeout: How long to wait for it, in [s].
         """
         until = time.monotonic() + timeout
+        after = 0
         while True:
             for answered, verdict in self._answers:
                 if answered == number:
                     return verdict
             left = until - time.monotonic()
-            if not self._socket.poll(max(0, math.ceil(1000 * left))):
+            # What waits already is looked at, but a sender that never pauses must not hold us.
+            after += left <= 0.0
+            if after > _MESSAGES_AFTER or not self._socket.poll(max(0, math.ceil(1000 * left))):
                 return None
             self._receive()
 

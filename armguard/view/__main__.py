@@ -6,8 +6,11 @@ import argparse
 import asyncio
 import os
 import sys
+from pathlib import Path
 
 from armguard.exceptions import ArmguardError
+from armguard.streams.keys import Keys
+from armguard.view.listening import LOOPBACK
 from armguard.view.viewer import watch
 
 NICENESS = 10
@@ -19,11 +22,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m armguard.view", description=__doc__)
     parser.add_argument("address", help='feed of a running monitor, e.g. "tcp://127.0.0.1:5555"')
     parser.add_argument("--port", type=int, default=0, help="of the page; 0: any that is free")
+    parser.add_argument("--host", default=LOOPBACK, help="interface on which the page is served")
+    parser.add_argument("--key", type=Path, help="secret file of a client that may view")
+    parser.add_argument("--server-key", type=Path, help="the monitor's public file")
     parser.add_argument("--parent", type=int, default=None, help="end when this process has ended")
     options = parser.parse_args()
     os.nice(NICENESS)
     try:
-        asyncio.run(watch(options.address, options.port, options.parent))
+        keys = None
+        if options.key is not None and options.server_key is not None:
+            keys = Keys.load(options.key, options.server_key)
+        asyncio.run(watch(options.address, options.port, options.parent, options.host, keys))
     except ArmguardError as error:
         sys.stderr.write(f"{error}\n")
         return 2

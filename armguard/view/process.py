@@ -12,12 +12,15 @@ import re
 import subprocess
 import sys
 import threading
+from pathlib import Path
 from types import TracebackType
 from typing import IO
 
 from armguard.exceptions import ArmguardError
 from armguard.streams.addresses import check_address
-from armguard.view.listening import listen
+from armguard.streams.keys import Keys
+from armguard.view.access import Access
+from armguard.view.listening import LOOPBACK, listen
 
 START_TIMEOUT = 30.0
 END_TIMEOUT = 3.0
@@ -57,21 +60,35 @@ class ViewProcess:
         self.close()
 
 
-def launch(address: str, port: int = 0) -> ViewProcess:
+def launch(
+    address: str,
+    port: int = 0,
+    *,
+    host: str = LOOPBACK,
+    key_files: tuple[Path, Path] | None = None,
+) -> ViewProcess:
     """Start a view of the feed at `address`, and wait until its page can be opened.
 
     Args:
         address: Of a `FramePublisher`.
-        port: TCP port of the page on 127.0.0.1; 0: any that is free.
+        port: TCP port of the page; 0: any that is free.
+        host: Address of the interface on which the page is served; see `ViewServer`.
+        key_files: Where the monitor asks for keys: the secret file of a client that may view, and
+            the monitor's public file.
 
     Raises:
         ArmguardError: The address or port cannot be used, or the process did not listen in time.
     """
     # Mistakes are told here, in one line: from the process there would be its own and ours.
-    check_address(address)
-    listen(port).close()
+    check_address(address, has_keys=key_files is not None)
+    if key_files is not None:
+        Keys.load(*key_files)
+    Access(host)
+    listen(port, host).close()
     command = [sys.executable, "-m", "armguard.view", address]
-    command += ["--port", str(port), "--parent", str(os.getpid())]
+    command += ["--port", str(port), "--parent", str(os.getpid()), "--host", host]
+    if key_files is not None:
+        command += ["--key", str(key_files[0]), "--server-key", str(key_files[1])]
     process = subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,

@@ -11,6 +11,7 @@ from types import TracebackType
 import zmq
 
 from armguard.streams.addresses import check_address, check_free, explain, remove_file
+from armguard.streams.authentication import Authenticator
 from armguard.view.messages import FrameMessage, SceneMessage, encode_message
 
 SCENE_INTERVAL = 15
@@ -22,6 +23,7 @@ class FramePublisher:
 
     Args:
         address: Where to bind, e.g. "ipc:///tmp/view" or "tcp://127.0.0.1:*".
+        authenticator: Lets in the views that it knows; None: there are no keys.
 
     Attributes:
         address: Where views attach, with the port that was chosen.
@@ -29,25 +31,30 @@ class FramePublisher:
         problem: Why the last of these could not; empty if all were sent.
 
     Raises:
-        StreamError: The address is malformed, reaches beyond this machine, or is in use.
+        StreamError: The address is malformed, reaches beyond this machine without keys, or is in
+            use.
     """
 
-    def __init__(self, address: str) -> None:
-        check_address(address)
+    def __init__(self, address: str, authenticator: Authenticator | None = None) -> None:
+        check_address(address, has_keys=authenticator is not None)
         check_free(address)
         self.dropped = 0
         self.problem = ""
         self._scene: SceneMessage | None = None
         self._frames_since_scene = 0
-        # A context of its own: closing it waits for no other sockets.
-        self._context = zmq.Context()
-        self._socket = self._context.socket(zmq.PUB)
+        self._authenticator = authenticator
+        # A context of its own, or that of its authenticator: closing waits for no other sockets.
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        context = self._context if authenticator is None else authenticator.context
+        self._socket = context.socket(zmq.PUB)
         self._socket.set(zmq.SNDHWM, 2)
         self._socket.set(zmq.LINGER, 0)
+        if authenticator is not None:
+            authenticator.guard(self._socket, ["view"])
         try:
             self._socket.bind(address)
         except zmq.ZMQError as error:
-            self._context.destroy(linger=0)
+            self._free()
             raise explain(address, error) from None
         self.address = self._socket.get_string(zmq.LAST_ENDPOINT)
 
@@ -60,6 +67,8 @@ class FramePublisher:
     def publish_frame(self, frame: FrameMessage) -> None:
         """Tell one moment; a view that does not keep up misses it."""
         self._frames_since_scene += 1
+        if self._authenticator is not None:
+            self._authenticator.answer()
         if self._frames_since_scene >= SCENE_INTERVAL and self._scene is not None:
             self._frames_since_scene = 0
             self._send(self._scene)
@@ -67,9 +76,9 @@ class FramePublisher:
 
     def close(self) -> None:
         """Free the address; whatever is published afterwards is dropped."""
-        if not self._context.closed:
+        if not self._socket.closed:
             remove_file(self.address)
-        self._context.destroy(linger=0)
+        self._free()
 
     def __enter__(self) -> FramePublisher:
         return self
@@ -81,6 +90,10 @@ class FramePublisher:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+    def _free(self) -> None:
+        self._socket.close()
+        self._context.destroy(linger=0)
 
     def _send(self, message: SceneMessage | FrameMessage) -> None:
         try:

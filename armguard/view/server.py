@@ -1,8 +1,8 @@
-"""Serves the page and hands each browser what has changed, on the loopback interface only.
+"""Serves the page and hands each browser what has changed, on the loopback interface or by token.
 
 Meshcat's own server listens on every interface, keeps every change for ever and takes commands
-from any page that the browser happens to show. Here pages of other origins are refused, names
-that merely resolve to this machine too, browsers may say nothing but "done", and each gets its
+from any page that the browser happens to show. Here pages of other origins are refused, and all
+that may not see the page (`access`), browsers may say nothing but "done", and each gets its
 next bundle only after it has drawn the last: a slow one misses moments, a hung one costs nothing.
 """
 
@@ -17,13 +17,13 @@ import tornado.httpserver
 import tornado.web
 import tornado.websocket
 
+from armguard.view.access import Access
 from armguard.view.drawing import show
 from armguard.view.latest import LatestValues, Reader
 from armguard.view.listening import LOOPBACK, listen
 
 BROWSER_LIMIT = 16
 DONE = "done"
-_LOCAL_NAMES = ("127.0.0.1", "localhost", "::1")
 _PAGE = Path(__file__).resolve().parent / "page"
 # Importing Meshcat would start its own machinery; only its viewer is wanted.
 _VIEWER = Path(
@@ -47,7 +47,9 @@ class ViewServer:
     Args:
         values: What browsers are to be shown.
         address: Where the feed comes from, for the page to say.
-        port: TCP port on 127.0.0.1; 0: any that is free.
+        port: TCP port; 0: any that is free.
+        host: Address of the interface to listen on. Beyond the loopback interface the page is
+            shown only to those that bring the token that is in `url`.
 
     Attributes:
         url: Address of the page.
@@ -56,11 +58,14 @@ class ViewServer:
         ArmguardError: The port is in use.
     """
 
-    def __init__(self, values: LatestValues, address: str, port: int = 0) -> None:
+    def __init__(
+        self, values: LatestValues, address: str, port: int = 0, host: str = LOOPBACK
+    ) -> None:
         self._browsers: set[BrowserSocket] = set()
         self._values = values
         self._address = address
         self._last_frame: float | None = None
+        access = Access(host)
         application = tornado.web.Application(
             [
                 (r"/feed", BrowserSocket, {"server": self}),
@@ -70,11 +75,12 @@ class ViewServer:
             websocket_ping_interval=5.0,
             websocket_max_message_size=64,
             log_function=_log_nothing,
+            access=access,
         )
-        listener = listen(port)
+        listener = listen(port, host)
         self._server = tornado.httpserver.HTTPServer(application)
         self._server.add_socket(listener)
-        self.url = f"http://{LOOPBACK}:{listener.getsockname()[1]}/"
+        self.url = access.describe(listener.getsockname()[1])
 
     def flush(self) -> None:
         """Hand every browser that waits for it what has changed; called after each frame."""
@@ -109,23 +115,14 @@ class ViewServer:
             self._values.detach(browser.reader)
 
 
-class _LocalOnly(tornado.web.RequestHandler):
-    """Answers only requests that address this machine by a local name.
-
-    A page of elsewhere whose name was made to resolve to 127.0.0.1 still says that name in its
-    Host header.
-    """
+class _Guarded(tornado.web.RequestHandler):
+    """Answers only those that may see the page."""
 
     def prepare(self) -> None:
-        try:
-            name = urlsplit(f"//{self.request.host}").hostname or ""
-        except ValueError:
-            name = ""
-        if name not in _LOCAL_NAMES:
-            raise tornado.web.HTTPError(403)
+        self.settings["access"].check(self)
 
 
-class LocalFile(_LocalOnly, tornado.web.StaticFileHandler):
+class LocalFile(_Guarded, tornado.web.StaticFileHandler):
     """A file of the page."""
 
     def set_extra_headers(self, path: str) -> None:
@@ -134,7 +131,7 @@ class LocalFile(_LocalOnly, tornado.web.StaticFileHandler):
             self.set_header(name, value)
 
 
-class BrowserSocket(_LocalOnly, tornado.websocket.WebSocketHandler):
+class BrowserSocket(_Guarded, tornado.websocket.WebSocketHandler):
     """One browser. At most one bundle is under way to it at any time."""
 
     def initialize(self, server: ViewServer) -> None:

@@ -13,8 +13,10 @@ import zmq
 import zmq.asyncio
 
 from armguard.exceptions import ArmguardError
+from armguard.streams.keys import Keys, present
 from armguard.view import drawing
 from armguard.view.latest import LatestValues
+from armguard.view.listening import LOOPBACK
 from armguard.view.messages import FrameMessage, SceneMessage, decode_message
 from armguard.view.picture import ROOT, Picture
 from armguard.view.server import ViewServer
@@ -30,18 +32,24 @@ class Watch:
 
     Args:
         address: Of the feed.
-        port: TCP port of the page on 127.0.0.1; 0: any that is free.
+        port: TCP port of the page; 0: any that is free.
+        host: Address of the interface on which the page is served.
+        keys: Of a client that may view; None: the monitor asks for none.
 
     Raises:
         ArmguardError: The address is malformed, or the port in use.
     """
 
-    def __init__(self, address: str, port: int = 0) -> None:
+    def __init__(
+        self, address: str, port: int = 0, host: str = LOOPBACK, keys: Keys | None = None
+    ) -> None:
         self._context = zmq.asyncio.Context()
         self._socket = self._context.socket(zmq.SUB)
         self._socket.set(zmq.RCVHWM, 4)
         self._socket.set(zmq.MAXMSGSIZE, 64_000_000)
         self._socket.set(zmq.SUBSCRIBE, b"")
+        if keys is not None:
+            present(self._socket, keys)
         try:
             self._socket.connect(address)
         except zmq.ZMQError as error:
@@ -53,7 +61,7 @@ class Watch:
             ) from error
         self._values = LatestValues()
         try:
-            self._server = ViewServer(self._values, address, port)
+            self._server = ViewServer(self._values, address, port, host)
         except ArmguardError:
             self._context.destroy(linger=0)
             raise
@@ -112,13 +120,19 @@ class Watch:
             _logger.warning("feed: %s (%d so far)", problem, self._complaints)
 
 
-async def watch(address: str, port: int = 0, parent: int | None = None) -> None:
+async def watch(
+    address: str,
+    port: int = 0,
+    parent: int | None = None,
+    host: str = LOOPBACK,
+    keys: Keys | None = None,
+) -> None:
     """Run a view until a signal, or until the process `parent` is no longer this one's parent."""
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, ended.set)
-    view = Watch(address, port)
+    view = Watch(address, port, host, keys)
     sys.stdout.write(f"armguard view of {address}: {view.url}\n")
     sys.stdout.flush()
     drawing_task = asyncio.create_task(view.run())

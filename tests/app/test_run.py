@@ -15,7 +15,8 @@ import pytest
 from armguard.app.cell import Cell
 from armguard.app.cli import main
 from armguard.app.run import describe_missing_limits, describe_remedy
-from armguard.streams import Publisher, VerdictReader
+from armguard.streams import Keys, Publisher, VerdictReader
+from armguard.streams.keys import write_new_pair
 from armguard.verdict import Level
 
 ARMGUARD = Path(sys.executable).with_name("armguard")
@@ -73,6 +74,92 @@ def test_a_missing_cell_is_a_mistake(capsys):
 )
 def test_an_address_beyond_this_machine_is_a_mistake(cell, addresses, option, address, capsys):
     check_mistake(capsys, ["run", str(cell), *addresses, option, address], address)
+
+
+@pytest.mark.parametrize("host", ["rubbish", "localhost", "192.0.2.77"])
+def test_a_page_on_an_interface_that_is_none_is_a_mistake(host, capsys):
+    check_mistake(capsys, ["view", "tcp://127.0.0.1:1", "--host", host], host)
+
+
+def test_a_reset_beyond_this_machine_needs_keys(tmp_path, capsys):
+    reset = ["reset", "tcp://192.0.2.1:5702", "--token", "x"]
+    check_mistake(capsys, reset, "armguard keys new")
+    secret, public, _ = write_new_pair("desk", tmp_path)
+    check_mistake(capsys, [*reset, "--key", str(secret)], "--server-key: is missing")
+    secret.chmod(0o644)
+    both = ["--key", str(secret), "--server-key", str(public)]
+    for command in (reset, ["view", "tcp://192.0.2.1:5704"]):
+        check_mistake(capsys, [*command, *both], "desk.secret: can be read by others")
+
+
+def test_new_keys_are_written_once_and_tell_what_goes_into_the_cell_file(tmp_path, capsys):
+    arguments = ["keys", "new", "camera", "--dir", str(tmp_path)]
+    assert main(arguments) == 0
+    told = capsys.readouterr().out
+    tables = re.findall(r"^\[keys.*?(?=\n\n|\Z)", told, re.MULTILINE | re.DOTALL)
+    text = "\n".join([CELL, *tables])
+    with Cell.from_text(text, tmp_path).make_authenticator() as authenticator:
+        assert authenticator.may("camera", "obstacles")
+    check_mistake(capsys, arguments, "has keys already")
+
+
+def add_keys(cell, folder, **rights):
+    """Give a cell file keys; those of its clients by name."""
+    secret, public, _ = write_new_pair("monitor", folder)
+    lines = [f'\n[keys]\nsecret = "{secret.name}"\n']
+    keys = {}
+    for name, may in rights.items():
+        own, _, key = write_new_pair(name, folder)
+        lines.append(f'[keys.clients.{name}]\npublic = "{key}"\nmay = {may}\n')
+        keys[name] = Keys.load(own, public)
+    with cell.open("a") as file:
+        file.writelines(lines)
+    return keys
+
+
+def test_keys_that_others_can_read_are_a_mistake_before_anything_is_compiled(
+    cell, tmp_path, addresses, capsys
+):
+    add_keys(cell, tmp_path)
+    (tmp_path / "monitor.secret").chmod(0o644)
+    check_mistake(capsys, ["run", str(cell), *addresses], "monitor.secret: can be read by others")
+
+
+def test_a_run_with_keys_hears_and_answers_its_clients_on_every_interface(cell, tmp_path):
+    keys = add_keys(
+        cell, tmp_path, camera=["obstacles"], controller=["joints", "verdicts"], desk=["verdicts"]
+    )
+    names = ("obstacles", "joints", "verdicts", "view")
+    options = [word for name in names for word in (f"--{name}", "tcp://0.0.0.0:*")]
+    with start("run", str(cell), "--no-realtime", *options) as run:
+        try:
+            where = {}
+            while len(where) < 4:
+                line = run.stderr.readline()
+                assert line, "ended by itself"
+                found = re.search(r"(\w+) at tcp://0\.0\.0\.0:(\d+)", line)
+                if found:
+                    where[found[1]] = f"tcp://127.0.0.1:{found[2]}"
+            with (
+                Publisher(where["joints"], keys=keys["controller"]) as arm,
+                Publisher(where["obstacles"], "camera", keys["camera"]) as camera,
+                VerdictReader(where["verdicts"], keys["controller"]) as reader,
+                VerdictReader(where["verdicts"]) as stranger,
+            ):
+                end = time.monotonic() + PATIENCE
+                verdict = None
+                while time.monotonic() < end:
+                    now = time.monotonic()
+                    arm.joints(now, NAMES, READY, [0.0] * 7)
+                    camera.update(["ball"], now, [[4.0, 0.0, 0.5]], [[0.0] * 3], radius=0.1)
+                    verdict = reader.latest(0.002)
+                    if verdict is not None and verdict.level is not Level.STOP:
+                        break
+                assert verdict.level is not Level.STOP
+                assert stranger.latest() is None
+        finally:
+            run.send_signal(signal.SIGINT)
+            run.communicate(timeout=PATIENCE)
 
 
 @pytest.mark.parametrize("option", ["--obstacles", "--joints", "--verdicts", "--view"])

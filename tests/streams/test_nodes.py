@@ -19,7 +19,7 @@ from armguard.streams import (
     VerdictReader,
 )
 from armguard.streams.edge import StampClock
-from armguard.streams.messages import decode
+from armguard.streams.messages import decode, encode_verdict
 from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, Verdict
 from support.stream_sockets import PATIENCE, attend
 
@@ -297,6 +297,36 @@ def test_a_subscriber_that_never_reads_holds_up_nobody():
         while keen.latest(1.0).sequence < 60_000:
             publisher.publish(make_verdict(60_000))
     publisher.close()
+
+
+class Flood:
+    """A socket that has a verdict each time it is asked."""
+
+    def __init__(self):
+        self.taken = 0
+        self.message = encode_verdict(make_verdict(1), 0.0)
+
+    def poll(self, timeout):
+        return True
+
+    def recv_multipart(self, flags):
+        self.taken += 1
+        assert self.taken < 100_000, "held for ever"
+        return [self.message]
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize("timeout", [0.0, 0.02])
+def test_a_flood_of_verdicts_does_not_hold_who_waits_for_an_answer(tmp_path, timeout):
+    with VerdictReader(f"ipc://{tmp_path}/out") as reader:
+        reader._socket.close()
+        reader._socket = flood = Flood()
+        assert reader.answer(1, timeout) is None
+        assert flood.taken > 10
+        if timeout == 0.0:
+            assert flood.taken <= 64
 
 
 PERCEPTION = """

@@ -4,9 +4,11 @@ import pytest
 import zmq
 
 from armguard.exceptions import ArmguardError
+from armguard.streams.keys import present
 from armguard.view import FramePublisher, SceneMessage
 from armguard.view.messages import decode_message
 from armguard.view.publisher import SCENE_INTERVAL
+from support.key_rings import KeyRing
 from support.view_samples import make_frame, make_scene
 
 
@@ -96,3 +98,31 @@ def test_a_closed_feed_leaves_no_file_behind(tmp_path):
     with FramePublisher(f"ipc://{tmp_path}/feed"):
         assert list(tmp_path.iterdir())
     assert not list(tmp_path.iterdir())
+
+
+def test_with_keys_only_those_that_may_view_are_told(subscriber):
+    ring = KeyRing(desk=["view"], camera=["obstacles"])
+    context = subscriber.context
+    stranger, camera = context.socket(zmq.SUB), context.socket(zmq.SUB)
+    present(subscriber, ring.keys("desk"))
+    present(camera, ring.keys("camera"))
+    with (
+        ring.authenticator() as authenticator,
+        FramePublisher("tcp://0.0.0.0:*", authenticator) as publisher,
+    ):
+        for one in (subscriber, stranger, camera):
+            one.subscribe(b"")
+            one.connect(publisher.address.replace("0.0.0.0", "127.0.0.1"))
+        heard = None
+        for sequence in range(1000):
+            publisher.publish_frame(make_frame(sequence=sequence))
+            time.sleep(0.005)
+            if heard is None and subscriber.poll(0):
+                heard = sequence
+            if heard is not None and sequence > heard + 40:
+                break
+        assert heard is not None
+        assert not stranger.poll(0)
+        assert not camera.poll(0)
+    stranger.close()
+    camera.close()

@@ -37,7 +37,10 @@ from armguard.pairs.separation_margin import SeparationRule
 from armguard.people import BOUNDS
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
+from armguard.streams.authentication import Authenticator, Client
 from armguard.streams.edge import HELD_UP
+from armguard.streams.keys import KeyPair
+from armguard.streams.limits import SourceLimits
 
 _T = TypeVar("_T")
 
@@ -58,6 +61,7 @@ class Cell:
         self._check_robot()
         self._check_tool()
         self._check_sources()
+        self._check_clients()
         self._patterns = self._list_bounds(tables.bounds.of)
         self.frames = resolve_frames(tables, file)
         self._statics = place_statics(tables, self.frames, file)
@@ -166,6 +170,31 @@ class Cell:
             return obstacles
 
         return self._attempt("bounds", make)
+
+    def make_authenticator(self) -> Authenticator | None:
+        """What lets in the clients of `[keys]`; None where the file has none."""
+        table = self.tables.keys
+        if table is None:
+            return None
+        clients = {
+            name: Client(client.public, frozenset(client.may))
+            for name, client in table.clients.items()
+        }
+        pair = self._attempt("keys.secret", KeyPair.load, self._folder / table.secret)
+        return self._attempt("keys.clients", Authenticator, pair, clients)
+
+    @property
+    def source_limits(self) -> dict[str, SourceLimits]:
+        """How much each source that the file names may send."""
+        usual = SourceLimits()
+        return {
+            name: SourceLimits(
+                usual.message_size if table.max_message_size is UNSET else table.max_message_size,
+                usual.message_rate if table.max_message_rate is UNSET else table.max_message_rate,
+                usual.obstacles if table.max_obstacles is UNSET else table.max_obstacles,
+            )
+            for name, table in self.sources.items()
+        }
 
     def make_monitor(self, robot: Robot, obstacles: Obstacles) -> Monitor:
         """The monitor, with the file's settings; what the file leaves out is as in `Monitor`."""
@@ -295,6 +324,19 @@ class Cell:
                     f"sources.{name}.timeout",
                     f"is {table.timeout}",
                     f"longer than one period of its rate, {1.0 / table.rate:.4g} s",
+                )
+
+    def _check_clients(self) -> None:
+        keys = self.tables.keys
+        if keys is None:
+            return
+        for name in self.sources:
+            client = keys.clients.get(name)
+            if client is None or "obstacles" not in client.may:
+                raise self._error(
+                    f"sources.{name}",
+                    "has no key, and so cannot speak",
+                    f'[keys.clients.{name}] with may = ["obstacles"]',
                 )
 
     def _expand_ignore(self, robot: Robot) -> list[tuple[str, ...]]:

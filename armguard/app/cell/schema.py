@@ -17,6 +17,9 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 from armguard.exceptions import CellError
+from armguard.streams.authentication import Right
+from armguard.streams.inputs import BYTE_LIMIT
+from armguard.streams.keys import KEY_LENGTH
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
@@ -90,6 +93,9 @@ class SourceTable(_Table, frozen=True, kw_only=True):
     clock_error: NotNegative = 0.0
     required: bool = True
     on_refusal: Literal["bound", "stop"] = "bound"
+    max_message_size: Annotated[int, Meta(gt=0, le=BYTE_LIMIT)] | UnsetType = UNSET
+    max_message_rate: Positive | UnsetType = UNSET
+    max_obstacles: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
 
 
 class StaticTable(_Table, frozen=True, kw_only=True):
@@ -178,6 +184,20 @@ class SeparationTable(_Table, frozen=True, kw_only=True):
     robot_uncertainty: NotNegative | UnsetType = UNSET
 
 
+class ClientTable(_Table, frozen=True, kw_only=True):
+    """`[keys.clients.<name>]`: one that may connect, by its public key, and what it may do."""
+
+    public: Annotated[str, Meta(min_length=KEY_LENGTH, max_length=KEY_LENGTH)]
+    may: Annotated[list[Right], Meta(min_length=1)]
+
+
+class KeysTable(_Table, frozen=True, kw_only=True):
+    """`[keys]`: the monitor's secret file, and all that may connect; nothing else may."""
+
+    secret: Name
+    clients: dict[Name, ClientTable] = {}
+
+
 class CellTables(_Table, frozen=True, kw_only=True):
     """A whole cell file."""
 
@@ -192,6 +212,7 @@ class CellTables(_Table, frozen=True, kw_only=True):
     monitor: MonitorTable = MonitorTable()
     thresholds: ThresholdsTable = ThresholdsTable()
     separation: SeparationTable | None = None
+    keys: KeysTable | None = None
 
 
 _MAY_BE_INFINITE = ("bounds.accel", "bounds.speed")
@@ -200,6 +221,7 @@ _NAMED: dict[str, type[_Table]] = {
     "frames": FrameTable,
     "sources": SourceTable,
     "statics": StaticTable,
+    "keys.clients": ClientTable,
 }
 
 _T = TypeVar("_T")
@@ -227,10 +249,11 @@ def parse_cell(text: str, file: str) -> CellTables:
     _check_finite(raw, "", file)
     # Tables with free names one by one: msgspec does not say which entry was wrong.
     for table, kind in _NAMED.items():
-        entries = raw.get(table, {})
-        if isinstance(entries, dict):
-            for name, entry in entries.items():
-                _convert(entry, kind, f"{table}.{name}", file)
+        entries: Any = raw
+        for step in table.split("."):
+            entries = entries.get(step) if isinstance(entries, dict) else None
+        for name, entry in entries.items() if isinstance(entries, dict) else ():
+            _convert(entry, kind, f"{table}.{name}", file)
     _check_patterns(raw.get("bounds"), file)
     return _convert(raw, CellTables, "", file)
 

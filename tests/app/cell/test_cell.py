@@ -15,7 +15,9 @@ from armguard.pairs import SeparationRule
 from armguard.pairs.separation import HUMAN_SPEED
 from armguard.people import BOUNDS
 from armguard.robot import Robot
+from armguard.streams import SourceLimits
 from armguard.streams.edge import HELD_UP
+from armguard.streams.keys import write_new_pair
 from support.cell_texts import FRAMES, ROBOT
 
 EXAMPLE = Path(__file__).parents[3] / "demos" / "cell.toml"
@@ -322,3 +324,51 @@ def test_a_cell_says_what_the_arm_carries():
     for payload, pattern in (("1.5", "kilograms from 0 to 1"), ("-1.0", ">= 0"), ("nan", "nan")):
         with pytest.raises(CellError, match=rf"robot\.payload.*{pattern}"):
             Cell.from_text(f"{ROBOT}payload = {payload}\n").build()
+
+
+def test_limits_of_a_source_are_those_of_the_file_and_else_the_usual_ones():
+    text = ROBOT + "[sources.a]\nmax_obstacles = 7\nmax_message_rate = 3.0\n[sources.b]\n"
+    limits = Cell.from_text(text).source_limits
+    assert limits == {"a": SourceLimits(obstacles=7, message_rate=3.0), "b": SourceLimits()}
+    for line in ("max_obstacles = 0", "max_message_rate = -1.0", "max_message_size = 5000000"):
+        with pytest.raises(CellError, match=rf"sources\.a\.{line.split()[0]}"):
+            Cell.from_text(ROBOT + f"[sources.a]\n{line}\n")
+
+
+KEYS = '[keys]\nsecret = "monitor.secret"\n[keys.clients.camera]\npublic = "{}"\nmay = {}\n'
+
+
+def test_a_source_without_a_key_is_refused_where_there_are_keys(tmp_path):
+    key = write_new_pair("monitor", tmp_path)[2]
+    good = ROBOT + "[sources.camera]\n" + KEYS.format(key, ["obstacles"])
+    with Cell.from_text(good, tmp_path).make_authenticator() as authenticator:
+        assert authenticator.may("camera", "obstacles")
+        assert not authenticator.may("camera", "reset")
+        assert not authenticator.may("lidar", "obstacles")
+    for bad in (good + "[sources.lidar]\n", good.replace("obstacles", "view")):
+        with pytest.raises(CellError, match=r"sources\.\w+: has no key, and so cannot speak"):
+            Cell.from_text(bad, tmp_path)
+    assert Cell.from_text(ROBOT).make_authenticator() is None
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (('["obstacles"]', '["everything"]'), r"keys\.clients\.camera\.may"),
+        (('["obstacles"]', "[]"), r"keys\.clients\.camera\.may"),
+        (('public = "', 'public = "x'), r"keys\.clients\.camera\.public"),
+        (('secret = "monitor.secret"', ""), r"keys\.secret: is missing"),
+        (("public", "key"), r"keys\.clients\.camera\.key: is no key"),
+        (("monitor.secret", "none.secret"), r"keys\.secret: .*none\.secret: cannot be read"),
+        (("monitor.secret", "monitor.public"), r"has no secret key"),
+        (("[keys.clients.camera]", "[keys.clients]\n[keys.clients.camera]"), None),
+    ],
+)
+def test_mistakes_about_keys_name_file_and_key(tmp_path, change, words):
+    key = write_new_pair("monitor", tmp_path)[2]
+    text = ROBOT + KEYS.format(key, '["obstacles"]').replace(*change)
+    if words is None:
+        Cell.from_text(text, tmp_path).make_authenticator().close()
+        return
+    with pytest.raises(CellError, match=words):
+        Cell.from_text(text, tmp_path).make_authenticator()

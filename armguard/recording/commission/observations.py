@@ -1,0 +1,195 @@
+"""What a recording holds that commissioning looks at, as arrays over time."""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from typing import NamedTuple
+
+import numpy as np
+
+from armguard.bounds.planned.plan import Plan
+from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray
+from armguard.recording.events import (
+    Gap,
+    JointState,
+    ObstacleUpdate,
+    PlanAnswered,
+    PlanAsked,
+    VerdictTold,
+)
+from armguard.recording.inputs import restore_plan
+from armguard.recording.reading import Recording
+from armguard.robot.portable import RestoredRobot, read_numbers
+from armguard.robot.robot import Robot
+
+_FEWEST_STATES = 10
+
+
+class StopCommand(NamedTuple):
+    """A STOP that followed another level, in [s] of the monitor's clock."""
+
+    told: float
+    """Time of the tick of its first verdict."""
+    ended: float
+    """Time of the tick of the first verdict after it that is none; the recording's end if none."""
+
+
+class PlanAccepted(NamedTuple):
+    """A plan that the arm was allowed to do."""
+
+    plan: Plan
+    ended: float
+    """When another plan took its place, or a STOP came, in [s]; the recording's end if neither."""
+
+
+class SourceObservations(NamedTuple):
+    """What one source of obstacles sent."""
+
+    stamps: FloatArray
+    """Of its messages, in [s], in the order in which they came. Shape (messages,)."""
+    ages: FloatArray
+    """When each was taken in, counted from its stamp, in [s]. Shape (messages,)."""
+    tracks: dict[str, tuple[FloatArray, FloatArray]]
+    """By id: stamps in [s], shape (n,), and positions of the first points in [m], shape (n, 3)."""
+
+
+class Observations(NamedTuple):
+    """What was seen of an arm, its stops and its sources; times in [s] of the monitor's clock."""
+
+    robot: Robot
+    stamps: FloatArray
+    """When each joint state was measured, rising. Shape (n,)."""
+    q: FloatArray
+    """[rad] or [m]. Shape (n, nv)."""
+    v: FloatArray
+    """As the controller states them, in [rad/s] or [m/s]. Shape (n, nv)."""
+    path_times: FloatArray
+    """Where on its plan the arm says that it was, in [s]; NaN where it does not. Shape (n,)."""
+    stops: list[StopCommand]
+    plans: list[PlanAccepted]
+    sources: dict[str, SourceObservations]
+    payload: float
+    """Stated in the recorded settings, in [kg]."""
+    latency: float
+    """Stated in the recorded settings, in [s]."""
+    has_gaps: bool = False
+    """Whether events are missing."""
+
+
+def observe(recording: Recording) -> Observations:
+    """Read a recording for commissioning.
+
+    Joint states that were judged more than once count once; what is not finite does not count.
+
+    Raises:
+        ArmguardError: The recording is damaged, or has next to no joint states.
+    """
+    robot = RestoredRobot(recording.robot)
+    count = len(robot.joints)
+    rows: list[list[float]] = []
+    verdicts: list[tuple[float, bool]] = []
+    asked: Plan | None = None
+    plans: list[tuple[float, Plan]] = []
+    messages: dict[str, list[tuple[float, float]]] = defaultdict(list)
+    seen: dict[str, dict[str, list[list[float]]]] = defaultdict(lambda: defaultdict(list))
+    offset = np.inf
+    is_lossy = False
+    for nanoseconds, event, _ in recording.events():
+        if isinstance(event, JointState):
+            # The recorder's clock runs beside the monitor's: at the least, nothing was held up.
+            offset = min(offset, 1e-9 * nanoseconds - float(event.now))
+            row = _read_state(event, count)
+            if row is not None:
+                rows.append(row)
+        elif isinstance(event, VerdictTold):
+            verdicts.append((float(event.stamp), event.level == "STOP"))
+        elif isinstance(event, PlanAsked):
+            restored = restore_plan(event)
+            asked = restored if isinstance(restored, Plan) else None
+        elif isinstance(event, PlanAnswered):
+            if event.safe and asked is not None:
+                plans.append((verdicts[-1][0] if verdicts else -np.inf, asked))
+            asked = None
+        elif isinstance(event, ObstacleUpdate):
+            stamp = float(event.stamp)
+            messages[event.source].append((stamp, 1e-9 * nanoseconds))
+            positions = read_numbers(event.position).reshape(len(event.ids), -1, 3)
+            for name, points in zip(event.ids, positions, strict=True):
+                seen[event.source][name].append([stamp, *points[0]])
+        elif isinstance(event, Gap):
+            is_lossy = True
+    states = np.array(rows).reshape(-1, 2 + 2 * count)
+    states = states[np.unique(states[:, 0], return_index=True)[1]]
+    if len(states) < _FEWEST_STATES:
+        raise ArmguardError(
+            str(recording.path),
+            f"has {len(states)} joint states",
+            expected="a recording of an arm at work, with a few stops in it",
+        )
+    stops = _find_stops(verdicts)
+    end = max(float(states[-1, 0]), verdicts[-1][0] if verdicts else -np.inf)
+    settings = recording.settings["monitor"]
+    return Observations(
+        robot,
+        states[:, 0],
+        states[:, 2 : 2 + count],
+        states[:, 2 + count :],
+        states[:, 1],
+        stops,
+        _find_plan_ends(plans, stops, end),
+        {
+            name: SourceObservations(
+                np.array([stamp for stamp, _ in sent]),
+                np.array([came - offset - stamp for stamp, came in sent]),
+                {id: _split(np.array(track)) for id, track in seen[name].items()},
+            )
+            for name, sent in messages.items()
+        },
+        float(settings["payload"]),
+        float(settings["latency"]),
+        is_lossy,
+    )
+
+
+def _read_state(event: JointState, count: int) -> list[float] | None:
+    """Stamp, path time, q and v of a joint state; None if it could not be used."""
+    if not (isinstance(event.q, list) and isinstance(event.v, list)):
+        return None
+    path_time = float(event.path_time) if isinstance(event.path_time, float | int) else np.nan
+    values = [float(value) for value in (event.stamp, *event.q, *event.v)]
+    if len(values) != 1 + 2 * count or not np.isfinite(values).all():
+        return None
+    return [values[0], path_time, *values[1:]]
+
+
+def _find_stops(verdicts: list[tuple[float, bool]]) -> list[StopCommand]:
+    """The STOPs that followed another level; the first verdicts of a run follow none."""
+    stops = []
+    told = None
+    for (_, before), (time, is_stop) in itertools.pairwise(verdicts):
+        if is_stop and not before:
+            told = time
+        elif before and not is_stop and told is not None:
+            stops.append(StopCommand(told, time))
+            told = None
+    if told is not None:
+        stops.append(StopCommand(told, verdicts[-1][0]))
+    return stops
+
+
+def _find_plan_ends(
+    plans: list[tuple[float, Plan]], stops: list[StopCommand], end: float
+) -> list[PlanAccepted]:
+    accepted = []
+    for number, (answered, plan) in enumerate(plans):
+        ends = [end, *(stop.told for stop in stops if stop.told >= answered)]
+        if number + 1 < len(plans):
+            ends.append(plans[number + 1][1].stamp)
+        accepted.append(PlanAccepted(plan, min(ends)))
+    return accepted
+
+
+def _split(track: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return track[:, 0], track[:, 1:]

@@ -1,0 +1,57 @@
+"""How often a source speaks, how old its messages are, and how far its positions scatter."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from armguard.recording.commission.noise import estimate_noise
+from armguard.recording.commission.observations import SourceObservations
+from armguard.recording.commission.stops import DEVIATIONS
+
+_FEWEST_MESSAGES = 20
+_FEWEST_SAMPLES = 30
+"""Of one obstacle, from which a spread is computed."""
+
+
+class SourceFindings(NamedTuple):
+    """What one source is like."""
+
+    rate: float
+    """Messages a second, by the median of their intervals; [Hz]."""
+    usual_silence: float
+    """Between two stamps, at most, 99 times of 100; in [s]."""
+    longest_silence: float
+    """Between two stamps, in [s]."""
+    median_age: float
+    oldest: float
+    """When messages were taken in, counted from their stamps, in [s]."""
+    spread: float
+    """Standard deviation of a coordinate, at most, in [m]; NaN where no obstacle was seen often
+    enough. What an obstacle does between two samples counts as spread."""
+
+
+def measure_source(seen: SourceObservations) -> SourceFindings | None:
+    """What a source is like; None if it sent too little to tell."""
+    if len(seen.stamps) < _FEWEST_MESSAGES:
+        return None
+    intervals = np.diff(np.unique(seen.stamps))
+    if not len(intervals):
+        return None
+    spreads = []
+    for stamps, positions in seen.tracks.values():
+        even = np.diff(stamps)
+        if len(stamps) < _FEWEST_SAMPLES or not (even <= 2.0 * np.median(even)).mean() > 0.9:
+            continue
+        # Each coordinate is an estimate by itself, and as good as its samples are many.
+        widest = max(estimate_noise(positions[:, axis]) for axis in range(3))
+        spreads.append(widest * (1.0 + DEVIATIONS / np.sqrt(len(stamps))))
+    return SourceFindings(
+        float(1.0 / np.median(intervals)),
+        float(np.percentile(intervals, 99.0)),
+        float(intervals.max()),
+        float(np.median(seen.ages)),
+        float(seen.ages.max()),
+        float(max(spreads)) if spreads else float("nan"),
+    )

@@ -1,0 +1,40 @@
+import numpy as np
+import pytest
+
+from armguard.recording.commission.observations import SourceObservations
+from armguard.recording.commission.sources import measure_source
+
+
+def make(rate=100.0, spread=0.01, messages=400, late=0.004, accel=2.0, seed=0):
+    random = np.random.default_rng(seed)
+    stamps = np.arange(messages) / rate
+    way = np.stack([0.5 * stamps, np.zeros(messages), 0.1 * accel * np.sin(3.0 * stamps)], axis=1)
+    positions = way + random.normal(0.0, spread, way.shape)
+    ages = np.full(messages, late)
+    ages[7] = 0.05
+    return SourceObservations(stamps, ages, {"ball": (stamps, positions)})
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("spread", [0.002, 0.02])
+def test_rate_age_and_spread_are_found(seed, spread):
+    found = measure_source(make(spread=spread, messages=4000, seed=seed))
+    assert found.rate == pytest.approx(100.0)
+    assert spread <= found.spread <= 1.1 * spread
+    assert (found.median_age, found.oldest) == pytest.approx((0.004, 0.05))
+
+
+def test_the_longest_silence_is_found():
+    seen = make()
+    gone = np.r_[0:100, 160:400]
+    found = measure_source(seen._replace(stamps=seen.stamps[gone], ages=seen.ages[gone], tracks={}))
+    assert found.usual_silence == pytest.approx(0.01)
+    assert found.longest_silence == pytest.approx(0.61)
+    assert found.rate == pytest.approx(100.0)
+    assert np.isnan(found.spread)
+
+
+def test_a_source_that_hardly_spoke_tells_nothing():
+    assert measure_source(make(messages=10)) is None
+    seen = make(messages=100)
+    assert measure_source(seen._replace(stamps=np.zeros(100))) is None

@@ -1,0 +1,224 @@
+"""Real sockets with keys: who is let in, and in whose name a message counts."""
+
+import time
+
+import msgspec
+import pytest
+import zmq
+
+from armguard.clock import MonotonicClock
+from armguard.exceptions import StreamError
+from armguard.obstacles import Obstacles, Source
+from armguard.streams import (
+    Edge,
+    FaultLog,
+    Publisher,
+    SocketInput,
+    VerdictPublisher,
+    VerdictReader,
+)
+from armguard.verdict import Level
+from support.key_rings import KeyRing
+from support.stream_sockets import PATIENCE
+from support.verdict_samples import verdict
+
+REST = 0.3
+"""Seconds after which a stranger would have been heard."""
+
+
+class Side:
+    """The monitor's side: an input, an edge and its table."""
+
+    def __init__(self, address, ring, **options):
+        self.authenticator = ring.authenticator()
+        self.input = SocketInput(address, self.authenticator)
+        clock = MonotonicClock()
+        self.lines = []
+        self.faults = FaultLog(clock.now, self.lines.append)
+        self.obstacles = Obstacles(sources=[Source("camera"), Source("lidar")])
+        self.edge = Edge(self.obstacles, ["a"], clock, self.faults, **options)
+
+    def drain(self, condition=None, patience=PATIENCE):
+        end = time.monotonic() + patience
+        while not (condition and condition()):
+            self.edge.drain([self.input])
+            if time.monotonic() > end:
+                assert condition is None
+                return
+            time.sleep(0.001)
+
+    def publisher(self, source, keys):
+        publisher = Publisher(self.input.address, source, keys)
+        self.drain(lambda: publisher.wait(0.0))
+        return publisher
+
+    def kinds(self):
+        return {(key.kind, key.source) for key in self.faults.counts}
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.input.close()
+        self.authenticator.close()
+
+
+@pytest.fixture
+def ring():
+    return KeyRing(
+        camera=["obstacles"],
+        lidar=["obstacles"],
+        controller=["joints", "verdicts"],
+        desk=["reset", "verdicts"],
+    )
+
+
+def show_ball(publisher):
+    publisher.update(["ball"], time.monotonic(), [[1.0, 0.0, 0.0]], radius=0.1)
+
+
+def test_a_known_client_speaks_in_its_own_name(address, ring):
+    with Side(address, ring) as side, side.publisher("camera", ring.keys("camera")) as publisher:
+        show_ball(publisher)
+        side.drain(lambda: side.edge.received)
+        assert side.faults.total == 0
+        assert side.obstacles.source_of(side.obstacles.row("ball")) == "camera"
+
+
+def test_a_message_in_the_name_of_another_is_refused_named_and_a_stop(address, ring):
+    """Two publishers of one source are told apart: one of them has not its key."""
+    with Side(address, ring) as side:
+        with (
+            side.publisher("camera", ring.keys("lidar")) as impostor,
+            side.publisher("camera", ring.keys("camera")) as camera,
+        ):
+            show_ball(impostor)
+            impostor.remove(["ball"], time.monotonic())
+            side.drain(lambda: side.faults.total == 2)
+            show_ball(camera)
+            side.drain(lambda: len(side.obstacles))
+        assert side.kinds() == {("sender refused", "lidar")}
+        assert "'camera' in a message with the key of 'lidar'" in side.lines[0]
+        faults = side.obstacles.take_faults()
+        assert {fault.source for fault in faults} == {"lidar"}
+        assert faults[0].field == "source"
+        # The numbers of the impostor's messages are nothing to those of the source.
+        assert side.faults.count("sequence went back") == side.faults.count("two publishers") == 0
+
+
+def test_each_client_may_send_what_the_cell_says_and_nothing_else(address, ring):
+    with Side(address, ring, reset_token="sesame") as side:
+        with side.publisher("camera", ring.keys("camera")) as camera:
+            camera.joints(time.monotonic(), ["a"], [0.0], [0.0])
+            camera.plan("commit", 0.0, ["a"], [0.0, 1.0], [[0.0]] * 2, [[0.0]] * 2, 0.1)
+            camera.reset("sesame")
+            side.drain(lambda: side.faults.total == 3)
+        with side.publisher("controller", ring.keys("controller")) as controller:
+            show_ball(controller)
+            side.drain(lambda: side.faults.total == 4)
+            assert side.edge.joint_state is None
+            assert not side.edge.reset_requested
+            assert side.edge.plans == []
+            assert len(side.obstacles) == 0
+            controller.joints(time.monotonic(), ["a"], [0.0], [0.0])
+            side.drain(lambda: side.edge.joint_state is not None)
+        assert side.kinds() == {("sender refused", "camera"), ("sender refused", "controller")}
+        with side.publisher("desk", ring.keys("desk")) as desk:
+            desk.reset("sesame")
+            side.drain(lambda: side.edge.reset_requested)
+
+
+def test_a_malformed_message_is_laid_to_the_key_that_it_came_with(address, ring):
+    with Side(address, ring) as side:
+        with side.publisher("camera", ring.keys("camera")) as camera:
+            camera._socket.send(msgspec.msgpack.encode({"type": "obstacles", "source": "lidar"}))
+            side.drain(lambda: side.faults.total)
+        assert side.kinds() == {("malformed", "camera")}
+
+
+def test_unknown_keys_get_nothing_in_and_are_named(address, ring):
+    with Side(address, ring) as side:
+        stranger = ring.stranger()
+        with Publisher(side.input.address, "camera", stranger) as publisher:
+            end = time.monotonic() + REST
+            while time.monotonic() < end:
+                show_ball(publisher)
+                side.drain(patience=0.01)
+            assert not publisher.wait(0.0)
+        assert side.edge.received == 0
+        assert ("client refused", "unknown") in side.kinds()
+        assert stranger.own.public in side.lines[0]
+
+
+def test_without_keys_or_with_those_of_another_monitor_nothing_gets_in(address, ring):
+    with Side(address, ring) as side:
+        other = KeyRing(camera=["obstacles"])
+        wrong = other.keys("camera")
+        for keys in (None, wrong):
+            with Publisher(side.input.address, "camera", keys) as publisher:
+                end = time.monotonic() + REST
+                while time.monotonic() < end:
+                    show_ball(publisher)
+                    side.drain(patience=0.01)
+                assert not publisher.wait(0.0)
+        assert side.edge.received == 0
+
+
+def test_only_those_that_may_read_verdicts_hear_any(address, ring):
+    authenticator = ring.authenticator()
+    publisher = VerdictPublisher(address, 0.0, authenticator)
+    strangers = [None, ring.stranger(), ring.keys("camera"), KeyRing(desk=[]).keys("desk")]
+    readers = [VerdictReader(publisher.address, keys) for keys in strangers]
+    with VerdictReader(publisher.address, ring.keys("controller")) as controller:
+        end = time.monotonic() + PATIENCE
+        while controller.latest() is None and time.monotonic() < end:
+            publisher.publish(verdict(Level.CLEAR))
+            time.sleep(0.001)
+        end = time.monotonic() + REST
+        while time.monotonic() < end:
+            publisher.publish(verdict(Level.CLEAR))
+            time.sleep(0.001)
+        assert controller.latest() is not None
+        assert [reader.latest() for reader in readers] == [None] * len(readers)
+    for reader in readers:
+        reader.close()
+    publisher.close()
+    authenticator.close()
+
+
+def test_beyond_this_machine_only_with_keys(ring):
+    with pytest.raises(StreamError, match=r"there are no keys.*armguard keys new"):
+        SocketInput("tcp://0.0.0.0:*")
+    with Side("tcp://0.0.0.0:*", ring) as side:
+        port = side.input.address.rsplit(":", 1)[1]
+        for user in (Publisher, VerdictReader):
+            with pytest.raises(StreamError, match="there are no keys"):
+                user(f"tcp://192.0.2.1:{port}")
+            user(f"tcp://192.0.2.1:{port}", keys=ring.keys("camera")).close()
+
+
+def test_strangers_without_end_cost_a_tick_a_few_answers(ring, monkeypatch):
+    """However many ask to be let in, a tick answers eight of them."""
+    with Side("tcp://127.0.0.1:*", ring) as side:
+        context, strangers = zmq.Context(), []
+        for _ in range(30):
+            stranger = context.socket(zmq.PUB)
+            strangers.append(stranger)
+            stranger.linger = 0
+            keys = ring.stranger()
+            stranger.curve_publickey = keys.own.public.encode()
+            stranger.curve_secretkey = keys.own.secret.encode()
+            stranger.curve_serverkey = keys.server.encode()
+            stranger.connect(side.input.address)
+        time.sleep(REST)
+        judged = []
+        judge = side.authenticator._judge
+        monkeypatch.setattr(
+            side.authenticator, "_judge", lambda parts: judged.append(1) or judge(parts)
+        )
+        side.authenticator.answer()
+        assert len(judged) == 8
+        side.drain(lambda: len(judged) == 30)
+        for stranger in strangers:
+            stranger.close()
+        context.term()

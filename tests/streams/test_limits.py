@@ -1,0 +1,114 @@
+import numpy as np
+import pytest
+
+from armguard.streams import SourceLimits
+from armguard.streams.limits import MessageAllowance
+from support.stream_messages import World, obstacles
+
+
+def crowd(names, **changes):
+    position = [[float(i % 50), 1.0, 1.0] for i in range(len(names))]
+    return obstacles(ids=list(names), position=position, velocity=None, **changes)
+
+
+def make_world(**limits):
+    return World(limits={"cam0": SourceLimits(**limits)})
+
+
+def told(world):
+    """What the verdict will know of."""
+    return [(fault.source, fault.field, fault.value) for fault in world.obstacles.take_faults()]
+
+
+def test_a_source_that_keeps_to_its_limits_is_no_fault():
+    world = make_world(message_rate=10.0, obstacles=3)
+    for second in range(3):
+        world.clock.sleep_until(5.0 + second)
+        world.send(*(crowd("abc", seq=10 * second + i) for i in range(10)))
+    assert world.faults.total == 0
+    assert len(world.obstacles) == 3
+
+
+def test_more_messages_than_a_second_allows_are_refused_named_and_a_stop():
+    world = make_world(message_rate=10.0)
+    world.send(*(obstacles(seq=i) for i in range(15)))
+    assert world.kinds() == ["beyond limit"]
+    assert world.faults.total == 5
+    assert "cam0 message 10" in world.lines[0]
+    assert "max_message_rate, 10 a second" in world.lines[0]
+    found = told(world)
+    assert len(found) == 5
+    assert found[0][0] == "cam0"
+    # What others send is not held against them, and after a while it may send again.
+    world.send(obstacles(source="cam1"))
+    world.clock.sleep_until(5.2)
+    world.send(obstacles(seq=15), obstacles(seq=16))
+    assert world.faults.total == 5
+
+
+def test_removals_count_as_messages():
+    world = make_world(message_rate=2.0)
+    remove = {"type": "remove", "ids": ["a"], "stamp": 1005.0, "source": "cam0"}
+    world.send(remove, remove, remove)
+    assert world.faults.count("beyond limit") == 1
+
+
+def test_a_message_that_is_too_long_for_its_source_is_refused():
+    world = make_world(message_size=300)
+    world.send(crowd("abcdefghijklmnop"), obstacles(seq=2))
+    assert world.faults.count("beyond limit") == 1
+    assert "max_message_size, 300 at most" in world.lines[0]
+    assert len(world.obstacles) == 1
+
+
+def test_obstacles_beyond_a_limit_are_refused_as_a_whole():
+    world = make_world(obstacles=4)
+    world.send(crowd("abc"), crowd("abcd", seq=2))
+    assert world.faults.total == 0
+    world.send(crowd("de", seq=3))
+    assert world.faults.count("beyond limit") == 1
+    assert "'cam0' has 5 obstacles; expected max_obstacles, 4 at most" in world.lines[0]
+    assert told(world) == [
+        (
+            "cam0",
+            "message",
+            "one by which 'cam0' has 5 obstacles; expected max_obstacles, 4 at most",
+        )
+    ]
+    assert len(world.obstacles) == 4
+    # A snapshot replaces what was there; other sources have limits of their own.
+    world.send(crowd("wxyz", seq=4, snapshot=True), crowd("abcde", source="cam1"))
+    assert world.faults.total == 1
+    world.send(crowd("uvwxyz", seq=5, snapshot=True))
+    assert world.faults.total == 2
+
+
+def test_a_crowd_beyond_the_usual_limit_costs_no_room():
+    world = World()
+    names = [str(i) for i in range(20_000)]
+    world.send(crowd(names))
+    assert world.faults.count("beyond limit") == 1
+    assert len(world.obstacles) == 0
+
+
+@pytest.mark.parametrize("rate", [0.5, 1.0, 7.0, 1000.0])
+def test_an_allowance_keeps_to_its_rate_however_calls_are_spread(rate):
+    """In any stretch of time T it grants no more than one second's worth, and rate times T."""
+    random = np.random.default_rng(7)
+    allowance, now, granted = MessageAllowance(rate, 0.0), 0.0, []
+    for _ in range(20_000):
+        now += random.exponential(0.3 / rate)
+        if allowance.take(now):
+            granted.append(now)
+    times = np.array(granted)
+    for k in (1, 5, 50, 500):
+        assert (times[k:] - times[:-k] >= (k - max(1.0, rate)) / rate - 1e-6).all()
+    # And it grants most of what there is room for: what comes while it is full is lost.
+    assert len(times) >= 0.7 * rate * now
+
+
+@pytest.mark.parametrize("jumps", [[-1e9, 1e9], [1e300, -1e300], [0.0, 0.0]])
+def test_no_jump_of_a_clock_grants_more(jumps):
+    allowance = MessageAllowance(2.0, 0.0)
+    for now in jumps:
+        assert sum(allowance.take(now) for _ in range(10)) <= 2
