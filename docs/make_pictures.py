@@ -25,7 +25,6 @@ from armguard.view import (
     LinkCover,
     SceneMessage,
     VerdictSummary,
-    compute_buckets,
     launch,
 )
 from armguard.view.arm import Arm
@@ -39,7 +38,12 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
 ]
 # Nothing but the robot, and not greyed out while drawing takes longer than a feed may be silent.
-STYLE = "section.card, .dg { display: none !important } #pane { filter: none !important }"
+STYLE = """
+body { display: block !important }
+body > :not(#stage), #presets { display: none !important }
+#stage { width: 100vw; height: 100vh }
+#pane { filter: none !important }
+"""
 PERIOD = 1e-3
 COLOURS = 200  # in the file: keeps it small
 DIRECTION = np.array([0.8, -0.5, 0.35])  # from the robot to the camera
@@ -95,7 +99,7 @@ def take_picture(page: Page, name: str) -> None:
     ]
     count = sum(len(robot.cover.spheres(link)) for link in robot.links)
     scene = SceneMessage(robot=name, joints=robot.joints, cover=tuple(covers), period=PERIOD)
-    buckets = bytes([int(compute_buckets(0.5, PERIOD))] * count)
+    times = np.full(count, 0.3, dtype="<f4").tobytes()
     verdict = VerdictSummary(level="CLEAR", contact_time=np.inf, stop_time=0.1)
     publisher = FramePublisher("tcp://127.0.0.1:*")
     try:
@@ -120,7 +124,7 @@ def take_picture(page: Page, name: str) -> None:
                         now=0.2 * sequence,
                         q=tuple(q.tolist()),
                         verdict=verdict,
-                        sphere_buckets=buckets,
+                        sphere_times=times,
                     )
                 )
                 page.wait_for_timeout(200)

@@ -26,7 +26,7 @@ from rich.table import Table
 from armguard.app.cell.cell import Cell
 from armguard.app.loop import Durations
 from armguard.app.processes import COMPLAINT, complain
-from armguard.app.view_feed import MonitorFeed
+from armguard.app.view_feed import MonitorFeed, Origin
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
 from armguard.recording.bags import BagRun
@@ -641,14 +641,14 @@ def show_page(
     with contextlib.ExitStack() as resources:
         folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="armguard-"))
         publisher = resources.enter_context(FramePublisher(f"ipc://{folder}/frames"))
-        feed = MonitorFeed(monitor, publisher, urdf=urdf[0], package_dirs=urdf[1])
         page = resources.enter_context(launch(publisher.address, port))
+        feed = MonitorFeed(monitor, publisher, Origin(*urdf, is_recorded=True))
         Console(stderr=True).print(f"see it in the browser: {page.url}", soft_wrap=True)
         if open_browser:
             webbrowser.open(page.url)
         durations = Durations()
 
         def take(tick: ReplayedTick) -> None:
-            feed.observe(tick.replayed, tick.now, durations, 0)
+            feed.observe(tick.replayed, tick.now, durations, 0, wall=1e-9 * tick.nanoseconds)
 
         yield take

@@ -6,6 +6,7 @@ import argparse
 import asyncio
 import os
 import sys
+from pathlib import Path
 
 from armguard.exceptions import ArmguardError
 from armguard.view.viewer import watch
@@ -19,11 +20,21 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m armguard.view", description=__doc__)
     parser.add_argument("address", help='feed of a running monitor, e.g. "tcp://127.0.0.1:5555"')
     parser.add_argument("--port", type=int, default=0, help="of the page; 0: any that is free")
+    parser.add_argument("--floor", type=float, default=0.0, help="height of the floor, in metres")
+    parser.add_argument("--export", type=Path, help="write a file that plays offline at the end")
     parser.add_argument("--parent", type=int, default=None, help="end when this process has ended")
     options = parser.parse_args()
     os.nice(NICENESS)
     try:
-        asyncio.run(watch(options.address, options.port, options.parent))
+        asyncio.run(
+            watch(
+                options.address,
+                options.port,
+                options.parent,
+                floor=options.floor,
+                export=options.export,
+            )
+        )
     except ArmguardError as error:
         sys.stderr.write(f"{error}\n")
         return 2

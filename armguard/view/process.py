@@ -12,6 +12,7 @@ import re
 import subprocess
 import sys
 import threading
+from pathlib import Path
 from types import TracebackType
 from typing import IO
 
@@ -41,9 +42,13 @@ class ViewProcess:
         """Whether the process is alive."""
         return self._process.poll() is None
 
-    def close(self) -> None:
-        """End the process and wait until it and its port are gone; harmless if they are."""
-        _end(self._process)
+    def close(self, timeout: float = END_TIMEOUT) -> None:
+        """End the process and wait until it and its port are gone; harmless if they are.
+
+        Args:
+            timeout: How long it may take before it is killed, in [s]; an export takes a while.
+        """
+        _end(self._process, timeout)
 
     def __enter__(self) -> ViewProcess:
         return self
@@ -57,12 +62,16 @@ class ViewProcess:
         self.close()
 
 
-def launch(address: str, port: int = 0) -> ViewProcess:
+def launch(
+    address: str, port: int = 0, *, floor: float = 0.0, export: Path | None = None
+) -> ViewProcess:
     """Start a view of the feed at `address`, and wait until its page can be opened.
 
     Args:
         address: Of a `FramePublisher`.
         port: TCP port of the page on 127.0.0.1; 0: any that is free.
+        floor: Height of the floor, in [m].
+        export: Where to write, at its end, a file that plays offline; None: nowhere.
 
     Raises:
         ArmguardError: The address or port cannot be used, or the process did not listen in time.
@@ -72,6 +81,9 @@ def launch(address: str, port: int = 0) -> ViewProcess:
     listen(port).close()
     command = [sys.executable, "-m", "armguard.view", address]
     command += ["--port", str(port), "--parent", str(os.getpid())]
+    command += ["--floor", str(floor)]
+    if export is not None:
+        command += ["--export", str(export)]
     process = subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
@@ -106,10 +118,10 @@ def _read_line(stream: IO[str], lines: queue.Queue[str]) -> None:
         lines.put(stream.readline())
 
 
-def _end(process: subprocess.Popen[str]) -> None:
+def _end(process: subprocess.Popen[str], timeout: float = END_TIMEOUT) -> None:
     process.terminate()
     try:
-        process.wait(END_TIMEOUT)
+        process.wait(timeout)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()

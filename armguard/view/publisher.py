@@ -11,7 +11,16 @@ from types import TracebackType
 import zmq
 
 from armguard.streams.addresses import check_address, check_free, explain, remove_file
-from armguard.view.messages import FrameMessage, SceneMessage, encode_message
+from armguard.view.messages import (
+    FrameMessage,
+    Message,
+    SceneMessage,
+    StatusMessage,
+    encode_message,
+)
+
+PATIENCE = 5.0
+"""How long a patient publisher waits for its views, in [s]."""
 
 SCENE_INTERVAL = 15
 """Frames after which the scene is told again, for views that attached late."""
@@ -22,6 +31,8 @@ class FramePublisher:
 
     Args:
         address: Where to bind, e.g. "ipc:///tmp/view" or "tcp://127.0.0.1:*".
+        is_patient: Whether it waits for the first view, and for slow ones up to `PATIENCE` a
+            message: for replays, which nothing waits for.
 
     Attributes:
         address: Where views attach, with the port that was chosen.
@@ -32,7 +43,7 @@ class FramePublisher:
         StreamError: The address is malformed, reaches beyond this machine, or is in use.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, *, is_patient: bool = False) -> None:
         check_address(address)
         check_free(address)
         self.dropped = 0
@@ -41,8 +52,14 @@ class FramePublisher:
         self._frames_since_scene = 0
         # A context of its own: closing it waits for no other sockets.
         self._context = zmq.Context()
-        self._socket = self._context.socket(zmq.PUB)
-        self._socket.set(zmq.SNDHWM, 2)
+        self._is_patient = is_patient
+        self._is_heard = not is_patient
+        # XPUB publishes as PUB does, and tells when a view begins to listen.
+        self._socket = self._context.socket(zmq.XPUB)
+        self._socket.set(zmq.SNDHWM, 64 if is_patient else 2)
+        if is_patient:
+            self._socket.set(zmq.XPUB_NODROP, 1)
+            self._socket.set(zmq.SNDTIMEO, round(1000 * PATIENCE))
         self._socket.set(zmq.LINGER, 0)
         try:
             self._socket.bind(address)
@@ -65,6 +82,10 @@ class FramePublisher:
             self._send(self._scene)
         self._send(frame)
 
+    def publish_status(self, status: StatusMessage) -> None:
+        """Tell what the monitor does that has no moments to show."""
+        self._send(status)
+
     def close(self) -> None:
         """Free the address; whatever is published afterwards is dropped."""
         if not self._context.closed:
@@ -82,9 +103,13 @@ class FramePublisher:
     ) -> None:
         self.close()
 
-    def _send(self, message: SceneMessage | FrameMessage) -> None:
+    def _send(self, message: Message) -> None:
+        if not self._is_heard:
+            self._is_heard = True
+            self._socket.poll(round(1000 * PATIENCE))
         try:
-            self._socket.send(encode_message(message), zmq.NOBLOCK)
+            flags = 0 if self._is_patient else zmq.NOBLOCK
+            self._socket.send(encode_message(message), flags)
         except (zmq.ZMQError, TypeError, ValueError, OverflowError) as error:
             # An observer must not hurt the loop: whatever it is, count it and go on.
             self.dropped += 1

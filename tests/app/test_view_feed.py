@@ -7,7 +7,7 @@ import pytest
 from armguard import Monitor, Obstacles, Robot
 from armguard.app.loop import Durations
 from armguard.app.view_feed import INTERVAL, PAIR_LIMIT, ROW_LIMIT, MonitorFeed
-from armguard.view import FrameMessage, SceneMessage, compute_buckets
+from armguard.view import FrameMessage, SceneMessage
 from armguard.view.messages import decode_message, encode_message
 
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
@@ -68,8 +68,9 @@ def test_a_frame_says_what_the_verdict_says(robot):
     assert (frame.verdict.link, frame.verdict.obstacle) == (verdict.link, verdict.obstacle)
     assert frame.q == tuple(READY)
     assert frame.load.ticks == 1
-    soonest = compute_buckets(np.array([verdict.contact_time]), 1e-3)[0]
-    assert frame.obstacles.buckets[0] == frame.pairs.buckets[0] == soonest
+    assert frame.obstacles.times[0] == frame.pairs.times[0] == np.float32(verdict.contact_time)
+    assert frame.pairs.buckets.sum() == 3 * len(robot.links)
+    assert frame.verdict.effects == tuple(one.kind.effect.value for one in verdict.reasons)
     assert frame.obstacles.ids[0] == verdict.obstacle
 
 
@@ -82,14 +83,15 @@ def test_a_frame_is_bounded_whatever_the_number_of_obstacles(robot):
     _, _, messages = observe(robot, count=ROW_LIMIT + 50)
     (frame,) = messages.frames
     assert len(frame.obstacles.ids) == ROW_LIMIT
-    assert len(frame.pairs.buckets) == PAIR_LIMIT
+    assert len(frame.pairs.times) == PAIR_LIMIT
+    assert frame.omitted == 50
 
 
 def test_an_arm_that_is_not_believed_is_about_to_touch_anything(robot):
     _, verdict, messages = observe(robot, q=READY * np.nan)
     assert verdict.link is None
     (frame,) = messages.frames
-    assert set(frame.sphere_buckets) == {int(compute_buckets(np.zeros(1), 1e-3)[0])}
+    assert not np.frombuffer(frame.sphere_times, "<f4").any()
 
 
 def test_what_was_refused_is_marked_and_stays_where_it_was_accepted(robot):
@@ -118,4 +120,4 @@ def test_an_attached_tool_comes_with_a_new_scene():
     scenes = [message for message in messages.all if isinstance(message, SceneMessage)]
     assert [len(scene.cover) for scene in scenes] == [10, 11]
     spheres = sum(len(cover.spheres) for cover in scenes[-1].cover)
-    assert len(messages.frames[-1].sphere_buckets) == spheres
+    assert len(messages.frames[-1].sphere_times) == 4 * spheres

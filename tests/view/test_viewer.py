@@ -63,7 +63,9 @@ def silence(url):
     async def ask():
         browser = await websocket_connect(HTTPRequest(url.replace("http", "ws") + "feed"))
         try:
-            news = msgspec.msgpack.decode(await asyncio.wait_for(browser.read_message(), TIMEOUT))
+            (news,) = msgspec.msgpack.decode(
+                await asyncio.wait_for(browser.read_message(), TIMEOUT)
+            )
         finally:
             browser.close()
             await asyncio.sleep(0.05)

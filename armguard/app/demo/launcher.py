@@ -33,6 +33,9 @@ from armguard.view.process import ViewProcess, launch
 END_TIMEOUT = 3.0
 """How long a process may take to end when asked to, in [s]."""
 
+FLOOR = -0.75
+"""Height of the floor that is drawn, in [m]: the arm of the demo stands on a table."""
+
 CELL = """\
 [robot]
 name = "{robot}"
@@ -139,7 +142,7 @@ def run_demo(
             resources.enter_context(_ending(node))
 
         def open_page() -> ViewProcess:
-            page = resources.enter_context(launch(frames, port))
+            page = resources.enter_context(launch(frames, port, floor=FLOOR))
             console.print(f"see it in the browser: {page.url}", soft_wrap=True)
             if open_browser:
                 webbrowser.open(page.url)
