@@ -151,7 +151,7 @@ class Picture:
         volume = self._find_volume(message, notes) if with_volume else np.zeros((0, 4))
         colours = np.tile(parse_colour("#ffffff"), (len(volume), 1))
         commands.append(drawing.draw_balls(f"{ROOT}/volume", volume, colours, Look(0.1)))
-        self._draw_obstacles(message, commands)
+        legs = self._draw_obstacles(message, commands)
         segments = self._draw_pairs(message, cover, commands)
         self._draw_reach(message, commands)
         if len(message.obstacles.ids) > MANY:
@@ -161,7 +161,7 @@ class Picture:
                 f"{message.omitted} more obstacles, less imminent than these, are watched and not "
                 "drawn"
             )
-        commands.append(self._aim(message, cover, segments))
+        commands.append(self._aim(message, cover, segments, legs))
         commands.append(self._describe(message, notes))
         return commands
 
@@ -250,7 +250,8 @@ class Picture:
             notes.append(f"the stopping volume is not drawn: {error}")
             return np.zeros((0, 4))
 
-    def _draw_obstacles(self, message: FrameMessage, commands: list[Command]) -> None:
+    def _draw_obstacles(self, message: FrameMessage, commands: list[Command]) -> Array:
+        """Draw what is in the cell; the lines of the legs that a person has for the eye."""
         obstacles = message.obstacles
         colours = self._colours(obstacles.times, message).astype(np.float64)
         grey = parse_colour(STATIC_GREY)
@@ -323,6 +324,7 @@ class Picture:
                 Labels(["legs: drawn for the eye, watched by nothing"] * len(legs)),
             )
         )
+        return legs
 
     def _draw_hulls(
         self,
@@ -408,7 +410,9 @@ class Picture:
             )
         )
 
-    def _aim(self, message: FrameMessage, cover: Array, segments: Array) -> Command:
+    def _aim(
+        self, message: FrameMessage, cover: Array, segments: Array, legs: Array
+    ) -> Command:
         """What the camera is to keep in the picture: balls in the world, in [m]."""
         assert self._message is not None, "aims at a scene"
         obstacles = message.obstacles
@@ -418,6 +422,10 @@ class Picture:
         near = np.linalg.norm(obstacles.points - base, axis=1) < FRAMED_WITHIN
         moving = (find_sound(obstacles) & ~obstacles.statics)[owner] & near
         bodies = np.column_stack([obstacles.points, obstacles.radii[owner]])[moving]
+        if len(legs):
+            # Both ends of each line of a leg, with a foot's breadth around.
+            ends = legs.reshape(-1, 3)
+            bodies = np.concatenate([bodies, np.column_stack([ends, np.full(len(ends), 0.05)])])
         content = {
             "arm": drawing.pack_floats(cover),
             "bodies": drawing.pack_floats(bodies),

@@ -1,4 +1,5 @@
 import asyncio
+import contextlib
 import math
 import signal
 import subprocess
@@ -11,6 +12,7 @@ import zmq
 from tornado.httpclient import HTTPClient, HTTPRequest
 from tornado.websocket import websocket_connect
 
+from armguard.streams.inputs import SocketInput
 from armguard.view import FramePublisher, launch
 from armguard.view.messages import encode_message
 from support.view_samples import make_frame, make_scene
@@ -97,3 +99,50 @@ def test_it_attaches_to_a_feed_that_comes_and_goes():
 
                 wait_for(is_heard)
         assert process.running
+
+
+def ask_for_reset(url, token):
+    """What becomes of a reset that a page asks for."""
+
+    async def ask():
+        browser = await websocket_connect(HTTPRequest(url.replace("http", "ws") + "feed"))
+        try:
+            await browser.write_message(msgspec.json.encode({"type": "reset", "token": token}))
+            while True:
+                message = await asyncio.wait_for(browser.read_message(), TIMEOUT)
+                first = msgspec.msgpack.decode(message)[0]
+                if first["type"] == "outcome":
+                    return first["text"]
+        finally:
+            browser.close()
+            await asyncio.sleep(0.05)
+
+    return asyncio.run(ask())
+
+
+def show_scene(publisher, url, **scene):
+    """Publish until the page has what is told."""
+    publisher.publish_scene(make_scene(**scene))
+    for sequence in range(100):
+        publisher.publish_frame(make_frame(sequence=sequence))
+        time.sleep(0.02)
+        if sequence > 20 and not math.isnan(silence(url)):
+            return
+
+
+def test_a_reset_from_the_page_reaches_the_monitor_with_its_token():
+    with (
+        FramePublisher("tcp://127.0.0.1:*") as publisher,
+        launch(publisher.address) as process,
+        contextlib.closing(SocketInput("tcp://127.0.0.1:*")) as monitor,
+    ):
+        assert "no monitor" in ask_for_reset(process.url, "sesame")
+        time.sleep(1.1)
+        show_scene(publisher, process.url)
+        assert "obeys no reset" in ask_for_reset(process.url, "sesame")
+        time.sleep(1.1)
+        show_scene(publisher, process.url, reset_address=monitor.address, obeys_reset=True)
+        assert ask_for_reset(process.url, "sesame").startswith("sent")
+        heard = []
+        wait_for(lambda: heard.extend(monitor.drain()) or heard)
+        assert "sesame" in str(heard)

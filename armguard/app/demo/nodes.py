@@ -19,6 +19,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
+from armguard.app.demo.places import find_place
 from armguard.app.processes import end_with
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
@@ -30,8 +31,6 @@ from armguard.simulation.sources import ObstacleSource
 from armguard.simulation.trajectory import keeps_within, random_trajectory
 from armguard.streams.nodes import Publisher, VerdictReader
 
-ROBOT = "panda"
-
 ROBOT_PERIOD = 0.001
 """Between two joint states, in [s]."""
 
@@ -40,9 +39,6 @@ PERCEPTION_PERIOD = 0.005
 
 SPEED_FRACTION = 0.2
 """Share of its velocity limits that the arm works at."""
-
-WORKSPACE = ((-0.3, -0.13, 0.02), (0.9, 0.9, 1.3))
-"""Where the arm works, in [m]: above its table, not on the side that people come from."""
 
 SETBACK = 0.4
 """People in recordings stood at a small table with the arm on it; here they stand this much farther
@@ -117,17 +113,19 @@ class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
     """Address of its verdicts."""
     seed: int
     """Of the arm's motion."""
+    robot: str
+    """Which arm."""
 
     def run(self) -> None:
         """Move until ended."""
-        robot = Robot.load(ROBOT)
+        robot, place = Robot.load(self.robot), find_place(self.robot)
         arm = SimulatedArm(
             random_trajectory(
                 robot,
                 self.seed,
                 WORK_CYCLE,
                 speed_fraction=SPEED_FRACTION,
-                accept=keeps_within(robot, *WORKSPACE),
+                accept=keeps_within(robot, place.lower, place.upper),
             ),
             OperatingLimits.published(robot),
         )

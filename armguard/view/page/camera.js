@@ -79,14 +79,13 @@ export class Camera {
     return [...this.balls.arm, ...this.balls.bodies];
   }
 
+  // Look at a point, given in the viewer's own world, which is the camera's.
   focus(point) {
     this.take();
     const { camera, controls } = this.viewer;
-    const target = toCamera(point);
-    camera.position.add(target.clone().sub(controls.target).multiplyScalar(1));
-    controls.target.copy(target);
-    const away = camera.position.clone().sub(target);
-    camera.position.copy(target).add(away.multiplyScalar(0.6));
+    const away = camera.position.clone().sub(controls.target).multiplyScalar(0.6);
+    controls.target.copy(point);
+    camera.position.copy(point).add(away);
     controls.update();
     this.viewer.set_dirty();
   }

@@ -99,7 +99,7 @@ function look(opacity, options) {
 // stencil lets the first one through; of opaque enough ones depth is drawn before colour.
 function hideInside(mesh, capacity, deep) {
   Object.assign(mesh.material, {
-    stencilWrite: true, stencilRef: nextStencil(), stencilFunc: THREE.NotEqualStencilFunc,
+    stencilWrite: true, stencilRef: deep ? SOLID : nextStencil(), stencilFunc: THREE.NotEqualStencilFunc,
     stencilZPass: THREE.ReplaceStencilOp,
   });
   mesh.renderOrder = 2;
@@ -112,9 +112,10 @@ function hideInside(mesh, capacity, deep) {
   mesh.add(inside);
 }
 
-// Bodies of one object hide each other; those of two do not.
-let stencils = 0;
+// Solid bodies hide each other; of faint ones only those of one object do.
+const SOLID = 1;
+let stencils = SOLID;
 function nextStencil() {
-  stencils = (stencils % 254) + 1;
+  stencils = stencils < 255 ? stencils + 1 : SOLID + 1;
   return stencils;
 }

@@ -1,13 +1,13 @@
 // The strip: contact time (logarithmic) with the stop time below it, the speed scale, and the level
 // as a band, over the last half minute, or over a whole recording. What happened stands on top.
-import { clock, element, seconds } from "./words.js";
+import { clock, element } from "./words.js";
 
 const SPAN = 30; // [s] of a live monitor
 const SHORTEST = 0.01, LONGEST = 30; // [s] of contact and stop time
 const LINES = [0.1, 1, 10];
 const SIGNS = { stop: "■", go: "▶", fault: "!", latch: "⚿", reset: "○", refused: "✕" };
 const GAP = 0.5; // [s] without moments is a gap
-const BAND = 12, SPEED = 16, TOP = 20; // [px]
+const TOP = 22; // [px], for what happened
 
 export class Strip {
   // seek: shows the moment of a number.
@@ -83,7 +83,8 @@ export class Strip {
     pen.scale(ratio, ratio);
     const [begin, end] = this.window();
     const x = (now) => (now - begin) / (end - begin) * width;
-    const floor = height - BAND - SPEED - 4;
+    const band = height > 100 ? 12 : 8, speed = height > 100 ? 14 : 8;
+    const floor = height - band - speed - 4;
     const y = (time) => {
       const share = Math.log(Math.min(Math.max(time, SHORTEST), LONGEST) / SHORTEST)
         / Math.log(LONGEST / SHORTEST);
@@ -95,25 +96,21 @@ export class Strip {
       pen.fillStyle = "#2b3641";
       pen.fillRect(0, Math.round(y(time)), width, 1);
       pen.fillStyle = "#a3b0be";
-      pen.fillText(seconds(time).replace(".00", "").replace(".0", ""), 2, y(time) - 2);
+      if (height > 100) pen.fillText(`${time} s`, 2, y(time) - 2);
     }
     shown.forEach((moment, k) => {
       const next = shown[k + 1];
       const until = next === undefined || next.now - moment.now > this.longestGap()
         ? moment.now + 0.1 : next.now;
-      this.drawLevel(pen, moment, x(moment.now), Math.max(1, x(until) - x(moment.now)), height);
+      const left = x(moment.now), wide = Math.max(1, x(until) - left) + 0.5;
+      this.drawLevel(pen, moment, { left, wide, height, band });
       pen.fillStyle = "#5f7184";
-      const tall = SPEED * Math.max(0, Math.min(1, moment.speed));
-      pen.fillRect(x(moment.now), height - BAND - 2 - tall, Math.max(1, x(until) - x(moment.now)) + 0.5, tall);
+      const tall = speed * Math.max(0, Math.min(1, moment.speed));
+      pen.fillRect(left, height - band - 2 - tall, wide, tall);
     });
     this.drawCurve(pen, shown, x, (moment) => y(moment.stop), { dash: [4, 3], colour: "#ffffff" });
     this.drawCurve(pen, shown, x, (moment) => y(moment.contact), { dash: [], colour: "#8fc7ff" });
-    pen.fillStyle = "#8fc7ff";
-    pen.fillText("— earliest contact", 44, 12);
-    pen.fillStyle = "#ffffff";
-    pen.fillText("-- time to stop", 142, 12);
-    pen.fillStyle = "#a3b0be";
-    pen.fillText("▮ speed allowed", 222, 12);
+    if (height > 100) this.drawKey(pen, width);
     if (this.at !== null && this.moments.length) {
       pen.fillStyle = "#ffffff";
       pen.fillRect(Math.round(x(this.find(this.at).now)) - 1, 0, 2, height);
@@ -125,12 +122,25 @@ export class Strip {
     return this.isWhole ? Infinity : GAP;
   }
 
+  drawKey(pen, width) {
+    let left = width - 262;
+    for (const [text, colour] of [
+      ["— earliest contact", "#8fc7ff"], ["-- time to stop", "#ffffff"], ["▮ speed allowed", "#a3b0be"],
+    ]) {
+      pen.fillStyle = "rgba(22, 29, 37, 0.8)";
+      pen.fillRect(left - 3, TOP + 2, pen.measureText(text).width + 6, 13);
+      pen.fillStyle = colour;
+      pen.fillText(text, left, TOP + 12);
+      left += pen.measureText(text).width + 12;
+    }
+  }
+
   // A band in the level's colour; STOP and SLOW are told apart by their height as well.
-  drawLevel(pen, { level }, left, width, height) {
+  drawLevel(pen, { level }, { left, wide, height, band }) {
     const known = this.levels[level];
-    const tall = BAND * [1, 0.75, 0.5, 0.3][Math.max(level, 0)];
+    const tall = band * [1, 0.75, 0.5, 0.3][Math.max(level, 0)];
     pen.fillStyle = known ? known.colour : "#93a1b0";
-    pen.fillRect(left, height - tall, width + 0.5, tall);
+    pen.fillRect(left, height - tall, wide, tall);
   }
 
   drawCurve(pen, moments, x, y, { dash, colour }) {
