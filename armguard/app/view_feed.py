@@ -72,6 +72,9 @@ class Origin(NamedTuple):
     """Whether ticks come from a recording, so that none waits, and each STOP can be explained."""
 
 
+OF_KNOWN_ROBOT = Origin()
+
+
 class MonitorFeed:
     """Publishes what a monitor sees.
 
@@ -82,7 +85,7 @@ class MonitorFeed:
     """
 
     def __init__(
-        self, monitor: Monitor, publisher: FramePublisher, origin: Origin = Origin()
+        self, monitor: Monitor, publisher: FramePublisher, origin: Origin = OF_KNOWN_ROBOT
     ) -> None:
         self._monitor = monitor
         self._publisher = publisher

@@ -53,7 +53,7 @@ def find_levels(
 def compute_colours(
     contact_times: ArrayLike, stop_time: float, margins: tuple[float, float], level: str
 ) -> NDArray[np.float32]:
-    """sRGB values from 0 to 1 of what has these contact times; see `find_levels`. Shape (n, 3)."""
+    """SRGB values from 0 to 1 of what has these contact times; see `find_levels`. Shape (n, 3)."""
     times = np.asarray(contact_times, dtype=np.float64)
     levels = find_levels(times, stop_time, margins, level)
     colours = np.array([parse_colour(code) for code in LEVEL_COLOURS])[levels]

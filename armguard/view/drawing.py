@@ -81,12 +81,15 @@ class Labels(NamedTuple):
     """Contact time of each, in [s]; empty: they have none."""
 
 
+NO_LABELS = Labels()
+
+
 def draw_balls(
     path: str,
     balls: ArrayLike,
     colours: ArrayLike,
     look: Look,
-    labels: Labels = Labels(),
+    labels: Labels = NO_LABELS,
 ) -> Command:
     """Balls in one instanced mesh.
 
@@ -112,7 +115,7 @@ def draw_rods(
     radii: ArrayLike,
     colours: ArrayLike,
     look: Look,
-    labels: Labels = Labels(),
+    labels: Labels = NO_LABELS,
 ) -> Command:
     """Open cylinders around segments, in one instanced mesh.
 
@@ -165,7 +168,7 @@ def draw_surface(
     triangles: ArrayLike,
     colours: ArrayLike,
     opacity: float,
-    labels: Labels = Labels(),
+    labels: Labels = NO_LABELS,
     owners: Sequence[int] = (),
 ) -> Command:
     """Triangles that may change, in one object.

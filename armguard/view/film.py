@@ -130,6 +130,11 @@ class Film:
         )
         self._last = frame
 
+    def settle(self) -> None:
+        """Keep the last frame as a moment, however soon it came after the one before."""
+        if self._open is not None:
+            self._keep(self._open)
+
     def find(self, number: int) -> Moment | None:
         """The moment of this number, or the last one before it; None where there is none."""
         low, high = 0, len(self.moments)

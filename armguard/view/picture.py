@@ -410,9 +410,7 @@ class Picture:
             )
         )
 
-    def _aim(
-        self, message: FrameMessage, cover: Array, segments: Array, legs: Array
-    ) -> Command:
+    def _aim(self, message: FrameMessage, cover: Array, segments: Array, legs: Array) -> Command:
         """What the camera is to keep in the picture: balls in the world, in [m]."""
         assert self._message is not None, "aims at a scene"
         obstacles = message.obstacles

@@ -1,4 +1,4 @@
-"""Where the arm can be until it rests, found in the process of the view, when a page asks for it."""
+"""Where the arm can be until it rests, found by the view's process where a page asks for it."""
 
 from __future__ import annotations
 

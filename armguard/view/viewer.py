@@ -106,6 +106,7 @@ class Watch:
         Raises:
             ArmguardError: There is nothing to write, or the file cannot be written.
         """
+        self._station.film.settle()
         write_export(path, self._values.payloads, self._station, self._draw_past)
 
     def close(self) -> None:
@@ -147,6 +148,8 @@ class Watch:
                 self._draw_scene(message)
             elif isinstance(message, StatusMessage):
                 self._station.status, self._station.is_over = message.text, message.is_over
+                if message.is_over:
+                    self._station.film.settle()
             else:
                 frame = message
                 self._station.is_over = False

@@ -23,9 +23,7 @@ def test_every_level_of_the_tree_covers_what_the_finest_does(target):
     for level in scene.levels:
         for coarse, fine in zip(level, scene.cover, strict=True):
             # Each leaf has a ball above it in the level, which lies about the same surface.
-            away = np.linalg.norm(
-                coarse.spheres[:, None, :3] - fine.spheres[None, :, :3], axis=2
-            )
+            away = np.linalg.norm(coarse.spheres[:, None, :3] - fine.spheres[None, :, :3], axis=2)
             near = away <= coarse.spheres[:, None, 3] + fine.spheres[None, :, 3]
             assert near.any(axis=0).all()
     counts = [sum(len(link.spheres) for link in level) for level in scene.levels]
@@ -38,9 +36,7 @@ def test_depths_rise_by_one_from_ball_to_ball(target):
     for link in target.robot.links:
         tree, depths = cover.tree(link), measure_depths(cover, link)
         assert depths[0] == 0
-        for ball, (first, count) in enumerate(
-            zip(tree.first_child, tree.child_count, strict=True)
-        ):
+        for ball, (first, count) in enumerate(zip(tree.first_child, tree.child_count, strict=True)):
             assert (depths[first : first + count] == depths[ball] + 1).all()
 
 

@@ -5,8 +5,8 @@ from armguard.view.figure import draw_legs
 
 HIP = np.array([1.0, -2.0, 0.2])
 SHOULDERS = {
-    "left_shoulder": HIP + (0.0, 0.2, 0.4),
-    "right_shoulder": HIP + (0.0, -0.2, 0.4),
+    "left_shoulder": HIP + np.array([0.0, 0.2, 0.4]),
+    "right_shoulder": HIP + np.array([0.0, -0.2, 0.4]),
 }
 
 
@@ -29,5 +29,5 @@ def test_without_a_hip_above_the_floor_there_are_none(places):
 
 
 def test_shoulders_one_above_the_other_turn_nothing_into_nan():
-    places = {"hip": HIP, "left_shoulder": HIP + (0, 0, 1.0), "right_shoulder": HIP}
+    places = {"hip": HIP, "left_shoulder": HIP + np.array([0.0, 0.0, 1.0]), "right_shoulder": HIP}
     assert np.isfinite(draw_legs(places, 0.0)).all()

@@ -94,6 +94,15 @@ def test_of_a_recording_all_is_kept_with_fewer_moments_and_every_event(monkeypat
     assert all(film.find(event.number).number == event.number for event in film.events)
 
 
+def test_the_last_frame_is_a_moment_once_the_film_is_settled():
+    film = Film()
+    shoot(film, frame_at(0.0), frame_at(0.01))
+    assert film.moments[-1].now == 0.0
+    film.settle()
+    film.settle()
+    assert [moment.now for moment in film.moments] == [0.0, 0.01]
+
+
 def test_memory_is_bounded(monkeypatch):
     payload = len(encode_message(frame_at(0.0)))
     monkeypatch.setattr(film_module, "MOST_BYTES", 20 * payload)

@@ -33,7 +33,8 @@ def sample_hull(points, count=60_000):
 def test_no_place_of_a_hull_is_nearer_than_the_end_of_its_line():
     random = np.random.default_rng(1)
     for _ in range(10):
-        points = random.uniform(-0.5, 0.5, (int(random.integers(3, 9)), 3)) + (1.5, 0.3, 0.2)
+        points = random.uniform(-0.5, 0.5, (int(random.integers(3, 9)), 3))
+        points += [1.5, 0.3, 0.2]
         _, end = connect(BALLS[:1], points, 0.0)
         least = np.linalg.norm(sample_hull(points), axis=1).min()
         # Samples are in the hull, so none is nearer; some come close.

@@ -22,9 +22,7 @@ def test_the_volume_is_that_of_the_monitors_own_arm(monitor):
     scene = make_scene(monitor, Origin())
     found = StoppingVolume(scene).compute(make_frame(q=Q, v=V, arm_age=0.001))
     settings = monitor.settings
-    motion = BrakingMotion(
-        monitor.robot, settings.reaction_time, operating=settings.operating
-    )
+    motion = BrakingMotion(monitor.robot, settings.reaction_time, operating=settings.operating)
     expected = motion.stopping_volume(Q, V, 0.001, settings.response_time)
     leaves = np.concatenate(
         [monitor.robot.cover.tree(link).child_count == 0 for link in monitor.robot.links]
