@@ -49,6 +49,8 @@ MANY = 200
 """Obstacles beyond which each is drawn with few triangles."""
 FRAMED_WITHIN = 8.0
 """How far from the arm's base a moving obstacle may be to be kept in the picture, in [m]."""
+BASE = 0.12
+"""How much around the arm's base is kept in the picture, in [m]."""
 AXIS = 0.12
 """Length of the axes of a sensor's frame, in [m]."""
 
@@ -425,7 +427,7 @@ class Picture:
             ends = legs.reshape(-1, 3)
             bodies = np.concatenate([bodies, np.column_stack([ends, np.full(len(ends), 0.05)])])
         content = {
-            "arm": drawing.pack_floats(cover),
+            "arm": drawing.pack_floats(np.concatenate([cover, [[*base, BASE]]])),
             "bodies": drawing.pack_floats(bodies),
             "pair": drawing.pack_floats(segments[:1]),
         }

@@ -40,6 +40,9 @@ PERCEPTION_PERIOD = 0.005
 SPEED_FRACTION = 0.2
 """Share of its velocity limits that the arm works at."""
 
+ACCELERATION_FRACTION = 0.5
+"""Share of what joints and brakes can that the arm works at, at most."""
+
 SETBACK = 0.4
 """People in recordings stood at a small table with the arm on it; here they stand this much farther
 away, along -y, in [m]: the arms differ, and so would the people's places."""
@@ -125,6 +128,7 @@ class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
                 self.seed,
                 WORK_CYCLE,
                 speed_fraction=SPEED_FRACTION,
+                acceleration_fraction=choose_acceleration(robot),
                 accept=keeps_within(robot, place.lower, place.upper),
             ),
             OperatingLimits.published(robot),
@@ -142,6 +146,18 @@ class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
                 publisher.joints(now, robot.joints, q, v)
                 tick = max(tick + 1, math.floor((now - start) / ROBOT_PERIOD))
                 time.sleep(max(0.0, start + tick * ROBOT_PERIOD - time.monotonic()))
+
+
+def choose_acceleration(robot: Robot) -> float:
+    """Share of what joints and brakes can that the arm works at; its controller keeps to less."""
+    published = robot.published_operating_limits
+    if published is None:
+        return ACCELERATION_FRACTION
+    able = np.minimum(
+        robot.acceleration_limit, robot.brakes.gentlest_stop(0.0 * published.velocity)
+    )
+    # A quarter of what the controller allows is left for speeding up again after a slowdown.
+    return min(ACCELERATION_FRACTION, 0.75 * float(np.min(published.acceleration / able)))
 
 
 class _Restamped:

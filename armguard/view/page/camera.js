@@ -8,6 +8,7 @@ const THREE = MeshCat.THREE;
 const ROOM = 1.12; // how much farther away than needed
 const TIGHT = 1.03; // nearer than this it moves away
 const LOOSE = 1.7; // farther than this it comes nearer
+const ASIDE = 0.5; // of half the picture, from which on what is seen is moved to its middle
 const GLIDE = 0.45; // [s] for most of the way
 
 // From what is looked at to the camera, in the world.
@@ -104,7 +105,10 @@ export class Camera {
     const goal = this.goal;
     const least = goal && needed(subjects, goal.target, axes, slopes);
     const isFirst = goal === null || goal.preset !== this.preset || goal.aspect !== camera.aspect;
-    if (isFirst || least * TIGHT > goal.distance || wanted.distance * LOOSE < goal.distance) {
+    const isAside = goal && wanted.target.distanceTo(goal.target)
+      > ASIDE * Math.min(...slopes) * goal.distance;
+    if (isFirst || isAside || least * TIGHT > goal.distance
+        || wanted.distance * LOOSE < goal.distance) {
       this.goal = {
         target: wanted.target, distance: wanted.distance * ROOM,
         preset: this.preset, aspect: camera.aspect,

@@ -123,10 +123,11 @@ export class Strip {
   }
 
   drawKey(pen, width) {
-    let left = width - 262;
-    for (const [text, colour] of [
+    const words = [
       ["— earliest contact", "#8fc7ff"], ["-- time to stop", "#ffffff"], ["▮ speed allowed", "#a3b0be"],
-    ]) {
+    ];
+    let left = width - words.reduce((sum, [text]) => sum + pen.measureText(text).width + 12, 0);
+    for (const [text, colour] of words) {
       pen.fillStyle = "rgba(22, 29, 37, 0.8)";
       pen.fillRect(left - 3, TOP + 2, pen.measureText(text).width + 6, 13);
       pen.fillStyle = colour;

@@ -12,6 +12,7 @@ export function stopTime(value) {
 }
 
 export function microseconds(value) {
+  if (!(value < Infinity)) return "–";
   return value < 0.9995e-3 ? `${(1e6 * value).toFixed(0)} µs` : `${(1e3 * value).toFixed(1)} ms`;
 }
 
