@@ -263,7 +263,9 @@ class Picture:
         ends = np.cumsum(counts)
         sound = find_sound(obstacles)
         owner = np.repeat(np.arange(len(counts)), counts)
-        look = Look(OBSTACLE_OPACITY, is_coarse=len(counts) > MANY)
+        many = len(counts) > MANY
+        # Solid bodies are drawn once, translucent ones twice.
+        look = Look(1.0 if many else OBSTACLE_OPACITY, is_coarse=many)
 
         def label(rows: NDArray[np.int64]) -> Labels:
             names = [

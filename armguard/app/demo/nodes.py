@@ -153,9 +153,8 @@ def choose_acceleration(robot: Robot) -> float:
     published = robot.published_operating_limits
     if published is None:
         return ACCELERATION_FRACTION
-    able = np.minimum(
-        robot.acceleration_limit, robot.brakes.gentlest_stop(0.0 * published.velocity)
-    )
+    gentlest = robot.brakes.gentlest_stop(np.zeros(len(robot.joints)))
+    able = np.minimum(robot.acceleration_limit, gentlest)
     # A quarter of what the controller allows is left for speeding up again after a slowdown.
     return min(ACCELERATION_FRACTION, 0.75 * float(np.min(published.acceleration / able)))
 

@@ -43,9 +43,13 @@ export class Layers {
 
   // Some scenes have nothing to show in a layer.
   limit(scene) {
-    for (const { name, label } of this.boxes) {
+    const isModel = scene.tree.length > 0;
+    for (const { name, label, box } of this.boxes) {
       label.hidden = (name === "volume" && !scene.has_volume)
-        || (name === "sensors" && !scene.sensors.length);
+        || (name === "sensors" && !scene.sensors.length)
+        || (isModel && !["cover", "meshes"].includes(name));
+      // Of an arm alone the levels of the tree are shown, and the finest only on request.
+      if (isModel && name === "cover" && readAddress().get("layers") === null) box.checked = false;
     }
   }
 

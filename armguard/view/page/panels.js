@@ -92,7 +92,8 @@ export class Panels {
       const row = document.createElement("tr");
       const late = old === null || (timeout !== null && old > timeout);
       const slow = !late && timeout !== null && old > SLUGGISH * timeout;
-      const told = old === null ? "never heard" : `${(1000 * Math.max(old, 0)).toFixed(0)} ms old`;
+      const told = old === null ? "never heard"
+        : `${(1000 * Math.max(old, 0)).toFixed(0)} ms${late || slow ? "" : " old"}`;
       for (const text of [
         name,
         rate === null ? "" : `${rate < 10 ? rate.toFixed(1) : rate.toFixed(0)} Hz`,

@@ -5,7 +5,7 @@ import { clock, element } from "./words.js";
 const SPAN = 30; // [s] of a live monitor
 const SHORTEST = 0.01, LONGEST = 30; // [s] of contact and stop time
 const LINES = [0.1, 1, 10];
-const SIGNS = { stop: "■", go: "▶", fault: "!", latch: "⚿", reset: "○", refused: "✕" };
+const SIGNS = { stop: "■", go: "▶", fault: "!", latch: "◆", reset: "○", refused: "✕" };
 const GAP = 0.5; // [s] without moments is a gap
 const TOP = 22; // [px], for what happened
 
