@@ -1,7 +1,8 @@
-"""Pictures of covers for docs/covers.md: `python docs/make_pictures.py [ROBOT …]`.
+"""Pictures for the documentation: `python docs/make_pictures.py [view | ROBOT …]`.
 
 Each robot that armguard knows is drawn by the project's own view, its cover over its meshes, in a
-browser without a screen (Debian's Chromium, driven by Playwright, both from the extra `test`).
+browser without a screen (Debian's Chromium, driven by Playwright, both from the extra `test`). For
+`view` the demo is run, and its page shown as it was in the middle, wide and on a phone.
 """
 
 from __future__ import annotations
@@ -9,13 +10,15 @@ from __future__ import annotations
 import io
 import itertools
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
 
+from armguard.app.demo.launcher import run_demo
 from armguard.exceptions import ArmguardError
 from armguard.robot import Kinematics, Robot
 from armguard.robot.description import list_robots
@@ -25,7 +28,6 @@ from armguard.view import (
     LinkCover,
     SceneMessage,
     VerdictSummary,
-    compute_buckets,
     launch,
 )
 from armguard.view.arm import Arm
@@ -39,8 +41,15 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
 ]
 # Nothing but the robot, and not greyed out while drawing takes longer than a feed may be silent.
-STYLE = "section.card, .dg { display: none !important } #pane { filter: none !important }"
+STYLE = """
+body { display: block !important }
+body > :not(#stage), #presets { display: none !important }
+#stage { width: 100vw; height: 100vh }
+#pane { filter: none !important }
+"""
 PERIOD = 1e-3
+DEMO_DURATION = 24.0
+VIEWS = {"view": (1280, 800), "view_phone": (360, 640)}
 COLOURS = 200  # in the file: keeps it small
 DIRECTION = np.array([0.8, -0.5, 0.35])  # from the robot to the camera
 PATIENCE = 300.0  # [s]: drawing by software may take minutes
@@ -56,6 +65,11 @@ IS_THERE = """(meshes) => {
     };
     const parts = Object.values(find("arm").children).filter(isThere);
     return parts.length === meshes && isThere(find("cover"));
+}"""
+SEEK_MIDDLE = """() => {
+    const slider = document.querySelector("#transport input");
+    slider.value = Math.round(slider.max / 2);
+    slider.dispatchEvent(new Event("input"));
 }"""
 SETTLE = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
 
@@ -95,7 +109,7 @@ def take_picture(page: Page, name: str) -> None:
     ]
     count = sum(len(robot.cover.spheres(link)) for link in robot.links)
     scene = SceneMessage(robot=name, joints=robot.joints, cover=tuple(covers), period=PERIOD)
-    buckets = bytes([int(compute_buckets(0.5, PERIOD))] * count)
+    times = np.full(count, 0.3, dtype="<f4").tobytes()
     verdict = VerdictSummary(level="CLEAR", contact_time=np.inf, stop_time=0.1)
     publisher = FramePublisher("tcp://127.0.0.1:*")
     try:
@@ -120,28 +134,54 @@ def take_picture(page: Page, name: str) -> None:
                         now=0.2 * sequence,
                         q=tuple(q.tolist()),
                         verdict=verdict,
-                        sphere_buckets=buckets,
+                        sphere_times=times,
                     )
                 )
                 page.wait_for_timeout(200)
                 if page.evaluate(IS_THERE, meshes):
                     break
             page.evaluate(SETTLE)
-            picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+            picture = Image.open(io.BytesIO(page.screenshot()))
     finally:
         publisher.close()
     FOLDER.mkdir(exist_ok=True)
-    small = picture.quantize(COLOURS, dither=Image.Dither.NONE)
-    small.save(FOLDER / f"{name}.png", optimize=True)
+    save(picture, FOLDER / f"{name}.png")
+
+
+def take_view_pictures(browser: Browser) -> None:
+    """Run the demo, and save what its page showed in the middle of the person's visit."""
+    with tempfile.TemporaryDirectory() as folder:
+        film = Path(folder) / "scene.html"
+        run_demo(duration=DEMO_DURATION, view=False, export=film)
+        for name, (width, height) in VIEWS.items():
+            page = browser.new_page(viewport={"width": width, "height": height})
+            page.set_default_timeout(120_000)
+            page.goto(f"{film.as_uri()}#layers=cover,lines,reach,plan,statics,meshes")
+            page.get_by_label("pause").wait_for()
+            # In the middle of his visit he works at the arm.
+            page.evaluate(SEEK_MIDDLE)
+            page.wait_for_timeout(4000)
+            page.evaluate(SETTLE)
+            save(Image.open(io.BytesIO(page.screenshot())), FOLDER.parent / f"{name}.png")
+            page.close()
+
+
+def save(picture: Image.Image, path: Path) -> None:
+    """Write a picture with few colours, so that its file is small."""
+    small = picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+    small.save(path, optimize=True)
 
 
 def main() -> None:
-    """Make the pictures of the robots named, or of all."""
+    """Make the pictures that are named, or those of all robots."""
     with (
         sync_playwright() as playwright,
         playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS) as browser,
     ):
         for name in sys.argv[1:] or list_robots():
+            if name == "view":
+                take_view_pictures(browser)
+                continue
             page = browser.new_page(viewport={"width": 640, "height": 560})
             page.set_default_timeout(120_000)
             take_picture(page, name)

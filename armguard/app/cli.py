@@ -43,10 +43,13 @@ class Command(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Demo:
-    """Supervise a simulated Panda at 1 kHz among moving people and obstacles.
+    """Supervise a simulated arm at 1 kHz among moving people and obstacles.
 
-    Example: armguard demo --duration 20 --obstacles 10 --record demo.mcap
+    Example: armguard demo --robot ur5 --duration 20 --obstacles 10 --record demo.mcap
     """
+
+    robot: str = "panda"
+    """Which arm: one that `armguard robots` lists."""
 
     duration: float = 20.0
     """How long to run, in seconds; a recording may end it sooner."""
@@ -66,6 +69,8 @@ class Demo:
     """Open the page in the browser."""
     record: Path | None = None
     """Write a recording: a new MCAP file, or a folder for one."""
+    export: Path | None = None
+    """Write, at the end, one HTML file that plays what the page showed, offline."""
     json: Flag = False
     """Print one JSON object at the end and nothing else."""
 
@@ -74,6 +79,7 @@ class Demo:
         from armguard.app.demo.launcher import run_demo
 
         return run_demo(
+            robot=self.robot,
             duration=self.duration,
             person=self.person,
             obstacle_count=self.obstacles,
@@ -83,6 +89,7 @@ class Demo:
             port=self.port,
             open_browser=self.open,
             record=self.record,
+            export=self.export,
             as_json=self.json,
         )
 
@@ -162,7 +169,7 @@ class Replay:
     record: Path | None = None
     """Make a recording of a recording of others: a new MCAP file, or a folder for one."""
     speed: float | None = None
-    """How many times as fast as it was; without it, as fast as possible, or 1 with --view."""
+    """How many times as fast as it was; without it, as fast as possible."""
     explain: str | None = None
     """Why the verdict at this time was as it was: in seconds of the monitor, or as 14:03:12.5."""
     what_if: str | None = None
@@ -170,7 +177,9 @@ class Replay:
     csv: Path | None = None
     """Write a table of all verdicts; "-" is standard output."""
     view: Flag = False
-    """Show the cell in a browser page."""
+    """Show the cell in a browser page, which plays, steps and searches, until Ctrl-C."""
+    export: Path | None = None
+    """Write one HTML file that plays what the page shows, offline."""
     port: int = 0
     """TCP port of the page on 127.0.0.1; 0: any that is free."""
     open: Flag = False
@@ -180,8 +189,11 @@ class Replay:
 
     def run(self) -> int:
         """Replay; the exit code is 1 where verdicts differ."""
-        from armguard.app.replay import run_bag, run_replay
+        from armguard.app.replay import PageRequest, run_bag, run_replay
 
+        page = None
+        if self.view or self.export is not None:
+            page = PageRequest(self.view, self.port, self.open, self.export)
         if self.topics or self.cell is not None:
             if not self.topics or self.cell is None:
                 missing = "--cell" if self.topics else "--topics"
@@ -201,9 +213,7 @@ class Replay:
                 speed=self.speed,
                 explain=self.explain,
                 csv_file=self.csv,
-                view=self.view,
-                port=self.port,
-                open_browser=self.open,
+                page=page,
                 as_json=self.json,
             )
         of_others = {
@@ -223,9 +233,7 @@ class Replay:
             explain=self.explain,
             what_if=self.what_if,
             csv_file=self.csv,
-            view=self.view,
-            port=self.port,
-            open_browser=self.open,
+            page=page,
             as_json=self.json,
         )
 
@@ -283,6 +291,8 @@ class View:
     """What `armguard run --view` was given."""
     port: int = 0
     """TCP port of the page; 0: any that is free."""
+    floor: float = 0.0
+    """Height of the floor that is drawn, in metres."""
     open: Flag = False
     """Open the page in the browser."""
     host: str = "127.0.0.1"
@@ -299,6 +309,7 @@ class View:
         return show(
             self.address,
             self.port,
+            floor=self.floor,
             open_browser=self.open,
             host=self.host,
             key_files=read_key_files(self.key, self.server_key),
@@ -324,6 +335,31 @@ class Keys:
         from armguard.app.run import make_keys
 
         return make_keys(self.name, self.dir)
+
+
+@dataclasses.dataclass(frozen=True)
+class Show:
+    """Show an arm in the browser: its meshes, its cover, and the levels of the cover's tree.
+
+    Example: armguard show ur5 --open
+    """
+
+    robot: Annotated[str, tyro.conf.Positional]
+    """A robot that armguard knows, or a URDF, to which a cover is fitted first."""
+    package_dirs: tuple[Path, ...] = ()
+    """Folders in which the URDF's packages lie, besides those around it."""
+    port: int = 0
+    """TCP port of the page on 127.0.0.1; 0: any that is free."""
+    open: Flag = False
+    """Open the page in the browser."""
+
+    def run(self) -> int:
+        """Serve the page until Ctrl-C."""
+        from armguard.app.show import show_arm
+
+        return show_arm(
+            self.robot, package_dirs=self.package_dirs, port=self.port, open_browser=self.open
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -418,6 +454,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                     | Annotated[Reset, tyro.conf.subcommand("reset")]
                     | Annotated[View, tyro.conf.subcommand("view")]
                     | Annotated[Keys, tyro.conf.subcommand("keys")]
+                    | Annotated[Show, tyro.conf.subcommand("show")]
                     | Annotated[Cover, tyro.conf.subcommand("cover")]
                     | Annotated[Robots, tyro.conf.subcommand("robots")]
                 ],

@@ -108,6 +108,11 @@ class RateLoop:
         self.late = 0
         self.missed = 0
 
+    @property
+    def refused_resets(self) -> int:
+        """Resets so far that were not obeyed."""
+        return self._edge.faults.count("reset refused")
+
     def run(self, duration: float = math.inf) -> LoopReport:
         """Loop for `duration` [s], until Ctrl-C (KeyboardInterrupt), or the end of an input."""
         with IdleCollector(self.clock) as collector:

@@ -26,7 +26,7 @@ from rich.table import Table
 from armguard.app.cell.cell import Cell
 from armguard.app.loop import Durations
 from armguard.app.processes import COMPLAINT, complain
-from armguard.app.view_feed import MonitorFeed
+from armguard.app.view_feed import MonitorFeed, Origin
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
 from armguard.recording.bags import BagRun
@@ -35,7 +35,9 @@ from armguard.recording.recorder import Recorder, check_new
 from armguard.recording.replay import Replay, ReplayedTick, ReplayReport
 from armguard.robot.description import list_robots
 from armguard.verdict import Level, ReasonKind, Verdict
-from armguard.view.process import launch
+from armguard.view.export import check_export
+from armguard.view.messages import StatusMessage
+from armguard.view.process import ViewProcess, launch
 from armguard.view.publisher import FramePublisher
 
 COLUMNS = (
@@ -58,7 +60,35 @@ COLUMNS = (
 
 PAIRS_SHOWN = 5
 
+PAGE_CHECK_INTERVAL = 0.25
+"""Between two checks that the page is still served, in [s]."""
+
+EXPORT_TIMEOUT = 120.0
+"""How long the page's process may take to write its export, in [s]."""
+
 STANDARD_OUTPUT = Path("-")
+
+
+class PageRequest(NamedTuple):
+    """What page a replay is to be shown in."""
+
+    is_shown: bool = True
+    """Whether its address is told, and it stays until Ctrl-C; else it is there for its export."""
+    port: int = 0
+    """TCP port on 127.0.0.1; 0: any that is free."""
+    opens_browser: bool = False
+    """Whether to open it."""
+    export: Path | None = None
+    """Where to write a file that plays offline; None: nowhere."""
+
+    def check(self) -> None:
+        """Refuse an export that cannot be written.
+
+        Raises:
+            ArmguardError: There is no place for it.
+        """
+        if self.export is not None:
+            check_export(self.export)
 
 
 class Stop(NamedTuple):
@@ -80,22 +110,18 @@ def run_replay(
     explain: str | None = None,
     what_if: str | None = None,
     csv_file: Path | None = None,
-    view: bool = False,
-    port: int = 0,
-    open_browser: bool = False,
+    page: PageRequest | None = None,
     as_json: bool = False,
 ) -> int:
     """Replay a recording and print what was found.
 
     Args:
         path: The recording.
-        speed: How many times as fast as it was; None: as fast as possible, or as it was for a view.
+        speed: How many times as fast as it was; None: as fast as possible.
         explain: A time of the verdict that is to be explained; None: none is.
         what_if: Settings to be changed, as "latency=0.01,operating.velocity=0.3".
         csv_file: Where a table of all verdicts goes; "-" is standard output.
-        view: Show the cell in a browser page.
-        port: TCP port of that page on 127.0.0.1; 0: any that is free.
-        open_browser: Open the page.
+        page: Show the cell in a browser page; None: in none.
         as_json: Print one JSON object instead of words.
 
     Returns:
@@ -107,7 +133,8 @@ def run_replay(
     check_table(csv_file, path)
     recording = Recording(path)
     changes = {} if what_if is None else read_changes(what_if)
-    if view:
+    if page is not None:
+        page.check()
         check_drawable(str(recording.robot.get("name")))
     replay = Replay(recording, changes)
     stops, watch, took = lead(
@@ -116,9 +143,7 @@ def run_replay(
         speed=speed,
         explain=explain,
         csv_file=csv_file,
-        view=view,
-        port=port,
-        open_browser=open_browser,
+        page=page,
     )
     report = replay.report()
     if as_json:
@@ -153,9 +178,7 @@ def run_bag(
     speed: float | None = None,
     explain: str | None = None,
     csv_file: Path | None = None,
-    view: bool = False,
-    port: int = 0,
-    open_browser: bool = False,
+    page: PageRequest | None = None,
     as_json: bool = False,
 ) -> int:
     """Lead a cell's monitor through a recording of others, and print what it said.
@@ -171,9 +194,7 @@ def run_bag(
         speed: As in `run_replay`; so are those that follow.
         explain: The time of the verdict to be explained.
         csv_file: Where a table of all verdicts goes.
-        view: Show the cell in a browser page.
-        port: Of that page.
-        open_browser: Open the page.
+        page: Show the cell in a browser page; None: in none.
         as_json: Print one JSON object instead of words.
 
     Returns:
@@ -185,6 +206,8 @@ def run_bag(
     if record is not None:
         check_new(record)
     check_table(csv_file, path)
+    if page is not None:
+        page.check()
     cell = Cell.load(cell_file)
     _, _, monitor = cell.build()
     bag = BagRun(path, monitor, topics, radius=radius, snapshot=snapshot, stamps=stamps)
@@ -197,9 +220,7 @@ def run_bag(
             speed=speed,
             explain=explain,
             csv_file=csv_file,
-            view=view,
-            port=port,
-            open_browser=open_browser,
+            page=page,
             urdf=cell.urdf,
         )
         problem = recorder.close() if record is not None else ""
@@ -237,9 +258,7 @@ def lead(
     speed: float | None,
     explain: str | None,
     csv_file: Path | None,
-    view: bool,
-    port: int,
-    open_browser: bool,
+    page: PageRequest | None,
     urdf: tuple[str, list[str]] = ("", []),
 ) -> tuple[StopList, Watch, float]:
     """Take all ticks, or those up to the one that is to be explained.
@@ -250,9 +269,7 @@ def lead(
         speed: As in `run_replay`; so are those that follow.
         explain: The time of the verdict to be explained.
         csv_file: Where a table of all verdicts goes.
-        view: Show the cell in a browser page.
-        port: Of that page.
-        open_browser: Open the page.
+        page: Show the cell in a browser page; None: in none.
         urdf: Path of the arm's URDF and its package folders, where it is not one that armguard
             knows.
 
@@ -263,15 +280,14 @@ def lead(
         ArmguardError: There is no verdict at the time that is to be explained.
     """
     stops, watch = StopList(), Watch(explain)
-    pace = Pace(1.0 if view and speed is None else speed)
+    pace = Pace(speed)
     begin = time.monotonic()
     with contextlib.ExitStack() as resources:
         observers: list[Callable[[ReplayedTick], None]] = [stops.take, watch.take]
         if csv_file is not None:
             observers.append(resources.enter_context(open_table(csv_file)))
-        if view:
-            page = show_page(monitor, urdf, port, open_browser)
-            observers.append(resources.enter_context(page))
+        if page is not None:
+            observers.append(resources.enter_context(show_page(monitor, urdf, page)))
         for tick in ticks:
             pace.wait(tick.nanoseconds)
             for observe in observers:
@@ -635,20 +651,39 @@ def _telling_write_errors(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def show_page(
-    monitor: Monitor, urdf: tuple[str, list[str]], port: int, open_browser: bool
+    monitor: Monitor, urdf: tuple[str, list[str]], page: PageRequest
 ) -> Iterator[Callable[[ReplayedTick], None]]:
-    """A page that shows what the replayed monitor sees; what takes its ticks."""
+    """A page that shows what the replayed monitor sees; what takes its ticks.
+
+    The page keeps all of it, and plays it as its user likes; so it stays, after the last tick,
+    until Ctrl-C, unless it is there for the sake of its export alone.
+    """
     with contextlib.ExitStack() as resources:
         folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="armguard-"))
-        publisher = resources.enter_context(FramePublisher(f"ipc://{folder}/frames"))
-        feed = MonitorFeed(monitor, publisher, urdf=urdf[0], package_dirs=urdf[1])
-        page = resources.enter_context(launch(publisher.address, port))
-        Console(stderr=True).print(f"see it in the browser: {page.url}", soft_wrap=True)
-        if open_browser:
-            webbrowser.open(page.url)
+        publisher = resources.enter_context(
+            FramePublisher(f"ipc://{folder}/frames", is_patient=True)
+        )
+        process = launch(publisher.address, page.port, export=page.export)
+        resources.callback(process.close, EXPORT_TIMEOUT)
+        if page.is_shown:
+            Console(stderr=True).print(f"see it in the browser: {process.url}", soft_wrap=True)
+        if page.opens_browser:
+            webbrowser.open(process.url)
+        feed = MonitorFeed(monitor, publisher, Origin(*urdf, is_recorded=True))
         durations = Durations()
 
         def take(tick: ReplayedTick) -> None:
-            feed.observe(tick.replayed, tick.now, durations, 0)
+            feed.observe(tick.replayed, tick.now, durations, 0, wall=1e-9 * tick.nanoseconds)
 
         yield take
+        publisher.publish_status(StatusMessage(text="the recording ends here", is_over=True))
+        if page.is_shown:
+            Console(stderr=True).print("all is read; the page stays until Ctrl-C", soft_wrap=True)
+            stay(process)
+
+
+def stay(page: ViewProcess) -> None:
+    """Return when the page has ended, or at Ctrl-C."""
+    with contextlib.suppress(KeyboardInterrupt):
+        while page.running:
+            time.sleep(PAGE_CHECK_INTERVAL)

@@ -20,7 +20,7 @@ from armguard.app.cell.cell import Cell
 from armguard.app.loop import RateLoop, run
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.summary import VerdictCounts, draw_summary, summarise
-from armguard.app.view_feed import MonitorFeed
+from armguard.app.view_feed import MonitorFeed, Origin
 from armguard.bounds.braking import BrakingMotion
 from armguard.exceptions import ArmguardError, StreamError
 from armguard.jit import Progress, telling
@@ -38,6 +38,7 @@ from armguard.streams.keys import Keys, write_new_pair
 from armguard.streams.nodes import Publisher
 from armguard.verdict import Verdict
 from armguard.view.listening import LOOPBACK
+from armguard.view.messages import StatusMessage
 from armguard.view.process import launch
 from armguard.view.publisher import FramePublisher
 
@@ -112,6 +113,7 @@ def supervise(
 
         def tell_addresses(addresses: Mapping[str, str]) -> None:
             announcer.remedy = describe_remedy(addresses, reset_token)
+            observer.begin(addresses, obeys_reset=reset_token is not None)
             if quiet:
                 return
             views = {} if publisher is None else {"view": publisher.address}
@@ -120,6 +122,7 @@ def supervise(
 
         def tell_prepared(monitor: Monitor) -> None:
             waiting.stop()
+            observer.monitor = monitor
             missing = describe_missing_limits(monitor)
             if missing is not None and not quiet:
                 announcer.tell(missing)
@@ -132,6 +135,8 @@ def supervise(
             if progress is None:
                 return
             text = f"{progress} (once; kept for the next start)"
+            if publisher is not None:
+                publisher.publish_status(StatusMessage(text=text))
             if console.is_terminal:
                 waiting.update(text)
             elif progress.duration >= next_line:
@@ -189,6 +194,16 @@ def describe_missing_limits(monitor: Monitor) -> str | None:
     )
 
 
+def find_reset_address(addresses: Mapping[str, str]) -> str:
+    """Where a reset can be sent; empty where standard input alone takes one.
+
+    Args:
+        addresses: Of "joints" and "obstacles"; "-" is standard input.
+    """
+    sockets = [one for one in (addresses["joints"], addresses["obstacles"]) if one != "-"]
+    return sockets[0] if sockets else ""
+
+
 def describe_remedy(addresses: Mapping[str, str], reset_token: str | None) -> str:
     """What ends a latched STOP, as a command that can be copied.
 
@@ -196,10 +211,10 @@ def describe_remedy(addresses: Mapping[str, str], reset_token: str | None) -> st
         addresses: Of "joints" and "obstacles"; "-" is standard input.
         reset_token: What a reset must carry; None: none is obeyed.
     """
-    sockets = [one for one in (addresses["joints"], addresses["obstacles"]) if one != "-"]
+    address = find_reset_address(addresses)
     token = "TOKEN" if reset_token is None else reset_token
-    if sockets:
-        way = shlex.join(["armguard", "reset", sockets[0], "--token", token])
+    if address:
+        way = shlex.join(["armguard", "reset", address, "--token", token])
     else:
         way = f"a line {msgspec.json.encode({'type': 'reset', 'token': token}).decode()}"
     if reset_token is not None:
@@ -282,6 +297,7 @@ def show(
     port: int,
     *,
     open_browser: bool,
+    floor: float = 0.0,
     host: str = LOOPBACK,
     key_files: tuple[Path, Path] | None = None,
 ) -> int:
@@ -290,13 +306,14 @@ def show(
     Args:
         address: Of the monitor's feed.
         port: TCP port of the page; 0: any that is free.
+        floor: Height of the floor that is drawn, in [m].
         open_browser: Open the page.
         host: Address of the interface on which the page is served; by token beyond loopback.
         key_files: Secret file of a client that may view, and the monitor's public file.
     """
     with (
         contextlib.suppress(KeyboardInterrupt),
-        launch(address, port, host=host, key_files=key_files) as page,
+        launch(address, port, floor=floor, host=host, key_files=key_files) as page,
     ):
         Console().print(f"see it in the browser: {page.url}", soft_wrap=True)
         if open_browser:
@@ -317,16 +334,31 @@ class _Observer:
         self._cell = cell
         self._publisher = publisher
         self._feed: MonitorFeed | None = None
+        self.monitor: Monitor | None = None
+        """What is observed, once it is there."""
+
+    def begin(self, addresses: Mapping[str, str], *, obeys_reset: bool) -> None:
+        """Tell the views of the cell, before the first tick.
+
+        Args:
+            addresses: Of "joints" and "obstacles".
+            obeys_reset: Whether a reset that brings its token is obeyed.
+        """
+        if self._publisher is None or self.monitor is None:
+            return
+        urdf, package_dirs = self._cell.urdf
+        origin = Origin(urdf, package_dirs, find_reset_address(addresses), obeys_reset)
+        self._feed = MonitorFeed(self.monitor, self._publisher, origin)
 
     def observe(self, loop: RateLoop, verdict: Verdict) -> None:
         """Called after each verdict was published."""
         self.counts.count(verdict)
         self._announcer.observe(loop.clock.now(), verdict)
-        if self._publisher is None:
-            return
-        if self._feed is None:
-            urdf, package_dirs = self._cell.urdf
-            self._feed = MonitorFeed(
-                loop.monitor, self._publisher, urdf=urdf, package_dirs=package_dirs
+        if self._feed is not None:
+            self._feed.observe(
+                verdict,
+                loop.clock.now(),
+                loop.durations,
+                loop.late,
+                refused_resets=loop.refused_resets,
             )
-        self._feed.observe(verdict, loop.clock.now(), loop.durations, loop.late)

@@ -7,22 +7,36 @@ bounded amount, whatever the number of obstacles, and publish without waiting.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
+from typing import NamedTuple
 
+import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
+from armguard.app.heard import RateMeter
 from armguard.app.loop import Durations
+from armguard.app.reachable import find_reachable
 from armguard.monitor.monitor import Monitor
+from armguard.monitor.reports import Snapshot
 from armguard.obstacles.table import MOST_REFUSED
-from armguard.verdict import Verdict
-from armguard.view.buckets import compute_buckets
+from armguard.robot.operating_limits import LimitsInForce
+from armguard.robot.portable import describe_robot
+from armguard.robot.robot import Robot
+from armguard.verdict import Effect, Level, Verdict
+from armguard.view.buckets import count_buckets
 from armguard.view.messages import (
+    Balls,
     FrameMessage,
+    Latch,
     LinkCover,
     Load,
     ObstacleShapes,
     Pairs,
     SceneMessage,
+    SourceReport,
+    StoppingRule,
     VerdictSummary,
 )
 from armguard.view.publisher import FramePublisher
@@ -33,8 +47,32 @@ INTERVAL = 1.0 / 30.0
 PAIR_LIMIT = 32
 """Lines drawn at most."""
 
-ROW_LIMIT = 500
+ROW_LIMIT = 1000
 """Obstacles drawn at most, the most imminent ones."""
+
+REASON_LIMIT = 6
+"""Reasons told at most."""
+
+PLAN_SAMPLES = 24
+"""Places on a told path that are drawn."""
+
+
+class Origin(NamedTuple):
+    """What the view cannot know from the monitor alone."""
+
+    urdf: str = ""
+    """The robot's URDF, where it is not one that armguard knows."""
+    package_dirs: Sequence[str] = ()
+    """Folders in which that URDF's meshes are looked up."""
+    reset_address: str = ""
+    """Where the monitor takes a reset."""
+    obeys_reset: bool = False
+    """Whether it obeys one that brings its token."""
+    is_recorded: bool = False
+    """Whether ticks come from a recording, so that none waits, and each STOP can be explained."""
+
+
+OF_KNOWN_ROBOT = Origin()
 
 
 class MonitorFeed:
@@ -43,25 +81,38 @@ class MonitorFeed:
     Args:
         monitor: The monitor.
         publisher: Where its frames go.
-        urdf: The robot's URDF, where it is not one that armguard knows.
-        package_dirs: Folders in which that URDF's meshes are looked up.
+        origin: What the view cannot know from the monitor.
     """
 
     def __init__(
-        self,
-        monitor: Monitor,
-        publisher: FramePublisher,
-        *,
-        urdf: str = "",
-        package_dirs: Sequence[str] = (),
+        self, monitor: Monitor, publisher: FramePublisher, origin: Origin = OF_KNOWN_ROBOT
     ) -> None:
         self._monitor = monitor
         self._publisher = publisher
         self._next = -math.inf
-        self._urdf, self._package_dirs = urdf, package_dirs
+        self._origin = origin
+        self._level: Level | None = None
+        """Of the last tick."""
+        self._worst: Verdict | None = None
+        """The first of the lowest level since the last frame."""
+        self._stamp = math.nan
+        self._states = 0
+        """Joint states so far, told by their stamps."""
+        self._meters: dict[str, RateMeter] = {}
+        self._latches: dict[str, Latch] = {}
+        self._explanation: tuple[str, ...] = ()
         self._publish_scene()
 
-    def observe(self, verdict: Verdict, now: float, durations: Durations, late: int) -> None:
+    def observe(
+        self,
+        verdict: Verdict,
+        now: float,
+        durations: Durations,
+        late: int,
+        *,
+        wall: float | None = None,
+        refused_resets: int = 0,
+    ) -> None:
         """Publish a frame if one is due.
 
         Args:
@@ -69,11 +120,22 @@ class MonitorFeed:
             now: Time of the monitor's clock, in [s].
             durations: How long ticks took so far.
             late: How many came late.
+            wall: Time of day, in [s] since 1970; None: the present.
+            refused_resets: How many resets were refused so far.
         """
+        if verdict.stamp != self._stamp:
+            self._stamp = verdict.stamp
+            self._states += verdict.sequence > 0
+        if verdict.level is not self._level:
+            if verdict.level is Level.STOP:
+                self._explain()
+            self._level = verdict.level
+            if self._worst is None or verdict.level < self._worst.level:
+                self._worst = verdict
         if now < self._next:
             return
         self._next = max(self._next + INTERVAL, now)
-        if self._monitor.robot.revision != self._revision:
+        if self._describe_changes() != self._changes:
             self._publish_scene()
         load = Load(
             ticks=durations.count,
@@ -82,31 +144,48 @@ class MonitorFeed:
             p50=durations.percentile(50.0),
             p99=durations.percentile(99.0),
         )
-        self._publisher.publish_frame(self._make_frame(verdict, now, load))
+        if self._worst is not None and not self._worst.level < verdict.level:
+            self._worst = None
+        # What was lower in between is told first: a frame of its own, of the same moment.
+        for told in (self._worst, verdict):
+            if told is not None:
+                frame = self._make_frame(told, now, load)
+                frame = msgspec.structs.replace(
+                    frame,
+                    wall=time.time() if wall is None else wall,
+                    refused_resets=refused_resets,
+                )
+                self._publisher.publish_frame(frame)
+        self._worst = None
+
+    def _explain(self) -> None:
+        """Ask why, where there is time for it: the answer takes as long as thirty ticks."""
+        if self._origin.is_recorded:
+            explanation = self._monitor.explain()
+            self._explanation = () if explanation is None else tuple(str(explanation).splitlines())
+
+    def _describe_changes(self) -> tuple[int, float]:
+        """What the scene rests on and may change."""
+        return self._monitor.robot.revision, self._monitor.payload
 
     def _publish_scene(self) -> None:
-        self._revision = self._monitor.robot.revision
-        scene = _make_scene(self._monitor, self._urdf, self._package_dirs)
-        self._publisher.publish_scene(scene)
+        self._changes = self._describe_changes()
+        self._publisher.publish_scene(make_scene(self._monitor, self._origin))
 
     def _make_frame(self, verdict: Verdict, now: float, load: Load) -> FrameMessage:
         monitor = self._monitor
         snapshot = monitor.snapshot(pair_limit=PAIR_LIMIT, row_limit=ROW_LIMIT)
-        period = monitor.period
         sphere_times = snapshot.sphere_times
         if verdict.link is None and verdict.contact_time == 0.0:
             # Nothing is known about the arm, so everything may be about to touch it.
             sphere_times = np.zeros_like(sphere_times)
-        table, rows = monitor.obstacles.table, snapshot.rows
-        # A body that was never believed is shown where it was refused, if that is anywhere.
-        accepted, refused, places = table.accepted, table.refused_states, rows * MOST_REFUSED
-        believed = table.has_state[rows]
-        points = np.where(believed[:, None, None], accepted.points[rows], refused.points[places])
-        points[~believed & (table.refused_count[rows] == 0)] = np.nan
+        reasons = verdict.reasons[:REASON_LIMIT]
         return FrameMessage(
             sequence=verdict.sequence,
             now=now,
             q=tuple(snapshot.q.tolist()),
+            v=tuple(monitor.joint_velocities.tolist()),
+            arm_age=max(now - verdict.stamp, 0.0) if math.isfinite(verdict.stamp) else 0.0,
             verdict=VerdictSummary(
                 level=verdict.level.name,
                 contact_time=verdict.contact_time,
@@ -115,36 +194,149 @@ class MonitorFeed:
                 link=verdict.link or "",
                 obstacle=verdict.obstacle or "",
                 complete=verdict.complete,
-                reasons=tuple(str(reason) for reason in verdict.reasons[:4]),
+                reasons=tuple(map(str, reasons)),
+                effects=tuple(reason.kind.effect.value for reason in reasons),
             ),
             load=load,
-            sphere_buckets=compute_buckets(sphere_times, period).tobytes(),
-            obstacles=ObstacleShapes.pack(
-                [monitor.obstacles.ids[row] for row in rows],
-                points,
-                np.where(believed, accepted.radius[rows], refused.radius[places]),
-                counts=np.where(believed, accepted.point_count[rows], refused.point_count[places]),
-                refused=table.refused[rows],
-                buckets=compute_buckets(snapshot.row_times, period),
-            ),
-            pairs=Pairs.pack(snapshot.segments, compute_buckets(snapshot.pair_times, period)),
+            sphere_times=sphere_times.astype("<f4").tobytes(),
+            obstacles=_pack_obstacles(monitor, snapshot),
+            omitted=max(len(monitor.obstacles) - len(snapshot.rows), 0),
+            pairs=self._pack_pairs(snapshot),
+            sources=self._report_sources(verdict, now),
+            latches=self._follow_latches(verdict, now),
+            reach=self._find_reach(verdict, snapshot, now),
+            plan=_sample_plan(monitor, now),
+            explanation=self._explanation if verdict.level is Level.STOP else (),
         )
 
+    def _pack_pairs(self, snapshot: Snapshot) -> Pairs:
+        links = len(self._monitor.robot.links)
+        places = {int(row): place for place, row in enumerate(snapshot.rows)}
+        rows, those = np.divmod(snapshot.pairs, links)
+        listed = [place for place, row in enumerate(rows) if int(row) in places]
+        return Pairs.pack(
+            those[listed],
+            [places[int(row)] for row in rows[listed]],
+            snapshot.pair_times[listed],
+            count_buckets(snapshot.all_times, self._monitor.period),
+        )
 
-def _make_scene(monitor: Monitor, urdf: str, package_dirs: Sequence[str]) -> SceneMessage:
-    robot = monitor.robot
-    covers = []
-    for link in robot.links:
-        tree = robot.cover.tree(link)
-        leaves = tree.spheres[tree.child_count == 0]
-        joint = robot.model.names[robot.joint_index(link)]
-        covers.append(LinkCover.pack(link, joint, leaves))
+    def _report_sources(self, verdict: Verdict, now: float) -> tuple[SourceReport, ...]:
+        settings = self._monitor.settings
+        is_heard = verdict.sequence > 0 and math.isfinite(verdict.stamp)
+        robot_age = now - verdict.stamp if is_heard else None
+        heard = [("robot", self._states, robot_age, settings.joint_timeout)]
+        for name, messages, newest, timeout in self._monitor.obstacles.heard_sources:
+            age = now - newest if math.isfinite(newest) else None
+            heard.append((name, messages, age, timeout or settings.source_timeout))
+        return tuple(
+            SourceReport(
+                name=name,
+                age=age,
+                rate=self._meters.setdefault(name, RateMeter()).read(now, messages),
+                timeout=timeout,
+            )
+            for name, messages, age, timeout in heard
+        )
+
+    def _follow_latches(self, verdict: Verdict, now: float) -> tuple[Latch, ...]:
+        latched = [one for one in verdict.reasons if one.kind.effect is Effect.LATCHED]
+        self._latches = {
+            one.kind.name: self._latches.get(one.kind.name, Latch(reason=str(one), since=now))
+            for one in latched
+        }
+        return tuple(self._latches.values())
+
+    def _find_reach(self, verdict: Verdict, snapshot: Snapshot, now: float) -> Balls:
+        table = self._monitor.obstacles.table
+        if not len(snapshot.rows) or not math.isfinite(verdict.stop_time):
+            return Balls()
+        row = int(snapshot.rows[0])
+        if table.static[row] or not table.has_state[row]:
+            return Balls()
+        return Balls.pack(find_reachable(table.accepted, row, now, verdict.stop_time))
+
+
+def make_scene(monitor: Monitor, origin: Origin) -> SceneMessage:
+    """What the view is told of a monitor that does not change from tick to tick.
+
+    Args:
+        monitor: The monitor.
+        origin: What the view cannot know from it.
+    """
+    robot, settings = monitor.robot, monitor.settings
+    limits = LimitsInForce(robot, settings.operating, monitor.payload)
+    sensors = tuple(
+        (name, tuple(_place(frame.rotation, frame.translation).ravel().tolist()))
+        for name, frame in monitor.obstacles.settings.frames.items()
+    )
     return SceneMessage(
         robot=robot.name,
         joints=tuple(robot.joints),
-        cover=tuple(covers),
+        cover=pack_cover(robot),
         period=monitor.period,
         base=tuple(monitor.base_placement.homogeneous.ravel().tolist()),
-        urdf=urdf,
-        package_dirs=tuple(package_dirs),
+        urdf=origin.urdf,
+        package_dirs=tuple(origin.package_dirs),
+        slow_margin=settings.slow_margin,
+        aware_margin=settings.aware_margin,
+        sensors=sensors,
+        stopping=StoppingRule(
+            robot=msgspec.json.encode(describe_robot(robot)),
+            response_time=settings.response_time,
+            reaction_time=settings.reaction_time,
+            velocity=tuple(limits.operating_velocity.tolist()),
+            acceleration=tuple(limits.operating_acceleration.tolist()),
+            payload=monitor.payload,
+        ),
+        reset_address=origin.reset_address,
+        obeys_reset=origin.obeys_reset,
+        is_recorded=origin.is_recorded,
     )
+
+
+def pack_cover(robot: Robot) -> tuple[LinkCover, ...]:
+    """The finest spheres of each link."""
+    covers = []
+    for link in robot.links:
+        tree = robot.cover.tree(link)
+        joint = robot.model.names[robot.joint_index(link)]
+        covers.append(LinkCover.pack(link, joint, tree.spheres[tree.child_count == 0]))
+    return tuple(covers)
+
+
+def _pack_obstacles(monitor: Monitor, snapshot: Snapshot) -> ObstacleShapes:
+    table, rows = monitor.obstacles.table, snapshot.rows
+    # A body that was never believed is shown where it was refused, if that is anywhere.
+    accepted, refused, places = table.accepted, table.refused_states, rows * MOST_REFUSED
+    believed = table.has_state[rows]
+    points = np.where(believed[:, None, None], accepted.points[rows], refused.points[places])
+    points[~believed & (table.refused_count[rows] == 0)] = np.nan
+    return ObstacleShapes.pack(
+        [monitor.obstacles.ids[row] for row in rows],
+        points,
+        np.where(believed, accepted.radius[rows], refused.radius[places]),
+        counts=np.where(believed, accepted.point_count[rows], refused.point_count[places]),
+        refused=table.refused[rows],
+        times=snapshot.row_times,
+        statics=table.static[rows],
+    )
+
+
+def _sample_plan(monitor: Monitor, now: float) -> bytes:
+    """Joint positions along what is left of the newest told path; empty where there is none."""
+    plans = monitor.plans
+    if not plans:
+        return b""
+    plan = plans[-1]
+    times = plan.stamp + plan.times
+    begin = min(max(now, float(times[0])), float(times[-1]))
+    wanted = np.linspace(begin, times[-1], PLAN_SAMPLES)
+    rows = np.column_stack([np.interp(wanted, times, column) for column in plan.q.T])
+    return rows.astype("<f4").tobytes()
+
+
+def _place(rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> NDArray[np.float64]:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, translation
+    return pose

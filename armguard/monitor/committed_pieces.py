@@ -96,6 +96,11 @@ class CommittedPieces:
         self.is_proved = False
         self._motion = self._scheduler.arm.motion.planned
 
+    @property
+    def plans(self) -> list[CheckedPlan]:
+        """The pieces that the arm may be on."""
+        return [piece.plan for piece in self._pieces]
+
     def is_over(self, now: float) -> bool:
         """Whether the arm has come to the end of all its pieces by then, if it is on any."""
         return all(piece.plan.end <= now for piece in self._pieces)

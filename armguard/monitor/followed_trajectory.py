@@ -107,6 +107,11 @@ class FollowedTrajectory:
         return bool(self._trajectories)
 
     @property
+    def plans(self) -> list[CheckedPlan]:
+        """The trajectories that the arm may be on."""
+        return [one.plan for one in self._trajectories]
+
+    @property
     def stop_lasting(self) -> float | None:
         """How long a stop lasts once brakes bite, in [s]; None where joints stop by themselves."""
         if not (self._on_path and self._trajectories):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armguard.bounds.planned.curve import find_top_speeds
-from armguard.bounds.planned.plan import Plan, Refusal, read_plan
+from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal, read_plan
 from armguard.bounds.planned.stop import append_stop
 from armguard.exceptions import ArmguardError
 from armguard.monitor.committed_pieces import CommittedPieces
@@ -65,6 +65,11 @@ class KnownPath:
     def stop_lasting(self) -> float | None:
         """How long a stop on the path lasts once brakes bite, in [s]; None: joints stop."""
         return self._trajectory.stop_lasting
+
+    @property
+    def plans(self) -> list[CheckedPlan]:
+        """What the arm may be on, pieces or trajectories."""
+        return [*self._pieces.plans, *self._trajectory.plans]
 
     @property
     def evaluated(self) -> int:

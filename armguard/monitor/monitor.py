@@ -17,8 +17,9 @@ import pinocchio
 from numpy.typing import ArrayLike
 
 from armguard.bounds.operating_history import UNKEPT, OperatingHistory
-from armguard.bounds.planned.plan import Plan
+from armguard.bounds.planned.plan import CheckedPlan, Plan
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray
 from armguard.monitor.explain import Explanation
 from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.joint_reasons import (
@@ -252,6 +253,11 @@ class Monitor:
             self.journal.note_payload(self._in_force.payload)
 
     @property
+    def joint_velocities(self) -> FloatArray:
+        """Of the last joint state that was believed, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
+        return self._states.v.copy()
+
+    @property
     def ticks(self) -> int:
         """How many steps there were so far."""
         return self._sequence
@@ -388,6 +394,12 @@ class Monitor:
             ArmguardError: The monitor was not made with motion="planned".
         """
         return self._judge_plan("follow", self._known_path("follow").follow, plan)
+
+    @property
+    def plans(self) -> list[CheckedPlan]:
+        """What the arm may be on as it was told, by `commit` or `follow`; for observers."""
+        path = self._judge.path
+        return [] if path is None else path.plans
 
     def pairs(self, limit: int = 64) -> list[PairReport]:
         """The most imminent pairs as of the last tick, soonest first, at most `limit`.

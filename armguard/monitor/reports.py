@@ -108,6 +108,8 @@ class Snapshot(NamedTuple):
     """Pair numbers, the most imminent first. Shape (m,)."""
     pair_times: FloatArray
     """Contact time of each of these pairs, in [s]. Shape (m,)."""
+    all_times: FloatArray
+    """Contact time of every pair of the obstacles looked at, in [s], in no order. Shape (n,)."""
     segments: FloatArray
     """Centre of the deciding sphere, and the obstacle's nearest point, in [m]. Shape (m, 2, 3)."""
 
@@ -128,6 +130,7 @@ def take_snapshot(listing: Listing, state: TickState, q: FloatArray, time: float
         row_times=np.maximum(listing.row_expiry - time, 0.0),
         pairs=listing.pairs,
         pair_times=np.maximum(listing.expiry - time, 0.0),
+        all_times=np.maximum(listing.all_expiry - time, 0.0),
         segments=_segments(listing, state),
     )
 

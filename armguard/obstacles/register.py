@@ -183,6 +183,17 @@ class ObstacleRegister:
         """Whether any source was named or has spoken."""
         return bool(self._sources.states)
 
+    @property
+    def heard_sources(self) -> list[tuple[str, int, float, float | None]]:
+        """Name of each source, how many messages came, the newest stamp [s] and its timeout [s].
+
+        The stamp is -inf before the first message; without a timeout the monitor's own counts.
+        """
+        return [
+            (state.source.name, state.messages, state.newest, state.source.timeout)
+            for state in self._sources.states
+        ]
+
     def silent_sources(self, now: float, default_timeout: float) -> list[str]:
         """Required sources that are silent for longer than their timeout, in [s]."""
         return self._sources.silent(now, default_timeout)

@@ -114,6 +114,7 @@ class SourceState:
         newest: Latest of all such stamps, unless that was found to be ahead of the clock, in [s]:
             a late message does not make its source look silent.
         recent: How many of its rows were refused lately.
+        messages: How many have come so far.
     """
 
     source: Source
@@ -122,6 +123,7 @@ class SourceState:
     stamp: float = -math.inf
     newest: float = -math.inf
     recent: RefusalCount = field(default_factory=RefusalCount)
+    messages: int = 0
 
     @property
     def required(self) -> bool:
@@ -162,6 +164,7 @@ class Sources:
             self.unsettled = True
         self.newest = max(self.newest, stamp)
         state.heard = True
+        state.messages += 1
         state.stamp = stamp
         state.newest = max(state.newest, stamp)
         return state

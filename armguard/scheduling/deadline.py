@@ -308,7 +308,7 @@ class DeadlineScheduler:
         row_expiry = certificates.expiry_tree[len(certificates.expiry_tree) // 2 + rows]
         pairs = (rows[:, None] * links + np.arange(links))[certificates.watched[rows]]
         expiry = certificates.pair_expiry[pairs // links, pairs % links]
-        order = np.argsort(expiry, kind="stable")[:pair_limit]
+        order = _find_first(expiry, pair_limit)
         pairs = pairs[order]
         places = pairs // links, pairs % links
         return Listing(
@@ -320,6 +320,7 @@ class DeadlineScheduler:
             sphere=certificates.pair_sphere[places].astype(np.int64),
             bound=certificates.pair_bound[places].astype(np.int64),
             sphere_expiry=self._sphere_expiry(time, rows),
+            all_expiry=expiry,
         )
 
     def _sphere_expiry(self, time: float, rows: IntArray) -> FloatArray:
@@ -397,3 +398,13 @@ class DeadlineScheduler:
         evaluate(self.arm.state, none, np.zeros(0), none, np.zeros(0, dtype=np.int8))
         self.arm.state.prepare_arm(zeros, zeros)
         find_most_imminent(self._handle, none)
+
+
+def _find_first(values: FloatArray, count: int) -> IntArray:
+    """Indices of the `count` least values, the least first, equal ones in their order."""
+    if len(values) > 4 * count > 0:
+        # Among so many, only those that can be among the first are put in order.
+        last = np.partition(values, count - 1)[count - 1]
+        few = np.flatnonzero(values <= last)
+        return few[np.argsort(values[few], kind="stable")][:count]
+    return np.argsort(values, kind="stable")[:count]

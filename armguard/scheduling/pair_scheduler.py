@@ -223,6 +223,7 @@ class PairScheduler:
             sphere=certificates.sphere[chosen],
             bound=certificates.bound[chosen].astype(np.int64),
             sphere_expiry=sphere_expiry,
+            all_expiry=certificates.expiry[there],
         )
 
     def _sphere_expiry(self, time: float) -> FloatArray:

@@ -96,6 +96,8 @@ class Listing(NamedTuple):
     """What each certificate rests on, an index of `BOUND_NAMES`. Shape (m,)."""
     sphere_expiry: FloatArray
     """Soonest contact of each finest sphere of the arm. Shape (s,)."""
+    all_expiry: FloatArray
+    """When the certificates of all pairs of the rows looked at end, in no order. Shape (n,)."""
 
 
 class Unsafe(NamedTuple):

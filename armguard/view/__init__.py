@@ -6,7 +6,7 @@ drawing commands and serves Meshcat's viewer on the loopback interface. However 
 view or a browser may be, no tick of the monitor is ever delayed by it.
 """
 
-from armguard.view.buckets import NO_BUCKET, compute_buckets
+from armguard.view.buckets import compute_buckets
 from armguard.view.messages import (
     FrameMessage,
     LinkCover,
@@ -19,7 +19,6 @@ from armguard.view.process import ViewProcess, launch
 from armguard.view.publisher import FramePublisher
 
 __all__ = [
-    "NO_BUCKET",
     "FrameMessage",
     "FramePublisher",
     "LinkCover",

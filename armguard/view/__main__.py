@@ -25,6 +25,8 @@ def main() -> int:
     parser.add_argument("--host", default=LOOPBACK, help="interface on which the page is served")
     parser.add_argument("--key", type=Path, help="secret file of a client that may view")
     parser.add_argument("--server-key", type=Path, help="the monitor's public file")
+    parser.add_argument("--floor", type=float, default=0.0, help="height of the floor, in metres")
+    parser.add_argument("--export", type=Path, help="write a file that plays offline at the end")
     parser.add_argument("--parent", type=int, default=None, help="end when this process has ended")
     options = parser.parse_args()
     os.nice(NICENESS)
@@ -32,7 +34,17 @@ def main() -> int:
         keys = None
         if options.key is not None and options.server_key is not None:
             keys = Keys.load(options.key, options.server_key)
-        asyncio.run(watch(options.address, options.port, options.parent, options.host, keys))
+        asyncio.run(
+            watch(
+                options.address,
+                options.port,
+                options.parent,
+                host=options.host,
+                keys=keys,
+                floor=options.floor,
+                export=options.export,
+            )
+        )
     except ArmguardError as error:
         sys.stderr.write(f"{error}\n")
         return 2

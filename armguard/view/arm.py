@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from armguard.robot import triangulate
 from armguard.robot.description import find_example_urdf, find_robot, read_description
 from armguard.robot.urdf import read_urdf
 from armguard.view.drawing import Command, draw_collada, draw_triangles
-from armguard.view.messages import SceneMessage
+from armguard.view.messages import LinkCover, SceneMessage
 
 PLAIN_COLOUR = (0.82, 0.84, 0.87)
 
@@ -35,6 +36,7 @@ class Arm:
 
     Attributes:
         notes: What could not be drawn as it should be, for people.
+        links: Number of each cover sphere's link, in the order of the scene's cover. Shape (n,).
 
     Raises:
         ArmguardError: The robot is unknown, or its URDF has no such joints.
@@ -45,7 +47,8 @@ class Arm:
         path, package_dirs, rest = _locate(scene)
         urdf = read_urdf(path, package_dirs)
         names = list(urdf.model.names)[1:]
-        for joint in (*scene.joints, *(cover.joint for cover in scene.cover)):
+        covers = [*scene.cover, *(cover for level in scene.levels for cover in level)]
+        for joint in (*scene.joints, *(cover.joint for cover in covers)):
             if joint not in names:
                 raise ArmguardError(f"joint {joint!r}", f"is not in {path}")
         geometry = self._read_visual_model(urdf.model, path, package_dirs) or urdf.collision_model
@@ -64,17 +67,11 @@ class Arm:
         self._geometry_data = pinocchio.GeometryData(self._geometry)
         self._base = np.array(scene.base, dtype=np.float64).reshape(4, 4)
         self._order = [scene.joints.index(name) for name in list(self._model.names)[1:]]
-        covers = [cover.spheres for cover in scene.cover]
-        self._spheres = np.concatenate([np.zeros((0, 4), np.float32), *covers])
-        self._sphere_joints = np.repeat(
-            [self._model.getJointId(cover.joint) for cover in scene.cover],
-            [len(cover) for cover in covers],
-        ).astype(np.int64)
-
-    @property
-    def radii(self) -> NDArray[np.float32]:
-        """Radii of the cover spheres, in [m]. Shape (n,)."""
-        return self._spheres[:, 3]
+        self._cover = self._gather(scene.cover)
+        self._levels = [self._gather(level) for level in scene.levels]
+        self.links = np.repeat(
+            np.arange(len(scene.cover)), [len(cover.spheres) for cover in scene.cover]
+        )
 
     def place(self, q: tuple[float, ...]) -> None:
         """Move the arm to joint positions `q`, in the order of the scene's joints.
@@ -90,12 +87,13 @@ class Arm:
             self._model, self._data, self._geometry, self._geometry_data
         )
 
-    def compute_centres(self) -> NDArray[np.float64]:
-        """Centres of the cover spheres in the world, in [m], as last placed. Shape (n, 3)."""
-        poses = np.stack([self._base @ pose.homogeneous for pose in self._data.oMi])
-        turned = np.einsum("nij,nj->ni", poses[self._sphere_joints, :3, :3], self._spheres[:, :3])
-        centres: NDArray[np.float64] = turned + poses[self._sphere_joints, :3, 3]
-        return centres
+    def compute_cover(self) -> NDArray[np.float64]:
+        """Cover spheres in the world, in [m], as last placed: centre, radius. Shape (n, 4)."""
+        return self._place(*self._cover)
+
+    def compute_levels(self) -> list[NDArray[np.float64]]:
+        """Spheres of each level of the cover's tree, alike. Shape (n, 4) each."""
+        return [self._place(*level) for level in self._levels]
 
     def compute_poses(self) -> list[tuple[str, NDArray[np.float64]]]:
         """Path and pose in the world of each mesh, as last placed, its scale included."""
@@ -128,6 +126,24 @@ class Arm:
                 continue
             commands.append(draw_triangles(path, triangles, PLAIN_COLOUR))
         return commands
+
+    def _gather(self, covers: Sequence[LinkCover]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+        """All spheres of these links in a row, and the joint of each."""
+        spheres = [cover.spheres for cover in covers]
+        joints = np.repeat(
+            [self._model.getJointId(cover.joint) for cover in covers],
+            [len(some) for some in spheres],
+        )
+        return np.concatenate([np.zeros((0, 4), np.float32), *spheres]), joints.astype(np.int64)
+
+    def _place(
+        self, spheres: NDArray[np.float32], joints: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        poses = np.stack([self._base @ pose.homogeneous for pose in self._data.oMi])
+        placed = spheres.astype(np.float64)
+        placed[:, :3] = np.einsum("nij,nj->ni", poses[joints, :3, :3], placed[:, :3])
+        placed[:, :3] += poses[joints, :3, 3]
+        return placed
 
     def _read_visual_model(self, model: Any, path: Path, package_dirs: list[str]) -> Any:
         try:

@@ -7,7 +7,7 @@ answers by refilling its buffers. Each command has a key; of each key only the l
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import msgspec
@@ -61,24 +61,52 @@ def move(path: str, pose: NDArray[np.float64]) -> Command:
     return _pack("set_transform", path, {"matrix": matrix})
 
 
+class Look(NamedTuple):
+    """How bodies are drawn beside their colours."""
+
+    opacity: float = 1.0
+    """0 to 1."""
+    is_coarse: bool = False
+    """Whether there are so many that each must do with few triangles."""
+    is_wire: bool = False
+    """Whether edges are drawn alone."""
+
+
+class Labels(NamedTuple):
+    """What a pointer over bodies is told."""
+
+    names: Sequence[str] = ()
+    """Of each body; empty: they are not pointed at."""
+    times: ArrayLike = ()
+    """Contact time of each, in [s]; empty: they have none."""
+
+
+NO_LABELS = Labels()
+
+
 def draw_balls(
-    path: str, centres: ArrayLike, radii: ArrayLike, colours: ArrayLike, opacity: float
+    path: str,
+    balls: ArrayLike,
+    colours: ArrayLike,
+    look: Look,
+    labels: Labels = NO_LABELS,
 ) -> Command:
     """Balls in one instanced mesh.
 
     Args:
         path: Where in the tree of the scene.
-        centres: In the world, in [m]. Shape (n, 3).
-        radii: In [m]. Shape (n,).
+        balls: Centre and radius in the world, in [m]. Shape (n, 4).
         colours: sRGB from 0 to 1. Shape (n, 3).
-        opacity: 0 to 1.
+        look: How they are drawn.
+        labels: What a pointer is told.
     """
-    radii = np.asarray(radii, dtype=np.float32)
+    balls = np.asarray(balls, dtype=np.float32).reshape(-1, 4)
+    centres, radii = balls[:, :3], balls[:, 3]
     matrices = np.zeros((len(radii), 4, 4), dtype=np.float32)
     matrices[:, [0, 1, 2], [0, 1, 2]] = radii[:, None]
     matrices[:, 3, :3] = centres  # the page reads matrices column by column
     matrices[:, 3, 3] = 1.0
-    return _instances(path, "ball", matrices, colours, opacity)
+    return _instances(path, "ball", matrices, colours, look, labels)
 
 
 def draw_rods(
@@ -86,7 +114,8 @@ def draw_rods(
     segments: ArrayLike,
     radii: ArrayLike,
     colours: ArrayLike,
-    opacity: float,
+    look: Look,
+    labels: Labels = NO_LABELS,
 ) -> Command:
     """Open cylinders around segments, in one instanced mesh.
 
@@ -95,7 +124,8 @@ def draw_rods(
         segments: End points in the world, in [m]. Shape (n, 2, 3).
         radii: In [m]. Shape (n,).
         colours: sRGB from 0 to 1. Shape (n, 3).
-        opacity: 0 to 1.
+        look: How they are drawn.
+        labels: What a pointer is told.
     """
     ends = np.asarray(segments, dtype=np.float64).reshape(-1, 2, 3)
     axis = ends[:, 1] - ends[:, 0]
@@ -112,23 +142,35 @@ def draw_rods(
     matrices[:, 2, :3] = np.cross(across, along) * radius
     matrices[:, 3, :3] = ends.mean(axis=1)
     matrices[:, 3, 3] = 1.0
-    return _instances(path, "rod", matrices, colours, opacity)
+    return _instances(path, "rod", matrices, colours, look, labels)
 
 
-def draw_lines(path: str, segments: ArrayLike, colours: ArrayLike) -> Command:
+def draw_lines(path: str, segments: ArrayLike, colours: ArrayLike, opacity: float = 1.0) -> Command:
     """Thin lines in one object.
 
     Args:
         path: Where in the tree of the scene.
         segments: End points in the world, in [m]. Shape (n, 2, 3).
         colours: sRGB from 0 to 1. Shape (n, 3).
+        opacity: 0 to 1.
     """
     both_ends = np.repeat(np.asarray(colours, dtype=np.float32).reshape(-1, 3), 2, axis=0)
-    content = {"positions": _floats(segments), "colours": _floats(both_ends), "opacity": 1.0}
+    content = {
+        "positions": pack_floats(segments),
+        "colours": pack_floats(both_ends),
+        "opacity": opacity,
+    }
     return _pack("lines", path, content)
 
 
-def draw_surface(path: str, triangles: ArrayLike, colours: ArrayLike, opacity: float) -> Command:
+def draw_surface(
+    path: str,
+    triangles: ArrayLike,
+    colours: ArrayLike,
+    opacity: float,
+    labels: Labels = NO_LABELS,
+    owners: Sequence[int] = (),
+) -> Command:
     """Triangles that may change, in one object.
 
     Args:
@@ -136,8 +178,17 @@ def draw_surface(path: str, triangles: ArrayLike, colours: ArrayLike, opacity: f
         triangles: Corners in the world, in [m]. Shape (n, 3, 3).
         colours: Of each corner, sRGB from 0 to 1. Shape (3 n, 3).
         opacity: 0 to 1.
+        labels: What a pointer is told of each body.
+        owners: How many triangles each body has, in their order.
     """
-    content = {"positions": _floats(triangles), "colours": _floats(colours), "opacity": opacity}
+    content = {
+        "positions": pack_floats(triangles),
+        "colours": pack_floats(colours),
+        "opacity": opacity,
+        "names": list(labels.names),
+        "times": pack_floats(labels.times),
+        "owners": list(owners),
+    }
     return _pack("surface", path, content)
 
 
@@ -147,7 +198,7 @@ def delete(path: str) -> Command:
 
 
 def show(panel: str, content: Mapping[str, Any]) -> Command:
-    """Fill one of the page's panels: `banner` or `legend`."""
+    """Tell the page something beside the drawing: `banner`, `legend`, `camera` or `news`."""
     return _pack(panel, "", content)
 
 
@@ -160,13 +211,22 @@ def _set_object(path: str, content: Mapping[str, Any]) -> Command:
 
 
 def _instances(
-    path: str, shape: str, matrices: NDArray[np.float32], colours: ArrayLike, opacity: float
+    path: str,
+    shape: str,
+    matrices: NDArray[np.float32],
+    colours: ArrayLike,
+    look: Look,
+    labels: Labels,
 ) -> Command:
     content = {
         "shape": shape,
-        "opacity": opacity,
-        "matrices": _floats(matrices),
-        "colours": _floats(colours),
+        "opacity": look.opacity,
+        "coarse": look.is_coarse,
+        "wire": look.is_wire,
+        "names": list(labels.names),
+        "times": pack_floats(labels.times),
+        "matrices": pack_floats(matrices),
+        "colours": pack_floats(colours),
     }
     return _pack("instances", path, content)
 
@@ -180,10 +240,11 @@ def _attribute(values: ArrayLike) -> dict[str, Any]:
     return {
         "itemSize": 3,
         "type": "Float32Array",
-        "array": _floats(values),
+        "array": pack_floats(values),
         "normalized": False,
     }
 
 
-def _floats(values: ArrayLike) -> msgspec.msgpack.Ext:
+def pack_floats(values: ArrayLike) -> msgspec.msgpack.Ext:
+    """Numbers as the page's Float32Array, in a row."""
     return msgspec.msgpack.Ext(_FLOAT32, np.ascontiguousarray(values, dtype="<f4").tobytes())

@@ -7,10 +7,15 @@ browsers do.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 from armguard.view.drawing import Command
 
-BUNDLE_BYTES = 2_000_000
+BUNDLE_BYTES = 500_000
 """Commands are handed over in bundles of about this size: no browser waits for all meshes."""
+
+LARGE = 50_000
+"""What is larger, as meshes are, comes after all else: figures and balls are there at once."""
 
 
 class Reader:
@@ -20,9 +25,18 @@ class Reader:
         self._values = values
         self._owed = dict.fromkeys(values)
 
+    @property
+    def is_owed(self) -> bool:
+        """Whether there is anything that the browser has yet to be told."""
+        return bool(self._owed)
+
     def owe(self, key: str) -> None:
         """Note that a value has changed."""
         self._owed[key] = None
+
+    def owe_again(self, keys: Iterable[str]) -> None:
+        """Note that the browser shows something else than the latest values of these keys."""
+        self._owed.update(dict.fromkeys(key for key in keys if key in self._values))
 
     def restart(self) -> None:
         """Forget what was owed: no value holds any more."""
@@ -36,14 +50,23 @@ class Reader:
         """
         if not self._owed:
             return None
-        parts = [preface]
+        return join([preface, *self._take_some()])
+
+    def _take_some(self) -> list[bytes]:
+        parts: list[bytes] = []
         size = 0
-        while self._owed and size < BUNDLE_BYTES and len(parts) < 0xFFFF:
-            key = next(iter(self._owed))
+        for key in sorted(self._owed, key=lambda key: len(self._values[key]) > LARGE):
+            if size >= BUNDLE_BYTES or len(parts) >= 0xFFFE:
+                break
             del self._owed[key]
             parts.append(self._values[key])
             size += len(parts[-1])
-        return b"\xdc" + len(parts).to_bytes(2, "big") + b"".join(parts)
+        return parts
+
+
+def join(payloads: Sequence[bytes]) -> bytes:
+    """Packed commands, fewer than 2^16 of them, as one bundle: a msgpack array."""
+    return b"\xdc" + len(payloads).to_bytes(2, "big") + b"".join(payloads)
 
 
 class LatestValues:
@@ -52,6 +75,11 @@ class LatestValues:
     def __init__(self) -> None:
         self._values: dict[str, bytes] = {}
         self._readers: set[Reader] = set()
+
+    @property
+    def payloads(self) -> list[bytes]:
+        """All values, in the order in which their keys first came."""
+        return list(self._values.values())
 
     def set(self, command: Command) -> None:
         """Keep a value; one that is unchanged is not sent again."""

@@ -1,7 +1,8 @@
 """The feed of the view: what a monitor tells it.
 
-Two messages in msgpack: a `SceneMessage` says what does not change (robot, placement, cover) and
-is repeated, so that a view that attaches late gets it as well; a `FrameMessage` is one moment.
+Three messages in msgpack: a `SceneMessage` says what does not change (robot, placement, cover) and
+is repeated, so that a view that attaches late gets it as well; a `FrameMessage` is one moment; a
+`StatusMessage` says what a monitor does that has no moments yet, or no more.
 Arrays travel as packed little-endian bytes, because thirty frames a second are made within the
 loop of the monitor. Anything that arrives is checked once, in `decode_message`.
 """
@@ -15,9 +16,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.exceptions import ArmguardError
-from armguard.view.buckets import NO_BUCKET
+from armguard.view.buckets import BUCKET_COUNT
+
+FEED_VERSION = 2
+"""Goes up when a view that was made before could misread what is told now."""
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+class FeedVersionError(ArmguardError):
+    """The monitor is newer than this view."""
 
 
 def _pack(values: ArrayLike, dtype: str) -> bytes:
@@ -48,6 +56,26 @@ class LinkCover(msgspec.Struct, frozen=True):
         return np.frombuffer(self.packed, "<f4").reshape(-1, 4)
 
 
+class StoppingRule(msgspec.Struct, frozen=True, kw_only=True):
+    """What a view needs to find where the arm can be until it rests.
+
+    Attributes:
+        robot: The robot as plain data, in JSON (`armguard.robot.portable`).
+        response_time: Until the next verdict is obeyed, in [s].
+        reaction_time: From a STOP to braking torque, in [s].
+        velocity: What joints keep to, in [rad]/[s] or [m]/[s].
+        acceleration: With which they speed up at most, in [rad]/[s²] or [m]/[s²].
+        payload: What the arm carries at most, in [kg].
+    """
+
+    robot: bytes
+    response_time: float
+    reaction_time: float
+    velocity: tuple[float, ...]
+    acceleration: tuple[float, ...]
+    payload: float
+
+
 class SceneMessage(msgspec.Struct, frozen=True, tag="scene", kw_only=True):
     """What does not change while the monitor runs.
 
@@ -55,11 +83,20 @@ class SceneMessage(msgspec.Struct, frozen=True, tag="scene", kw_only=True):
         robot: Name of the robot: one that armguard knows, unless `urdf` is given.
         joints: Watched joints, in the order of `FrameMessage.q`.
         base: Pose of the URDF's root in the world, a homogeneous matrix in row-major order.
-        cover: The arm's spheres; their order is that of `FrameMessage.sphere_buckets`.
+        cover: The arm's spheres; their order is that of `FrameMessage.sphere_times`.
         period: One tick of the monitor, in [s]: the unit of the buckets.
         urdf: Path of a URDF that armguard does not come with; the view itself reads its meshes.
         package_dirs: Folders in which its `package://` names are looked up.
         locked: Where joints that are not watched rest, in [rad] or [m]; those not named: at zero.
+        slow_margin: Beyond the stopping time, in [s]: SLOW below.
+        aware_margin: Beyond the stopping time, in [s]: AWARE below.
+        levels: The levels of the cover's tree, coarsest first; each covers the whole arm.
+        sensors: Frames that obstacles are measured in: name and pose in the world, row-major.
+        stopping: How the arm stops; None where that is not told.
+        reset_address: Where the monitor takes a reset; empty: from its standard input alone.
+        obeys_reset: Whether it obeys one that brings its token.
+        is_recorded: Whether frames come from a recording, each to be kept and none to be dropped.
+        version: Of the feed.
     """
 
     robot: str
@@ -70,6 +107,29 @@ class SceneMessage(msgspec.Struct, frozen=True, tag="scene", kw_only=True):
     urdf: str = ""
     package_dirs: tuple[str, ...] = ()
     locked: dict[str, float] = {}
+    slow_margin: float = 0.1
+    aware_margin: float = 0.3
+    levels: tuple[tuple[LinkCover, ...], ...] = ()
+    sensors: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    stopping: StoppingRule | None = None
+    reset_address: str = ""
+    obeys_reset: bool = False
+    is_recorded: bool = False
+    version: int = FEED_VERSION
+
+
+class StatusMessage(msgspec.Struct, frozen=True, tag="status", kw_only=True):
+    """What a monitor does while it has no moment to show.
+
+    Attributes:
+        text: In words, such as "compiling kernel 12 of about 220".
+        is_over: Whether no moment will follow.
+        version: Of the feed.
+    """
+
+    text: str
+    is_over: bool = False
+    version: int = FEED_VERSION
 
 
 class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -84,6 +144,7 @@ class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
         obstacle: Obstacle of that pair.
         complete: Whether every pair was evaluated in time.
         reasons: What the verdict rests on, in plain words.
+        effects: What each reason does to the level: "note", "standing" or "latched".
     """
 
     level: str
@@ -94,6 +155,7 @@ class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
     obstacle: str = ""
     complete: bool = True
     reasons: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ()
 
 
 class Load(msgspec.Struct, frozen=True, kw_only=True):
@@ -114,6 +176,54 @@ class Load(msgspec.Struct, frozen=True, kw_only=True):
     p99: float
 
 
+class SourceReport(msgspec.Struct, frozen=True, kw_only=True):
+    """How a source of states is heard.
+
+    Attributes:
+        name: Of the source; "robot" is what tells joint states.
+        age: Of what it told last, in [s]; None: it was never heard.
+        rate: How many messages came in the last second or so, in [Hz]; None: not known yet.
+        timeout: How old that may be, in [s]; None: as old as it likes.
+    """
+
+    name: str
+    age: float | None
+    rate: float | None = None
+    timeout: float | None = None
+
+
+class Latch(msgspec.Struct, frozen=True, kw_only=True):
+    """A reason that holds a STOP until a reset.
+
+    Attributes:
+        reason: In plain words.
+        since: When it was first told, in [s] of the monitor.
+    """
+
+    reason: str
+    since: float
+
+
+class Balls(msgspec.Struct, frozen=True):
+    """Centres and radii.
+
+    Attributes:
+        packed: x, y, z, radius in the world, in [m]; float32.
+    """
+
+    packed: bytes = b""
+
+    @classmethod
+    def pack(cls, balls: ArrayLike) -> Balls:
+        """Pack `balls`: x, y, z, radius, in [m]. Shape (n, 4)."""
+        return cls(_pack(balls, "<f4"))
+
+    @property
+    def values(self) -> NDArray[np.float32]:
+        """x, y, z, radius, in [m]. Shape (n, 4)."""
+        return np.frombuffer(self.packed, "<f4").reshape(-1, 4)
+
+
 class ObstacleShapes(msgspec.Struct, frozen=True):
     """Shapes of the obstacles in one frame, each the hull of up to 8 points, rounded by a radius.
 
@@ -123,7 +233,8 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
         packed_points: All points in a row, in the world, in [m]; float32.
         packed_radii: In [m]; float32.
         packed_refused: 1 where its latest state was refused; uint8.
-        packed_buckets: Bucket of its most imminent pair; uint8.
+        packed_times: Contact time of its most imminent pair, in [s]; float32.
+        packed_statics: 1 where it stands still for ever; uint8.
     """
 
     ids: tuple[str, ...] = ()
@@ -131,7 +242,8 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
     packed_points: bytes = b""
     packed_radii: bytes = b""
     packed_refused: bytes = b""
-    packed_buckets: bytes = b""
+    packed_times: bytes = b""
+    packed_statics: bytes = b""
 
     @classmethod
     def pack(
@@ -142,7 +254,8 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
         *,
         counts: ArrayLike | None = None,
         refused: ArrayLike | None = None,
-        buckets: ArrayLike | None = None,
+        times: ArrayLike | None = None,
+        statics: ArrayLike | None = None,
     ) -> ObstacleShapes:
         """Pack the obstacles of one frame.
 
@@ -153,7 +266,8 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
             radii: In [m]. Shape (n,).
             counts: Points of each obstacle; None: all of k. Shape (n,).
             refused: Whether its latest state was refused; None: none. Shape (n,).
-            buckets: Bucket of its most imminent pair; None: `NO_BUCKET`. Shape (n,).
+            times: Contact time of its most imminent pair, in [s]; None: never. Shape (n,).
+            statics: Whether it stands still for ever; None: none does. Shape (n,).
         """
         number = len(ids)
         rows = np.asarray(points, dtype="<f4")
@@ -166,7 +280,8 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
             rows[np.arange(width) < used[:, None]].tobytes(),
             _pack(radii, "<f4"),
             _pack(np.zeros(number) if refused is None else refused, "u1"),
-            _pack(np.full(number, NO_BUCKET) if buckets is None else buckets, "u1"),
+            _pack(np.full(number, np.inf) if times is None else times, "<f4"),
+            _pack(np.zeros(number) if statics is None else statics, "u1"),
         )
 
     @property
@@ -190,63 +305,113 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
         return np.frombuffer(self.packed_refused, "u1").astype(np.bool_)
 
     @property
-    def buckets(self) -> NDArray[np.uint8]:
-        """Bucket of the most imminent pair of each. Shape (n,)."""
-        return np.frombuffer(self.packed_buckets, "u1")
+    def times(self) -> NDArray[np.float32]:
+        """Contact time of the most imminent pair of each, in [s]. Shape (n,)."""
+        return np.frombuffer(self.packed_times, "<f4")
+
+    @property
+    def statics(self) -> NDArray[np.bool_]:
+        """Whether each stands still for ever. Shape (n,)."""
+        return np.frombuffer(self.packed_statics, "u1").astype(np.bool_)
 
 
 class Pairs(msgspec.Struct, frozen=True):
     """Imminent pairs of one frame, the most imminent first.
 
     Attributes:
-        packed_segments: Point on the arm, point on the obstacle, in [m]; float32.
-        packed_buckets: Bucket of each pair; uint8.
+        packed_links: Number of each link, in the order of `SceneMessage.cover`; uint16.
+        packed_obstacles: Number of each obstacle, in the order of the frame's; uint16.
+        packed_times: Contact time of each, in [s]; float32.
+        packed_buckets: How many pairs sit in each bucket, 0 to 15; uint32. Empty: not told.
     """
 
-    packed_segments: bytes = b""
+    packed_links: bytes = b""
+    packed_obstacles: bytes = b""
+    packed_times: bytes = b""
     packed_buckets: bytes = b""
 
     @classmethod
-    def pack(cls, segments: ArrayLike, buckets: ArrayLike) -> Pairs:
-        """Pack `segments`, in [m], shape (m, 2, 3), and `buckets`, shape (m,)."""
-        return cls(_pack(segments, "<f4"), _pack(buckets, "u1"))
+    def pack(
+        cls,
+        links: ArrayLike,
+        obstacles: ArrayLike,
+        times: ArrayLike,
+        buckets: ArrayLike | None = None,
+    ) -> Pairs:
+        """Pack pairs: `links`, `obstacles` and `times` in [s], shape (m,); `buckets`, (16,)."""
+        return cls(
+            _pack(links, "<u2"),
+            _pack(obstacles, "<u2"),
+            _pack(times, "<f4"),
+            b"" if buckets is None else _pack(buckets, "<u4"),
+        )
 
     @property
-    def segments(self) -> NDArray[np.float32]:
-        """Point on the arm, point on the obstacle, in [m]. Shape (m, 2, 3)."""
-        return np.frombuffer(self.packed_segments, "<f4").reshape(-1, 2, 3)
+    def links(self) -> NDArray[np.uint16]:
+        """Number of each link. Shape (m,)."""
+        return np.frombuffer(self.packed_links, "<u2")
 
     @property
-    def buckets(self) -> NDArray[np.uint8]:
-        """Bucket of each pair. Shape (m,)."""
-        return np.frombuffer(self.packed_buckets, "u1")
+    def obstacles(self) -> NDArray[np.uint16]:
+        """Number of each obstacle. Shape (m,)."""
+        return np.frombuffer(self.packed_obstacles, "<u2")
+
+    @property
+    def times(self) -> NDArray[np.float32]:
+        """Contact time of each, in [s]. Shape (m,)."""
+        return np.frombuffer(self.packed_times, "<f4")
+
+    @property
+    def buckets(self) -> NDArray[np.uint32]:
+        """How many pairs sit in each bucket. Shape (16,), or (0,) where that is not told."""
+        return np.frombuffer(self.packed_buckets, "<u4")
 
 
 class FrameMessage(msgspec.Struct, frozen=True, tag="frame", kw_only=True):
     """One moment.
 
     Attributes:
-        sequence: Number of the tick.
+        sequence: Number of the tick; 0 while there is no joint state to judge.
         now: Time of the monitor, in [s].
         q: Joint positions, in [rad] or [m]. Length of `SceneMessage.joints`.
         verdict: What the monitor says.
-        sphere_buckets: Bucket of each cover sphere's most imminent pair; uint8.
+        wall: Time of day, in [s] since 1970; 0 where that is not told.
+        v: Joint velocities, in [rad]/[s] or [m]/[s]; empty where they are not told.
+        arm_age: Of the joint state, in [s].
         load: How hard the monitor works; None where that is not known.
+        sphere_times: Soonest contact of each cover sphere, in [s]; float32.
         obstacles: What is in the cell.
+        omitted: How many obstacles, less imminent than those, are left out.
         pairs: The imminent pairs.
+        sources: How the sources of states are heard.
+        latches: What holds a STOP until a reset.
+        refused_resets: How many resets were refused so far.
+        reach: Where the most imminent obstacle can be when the arm has come to rest.
+        plan: Where the arm is going as it was told: joint positions, float32, in rows of q.
+        explanation: Why the verdict is as it is, in lines; empty where nothing was asked.
     """
 
     sequence: int
     now: float
     q: tuple[float, ...]
     verdict: VerdictSummary
+    wall: float = 0.0
+    v: tuple[float, ...] = ()
+    arm_age: float = 0.0
     load: Load | None = None
-    sphere_buckets: bytes = b""
+    sphere_times: bytes = b""
     obstacles: ObstacleShapes = ObstacleShapes()
+    omitted: int = 0
     pairs: Pairs = Pairs()
+    sources: tuple[SourceReport, ...] = ()
+    latches: tuple[Latch, ...] = ()
+    refused_resets: int = 0
+    reach: Balls = Balls()
+    plan: bytes = b""
+    explanation: tuple[str, ...] = ()
 
 
-Message = SceneMessage | FrameMessage
+Message = SceneMessage | FrameMessage | StatusMessage
 
 
 def _plain(value: object) -> object:
@@ -269,31 +434,69 @@ def decode_message(payload: bytes) -> Message:
     """Read and check a message.
 
     Raises:
-        ArmguardError: It is malformed or contradicts itself.
+        ArmguardError: It is malformed, contradicts itself, or is of a later version of the feed.
     """
     try:
         message: Message = _decoder.decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        _check_version(_read_version(payload))
         raise ArmguardError("feed message", str(error)) from error
+    if not isinstance(message, FrameMessage):
+        _check_version(message.version)
     for name, sound in _check_sizes(message):
         if not sound:
             raise ArmguardError("feed message", f"{name} does not have the size it should have")
     return message
 
 
+def _read_version(payload: bytes) -> int:
+    """Version of the feed that a message of unknown form states, 0 if it states none."""
+    try:
+        found = msgspec.msgpack.decode(payload)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return 0
+    version = found.get("version") if isinstance(found, dict) else None
+    return version if isinstance(version, int) else 0
+
+
+def _check_version(version: int) -> None:
+    if version > FEED_VERSION:
+        raise FeedVersionError(
+            "feed",
+            f"is of version {version}, which this view cannot read",
+            expected=f"version {FEED_VERSION}",
+            remedy="start the view of the armguard that the monitor is of",
+        )
+
+
 def _check_sizes(message: Message) -> list[tuple[str, bool]]:
+    if isinstance(message, StatusMessage):
+        return []
     if isinstance(message, SceneMessage):
-        return [("period", 0.0 < message.period < np.inf), ("base", len(message.base) == 16)] + [
-            (f"cover of {link.link}", len(link.packed) % 16 == 0) for link in message.cover
+        covers = [*message.cover, *(link for level in message.levels for link in level)]
+        return [
+            ("period", 0.0 < message.period < np.inf),
+            ("base", len(message.base) == 16),
+            ("sensors", all(len(pose) == 16 for _, pose in message.sensors)),
+            *((f"cover of {link.link}", len(link.packed) % 16 == 0) for link in covers),
         ]
     obstacles, pairs = message.obstacles, message.pairs
-    number = len(obstacles.ids)
+    number, width = len(obstacles.ids), max(4 * len(message.q), 1)
     return [
+        ("v", len(message.v) in (0, len(message.q))),
+        ("sphere_times", len(message.sphere_times) % 4 == 0),
+        ("plan", len(message.plan) % width == 0),
+        ("reach", len(message.reach.packed) % 16 == 0),
         ("obstacles.counts", len(obstacles.packed_counts) == number),
         ("obstacles.counts", bool(np.all(obstacles.counts > 0))),
         ("obstacles.points", len(obstacles.packed_points) == 12 * int(obstacles.counts.sum())),
         ("obstacles.radii", len(obstacles.packed_radii) == 4 * number),
         ("obstacles.refused", len(obstacles.packed_refused) == number),
-        ("obstacles.buckets", len(obstacles.packed_buckets) == number),
-        ("pairs.segments", len(pairs.packed_segments) == 24 * len(pairs.packed_buckets)),
+        ("obstacles.times", len(obstacles.packed_times) == 4 * number),
+        ("obstacles.statics", len(obstacles.packed_statics) == number),
+        ("pairs.links", 2 * len(pairs.packed_links) == len(pairs.packed_times)),
+        ("pairs.obstacles", 2 * len(pairs.packed_obstacles) == len(pairs.packed_times)),
+        ("pairs.obstacles", len(pairs.packed_obstacles) % 2 == 0),
+        ("pairs.obstacles", bool(np.all(pairs.obstacles < number))),
+        ("pairs.buckets", len(pairs.packed_buckets) in (0, 4 * BUCKET_COUNT)),
     ]

@@ -1,8 +1,8 @@
 """What to draw: turns the feed's messages into the latest values of drawing commands.
 
-Everything that is coloured is coloured by imminence: a cover ball by its most imminent pair, an
-obstacle by its most imminent pair, a line by its pair. Of a refused obstacle the last accepted
-state is shown, in a colour that the scale does not have.
+Everything that is coloured has the colour of the level that its contact time earns: a cover ball by
+its most imminent pair, an obstacle by its most imminent pair, a line by its pair. Of a refused
+obstacle the last accepted state is shown, with edges.
 """
 
 from __future__ import annotations
@@ -17,21 +17,43 @@ from numpy.typing import NDArray
 from armguard.exceptions import ArmguardError
 from armguard.view import drawing
 from armguard.view.arm import Arm
-from armguard.view.buckets import (
-    NO_BUCKET_COLOUR,
+from armguard.view.colours import (
+    LEVELS,
     REFUSED_COLOUR,
+    UNWATCHED_COLOUR,
     compute_colours,
-    describe_buckets,
+    describe_levels,
+    find_levels,
     parse_colour,
 )
-from armguard.view.drawing import Command
+from armguard.view.drawing import Command, Labels, Look
+from armguard.view.figure import draw_legs
 from armguard.view.messages import FrameMessage, ObstacleShapes, Pairs, SceneMessage
+from armguard.view.segments import connect
+from armguard.view.stopping import StoppingVolume
+
+Array = NDArray[np.float64]
 
 ROOT = "/armguard"
-COVER_OPACITY = 0.2
+COVER = Look(0.28)
 OBSTACLE_OPACITY = 0.72
 HULL_OPACITY = 0.45
-ROD_RADIUS = 0.006
+STATIC_GREY = "#7d8894"
+STATIC_SHARE = 0.6
+"""How much of a static's colour is grey."""
+FIRST_RADIUS, NEAR_RADIUS = 0.006, 0.0025
+NEAR_PAIRS = 10
+"""Pairs whose lines are rods; the others' are faint."""
+FAINT = 0.22
+MANY = 200
+"""Obstacles beyond which each is drawn with few triangles."""
+FRAMED_WITHIN = 8.0
+"""How far from the arm's base a moving obstacle may be to be kept in the picture, in [m]."""
+BASE = 0.12
+"""How much around the arm's base is kept in the picture, in [m]."""
+AXIS = 0.12
+"""Length of the axes of a sensor's frame, in [m]."""
+
 _BALL_DIRECTIONS = np.array(
     [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float
 )
@@ -44,33 +66,57 @@ class Picture:
     Args:
         draw: Takes each command; of a key, the latest counts.
         clear: Called before another scene is drawn, to forget all commands.
+        floor: Height of the floor, in [m].
     """
 
-    def __init__(self, draw: Callable[[Command], None], clear: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        draw: Callable[[Command], None],
+        clear: Callable[[], None],
+        floor: float = 0.0,
+    ) -> None:
         self._draw = draw
         self._clear = clear
+        self._floor = floor
         self._message: SceneMessage | None = None
         self._arm: Arm | None = None
+        self._volume: StoppingVolume | str | None = None
         self._notes: list[str] = []
-        self._hulls: dict[bytes, NDArray[np.float64]] = {}
+        self._hulls: dict[bytes, Array] = {}
 
-    def draw_scene(self, message: SceneMessage) -> None:
-        """Draw what does not change; the repetition of a known scene costs nothing."""
+    @property
+    def scene(self) -> SceneMessage | None:
+        """What was drawn last."""
+        return self._message
+
+    def draw_scene(self, message: SceneMessage) -> bool:
+        """Draw what does not change; whether it was another scene than before."""
         if message == self._message:
-            return
-        self._message, self._arm = message, None
+            return False
+        self._message, self._arm, self._volume = message, None, None
         self._hulls = {}
         self._clear()
-        self._colours = compute_colours(message.period)
-        legend = [
-            {"text": text, "colour": colour, "start": start}
-            for text, colour, start in describe_buckets(message.period)
-        ]
-        extra = [
-            {"text": "in no watched pair", "colour": NO_BUCKET_COLOUR},
-            {"text": "refused: last accepted state", "colour": REFUSED_COLOUR},
-        ]
-        self._draw(drawing.show("legend", {"steps": legend, "others": extra}))
+        self._margins = message.slow_margin, message.aware_margin
+        legend = {
+            "levels": describe_levels(self._margins),
+            "others": [
+                {"sign": "◇", "text": "refused: last accepted state", "colour": REFUSED_COLOUR},
+                {"sign": "▫", "text": "stands still (greyer)", "colour": STATIC_GREY},
+            ],
+            "robot": message.robot,
+            "period": message.period,
+            "margins": self._margins,
+            "floor": self._floor,
+            "links": [cover.link for cover in message.cover],
+            "tree": [sum(len(link.spheres) for link in level) for level in message.levels],
+            "sensors": [name for name, _ in message.sensors],
+            "is_recorded": message.is_recorded,
+            "has_volume": message.stopping is not None,
+            "obeys_reset": message.obeys_reset,
+            "reset_address": message.reset_address,
+        }
+        self._draw(drawing.show("legend", legend))
+        self._draw_sensors(message)
         try:
             self._arm = Arm(message)
             for command in self._arm.draw():
@@ -78,140 +124,360 @@ class Picture:
             self._notes = self._arm.notes
         except ArmguardError as error:
             self._notes = [f"the arm is not drawn: {error}"]
+        return True
 
-    def draw_frame(self, message: FrameMessage) -> None:
+    def draw_frame(self, message: FrameMessage, *, with_volume: bool = False) -> None:
         """Draw one moment; without a scene there is nothing yet to draw it in."""
+        for command in self.compute_frame(message, with_volume=with_volume):
+            self._draw(command)
+
+    def compute_frame(self, message: FrameMessage, *, with_volume: bool = False) -> list[Command]:
+        """The commands that draw one moment; none without a scene.
+
+        Args:
+            message: The moment.
+            with_volume: Whether to draw where the arm can be until it rests.
+        """
         if self._message is None:
-            return
+            return []
+        commands: list[Command] = []
         notes = list(self._notes)
+        cover = np.zeros((0, 4))
         if self._arm is not None:
             try:
-                self._draw_arm(self._arm, message)
+                cover = self._draw_arm(self._arm, message, commands)
             except ArmguardError as error:
                 notes.append(f"the arm is not moved: {error}")
-        self._draw_obstacles(message.obstacles)
-        self._draw_pairs(message.pairs)
+            else:
+                self._draw_plan(self._arm, message, commands)
+        volume = self._find_volume(message, notes) if with_volume else np.zeros((0, 4))
+        colours = np.tile(parse_colour("#ffffff"), (len(volume), 1))
+        commands.append(drawing.draw_balls(f"{ROOT}/volume", volume, colours, Look(0.1)))
+        legs = self._draw_obstacles(message, commands)
+        segments = self._draw_pairs(message, cover, commands)
+        self._draw_reach(message, commands)
+        if len(message.obstacles.ids) > MANY:
+            notes.append(f"more than {MANY} obstacles: each is drawn with less detail")
+        if message.omitted:
+            notes.append(
+                f"{message.omitted} more obstacles, less imminent than these, are watched and not "
+                "drawn"
+            )
+        commands.append(self._aim(message, cover, segments, legs))
+        commands.append(self._describe(message, notes))
+        return commands
+
+    def _colours(self, times: NDArray[np.float32], message: FrameMessage) -> NDArray[np.float32]:
         verdict = message.verdict
+        return compute_colours(times, verdict.stop_time, self._margins, verdict.level)
+
+    def _draw_sensors(self, message: SceneMessage) -> None:
+        lines, colours = [], []
+        for _, pose in message.sensors:
+            matrix = np.array(pose).reshape(4, 4)
+            for axis, code in enumerate(("#ff6b6b", "#7bd88f", "#6ba8ff")):
+                lines.append((matrix[:3, 3], matrix[:3, 3] + AXIS * matrix[:3, axis]))
+                colours.append(parse_colour(code))
+        self._draw(drawing.draw_lines(f"{ROOT}/sensors/axes", np.array(lines), np.array(colours)))
+        balls = [[*np.array(pose).reshape(4, 4)[:3, 3], 0.02] for _, pose in message.sensors]
         self._draw(
-            drawing.show(
-                "banner",
-                {
-                    "robot": self._message.robot,
-                    "sequence": message.sequence,
-                    "level": verdict.level,
-                    "contact_time": verdict.contact_time,
-                    "stop_time": verdict.stop_time,
-                    "speed_scale": verdict.speed_scale,
-                    "link": verdict.link,
-                    "obstacle": verdict.obstacle,
-                    "complete": verdict.complete,
-                    "reasons": verdict.reasons,
-                    "load": None if message.load is None else msgspec.to_builtins(message.load),
-                    "obstacles": len(message.obstacles.ids),
-                    "notes": notes,
-                },
+            drawing.draw_balls(
+                f"{ROOT}/sensors/origins",
+                np.array(balls),
+                np.tile(parse_colour("#dfe7f0"), (len(balls), 1)),
+                Look(),
+                Labels([f"frame {name}" for name, _ in message.sensors]),
             )
         )
 
-    def _draw_arm(self, arm: Arm, message: FrameMessage) -> None:
+    def _draw_arm(self, arm: Arm, message: FrameMessage, commands: list[Command]) -> Array:
+        assert self._message is not None, "an arm has a scene"
         if not np.isfinite(message.q).all():
             raise ArmguardError("q", "is not finite")
         arm.place(message.q)
-        for path, pose in arm.compute_poses():
-            self._draw(drawing.move(path, pose))
-        buckets = np.frombuffer(message.sphere_buckets, np.uint8)
-        if len(buckets) != len(arm.radii):
+        commands += [drawing.move(path, pose) for path, pose in arm.compute_poses()]
+        for number, level in enumerate(arm.compute_levels()):
+            colours = np.tile(parse_colour(UNWATCHED_COLOUR), (len(level), 1))
+            path = f"{ROOT}/tree/{number}"
+            commands.append(drawing.draw_balls(path, level, colours, Look(0.35)))
+        cover = arm.compute_cover()
+        times = np.frombuffer(message.sphere_times, "<f4")
+        if len(times) != len(cover):
             raise ArmguardError(
-                "sphere_buckets", f"has {len(buckets)} values", expected=f"{len(arm.radii)}"
+                "sphere_times", f"has {len(times)} values", expected=f"{len(cover)}"
             )
-        self._draw(
+        links = self._message.cover
+        commands.append(
             drawing.draw_balls(
                 f"{ROOT}/cover",
-                arm.compute_centres(),
-                arm.radii,
-                self._colours[buckets],
-                COVER_OPACITY,
+                cover,
+                self._colours(times, message),
+                COVER,
+                Labels([links[number].link for number in arm.links], times),
             )
         )
+        return cover
 
-    def _draw_obstacles(self, obstacles: ObstacleShapes) -> None:
-        colours = self._colours[obstacles.buckets]
+    def _draw_plan(self, arm: Arm, message: FrameMessage, commands: list[Command]) -> None:
+        """The way that the arm was told to go, and the arm at its end."""
+        rows = np.frombuffer(message.plan, "<f4").reshape(-1, max(len(message.q), 1))
+        end, path = np.zeros((0, 4)), np.zeros((0, 2, 3))
+        if len(rows) and np.isfinite(rows).all():
+            tips = []
+            for row in rows:
+                arm.place(tuple(row.tolist()))
+                end = arm.compute_cover()
+                tips.append(end[-1, :3])
+            path = np.stack([tips[:-1], tips[1:]], axis=1)
+            arm.place(message.q)
+        white = parse_colour("#ffffff")
+        commands.append(
+            drawing.draw_balls(f"{ROOT}/plan/ghost", end, np.tile(white, (len(end), 1)), Look(0.12))
+        )
+        commands.append(
+            drawing.draw_lines(f"{ROOT}/plan/path", path, np.tile(white, (len(path), 1)), 0.8)
+        )
+
+    def _find_volume(self, message: FrameMessage, notes: list[str]) -> Array:
+        assert self._message is not None, "asked for with a scene alone"
+        try:
+            if self._volume is None:
+                self._volume = StoppingVolume(self._message)
+            if isinstance(self._volume, str):
+                raise ArmguardError("the stopping volume", self._volume)
+            return self._volume.compute(message)
+        except ArmguardError as error:
+            if self._volume is None:
+                self._volume = str(error)
+            notes.append(f"the stopping volume is not drawn: {error}")
+            return np.zeros((0, 4))
+
+    def _draw_obstacles(self, message: FrameMessage, commands: list[Command]) -> Array:
+        """Draw what is in the cell; the lines of the legs that a person has for the eye."""
+        obstacles = message.obstacles
+        colours = self._colours(obstacles.times, message).astype(np.float64)
+        grey = parse_colour(STATIC_GREY)
+        colours[obstacles.statics] += STATIC_SHARE * (grey - colours[obstacles.statics])
         colours[obstacles.refused] = parse_colour(REFUSED_COLOUR)
         counts, points, radii = obstacles.counts.astype(np.int64), obstacles.points, obstacles.radii
         ends = np.cumsum(counts)
-        sound = np.array(
-            [
-                bool(np.isfinite(points[end - count : end]).all() and 0.0 <= radius < np.inf)
-                for end, count, radius in zip(ends, counts, radii, strict=True)
-            ],
-            dtype=bool,
-        )
+        sound = find_sound(obstacles)
         owner = np.repeat(np.arange(len(counts)), counts)
-        round_ones = sound[owner] & (counts[owner] <= 2)
-        self._draw(
-            drawing.draw_balls(
-                f"{ROOT}/obstacles/balls",
-                points[round_ones],
-                radii[owner[round_ones]],
-                colours[owner[round_ones]],
-                OBSTACLE_OPACITY,
-            )
-        )
-        capsules = np.flatnonzero(sound & (counts == 2))
-        self._draw(
-            drawing.draw_rods(
-                f"{ROOT}/obstacles/rods",
-                np.stack([points[ends[capsules] - 2], points[ends[capsules] - 1]], axis=1),
-                radii[capsules],
-                colours[capsules],
-                OBSTACLE_OPACITY,
-            )
-        )
-        self._draw_hulls(
-            [
-                (points[ends[row] - counts[row] : ends[row]], float(radii[row]), colours[row])
-                for row in np.flatnonzero(sound & (counts > 2))
+        many = len(counts) > MANY
+        # Solid bodies are drawn once, translucent ones twice.
+        look = Look(1.0 if many else OBSTACLE_OPACITY, is_coarse=many)
+
+        def label(rows: NDArray[np.int64]) -> Labels:
+            names = [
+                obstacles.ids[row]
+                + (" (stands still)" if obstacles.statics[row] else "")
+                + (" (refused)" if obstacles.refused[row] else "")
+                for row in rows
             ]
+            return Labels(names, obstacles.times[rows])
+
+        balls = np.column_stack([points, radii[owner]])
+        for group, chosen in (
+            ("obstacles", ~obstacles.statics),
+            ("statics", obstacles.statics),
+        ):
+            those = sound & chosen
+            places = np.flatnonzero(those[owner] & (counts[owner] <= 2))
+            commands.append(
+                drawing.draw_balls(
+                    f"{ROOT}/{group}/balls",
+                    balls[places],
+                    colours[owner[places]],
+                    look,
+                    label(owner[places]),
+                )
+            )
+            capsules = np.flatnonzero(those & (counts == 2))
+            commands.append(
+                drawing.draw_rods(
+                    f"{ROOT}/{group}/rods",
+                    np.stack([points[ends[capsules] - 2], points[ends[capsules] - 1]], axis=1),
+                    radii[capsules],
+                    colours[capsules],
+                    look,
+                    label(capsules),
+                )
+            )
+            hulls = np.flatnonzero(those & (counts > 2))
+            commands.append(self._draw_hulls(group, obstacles, hulls, colours, label(hulls)))
+        edged = balls[(sound & obstacles.refused)[owner]]
+        edged[:, 3] *= 1.02
+        commands.append(
+            drawing.draw_balls(
+                f"{ROOT}/refused",
+                edged,
+                np.tile(parse_colour("#ffffff"), (len(edged), 1)),
+                Look(0.5, is_coarse=True, is_wire=True),
+            )
         )
+        first = points[ends - counts].astype(np.float64) if len(counts) else np.zeros((0, 3))
+        legs = draw_legs(dict(zip(obstacles.ids, first, strict=True)), self._floor)
+        pale = np.tile(parse_colour("#93a1b0"), (len(legs), 1))
+        commands.append(
+            drawing.draw_rods(
+                f"{ROOT}/figure",
+                legs,
+                np.full(len(legs), 0.02),
+                pale,
+                Look(0.35),
+                Labels(["legs: drawn for the eye, watched by nothing"] * len(legs)),
+            )
+        )
+        return legs
 
     def _draw_hulls(
-        self, hulls: list[tuple[NDArray[np.float32], float, NDArray[np.float32]]]
-    ) -> None:
+        self,
+        group: str,
+        obstacles: ObstacleShapes,
+        rows: NDArray[np.int64],
+        colours: Array,
+        labels: Labels,
+    ) -> Command:
         """Draw boxes and the like; one whose shape and place are known is not computed again."""
-        known: dict[bytes, NDArray[np.float64]] = {}
-        corners, colours = [np.zeros((0, 3, 3))], [np.zeros((0, 3))]
-        for points, radius, colour in hulls:
+        ends = np.cumsum(obstacles.counts.astype(np.int64))
+        known: dict[bytes, Array] = {}
+        corners, painted, owners = [np.zeros((0, 3, 3))], [np.zeros((0, 3))], []
+        for row in rows:
+            points = obstacles.points[ends[row] - obstacles.counts[row] : ends[row]]
+            radius = float(obstacles.radii[row])
             key = points.tobytes() + str(radius).encode()
             known[key] = self._hulls[key] if key in self._hulls else _hull(points, radius)
             corners.append(known[key])
-            colours.append(np.tile(colour, (3 * len(known[key]), 1)))
-        self._hulls = known
-        self._draw(
-            drawing.draw_surface(
-                f"{ROOT}/obstacles/hulls",
-                np.concatenate(corners),
-                np.concatenate(colours),
-                HULL_OPACITY,
+            owners.append(len(known[key]))
+            painted.append(np.tile(colours[row], (3 * len(known[key]), 1)))
+        # Bounded, and enough for two frames and both groups.
+        self._hulls = known | dict(list(self._hulls.items())[: 2 * len(known) + 64])
+        return drawing.draw_surface(
+            f"{ROOT}/{group}/hulls",
+            np.concatenate(corners),
+            np.concatenate(painted),
+            HULL_OPACITY,
+            labels,
+            owners,
+        )
+
+    def _draw_pairs(self, message: FrameMessage, cover: Array, commands: list[Command]) -> Array:
+        segments, times = self._find_segments(message, cover)
+        colours = self._colours(times, message)
+        for path, chosen, radius in (
+            ("first", slice(0, 1), FIRST_RADIUS),
+            ("near", slice(1, NEAR_PAIRS), NEAR_RADIUS),
+        ):
+            some = segments[chosen]
+            commands.append(
+                drawing.draw_rods(
+                    f"{ROOT}/pairs/{path}",
+                    some,
+                    np.full(len(some), radius),
+                    colours[chosen],
+                    Look(),
+                )
+            )
+        rest = slice(NEAR_PAIRS, None)
+        path = f"{ROOT}/pairs/rest"
+        commands.append(drawing.draw_lines(path, segments[rest], colours[rest], FAINT))
+        return segments
+
+    def _find_segments(
+        self, message: FrameMessage, cover: Array
+    ) -> tuple[Array, NDArray[np.float32]]:
+        """Lines of the pairs whose both ends are somewhere, and the contact time of each."""
+        pairs: Pairs = message.pairs
+        segments, times = [], []
+        if self._arm is not None and len(cover):
+            obstacles, sound = message.obstacles, find_sound(message.obstacles)
+            ends = np.cumsum(obstacles.counts.astype(np.int64))
+            for link, row, time in zip(pairs.links, pairs.obstacles, pairs.times, strict=True):
+                balls = cover[self._arm.links == link]
+                if not (sound[row] and len(balls)):
+                    continue
+                points = obstacles.points[ends[row] - obstacles.counts[row] : ends[row]]
+                radius = float(obstacles.radii[row])
+                segments.append(connect(balls, points.astype(np.float64), radius))
+                times.append(time)
+        return np.array(segments).reshape(-1, 2, 3), np.array(times, dtype=np.float32)
+
+    def _draw_reach(self, message: FrameMessage, commands: list[Command]) -> None:
+        balls = message.reach.values[np.isfinite(message.reach.values).all(axis=1)]
+        colours = self._colours(message.obstacles.times[:1], message)
+        commands.append(
+            drawing.draw_balls(
+                f"{ROOT}/reach",
+                balls,
+                np.tile(colours[:1], (len(balls), 1)) if len(colours) else np.zeros((0, 3)),
+                Look(0.14),
             )
         )
 
-    def _draw_pairs(self, pairs: Pairs) -> None:
-        sound = np.isfinite(pairs.segments).all(axis=(1, 2))
-        segments, colours = pairs.segments[sound], self._colours[pairs.buckets[sound]]
-        self._draw(drawing.draw_lines(f"{ROOT}/pairs/lines", segments, colours))
-        # The pair that decides the verdict stands out.
-        self._draw(
-            drawing.draw_rods(
-                f"{ROOT}/pairs/first",
-                segments[:1],
-                np.full(len(segments[:1]), ROD_RADIUS),
-                colours[:1],
-                1.0,
-            )
-        )
+    def _aim(self, message: FrameMessage, cover: Array, segments: Array, legs: Array) -> Command:
+        """What the camera is to keep in the picture: balls in the world, in [m]."""
+        assert self._message is not None, "aims at a scene"
+        obstacles = message.obstacles
+        counts = obstacles.counts.astype(np.int64)
+        owner = np.repeat(np.arange(len(counts)), counts)
+        base = np.array(self._message.base).reshape(4, 4)[:3, 3]
+        near = np.linalg.norm(obstacles.points - base, axis=1) < FRAMED_WITHIN
+        moving = (find_sound(obstacles) & ~obstacles.statics)[owner] & near
+        bodies = np.column_stack([obstacles.points, obstacles.radii[owner]])[moving]
+        if len(legs):
+            # Both ends of each line of a leg, with a foot's breadth around.
+            ends = legs.reshape(-1, 3)
+            bodies = np.concatenate([bodies, np.column_stack([ends, np.full(len(ends), 0.05)])])
+        content = {
+            "arm": drawing.pack_floats(np.concatenate([cover, [[*base, BASE]]])),
+            "bodies": drawing.pack_floats(bodies),
+            "pair": drawing.pack_floats(segments[:1]),
+        }
+        return drawing.show("camera", content)
+
+    def _describe(self, message: FrameMessage, notes: list[str]) -> Command:
+        """What the panels say."""
+        assert self._message is not None, "describes a scene's frame"
+        verdict = message.verdict
+        own = find_levels([verdict.contact_time], verdict.stop_time, self._margins, "")
+        content = {
+            "sequence": message.sequence,
+            "now": message.now,
+            "wall": message.wall,
+            "level": verdict.level,
+            "contact_level": LEVELS[int(own[0])],
+            "contact_time": verdict.contact_time,
+            "stop_time": verdict.stop_time,
+            "speed_scale": verdict.speed_scale,
+            "link": verdict.link,
+            "obstacle": verdict.obstacle,
+            "complete": verdict.complete,
+            "reasons": verdict.reasons,
+            "effects": verdict.effects,
+            "load": None if message.load is None else msgspec.to_builtins(message.load),
+            "obstacles": len(message.obstacles.ids) + message.omitted,
+            "sources": msgspec.to_builtins(message.sources),
+            "latches": msgspec.to_builtins(message.latches),
+            "buckets": message.pairs.buckets.tolist(),
+            "explanation": message.explanation,
+            "has_plan": bool(message.plan),
+            "notes": notes,
+        }
+        return drawing.show("banner", content)
 
 
-def _hull(points: NDArray[np.float32], radius: float) -> NDArray[np.float64]:
+def find_sound(obstacles: ObstacleShapes) -> NDArray[np.bool_]:
+    """Which obstacles are somewhere, and can be drawn. Shape (n,)."""
+    counts = obstacles.counts.astype(np.int64)
+    if not len(counts):
+        return np.zeros(0, dtype=np.bool_)
+    finite = np.isfinite(obstacles.points).all(axis=1)
+    whole = np.logical_and.reduceat(finite, np.cumsum(counts) - counts)
+    sound: NDArray[np.bool_] = whole & (obstacles.radii >= 0.0) & (obstacles.radii < np.inf)
+    return sound
+
+
+def _hull(points: NDArray[np.float32], radius: float) -> Array:
     """Triangles of the rounded hull, in [m]. Shape (n, 3, 3)."""
     # A flat hull has no inside: too thin a one is drawn a millimetre thick.
     corners = points.astype(np.float64)[:, None] + max(radius, 1e-3) * _BALL_DIRECTIONS
@@ -221,5 +487,5 @@ def _hull(points: NDArray[np.float32], radius: float) -> NDArray[np.float64]:
     hull = coal.Convex.convexHull(vertices, True, "Qt")
     polygons = [hull.polygons(number) for number in range(hull.num_polygons)]
     indices = np.array([[polygon[0], polygon[1], polygon[2]] for polygon in polygons])
-    triangles: NDArray[np.float64] = np.asarray(hull.points())[indices]
+    triangles: Array = np.asarray(hull.points())[indices]
     return triangles

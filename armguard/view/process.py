@@ -44,9 +44,13 @@ class ViewProcess:
         """Whether the process is alive."""
         return self._process.poll() is None
 
-    def close(self) -> None:
-        """End the process and wait until it and its port are gone; harmless if they are."""
-        _end(self._process)
+    def close(self, timeout: float = END_TIMEOUT) -> None:
+        """End the process and wait until it and its port are gone; harmless if they are.
+
+        Args:
+            timeout: How long it may take before it is killed, in [s]; an export takes a while.
+        """
+        _end(self._process, timeout)
 
     def __enter__(self) -> ViewProcess:
         return self
@@ -64,6 +68,8 @@ def launch(
     address: str,
     port: int = 0,
     *,
+    floor: float = 0.0,
+    export: Path | None = None,
     host: str = LOOPBACK,
     key_files: tuple[Path, Path] | None = None,
 ) -> ViewProcess:
@@ -72,6 +78,8 @@ def launch(
     Args:
         address: Of a `FramePublisher`.
         port: TCP port of the page; 0: any that is free.
+        floor: Height of the floor, in [m].
+        export: Where to write, at its end, a file that plays offline; None: nowhere.
         host: Address of the interface on which the page is served; see `ViewServer`.
         key_files: Where the monitor asks for keys: the secret file of a client that may view, and
             the monitor's public file.
@@ -87,6 +95,9 @@ def launch(
     listen(port, host).close()
     command = [sys.executable, "-m", "armguard.view", address]
     command += ["--port", str(port), "--parent", str(os.getpid()), "--host", host]
+    command += ["--floor", str(floor)]
+    if export is not None:
+        command += ["--export", str(export)]
     if key_files is not None:
         command += ["--key", str(key_files[0]), "--server-key", str(key_files[1])]
     process = subprocess.Popen(
@@ -123,10 +134,10 @@ def _read_line(stream: IO[str], lines: queue.Queue[str]) -> None:
         lines.put(stream.readline())
 
 
-def _end(process: subprocess.Popen[str]) -> None:
+def _end(process: subprocess.Popen[str], timeout: float = END_TIMEOUT) -> None:
     process.terminate()
     try:
-        process.wait(END_TIMEOUT)
+        process.wait(timeout)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()

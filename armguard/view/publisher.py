@@ -12,7 +12,16 @@ import zmq
 
 from armguard.streams.addresses import check_address, check_free, explain, remove_file
 from armguard.streams.authentication import Authenticator
-from armguard.view.messages import FrameMessage, SceneMessage, encode_message
+from armguard.view.messages import (
+    FrameMessage,
+    Message,
+    SceneMessage,
+    StatusMessage,
+    encode_message,
+)
+
+PATIENCE = 5.0
+"""How long a patient publisher waits for its views, in [s]."""
 
 SCENE_INTERVAL = 15
 """Frames after which the scene is told again, for views that attached late."""
@@ -24,6 +33,8 @@ class FramePublisher:
     Args:
         address: Where to bind, e.g. "ipc:///tmp/view" or "tcp://127.0.0.1:*".
         authenticator: Lets in the views that it knows; None: there are no keys.
+        is_patient: Whether it waits for the first view, and for slow ones up to `PATIENCE` a
+            message: for replays, which nothing waits for.
 
     Attributes:
         address: Where views attach, with the port that was chosen.
@@ -35,7 +46,13 @@ class FramePublisher:
             use.
     """
 
-    def __init__(self, address: str, authenticator: Authenticator | None = None) -> None:
+    def __init__(
+        self,
+        address: str,
+        authenticator: Authenticator | None = None,
+        *,
+        is_patient: bool = False,
+    ) -> None:
         check_address(address, has_keys=authenticator is not None)
         check_free(address)
         self.dropped = 0
@@ -43,11 +60,17 @@ class FramePublisher:
         self._scene: SceneMessage | None = None
         self._frames_since_scene = 0
         self._authenticator = authenticator
+        self._is_patient = is_patient
+        self._is_heard = not is_patient
         # A context of its own, or that of its authenticator: closing waits for no other sockets.
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         context = self._context if authenticator is None else authenticator.context
-        self._socket = context.socket(zmq.PUB)
-        self._socket.set(zmq.SNDHWM, 2)
+        # XPUB publishes as PUB does, and tells when a view begins to listen.
+        self._socket = context.socket(zmq.XPUB if is_patient else zmq.PUB)
+        self._socket.set(zmq.SNDHWM, 64 if is_patient else 2)
+        if is_patient:
+            self._socket.set(zmq.XPUB_NODROP, 1)
+            self._socket.set(zmq.SNDTIMEO, round(1000 * PATIENCE))
         self._socket.set(zmq.LINGER, 0)
         if authenticator is not None:
             authenticator.guard(self._socket, ["view"])
@@ -74,6 +97,10 @@ class FramePublisher:
             self._send(self._scene)
         self._send(frame)
 
+    def publish_status(self, status: StatusMessage) -> None:
+        """Tell what the monitor does that has no moments to show."""
+        self._send(status)
+
     def close(self) -> None:
         """Free the address; whatever is published afterwards is dropped."""
         if not self._socket.closed:
@@ -95,9 +122,13 @@ class FramePublisher:
         self._socket.close()
         self._context.destroy(linger=0)
 
-    def _send(self, message: SceneMessage | FrameMessage) -> None:
+    def _send(self, message: Message) -> None:
+        if not self._is_heard:
+            self._is_heard = True
+            self._socket.poll(round(1000 * PATIENCE))
         try:
-            self._socket.send(encode_message(message), zmq.NOBLOCK)
+            flags = 0 if self._is_patient else zmq.NOBLOCK
+            self._socket.send(encode_message(message), flags)
         except (zmq.ZMQError, TypeError, ValueError, OverflowError) as error:
             # An observer must not hurt the loop: whatever it is, count it and go on.
             self.dropped += 1

@@ -2,7 +2,7 @@
 
 Meshcat's own server listens on every interface, keeps every change for ever and takes commands
 from any page that the browser happens to show. Here pages of other origins are refused, and all
-that may not see the page (`access`), browsers may say nothing but "done", and each gets its
+that may not see the page (`access`), browsers may say only what `requests` has, and each gets its
 next bundle only after it has drawn the last: a slow one misses moments, a hung one costs nothing.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import time
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -17,16 +18,22 @@ import tornado.httpserver
 import tornado.web
 import tornado.websocket
 
+from armguard.exceptions import ArmguardError
 from armguard.view.access import Access
-from armguard.view.drawing import show
-from armguard.view.latest import LatestValues, Reader
+from armguard.view.drawing import Command, show
+from armguard.view.latest import LatestValues, Reader, join
 from armguard.view.listening import LOOPBACK, listen
+from armguard.view.requests import LONGEST, Done, Layers, ResetRequest, Seek, read_request
+from armguard.view.station import Station, Told
 
 BROWSER_LIMIT = 16
-DONE = "done"
-_PAGE = Path(__file__).resolve().parent / "page"
+
+RESET_INTERVAL = 1.0
+"""Between two resets of all browsers, in [s]: a token is not to be found by trying."""
+
+PAGE = Path(__file__).resolve().parent / "page"
 # Importing Meshcat would start its own machinery; only its viewer is wanted.
-_VIEWER = Path(
+VIEWER = Path(
     str(importlib.metadata.distribution("meshcat").locate_file("meshcat/viewer/dist"))
 ).resolve()
 _HEADERS = {
@@ -46,7 +53,10 @@ class ViewServer:
 
     Args:
         values: What browsers are to be shown.
-        address: Where the feed comes from, for the page to say.
+        station: What there is to tell beside that.
+        draw_past: Draws the moment of this number, with the stopping volume or without; None: it
+            is gone.
+        send_reset: Hands the monitor a reset with this token; says in words what became of it.
         port: TCP port; 0: any that is free.
         host: Address of the interface to listen on. Beyond the loopback interface the page is
             shown only to those that bring the token that is in `url`.
@@ -59,21 +69,29 @@ class ViewServer:
     """
 
     def __init__(
-        self, values: LatestValues, address: str, port: int = 0, host: str = LOOPBACK
+        self,
+        values: LatestValues,
+        station: Station,
+        draw_past: Callable[[int, bool], list[Command] | None],
+        send_reset: Callable[[str], Awaitable[str]],
+        port: int = 0,
+        host: str = LOOPBACK,
     ) -> None:
         self._browsers: set[BrowserSocket] = set()
         self._values = values
-        self._address = address
-        self._last_frame: float | None = None
+        self._station = station
+        self.draw_past = draw_past
+        self._send_reset = send_reset
+        self._next_reset = -RESET_INTERVAL
         access = Access(host)
         application = tornado.web.Application(
             [
                 (r"/feed", BrowserSocket, {"server": self}),
-                (r"/meshcat/(main\.min\.js)", LocalFile, {"path": str(_VIEWER)}),
-                (r"/(.*)", LocalFile, {"path": str(_PAGE), "default_filename": "index.html"}),
+                (r"/meshcat/(main\.min\.js)", LocalFile, {"path": str(VIEWER)}),
+                (r"/(.*)", LocalFile, {"path": str(PAGE), "default_filename": "index.html"}),
             ],
             websocket_ping_interval=5.0,
-            websocket_max_message_size=64,
+            websocket_max_message_size=LONGEST,
             log_function=_log_nothing,
             access=access,
         )
@@ -82,11 +100,20 @@ class ViewServer:
         self._server.add_socket(listener)
         self.url = access.describe(listener.getsockname()[1])
 
+    @property
+    def wants_volume(self) -> bool:
+        """Whether a browser shows the stopping volume of the present."""
+        return any(browser.wants_volume for browser in self._browsers)
+
     def flush(self) -> None:
         """Hand every browser that waits for it what has changed; called after each frame."""
-        self._last_frame = time.monotonic()
         for browser in list(self._browsers):
             browser.pump()
+
+    def tell(self) -> None:
+        """Hand every browser that waits the news, even where nothing is drawn anew."""
+        for browser in list(self._browsers):
+            browser.pump(always=True)
 
     def close(self) -> None:
         """Stop listening and part from all browsers."""
@@ -100,19 +127,26 @@ class ViewServer:
             return False
         self._browsers.add(browser)
         browser.reader = self._values.attach()
-        browser.send(self.tell_news())
+        browser.send(join([self.tell_news(browser.told)]))
         return True
 
-    def tell_news(self) -> bytes:
-        """How old the latest moment is: what is handed to a late browser may long be past."""
-        silence = None if self._last_frame is None else time.monotonic() - self._last_frame
-        return show("news", {"address": self._address, "silence": silence}).payload
+    def tell_news(self, told: Told) -> bytes:
+        """How old the latest moment is, and what else the browser does not know yet."""
+        return self._station.tell(told)
 
     def detach(self, browser: BrowserSocket) -> None:
         """Forget a browser that has gone."""
         self._browsers.discard(browser)
         if browser.reader is not None:
             self._values.detach(browser.reader)
+
+    async def reset(self, token: str) -> str:
+        """Hand the monitor a reset; what became of it, in words."""
+        now = time.monotonic()
+        if now < self._next_reset:
+            return "too soon after the last attempt: wait a second"
+        self._next_reset = now + RESET_INTERVAL
+        return await self._send_reset(token)
 
 
 class _Guarded(tornado.web.RequestHandler):
@@ -139,6 +173,19 @@ class BrowserSocket(_Guarded, tornado.websocket.WebSocketHandler):
         self._view = server
         self._waits = False
         self.reader: Reader | None = None
+        self.told = Told()
+        self._seen: int | None = None
+        """Number of the moment of the past that it looks at; None: at the present."""
+        self._is_due = False
+        """Whether that has yet to be drawn."""
+        self._with_volume = False
+        self._touched: set[str] = set()
+        """Keys of what the past has drawn, which the present must draw again."""
+
+    @property
+    def wants_volume(self) -> bool:
+        """Whether it shows the stopping volume of the present."""
+        return self._with_volume and self._seen is None
 
     def check_origin(self, origin: str) -> bool:
         """Refuse pages of other origins; Host itself was checked before."""
@@ -150,29 +197,77 @@ class BrowserSocket(_Guarded, tornado.websocket.WebSocketHandler):
         if not self._view.attach(self):
             self.close(1013, "too many browsers are watching")
 
-    def on_message(self, message: str | bytes) -> None:
-        """Go on when the browser has drawn; it has nothing else to say."""
-        if message != DONE or self._waits:
+    async def on_message(self, message: str | bytes) -> None:
+        """Do what the page asks for, if it may."""
+        try:
+            request = read_request(message)
+        except ArmguardError:
             self.close(1008, "not understood")
             return
-        self._waits = True
+        if isinstance(request, Done):
+            if self._waits:
+                self.close(1008, "not understood")
+                return
+            self._waits = True
+        elif isinstance(request, Seek):
+            self._seek(request.number)
+        elif isinstance(request, Layers):
+            self._with_volume = request.volume
+            self._is_due = self._seen is not None
+        elif isinstance(request, ResetRequest):
+            outcome = await self._view.reset(request.token)
+            answer = show("outcome", {"text": outcome}).payload
+            # Beside the usual turn: it waits for no drawing, and is small.
+            self._write(join([answer]))
+            return
         self.pump()
 
     def on_close(self) -> None:
         """Let the browser go."""
         self._view.detach(self)
 
-    def pump(self) -> None:
-        """Send the next bundle, if the browser waits for one and there is one."""
+    def pump(self, *, always: bool = False) -> None:
+        """Send the next bundle, if the browser waits for one and there is one.
+
+        Args:
+            always: Whether news alone are worth one.
+        """
         if not self._waits or self.reader is None:
             return
-        bundle = self.reader.take(self._view.tell_news())
+        if self._seen is not None:
+            self._pump_past(always)
+            return
+        news = self._view.tell_news
+        bundle = self.reader.take(news(self.told)) if self.reader.is_owed else None
+        if bundle is None and always:
+            bundle = join([news(self.told)])
         if bundle is not None:
             self.send(bundle)
 
     def send(self, payload: bytes) -> None:
-        """Send one message; the browser answers `DONE` once it is drawn."""
+        """Send one bundle; the browser answers `Done` once it is drawn."""
         self._waits = False
+        self._write(payload)
+
+    def _seek(self, number: int | None) -> None:
+        self._seen, self._is_due = number, number is not None
+        if number is None and self.reader is not None:
+            self.reader.owe_again(self._touched)
+            self._touched.clear()
+
+    def _pump_past(self, always: bool) -> None:
+        assert self._seen is not None, "looks at the past"
+        if not (self._is_due or always):
+            return
+        parts = []
+        if self._is_due:
+            self._is_due = False
+            drawn = self._view.draw_past(self._seen, self._with_volume) or []
+            self._touched.update(command.key for command in drawn)
+            parts = [command.payload for command in drawn]
+        self.send(join([self._view.tell_news(self.told), *parts]))
+
+    def _write(self, payload: bytes) -> None:
         try:
             sending = self.write_message(payload, binary=True)
         except tornado.websocket.WebSocketClosedError:

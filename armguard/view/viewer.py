@@ -8,21 +8,37 @@ import os
 import signal
 import sys
 import time
+from pathlib import Path
 
 import zmq
 import zmq.asyncio
+from zmq.utils.monitor import recv_monitor_message
 
 from armguard.exceptions import ArmguardError
 from armguard.streams.keys import Keys, present
+from armguard.streams.nodes import Publisher
 from armguard.view import drawing
+from armguard.view.drawing import Command
+from armguard.view.export import write_export
 from armguard.view.latest import LatestValues
 from armguard.view.listening import LOOPBACK
-from armguard.view.messages import FrameMessage, SceneMessage, decode_message
+from armguard.view.messages import (
+    FeedVersionError,
+    FrameMessage,
+    SceneMessage,
+    StatusMessage,
+    decode_message,
+)
 from armguard.view.picture import ROOT, Picture
 from armguard.view.server import ViewServer
+from armguard.view.station import Station
 
 PARENT_CHECK_INTERVAL = 0.25
 COMPLAINT_INTERVAL = 1.0
+NEWS_INTERVAL = 0.5
+"""Between two tellings of news while no frames come, in [s]."""
+REACH_TIMEOUT = 2.0
+"""How long a reset waits for the monitor to listen, in [s]."""
 QUEUE_LIMIT = 64
 _logger = logging.getLogger("armguard.view")
 
@@ -33,6 +49,8 @@ class Watch:
     Args:
         address: Of the feed.
         port: TCP port of the page; 0: any that is free.
+        floor: Height of the floor, in [m].
+        keeps_all: Whether the past is kept from its beginning, as for an export.
         host: Address of the interface on which the page is served.
         keys: Of a client that may view; None: the monitor asks for none.
 
@@ -41,15 +59,26 @@ class Watch:
     """
 
     def __init__(
-        self, address: str, port: int = 0, host: str = LOOPBACK, keys: Keys | None = None
+        self,
+        address: str,
+        port: int = 0,
+        *,
+        floor: float = 0.0,
+        keeps_all: bool = False,
+        host: str = LOOPBACK,
+        keys: Keys | None = None,
     ) -> None:
         self._context = zmq.asyncio.Context()
         self._socket = self._context.socket(zmq.SUB)
         self._socket.set(zmq.RCVHWM, 4)
         self._socket.set(zmq.MAXMSGSIZE, 64_000_000)
         self._socket.set(zmq.SUBSCRIBE, b"")
+        self._keys = keys
         if keys is not None:
             present(self._socket, keys)
+        self._connection = self._socket.get_monitor_socket(
+            zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_SUCCEEDED
+        )
         try:
             self._socket.connect(address)
         except zmq.ZMQError as error:
@@ -60,53 +89,132 @@ class Watch:
                 expected='an address such as "tcp://127.0.0.1:5555"',
             ) from error
         self._values = LatestValues()
+        self._station = Station(address)
+        self._keeps_all = keeps_all
+        self._station.film.clear(is_recording=keeps_all)
         try:
-            self._server = ViewServer(self._values, address, port, host)
+            self._server = ViewServer(
+                self._values, self._station, self._draw_past, self._send_reset, port, host
+            )
         except ArmguardError:
             self._context.destroy(linger=0)
             raise
-        self._picture = Picture(self._values.set, self._forget)
+        self._picture = Picture(self._values.set, self._forget, floor)
         self._complained = -COMPLAINT_INTERVAL
         self._complaints = 0
         self.url = self._server.url
 
     async def run(self) -> None:
         """Draw until cancelled."""
-        while True:
-            payloads = [await self._socket.recv()]
-            # Only the newest moment counts; what waited behind it is past.
-            while len(payloads) < QUEUE_LIMIT and await self._socket.poll(0):
-                payloads.append(await self._socket.recv())
-            self._draw_newest(payloads)
+        tasks = [asyncio.create_task(task()) for task in (self._follow, self._tell_news)]
+        try:
+            await self._draw()
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    def export(self, path: Path) -> None:
+        """Write what is kept of the past as one file that plays offline.
+
+        Raises:
+            ArmguardError: There is nothing to write, or the file cannot be written.
+        """
+        self._station.film.settle()
+        write_export(path, self._values.payloads, self._station, self._draw_past)
 
     def close(self) -> None:
         """Free the port and the feed."""
         self._server.close()
+        self._socket.disable_monitor()
         self._context.destroy(linger=0)
 
+    async def _draw(self) -> None:
+        while True:
+            payloads = [await self._socket.recv()]
+            # Only the newest moment is drawn; what waited behind it is kept, and past.
+            while len(payloads) < QUEUE_LIMIT and await self._socket.poll(0):
+                payloads.append(await self._socket.recv())
+            self._draw_newest(payloads)
+
+    async def _follow(self) -> None:
+        """Notice when the monitor comes and goes."""
+        while True:
+            event = await recv_monitor_message(self._connection)
+            self._station.is_connected = event["event"] != zmq.EVENT_DISCONNECTED
+
+    async def _tell_news(self) -> None:
+        while True:
+            await asyncio.sleep(NEWS_INTERVAL)
+            self._server.tell()
+
     def _draw_newest(self, payloads: list[bytes]) -> None:
-        scene: SceneMessage | None = None
         frame: FrameMessage | None = None
         for payload in payloads:
             try:
                 message = decode_message(payload)
             except ArmguardError as error:
+                if isinstance(error, FeedVersionError):
+                    self._station.problem = str(error)
                 self._complain(str(error))
                 continue
             if isinstance(message, SceneMessage):
-                scene = message
+                self._draw_scene(message)
+            elif isinstance(message, StatusMessage):
+                self._station.status, self._station.is_over = message.text, message.is_over
+                if message.is_over:
+                    self._station.film.settle()
             else:
                 frame = message
+                self._station.is_over = False
+                self._station.film.add(message, payload)
+        if frame is None:
+            return
+        self._station.note_frame()
         try:
-            if scene is not None:
-                self._picture.draw_scene(scene)
-            if frame is not None:
-                self._picture.draw_frame(frame)
+            self._picture.draw_frame(frame, with_volume=self._server.wants_volume)
         except Exception as error:  # one bad picture must not end the view
             self._complain(f"{type(error).__name__}: {error}")
             return
-        if frame is not None:
-            self._server.flush()
+        self._server.flush()
+
+    def _draw_scene(self, scene: SceneMessage) -> None:
+        try:
+            is_new = self._picture.draw_scene(scene)
+        except Exception as error:  # alike
+            self._complain(f"{type(error).__name__}: {error}")
+            return
+        if is_new:
+            # What is past was of another scene, and cannot be drawn in this one.
+            self._station.film.clear(is_recording=scene.is_recorded or self._keeps_all)
+
+    def _draw_past(self, number: int, with_volume: bool) -> list[Command] | None:
+        moment = self._station.film.find(number)
+        if moment is None:
+            return None
+        frame = decode_message(moment.payload)
+        assert isinstance(frame, FrameMessage), "a film has frames"
+        try:
+            return self._picture.compute_frame(frame, with_volume=with_volume)
+        except Exception as error:  # alike
+            self._complain(f"{type(error).__name__}: {error}")
+            return None
+
+    async def _send_reset(self, token: str) -> str:
+        scene = self._picture.scene
+        if scene is None:
+            return "there is no monitor to reset"
+        if not scene.obeys_reset:
+            return "this run obeys no reset: start it with --reset-token TOKEN"
+        if not scene.reset_address:
+            return "this run takes a reset from its standard input alone"
+        loop = asyncio.get_running_loop()
+        try:
+            return await loop.run_in_executor(
+                None, _publish_reset, scene.reset_address, token, self._keys
+            )
+        except ArmguardError as error:
+            return str(error)
 
     def _forget(self) -> None:
         self._values.clear(drawing.delete(ROOT))
@@ -120,19 +228,40 @@ class Watch:
             _logger.warning("feed: %s (%d so far)", problem, self._complaints)
 
 
+def _publish_reset(address: str, token: str, keys: Keys | None) -> str:
+    with Publisher(address, keys=keys) as publisher:
+        if not publisher.wait(REACH_TIMEOUT):
+            return f"no monitor listens at {address}"
+        publisher.reset(token)
+    return "sent; the monitor tells whether it obeys"
+
+
 async def watch(
     address: str,
     port: int = 0,
     parent: int | None = None,
+    *,
+    floor: float = 0.0,
+    export: Path | None = None,
     host: str = LOOPBACK,
     keys: Keys | None = None,
 ) -> None:
-    """Run a view until a signal, or until the process `parent` is no longer this one's parent."""
+    """Run a view until a signal, or until the process `parent` is no longer this one's parent.
+
+    Args:
+        address: Of the feed.
+        port: TCP port of the page; 0: any that is free.
+        parent: Process whose end is the view's; None: none is.
+        floor: Height of the floor, in [m].
+        export: Where to write, at the end, a file that plays offline; None: nowhere.
+        host: Address of the interface on which the page is served.
+        keys: Of a client that may view; None: the monitor asks for none.
+    """
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, ended.set)
-    view = Watch(address, port, host, keys)
+    view = Watch(address, port, floor=floor, keeps_all=export is not None, host=host, keys=keys)
     sys.stdout.write(f"armguard view of {address}: {view.url}\n")
     sys.stdout.flush()
     drawing_task = asyncio.create_task(view.run())
@@ -148,4 +277,8 @@ async def watch(
     finally:
         drawing_task.cancel()
         await asyncio.gather(drawing_task, return_exceptions=True)
-        view.close()
+        try:
+            if export is not None:
+                view.export(export)
+        finally:
+            view.close()

@@ -1,10 +1,13 @@
+import base64
 import csv
+import gzip
 import json
 import re
 import subprocess
 import sys
 from datetime import datetime, timedelta
 
+import msgspec
 import pytest
 
 from armguard.app.cli import MISTAKE, main
@@ -256,15 +259,37 @@ def test_an_arm_that_armguard_does_not_know_cannot_be_drawn(tmp_path, capsys):
     assert code == 0
 
 
-def test_the_page_shows_the_replay(path, capsys, monkeypatch):
-    frames = []
+def test_the_page_shows_the_replay_and_stays(path, capsys, monkeypatch):
+    frames, stays = [], []
     monkeypatch.setattr(
-        "armguard.app.replay.MonitorFeed.observe", lambda self, *arguments: frames.append(arguments)
+        "armguard.app.replay.MonitorFeed.observe",
+        lambda self, *arguments, wall: frames.append(arguments),
     )
-    code, _, err = run(capsys, path, "--view", "--speed", "1000")
+    monkeypatch.setattr("armguard.app.replay.stay", lambda page: stays.append(page.running))
+    code, _, err = run(capsys, path, "--view")
     assert code == 0
     assert "see it in the browser: http://127.0.0.1:" in err
     assert len(frames) == 500
+    assert stays == [True]
+
+
+def test_the_export_of_a_replay_has_all_its_moments(path, tmp_path, capsys):
+    export = tmp_path / "scene.html"
+    code, _, err = run(capsys, path, "--export", export)
+    assert code == 0
+    assert "browser" not in err
+    packed = re.search(r'id="film" type="text/plain">([^<]*)<', export.read_text())[1]
+    film = msgspec.msgpack.decode(gzip.decompress(base64.b64decode(packed)))
+    times = [row[1] for row in film["news"]["moments"]]
+    assert times[-1] - times[0] == pytest.approx(1.0, abs=0.05)
+    assert len(times) >= 8
+    assert {"banner", "camera"} <= {one["type"] for one in film["moments"][-1][1]}
+
+
+def test_an_export_to_nowhere_is_refused_before_anything_is_replayed(path, tmp_path, capsys):
+    code, out, err = run(capsys, path, "--export", tmp_path / "nowhere" / "scene.html")
+    assert (code, out) == (MISTAKE, "")
+    assert "cannot be written" in err
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ import coal
 import numpy as np
 import pytest
 
-from armguard import Monitor, Obstacles, Robot
+from armguard import Monitor, Obstacles, Plan, Robot
 from armguard.app.loop import Durations
-from armguard.app.view_feed import INTERVAL, PAIR_LIMIT, ROW_LIMIT, MonitorFeed
-from armguard.view import FrameMessage, SceneMessage, compute_buckets
+from armguard.app.view_feed import INTERVAL, PAIR_LIMIT, ROW_LIMIT, MonitorFeed, Origin
+from armguard.view import FrameMessage, SceneMessage
 from armguard.view.messages import decode_message, encode_message
 
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
@@ -68,8 +68,9 @@ def test_a_frame_says_what_the_verdict_says(robot):
     assert (frame.verdict.link, frame.verdict.obstacle) == (verdict.link, verdict.obstacle)
     assert frame.q == tuple(READY)
     assert frame.load.ticks == 1
-    soonest = compute_buckets(np.array([verdict.contact_time]), 1e-3)[0]
-    assert frame.obstacles.buckets[0] == frame.pairs.buckets[0] == soonest
+    assert frame.obstacles.times[0] == frame.pairs.times[0] == np.float32(verdict.contact_time)
+    assert frame.pairs.buckets.sum() == 3 * len(robot.links)
+    assert frame.verdict.effects == tuple(one.kind.effect.value for one in verdict.reasons)
     assert frame.obstacles.ids[0] == verdict.obstacle
 
 
@@ -82,14 +83,15 @@ def test_a_frame_is_bounded_whatever_the_number_of_obstacles(robot):
     _, _, messages = observe(robot, count=ROW_LIMIT + 50)
     (frame,) = messages.frames
     assert len(frame.obstacles.ids) == ROW_LIMIT
-    assert len(frame.pairs.buckets) == PAIR_LIMIT
+    assert len(frame.pairs.times) == PAIR_LIMIT
+    assert frame.omitted == 50
 
 
 def test_an_arm_that_is_not_believed_is_about_to_touch_anything(robot):
     _, verdict, messages = observe(robot, q=READY * np.nan)
     assert verdict.link is None
     (frame,) = messages.frames
-    assert set(frame.sphere_buckets) == {int(compute_buckets(np.zeros(1), 1e-3)[0])}
+    assert not np.frombuffer(frame.sphere_times, "<f4").any()
 
 
 def test_what_was_refused_is_marked_and_stays_where_it_was_accepted(robot):
@@ -118,4 +120,81 @@ def test_an_attached_tool_comes_with_a_new_scene():
     scenes = [message for message in messages.all if isinstance(message, SceneMessage)]
     assert [len(scene.cover) for scene in scenes] == [10, 11]
     spheres = sum(len(cover.spheres) for cover in scenes[-1].cover)
-    assert len(messages.frames[-1].sphere_buckets) == spheres
+    assert len(messages.frames[-1].sphere_times) == 4 * spheres
+
+
+def test_a_stop_between_two_frames_is_told_with_the_next_one(robot):
+    obstacles, messages = Obstacles(sources=[]), Messages()
+    monitor = Monitor(robot, obstacles, rise_delay=0.0)
+    feed, verdicts = MonitorFeed(monitor, messages), []
+    for tick in range(60):
+        now = 1e-3 * tick
+        # For five ticks there is something where the arm is.
+        if tick in (10, 15):
+            place = [0.3, 0.0, 0.6] if tick == 10 else [9.0, 0.0, 0.6]
+            obstacles.update([f"ball{tick}"], now, [place], radius=0.1)
+        if tick == 15:
+            obstacles.remove(["ball10"], now)
+        verdicts.append(monitor.step(now, READY, np.zeros(7)))
+        feed.observe(verdicts[-1], now, Durations(), 0)
+    stops = [verdict.sequence for verdict in verdicts if verdict.level.name == "STOP"]
+    assert 0 < len(stops) < 20
+    told = [frame.verdict.level for frame in messages.frames]
+    assert told.count("STOP") == 1
+    assert told[-1] != "STOP"
+
+
+def test_a_latch_tells_since_when_and_a_source_how_it_is_heard(robot):
+    obstacles, messages = Obstacles(sources=["camera"]), Messages()
+    monitor = Monitor(robot, obstacles)
+    feed = MonitorFeed(monitor, messages, Origin(reset_address="ipc:///x", obeys_reset=True))
+    for tick in range(1, 400):
+        now = 2e-3 * tick
+        obstacles.update([], now, source="camera")
+        q = READY * np.nan if tick == 100 else READY
+        feed.observe(monitor.step(now, q, np.zeros(7)), now, Durations(), 0, refused_resets=2)
+    scene, frame = messages.all[0], messages.frames[-1]
+    assert (scene.reset_address, scene.obeys_reset) == ("ipc:///x", True)
+    assert frame.latches[0].since == pytest.approx(0.2, abs=INTERVAL)
+    assert frame.refused_resets == 2
+    heard = {source.name: source for source in frame.sources}
+    assert heard["camera"].rate == pytest.approx(500.0, rel=0.05)
+    assert heard["robot"].rate == pytest.approx(500.0, rel=0.05)
+    assert heard["camera"].timeout == monitor.settings.source_timeout
+
+
+def test_what_is_told_of_a_stop_in_a_recording_is_why(robot):
+    for is_recorded in (False, True):
+        obstacles, messages = Obstacles(sources=[]), Messages()
+        monitor = Monitor(robot, obstacles)
+        feed = MonitorFeed(monitor, messages, Origin(is_recorded=is_recorded))
+        for tick in range(1, 40):
+            now = 1e-3 * tick
+            place = [[0.3 if tick > 5 else 5.0, 0.0, 0.6]]
+            obstacles.update([f"ball{tick > 5}"], now, place, radius=0.1)
+            feed.observe(monitor.step(now, READY, np.zeros(7)), now, Durations(), 0, wall=7.0)
+        frame = messages.frames[-1]
+        assert frame.verdict.level == "STOP"
+        assert frame.wall == 7.0
+        assert bool(frame.explanation) is is_recorded
+        assert not is_recorded or any("less latency" in line for line in frame.explanation)
+
+
+def test_the_most_imminent_obstacle_has_its_reach_and_a_told_path_its_samples(robot):
+    obstacles, messages = Obstacles(sources=[]), Messages()
+    obstacles.add_static("wall", [5.0, 0.0, 1.0], 0.1)
+    monitor = Monitor(robot, obstacles, motion="planned")
+    feed = MonitorFeed(monitor, messages)
+    obstacles.update(["ball"], 0.0, [[2.0, 0.0, 1.0]], radius=0.1)
+    monitor.step(0.0, READY, np.zeros(7))
+    plan = Plan(0.0, [0.0, 1.0], np.stack([READY, READY]), np.zeros((2, 7)), np.full(7, 1e-3))
+    assert monitor.follow(plan).safe
+    feed.observe(monitor.step(0.001, READY, np.zeros(7)), 0.001, Durations(), 0)
+    (frame,) = messages.frames
+    ((*center, radius),) = frame.reach.values
+    assert center == pytest.approx([2.0, 0.0, 1.0])
+    assert radius > 0.1
+    marks = dict(zip(frame.obstacles.ids, frame.obstacles.statics, strict=True))
+    assert marks == {"wall": True, "ball": False}
+    rows = np.frombuffer(frame.plan, "<f4").reshape(-1, 7)
+    assert np.allclose(rows, READY, atol=1e-5)

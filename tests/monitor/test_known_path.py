@@ -72,3 +72,17 @@ def test_everything_is_compiled_before_the_first_plan():
             assert ask(monitor.with_stop(plan)).safe
             run(monitor, plan, 5)
         assert [len(one.signatures) for one in kernels] == before
+
+
+def test_what_the_arm_was_told_is_there_to_be_looked_at_until_a_reset():
+    _, monitor = start()
+    assert monitor.plans == []
+    plan = make_plan()
+    assert monitor.follow(plan).safe
+    (followed,) = monitor.plans
+    assert np.array_equal(followed.q, plan.q)
+    monitor.reset()
+    assert monitor.plans == []
+    monitor.step(0.0, HOME, STILL)
+    assert monitor.commit(plan).safe
+    assert len(monitor.plans) == 1

@@ -61,6 +61,7 @@ def test_rows_and_pairs_are_ordered_and_agree(robot):
     monitor, _ = run_monitor(robot)
     snapshot = monitor.snapshot(**EVERYTHING)
     assert len(snapshot.pairs) == 13 * len(robot.links)
+    assert np.array_equal(np.sort(snapshot.all_times), snapshot.pair_times)
     assert sorted(snapshot.rows) == sorted({pair // len(robot.links) for pair in snapshot.pairs})
     for times in (snapshot.pair_times, snapshot.row_times):
         assert np.all(np.diff(times) >= 0.0)
@@ -75,6 +76,7 @@ def test_limits_keep_the_most_imminent(robot, limit):
     everything = monitor.snapshot(**EVERYTHING)
     some = monitor.snapshot(pair_limit=limit, row_limit=limit)
     assert np.array_equal(some.pair_times, everything.pair_times[:limit])
+    assert np.array_equal(some.pairs, everything.pairs[:limit])
     assert np.array_equal(some.row_times, everything.row_times[:limit])
     assert some.segments.shape == (limit, 2, 3)
 

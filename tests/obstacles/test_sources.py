@@ -109,3 +109,10 @@ def test_stamps_beyond_what_can_be_counted_are_taken_all_the_same(stamp):
         obstacles.update(["a"], stamp, np.zeros((1, 3)), radius=0.1)
     assert obstacles.row("a") >= 0
     assert not obstacles.disbelieved_sources()
+
+
+def test_a_table_tells_how_its_sources_were_heard():
+    obstacles = Obstacles(sources=["camera", Source("lidar", timeout=1.0)])
+    for stamp in (0.5, 0.7, 0.6):
+        obstacles.update([], stamp, source="camera")
+    assert obstacles.heard_sources == [("camera", 3, 0.7, None), ("lidar", 0, -math.inf, 1.0)]

@@ -14,7 +14,6 @@ from armguard.view import (
     Pairs,
     SceneMessage,
     VerdictSummary,
-    compute_buckets,
 )
 
 PERIOD = 1e-3
@@ -33,7 +32,6 @@ def make_scene(**changes: Any) -> SceneMessage:
 
 def make_frame(contact_time: float = 0.3, sequence: int = 1, **changes: Any) -> FrameMessage:
     """A frame in which everything is as imminent as `contact_time` says."""
-    bucket = int(compute_buckets(contact_time, PERIOD))
     box = [[x, y, z] for x in (0.4, 0.8) for y in (-0.9, -0.5) for z in (0.2, 0.4)]
     points = np.zeros((3, 8, 3))
     points[0, 0] = (0.9, 0.1, 0.7)
@@ -50,12 +48,17 @@ def make_frame(contact_time: float = 0.3, sequence: int = 1, **changes: Any) -> 
             link="panda_hand",
             obstacle="hand",
             reasons=("contact possible",),
+            effects=("note",),
         ),
-        "sphere_buckets": bytes([bucket] * 14),
+        "sphere_times": np.full(14, contact_time, "<f4").tobytes(),
         "obstacles": ObstacleShapes.pack(
-            ["hand", "arm", "box"], points, [0.15, 0.1, 0.0], counts=[1, 2, 8], buckets=[bucket] * 3
+            ["hand", "arm", "box"],
+            points,
+            [0.15, 0.1, 0.0],
+            counts=[1, 2, 8],
+            times=[contact_time] * 3,
         ),
-        "pairs": Pairs.pack([[[0.5, 0.0, 0.6], [0.8, 0.1, 0.7]]], [bucket]),
+        "pairs": Pairs.pack([5], [0], [contact_time]),
     }
     return FrameMessage(**(fields | changes))
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from armguard.robot.description import find_example_urdf
-from armguard.view import NO_BUCKET, ObstacleShapes, Pairs, compute_buckets
-from armguard.view.buckets import REFUSED_COLOUR, compute_colours, parse_colour
+from armguard.view import ObstacleShapes, Pairs
+from armguard.view.colours import REFUSED_COLOUR, compute_colours, parse_colour
 from armguard.view.picture import Picture
-from support.view_samples import PERIOD, make_frame, make_scene, read_command
+from support.view_samples import make_frame, make_scene, read_command
 
 
 class Page:
@@ -46,16 +46,16 @@ def test_the_arm_is_drawn_from_its_visual_meshes_with_a_pose_each(page):
 
 
 @pytest.mark.parametrize("contact_time", [0.01, 0.3, 3.0, math.inf])
-def test_everything_has_the_colour_of_its_bucket(page, contact_time):
+def test_everything_has_the_colour_of_its_level(page, contact_time):
     page.picture.draw_frame(make_frame(contact_time))
-    colour = compute_colours(PERIOD)[compute_buckets(contact_time, PERIOD)]
+    level = "STOP" if contact_time < 0.2 else "CLEAR"
+    colour = compute_colours([contact_time], 0.2, (0.1, 0.3), level)
     for key in (
         "instances /armguard/cover",
         "instances /armguard/obstacles/balls",
         "instances /armguard/obstacles/rods",
         "instances /armguard/pairs/first",
         "surface /armguard/obstacles/hulls",
-        "lines /armguard/pairs/lines",
     ):
         colours = page[key]["colours"].reshape(-1, 3)
         assert len(colours)
@@ -90,25 +90,27 @@ def test_flat_and_repeated_hulls_are_drawn_too(page):
 
 
 def test_a_refused_obstacle_has_a_colour_of_its_own(page):
-    obstacles = ObstacleShapes.pack(["ghost"], [[0, 0, 1]], [0.1], refused=[True], buckets=[0])
+    obstacles = ObstacleShapes.pack(["ghost"], [[0, 0, 1]], [0.1], refused=[True], times=[0.0])
     page.picture.draw_frame(make_frame(obstacles=obstacles))
     colours = page["instances /armguard/obstacles/balls"]["colours"]
     assert np.allclose(colours, parse_colour(REFUSED_COLOUR))
-    assert NO_BUCKET not in compute_buckets([0.0, math.inf], PERIOD)
+    edges = page["instances /armguard/refused"]
+    assert edges["wire"]
+    assert edges["colours"].size == 3
 
 
 def test_what_is_nowhere_is_not_drawn(page):
     points = [[0, 0, 1], [math.nan, 0, 1], [0, 0, 2], [0, math.inf, 0]]
     obstacles = ObstacleShapes.pack(list("abcd"), points, [0.1, 0.1, math.nan, 0.1])
-    pairs = Pairs.pack([[[0, 0, 0], [0, 0, math.nan]]], [0])
+    pairs = Pairs.pack([0, 0], [1, 3], [0.1, 0.1])
     page.picture.draw_frame(make_frame(obstacles=obstacles, pairs=pairs))
     assert page["instances /armguard/obstacles/balls"]["colours"].size == 3
-    assert page["lines /armguard/pairs/lines"]["positions"].size == 0
+    assert page["instances /armguard/pairs/first"]["matrices"].size == 0
 
 
 @pytest.mark.parametrize(
     "changes",
-    [{"q": (0.0,) * 6}, {"q": (math.nan,) * 7}, {"sphere_buckets": b"\0"}],
+    [{"q": (0.0,) * 6}, {"q": (math.nan,) * 7}, {"sphere_times": bytes(4)}],
 )
 def test_an_arm_that_cannot_be_placed_is_said_and_the_rest_is_drawn(page, changes):
     page.picture.draw_frame(make_frame(sequence=77, **changes))
@@ -148,3 +150,71 @@ def test_the_same_scene_again_costs_nothing_and_another_one_starts_afresh():
     assert "marker" in page.payloads
     page.picture.draw_scene(make_scene(robot="b"))
     assert "marker" not in page.payloads
+
+
+def test_the_ten_most_imminent_pairs_stand_out_and_the_others_are_faint(page):
+    pairs = Pairs.pack([5] * 25, [0] * 25, np.linspace(0.3, 2.0, 25))
+    page.picture.draw_frame(make_frame(pairs=pairs))
+    counts = [
+        page[f"instances /armguard/pairs/{path}"]["matrices"].size // 16
+        for path in ("first", "near")
+    ]
+    faint = page["lines /armguard/pairs/rest"]
+    assert [*counts, faint["positions"].size // 6] == [1, 9, 15]
+    assert faint["opacity"] < 0.5
+
+
+def test_what_stands_still_is_greyer_and_apart(page):
+    points = [[0.5, 0, 1], [0.5, 1, 1]]
+    obstacles = ObstacleShapes.pack(
+        ["wall", "ball"], points, [0.1, 0.1], times=[0.3, 0.3], statics=[True, False]
+    )
+    page.picture.draw_frame(make_frame(obstacles=obstacles))
+    (wall,) = page["instances /armguard/statics/balls"]["colours"].reshape(-1, 3)
+    (ball,) = page["instances /armguard/obstacles/balls"]["colours"].reshape(-1, 3)
+    assert np.ptp(wall) < 0.5 * np.ptp(ball)
+    assert page["instances /armguard/statics/balls"]["names"] == ["wall (stands still)"]
+    # The camera follows what moves.
+    assert page["camera "]["bodies"].size == 4
+
+
+def test_bodies_have_names_and_times_for_a_pointer(page):
+    page.picture.draw_frame(make_frame(0.25))
+    assert page["instances /armguard/obstacles/balls"]["names"] == ["hand", "arm", "arm"]
+    assert np.allclose(page["instances /armguard/obstacles/balls"]["times"], 0.25)
+    hulls = page["surface /armguard/obstacles/hulls"]
+    assert hulls["names"] == ["box"]
+    assert hulls["owners"] == [hulls["positions"].size // 9]
+    assert page["instances /armguard/cover"]["names"][:3] == ["panda_link1"] * 2 + ["panda_link2"]
+
+
+def test_a_told_path_is_drawn_with_the_arm_at_its_end(page):
+    frame = make_frame()
+    q = np.array(frame.q)
+    plan = np.stack([q, q + 0.1, q + 0.2]).astype("<f4").tobytes()
+    page.picture.draw_frame(make_frame(plan=plan))
+    assert page["lines /armguard/plan/path"]["positions"].size == 2 * 6
+    ghost = page["instances /armguard/plan/ghost"]["matrices"].reshape(-1, 16)
+    cover = page["instances /armguard/cover"]["matrices"].reshape(-1, 16)
+    assert len(ghost) == len(cover)
+    # The arm itself stays where it is.
+    page.picture.draw_frame(make_frame(q=tuple(q + 0.2)))
+    moved = page["instances /armguard/cover"]["matrices"].reshape(-1, 16)
+    assert np.allclose(ghost, moved, atol=1e-5)
+    assert not np.allclose(cover, moved, atol=1e-2)
+
+
+def test_many_obstacles_are_drawn_with_less_detail_and_said_so(page):
+    many = ObstacleShapes.pack([str(k) for k in range(1000)], np.ones((1000, 3)), [0.1] * 1000)
+    page.picture.draw_frame(make_frame(obstacles=many, omitted=7))
+    assert page["instances /armguard/obstacles/balls"]["coarse"]
+    notes = " ".join(page["banner "]["notes"])
+    assert "less detail" in notes
+    assert "7 more obstacles" in notes
+
+
+def test_a_stopping_volume_that_cannot_be_found_is_said(page):
+    page.picture.draw_frame(make_frame(), with_volume=True)
+    assert "stopping volume is not drawn" in page["banner "]["notes"][0]
+    page.picture.draw_frame(make_frame())
+    assert page["banner "]["notes"] == []

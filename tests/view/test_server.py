@@ -9,9 +9,12 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 from armguard.exceptions import ArmguardError
 from armguard.view.drawing import show
 from armguard.view.latest import LatestValues
-from armguard.view.server import BROWSER_LIMIT, DONE, ViewServer
+from armguard.view.server import BROWSER_LIMIT, ViewServer
+from armguard.view.station import Station
+from support.view_samples import make_frame
 
 TIMEOUT = 5.0
+DONE = '{"type": "done"}'
 
 
 class Stage:
@@ -19,8 +22,24 @@ class Stage:
 
     def __init__(self) -> None:
         self.values = LatestValues()
-        self.server = ViewServer(self.values, "tcp://127.0.0.1:1")
+        self.station = Station("tcp://127.0.0.1:1")
+        self.asked: list[tuple[int, bool]] = []
+        self.tokens: list[str] = []
+        self.server = ViewServer(self.values, self.station, self.draw_past, self.send_reset)
         self._browsers: list[WebSocketClientConnection] = []
+
+    def draw_past(self, number: int, with_volume: bool):
+        self.asked.append((number, with_volume))
+        return [show("banner", {"sequence": -number})]
+
+    async def send_reset(self, token: str) -> str:
+        self.tokens.append(token)
+        return "sent"
+
+    def show(self, sequence: int) -> None:
+        self.values.set(show("banner", {"sequence": sequence}))
+        self.station.note_frame()
+        self.server.flush()
 
     async def get(self, path: str = "", **headers: str):
         request = HTTPRequest(self.server.url + path, headers=headers)
@@ -68,7 +87,7 @@ def test_the_page_and_meshcat_are_served_with_strict_headers():
     async def play(stage):
         for path, content in (
             ("", b"meshcat/main.min.js"),
-            ("view.js", b"MeshCat.Viewer"),
+            ("stage.js", b"MeshCat.Viewer"),
             ("view.css", b"#banner"),
             ("meshcat/main.min.js", b"MeshCat"),
         ):
@@ -107,7 +126,7 @@ def test_pages_of_other_origins_are_refused():
             with pytest.raises(HTTPClientError):
                 await stage.browse(Origin=origin)
         browser = await stage.browse(Origin=own)
-        assert (await hear(browser))["type"] == "news"
+        assert (await hear(browser))[0]["type"] == "news"
 
     on_stage(play)
 
@@ -115,10 +134,9 @@ def test_pages_of_other_origins_are_refused():
 def test_who_comes_late_is_told_the_present():
     async def play(stage):
         for sequence in range(100):
-            stage.values.set(show("banner", {"sequence": sequence}))
-            stage.server.flush()
+            stage.show(sequence)
         browser = await stage.browse()
-        news = await hear(browser)
+        (news,) = await hear(browser)
         assert news["address"] == "tcp://127.0.0.1:1"
         assert 0.0 <= news["silence"] < TIMEOUT
         await browser.write_message(DONE)
@@ -131,7 +149,7 @@ def test_who_comes_late_is_told_the_present():
 def test_who_is_told_before_there_is_news_hears_that():
     async def play(stage):
         browser = await stage.browse()
-        assert (await hear(browser))["silence"] is None
+        assert (await hear(browser))[0]["silence"] is None
 
     on_stage(play)
 
@@ -141,8 +159,7 @@ def test_who_has_not_drawn_the_last_moment_is_told_no_other():
         browser = await stage.browse()
         await hear(browser)
         for sequence in range(50):
-            stage.values.set(show("banner", {"sequence": sequence}))
-            stage.server.flush()
+            stage.show(sequence)
         assert await hears_nothing(browser)
 
     on_stage(play)
@@ -156,8 +173,7 @@ def test_slow_and_quick_browsers_each_get_the_latest():
             await browser.write_message(DONE)
         await asyncio.sleep(0.05)
         for sequence in range(5):
-            stage.values.set(show("banner", {"sequence": sequence}))
-            stage.server.flush()
+            stage.show(sequence)
             (_, banner) = await hear(quick)
             assert banner["sequence"] == sequence
             await quick.write_message(DONE)
@@ -170,7 +186,10 @@ def test_slow_and_quick_browsers_each_get_the_latest():
     on_stage(play)
 
 
-@pytest.mark.parametrize("message", ["draw!", b"done", DONE + DONE, "x" * 1000])
+@pytest.mark.parametrize(
+    "message",
+    ["draw!", "done", DONE.encode(), DONE + DONE, "x" * 1000, '{"type": "reset", "token": 1}'],
+)
 def test_browsers_may_say_nothing_else(message):
     async def play(stage):
         browser = await stage.browse()
@@ -185,11 +204,11 @@ def test_too_many_browsers_are_sent_away():
     async def play(stage):
         watching = [await stage.browse() for _ in range(BROWSER_LIMIT)]
         for browser in watching:
-            assert (await hear(browser))["type"] == "news"
+            assert (await hear(browser))[0]["type"] == "news"
         assert await hear(await stage.browse()) is None
         watching[0].close()
         await asyncio.sleep(0.1)
-        assert (await hear(await stage.browse()))["type"] == "news"
+        assert (await hear(await stage.browse()))[0]["type"] == "news"
 
     on_stage(play)
 
@@ -199,6 +218,87 @@ def test_a_port_in_use_and_an_impossible_one_are_named():
         port = int(stage.server.url.rstrip("/").rsplit(":", 1)[1])
         for unusable in (port, 70_000):
             with pytest.raises(ArmguardError, match=str(unusable)):
-                ViewServer(stage.values, "tcp://127.0.0.1:1", unusable)
+                ViewServer(stage.values, stage.station, stage.draw_past, stage.send_reset, unusable)
+
+    on_stage(play)
+
+
+def test_a_browser_looks_at_the_past_and_comes_back_to_all_that_changed():
+    async def play(stage):
+        browser, other = await stage.browse(), await stage.browse()
+        for one in (browser, other):
+            await hear(one)
+            await one.write_message(DONE)
+        await browser.write_message('{"type": "seek", "number": 5}')
+        (_, banner) = await hear(browser)
+        assert banner["sequence"] == -5
+        await browser.write_message(DONE)
+        stage.show(1)
+        assert (await hear(other))[1]["sequence"] == 1
+        assert await hears_nothing(browser)
+        assert stage.asked == [(5, False)]
+
+    on_stage(play)
+
+
+def test_what_the_past_has_drawn_is_drawn_anew_by_the_present():
+    async def play(stage):
+        stage.show(1)
+        browser = await stage.browse()
+        for expected in (None, 1):
+            bundle = await hear(browser)
+            assert expected is None or bundle[1]["sequence"] == expected
+            await browser.write_message(DONE)
+        await browser.write_message('{"type": "seek", "number": 5}')
+        assert (await hear(browser))[1]["sequence"] == -5
+        await browser.write_message(DONE)
+        await browser.write_message('{"type": "seek", "number": null}')
+        assert (await hear(browser))[1]["sequence"] == 1
+
+    on_stage(play)
+
+
+def test_news_tell_each_browser_once_what_was_added_to_the_strip():
+    async def play(stage):
+        browser = await stage.browse()
+        assert (await hear(browser))[0]["moments"] == []
+        for number in range(3):
+            frame = make_frame(now=float(number))
+            stage.station.film.add(frame, b"")
+        for expected in (3, 0):
+            await browser.write_message(DONE)
+            await asyncio.sleep(0.05)
+            stage.server.tell()
+            (news,) = await hear(browser)
+            assert len(news["moments"]) == expected
+
+    on_stage(play)
+
+
+def test_a_reset_is_handed_on_at_most_once_a_second_and_its_outcome_told():
+    async def play(stage):
+        browser = await stage.browse()
+        await hear(browser)
+        for token, outcome in (("sesame", "sent"), ("again", "too soon")):
+            await browser.write_message(f'{{"type": "reset", "token": "{token}"}}')
+            (answer,) = await hear(browser)
+            assert answer["type"] == "outcome"
+            assert outcome in answer["text"]
+        assert stage.tokens == ["sesame"]
+
+    on_stage(play)
+
+
+def test_the_stopping_volume_is_found_only_while_a_browser_shows_it():
+    async def play(stage):
+        browser = await stage.browse()
+        await hear(browser)
+        assert not stage.server.wants_volume
+        await browser.write_message('{"type": "layers", "volume": true}')
+        await asyncio.sleep(0.05)
+        assert stage.server.wants_volume
+        browser.close()
+        await asyncio.sleep(0.1)
+        assert not stage.server.wants_volume
 
     on_stage(play)

@@ -1,8 +1,10 @@
 import asyncio
+import contextlib
 import math
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import msgspec
@@ -11,6 +13,7 @@ import zmq
 from tornado.httpclient import HTTPClient, HTTPRequest
 from tornado.websocket import websocket_connect
 
+from armguard.streams.inputs import SocketInput
 from armguard.view import FramePublisher, launch
 from armguard.view.messages import encode_message
 from support.view_samples import make_frame, make_scene
@@ -63,7 +66,9 @@ def silence(url):
     async def ask():
         browser = await websocket_connect(HTTPRequest(url.replace("http", "ws") + "feed"))
         try:
-            news = msgspec.msgpack.decode(await asyncio.wait_for(browser.read_message(), TIMEOUT))
+            (news,) = msgspec.msgpack.decode(
+                await asyncio.wait_for(browser.read_message(), TIMEOUT)
+            )
         finally:
             browser.close()
             await asyncio.sleep(0.05)
@@ -95,3 +100,61 @@ def test_it_attaches_to_a_feed_that_comes_and_goes():
 
                 wait_for(is_heard)
         assert process.running
+
+
+def ask_for_reset(url, token):
+    """What becomes of a reset that a page asks for."""
+
+    async def ask():
+        browser = await websocket_connect(HTTPRequest(url.replace("http", "ws") + "feed"))
+        try:
+            await browser.write_message(msgspec.json.encode({"type": "reset", "token": token}))
+            while True:
+                message = await asyncio.wait_for(browser.read_message(), TIMEOUT)
+                first = msgspec.msgpack.decode(message)[0]
+                if first["type"] == "outcome":
+                    return first["text"]
+        finally:
+            browser.close()
+            await asyncio.sleep(0.05)
+
+    return asyncio.run(ask())
+
+
+def show_scene(publisher, url, **scene):
+    """Publish until the page has what is told."""
+    publisher.publish_scene(make_scene(**scene))
+    for sequence in range(100):
+        publisher.publish_frame(make_frame(sequence=sequence))
+        time.sleep(0.02)
+        if sequence > 20 and not math.isnan(silence(url)):
+            return
+
+
+def test_a_reset_from_the_page_reaches_the_monitor_with_its_token():
+    with (
+        FramePublisher("tcp://127.0.0.1:*") as publisher,
+        launch(publisher.address) as process,
+        contextlib.closing(SocketInput("tcp://127.0.0.1:*")) as monitor,
+    ):
+        assert "no monitor" in ask_for_reset(process.url, "sesame")
+        time.sleep(1.1)
+        show_scene(publisher, process.url)
+        assert "obeys no reset" in ask_for_reset(process.url, "sesame")
+        time.sleep(1.1)
+        show_scene(publisher, process.url, reset_address=monitor.address, obeys_reset=True)
+        # A monitor hears of a publisher only while it reads, as it does in every tick.
+        heard, ended = [], threading.Event()
+
+        def listen():
+            while not ended.wait(0.005):
+                heard.append(monitor.receive() or b"")
+
+        listener = threading.Thread(target=listen)
+        listener.start()
+        try:
+            assert ask_for_reset(process.url, "sesame").startswith("sent")
+            wait_for(lambda: any(b"sesame" in message for message in heard))
+        finally:
+            ended.set()
+            listener.join()

@@ -31,7 +31,7 @@ ROOMS = {
     "scheduling": "pairs bounds robot cover obstacles contact jit",
     "monitor": "scheduling pairs bounds robot cover obstacles contact jit verdict",
     "streams": "obstacles contact verdict clock",
-    "view": "streams robot",
+    "view": "streams bounds robot",
     "recording": "monitor scheduling pairs bounds robot obstacles contact jit verdict",
     "people": "obstacles",
     "simulation": "robot",

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import secrets
 import subprocess
 import sys
 import tempfile
@@ -23,20 +24,32 @@ import msgspec
 from rich.console import Console
 
 from armguard.app.demo import nodes
+from armguard.app.demo.places import find_place
 from armguard.app.demo.watcher import Watcher
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.summary import draw_summary
 from armguard.exceptions import ArmguardError
 from armguard.recording.recorder import check_new
+from armguard.robot.description import find_robot
+from armguard.view.export import check_export
 from armguard.view.process import ViewProcess, launch
 
 END_TIMEOUT = 3.0
 """How long a process may take to end when asked to, in [s]."""
 
+EXPORT_TIMEOUT = 120.0
+"""How long the page's process may take to write its export, in [s]."""
+
+FLOOR = -0.75
+"""Height of the floor that is drawn, in [m]: the arm of the demo stands on a table."""
+
 CELL = """\
 [robot]
 name = "{robot}"
 operating = "published" # the simulated controller keeps to these
+
+[robot.base]
+xyz = {base}
 
 [joint_state]
 clock = "monotonic"
@@ -56,6 +69,7 @@ source_timeout = 0.5
 
 def run_demo(
     *,
+    robot: str = "panda",
     duration: float = 20.0,
     person: Path | None = None,
     obstacle_count: int = 0,
@@ -65,11 +79,13 @@ def run_demo(
     port: int = 0,
     open_browser: bool = False,
     record: Path | None = None,
+    export: Path | None = None,
     as_json: bool = False,
 ) -> int:
     """Run the demo and print its summary.
 
     Args:
+        robot: Which arm; one that armguard knows.
         duration: How long, in [s]; a recording may end it sooner.
         person: Vicon CSV of a person; None: a simulated one.
         obstacle_count: Wandering balls besides.
@@ -79,6 +95,7 @@ def run_demo(
         port: TCP port of that page on 127.0.0.1; 0: any that is free.
         open_browser: Open the page.
         record: Where to write a recording; None: nowhere.
+        export: Where to write a file that plays offline what the page showed; None: nowhere.
         as_json: Print one JSON object instead of tables.
 
     Returns:
@@ -91,8 +108,11 @@ def run_demo(
         raise ArmguardError("--duration", f"is {duration}", expected="seconds above 0")
     if not obstacle_count >= 0:
         raise ArmguardError("--obstacles", f"is {obstacle_count}", expected="at least 0")
+    find_robot(robot)
     if record is not None:
         check_new(record)
+    if export is not None:
+        check_export(export)
     recording = "" if person is None else str(person)
     # Made here as well, so that a mistake is one line now and not a process that dies later.
     sources = nodes.make_sources(duration, recording, obstacle_count, seed)
@@ -105,12 +125,18 @@ def run_demo(
         )
         cell, log = Path(folder) / "cell.toml", Path(folder) / "log"
         tables = "".join(f"[sources.{source.name}]\nrate = {source.rate}\n" for source in sources)
-        cell.write_text(CELL.format(robot=nodes.ROBOT, sources=tables, schedule=schedule))
+        cell.write_text(
+            CELL.format(
+                robot=robot, base=list(find_place(robot).base), sources=tables, schedule=schedule
+            )
+        )
         errors = resources.enter_context(log.open("ab"))
         command = [sys.executable, "-m", "armguard", "run", str(cell), "--json", "--no-realtime"]
         command += ["--quiet"]  # the table says what it would
         command += ["--obstacles", obstacles, "--joints", joints, "--verdicts", verdicts]
         command += ["--view", frames, "--duration", str(duration), "--parent", str(os.getpid())]
+        token = secrets.token_hex(4)
+        command += ["--reset-token", token]
         if record is not None:
             command += ["--record", str(record)]
         # The monitor first: it has the longest way to go.
@@ -130,23 +156,27 @@ def run_demo(
             person=recording,
             balls=obstacle_count,
         )
-        robot = nodes.RobotNode(joints=joints, verdicts=verdicts, seed=seed)
+        arm = nodes.RobotNode(joints=joints, verdicts=verdicts, seed=seed, robot=robot)
         parts = {
             "perception": nodes.start(perception, errors),
-            "robot": nodes.start(robot, errors),
+            "robot": nodes.start(arm, errors),
         }
         for node in parts.values():
             resources.enter_context(_ending(node))
 
         def open_page() -> ViewProcess:
-            page = resources.enter_context(launch(frames, port))
-            console.print(f"see it in the browser: {page.url}", soft_wrap=True)
+            page = launch(frames, port, floor=FLOOR, export=export)
+            resources.callback(page.close, EXPORT_TIMEOUT if export is not None else END_TIMEOUT)
+            if view:
+                console.print(f"see it in the browser: {page.url}", soft_wrap=True)
+                console.print(f"token to end a latched STOP with, there: {token}", soft_wrap=True)
             if open_browser:
                 webbrowser.open(page.url)
             return page
 
         watcher = Watcher(monitor, parts, log, console, live=not as_json)
-        summary, problem = watcher.run(frames, open_page if view else None)
+        wants_page = view or export is not None
+        summary, problem = watcher.run(frames, open_page if wants_page else None)
     if summary is not None:
         if as_json:
             sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")

@@ -19,6 +19,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
+from armguard.app.demo.places import find_place
 from armguard.app.processes import end_with
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
@@ -30,8 +31,6 @@ from armguard.simulation.sources import ObstacleSource
 from armguard.simulation.trajectory import keeps_within, random_trajectory
 from armguard.streams.nodes import Publisher, VerdictReader
 
-ROBOT = "panda"
-
 ROBOT_PERIOD = 0.001
 """Between two joint states, in [s]."""
 
@@ -41,8 +40,8 @@ PERCEPTION_PERIOD = 0.005
 SPEED_FRACTION = 0.2
 """Share of its velocity limits that the arm works at."""
 
-WORKSPACE = ((-0.3, -0.13, 0.02), (0.9, 0.9, 1.3))
-"""Where the arm works, in [m]: above its table, not on the side that people come from."""
+ACCELERATION_FRACTION = 0.5
+"""Share of what joints and brakes can that the arm works at, at most."""
 
 SETBACK = 0.4
 """People in recordings stood at a small table with the arm on it; here they stand this much farther
@@ -117,17 +116,20 @@ class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
     """Address of its verdicts."""
     seed: int
     """Of the arm's motion."""
+    robot: str
+    """Which arm."""
 
     def run(self) -> None:
         """Move until ended."""
-        robot = Robot.load(ROBOT)
+        robot, place = Robot.load(self.robot), find_place(self.robot)
         arm = SimulatedArm(
             random_trajectory(
                 robot,
                 self.seed,
                 WORK_CYCLE,
                 speed_fraction=SPEED_FRACTION,
-                accept=keeps_within(robot, *WORKSPACE),
+                acceleration_fraction=choose_acceleration(robot),
+                accept=keeps_within(robot, place.lower, place.upper),
             ),
             OperatingLimits.published(robot),
         )
@@ -144,6 +146,17 @@ class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
                 publisher.joints(now, robot.joints, q, v)
                 tick = max(tick + 1, math.floor((now - start) / ROBOT_PERIOD))
                 time.sleep(max(0.0, start + tick * ROBOT_PERIOD - time.monotonic()))
+
+
+def choose_acceleration(robot: Robot) -> float:
+    """Share of what joints and brakes can that the arm works at; its controller keeps to less."""
+    published = robot.published_operating_limits
+    if published is None:
+        return ACCELERATION_FRACTION
+    gentlest = robot.brakes.gentlest_stop(np.zeros(len(robot.joints)))
+    able = np.minimum(robot.acceleration_limit, gentlest)
+    # A quarter of what the controller allows is left for speeding up again after a slowdown.
+    return min(ACCELERATION_FRACTION, 0.75 * float(np.min(published.acceleration / able)))
 
 
 class _Restamped:

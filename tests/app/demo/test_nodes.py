@@ -9,6 +9,7 @@ import pytest
 
 from armguard import Monitor, Obstacles, Robot
 from armguard.app.demo import nodes
+from armguard.app.demo.places import find_place
 from armguard.exceptions import ArmguardError
 from armguard.simulation import SimulatedArm, keeps_within, random_trajectory
 from armguard.verdict import Level, ReasonKind
@@ -20,7 +21,7 @@ RECORDINGS = Path(
 
 def play(duration, person="", seed=0, period=0.01):
     """Levels and the whole verdicts of a demo, tick by tick, as fast as they can be computed."""
-    robot = Robot.load(nodes.ROBOT)
+    robot, place = Robot.load("panda"), find_place("panda")
     (source,) = nodes.make_sources(duration, person, 0, seed)
     obstacles = Obstacles(sources=[source.name])
     monitor = Monitor(robot, obstacles, rate=1.0 / period)
@@ -29,7 +30,7 @@ def play(duration, person="", seed=0, period=0.01):
         seed,
         nodes.WORK_CYCLE,
         speed_fraction=nodes.SPEED_FRACTION,
-        accept=keeps_within(robot, *nodes.WORKSPACE),
+        accept=keeps_within(robot, place.lower, place.upper),
     )
     arm, verdicts, scale = SimulatedArm(trajectory), [], 0.0
     for tick in range(1, round(duration / period)):
@@ -69,7 +70,7 @@ def test_glitches_of_a_recording_are_refused_rows():
 def test_nodes_go_over_the_command_line_whole():
     for node in (
         nodes.Perception(obstacles="a", verdicts="b", duration=1.5, seed=2, person="ü", balls=3),
-        nodes.RobotNode(joints="a", verdicts="b", seed=1),
+        nodes.RobotNode(joints="a", verdicts="b", seed=1, robot="ur5"),
     ):
         wire = msgspec.json.encode(node)
         assert msgspec.json.decode(wire, type=nodes.Perception | nodes.RobotNode) == node

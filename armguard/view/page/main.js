@@ -1,0 +1,182 @@
+// The page of the view: puts stage, panels, strip and feed together.
+import { Camera } from "./camera.js";
+import { Feed } from "./feed.js";
+import { Film, readFilm } from "./film.js";
+import { Layers } from "./layers.js";
+import { Names } from "./names.js";
+import { Panels } from "./panels.js";
+import { savePortrait } from "./portrait.js";
+import { Shapes } from "./shapes.js";
+import { layFloor, makeStage } from "./stage.js";
+import { Strip } from "./strip.js";
+import { Transport } from "./transport.js";
+import { age, button, clock, element, readAddress, writeAddress } from "./words.js";
+
+const SILENCE = 1.5; // [s] without news after which the picture is no longer the present
+const FRAMES = 240; // whose durations are kept
+
+let viewer = null, shapes = null, camera = null, source = null, transport = null;
+let news = { silence: null, status: "", over: false, connected: null, problem: "", address: "" };
+let lastNews = null; // [ms], of performance.now()
+let parted = ""; // why the view's server is not there; null: it is
+const film = document.getElementById("film");
+
+try {
+  viewer = makeStage(element("pane"));
+} catch (error) {
+  notice("This browser draws no 3D here (WebGL is missing or switched off). Everything else goes on.");
+}
+const panels = new Panels((token) => source.reset(token), showDepth);
+const strip = new Strip((number) => transport.go(number));
+const layers = new Layers(viewer, (volume) => source.showVolume(volume));
+window.frameTimes = []; // [ms], the newest last
+if (viewer !== null) {
+  shapes = new Shapes(viewer);
+  camera = new Camera(viewer);
+  new Names(viewer, shapes, camera);
+  element("presets").append(
+    button("picture", "save a picture with level, time and legend", () => savePortrait(viewer, panels)));
+  window.viewer = viewer; // for consoles and tests
+  window.shapes = shapes;
+  animate();
+}
+
+function animate() {
+  requestAnimationFrame(animate);
+  camera.move();
+  if (!viewer.needs_render) return;
+  const begin = performance.now();
+  viewer.render();
+  window.frameTimes.push(performance.now() - begin);
+  if (window.frameTimes.length > FRAMES) window.frameTimes.shift();
+}
+
+function notice(text) {
+  element("notice").textContent = text;
+  element("notice").hidden = !text;
+}
+
+function showDepth(depth) {
+  panels.showDepth(depth);
+  writeAddress("depth", depth);
+  if (viewer === null) return;
+  panels.scene.tree.forEach((_, k) => {
+    viewer.scene_tree.find(["armguard", "tree", String(k)]).object.visible = k === depth;
+  });
+  viewer.set_dirty();
+}
+
+// ---- commands -------------------------------------------------------------------------------
+
+const own = {
+  legend: (scene) => {
+    panels.showScene(scene);
+    layers.limit(scene);
+    strip.levels = scene.levels;
+    strip.isWhole = scene.is_recorded || film !== null;
+    element("time").hidden = panels.isModel;
+    if (viewer !== null) layFloor(viewer, scene.floor);
+    layers.apply();
+    if (panels.isModel) showDepth(Math.min(Number(readAddress().get("depth") || 0), scene.tree.length - 1));
+  },
+  banner: (verdict) => {
+    panels.show(verdict);
+    showState();
+  },
+  camera: (command) => {
+    if (camera === null) return;
+    camera.aim(command);
+    viewer.set_dirty();
+  },
+  // Comes before all other commands of a bundle and says how old they are, in [s].
+  news: (command) => {
+    news = command;
+    parted = null;
+    lastNews = command.silence === null ? null : performance.now() - 1000 * command.silence;
+    strip.take(command);
+    if (transport !== null) transport.tell();
+    showState();
+  },
+  outcome: ({ text }) => panels.tellOutcome(text),
+};
+
+function take(commands) {
+  for (const command of commands) {
+    if (command.type in own) own[command.type](command);
+    else if (viewer !== null && !shapes.draw(command)) {
+      if (command.type === "delete") shapes.forget();
+      viewer.handle_command(command);
+      if (command.type === "delete") layers.apply();
+    }
+  }
+}
+
+// ---- what is so now -------------------------------------------------------------------------
+
+// A picture of the past must never pass for the present.
+function showState() {
+  const past = transport !== null && transport.at !== null;
+  const silence = lastNews === null ? Infinity : (performance.now() - lastNews) / 1000;
+  const isFilm = film !== null || (news.over && !past);
+  const isSilent = !isFilm && !past && silence > SILENCE;
+  const verdict = panels.latest;
+  let headline = verdict === null ? "…" : verdict.level || verdict.robot || "", text = "";
+  let level = headline;
+  if (panels.isModel) {
+    headline = panels.scene.robot;
+    text = "";
+  } else if (past && verdict !== null) {
+    const present = strip.last;
+    const ago = present && film === null && !strip.isWhole ? `, ${age(Math.max(0, present.now - verdict.now))} ago` : "";
+    element("past").textContent = `${film === null ? "PAST" : "FILM"} ${clock(verdict.wall, verdict.now)}${ago}`;
+  } else if (parted !== null) {
+    [headline, text] = ["NO VIEW", parted || "the view's server does not answer; trying again"];
+  } else if (news.problem) {
+    [headline, text] = ["CANNOT READ", news.problem];
+  } else if (news.status && isSilent) {
+    [headline, text] = ["STARTING", news.status];
+  } else if (verdict !== null && !isSilent && verdict.sequence === 0) {
+    [headline, text] = ["WAITING", "for the robot's joint states; STOP until they come"];
+  } else if (isSilent && lastNews === null) {
+    [headline, text] = news.connected
+      ? ["STARTING", "the monitor is there and has not said anything yet"]
+      : ["WAITING", `for a monitor at ${news.address}`];
+  } else if (isSilent) {
+    headline = "NO DATA";
+    text = news.connected === false
+      ? `the monitor has gone, ${age(silence)} ago (last: ${verdict ? verdict.level : "nothing"}); waiting for it at ${news.address}`
+      : `no data for ${age(silence)} (last: ${verdict ? verdict.level : "nothing"})`;
+  } else if (news.over && film === null) {
+    text = news.status;
+  }
+  const isUnknown = headline !== level || panels.isModel;
+  panels.headline(headline || "…", isUnknown ? "" : level);
+  document.body.classList.toggle("silent", (isSilent || parted !== null) && !past && film === null && !panels.isModel);
+  document.body.classList.toggle("past", past && !strip.isWhole);
+  element("past").hidden = !past || panels.isModel;
+  element("silence").textContent = text;
+  element("silence").hidden = !text;
+}
+setInterval(showState, 100);
+
+// ---- where it comes from --------------------------------------------------------------------
+
+const show = (number, drawn) => {
+  source.seek(number, drawn);
+  showState();
+};
+element("time").hidden = false;
+if (film === null) {
+  transport = new Transport(strip, show, { hasPresent: true });
+  source = new Feed(take, (reason) => { parted = reason || ""; showState(); });
+  if (layers.wantsVolume) source.showVolume(true);
+} else {
+  readFilm(film.textContent).then((content) => {
+    film.remove();
+    parted = null;
+    source = new Film(content, take);
+    transport = new Transport(strip, show, { hasPresent: false });
+    transport.see(strip.moments[0].number);
+    transport.toggle();
+  }, (error) => notice(`This film cannot be read: ${error.message}`));
+}

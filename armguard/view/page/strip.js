@@ -1,0 +1,191 @@
+// The strip: contact time (logarithmic) with the stop time below it, the speed scale, and the level
+// as a band, over the last half minute, or over a whole recording. What happened stands on top.
+import { clock, element } from "./words.js";
+
+const SPAN = 30; // [s] of a live monitor
+const SHORTEST = 0.01, LONGEST = 30; // [s] of contact and stop time
+const LINES = [0.1, 1, 10];
+const SIGNS = { stop: "■", go: "▶", fault: "!", latch: "◆", reset: "○", refused: "✕" };
+const GAP = 0.5; // [s] without moments is a gap
+const TOP = 22; // [px], for what happened
+
+export class Strip {
+  // seek: shows the moment of a number.
+  constructor(seek) {
+    this.seek = seek;
+    this.moments = []; // { number, now, wall, level, contact, stop, speed }
+    this.events = [];
+    this.levels = []; // { name, colour }, the lowest first
+    this.at = null; // number of the moment that is shown; null: the present
+    this.isWhole = false; // whether all is shown, as of a recording
+    this.end = null; // where the window ends while the past is looked at, [s]
+    this.canvas = element("curves");
+    const pick = (event) => {
+      if (!this.moments.length) return;
+      const { left, width } = this.canvas.getBoundingClientRect();
+      const [begin, end] = this.window();
+      const time = begin + (event.clientX - left) / width * (end - begin);
+      this.seek(this.nearest(time).number);
+    };
+    this.canvas.addEventListener("pointerdown", (event) => {
+      this.canvas.setPointerCapture(event.pointerId);
+      pick(event);
+    });
+    this.canvas.addEventListener("pointermove", (event) => { if (event.buttons) pick(event); });
+    new ResizeObserver(() => this.draw()).observe(this.canvas);
+  }
+
+  take(news) {
+    if (news.anew) this.moments = this.events = [];
+    const fresh = news.moments.map(([number, now, wall, level, contact, stop, speed]) => (
+      { number, now, wall, level, contact, stop, speed }));
+    const keep = ({ number }) => number >= news.first;
+    this.moments = [...this.moments, ...fresh].filter(keep);
+    this.events = [...this.events, ...news.events].filter(keep);
+    if (fresh.length || news.anew) this.draw();
+  }
+
+  get last() {
+    return this.moments[this.moments.length - 1];
+  }
+
+  find(number) {
+    return this.moments.findLast((moment) => moment.number <= number) || this.moments[0];
+  }
+
+  nearest(time) {
+    return this.moments.reduce((best, moment) => (
+      Math.abs(moment.now - time) < Math.abs(best.now - time) ? moment : best));
+  }
+
+  // Begin and end of what is shown, in [s] of the monitor.
+  window() {
+    if (!this.moments.length) return [0, SPAN];
+    const first = this.moments[0].now, last = this.last.now;
+    if (this.isWhole) return [first, Math.max(last, first + 1)];
+    if (this.at === null) this.end = last;
+    else {
+      const shown = this.find(this.at).now;
+      if (this.end === null || shown > this.end) this.end = shown;
+      if (shown < this.end - SPAN) this.end = shown + SPAN;
+    }
+    return [this.end - SPAN, this.end];
+  }
+
+  draw() {
+    const { canvas } = this;
+    const ratio = Math.min(devicePixelRatio, 2);
+    const width = canvas.clientWidth, height = canvas.clientHeight;
+    if (!width || !height) return;
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+    const pen = canvas.getContext("2d");
+    pen.scale(ratio, ratio);
+    const [begin, end] = this.window();
+    const x = (now) => (now - begin) / (end - begin) * width;
+    const band = height > 100 ? 12 : 8, speed = height > 100 ? 14 : 8;
+    const floor = height - band - speed - 4;
+    const y = (time) => {
+      const share = Math.log(Math.min(Math.max(time, SHORTEST), LONGEST) / SHORTEST)
+        / Math.log(LONGEST / SHORTEST);
+      return floor - share * (floor - TOP);
+    };
+    const shown = this.moments.filter(({ now }) => now >= begin - 1 && now <= end + 1);
+    pen.font = "10px system-ui, sans-serif";
+    for (const time of LINES) {
+      pen.fillStyle = "#2b3641";
+      pen.fillRect(0, Math.round(y(time)), width, 1);
+      pen.fillStyle = "#a3b0be";
+      if (height > 100) pen.fillText(`${time} s`, 2, y(time) - 2);
+    }
+    shown.forEach((moment, k) => {
+      const next = shown[k + 1];
+      const until = next === undefined || next.now - moment.now > this.longestGap()
+        ? moment.now + 0.1 : next.now;
+      const left = x(moment.now), wide = Math.max(1, x(until) - left) + 0.5;
+      this.drawLevel(pen, moment, { left, wide, height, band });
+      pen.fillStyle = "#5f7184";
+      const tall = speed * Math.max(0, Math.min(1, moment.speed));
+      pen.fillRect(left, height - band - 2 - tall, wide, tall);
+    });
+    this.drawCurve(pen, shown, x, (moment) => y(moment.stop), { dash: [4, 3], colour: "#ffffff" });
+    this.drawCurve(pen, shown, x, (moment) => y(moment.contact), { dash: [], colour: "#8fc7ff" });
+    if (height > 100) this.drawKey(pen, width);
+    if (this.at !== null && this.moments.length) {
+      pen.fillStyle = "#ffffff";
+      pen.fillRect(Math.round(x(this.find(this.at).now)) - 1, 0, 2, height);
+    }
+    this.showEvents(x, begin, end, width);
+  }
+
+  longestGap() {
+    return this.isWhole ? Infinity : GAP;
+  }
+
+  drawKey(pen, width) {
+    const words = [
+      ["— earliest contact", "#8fc7ff"], ["-- time to stop", "#ffffff"], ["▮ speed allowed", "#a3b0be"],
+    ];
+    let left = width - words.reduce((sum, [text]) => sum + pen.measureText(text).width + 12, 0);
+    for (const [text, colour] of words) {
+      pen.fillStyle = "rgba(22, 29, 37, 0.8)";
+      pen.fillRect(left - 3, TOP + 2, pen.measureText(text).width + 6, 13);
+      pen.fillStyle = colour;
+      pen.fillText(text, left, TOP + 12);
+      left += pen.measureText(text).width + 12;
+    }
+  }
+
+  // A band in the level's colour; STOP and SLOW are told apart by their height as well.
+  drawLevel(pen, { level }, { left, wide, height, band }) {
+    const known = this.levels[level];
+    const tall = band * [1, 0.75, 0.5, 0.3][Math.max(level, 0)];
+    pen.fillStyle = known ? known.colour : "#93a1b0";
+    pen.fillRect(left, height - tall, wide, tall);
+  }
+
+  drawCurve(pen, moments, x, y, { dash, colour }) {
+    pen.beginPath();
+    pen.setLineDash(dash);
+    pen.strokeStyle = colour;
+    pen.lineWidth = 1.5;
+    let before = null;
+    for (const moment of moments) {
+      const isGap = before === null || moment.now - before.now > this.longestGap();
+      if (isGap) pen.moveTo(x(moment.now), y(moment));
+      else pen.lineTo(x(moment.now), y(moment));
+      before = moment;
+    }
+    pen.stroke();
+    pen.setLineDash([]);
+  }
+
+  showEvents(x, begin, end, width) {
+    const shown = this.events.filter(({ now }) => now >= begin && now <= end);
+    // Where many happen at once the weighty ones stand; all are in the moments.
+    const weight = { latch: 0, stop: 1, reset: 2, refused: 3, fault: 4, go: 5 };
+    const chosen = [];
+    for (const event of [...shown].sort((a, b) => weight[a.kind] - weight[b.kind])) {
+      const at = Math.min(Math.max(x(event.now), 9), width - 9);
+      if (chosen.every((other) => Math.abs(other.at - at) >= 18)) chosen.push({ ...event, at });
+    }
+    chosen.sort((a, b) => a.at - b.at);
+    const key = chosen.map(({ number, kind }) => `${number}${kind}`).join();
+    const place = element("events");
+    if (key !== this.placed) {
+      this.placed = key;
+      place.replaceChildren(...chosen.map((event) => {
+        const made = document.createElement("button");
+        made.type = "button";
+        made.className = event.kind;
+        made.textContent = SIGNS[event.kind];
+        const moment = this.find(event.number);
+        made.title = `${clock(moment.wall, event.now)} ${event.kind}: ${event.text}`;
+        made.setAttribute("aria-label", made.title);
+        made.addEventListener("click", () => this.seek(event.number));
+        return made;
+      }));
+    }
+    [...place.children].forEach((made, k) => { made.style.left = `${chosen[k].at}px`; });
+  }
+}

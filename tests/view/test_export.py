@@ -1,0 +1,65 @@
+import base64
+import gzip
+import re
+
+import msgspec
+import pytest
+
+from armguard.exceptions import ArmguardError
+from armguard.view import export as export_module
+from armguard.view.drawing import show
+from armguard.view.export import check_export, write_export
+from armguard.view.server import PAGE
+from armguard.view.station import Station
+from support.view_samples import make_frame
+
+
+@pytest.fixture
+def station():
+    station = Station("tcp://127.0.0.1:1")
+    station.film.clear(is_recording=True)
+    for now in (0.0, 1.0, 2.0):
+        station.film.add(make_frame(now=now), b"")
+    return station
+
+
+def draw(number, with_volume):
+    return [show("banner", {"sequence": number})]
+
+
+def test_the_file_holds_page_viewer_and_all_moments_and_asks_for_nothing(station, tmp_path):
+    path = tmp_path / "scene.html"
+    write_export(path, [show("legend", {}).payload], station, draw)
+    page = path.read_text(encoding="utf-8")
+    assert not re.findall(r'(?:src|href)="(?!data:)', page)
+    for module in PAGE.glob("*.js"):
+        assert f'"armguard/{module.name}": "data:' in page
+    packed = re.search(r'id="film" type="text/plain">([^<]*)<', page)[1]
+    film = msgspec.msgpack.decode(gzip.decompress(base64.b64decode(packed)))
+    assert [kind["type"] for kind in film["scene"]] == ["legend"]
+    numbers = [row[0] for row in film["news"]["moments"]]
+    assert [number for number, _ in film["moments"]] == numbers
+    assert [drawn[0]["sequence"] for _, drawn in film["moments"]] == numbers
+
+
+def test_modules_name_each_other_by_the_names_of_the_map(station, tmp_path):
+    path = tmp_path / "scene.html"
+    write_export(path, [], station, draw)
+    modules = re.findall(r"data:text/javascript;base64,([A-Za-z0-9+/=]+)", path.read_text())
+    texts = [base64.b64decode(one).decode() for one in modules]
+    assert len(texts) == len(list(PAGE.glob("*.js")))
+    assert not any(re.search(r'from\s+"\./', text) for text in texts)
+
+
+def test_nothing_to_show_too_much_and_nowhere_to_write_are_said(station, tmp_path, monkeypatch):
+    with pytest.raises(ArmguardError, match="no moment"):
+        write_export(tmp_path / "a.html", [], Station("tcp://127.0.0.1:1"), draw)
+    with pytest.raises(ArmguardError, match="cannot be written"):
+        write_export(tmp_path / "nowhere" / "a.html", [], station, draw)
+    monkeypatch.setattr(export_module, "MOST_BYTES", 10)
+    with pytest.raises(ArmguardError, match="more than"):
+        write_export(tmp_path / "a.html", [], station, draw)
+    check_export(tmp_path / "a.html")
+    for place in (tmp_path, tmp_path / "nowhere" / "a.html"):
+        with pytest.raises(ArmguardError, match="cannot be written"):
+            check_export(place)
