@@ -73,6 +73,7 @@ class ReasonKind(enum.Enum):
     JOINT_STOP_AHEAD = ("joint runs into its stop", Effect.STANDING)
     BRAKES_NOT_COVERED = ("brakes not stated for such speeds", Effect.STANDING)
     OPERATING_LIMITS_BROKEN = ("operating limits broken", Effect.STANDING)
+    ENDED = ("monitor has ended", Effect.STANDING)
     JOINT_STATE_MALFORMED = ("joint state malformed", Effect.LATCHED)
     JOINT_STATE_BEYOND_LIMITS = ("joint state beyond its limits", Effect.LATCHED)
     JOINT_STATE_JUMPED = ("joint state jumped", Effect.LATCHED)

@@ -8,9 +8,10 @@ in thirty late.
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -344,19 +345,49 @@ def run(
                 }
             )
         loop = RateLoop(monitor, edge, inputs, clock, publisher.publish, publisher.answer, observe)
-        if not realtime:
-            report = loop.run(duration)
-        else:
-            with request_realtime() as granted:
-                for line in granted.refusals:
-                    complain(line)
-                report = loop.run(duration)._replace(realtime=granted)
+        note = None if log is None else log.recorder.note
+        with _ending_with_a_stop(publisher, clock, note):
+            if not realtime:
+                report = loop.run(duration)
+            else:
+                with request_realtime() as granted:
+                    for line in granted.refusals:
+                        complain(line)
+                    report = loop.run(duration)._replace(realtime=granted)
         return report if log is None else report._replace(lost=log.recorder.lost)
     finally:
         if log is not None:
             log.close()
         for resource in opened:
             resource.close()
+
+
+@contextlib.contextmanager
+def _ending_with_a_stop(
+    publisher: VerdictPublisher, clock: Clock, note: Callable[[str], None] | None
+) -> Iterator[None]:
+    """However what is inside ends, the last verdict that readers get is a STOP, with the cause.
+
+    It saves them the time until their last verdict expires, and tells them why; where it is lost,
+    they stop when that time is over.
+
+    Args:
+        publisher: Sends it.
+        clock: The monitor's.
+        note: Takes the cause as a line for the recording; None: there is none.
+    """
+    detail = "its time was over, or it was told to end"
+    try:
+        yield
+    except BaseException as error:
+        detail = f"{type(error).__name__}: {error}"
+        raise
+    finally:
+        reason = Reason(ReasonKind.ENDED, "", detail)
+        with contextlib.suppress(Exception):  # what ended the loop may be the publisher itself
+            publisher.publish(_tell_unknown(clock.now(), reason))
+        if note is not None:
+            note(str(reason))
 
 
 def _read_bound(cell: Cell, name: str) -> float:
@@ -390,7 +421,11 @@ def _wait_for_joints(now: float, dropped_age: float) -> Verdict:
     detail = "no joint state has arrived yet"
     if not math.isnan(dropped_age):
         detail = f"no fresh joint state has arrived yet, the last one was {dropped_age:.3g} s old"
-    reason = Reason(ReasonKind.NOT_YET_COMPLETE, "joints", detail)
+    return _tell_unknown(now, Reason(ReasonKind.NOT_YET_COMPLETE, "joints", detail))
+
+
+def _tell_unknown(now: float, reason: Reason) -> Verdict:
+    """The verdict where no joint state can be judged, at `now` [s]: STOP."""
     return Verdict(
         stamp=now,
         sequence=0,

@@ -288,7 +288,8 @@ class VerdictPublisher:
         check_free(address)
         self._offset = offset
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.PUB)
-        self._socket.set(zmq.LINGER, 0)
+        # The last verdict of all is to arrive; a reader that takes none cannot delay the end.
+        self._socket.set(zmq.LINGER, _LINGER)
         try:
             self._socket.bind(address)
         except zmq.ZMQError as error:

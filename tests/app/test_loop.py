@@ -421,7 +421,9 @@ def test_a_run_is_recorded_with_what_was_wrong_with_messages(tmp_path):
     told = [event for event in events if isinstance(event, VerdictTold)]
     assert len(told) == ticks, "those without a joint state are there as well"
     assert any(event.sequence == 0 for event in told)
-    assert any("malformed: unknown" in e.message for e in events if isinstance(e, Log))
+    lines = [event.message for event in events if isinstance(event, Log)]
+    assert any("malformed: unknown" in line for line in lines)
+    assert "monitor has ended" in lines[-1]
     judged = sum(event.sequence > 0 for event in told)
     assert judged
     report = replay(path)
