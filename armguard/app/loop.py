@@ -188,11 +188,15 @@ class RateLoop:
         )
 
 
+RECORDING_CHECK_INTERVAL = 1.0
+"""Between two looks whether a recording is still being written, in [s]."""
+
+
 class RunRecording:
     """What a run adds to the recording of its monitor.
 
     Verdicts while there is no joint state to judge, and lines about messages that could not be
-    used. Of the recording it says, once, that it has a gap.
+    used. Of the recording it says, once, that it has a gap, and when it is not written any more.
 
     Args:
         recorder: Is closed with this.
@@ -212,6 +216,7 @@ class RunRecording:
         self._observe = observe
         self._tell = logger.warning if tell is None else tell
         self._is_gap_told = False
+        self._trouble, self._next_check = "", -math.inf
         faults.also_emit(recorder.note)
 
     def observe(self, loop: RateLoop, verdict: Verdict) -> None:
@@ -221,8 +226,21 @@ class RunRecording:
         if self.recorder.lost and not self._is_gap_told:
             self._is_gap_told = True
             self._tell("the recording has a gap: what writes it does not keep up")
+        now = loop.clock.now()
+        if now >= self._next_check:
+            self._next_check = now + RECORDING_CHECK_INTERVAL
+            self._check_writer()
         if self._observe is not None:
             self._observe(loop, verdict)
+
+    def _check_writer(self) -> None:
+        """Tell, once, of what keeps the recording from being written, and when that is over."""
+        trouble = self.recorder.find_trouble()
+        if bool(trouble) != bool(self._trouble):
+            self._tell(
+                f"the recording is {f'not written: {trouble}' if trouble else 'written again'}"
+            )
+        self._trouble = trouble
 
     def close(self) -> None:
         """End the recording; what went wrong with it is told on standard error."""
