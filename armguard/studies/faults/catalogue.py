@@ -19,6 +19,9 @@ SILENCE = "silence"
 DEFAULT_DURATION = 1.0
 """In [s]: from the first steps of the people's approach until they are near."""
 
+VISIT = 4.0
+"""In [s]: a whole visit, for what might come to be believed after a while."""
+
 
 class Fault(NamedTuple):
     """One fault, and how it must show."""
@@ -93,17 +96,17 @@ def _disturbed_streams() -> Iterator[Fault]:
     yield camera("clock-behind", "clock", ("SOURCE_SILENT",), value="-1")
     yield driver("clock-ahead", "clock", LATE_STATES, value="1")
     yield driver("clock-behind", "clock", LATE_STATES, value="-1")
-    yield camera("clock-fast", "drift", ("STAMP_AHEAD",), value="0.2", duration=4.0)
-    yield camera("clock-slow", "drift", ("SOURCE_SILENT",), value="-0.2", duration=4.0)
-    yield driver("clock-fast", "drift", (*LATE_STATES, *JOINTS), value="0.2", duration=4.0)
-    yield driver("clock-slow", "drift", (*LATE_STATES, *JOINTS), value="-0.2", duration=4.0)
-    yield camera("teleports", "teleport", REFUSED, value="1")
+    yield camera("clock-fast", "drift", ("STAMP_AHEAD",), value="0.2", duration=VISIT)
+    yield camera("clock-slow", "drift", ("SOURCE_SILENT",), value="-0.2", duration=VISIT)
+    yield driver("clock-fast", "drift", (*LATE_STATES, *JOINTS), value="0.2", duration=VISIT)
+    yield driver("clock-slow", "drift", (*LATE_STATES, *JOINTS), value="-0.2", duration=VISIT)
+    yield camera("teleports", "teleport", REFUSED, value="1", duration=VISIT)
     yield driver("teleports", "teleport", JOINTS, value="0.3")
-    yield camera("identities-swapped", "exchange", REFUSED)
+    yield camera("identities-swapped", "exchange", REFUSED, duration=VISIT)
     yield driver("joints-swapped", "exchange", JOINTS)
-    yield camera("drifting-static", "static", ("ID_SHARED",), duration=4.0)
+    yield camera("drifting-static", "static", ("ID_SHARED",), duration=VISIT)
     yield camera("unknown-frame", "frame", ("CALL_REFUSED",), field="nowhere")
-    yield camera("wrong-frame", "frame", REFUSED, field="shelf")
+    yield camera("wrong-frame", "frame", REFUSED, field="shelf", duration=VISIT)
     yield camera("wrong-length", "shorten", ("CALL_REFUSED",))
     yield driver("wrong-length", "shorten", ("malformed:", *LATE_STATES))
     yield camera("crowd", "crowd", OVERLOAD, value="100000")
@@ -119,9 +122,9 @@ def _struck_processes() -> Iterator[Fault]:
     yield Fault("view-stopped", "view", "stop")
     yield Fault("browser-hangs", "browser", "hang")
     yield Fault("view-killed", "view", "kill")
-    yield Fault("disk-slow", "recorder", "slow", duration=4.0)
-    yield Fault("disk-full", "recorder", "full", RECORDING, duration=4.0)
-    yield Fault("recorder-stopped", "recorder", "stop", RECORDING, duration=4.0)
+    yield Fault("disk-slow", "recorder", "slow", duration=VISIT)
+    yield Fault("disk-full", "recorder", "full", RECORDING, duration=VISIT)
+    yield Fault("recorder-stopped", "recorder", "stop", RECORDING, duration=VISIT)
     yield Fault("monitor-stopped", "monitor", "stop", (SILENCE,))
     yield Fault("recorder-killed", "recorder", "kill", RECORDING)
     yield Fault("monitor-killed", "monitor", "kill", (SILENCE,))

@@ -38,8 +38,11 @@ def run_faults(only: Sequence[str], out: Path | None, *, as_json: bool) -> int:
     """
     faults = choose_faults(only)
     check_installed()
+    # Mistakes are told now, not after minutes.
     if out is not None and not out.parent.is_dir():
         raise ArmguardError(str(out), f"cannot be written (no folder {out.parent})")
+    if out is not None and out.is_dir():
+        raise ArmguardError(str(out), "is a folder", expected="a file, such as faults.md")
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
         task = progress.add_task("starting", total=len(faults))

@@ -10,6 +10,7 @@ from armguard.app.cli import main
     [
         (["--only", "earthquake"], "'earthquake' is no fault"),
         (["--only", "disk-full", "--out", "/nowhere/faults.md"], "no folder /nowhere"),
+        (["--only", "disk-full", "--out", "/tmp"], "/tmp: is a folder"),
     ],
 )
 def test_mistakes_are_one_line(arguments, words, capsys):
