@@ -43,6 +43,12 @@ def read_memory(pid):
     raise ProcessLookupError(pid)
 
 
+def end(process):
+    """End a process, if it has not ended, and wait for that."""
+    process.kill()
+    process.communicate()
+
+
 def run_cell(folder, duration, balls, record):
     """Run a cell for `duration` [s]; its summary, and samples of (seconds, MB). Shape (n, 2)."""
     addresses = {name: f"ipc://{folder}/{name}" for name in ("obstacles", "joints", "verdicts")}
@@ -57,7 +63,7 @@ def run_cell(folder, duration, balls, record):
         command += ["--record", str(record)]
     with contextlib.ExitStack() as resources, (folder / "log").open("wb") as log:
         monitor = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
-        resources.callback(monitor.kill)
+        resources.callback(end, monitor)
         obstacles, joints, verdicts = addresses.values()
         for node in (
             nodes.Perception(
@@ -66,7 +72,7 @@ def run_cell(folder, duration, balls, record):
             ),
             nodes.RobotNode(joints=joints, verdicts=verdicts, seed=0),
         ):  # fmt: skip
-            resources.callback(nodes.start(node, log).terminate)
+            resources.callback(end, nodes.start(node, log))
         with VerdictReader(verdicts) as reader:
             while (verdict := reader.latest(0.1)) is None or not verdict.sequence:
                 if monitor.poll() is not None:
