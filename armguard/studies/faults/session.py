@@ -43,6 +43,9 @@ END_TIMEOUT = 60.0
 SLOW_SHARE, SLOW_CYCLE = 0.05, 0.5
 """A slow disk lets the process that writes go on for so much of each so many seconds."""
 
+STREAM, TAKEN_IN = "/feed", b"HTTP/1.1 101"
+"""Where a browser gets what the page draws, and the begin of the answer to one that is let in."""
+
 TOKEN = "campaign"
 """What a reset brings."""
 
@@ -134,7 +137,7 @@ class FaultyCell:
         if fault.act == "full":
             return _fill_disk(pid)
         if fault.act == "slow":
-            return self._slow_down(pid, begin + fault.duration)
+            return _slow_down(pid, begin + fault.duration)
         os.kill(pid, signal.SIGKILL if fault.act == "kill" else signal.SIGSTOP)
         if fault.act == "stop":
             return lambda: os.kill(pid, signal.SIGCONT)
@@ -226,19 +229,17 @@ class FaultyCell:
         browser = socket.create_connection((page.hostname, page.port or 80))
         browser.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         browser.sendall(
-            f"GET / HTTP/1.1\r\nHost: {page.netloc}\r\nUpgrade: websocket\r\n"
+            f"GET {STREAM} HTTP/1.1\r\nHost: {page.netloc}\r\nUpgrade: websocket\r\n"
             "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
             "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n".encode()
         )
+        answer = browser.recv(len(TAKEN_IN))
+        if answer != TAKEN_IN:
+            browser.close()
+            raise ArmguardError(
+                f"the page's {STREAM}", f"answers {answer!r}", expected=repr(TAKEN_IN)
+            )
         return browser.close
-
-    def _slow_down(self, pid: int, end: float) -> Callable[[], None]:
-        """Let a process go on for a small share of its time, as one does that waits for a disk."""
-        while (now := time.monotonic()) < end:
-            goes_on = now % SLOW_CYCLE < SLOW_SHARE * SLOW_CYCLE
-            os.kill(pid, signal.SIGCONT if goes_on else signal.SIGSTOP)
-            time.sleep(0.005)
-        return lambda: os.kill(pid, signal.SIGCONT)
 
     def _end(self) -> None:
         """End all processes, the monitor first, so that its recording is whole."""
@@ -273,6 +274,15 @@ def _dispose(process: subprocess.Popen[bytes]) -> None:
 
 def _nothing() -> None:
     """End a disturbance: it ends by itself."""
+
+
+def _slow_down(pid: int, end: float) -> Callable[[], None]:
+    """Let a process go on for a small share of its time, as one does that waits for a disk."""
+    while (now := time.monotonic()) < end:
+        goes_on = now % SLOW_CYCLE < SLOW_SHARE * SLOW_CYCLE
+        os.kill(pid, signal.SIGCONT if goes_on else signal.SIGSTOP)
+        time.sleep(0.005)
+    return lambda: os.kill(pid, signal.SIGCONT)
 
 
 def _fill_disk(pid: int) -> Callable[[], None]:

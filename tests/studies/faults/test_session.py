@@ -41,6 +41,7 @@ def test_a_cell_is_struck_and_ends_without_a_trace(tmp_path):
         full = cell.strike(Fault("full", "recorder", "full"), time.monotonic())
         wait_until(lambda: any("cannot be written" in line for _, line in cell.lines))
         full()
+        cell.strike(Fault("hangs", "browser", "hang"), time.monotonic())()
         (drives,) = (
             pid
             for pid in descendants(os.getpid())
