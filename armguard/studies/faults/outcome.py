@@ -120,17 +120,23 @@ def find_detection(
             found.append(Detection(time, _level_at(heard, time), told))
             break
     if SILENCE in fault.signs:
-        silent = truth[(truth[:, 0] >= begin) & (truth[:, 0] <= end) & (truth[:, SILENT] == 1.0)]
-        if len(silent):
-            found.append(Detection(float(silent[0, 0]), "none", "no verdict: the arm brakes"))
+        within = truth[(truth[:, 0] >= begin) & (truth[:, 0] <= end)]
+        # Where it was silent before, as a late tick makes it, the next silence counts, if any.
+        silent = np.flatnonzero(within[:, SILENT])
+        falls_silent = np.flatnonzero(np.diff(within[:, SILENT]) > 0.0) + 1
+        for row in [*falls_silent, *silent][:1]:
+            found.append(Detection(float(within[row, 0]), "none", "no verdict: the arm brakes"))
     return min(found, default=None)
 
 
 def measure_silence(silences: Sequence[Silence], begin: float, end: float) -> tuple[int, float]:
     """Verdicts not heard from `begin` to `end` [s], and the longest time without any, in [s]."""
     within = [one for one in silences if one.end >= begin and one.begin <= end]
-    lengths = [one.end - max(one.begin, begin) for one in within if math.isfinite(one.begin)]
-    return sum(one.missing for one in within), max(lengths, default=0.0)
+    lengths = [
+        min(one.end, end) - max(one.begin, begin) for one in within if math.isfinite(one.begin)
+    ]
+    missing = sum(one.missing for one in within if one.end <= end)
+    return missing, max(lengths, default=0.0)
 
 
 def _level_at(heard: Sequence[Heard], time: float) -> str:

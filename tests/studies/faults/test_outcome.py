@@ -51,6 +51,15 @@ def test_verdicts_that_were_not_heard_are_counted_in_the_time_of_the_fault():
     assert measure_silence(silences, 1.0, 3.0) == (5, pytest.approx(0.6))
     assert measure_silence(silences, 2.0, 3.0) == (2, pytest.approx(0.5))
     assert measure_silence(silences, 3.0, 4.0) == (0, 0.0)
+    assert measure_silence(silences, 3.0, 8.0) == (0, pytest.approx(1.0)), "the next fault's"
+
+
+def test_where_it_was_silent_before_the_next_silence_counts():
+    truth = np.zeros((6, 17))
+    truth[:, 0] = 1.0, 1.1, 1.2, 1.3, 1.4, 1.5
+    truth[:2, 2] = truth[4, 2] = 1.0
+    assert find(lines=[], heard=HEARD[:1], truth=truth).time == 1.4
+    assert find(lines=[], heard=HEARD[:1], truth=truth[:3]).time == 1.0, "if any"
 
 
 @pytest.mark.parametrize(
