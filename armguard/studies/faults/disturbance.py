@@ -145,6 +145,7 @@ class DisturbedPublisher(Publisher):
     def __init__(self, address: str, source: str = "default") -> None:
         super().__init__(address, source)
         self.disturbance: Disturbance | None = None
+        self._followed: Disturbance | None = None
         self._disturbed = 0
         self._order = itertools.count()
         self._waiting: list[tuple[float, int, AnyMessage]] = []
@@ -173,9 +174,12 @@ class DisturbedPublisher(Publisher):
     def _send(self, message: AnyMessage) -> None:
         now = time.monotonic()
         disturbance, sent = self.disturbance, [(now, message)]
-        if disturbance is None or not disturbance.is_active(now):
-            self._disturbed = 0
-        else:
+        if disturbance is not self._followed:
+            self._followed, self._disturbed = disturbance, 0
+        # A short one strikes at least one message, the first that comes once it has begun.
+        if disturbance is not None and (
+            disturbance.is_active(now) or (now >= disturbance.begin and not self._disturbed)
+        ):
             sent = disturb(message, disturbance, now, self._disturbed, self._chance)
             self._disturbed += 1
         for when, one in sent:

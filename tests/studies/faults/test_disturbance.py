@@ -133,13 +133,24 @@ def receive(source, count):
 
 def test_a_publisher_is_itself_outside_of_the_time_of_its_disturbance(wire):
     publisher, source = wire
-    publisher.update([], 1.0, [])
     now = time.monotonic()
+    publisher.disturbance = Disturbance(kind="drop", begin=now + 900.0, end=now + 1000.0)
+    publisher.update([], 1.0, [])
     publisher.disturbance = Disturbance(kind="drop", begin=now, end=now + 1000.0)
     publisher.update([], 2.0, [])
-    publisher.disturbance = Disturbance(kind="drop", begin=now - 2.0, end=now - 1.0)
     publisher.update([], 3.0, [])
-    assert [(one.stamp, one.seq) for one in receive(source, 2)] == [(1.0, 1), (3.0, 3)]
+    publisher.disturbance = None
+    publisher.update([], 4.0, [])
+    assert [(one.stamp, one.seq) for one in receive(source, 2)] == [(1.0, 1), (4.0, 4)]
+
+
+def test_a_disturbance_strikes_one_message_at_least(wire):
+    publisher, source = wire
+    now = time.monotonic()
+    publisher.disturbance = Disturbance(kind="drop", begin=now - 2.0, end=now - 1.0)
+    for stamp in (1.0, 2.0, 3.0):
+        publisher.update([], stamp, [])
+    assert [one.seq for one in receive(source, 2)] == [2, 3]
 
 
 def test_what_is_held_back_is_sent_when_its_time_has_come(wire):
