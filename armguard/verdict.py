@@ -198,6 +198,12 @@ class ReasonKind(enum.Enum):
         Effect.STANDING,
         "Let the controller keep to what was stated, or state what it keeps to.",
     )
+    ENDED = (
+        "monitor has ended",
+        Effect.STANDING,
+        "Start it again. If nobody ended it, its last lines on standard error, or the journal of "
+        "its service, say what did.",
+    )
     JOINT_STATE_MALFORMED = (
         "joint state malformed",
         Effect.LATCHED,

@@ -409,6 +409,27 @@ class Cover:
 
 
 @dataclasses.dataclass(frozen=True)
+class Faults:
+    """Make faults on purpose in a simulated cell of real processes, and judge each.
+
+    Example: armguard faults --only "camera-*" --out docs/faults.md
+    """
+
+    only: tuple[str, ...] = ()
+    """Names of faults, or patterns as "driver-*"; without it, all."""
+    out: Path | None = None
+    """The page to write."""
+    json: Flag = False
+    """Print one JSON object instead of a table."""
+
+    def run(self) -> int:
+        """Make the campaign; the exit code is 1 where something is not as it must be."""
+        from armguard.studies.faults.command import run_faults
+
+        return run_faults(self.only, self.out, as_json=self.json)
+
+
+@dataclasses.dataclass(frozen=True)
 class Robots:
     """List the robots that armguard knows by name.
 
@@ -456,6 +477,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                     | Annotated[Keys, tyro.conf.subcommand("keys")]
                     | Annotated[Show, tyro.conf.subcommand("show")]
                     | Annotated[Cover, tyro.conf.subcommand("cover")]
+                    | Annotated[Faults, tyro.conf.subcommand("faults")]
                     | Annotated[Robots, tyro.conf.subcommand("robots")]
                 ],
                 prog="armguard",

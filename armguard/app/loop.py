@@ -8,9 +8,10 @@ in thirty late.
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -193,11 +194,15 @@ class RateLoop:
         )
 
 
+RECORDING_CHECK_INTERVAL = 1.0
+"""Between two looks whether a recording is still being written, in [s]."""
+
+
 class RunRecording:
     """What a run adds to the recording of its monitor.
 
     Verdicts while there is no joint state to judge, and lines about messages that could not be
-    used. Of the recording it says, once, that it has a gap.
+    used. Of the recording it says, once, that it has a gap, and when it is not written any more.
 
     Args:
         recorder: Is closed with this.
@@ -217,6 +222,7 @@ class RunRecording:
         self._observe = observe
         self._tell = logger.warning if tell is None else tell
         self._is_gap_told = False
+        self._trouble, self._next_check = "", -math.inf
         faults.also_emit(recorder.note)
 
     def observe(self, loop: RateLoop, verdict: Verdict) -> None:
@@ -226,8 +232,21 @@ class RunRecording:
         if self.recorder.lost and not self._is_gap_told:
             self._is_gap_told = True
             self._tell("the recording has a gap: what writes it does not keep up")
+        now = loop.clock.now()
+        if now >= self._next_check:
+            self._next_check = now + RECORDING_CHECK_INTERVAL
+            self._check_writer()
         if self._observe is not None:
             self._observe(loop, verdict)
+
+    def _check_writer(self) -> None:
+        """Tell, once, of what keeps the recording from being written, and when that is over."""
+        trouble = self.recorder.find_trouble()
+        if bool(trouble) != bool(self._trouble):
+            self._tell(
+                f"the recording is {f'not written: {trouble}' if trouble else 'written again'}"
+            )
+        self._trouble = trouble
 
     def close(self) -> None:
         """End the recording; what went wrong with it is told on standard error."""
@@ -356,13 +375,15 @@ def run(
                 }
             )
         loop = RateLoop(monitor, edge, inputs, clock, publisher.publish, publisher.answer, observe)
-        if not realtime:
-            report = loop.run(duration)
-        else:
-            with request_realtime() as granted:
-                for line in granted.refusals:
-                    complain(line)
-                report = loop.run(duration)._replace(realtime=granted)
+        note = None if log is None else log.recorder.note
+        with _ending_with_a_stop(publisher, clock, note):
+            if not realtime:
+                report = loop.run(duration)
+            else:
+                with request_realtime() as granted:
+                    for line in granted.refusals:
+                        complain(line)
+                    report = loop.run(duration)._replace(realtime=granted)
         return report if log is None else report._replace(lost=log.recorder.lost)
     finally:
         if log is not None:
@@ -371,6 +392,34 @@ def run(
             resource.close()
         if own_authenticator is not None:
             own_authenticator.close()
+
+
+@contextlib.contextmanager
+def _ending_with_a_stop(
+    publisher: VerdictPublisher, clock: Clock, note: Callable[[str], None] | None
+) -> Iterator[None]:
+    """However what is inside ends, the last verdict that readers get is a STOP, with the cause.
+
+    It saves them the time until their last verdict expires, and tells them why; where it is lost,
+    they stop when that time is over.
+
+    Args:
+        publisher: Sends it.
+        clock: The monitor's.
+        note: Takes the cause as a line for the recording; None: there is none.
+    """
+    detail = "its time was over, or it was told to end"
+    try:
+        yield
+    except BaseException as error:
+        detail = f"{type(error).__name__}: {error}"
+        raise
+    finally:
+        reason = Reason(ReasonKind.ENDED, "", detail)
+        with contextlib.suppress(Exception):  # what ended the loop may be the publisher itself
+            publisher.publish(_tell_unknown(clock.now(), reason))
+        if note is not None:
+            note(str(reason))
 
 
 def _read_bound(cell: Cell, name: str) -> float:
@@ -404,7 +453,11 @@ def _wait_for_joints(now: float, dropped_age: float) -> Verdict:
     detail = "no joint state has arrived yet"
     if not math.isnan(dropped_age):
         detail = f"no fresh joint state has arrived yet, the last one was {dropped_age:.3g} s old"
-    reason = Reason(ReasonKind.NOT_YET_COMPLETE, "joints", detail)
+    return _tell_unknown(now, Reason(ReasonKind.NOT_YET_COMPLETE, "joints", detail))
+
+
+def _tell_unknown(now: float, reason: Reason) -> Verdict:
+    """The verdict where no joint state can be judged, at `now` [s]: STOP."""
     return Verdict(
         stamp=now,
         sequence=0,

@@ -19,6 +19,7 @@ from armguard.app.announcer import Announcer
 from armguard.app.cell.cell import Cell
 from armguard.app.loop import RateLoop, run
 from armguard.app.processes import COMPLAINT, complain
+from armguard.app.service import ServiceNotifier
 from armguard.app.summary import VerdictCounts, draw_summary, summarise
 from armguard.app.view_feed import MonitorFeed, Origin
 from armguard.bounds.braking import BrakingMotion
@@ -110,6 +111,8 @@ def supervise(
         # Its thread starts before real-time scheduling is asked for.
         announcer = resources.enter_context(Announcer(quiet=quiet))
         observer = _Observer(cell, publisher, announcer)
+        # Its thread as well.
+        resources.enter_context(ServiceNotifier.from_environment(lambda: observer.ticks))
 
         def tell_addresses(addresses: Mapping[str, str]) -> None:
             announcer.remedy = describe_remedy(addresses, reset_token)
@@ -330,6 +333,7 @@ class _Observer:
 
     def __init__(self, cell: Cell, publisher: FramePublisher | None, announcer: Announcer) -> None:
         self.counts = VerdictCounts()
+        self.ticks = 0
         self._announcer = announcer
         self._cell = cell
         self._publisher = publisher
@@ -352,6 +356,7 @@ class _Observer:
 
     def observe(self, loop: RateLoop, verdict: Verdict) -> None:
         """Called after each verdict was published."""
+        self.ticks += 1
         self.counts.count(verdict)
         self._announcer.observe(loop.clock.now(), verdict)
         if self._feed is not None:

@@ -76,4 +76,7 @@ def _as_reason(fault: Fault) -> Reason:
         kind = ReasonKind.OBSTACLE_REFUSED
     else:
         kind = ReasonKind.CALL_REFUSED
-    return Reason(kind, fault.id or fault.source, f"{fault.field} is {fault.value}: {fault.kind}")
+    # Of a malformed call the value is words, with their verb.
+    verb = "" if fault.kind is FaultKind.MALFORMED else "is "
+    detail = f"{fault.field} {verb}{fault.value}: {fault.kind}"
+    return Reason(kind, fault.id or fault.source, detail)

@@ -30,6 +30,7 @@ class FaultKind(enum.StrEnum):
     STALE_REMOVAL = "a removal older than the state it would remove"
     UNKNOWN_ID = "removal of an id that is not in the table"
     TRACK_CHANGED = "continued on another track"
+    WRONG_FRAME = "another frame than before, and what came in it contradicts that"
     TABLE_FULL = "no room left in the table"
 
 

@@ -37,6 +37,7 @@ from armguard.obstacles.message import FIELDS, MessageMemory
 from armguard.obstacles.pattern_bounds import PatternBounds
 from armguard.obstacles.register import NO_ROWS, ObstacleRegister, ResolvedIds
 from armguard.obstacles.sources import NO_SOURCE, Source, SourceState
+from armguard.obstacles.told_frames import ToldFrames
 
 __all__ = ["Fault", "FaultKind", "Frame", "Obstacles", "Source"]
 
@@ -48,6 +49,9 @@ forgotten once there are more."""
 
 _FLOAT = {float}
 
+WRONG_FRAME = 50
+"""Beside the rule's codes: of a sample in a frame that has contradicted its body's state."""
+
 _KINDS = {
     numerics.POSITION_BY_ACCEL: (FaultKind.BEYOND_ACCEL, "position"),
     numerics.POSITION_BY_SPEED: (FaultKind.BEYOND_SPEED, "position"),
@@ -57,6 +61,7 @@ _KINDS = {
     rule.TOO_FAST: (FaultKind.BEYOND_SPEED, "velocity"),
     rule.TOO_FAR: (FaultKind.BEYOND_EXTENT, "position"),
     rule.TRACK_CHANGED: (FaultKind.TRACK_CHANGED, "position"),
+    WRONG_FRAME: (FaultKind.WRONG_FRAME, "frame"),
 }
 for _field, _name in enumerate(rule.FIELDS):
     _KINDS[rule.NOT_FINITE + _field] = (FaultKind.NOT_FINITE, _name)
@@ -116,6 +121,7 @@ class Obstacles(ObstacleRegister):
         world = Frame(np.eye(3), np.zeros(3))
         places = {WORLD: world} | dict(frames or {}) | {WORLD: world}
         self._frames = {name: number for number, name in enumerate(places)}
+        self._told_frames = ToldFrames()
         self._memory = MessageMemory(list(places.values()))
         self._bind()
 
@@ -241,6 +247,16 @@ class Obstacles(ObstacleRegister):
         points_each = self._memory.points_each
         if points_each > 1:
             self.table.widen(points_each)
+        number = self._frames[frame]
+        wrong = self._told_frames.find_wrong(
+            state.index,
+            number,
+            rows,
+            self._rows_of(state.index).values(),
+            self.table.has_state,
+        )
+        if wrong:
+            self._memory.data.points[wrong] = math.nan
         taken, exceptions, any_refused = self._take_samples(
             self.table.handle,
             self._memory.handle,
@@ -248,17 +264,21 @@ class Obstacles(ObstacleRegister):
             points_each,
             time,
             self._extent,
-            self._frames[frame],
+            number,
             velocity is not None,
             *numbers,
         )
+        codes = self._memory.data.codes[: len(names)]
+        if wrong:
+            codes[wrong] = WRONG_FRAME
+        self._told_frames.note(state.index, number, rows, codes)
         if taken:
             self._newest = max(self._newest, time)
         # A sample that is taken may set aside what a certificate rests on.
         self._any_refused = self._any_refused or any_refused
         refused = 0
         if exceptions:
-            refused = self._tell_exceptions(names, time, source)
+            refused = self._tell_exceptions(names, time, source, frame)
         self._sources.count(state, time, len(names), refused)
         if snapshot:
             self._remove_absent(rows, time, state, late)
@@ -333,7 +353,7 @@ class Obstacles(ObstacleRegister):
             known[len(names), names[0]] = resolved._replace(rows=rows)
         return rows
 
-    def _tell_exceptions(self, names: list[str], time: float, source: str) -> int:
+    def _tell_exceptions(self, names: list[str], time: float, source: str, frame: str) -> int:
         """Leaves a fault for each sample that was not simply taken; how many were refused."""
         refused = 0
         codes, values = self._memory.data.codes[: len(names)], self._memory.data.values
@@ -345,7 +365,8 @@ class Obstacles(ObstacleRegister):
             else:
                 kind, field = _KINDS[code]
                 refused += code != rule.TRACK_CHANGED
-                self._faults.leave(kind, source, names[i], field, value, time)
+                found_there = frame if code == WRONG_FRAME else value
+                self._faults.leave(kind, source, names[i], field, found_there, time)
         return refused
 
     def add_static(self, id: str, position: ArrayLike, radius: float) -> None:

@@ -65,6 +65,9 @@ CAPACITY = 32 * 1024 * 1024
 START_TIMEOUT = 60.0
 """How long the process that writes may take to start, in [s]; the end waits for it."""
 
+SILENT_TIMEOUT = 2.0
+"""How long the process that writes may show no sign of life while it goes on, in [s]."""
+
 STUCK_TIMEOUT = 10.0
 """How long the disk may hold up that process at the end, in [s], before it is ended."""
 
@@ -118,6 +121,7 @@ class Recorder:
         self._stepping = False
         self.lost = 0
         self._gap_events, self._gap_since = 0, 0
+        self._beats, self._beat_time = 0, time.monotonic()
         start = self._describe_start()
         self.path, file = open_new(Path(path))
         memory = create_memory(capacity)
@@ -158,6 +162,24 @@ class Recorder:
         now = time.time_ns()
         timestamp = Time(now // 1_000_000_000, now % 1_000_000_000)
         self._tell(Log(timestamp=timestamp, level=3, message=text))
+
+    def find_trouble(self) -> str:
+        """What keeps the file from being written at present, in words; empty: nothing.
+
+        For a loop that asks about once a second; it costs some microseconds.
+        """
+        if self._ring.is_released:
+            return ""
+        if self._process.poll() is not None:
+            return "the process that writes it has ended"
+        now, beats = time.monotonic(), self._ring.beats
+        if beats != self._beats:
+            self._beats, self._beat_time = beats, now
+        silence = now - self._beat_time
+        # Before its first sign of life it starts, which may take a while.
+        if silence > (SILENT_TIMEOUT if beats else START_TIMEOUT):
+            return f"what writes it has been held up for {silence:.0f} s"
+        return ""
 
     def close(self) -> str:
         """Write what is left, and end; harmless if that was done.

@@ -311,7 +311,8 @@ class VerdictPublisher:
         if authenticator is not None:
             context = authenticator.context
         self._socket: zmq.Socket[bytes] = context.socket(zmq.PUB)
-        self._socket.set(zmq.LINGER, 0)
+        # The last verdict of all is to arrive; a reader that takes none cannot delay the end.
+        self._socket.set(zmq.LINGER, _LINGER)
         if authenticator is not None:
             authenticator.guard(self._socket, ["verdicts"])
         try:

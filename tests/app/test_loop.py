@@ -421,12 +421,36 @@ def test_a_run_is_recorded_with_what_was_wrong_with_messages(tmp_path):
     told = [event for event in events if isinstance(event, VerdictTold)]
     assert len(told) == ticks, "those without a joint state are there as well"
     assert any(event.sequence == 0 for event in told)
-    assert any("malformed: unknown" in e.message for e in events if isinstance(e, Log))
+    lines = [event.message for event in events if isinstance(event, Log)]
+    assert any("malformed: unknown" in line for line in lines)
+    assert "monitor has ended" in lines[-1]
     judged = sum(event.sequence > 0 for event in told)
     assert judged
     report = replay(path)
     assert report.is_identical
     assert report.compared == judged
+
+
+def test_a_recording_that_is_not_written_any_more_is_told_at_once(tmp_path):
+    process = start(
+        write_cell(tmp_path), f"ipc://{tmp_path}/in", f"ipc://{tmp_path}/out", tmp_path / "a.mcap"
+    )
+    with process, VerdictReader(f"ipc://{tmp_path}/out") as reader:
+        while reader.latest(0.1) is None:
+            assert process.poll() is None, process.stderr.read()
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        (writer,) = (
+            int(child)
+            for child in children
+            if b"armguard.recording" in Path(f"/proc/{child}/cmdline").read_bytes()
+        )
+        os.kill(writer, signal.SIGKILL)
+        line = process.stderr.readline()  # while the run goes on
+        assert line == "the recording is not written: the process that writes it has ended\n"
+        assert reader.latest(1.0) is not None
+        assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        assert "is not complete" in process.communicate(timeout=60)[1]
 
 
 def test_stamps_of_long_ago_on_standard_input_are_no_news(tmp_path):

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from armguard import Obstacles, Source
+from armguard.exceptions import ArmguardError
 from armguard.monitor.obstacle_reasons import take_obstacle_reasons
 from armguard.obstacles import sources
 from armguard.verdict import Effect, ReasonKind
@@ -46,6 +47,15 @@ def test_a_refused_row_is_named_once_for_as_long_as_it_may_be_true(obstacles):
         obstacles.update(["ball"], now, [[3.0, 0.0, 0.0]], STILL, radius=0.1, source="camera")
         assert kinds(obstacles, now) == [ReasonKind.OBSTACLE_REFUSED]
     assert kinds(obstacles, 1.32) == []
+
+
+def test_faults_are_told_in_sentences(obstacles):
+    obstacles.update(["ball"], 1.01, [[np.nan, 0.0, 0.0]], STILL, radius=0.1, source="camera")
+    with pytest.raises(ArmguardError):
+        obstacles.update(["ball"], 1.02, STILL, radius=0.1, source="camera", frame="nowhere")
+    details = [reason.detail for reason in take_obstacle_reasons(obstacles, 1.02, 0.2, 0.3)]
+    assert details[0] == "position is nan: not a finite number"
+    assert details[1].startswith("frame 'nowhere' is unknown")
 
 
 def test_a_source_may_ask_for_a_stop_where_its_rows_are_refused():

@@ -356,6 +356,21 @@ def test_a_folder_gets_a_file_named_by_the_time(tmp_path):
     assert [recorder.path] == list(tmp_path.glob("armguard-*T*.mcap"))
 
 
+def test_what_keeps_the_file_from_being_written_is_found_while_it_lasts(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, "SILENT_TIMEOUT", 0.3)
+    recorder, _, _ = start(tmp_path / "run.mcap")
+    wait_until(lambda: recorder._ring.beats > 0)
+    assert recorder.find_trouble() == ""
+    os.kill(recorder.pid, signal.SIGSTOP)
+    wait_until(lambda: "held up" in recorder.find_trouble())
+    os.kill(recorder.pid, signal.SIGCONT)
+    wait_until(lambda: not recorder.find_trouble())
+    os.kill(recorder.pid, signal.SIGKILL)
+    wait_until(lambda: "has ended" in recorder.find_trouble())
+    assert recorder.close()
+    assert recorder.find_trouble() == "", "and that is what `close` says"
+
+
 def test_without_its_packages_it_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setattr(recorder_module.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ArmguardError, match=r"pip install 'armguard\[record\]'"):

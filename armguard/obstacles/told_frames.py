@@ -1,0 +1,84 @@
+"""In which frame each obstacle was told, so that a wrong frame is not taken for another body.
+
+Samples that contradict what is accepted, and agree with each other, are taken for another body that
+goes by the same id, and become its accepted track. Where they also come in another frame than what
+is accepted did, the frame is the likelier mistake. Then nothing that comes in that frame says
+where the body is, not even when enough time has passed that it could have gone there: it could be
+anywhere, until a sample in the frame from before is taken again, or the id is removed.
+
+A sample in another frame that agrees is taken as any other, so that a source may use several.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from armguard.jit.arrays import BoolArray, IntArray
+from armguard.obstacles.acceptance import LATE, TAKEN, TRACK_CHANGED
+
+
+class ToldFrames:
+    """Frames of accepted samples, and those that contradicted them, by source.
+
+    It costs a look-up in a dictionary for a message as long as its source uses one frame.
+    """
+
+    def __init__(self) -> None:
+        self._usual: dict[int, int] = {}
+        self._told: dict[int, dict[int, int]] = {}
+        self._wrong: dict[int, dict[int, int]] = {}
+
+    def find_wrong(
+        self,
+        source: int,
+        frame: int,
+        rows: IntArray,
+        all_rows: Iterable[int],
+        has_state: BoolArray,
+    ) -> list[int]:
+        """Which samples of a message come in a frame that has contradicted their bodies' states.
+
+        Args:
+            source: Number of the source that speaks.
+            frame: Number of the message's frame.
+            rows: Row of each sample, -1 for none. Shape (n,).
+            all_rows: Those of the source.
+            has_state: Whether there is an accepted state, by row: where there is none, the row is
+                another body's than before.
+        """
+        if source not in self._told:
+            usual = self._usual.setdefault(source, frame)
+            if usual == frame:
+                return []
+            self._told[source] = dict.fromkeys(all_rows, usual)
+            self._wrong[source] = {}
+        wrong = self._wrong[source]
+        for row in rows[~has_state[rows]].tolist():
+            self._told[source].pop(row, None)
+            wrong.pop(row, None)
+        if not wrong:
+            return []
+        return [i for i, row in enumerate(rows.tolist()) if row >= 0 and wrong.get(row) == frame]
+
+    def note(self, source: int, frame: int, rows: IntArray, codes: IntArray) -> None:
+        """Note what came of a message.
+
+        Args:
+            source: Number of the source that spoke.
+            frame: Number of the message's frame.
+            rows: Row of each sample, -1 for none. Shape (n,).
+            codes: What the rule made of each sample. Shape (n,).
+        """
+        told = self._told.get(source)
+        if told is None:
+            return
+        wrong = self._wrong[source]
+        accepted = np.isin(codes, (TAKEN, TRACK_CHANGED))
+        for row in rows[accepted].tolist():
+            told[row] = frame
+            wrong.pop(row, None)
+        for row in rows[~accepted & (codes != LATE)].tolist():
+            if told.get(row, frame) != frame:
+                wrong[row] = frame

@@ -1,0 +1,1 @@
+"""What armguard costs, buys and withstands, measured by commands that anybody can run again."""

@@ -1,0 +1,63 @@
+"""`armguard faults`: makes the campaign, shows how far it is, and what it found."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from armguard.exceptions import ArmguardError
+from armguard.recording.recorder import check_installed
+from armguard.studies.faults.campaign import run_campaign
+from armguard.studies.faults.catalogue import choose_faults
+from armguard.studies.faults.report import describe, draw_table, write_page
+
+FAILED = 1
+"""Exit code of a campaign in which something was not as it must be."""
+
+
+def run_faults(only: Sequence[str], out: Path | None, *, as_json: bool) -> int:
+    """Make faults, and tell what came of them.
+
+    Args:
+        only: Names or patterns of faults; empty: all.
+        out: The page to write; None: none.
+        as_json: Print one JSON object instead of a table.
+
+    Returns:
+        0 where every fault was detected that has to be, the cell recovered from each, nobody was
+        touched and the control was; else 1.
+
+    Raises:
+        ArmguardError: No such fault, a page that cannot be written, packages that are missing, or
+            a cell that does not start.
+    """
+    faults = choose_faults(only)
+    check_installed()
+    # Mistakes are told now, not after minutes.
+    if out is not None and not out.parent.is_dir():
+        raise ArmguardError(str(out), f"cannot be written (no folder {out.parent})")
+    if out is not None and out.is_dir():
+        raise ArmguardError(str(out), "is a folder", expected="a file, such as faults.md")
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
+        task = progress.add_task("starting", total=len(faults))
+
+        def tell(text: str, done: int) -> None:
+            progress.update(task, description=text, completed=done)
+
+        report = run_campaign(faults, tell)
+    if out is not None:
+        try:
+            out.write_text(write_page(report), encoding="utf-8")
+        except OSError as error:
+            raise ArmguardError(str(out), f"cannot be written ({error.strerror})") from None
+    if as_json:
+        sys.stdout.write(msgspec.json.encode(describe(report)).decode() + "\n")
+    else:
+        Console().print(draw_table(report))
+    return 0 if report.passed else FAILED

@@ -1,0 +1,118 @@
+"""A long run of the real loop: memory over time, ticks that were late, bytes recorded.
+
+    python benchmarks/bench_soak.py --minutes 60 --record
+
+It is the demo without its page: `armguard run` at 1 kHz, a simulated arm that obeys it, a person
+and balls, each in a process of its own. Memory is what the system counts as resident of the loop's
+process; its trend is that of a straight line through the samples after the first fifth of the run,
+in which caches fill.
+"""
+
+import argparse
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from armguard.app.demo import nodes
+from armguard.app.demo.launcher import CELL
+from armguard.streams import VerdictReader
+
+SAMPLE_PERIOD = 1.0
+"""Between two samples of memory, in [s]."""
+
+WARMING = 0.2
+"""Share of the run that is left out of the trend."""
+
+END_TIMEOUT = 30.0
+"""How long the run may take to end, in [s]."""
+
+
+def read_memory(pid):
+    """What a process has in memory, in [MB]."""
+    for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+        if line.startswith("VmRSS:"):
+            return int(line.split()[1]) / 1000.0
+    raise ProcessLookupError(pid)
+
+
+def end(process):
+    """End a process, if it has not ended, and wait for that."""
+    process.kill()
+    process.communicate()
+
+
+def run_cell(folder, duration, balls, record):
+    """Run a cell for `duration` [s]; its summary, and samples of (seconds, MB). Shape (n, 2)."""
+    addresses = {name: f"ipc://{folder}/{name}" for name in ("obstacles", "joints", "verdicts")}
+    sources = nodes.make_sources(duration, "", balls, 0)
+    tables = "".join(f"[sources.{source.name}]\nrate = {source.rate}\n" for source in sources)
+    cell = folder / "cell.toml"
+    cell.write_text(CELL.format(robot=nodes.ROBOT, sources=tables, schedule="deadline"))
+    command = [sys.executable, "-m", "armguard", "run", str(cell), "--json", "--quiet"]
+    command += [word for name, one in addresses.items() for word in (f"--{name}", one)]
+    command += ["--no-realtime"]
+    if record is not None:
+        command += ["--record", str(record)]
+    with contextlib.ExitStack() as resources, (folder / "log").open("wb") as log:
+        monitor = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
+        resources.callback(end, monitor)
+        obstacles, joints, verdicts = addresses.values()
+        for node in (
+            nodes.Perception(
+                obstacles=obstacles, verdicts=verdicts, duration=duration, seed=0, person="",
+                balls=balls,
+            ),
+            nodes.RobotNode(joints=joints, verdicts=verdicts, seed=0),
+        ):  # fmt: skip
+            resources.callback(end, nodes.start(node, log))
+        with VerdictReader(verdicts) as reader:
+            while (verdict := reader.latest(0.1)) is None or not verdict.sequence:
+                if monitor.poll() is not None:
+                    raise SystemExit((folder / "log").read_text())
+        samples, start = [], time.monotonic()
+        while (now := time.monotonic() - start) < duration and monitor.poll() is None:
+            samples.append((now, read_memory(monitor.pid)))
+            time.sleep(SAMPLE_PERIOD)
+        monitor.send_signal(signal.SIGINT)
+        output, _ = monitor.communicate(timeout=END_TIMEOUT)
+    return msgspec.json.decode(output), np.array(samples)
+
+
+def main(arguments=None):
+    """Run, and print what it was like."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--balls", type=int, default=10)
+    parser.add_argument("--record", action="store_true", help="record as well")
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        record = folder / "soak.mcap" if options.record else None
+        summary, samples = run_cell(folder, 60.0 * options.minutes, options.balls, record)
+        size = None if record is None else record.stat().st_size
+    seconds, memory = samples.T
+    warm = seconds >= WARMING * seconds[-1]
+    trend = 3600.0 * np.polyfit(seconds[warm], memory[warm], 1)[0] if warm.sum() > 1 else np.nan
+    ticks, late, times = summary["ticks"], summary["late"], summary["tick_us"]
+    print(f"cores {os.cpu_count()}, {seconds[-1] / 60.0:.1f} minutes, {ticks} ticks")
+    print(f"late ticks {late} ({100.0 * late / max(1, ticks):.3f} %)")
+    print("tick " + ", ".join(f"{key} {value:.0f} µs" for key, value in times.items()))
+    print(f"memory {memory[0]:.1f} MB at the start, {memory[warm][0]:.1f} MB after a fifth,")
+    print(f"  {memory[-1]:.1f} MB at the end, at most {memory.max():.1f} MB")
+    print(f"  trend after the first fifth {trend:+.2f} MB an hour")
+    print(f"levels {summary['levels']}, faults {summary['faults']}")
+    if size is not None:
+        lost = summary["recording_lost"]
+        print(f"recorded {3600.0 * size / seconds[-1] / 1e9:.2f} GB an hour, {lost} events lost")
+
+
+if __name__ == "__main__":
+    main()
