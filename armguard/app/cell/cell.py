@@ -7,6 +7,7 @@ and a study start from.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -35,6 +36,7 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.people import BOUNDS
+from armguard.robot.description import find_robot
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.streams.edge import HELD_UP
@@ -126,8 +128,12 @@ class Cell:
 
     def _make_bare_robot(self) -> Robot:
         table = self.tables.robot
+        cover = None if table.cover is None else self._folder / table.cover
         if table.name is not None:
-            return self._attempt("robot.name", Robot.load, table.name)
+            self._attempt("robot.name", find_robot, table.name)
+            key = "robot.name" if cover is None else "robot.cover"
+            load = functools.partial(Robot.load, cover=cover, level=table.level)
+            return self._attempt(key, load, table.name)
 
         def load_urdf() -> Robot:
             return Robot.from_urdf(
@@ -135,7 +141,8 @@ class Cell:
                 limits=self._folder / str(table.limits),
                 joints=table.joints,
                 package_dirs=[self._folder / folder for folder in table.package_dirs],
-                cover=None if table.cover is None else self._folder / table.cover,
+                cover=cover,
+                level=table.level,
             )
 
         return self._attempt("robot.urdf", load_urdf)
@@ -250,7 +257,7 @@ class Cell:
         if table.urdf is not None and table.limits is None:
             raise self._error("robot.limits", "is missing", "a file of joint limits for the urdf")
         if table.name is not None:
-            for key in ("limits", "package_dirs", "joints", "cover"):
+            for key in ("limits", "package_dirs", "joints"):
                 value = getattr(table, key)
                 if value:
                     raise self._error(
@@ -328,8 +335,8 @@ class Cell:
         """The key behind a setting that a constructor refused, if it is one of this file's."""
         if offender.startswith("ignore"):
             return "ignore"
-        if offender == "payload":
-            return "robot.payload"
+        if offender in ("payload", "level"):
+            return f"robot.{offender}"
         for table in ("monitor", "thresholds", "bounds"):
             if offender in given(getattr(self.tables, table)):
                 return f"{table}.{offender}"

@@ -58,6 +58,7 @@ class RobotTable(_Table, frozen=True, kw_only=True):
     package_dirs: list[Name] = []
     joints: list[Name] | None = None
     cover: Name | None = None
+    level: Annotated[int, Meta(ge=0)] | None = None
     base: BaseTable = BaseTable()
     payload: NotNegative | UnsetType = UNSET
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
