@@ -154,6 +154,7 @@ class MonitorTable(_Table, frozen=True, kw_only=True):
     stop: Name | UnsetType = UNSET
     max_staleness: Annotated[float, Meta(ge=0.0, lt=1.0)] | UnsetType = UNSET
     budget: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
+    advances: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
 
 
 class ThresholdsTable(_Table, frozen=True, kw_only=True):
