@@ -317,6 +317,49 @@ class Cover:
 
 
 @dataclasses.dataclass(frozen=True)
+class Tradeoff:
+    """Measure what accuracy costs: one scene through all settings, and a report to choose by.
+
+    Example: armguard tradeoff --robot ur10 --seconds 10 --axis cover motion --out tradeoff
+    """
+
+    cell: Annotated[Path | None, tyro.conf.Positional] = None
+    """A cell file, whose settings are the default; without it, a robot by itself."""
+    person: Path | None = None
+    """A Vicon CSV recording of a person; without it, a simulated one."""
+    robot: str | None = None
+    """A robot that armguard knows; without it, Panda."""
+    obstacles: int = 0
+    """How many balls wander about the arm; without a recording, instead of the person."""
+    out: Path = Path("tradeoff")
+    """The folder to write the report into."""
+    axis: tuple[str, ...] = ()
+    """Only these: cover, advances, motion, schedule, max_staleness, rate, budget."""
+    seconds: float = 20.0
+    """Of the scene."""
+    seed: int = 0
+    """Of all motions."""
+    no_plots: Flag = False
+    """Draw no pictures, for which matplotlib is needed (the extra `plot`)."""
+
+    def run(self) -> int:
+        """Measure and write the report."""
+        from armguard.app import tradeoff
+
+        return tradeoff.run(
+            self.cell,
+            person=self.person,
+            robot=self.robot,
+            balls=self.obstacles,
+            out=self.out,
+            axes=self.axis,
+            seconds=self.seconds,
+            seed=self.seed,
+            plots=not self.no_plots,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
 class Robots:
     """List the robots that armguard knows by name.
 
@@ -361,6 +404,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                     | Annotated[Reset, tyro.conf.subcommand("reset")]
                     | Annotated[View, tyro.conf.subcommand("view")]
                     | Annotated[Cover, tyro.conf.subcommand("cover")]
+                    | Annotated[Tradeoff, tyro.conf.subcommand("tradeoff")]
                     | Annotated[Robots, tyro.conf.subcommand("robots")]
                 ],
                 prog="armguard",

@@ -176,6 +176,11 @@ class Cell:
 
     def make_monitor(self, robot: Robot, obstacles: Obstacles) -> Monitor:
         """The monitor, with the file's settings; what the file leaves out is as in `Monitor`."""
+        settings = self.monitor_settings(robot)
+        return self._attempt("", lambda: Monitor(robot, obstacles, **settings))
+
+    def monitor_settings(self, robot: Robot) -> dict[str, Any]:
+        """What the file says of the monitor, as keywords of `Monitor`."""
         tables = self.tables
         settings = {**given(tables.monitor), **given(tables.thresholds)}
         margin = given(tables.bounds).get("margin")
@@ -184,21 +189,13 @@ class Cell:
         if tables.robot.payload is not UNSET:
             settings["payload"] = tables.robot.payload
         base = self.frames["base"]
-        placement = pinocchio.SE3(base.rotation, base.translation)
-        ignore = self._expand_ignore(robot)
-
-        def make() -> Monitor:
-            return Monitor(
-                robot,
-                obstacles,
-                ignore=ignore,
-                base_placement=placement,
-                separation=self._make_rule(),
-                operating=self._make_operating(robot),
-                **settings,
-            )
-
-        return self._attempt("", make)
+        return {
+            **settings,
+            "ignore": self._expand_ignore(robot),
+            "base_placement": pinocchio.SE3(base.rotation, base.translation),
+            "separation": self._attempt("", self._make_rule),
+            "operating": self._make_operating(robot),
+        }
 
     def _list_bounds(
         self, patterns: Mapping[str, str | PatternTable]
