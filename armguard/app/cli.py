@@ -360,6 +360,27 @@ class Tradeoff:
 
 
 @dataclasses.dataclass(frozen=True)
+class Extremes:
+    """Show what armguard does far away from everyday numbers: sound, how tight, or refused.
+
+    Example: armguard extremes --out extremes.md
+    """
+
+    out: Path | None = None
+    """The page to write; without it, it is printed."""
+    seed: int = 0
+    """Of all cases."""
+    small: Flag = False
+    """Leave out what takes long."""
+
+    def run(self) -> int:
+        """Measure all cases; the exit code is 1 if one is unsound."""
+        from armguard.app import extremes
+
+        return extremes.run(self.out, seed=self.seed, is_small=self.small)
+
+
+@dataclasses.dataclass(frozen=True)
 class Robots:
     """List the robots that armguard knows by name.
 
@@ -405,6 +426,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                     | Annotated[View, tyro.conf.subcommand("view")]
                     | Annotated[Cover, tyro.conf.subcommand("cover")]
                     | Annotated[Tradeoff, tyro.conf.subcommand("tradeoff")]
+                    | Annotated[Extremes, tyro.conf.subcommand("extremes")]
                     | Annotated[Robots, tyro.conf.subcommand("robots")]
                 ],
                 prog="armguard",

@@ -29,7 +29,7 @@ def run(tmp_path, *words):
         (["--axis", "colour"], "--axis: 'colour' is no axis; expected some of cover"),
         (["--person", "/no/where.csv"], "/no/where.csv"),
         (["--person", "README.md"], "README.md"),
-        (["--robot", "nobody"], "'nobody' is not known"),
+        (["--robot", "nobody"], "robot 'nobody': is not known"),
         (["--seconds", "0"], "--seconds: is 0"),
         (["--seconds", "nan"], "--seconds: is nan"),
         (["--obstacles", "-1"], "--obstacles: is -1"),

@@ -92,6 +92,7 @@ class Contestant:
             self._prepare()
             self.run(0.5 / self.rate)
             self.memory = tracemalloc.get_traced_memory()[0]
+            self.begun = 0.0
         finally:
             tracemalloc.stop()
 

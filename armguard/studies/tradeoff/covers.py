@@ -12,7 +12,7 @@ from pathlib import Path
 from armguard.cover.cover import Cover
 from armguard.exceptions import CoverError
 from armguard.robot.robot import Robot
-from armguard.studies.tradeoff.ladder import Setting
+from armguard.studies.tradeoff.ladder import Setting, takes_long
 
 
 def cache_directory() -> Path:
@@ -72,6 +72,12 @@ class Covers:
         """
         cover = self._robot.cover
         for rung in setting.rungs:
+            if takes_long(rung, self._robot.cover):
+                raise CoverError(
+                    str(rung),
+                    "would take many minutes to fit",
+                    remedy="`armguard cover --protrusion` makes it, and a cell file names it",
+                )
             if rung.protrusion is not None:
                 if rung.protrusion not in self._fitted:
                     self._fitted[rung.protrusion] = self._fit(self._robot, rung.protrusion)

@@ -10,7 +10,7 @@ import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from armguard.cover.cover import Cover
+from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
 from armguard.exceptions import ArmguardError
 
 DEFAULT, FINEST = "default", "finest"
@@ -82,7 +82,7 @@ def _daa(law: str) -> Rung:
 AXES: dict[str, list[Rung]] = {
     "cover": [
         *(Rung("cover", f"level {level}", level=level) for level in range(4)),
-        *(Rung("cover", f"{mm} mm", protrusion=1e-3 * mm) for mm in (80, 40, 20, 10)),
+        *(Rung("cover", f"{mm} mm", protrusion=1e-3 * mm) for mm in (80, 40, 10)),
     ],
     "advances": _numbers("advances", (1, 2, 4, 16)),
     "motion": [
@@ -103,6 +103,11 @@ AXES: dict[str, list[Rung]] = {
 """By name, what can be chosen instead of the default."""
 
 FULL = AXES["schedule"][0]
+MOST_REFINED = 150
+"""Spheres of an arm whose cover is still fitted more finely: others would take many minutes."""
+
+FINER = ("cover 10 mm", "advances 16")
+"""Rungs of the finest setting, where their axes are asked for."""
 
 
 def check_axes(names: Sequence[str]) -> list[str]:
@@ -137,7 +142,9 @@ def list_settings(axes: Iterable[str], cover: Cover, usual: Mapping[str, Any]) -
             name in usual and usual[name] == value for name, value in rung.monitor.items()
         ))
     ]  # fmt: skip
-    finest = [FULL, *(rung for rung in rungs if rung.value in ("10 mm", "16"))]
+    finest = [
+        FULL, *(rung for rung in rungs if str(rung) in FINER and not takes_long(rung, cover))
+    ]  # fmt: skip
     if "budget" in usual:
         finest.append(Rung("budget", "none", {"budget": None}))
     return [
@@ -145,6 +152,12 @@ def list_settings(axes: Iterable[str], cover: Cover, usual: Mapping[str, Any]) -
         Setting(FINEST, tuple(finest)),
         *(Setting(str(rung), (rung,)) for rung in rungs),
     ]
+
+
+def takes_long(rung: Rung, cover: Cover) -> bool:
+    """Whether to fit what a rung asks for would take many minutes, for an arm with such a cover."""
+    is_finer = rung.protrusion is not None and rung.protrusion < DEFAULT_PROTRUSION
+    return is_finer and sum(len(cover.spheres(link)) for link in cover.links) > MOST_REFINED
 
 
 def combine(rungs: Iterable[Rung]) -> list[Setting]:

@@ -250,7 +250,8 @@ def _write_page(study: Study, about: About, pictures: Sequence[str]) -> str:
     lines += ["", "## Settings", "", LEGEND, "", "Settings with * are on the front.", ""]
     lines.append(f"| {' | '.join(heads)} |")
     lines.append(f"|---|{'---:|' * (len(heads) - 1)}")
-    lines += [f"| {' | '.join(row)} |" for row in rows]
+    for row in rows:
+        lines.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in row)} |")
     lines.append("")
     for name in pictures:
         if name.endswith(".png"):

@@ -66,3 +66,6 @@ def test_settings_choose_among_covers():
     assert asked == [0.01]
     with pytest.raises(CoverError):
         covers.choose(Setting("three", (fine, level._replace(level=7))))
+    large = Covers(Robot.load("ur10"), fit)
+    with pytest.raises(CoverError, match=r"cover 10 mm: would take many minutes.*armguard cover"):
+        large.choose(Setting("two", (fine,)))

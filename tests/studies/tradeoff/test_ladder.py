@@ -1,6 +1,7 @@
 import pytest
 
 from armguard.exceptions import ArmguardError
+from armguard.robot import Robot
 from armguard.studies.tradeoff.ladder import (
     AXES,
     DEFAULT,
@@ -33,6 +34,9 @@ def test_one_axis_at_a_time_around_the_default():
     assert {one.axis for one in settings[2:]} == set(AXES)
     assert settings[1].monitor({}) == {"schedule": "full", "advances": 16}
     assert len({one.name for one in settings}) == len(settings)
+    assert "cover 10 mm" in map(str, settings[1].rungs)
+    _, finest, *_ = list_settings(AXES, Robot.load("ur10").cover, {})
+    assert "cover 10 mm" not in map(str, finest.rungs), "to fit it would take many minutes"
 
 
 def test_levels_beyond_the_tree_and_what_the_default_is_anyway_are_left_out():

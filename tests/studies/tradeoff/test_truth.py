@@ -8,6 +8,7 @@ from support.panda_monitor import HOME, ranged_panda
 from support.tradeoff_cases import make_message
 
 BOUNDS = (10.0, 2.0, 0.0, 0.0)
+SWIFT = (1e5, 2.0, 0.0, 0.0)
 AWAY = np.array([0.5, 0.0, 0.0])
 
 
@@ -65,8 +66,8 @@ def hand():
 
 def test_a_contact_is_found_once_while_it_lasts():
     away = np.array([0.015, 0.0, 0.0])
-    places = [hand() + (20 - k) * away for k in range(40)]
-    (contact,) = contacts(places)
+    places = [hand() + max(20 - k, 0) * away for k in range(40)]
+    (contact,) = contacts(places, bounds=SWIFT)
     assert (contact.body, contact.first_seen, contact.is_beyond) == ("ball", 0.0, False)
     assert 0.05 < contact.time < 0.2
     there = [place for place in places for _ in range(2)]
