@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from armguard.cover.cover import Cover, CoverTree, hash_surface
+from armguard.cover.cover import Cover, CoverTree, Surfaces, hash_surface
+from armguard.robot.links import UrdfLinks
 from armguard.robot.robot import Robot
 
 SIZE = (0.08, 0.06, 0.1)
@@ -21,11 +22,15 @@ OVERLAP = 1.1
 """Radius of the balls of a grid, over what would just fill it."""
 
 
-def make_arm(joints: int) -> Robot:
-    """A chain of equal links, which turn about z and y by turns.
+def make_arm(joints: int, edge: int = 2) -> Robot:
+    """A chain of equal links, which turn about z and y by turns, in covers of edge³ balls a link.
+
+    Args:
+        joints: How many.
+        edge: Balls along each side of a link.
 
     Raises:
-        ArmguardError: No such robot can be made.
+        ArmguardError: No such robot can be made, or the balls do not cover it.
     """
     names = [f"joint{number}" for number in range(joints)]
     parts = ['<link name="base"/>']
@@ -50,18 +55,17 @@ def make_arm(joints: int) -> Robot:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "chain.urdf"
         path.write_text(f'<robot name="chain">{"".join(parts)}</robot>', encoding="utf-8")
-        return Robot.from_urdf(path, limits=limits)
+        cover = Path(folder) / "cover.json"
+        make_grid_cover(UrdfLinks(path), edge).save(cover)
+        return Robot.from_urdf(path, limits=limits, cover=cover)
 
 
-def make_grid_cover(robot: Robot, edge: int) -> Cover:
-    """A cover of edge³ balls a link, below one that holds them all.
+def make_grid_cover(robot: Surfaces, edge: int) -> Cover:
+    """A cover of edge³ balls a link, below one that holds them all; proved by who takes it.
 
     Args:
-        robot: Of `make_arm`.
+        robot: Whose links are boxes of `SIZE`, as those of `make_arm`.
         edge: Balls along each side of a link.
-
-    Raises:
-        CoverError: It does not cover the robot.
     """
     size = np.array(SIZE)
     steps = (np.arange(edge) + 0.5) / edge - 0.5
@@ -76,9 +80,7 @@ def make_grid_cover(robot: Robot, edge: int) -> Cover:
     tree = CoverTree(np.vstack([root, leaves]), first, count)
     if edge == 1:
         tree = CoverTree(leaves, first[:1] * 0, count[:1] * 0)
-    cover = Cover(
+    return Cover(
         dict.fromkeys(robot.links, tree),
         {link: hash_surface(robot.surface(link)) for link in robot.links},
     )
-    cover.prove(robot, f"a grid of {edge}³ balls")
-    return cover

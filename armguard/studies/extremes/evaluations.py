@@ -89,7 +89,7 @@ def make_free(
     second = Course(place, pace * random.normal(size=3), accel, age)
     arguments = {
         "p1": first.position, "v1": first.velocity, "a1": first_accel, "s1": math.inf,
-        "p2": [second.position], "v2": [second.velocity], "a2": accel, "s2": math.inf,
+        "p2": second.position, "v2": second.velocity, "a2": accel, "s2": math.inf,
         "contact_distance": radius, "age1": age, "age2": age,
     }  # fmt: skip
     return Case(arguments, FreePair(first, second, radius))
@@ -101,7 +101,7 @@ def make_head_on(random: np.random.Generator, speed: float) -> Case:
     pace, accel = speed * float(random.uniform(0.0, 1.0)), float(10.0 ** random.uniform(-1.0, 2.0))
     arguments = {
         "p1": [0.0, 0.0, 0.0], "v1": [0.0, 0.0, 0.0], "a1": 0.0, "s1": 0.0,
-        "p2": [[distance, 0.0, 0.0]], "v2": [[-pace, 0.0, 0.0]], "a2": accel, "s2": speed,
+        "p2": [distance, 0.0, 0.0], "v2": [-pace, 0.0, 0.0], "a2": accel, "s2": speed,
         "contact_distance": 0.0, "age1": 0.0, "age2": 0.0,
     }  # fmt: skip
     return Case(arguments, HeadOn(distance, pace, accel, speed))

@@ -9,15 +9,18 @@ Sturm's theorem. Numbers are read as what they are, so there is no rounding to b
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
 Polynomial = list[Fraction]
 """Coefficients, the constant first."""
 
+SHORTEST = Fraction(1, 2**30)
+"""Where the search for a root begins, in [s]; each step goes twice as far."""
+
 STEPS = 45
-"""Halvings of the interval that a root is known to lie in."""
+"""Halvings of the interval that a root is known to lie in: relatively, or of `SHORTEST`."""
 
 
 class Course(NamedTuple):
@@ -65,13 +68,7 @@ class FreePair:
         """
         if not _evaluate(self._gap, Fraction(0)) > 0:
             return 0.0
-        low, high = Fraction(0), Fraction(horizon)
-        if not self._touches(high):
-            return None
-        for _ in range(STEPS):
-            middle = (low + high) / 2
-            low, high = (low, middle) if self._touches(middle) else (middle, high)
-        return float(low)
+        return _bisect(self._touches, horizon)
 
     def _touches(self, end: Fraction) -> bool:
         """Whether there is a root after 0 and up to `end`."""
@@ -92,28 +89,32 @@ class HeadOn(NamedTuple):
     speed: float
     """[m]/[s]."""
 
-    def travel(self, time: float) -> Fraction:
-        """How far it gets, in [m]."""
-        pace, accel, t = Fraction(self.pace), Fraction(self.accel), Fraction(time)
+    def travel(self, t: Fraction) -> Fraction:
+        """How far it gets in a time in [s], in [m]."""
+        pace, accel = Fraction(self.pace), Fraction(self.accel)
         speeding = min(t, (Fraction(self.speed) - pace) / accel)
         return pace * t + accel * speeding * (t - speeding / 2)
 
     def is_apart(self, until: float) -> bool:
         """Whether it does not touch before then, in [s]."""
-        return self.travel(until) <= Fraction(self.distance)
+        return self.travel(Fraction(until)) <= Fraction(self.distance)
 
     def find_contact(self, horizon: float) -> float | None:
         """When it touches, in [s], from below; None if that is beyond the horizon."""
-        low, high = Fraction(0), Fraction(horizon)
-        if self.is_apart(horizon):
+        return _bisect(lambda time: self.travel(time) > Fraction(self.distance), horizon)
+
+
+def _bisect(touches: Callable[[Fraction], bool], horizon: float) -> float | None:
+    """The first time at which something holds from then on, from below; None beyond the horizon."""
+    low, high = Fraction(0), SHORTEST
+    while not touches(high):
+        low, high = high, 2 * high
+        if low > horizon:
             return None
-        for _ in range(STEPS):
-            middle = (low + high) / 2
-            if self.travel(float(middle)) <= Fraction(self.distance):
-                low = middle
-            else:
-                high = middle
-        return float(low)
+    for _ in range(STEPS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if touches(middle) else (middle, high)
+    return float(low)
 
 
 def _move(course: Course, axis: int) -> Polynomial:

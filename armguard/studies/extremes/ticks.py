@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import copy
+import functools
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -15,10 +15,10 @@ from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.robot import Robot
-from armguard.studies.extremes.arms import make_arm, make_grid_cover
+from armguard.studies.extremes.arms import make_arm
 from armguard.studies.extremes.line import REFUSED, SOUND, UNSOUND, Line
 from armguard.studies.tradeoff.adversary import Adversary, Body
-from armguard.verdict import Effect, Verdict
+from armguard.verdict import Effect, ReasonKind, Verdict
 
 TICKS = 12
 """Of a case; the first of them evaluates everything, and is no measure of the price."""
@@ -57,24 +57,7 @@ class Case(NamedTuple):
 
 def list_cases(*, is_small: bool) -> list[Case]:
     """All of them, or those that take no time."""
-    arms: dict[Any, Robot] = {}
-
-    def panda() -> Robot:
-        if "panda" not in arms:
-            arms["panda"] = Robot.load("panda")
-        return arms["panda"]
-
-    def chain(joints: int, edge: int | None = None) -> Callable[[], Robot]:
-        def make() -> Robot:
-            if joints not in arms:
-                arms[joints] = make_arm(joints)
-            arm = copy.copy(arms[joints])
-            if edge is not None:
-                arm.cover = make_grid_cover(arm, edge)
-            return arm
-
-        return make
-
+    panda = functools.cache(lambda: Robot.load("panda"))
     rates = (1.0, 20_000.0) if is_small else (1.0, 10.0, 100.0, 1000.0, 5000.0, 20_000.0)
     counts = (0, 1000) if is_small else (0, 1, 100, 1000, 10_000, 100_000)
     joints = (1, 3) if is_small else (1, 2, 4, 7, 10, 14)
@@ -99,8 +82,10 @@ def list_cases(*, is_small: bool) -> list[Case]:
         Case("age in a tick", "1 h, source_timeout=1e4", panda, silence=3600.0, settings=hour),
         Case("age in a tick", "1 h, of what rests", panda, accel=0.0, speed=0.0, silence=3600.0,
              settings=hour),
-        *(Case("spheres a link", f"{edge**3}", chain(2, edge), near) for edge in edges),
-        *(Case("joints", f"{count}", chain(count), near if count < 5 else (1.6, 0.0, 0.5))
+        *(Case("spheres a link", f"{edge**3}", lambda edge=edge: make_arm(2, edge), near)
+          for edge in edges),
+        *(Case("joints", f"{count}", lambda count=count: make_arm(count),
+               near if count < 5 else (1.6, 0.0, 0.5))
           for count in joints),
     ]  # fmt: skip
 
@@ -159,8 +144,16 @@ def _measure(case: Case, seed: int) -> Line:
         ratios[0] if ratios else math.nan,
         ratios[0] if ratios else math.nan,
         float(np.median(spent[1:])),
-        f"STOP: {standing[0]}" if standing else note,
+        _tell_stop(verdict) if standing else note,
     )
+
+
+def _tell_stop(verdict: Verdict) -> str:
+    """Why it is one, and why rows were refused where they were."""
+    kinds = Effect.STANDING, Effect.LATCHED
+    reasons = [reason for reason in verdict.reasons if reason.kind.effect in kinds][:1]
+    reasons += [one for one in verdict.reasons if one.kind is ReasonKind.OBSTACLE_REFUSED][:1]
+    return "STOP: " + "; ".join(map(str, reasons))
 
 
 def _place_balls(case: Case, random: np.random.Generator) -> Any:
@@ -176,6 +169,8 @@ def _place_balls(case: Case, random: np.random.Generator) -> Any:
 
 def _hunt(case: Case, robot: Robot, base: pinocchio.SE3, q: Any, v: Any, places: Any) -> float:
     """The first contact that an arm and balls at their worst reach, in [s]."""
+    if not (math.isfinite(case.accel) and math.isfinite(case.speed)):
+        return 0.0
     adversary = Adversary(robot, base, robot.velocity_limit, robot.acceleration_limit)
     nearest = places[np.argsort(np.linalg.norm(places, axis=1))[:HUNTERS]]
     found = math.inf
@@ -184,6 +179,5 @@ def _hunt(case: Case, robot: Robot, base: pinocchio.SE3, q: Any, v: Any, places:
         body = Body(
             (place + base.translation)[None], np.zeros(3), case.radius, case.accel, case.speed
         )
-        if math.isfinite(case.accel) and math.isfinite(case.speed):
-            found = min(found, adversary.find_contact(q, v, body))
+        found = min(found, adversary.find_contact(q, v, body))
     return found
