@@ -19,7 +19,7 @@ from armguard.studies.extremes.line import UNSOUND, Line
 from armguard.studies.extremes.report import summarise, write_page
 from armguard.studies.extremes.ticks import measure_ticks
 
-CASES = 100
+CASES = 50
 """Of each line of single evaluations."""
 
 

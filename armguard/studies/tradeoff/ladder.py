@@ -19,7 +19,7 @@ DEFAULT, FINEST = "default", "finest"
 BY_TIME = "by contact time alone"
 """A STOP wherever contact could come before the arm rests, whatever braking would do."""
 
-MOST_COMBINED = 12
+MOST_COMBINED = 8
 """Settings that are combined at most."""
 
 
@@ -88,7 +88,7 @@ AXES: dict[str, list[Rung]] = {
     "motion": [
         Rung("motion", "distance", {"schedule": "distance"}),
         Rung("motion", "isotropic", {"motion": "isotropic"}),
-        Rung("motion", "joint", {"motion": "joint"}, rule=BY_TIME),
+        Rung("motion", "joint by time", {"motion": "joint"}, rule=BY_TIME),
         Rung("motion", "planned", {"motion": "planned"}),
     ],
     "schedule": [

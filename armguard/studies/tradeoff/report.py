@@ -20,7 +20,7 @@ from armguard.exceptions import ArmguardError
 from armguard.studies.tradeoff.figures import Figures
 from armguard.studies.tradeoff.growth import FROM, fit_exponents
 from armguard.studies.tradeoff.ladder import AXES, DEFAULT, FINEST
-from armguard.studies.tradeoff.study import CLOSE, Outcome, Study
+from armguard.studies.tradeoff.study import CHEAPER, CLOSE, Outcome, Study
 
 JSON_FILE, CSV_FILE, PAGE, HTML_FILE = "report.json", "settings.csv", "README.md", "index.html"
 """What is written, beside pictures."""
@@ -66,7 +66,9 @@ LEGEND = (
     "that keeps to each verdict's speed scale. “Late” is how long after the finest setting's STOP "
     "this one says STOP. “Missed” are contacts of the true surface that came sooner than was said, "
     "or without a STOP in time, those with bodies aside that broke their stated bounds. All "
-    "settings judge the same states, of an arm that goes on whatever is said."
+    "settings judge the same states, of an arm that goes on whatever is said. “Joint by time” is "
+    "the default without its stop decision: a STOP wherever contact could come before the arm "
+    "rests; no monitor does that, and it is left out of what is recommended."
 )
 
 
@@ -114,7 +116,7 @@ def summarise(study: Study) -> list[str]:
     better = [
         one.setting.name
         for one in offered
-        if _figures(one).core < usual.core and _figures(one).stop <= usual.stop
+        if _figures(one).core < CHEAPER * usual.core and _figures(one).stop <= usual.stop
     ]
     place = (
         "Nothing here is both cheaper and no more cautious."

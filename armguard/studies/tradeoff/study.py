@@ -35,6 +35,9 @@ TURN = 0.1
 CLOSE = 0.01
 """Shares of STOP that differ by no more count as the same."""
 
+CHEAPER = 0.95
+"""Of a price, what is cheaper by more than the measurement scatters."""
+
 MOMENTS, HUNTERS = 12, 2
 """At which an adversary is let loose, and how many bodies of those that are nearest hunt."""
 
@@ -201,7 +204,7 @@ def _choose_rungs(outcomes: Sequence[Outcome]) -> list[Rung]:
         figures, axis = one.figures, one.setting.axis
         if not axis or figures is None or usual is None or not _is_sound(one):
             continue
-        is_better = figures.core < usual.core and figures.stop <= usual.stop + CLOSE
+        is_better = figures.core < CHEAPER * usual.core and figures.stop <= usual.stop + CLOSE
         # A rule that the monitor does not have cannot be chosen.
         if is_better and not one.setting.rule and figures.core < best.get(axis, (np.inf,))[0]:
             best[axis] = figures.core, one.setting.rungs[0]

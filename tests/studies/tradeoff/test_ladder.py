@@ -46,7 +46,7 @@ def test_levels_beyond_the_tree_and_what_the_default_is_anyway_are_left_out():
     assert "rate 500 Hz" not in names(["rate"], rate=500.0)
     assert "motion planned" not in names(["motion"], motion="planned")
     # A rule of its own is a setting of its own, whatever the monitor's settings are.
-    assert "motion joint" in names(["motion"], motion="joint")
+    assert "motion joint by time" in names(["motion"], motion="joint")
 
 
 def test_the_finest_has_no_budget():
