@@ -183,16 +183,16 @@ def _run_turns(contestants: Sequence[Contestant], scene: Scene, part: str, tell:
     turns = max(1, round(scene.seconds / TURN))
     try:
         for turn in range(turns):
+            until = (turn + 1) * TURN if turn + 1 < turns else scene.seconds
+            gc.collect()
+            gc.disable()
             for number, one in enumerate(contestants):
-                gc.collect()
-                gc.disable()
-                try:
-                    one.run((turn + 1) * TURN if turn + 1 < turns else scene.seconds)
-                finally:
-                    gc.enable()
+                one.run(until)
                 tell(f"{part}: {one.setting.name}", (turn + number / len(contestants)) / turns)
     except KeyboardInterrupt:
         return part
+    finally:
+        gc.enable()
     return ""
 
 
