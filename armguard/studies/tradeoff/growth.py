@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -37,19 +37,16 @@ class Grown(NamedTuple):
     """Share of pairs that `daa` watches out of turn."""
 
 
-def measure_growth(site: Site, seed: int, is_over: Callable[[], bool]) -> Iterator[Grown]:
+def measure_growth(site: Site, seed: int) -> Iterator[Grown]:
     """Ticks among more and more balls that mill about, for each schedule.
 
     Args:
         site: Where, and by what arm.
         seed: Of all motions.
-        is_over: Asked between two sizes.
     """
     for count in COUNTS:
         scene, _ = make_scene(site, None, count, SECONDS, seed)
         for setting in _settings():
-            if is_over():
-                return
             try:
                 contestant = Contestant(setting, site, scene, site.robot.cover)
             except ArmguardError:

@@ -84,7 +84,7 @@ def run_study(
     Args:
         site: Where, and by what arm.
         scene: What all are shown.
-        axes: Of the ladder.
+        axes: Of the ladder; growth with pairs is measured where schedules are among them.
         seed: Of the motions in which growth is measured.
         covers: Makes those that settings ask for.
         tell: Is told how far it is.
@@ -132,9 +132,9 @@ def run_study(
             interrupted = _run_turns(combined, scene, interrupted, tell)
             if not interrupted:
                 add(combined)
-        if not interrupted:
+        if not interrupted and "schedule" in axes:
             interrupted = "growth"
-            for one in measure_growth(site, seed, lambda: False):
+            for one in measure_growth(site, seed):
                 grown.append(one)
                 tell(f"growth: {one.pairs:,} pairs", 0.0)
             interrupted = ""

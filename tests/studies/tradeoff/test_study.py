@@ -14,7 +14,7 @@ def _quick(monkeypatch):
     monkeypatch.setattr(growth, "SECONDS", 0.02)
 
 
-def study(tell=lambda text, share: None, axes=("budget",), **settings):
+def study(tell=lambda text, share: None, axes=("schedule", "budget"), **settings):
     site = make_site(**{"rate": 100.0} | settings)
     return run_study(site, small_scene(0.4), axes, 0, Covers(site.robot), tell)
 
@@ -48,6 +48,7 @@ def test_all_settings_see_the_same_and_the_finest_is_the_measure():
     assert set(found.front) <= set(names)
     assert len(found.hunted) == 12
     assert {one.schedule for one in found.grown} >= {"deadline", "full"}
+    assert study(axes=("advances",)).grown == []
     assert all(0.0 <= share <= 1.0 for share in told)
     assert all(one.figures.tight_adversary <= 1.0 for one in found.outcomes)
 
