@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -41,31 +42,18 @@ def measure_evaluations(cases: int, seed: int) -> Iterator[Line]:
 
 def _list_groups() -> Iterator[tuple[str, str, Callable[[np.random.Generator], Case]]]:
     for decade in DECADES:
-        yield (
-            "acceleration of a body",
-            f"1e{decade} m/s²",
-            lambda random, a=10.0**decade: make_free(random, accel=a),
-        )
+        make = functools.partial(make_free, accel=10.0**decade)
+        yield "acceleration of a body", f"1e{decade} m/s²", make
     for decade in DECADES:
-        yield (
-            "speed bound of a body",
-            f"1e{decade} m/s",
-            lambda random, s=10.0**decade: make_head_on(random, s),
-        )
+        make = functools.partial(make_head_on, speed=10.0**decade)
+        yield "speed bound of a body", f"1e{decade} m/s", make
     for radius in (1e-6, 1e-3, 0.1, 10.0):
-        yield "radius", f"{radius:g} m", lambda random, r=radius: make_free(random, radius=r)
+        yield "radius", f"{radius:g} m", functools.partial(make_free, radius=radius)
     for away in (0.0, 1e3, 1e6):
-        yield (
-            "distance of both from the origin",
-            f"{away:g} m",
-            lambda random, d=away: make_free(random, away=d),
-        )
+        make = functools.partial(make_free, away=away)
+        yield "distance of both from the origin", f"{away:g} m", make
     for age in (0.0, 1.0, 60.0, 3600.0):
-        yield (
-            "age of a state",
-            f"{age:g} s",
-            lambda random, old=age: make_free(random, age=old),
-        )
+        yield "age of a state", f"{age:g} s", functools.partial(make_free, age=age)
 
 
 def make_free(
@@ -117,7 +105,9 @@ def _measure(group: str, name: str, cases: list[Case]) -> Line:
         contact = case.exact.find_contact(LATEST)
         if contact is not None and contact > 0.0:
             ratios.append(contact_time / contact)
-    many = {key: np.repeat(values, REPEATS, axis=0) for key, values in stacked.items()}
+    many: dict[str, Any] = {
+        key: np.repeat(values, REPEATS, axis=0) for key, values in stacked.items()
+    }
     begin = time.thread_time()
     earliest_contact_pair(**many)
     price = 1e6 * (time.thread_time() - begin) / (REPEATS * len(cases))

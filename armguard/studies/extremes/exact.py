@@ -13,6 +13,8 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
+from armguard.jit.arrays import FloatArray
+
 Polynomial = list[Fraction]
 """Coefficients, the constant first."""
 
@@ -26,9 +28,9 @@ STEPS = 45
 class Course(NamedTuple):
     """A body at its stamp, and what it can do."""
 
-    position: Sequence[float]
+    position: Sequence[float] | FloatArray
     """[m]. Three."""
-    velocity: Sequence[float]
+    velocity: Sequence[float] | FloatArray
     """[m]/[s]. Three."""
     accel: float
     """[m]/[s²]."""

@@ -167,8 +167,10 @@ def make_scene(
         sources.append(ProceduralPerson(seed, visit))
         told.append("a simulated person")
     if balls:
-        box = {"lower": (-HALL, -HALL, 0.0), "upper": (HALL, HALL, 2.0)}
-        crowd = WanderingBalls(balls, seed, radius=BALL, clearance=CLEARANCE, **box)
+        lower, upper = (-HALL, -HALL, 0.0), (HALL, HALL, 2.0)
+        crowd = WanderingBalls(
+            balls, seed, radius=BALL, lower=lower, upper=upper, clearance=CLEARANCE
+        )
         sources.append(crowd)
         told.append(f"{balls:,} balls from {CLEARANCE:g} m on")
     return Scene(site, sources, seconds, seed, begin), " and ".join(told)
