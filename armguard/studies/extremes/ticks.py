@@ -35,8 +35,8 @@ class Case(NamedTuple):
     robot: Callable[[], Robot]
     place: tuple[float, float, float] = (1.3, 0.0, 0.5)
     """Of the first ball, relative to the arm's base, in [m]."""
-    count: int = 1
-    """Of balls; the others are farther away."""
+    balls: int = 1
+    """How many; the others are farther away."""
     radius: float = 0.1
     """[m]."""
     accel: float = 10.0
@@ -66,7 +66,7 @@ def list_cases(*, is_small: bool) -> list[Case]:
     near = (0.6, 0.0, 0.3)
     return [
         *(Case("rate", f"{rate:g} Hz", panda, settings={"rate": rate}) for rate in rates),
-        *(Case("obstacles", f"{count:,}", panda, count=count) for count in counts),
+        *(Case("obstacles", f"{count:,}", panda, balls=count) for count in counts),
         *(Case("radius in a tick", f"{radius:g} m", panda, (1.2 + radius, 0.0, 0.5), radius=radius)
           for radius in (1e-6, 1e-3, 10.0)),
         *(Case("bounds in a tick", f"1e{k} m/s², 1e{k} m/s", panda, accel=10.0**k, speed=10.0**k)
@@ -82,9 +82,9 @@ def list_cases(*, is_small: bool) -> list[Case]:
         Case("age in a tick", "1 h, source_timeout=1e4", panda, silence=3600.0, settings=hour),
         Case("age in a tick", "1 h, of what rests", panda, accel=0.0, speed=0.0, silence=3600.0,
              settings=hour),
-        *(Case("spheres a link", f"{edge**3}", lambda edge=edge: make_arm(2, edge), near)
+        *(Case("spheres a link", f"{edge**3}", functools.partial(make_arm, 2, edge), near)
           for edge in edges),
-        *(Case("joints", f"{count}", lambda count=count: make_arm(count),
+        *(Case("joints", f"{count}", functools.partial(make_arm, count),
                near if count < 5 else (1.6, 0.0, 0.5))
           for count in joints),
     ]  # fmt: skip
@@ -106,7 +106,7 @@ def _measure(case: Case, seed: int) -> Line:
     monitor = Monitor(robot, obstacles, base_placement=base, **case.settings)
     period, width = monitor.period, len(robot.joints)
     places = _place_balls(case, random)
-    ids = [f"ball-{number}" for number in range(case.count)]
+    ids = [f"ball-{number}" for number in range(case.balls)]
     middle = 0.5 * (
         np.maximum(robot.lower_position_limit, -2.0) + np.minimum(robot.upper_position_limit, 2.0)
     )
@@ -134,9 +134,9 @@ def _measure(case: Case, seed: int) -> Line:
     if math.isfinite(found) and found > 0.0:
         ratios.append(verdict.contact_time / found)
     standing = [reason for reason in verdict.reasons if reason.kind.effect is not Effect.NOTE]
-    note = f"first tick {spent[0]:,.0f} µs" if case.count > 1 else "against an adversary"
+    note = f"first tick {spent[0]:,.0f} µs" if case.balls > 1 else "against an adversary"
     if not math.isfinite(found):
-        note = "no contact within a second" if case.count else "nothing is there"
+        note = "no contact within a second" if case.balls else "nothing is there"
     return Line(
         case.group,
         case.name,
@@ -158,11 +158,11 @@ def _tell_stop(verdict: Verdict) -> str:
 
 def _place_balls(case: Case, random: np.random.Generator) -> Any:
     """Relative to the arm's base, in [m]. Shape (n, 3)."""
-    if not case.count:
+    if not case.balls:
         return np.empty((0, 3))
-    directions = random.normal(size=(case.count, 3))
+    directions = random.normal(size=(case.balls, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    places = directions * random.uniform(3.0, 50.0, (case.count, 1))
+    places = directions * random.uniform(3.0, 50.0, (case.balls, 1))
     places[0] = case.place
     return places
 

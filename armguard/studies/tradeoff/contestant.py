@@ -56,7 +56,7 @@ class Track(NamedTuple):
     def until(self, end: float) -> Track:
         """The ticks before a time in [s]."""
         count = int(np.searchsorted(self.time, end - 1e-9))
-        return Track(*(field[:count] for field in self))
+        return Track._make(field[:count] for field in self)
 
 
 class Contestant:
