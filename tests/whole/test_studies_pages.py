@@ -18,7 +18,7 @@ def read(folder):
 
 
 def test_there_are_reports():
-    assert {path.name for path in REPORTS} >= {"panda", "near-1000"}
+    assert {path.name for path in REPORTS} >= {"panda", "ur10", "near-1000"}
 
 
 @pytest.mark.parametrize("folder", REPORTS, ids=lambda path: path.name)
