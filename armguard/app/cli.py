@@ -430,6 +430,70 @@ class Faults:
 
 
 @dataclasses.dataclass(frozen=True)
+class Tradeoff:
+    """Measure what accuracy costs: one scene through all settings, and a report to choose by.
+
+    Example: armguard tradeoff --robot ur10 --seconds 10 --axis cover motion --out tradeoff
+    """
+
+    cell: Annotated[Path | None, tyro.conf.Positional] = None
+    """A cell file, whose settings are the default; without it, a robot by itself."""
+    person: Path | None = None
+    """A Vicon CSV recording of a person; without it, a simulated one."""
+    robot: str | None = None
+    """A robot that armguard knows; without it, Panda."""
+    obstacles: int = 0
+    """How many balls wander about the arm; without a recording, instead of the person."""
+    out: Path = Path("tradeoff")
+    """The folder to write the report into."""
+    axis: tuple[str, ...] = ()
+    """Only these: cover, advances, motion, schedule, max_staleness, rate, budget."""
+    seconds: float = 20.0
+    """Of the scene."""
+    seed: int = 0
+    """Of all motions."""
+    no_plots: Flag = False
+    """Draw no pictures, for which matplotlib is needed (the extra `plot`)."""
+
+    def run(self) -> int:
+        """Measure and write the report."""
+        from armguard.app import tradeoff
+
+        return tradeoff.run(
+            self.cell,
+            person=self.person,
+            robot=self.robot,
+            balls=self.obstacles,
+            out=self.out,
+            axes=self.axis,
+            seconds=self.seconds,
+            seed=self.seed,
+            plots=not self.no_plots,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Extremes:
+    """Show what armguard does far away from everyday numbers: sound, how tight, or refused.
+
+    Example: armguard extremes --out extremes.md
+    """
+
+    out: Path | None = None
+    """The page to write; without it, it is printed."""
+    seed: int = 0
+    """Of all cases."""
+    small: Flag = False
+    """Leave out what takes long."""
+
+    def run(self) -> int:
+        """Measure all cases; the exit code is 1 if one is unsound."""
+        from armguard.app import extremes
+
+        return extremes.run(self.out, seed=self.seed, is_small=self.small)
+
+
+@dataclasses.dataclass(frozen=True)
 class Robots:
     """List the robots that armguard knows by name.
 
@@ -478,6 +542,8 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                     | Annotated[Show, tyro.conf.subcommand("show")]
                     | Annotated[Cover, tyro.conf.subcommand("cover")]
                     | Annotated[Faults, tyro.conf.subcommand("faults")]
+                    | Annotated[Tradeoff, tyro.conf.subcommand("tradeoff")]
+                    | Annotated[Extremes, tyro.conf.subcommand("extremes")]
                     | Annotated[Robots, tyro.conf.subcommand("robots")]
                 ],
                 prog="armguard",

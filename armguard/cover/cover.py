@@ -149,6 +149,39 @@ class Cover:
         ]
         return chosen
 
+    def cut(self, level: int) -> Cover:
+        """The same cover without what lies below a level: fewer spheres, and larger ones.
+
+        What a ball of that level owns of the surface is inside it, whether or not it is refined, so
+        what is left is a cover too; its proof is the whole one's.
+
+        Args:
+            level: From 0, one ball a link; links that have fewer levels keep all of theirs.
+
+        Raises:
+            CoverError: No link has such a level.
+        """
+        deepest = max(self.levels(link) for link in self.links)
+        if isinstance(level, bool) or not isinstance(level, int) or not 0 <= level < deepest:
+            raise CoverError("level", f"is {level!r}", expected=f"0 to {deepest - 1}")
+        trees = {link: _cut_tree(self.tree(link), level) for link in self.links}
+        return Cover(trees, self._geometry)
+
+    def prove(self, robot: Surfaces, name: str) -> None:
+        """Make sure that this cover was made for this geometry, and contains it.
+
+        Args:
+            robot: Whose links it is to cover.
+            name: Of the cover, in errors.
+
+        Raises:
+            CoverError: It was made for other geometry, or does not contain it.
+        """
+        self.verify(robot)
+        for link, report in self.check(robot).links.items():
+            if not report.proved:
+                raise CoverError(f"link {link!r}", f"is not inside its spheres in {name}")
+
     def check(self, robot: Surfaces) -> CoverReport:
         """Prove for every link that all of its surface is inside its spheres.
 
@@ -309,6 +342,17 @@ def _check_tree(link: str, tree: CoverTree) -> None:
         following += children
     if following != count:
         raise CoverError(offender, "has spheres that belong to no parent")
+
+
+def _cut_tree(tree: CoverTree, level: int) -> CoverTree:
+    depths = _compute_depths(tree)
+    kept = int(np.count_nonzero(depths <= level))  # breadth first: they stand in front
+    is_leaf = depths[:kept] == level
+    return CoverTree(
+        tree.spheres[:kept],
+        np.where(is_leaf, 0, tree.first_child[:kept]),
+        np.where(is_leaf, 0, tree.child_count[:kept]),
+    )
 
 
 def _compute_depths(tree: CoverTree) -> NDArray[np.int64]:

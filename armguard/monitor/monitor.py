@@ -43,7 +43,7 @@ from armguard.monitor.queries import Queries
 from armguard.monitor.reports import PairReport, Snapshot
 from armguard.monitor.settings import make_scheduler, read_number, read_settings
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs.arm import IgnoredPairs
+from armguard.pairs.arm import ADVANCES, IgnoredPairs
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
@@ -101,6 +101,8 @@ class Monitor:
             deadline is a STOP. Each question of the stop decision may spend as many; where they do
             not suffice, the answer is the cautious one, and a reason says so. For "deadline" only;
             default: no limit.
+        advances: Steps of conservative advancement in an evaluation, from 1; any number is safe,
+            and fewer are cheaper and find contact times that are too short for some pairs.
         base_placement: Of the robot's base in the world; default at the origin.
         operating: What the controller keeps to while the arm works, enforced by it and tested here
             at every joint state; "published": what the robot's description has from published
@@ -142,6 +144,7 @@ class Monitor:
         margin: float = 0.0,
         max_staleness: float = 0.25,
         budget: int | None = None,
+        advances: int = ADVANCES,
         base_placement: pinocchio.SE3 | None = None,
         operating: OperatingLimits | str | None = None,
         payload: float | None = None,
@@ -161,6 +164,7 @@ class Monitor:
             joint_timeout=joint_timeout,
             max_staleness=max_staleness,
             budget=budget,
+            advances=advances,
             base_placement=base_placement,
             operating=operating,
             payload=payload,

@@ -12,7 +12,7 @@ from armguard.bounds.arm import MOTIONS, PLANNED
 from armguard.bounds.operating_history import OperatingHistory
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs.arm import IgnoredPairs, WatchedArm
+from armguard.pairs.arm import ADVANCES, IgnoredPairs, WatchedArm
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, read_operating
@@ -30,6 +30,9 @@ LEAVES = ("never", "any")
 
 MOST_EVALUATIONS = 2**62
 """A budget that nothing exceeds."""
+
+MOST_ADVANCES = 100
+"""More steps of conservative advancement than any pair was seen to take."""
 
 
 class MonitorSettings(NamedTuple):
@@ -59,6 +62,7 @@ class MonitorSettings(NamedTuple):
     max_staleness: float
     budget: int | None
     base_placement: pinocchio.SE3
+    advances: int = ADVANCES
     operating: OperatingLimits | None = None
     """What the controller keeps to; None: the robot's limits."""
     payload: float = 0.0
@@ -98,6 +102,7 @@ def read_settings(
     max_staleness: float,
     budget: int | None,
     base_placement: pinocchio.SE3 | None,
+    advances: object = ADVANCES,
     operating: object = None,
     payload: object = None,
     **amounts: float,
@@ -166,6 +171,7 @@ def read_settings(
         max_staleness=float(max_staleness),
         budget=_read_budget(budget, by_deadline=by_deadline),
         base_placement=base_placement or pinocchio.SE3.Identity(),
+        advances=_read_advances(advances),
         operating=read_operating(robot, operating),
         payload=robot.brakes.check_payload(payload),
         **numbers,
@@ -211,6 +217,14 @@ def _read_budget(budget: object, *, by_deadline: bool) -> int | None:
     return min(int(budget), MOST_EVALUATIONS)
 
 
+def _read_advances(advances: object) -> int:
+    if isinstance(advances, bool) or not isinstance(advances, (int, np.integer)):
+        raise ArmguardError("advances", f"is {advances!r}", expected="a whole number")
+    if not 1 <= advances <= MOST_ADVANCES:
+        raise ArmguardError("advances", f"is {advances}", expected=f"1 to {MOST_ADVANCES}")
+    return int(advances)
+
+
 def make_scheduler(
     robot: Robot,
     obstacles: Obstacles,
@@ -245,6 +259,7 @@ def make_scheduler(
             with_plans=settings.motion == PLANNED,
             by_distance=schedule is not None and schedule.measure == "distance",
             in_force=in_force,
+            advances=settings.advances,
         )
 
     if schedule is not None:

@@ -27,7 +27,8 @@ from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 
 ADVANCES = 8
-"""Steps of conservative advancement per evaluation; nearly every pair has converged by then."""
+"""Steps of conservative advancement per evaluation, unless the user says otherwise; nearly every
+pair has converged by then."""
 
 
 class WatchedArm:
@@ -44,6 +45,7 @@ class WatchedArm:
         with_plans: Whether plans are judged.
         by_distance: Whether pairs are ranked by distance over closing speed.
         in_force: What joints keep to while the arm works, shared; None: the robot's limits.
+        advances: Steps of conservative advancement per evaluation.
 
     Attributes:
         links: Names of the links, as of the revision below.
@@ -63,6 +65,7 @@ class WatchedArm:
         with_plans: bool,
         by_distance: bool,
         in_force: LimitsInForce | None = None,
+        advances: int = ADVANCES,
     ) -> None:
         # What is attached meanwhile, in another thread, does not reach the copy.
         robot = copy.copy(robot)
@@ -84,7 +87,7 @@ class WatchedArm:
             self.motion,
             obstacles,
             margin=margin,
-            advances=ADVANCES,
+            advances=advances,
             by_distance=by_distance,
         )
         ignored.follow(robot)

@@ -14,6 +14,7 @@ from armguard.monitor.monitor import Monitor
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
+from armguard.pairs.arm import ADVANCES
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.portable import read_numbers, write_number, write_numbers
@@ -38,6 +39,7 @@ _PLAIN = (
 """Settings of a monitor that are one number each."""
 
 _WORDS = ("motion", "stop", "leave")
+_WHOLE = ("budget", "advances")
 
 
 def describe_settings(monitor: Monitor) -> dict[str, Any]:
@@ -55,6 +57,7 @@ def describe_settings(monitor: Monitor) -> dict[str, Any]:
             "schedule": _describe_schedule(settings.schedule),
             "budget": settings.budget,
             "path_deceleration": settings.path_deceleration,
+            "advances": settings.advances,
             "ignore": [list(entry) for entry in settings.ignore],
             "certify": bool(settings.certify),
             "base_placement": {
@@ -146,6 +149,7 @@ def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) ->
         else DaaSchedule(float(schedule["period"]), schedule["law"], schedule["sort"]),
         budget=data["budget"],
         path_deceleration=data["path_deceleration"],
+        advances=data.get("advances", ADVANCES),  # recordings of earlier versions know none
         ignore=[tuple(entry) for entry in data["ignore"]],
         certify=bool(data["certify"]),
         base_placement=pinocchio.SE3(
@@ -175,14 +179,14 @@ def change_settings(data: dict[str, Any], changes: Mapping[str, str], robot: Rob
     Raises:
         ArmguardError: There is no such setting, or its value is not of its kind.
     """
-    known = [*_PLAIN, *_WORDS, "schedule", "budget", "operating", "operating.velocity"]
+    known = [*_PLAIN, *_WORDS, "schedule", *_WHOLE, "operating", "operating.velocity"]
     known += ["operating.acceleration", "bounds.speed", "bounds.accel"]
     for name, text in changes.items():
         if name in _WORDS or name == "schedule":
             data["monitor"][name] = text
         elif name in _PLAIN:
             data["monitor"][name] = _read_number(name, text)
-        elif name == "budget":
+        elif name in _WHOLE:
             number = _read_number(name, text)
             if not number.is_integer():
                 raise ArmguardError(name, f"is {text!r}", expected="a whole number")

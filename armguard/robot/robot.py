@@ -18,7 +18,7 @@ import pinocchio
 from numpy.typing import ArrayLike
 
 from armguard.cover.cover import Cover
-from armguard.exceptions import CoverError, RobotError
+from armguard.exceptions import RobotError
 from armguard.jit.arrays import FloatArray
 from armguard.robot.attachments import AttachedBody
 from armguard.robot.brakes import Brakes
@@ -137,20 +137,33 @@ class Robot:
         self._bodies = _Bodies(dict(sorted(links.items(), key=lambda item: item[1].joint)), 0)
 
     @classmethod
-    def load(cls, name: str) -> Robot:
+    def load(cls, name: str, *, cover: str | Path | None = None, level: int | None = None) -> Robot:
         """Load a robot that armguard knows, with the cover that was proved for it.
+
+        Args:
+            name: One of those that `armguard robots` lists.
+            cover: A file that `Cover.save` or `armguard cover` wrote, in place of the robot's own;
+                it is proved again.
+            level: Of the cover's tree, the finest to be used, from 0, one ball a link; fewer
+                spheres are cheaper, and more cautious. None: all levels.
 
         Raises:
             RobotError: There is no such robot, or its files are unusable.
-            CoverError: Its cover is damaged, or was made for other geometry.
+            CoverError: Its cover is damaged, was made for other geometry, does not cover it, or has
+                no such level.
         """
         directory = find_robot(name)
         description = read_description(directory / "robot.toml")
         path, packages = find_example_urdf(description.urdf)
         urdf = read_urdf(path, [packages], description.travelling)
         robot = cls(name, urdf, description, list(description.joints))
-        robot.cover = Cover.load(directory / "cover.json")
-        robot.cover.verify(robot)
+        if cover is None:
+            own = Cover.load(directory / "cover.json")
+            own.verify(robot)
+        else:
+            own = Cover.load(cover)
+            own.prove(robot, str(cover))
+        robot.cover = own if level is None else own.cut(level)
         return robot
 
     @classmethod
@@ -162,6 +175,7 @@ class Robot:
         joints: Sequence[str] | None = None,
         package_dirs: Sequence[str | Path] = (),
         cover: str | Path | None = None,
+        level: int | None = None,
     ) -> Robot:
         """Load a robot from files of your own.
 
@@ -172,23 +186,22 @@ class Robot:
             package_dirs: Folders in which `package://` mesh names are looked up.
             cover: A file that `Cover.save` wrote, which is proved again; None: one is fitted,
                 which takes seconds a link.
+            level: Of the cover's tree, as `load` takes it.
 
         Raises:
             RobotError: A joint, a limit or a mesh is missing or unusable; the message names it.
-            CoverError: The cover is for other geometry, or does not cover it.
+            CoverError: The cover is for other geometry, does not cover it, or has no such level.
         """
         description = read_description(limits)
         urdf = read_urdf(path, package_dirs, description.travelling)
         watched = list(description.joints) if joints is None else list(joints)
         robot = cls(Path(path).stem, urdf, description, watched)
         if cover is None:
-            robot.cover = Cover.fit(robot)
-            return robot
-        robot.cover = Cover.load(cover)
-        robot.cover.verify(robot)
-        for link, report in robot.cover.check(robot).links.items():
-            if not report.proved:
-                raise CoverError(f"link {link!r}", f"is not inside its spheres in {cover}")
+            whole = Cover.fit(robot)
+        else:
+            whole = Cover.load(cover)
+            whole.prove(robot, str(cover))
+        robot.cover = whole if level is None else whole.cut(level)
         return robot
 
     @property

@@ -1,1 +1,1 @@
-"""What armguard costs, buys and withstands, measured by commands that anybody can run again."""
+"""Studies: what armguard's accuracy costs, what it does at the extremes, what faults do to it."""

@@ -220,3 +220,20 @@ def test_a_cover_never_serves_another_mesh(panda):
 def test_rounding_of_another_machine_does_not_change_the_digest(panda):
     triangles = panda.triangles("panda_link3")
     assert hash_surface(triangles * (1.0 + 2.0**-52)) == hash_surface(triangles)
+
+
+@pytest.mark.parametrize("level", range(4))
+def test_what_is_left_above_a_level_is_a_cover_of_that_level(panda, level):
+    cover = panda.cover.cut(level)
+    for link in panda.links:
+        kept = min(level, panda.cover.levels(link) - 1)
+        np.testing.assert_array_equal(cover.spheres(link), panda.cover.spheres(link, kept))
+        assert cover.levels(link) == kept + 1
+        assert is_contained(panda.surface(link), cover.tree(link))
+    cover.verify(panda)
+
+
+@pytest.mark.parametrize("level", [-1, 4, True, 1.0, None])
+def test_a_level_that_no_link_has_is_refused(panda, level):
+    with pytest.raises(CoverError, match=r"level: is .*expected 0 to 3"):
+        panda.cover.cut(level)

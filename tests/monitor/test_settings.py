@@ -114,6 +114,14 @@ def test_joint_bounds_are_left_out_where_they_are_not_wanted():
     assert settings(schedule=own).schedule is own
 
 
+@pytest.mark.parametrize("value", [0, -1, 101, 1.0, True, None, "8", math.nan])
+def test_advances_are_a_whole_number_that_does_something(value):
+    with pytest.raises(ArmguardError, match=r"advances: is .*expected (1 to 100|a whole number)"):
+        settings(advances=value)
+    assert settings(advances=np.int64(3)).advances == 3
+    assert settings().advances == 8
+
+
 @pytest.mark.parametrize("name", [*AMOUNTS, "margin", "joint_timeout"])
 def test_durations_and_lengths_are_finite_and_not_negative(name):
     for value in (0, 0.0, 5, 1e300, np.float64(0.1)):

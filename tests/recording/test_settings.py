@@ -64,10 +64,15 @@ def change(**changes):
 
 def test_settings_are_changed_by_name():
     robot, data = change(
-        latency="0.01", operating__velocity="0.3", bounds__speed="inf", budget="500", stop="joints"
+        latency="0.01",
+        operating__velocity="0.3",
+        bounds__speed="inf",
+        budget="500",
+        stop="joints",
+        advances="3",
     )
     assert data["monitor"]["latency"] == 0.01
-    assert data["monitor"]["budget"] == 500
+    assert (data["monitor"]["budget"], data["monitor"]["advances"]) == (500, 3)
     assert data["monitor"]["operating"]["acceleration"] is None
     assert np.allclose(data["monitor"]["operating"]["velocity"], 0.3 * robot.velocity_limit)
     assert data["obstacles"]["speed"] == math.inf
@@ -85,6 +90,7 @@ def test_settings_are_changed_by_name():
         ({"latency": "soon"}, "latency: is 'soon'; expected a number"),
         ({"latency": "nan"}, "latency: is 'nan'"),
         ({"budget": "1.5"}, "budget: is '1.5'"),
+        ({"advances": "1.5"}, "advances: is '1.5'"),
         ({"budget": "inf"}, "budget: is 'inf'"),
         ({"operating": "fast"}, "operating: is 'fast'"),
         ({"operating__velocity": "3"}, "operating velocity: is the fraction 3"),

@@ -95,3 +95,31 @@ def test_a_supplied_cover_is_proved_again(tmp_path):
     stale.save(tmp_path / "cover.json")
     with pytest.raises(CoverError, match=r"'upper'.*is not inside its spheres"):
         Robot.from_urdf(path, limits=limits, cover=tmp_path / "cover.json")
+
+
+def test_another_cover_of_a_known_robot_is_proved_again(panda, tmp_path):
+    file = tmp_path / "cover.json"
+    panda.cover.cut(2).save(file)
+    robot = Robot.load("panda", cover=file)
+    for link in panda.links:
+        level = min(2, panda.cover.levels(link) - 1)
+        np.testing.assert_array_equal(robot.cover.spheres(link), panda.cover.spheres(link, level))
+    trees = {link: panda.cover.tree(link) for link in panda.links}
+    shrunk = trees["panda_hand"].spheres - [0.0, 0.0, 0.0, 1e-3]
+    trees["panda_hand"] = trees["panda_hand"]._replace(spheres=shrunk)
+    Cover(trees, {link: panda.cover.digest(link) for link in trees}).save(file)
+    with pytest.raises(CoverError, match=r"'panda_hand'.*is not inside its spheres in .*json"):
+        Robot.load("panda", cover=file)
+    with pytest.raises(CoverError, match="cover"):
+        Robot.load("ur5", cover=file)
+
+
+def test_a_level_ends_the_tree(panda, tmp_path):
+    robot = Robot.load("panda", level=0)
+    assert [robot.cover.levels(link) for link in robot.links] == [1] * len(robot.links)
+    assert robot.cover.check(robot).proved
+    with pytest.raises(CoverError, match="level: is 4; expected 0 to 3"):
+        Robot.load("panda", level=4)
+    path, limits = two_links(tmp_path), limits_for("shoulder")
+    coarse = Robot.from_urdf(path, limits=limits, level=0)
+    assert len(coarse.cover.spheres("upper")) == 1

@@ -35,8 +35,8 @@ ROOMS = {
     "recording": "monitor scheduling pairs bounds robot obstacles contact jit verdict",
     "people": "obstacles",
     "simulation": "robot",
-    "studies": "recording monitor scheduling pairs bounds robot cover obstacles contact jit "
-    "verdict clock streams view people simulation",
+    "studies": "simulation recording people view streams monitor scheduling pairs bounds robot "
+    "cover obstacles contact jit verdict clock",
     "app": EVERYTHING,
 }
 

@@ -7,6 +7,7 @@ and a study start from.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -35,6 +36,7 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.people import BOUNDS
+from armguard.robot.description import find_robot
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.streams.authentication import Authenticator, Client
@@ -130,8 +132,12 @@ class Cell:
 
     def _make_bare_robot(self) -> Robot:
         table = self.tables.robot
+        cover = None if table.cover is None else self._folder / table.cover
         if table.name is not None:
-            return self._attempt("robot.name", Robot.load, table.name)
+            self._attempt("robot.name", find_robot, table.name)
+            key = "robot.name" if cover is None else "robot.cover"
+            load = functools.partial(Robot.load, cover=cover, level=table.level)
+            return self._attempt(key, load, table.name)
 
         def load_urdf() -> Robot:
             return Robot.from_urdf(
@@ -139,7 +145,8 @@ class Cell:
                 limits=self._folder / str(table.limits),
                 joints=table.joints,
                 package_dirs=[self._folder / folder for folder in table.package_dirs],
-                cover=None if table.cover is None else self._folder / table.cover,
+                cover=cover,
+                level=table.level,
             )
 
         return self._attempt("robot.urdf", load_urdf)
@@ -198,6 +205,11 @@ class Cell:
 
     def make_monitor(self, robot: Robot, obstacles: Obstacles) -> Monitor:
         """The monitor, with the file's settings; what the file leaves out is as in `Monitor`."""
+        settings = self.monitor_settings(robot)
+        return self._attempt("", lambda: Monitor(robot, obstacles, **settings))
+
+    def monitor_settings(self, robot: Robot) -> dict[str, Any]:
+        """What the file says of the monitor, as keywords of `Monitor`."""
         tables = self.tables
         settings = {**given(tables.monitor), **given(tables.thresholds)}
         margin = given(tables.bounds).get("margin")
@@ -206,21 +218,13 @@ class Cell:
         if tables.robot.payload is not UNSET:
             settings["payload"] = tables.robot.payload
         base = self.frames["base"]
-        placement = pinocchio.SE3(base.rotation, base.translation)
-        ignore = self._expand_ignore(robot)
-
-        def make() -> Monitor:
-            return Monitor(
-                robot,
-                obstacles,
-                ignore=ignore,
-                base_placement=placement,
-                separation=self._make_rule(),
-                operating=self._make_operating(robot),
-                **settings,
-            )
-
-        return self._attempt("", make)
+        return {
+            **settings,
+            "ignore": self._expand_ignore(robot),
+            "base_placement": pinocchio.SE3(base.rotation, base.translation),
+            "separation": self._attempt("", self._make_rule),
+            "operating": self._make_operating(robot),
+        }
 
     def _list_bounds(
         self, patterns: Mapping[str, str | PatternTable]
@@ -279,7 +283,7 @@ class Cell:
         if table.urdf is not None and table.limits is None:
             raise self._error("robot.limits", "is missing", "a file of joint limits for the urdf")
         if table.name is not None:
-            for key in ("limits", "package_dirs", "joints", "cover"):
+            for key in ("limits", "package_dirs", "joints"):
                 value = getattr(table, key)
                 if value:
                     raise self._error(
@@ -370,8 +374,8 @@ class Cell:
         """The key behind a setting that a constructor refused, if it is one of this file's."""
         if offender.startswith("ignore"):
             return "ignore"
-        if offender == "payload":
-            return "robot.payload"
+        if offender in ("payload", "level"):
+            return f"robot.{offender}"
         for table in ("monitor", "thresholds", "bounds"):
             if offender in given(getattr(self.tables, table)):
                 return f"{table}.{offender}"

@@ -61,6 +61,7 @@ class RobotTable(_Table, frozen=True, kw_only=True):
     package_dirs: list[Name] = []
     joints: list[Name] | None = None
     cover: Name | None = None
+    level: Annotated[int, Meta(ge=0)] | None = None
     base: BaseTable = BaseTable()
     payload: NotNegative | UnsetType = UNSET
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
@@ -161,6 +162,7 @@ class MonitorTable(_Table, frozen=True, kw_only=True):
     path_deceleration: Positive | UnsetType = UNSET
     max_staleness: Annotated[float, Meta(ge=0.0, lt=1.0)] | UnsetType = UNSET
     budget: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
+    advances: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
 
 
 class ThresholdsTable(_Table, frozen=True, kw_only=True):

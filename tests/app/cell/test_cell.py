@@ -241,7 +241,7 @@ def test_a_urdf_and_what_belongs_to_it_are_found_beside_the_file(tmp_path, monke
     monkeypatch.setattr(Robot, "from_urdf", lambda *path, **options: calls.append((path, options)))
     (tmp_path / "cell.toml").write_text(
         '[robot]\nurdf = "arm.urdf"\nlimits = "limits.toml"\njoints = ["elbow"]\n'
-        'package_dirs = ["meshes", "/opt/meshes"]\ncover = "cover.json"\n'
+        'package_dirs = ["meshes", "/opt/meshes"]\ncover = "cover.json"\nlevel = 2\n'
     )
     Cell.load(tmp_path / "cell.toml").make_robot()
     Cell.from_text('[robot]\nurdf = "/a.urdf"\nlimits = "b.toml"', tmp_path).make_robot()
@@ -251,15 +251,31 @@ def test_a_urdf_and_what_belongs_to_it_are_found_beside_the_file(tmp_path, monke
         "joints": ["elbow"],
         "package_dirs": [tmp_path / "meshes", Path("/opt/meshes")],
         "cover": tmp_path / "cover.json",
+        "level": 2,
     }
     assert calls[1][0] == (Path("/a.urdf"),)
-    assert calls[1][1]["joints"] is calls[1][1]["cover"] is None
+    assert calls[1][1]["joints"] is calls[1][1]["cover"] is calls[1][1]["level"] is None
     assert set(calls[0][1]) == set(options) - {"path"}
+
+
+def test_a_known_robot_takes_another_cover_of_it_down_to_a_level(tmp_path):
+    own = Robot.load("panda").cover
+    own.cut(1).save(tmp_path / "coarse.json")
+    (tmp_path / "cell.toml").write_text(ROBOT + 'cover = "coarse.json"\n')
+    robot = Cell.load(tmp_path / "cell.toml").make_robot()
+    assert [len(robot.cover.spheres(link)) for link in own.links] == [
+        len(own.spheres(link, 1)) for link in own.links
+    ]
+    robot = Cell.from_text(ROBOT + "level = 0").make_robot()
+    assert all(len(robot.cover.tree(link).spheres) == 1 for link in own.links)
 
 
 @pytest.mark.parametrize(
     ("text", "key", "pattern"),
     [
+        (ROBOT + "level = 9", "robot.level", "is 9; expected 0 to 3"),
+        (ROBOT + 'cover = "no.json"', "robot.cover", "no.json: cannot be read"),
+        ('[robot]\nname = "nobody"\ncover = "no.json"', "robot.name", "'nobody'"),
         ('[robot]\nname = "nobody"', "robot.name", "'nobody'.*one of .*panda"),
         ('[robot]\nurdf = "no.urdf"\nlimits = "no.toml"', "robot.urdf", "no.toml"),
         (ROBOT + '[monitor]\nschedule = "never"', "monitor.schedule", "'never'"),

@@ -1,0 +1,124 @@
+"""`armguard tradeoff`: one scene through the ladder of settings, and a report to choose by."""
+
+from __future__ import annotations
+
+import math
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from armguard.app.cell.cell import Cell
+from armguard.exceptions import ArmguardError
+from armguard.obstacles.obstacles import Obstacles
+from armguard.recording.provenance import describe_provenance
+from armguard.robot.robot import Robot
+from armguard.studies.tradeoff.covers import Covers
+from armguard.studies.tradeoff.ladder import check_axes
+from armguard.studies.tradeoff.plots import check_plots, draw_pictures
+from armguard.studies.tradeoff.report import HTML_FILE, About, summarise, write_report
+from armguard.studies.tradeoff.scene import Site, make_scene
+from armguard.studies.tradeoff.study import run_study
+
+ROBOT = "panda"
+
+SHOWN = ("armguard", "numpy", "numba", "llvm", "pinocchio", "python")
+"""Versions that a report names."""
+
+LONGEST = 3600.0
+"""Of a scene, in [s]."""
+
+
+def run(
+    cell: Path | None,
+    *,
+    person: Path | None,
+    robot: str | None,
+    balls: int,
+    out: Path,
+    axes: Sequence[str],
+    seconds: float,
+    seed: int,
+    plots: bool,
+) -> int:
+    """Measure, write the report and print what can be chosen by; the exit code.
+
+    Args:
+        cell: A cell file; None: a robot by itself.
+        person: A recording.
+        robot: Name of a known robot.
+        balls: How many wander about the arm.
+        out: Folder of the report.
+        axes: Of the ladder; none: all.
+        seconds: Of the scene.
+        seed: Of all motions.
+        plots: Whether to draw pictures.
+
+    Raises:
+        ArmguardError: Something is unusable.
+        KeyboardInterrupt: It came before there was anything to show.
+    """
+    chosen = check_axes(axes)
+    if not 1.0 <= seconds <= LONGEST:
+        raise ArmguardError("--seconds", f"is {seconds:g}", expected=f"1 to {LONGEST:g}")
+    if not balls >= 0:
+        raise ArmguardError("--obstacles", f"is {balls}", expected="0 or more")
+    if plots:
+        check_plots()
+    _make_folder(out)
+    site = _make_site(cell, robot)
+    scene, what = make_scene(site, None if person is None else str(person), balls, seconds, seed)
+    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
+    with Progress(
+        *columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True
+    ) as progress:
+        bar = progress.add_task("", total=1.0)
+
+        def tell(text: str, share: float) -> None:
+            progress.update(bar, description=text, completed=share)
+
+        study = run_study(site, scene, chosen, seed, Covers(site.robot), tell)
+    provenance = describe_provenance(site.robot)
+    about = About(
+        f"{site.robot.name} and {what}",
+        shlex.join(["armguard", *sys.argv[1:]]),
+        f"{provenance['processor']}, {os.cpu_count()} cores, {provenance['machine']}",
+        {name: provenance[name] for name in SHOWN},
+        seed,
+        seconds,
+    )
+    write_report(out, study, about, draw_pictures(study) if plots else {})
+    console = Console()
+    for line in summarise(study):
+        console.print(f"- {line.replace('**', '')}", highlight=False, markup=False, soft_wrap=True)
+    console.print(f"wrote {out / HTML_FILE}", highlight=False, markup=False, soft_wrap=True)
+    return 0
+
+
+def _make_folder(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise ArmguardError("--out", f"{out} is a file", expected="a folder") from None
+    except OSError as error:
+        raise ArmguardError("--out", f"{out} cannot be made: {error.strerror}") from None
+
+
+def _make_site(cell: Path | None, robot: str | None) -> Site:
+    if cell is None:
+        return Site(Robot.load(robot or ROBOT), Obstacles, {})
+    if robot is not None:
+        raise ArmguardError("--robot", "is given beside a cell file", expected="one of them")
+    read = Cell.load(cell)
+    arm = read.make_robot()
+    settings = read.monitor_settings(arm)
+    rate = settings.get("rate", 1000.0)
+    if not math.isclose(rate * 0.1, round(rate * 0.1)):
+        raise ArmguardError(
+            f"{cell}: monitor.rate", f"is {rate:g}", expected="a multiple of 10 Hz for a study"
+        )
+    return Site(arm, read.make_obstacles, settings, tuple(read.sources))

@@ -1,0 +1,1 @@
+"""What happens at the extremes: sound, how tight, at what price, or refused, and why."""

@@ -1,0 +1,1 @@
+"""What accuracy costs: one scene, the same states for all, through the ladder of settings."""

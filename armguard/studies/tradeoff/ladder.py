@@ -1,0 +1,174 @@
+"""The ladder: what can be chosen, axis by axis, and the settings that a study runs.
+
+Not the whole product: one axis at a time around the default, then combinations of the rungs that
+were cheaper than the default and no more cautious.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
+from armguard.exceptions import ArmguardError
+
+DEFAULT, FINEST = "default", "finest"
+"""Names of two settings: what a user has who chooses nothing, and what the rest is held against."""
+
+BY_TIME = "by contact time alone"
+"""A STOP wherever contact could come before the arm rests, whatever braking would do."""
+
+MOST_COMBINED = 8
+"""Settings that are combined at most."""
+
+
+class Rung(NamedTuple):
+    """One choice on one axis."""
+
+    axis: str
+    value: str
+    """As it is called."""
+    monitor: Mapping[str, Any] = {}  # nobody writes to it
+    """Settings of the monitor; a schedule of the paper's is ("daa", partition law)."""
+    level: int | None = None
+    """Of the cover's tree, the finest that is used; None: all."""
+    protrusion: float | None = None
+    """Of a cover that is fitted for this, in [m]; None: the robot's own."""
+    rule: str = ""
+    """How a STOP is found: `BY_TIME`, or as the monitor says."""
+
+    def __str__(self) -> str:
+        return f"{self.axis} {self.value}"
+
+
+class Setting(NamedTuple):
+    """What one contestant runs with: the rungs in which it differs from the default."""
+
+    name: str
+    rungs: tuple[Rung, ...] = ()
+
+    @property
+    def axis(self) -> str:
+        """Of a setting that differs in one axis; else empty."""
+        is_one = len(self.rungs) == 1 and self.name not in (DEFAULT, FINEST)
+        return self.rungs[0].axis if is_one else ""
+
+    def monitor(self, usual: Mapping[str, Any]) -> dict[str, Any]:
+        """Keywords of `Monitor`, given those of the default."""
+        settings = dict(usual)
+        for rung in self.rungs:
+            settings.update(rung.monitor)
+        return settings
+
+    @property
+    def rule(self) -> str:
+        """How a STOP is found."""
+        return next((rung.rule for rung in self.rungs if rung.rule), "")
+
+
+def _numbers(axis: str, values: Iterable[Any], unit: str = "") -> list[Rung]:
+    return [
+        Rung(axis, f"{value:,}{unit}" if isinstance(value, int) else f"{value:g}{unit}",
+             {axis: value})
+        for value in values
+    ]  # fmt: skip
+
+
+def _daa(law: str) -> Rung:
+    return Rung("schedule", f"daa, {law}", {"schedule": ("daa", law)})
+
+
+AXES: dict[str, list[Rung]] = {
+    "cover": [
+        *(Rung("cover", f"level {level}", level=level) for level in range(4)),
+        *(Rung("cover", f"{mm} mm", protrusion=1e-3 * mm) for mm in (80, 40, 10)),
+    ],
+    "advances": _numbers("advances", (1, 2, 4, 16)),
+    "motion": [
+        Rung("motion", "distance", {"schedule": "distance"}),
+        Rung("motion", "isotropic", {"motion": "isotropic"}),
+        Rung("motion", "joint by time", {"motion": "joint"}, rule=BY_TIME),
+        Rung("motion", "planned", {"motion": "planned"}),
+    ],
+    "schedule": [
+        Rung("schedule", "full", {"schedule": "full"}),
+        _daa("powers"),
+        _daa("fibonacci"),
+    ],
+    "max_staleness": _numbers("max_staleness", (0.0, 0.1, 0.5, 0.75)),
+    "rate": [Rung("rate", f"{rate} Hz", {"rate": float(rate)}) for rate in (100, 200, 500, 2000)],
+    "budget": _numbers("budget", (16, 64, 256, 1024)),
+}
+"""By name, what can be chosen instead of the default."""
+
+FULL = AXES["schedule"][0]
+MOST_REFINED = 150
+"""Spheres of an arm whose cover is still fitted more finely: others would take many minutes."""
+
+FINER = ("cover 10 mm", "advances 16")
+"""Rungs of the finest setting, where their axes are asked for."""
+
+
+def check_axes(names: Sequence[str]) -> list[str]:
+    """The axes that were asked for, in the order of `AXES`; all of them where none is named.
+
+    Raises:
+        ArmguardError: There is no such axis.
+    """
+    for name in names:
+        if name not in AXES:
+            raise ArmguardError(
+                "--axis", f"{name!r} is no axis", expected=f"some of {', '.join(AXES)}"
+            )
+    return [name for name in AXES if name in names or not names]
+
+
+def list_settings(axes: Iterable[str], cover: Cover, usual: Mapping[str, Any]) -> list[Setting]:
+    """The default, the finest, and each rung by itself.
+
+    Args:
+        axes: Which of `AXES`.
+        cover: The robot's own.
+        usual: Keywords of the default's monitor: rungs that say the same are left out.
+    """
+    levels = max(cover.levels(link) for link in cover.links)
+    rungs = [
+        rung
+        for axis in axes
+        for rung in AXES[axis]
+        if (rung.level is None or rung.level < levels - 1)
+        and not (rung.monitor and not rung.rule and all(
+            name in usual and usual[name] == value for name, value in rung.monitor.items()
+        ))
+    ]  # fmt: skip
+    finest = [
+        FULL, *(rung for rung in rungs if str(rung) in FINER and not takes_long(rung, cover))
+    ]  # fmt: skip
+    if "budget" in usual:
+        finest.append(Rung("budget", "none", {"budget": None}))
+    return [
+        Setting(DEFAULT),
+        Setting(FINEST, tuple(finest)),
+        *(Setting(str(rung), (rung,)) for rung in rungs),
+    ]
+
+
+def takes_long(rung: Rung, cover: Cover) -> bool:
+    """Whether to fit what a rung asks for would take many minutes, for an arm with such a cover."""
+    is_finer = rung.protrusion is not None and rung.protrusion < DEFAULT_PROTRUSION
+    return is_finer and sum(len(cover.spheres(link)) for link in cover.links) > MOST_REFINED
+
+
+def combine(rungs: Iterable[Rung]) -> list[Setting]:
+    """Settings that take several rungs at once, the best of each axis first.
+
+    Args:
+        rungs: At most one of each axis, the most rewarding first.
+    """
+    listed = list(rungs)
+    settings = []
+    for size in range(len(listed), 1, -1):
+        for some in itertools.combinations(listed, size):
+            settings.append(Setting(" + ".join(map(str, some)), some))
+    return settings[:MOST_COMBINED]

@@ -1,0 +1,309 @@
+"""The report of a study: JSON and CSV for programs, a page in Markdown and one in HTML for people.
+
+Every figure comes from the run, whose command, machine, versions and seed the report names.
+"""
+
+from __future__ import annotations
+
+import base64
+import csv
+import html
+import io
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from armguard.exceptions import ArmguardError
+from armguard.studies.tradeoff.figures import Figures
+from armguard.studies.tradeoff.growth import FROM, fit_exponents
+from armguard.studies.tradeoff.ladder import AXES, DEFAULT, FINEST
+from armguard.studies.tradeoff.study import CHEAPER, CLOSE, Outcome, Study
+
+JSON_FILE, CSV_FILE, PAGE, HTML_FILE = "report.json", "settings.csv", "README.md", "index.html"
+"""What is written, beside pictures."""
+
+
+class About(NamedTuple):
+    """What a study was made of."""
+
+    title: str
+    """The arm and what moved about it."""
+    command: str
+    machine: str
+    versions: dict[str, str]
+    seed: int
+    asked: float
+    """How long it was to be, in [s] of the scene."""
+
+
+COLUMNS: tuple[tuple[str, str, str], ...] = (
+    ("tick p50, p99, max [µs]", "tick_p50 tick_p99 tick_max", "{:.0f}, {:.0f}, {:.0f}"),
+    ("message [µs]", "intake_p50", "{:.0f}"),
+    ("of a core", "core", "{:.1%}"),
+    ("evaluations, most", "evaluated evaluated_max", "{:.0f}, {:.0f}"),
+    ("÷ finest: p50, p5", "tight_finest tight_finest_p5", "{:.2f}, {:.2f}"),
+    ("÷ adversary", "tight_adversary", "{:.2f}"),
+    ("STOP", "stop", "{:.1%}"),
+    ("SLOW", "slow", "{:.1%}"),
+    ("work lost", "work_lost", "{:.1%}"),
+    ("same level", "same_level", "{:.1%}"),
+    ("late p50, max [ms]", "late_p50 late_max", "{:.0f}, {:.0f}"),
+    ("missed", "missed", "{:.0f}"),
+    ("flagged", "flagged", "{:.0%}"),
+    ("memory [kB]", "memory", "{:.0f}"),
+)
+"""Of the table for people: head, figures, and how they are shown."""
+
+LEGEND = (
+    "Times are processor time of one thread, ticks at 1 kHz unless the setting says otherwise. "
+    "“Of a core” is what steps and messages take of one core. “÷ finest” is the contact time over "
+    "that of the finest setting in the same tick, in the median and in the worst twentieth; "
+    "“÷ adversary” over the first contact that an arm and a body reached which did their worst "
+    "within their bounds. “Work lost” is the share of its way that an arm would not have done "
+    "that keeps to each verdict's speed scale. “Late” is how long after the finest setting's STOP "
+    "this one says STOP. “Missed” are contacts of the true surface that came sooner than was said, "
+    "or without a STOP in time, those with bodies aside that broke their stated bounds. All "
+    "settings judge the same states, of an arm that goes on whatever is said. “Joint by time” is "
+    "the default without its stop decision: a STOP wherever contact could come before the arm "
+    "rests; no monitor does that, and it is left out of what is recommended."
+)
+
+
+def summarise(study: Study) -> list[str]:
+    """What a user can choose by, a line each."""
+    usual, finest = study.find(DEFAULT), study.find(FINEST)
+    if usual is None or finest is None:
+        return []
+    known = [one for one in study.outcomes if one.figures is not None]
+    sound = [one for one in known if not _figures(one).missed > 0.0]
+    offered = [one for one in sound if not one.setting.rule]
+    lines = []
+    if study.interrupted:
+        lines.append(
+            f"Interrupted in the part “{study.interrupted}”: this is what {study.seconds:.1f} s of "
+            "the scene gave; what had not begun is left out."
+        )
+    bad = [one.setting.name for one in known if _figures(one).missed > 0.0]
+    lines.append(f"Contacts in the scene: {_count_contacts(study)}.")
+    lines.append(
+        "No setting missed a contact."
+        if not bad
+        else f"MISSED contacts: {', '.join(bad)}. Use none of these, and report it."
+    )
+    for text, most in (
+        ("within 1 percentage point of the finest's", finest.stop + CLOSE),
+        ("within 5 points", finest.stop + 5.0 * CLOSE),
+    ):
+        fit = [one for one in offered if _figures(one).stop <= most]
+        if fit:
+            best = min(fit, key=lambda one: _figures(one).core)
+            figures = _figures(best)
+            lines.append(
+                f"Cheapest setting whose STOP share is {text}: **{best.setting.name}**, "
+                f"{figures.core:.1%} of a core at STOP {figures.stop:.1%} (finest: "
+                f"{finest.core:.1%} at {finest.stop:.1%})."
+            )
+    if offered:
+        best = min(offered, key=lambda one: (_figures(one).stop, _figures(one).core))
+        figures = _figures(best)
+        lines.append(
+            f"Least STOP: **{best.setting.name}**, {figures.stop:.1%} at {figures.core:.1%} "
+            "of a core."
+        )
+    better = [
+        one.setting.name
+        for one in offered
+        if _figures(one).core < CHEAPER * usual.core and _figures(one).stop <= usual.stop
+    ]
+    place = (
+        "Nothing here is both cheaper and no more cautious."
+        if not better
+        else f"Cheaper and no more cautious here: {', '.join(better)}."
+    )
+    lines.append(
+        f"The default takes {usual.core:.1%} of a core at STOP {usual.stop:.1%} and has the finest "
+        f"setting's level in {usual.same_level:.1%} of the ticks, at "
+        f"{usual.core / finest.core:.1%} of its price. {place}"
+    )
+    for name, exponent in fit_exponents(study.grown).items():
+        text = f"The price of a tick grows as pairs^{exponent:.2f} with schedule {name}"
+        lines.append(f"{text}, from {FROM} pairs on.")
+    return lines
+
+
+def write_report(folder: Path, study: Study, about: About, pictures: Mapping[str, bytes]) -> None:
+    """Write all files; pictures are PNG and SVG by file name.
+
+    Raises:
+        ArmguardError: One of them cannot be written.
+    """
+    files: dict[str, bytes] = {
+        JSON_FILE: msgspec.json.format(msgspec.json.encode(describe(study, about)), indent=1),
+        CSV_FILE: _write_csv(study).encode(),
+        PAGE: _write_page(study, about, sorted(pictures)).encode(),
+        HTML_FILE: _write_html(study, about, pictures).encode(),
+        **pictures,
+    }
+    for name, content in files.items():
+        try:
+            (folder / name).write_bytes(content)
+        except OSError as error:
+            raise ArmguardError(
+                str(folder / name), f"cannot be written: {error.strerror}"
+            ) from None
+
+
+def describe(study: Study, about: About) -> dict[str, Any]:
+    """All that was found, as plain data; what is no number is null."""
+    return {
+        **about._asdict(),
+        "seconds": round(study.seconds, 3),
+        "interrupted": study.interrupted,
+        "summary": summarise(study),
+        "front": study.front,
+        "settings": [
+            {
+                "name": one.setting.name,
+                "axis": one.setting.axis,
+                "refused": one.refused,
+                "figures": one.figures
+                and {
+                    name: float(f"{value:.6g}") if math.isfinite(value) else None
+                    for name, value in one.figures._asdict().items()
+                },
+            }
+            for one in study.outcomes
+        ],
+        "contacts": [one._asdict() for one in study.contacts],
+        "adversary": [
+            {"time": one.time, "contact": one.contact if math.isfinite(one.contact) else None}
+            for one in study.hunted
+        ],
+        "growth": [one._asdict() for one in study.grown],
+        "exponents": fit_exponents(study.grown),
+    }
+
+
+def _figures(outcome: Outcome) -> Figures:
+    assert outcome.figures is not None
+    return outcome.figures
+
+
+def _count_contacts(study: Study) -> str:
+    beyond = sum(one.is_beyond for one in study.contacts)
+    text = str(len(study.contacts))
+    return f"{text}, {beyond} of them with bodies that broke their bounds" if beyond else text
+
+
+def _write_csv(study: Study) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["setting", "axis", "on_front", *Figures._fields, "refused"])
+    for one in study.outcomes:
+        numbers = [""] * len(Figures._fields)
+        if one.figures is not None:
+            numbers = [f"{value:.6g}" if math.isfinite(value) else "" for value in one.figures]
+        is_on = one.setting.name in study.front
+        writer.writerow([one.setting.name, one.setting.axis, int(is_on), *numbers, one.refused])
+    return text.getvalue()
+
+
+def tabulate(study: Study) -> tuple[list[str], list[list[str]]]:
+    """The table for people: heads and rows, by axis; * marks settings on the front."""
+    heads = ["setting", *(head for head, _, _ in COLUMNS)]
+    order = {name: place for place, name in enumerate(["", *AXES])}
+    rows = []
+    for one in sorted(study.outcomes, key=lambda one: _place(one, order)):
+        name = f"{one.setting.name}{' *' if one.setting.name in study.front else ''}"
+        if one.figures is None:
+            rows.append([name, f"refused: {one.refused}", *[""] * (len(COLUMNS) - 1)])
+            continue
+        cells = []
+        for _, fields, form in COLUMNS:
+            values = [getattr(one.figures, field) for field in fields.split()]
+            cells.append(form.format(*values) if all(map(math.isfinite, values)) else "–")
+        rows.append([name, *cells])
+    return heads, rows
+
+
+def _place(outcome: Outcome, order: Mapping[str, int]) -> tuple[int, int]:
+    setting = outcome.setting
+    is_combined = not setting.axis and setting.name not in (DEFAULT, FINEST)
+    return int(is_combined), order.get(setting.axis, 0)
+
+
+def _list_facts(study: Study, about: About) -> list[str]:
+    versions = ", ".join(f"{name} {version}" for name, version in about.versions.items())
+    return [
+        f"Command: `{about.command}`",
+        f"Scene: {about.title}, {study.seconds:g} s of it, seed {about.seed}",
+        f"Machine: {about.machine}",
+        f"Versions: {versions}",
+    ]
+
+
+def _write_page(study: Study, about: About, pictures: Sequence[str]) -> str:
+    heads, rows = tabulate(study)
+    lines = [f"# What accuracy costs: {about.title}", ""]
+    lines += [f"- {line}" for line in summarise(study)]
+    lines += ["", "## Settings", "", LEGEND, "", "Settings with * are on the front.", ""]
+    lines.append(f"| {' | '.join(heads)} |")
+    lines.append(f"|---|{'---:|' * (len(heads) - 1)}")
+    for row in rows:
+        lines.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in row)} |")
+    lines.append("")
+    for name in pictures:
+        if name.endswith(".png"):
+            lines += [f"![{name.removesuffix('.png')}]({name})", ""]
+    lines += ["## How it was measured", ""]
+    lines += [f"- {fact}" for fact in _list_facts(study, about)]
+    lines += ["", f"All figures are in [{JSON_FILE}]({JSON_FILE}) and [{CSV_FILE}]({CSV_FILE})."]
+    return "\n".join(lines) + "\n"
+
+
+def _write_html(study: Study, about: About, pictures: Mapping[str, bytes]) -> str:
+    """One page that needs no other file, and no network."""
+    heads, rows = tabulate(study)
+    table = "".join(f"<th>{html.escape(head)}</th>" for head in heads)
+    table = f"<tr>{table}</tr>"
+    for row in rows:
+        table += f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>\n"
+    images = "".join(
+        f'<img alt="{html.escape(name)}" '
+        f'src="data:image/png;base64,{base64.b64encode(content).decode()}">\n'
+        for name, content in sorted(pictures.items())
+        if name.endswith(".png")
+    )
+    title = html.escape(f"What accuracy costs: {about.title}")
+    summary = "".join(f"<li>{_embolden(line)}</li>\n" for line in summarise(study))
+    facts = "".join(f"<li>{html.escape(one)}</li>\n" for one in _list_facts(study, about))
+    return f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
+<style>
+body {{ font: 15px/1.5 sans-serif; max-width: 75em; margin: 2em auto; padding: 0 1em; }}
+table {{ border-collapse: collapse; font-size: 12px; }}
+th, td {{ border-bottom: 1px solid #ccc; padding: .3em .6em; text-align: right; }}
+th:first-child, td:first-child {{ text-align: left; }}
+img {{ max-width: 100%; display: block; margin: 1em 0; }}
+</style></head><body>
+<h1>{title}</h1>
+<ul>
+{summary}</ul>
+{images}
+<h2>Settings</h2>
+<p>{html.escape(LEGEND)} Settings with * are on the front.</p>
+<table>
+{table}</table>
+<h2>How it was measured</h2>
+<ul>
+{facts}</ul>
+</body></html>
+"""
+
+
+def _embolden(line: str) -> str:
+    parts = html.escape(line).split("**")
+    return "".join(f"<b>{part}</b>" if k % 2 else part for k, part in enumerate(parts))

@@ -1,0 +1,26 @@
+import sys
+
+import pytest
+
+from armguard.exceptions import ArmguardError
+from armguard.studies.tradeoff.plots import check_plots, draw_pictures
+from support.tradeoff_cases import make_study
+
+
+def test_pictures_are_drawn_of_whatever_was_found():
+    pytest.importorskip("matplotlib")
+    pictures = draw_pictures(make_study())
+    assert sorted(pictures) == sorted(
+        f"{name}.{kind}" for name in ("price", "growth", "time") for kind in ("png", "svg")
+    )
+    for name, content in pictures.items():
+        assert content.startswith(b"\x89PNG" if name.endswith("png") else b"<?xml")
+        assert len(content) < 200_000
+    assert draw_pictures(make_study()) == pictures
+    assert "growth.png" not in draw_pictures(make_study(grown=[]))
+
+
+def test_a_missing_library_is_named_with_its_remedy(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(ArmguardError, match=r"need matplotlib.*armguard\[plot\].*--no-plots"):
+        check_plots()

@@ -1,0 +1,103 @@
+import csv
+import json
+import math
+import re
+
+import pytest
+
+from armguard.exceptions import ArmguardError
+from armguard.studies.tradeoff.figures import Figures
+from armguard.studies.tradeoff.report import (
+    CSV_FILE,
+    HTML_FILE,
+    JSON_FILE,
+    PAGE,
+    About,
+    describe,
+    summarise,
+    tabulate,
+    write_report,
+)
+from armguard.studies.tradeoff.truth import Contact
+from support.tradeoff_cases import make_figures, make_study
+
+ABOUT = About("an arm & <others>", "armguard tradeoff", "a machine", {"numpy": "2"}, 7, 20.0)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_report(tmp_path, make_study(), ABOUT, {"price.png": b"\x89PNG", "price.svg": b"<svg/>"})
+    return tmp_path
+
+
+def test_json_and_csv_have_the_same_figures(folder):
+    data = json.loads((folder / JSON_FILE).read_text())
+    rows = list(csv.DictReader((folder / CSV_FILE).read_text().splitlines()))
+    assert [row["setting"] for row in rows] == [one["name"] for one in data["settings"]]
+    for row, one in zip(rows, data["settings"], strict=True):
+        assert row["refused"] == one["refused"]
+        assert row["on_front"] == str(int(one["name"] in data["front"]))
+        for name in Figures._fields:
+            number = None if one["figures"] is None else one["figures"][name]
+            assert row[name] == ("" if number is None else f"{number:.6g}")
+    assert (data["seed"], data["machine"], data["versions"]) == (7, "a machine", {"numpy": "2"})
+    assert data["exponents"] == {"full": pytest.approx(0.5)}
+
+
+def test_the_page_needs_nothing_else(folder):
+    page = (folder / HTML_FILE).read_text()
+    assert 'src="data:image/png;base64,iVBORw' in page
+    assert not re.search(r"https?:|src=\"(?!data:)|<link|<script|url\(", page)
+    assert "an arm &amp; &lt;others&gt;" in page
+    assert page.count("<tr>") == 1 + 4
+
+
+def test_the_markdown_shows_pictures_table_and_facts(folder):
+    page = (folder / PAGE).read_text()
+    assert "![price](price.png)" in page
+    assert ".svg" not in page
+    lengths = {line.count("|") for line in page.splitlines() if line.startswith("|")}
+    assert len(lengths) == 1, "every row has every column"
+    for fact in ("`armguard tradeoff`", "seed 7", "a machine", "numpy 2"):
+        assert fact in page
+
+
+def test_a_user_can_choose_by_the_summary_alone():
+    text = "\n".join(summarise(make_study()))
+    assert "No setting missed a contact." in text
+    assert "within 1 percentage point of the finest's: **default**, 10.0% of a core" in text
+    assert "Least STOP: **finest**" in text
+    assert "Nothing here is both cheaper and no more cautious." in text
+    assert "pairs^0.50 with schedule full" in text
+
+
+def test_what_missed_is_named_and_never_recommended():
+    study = make_study()
+    outcomes = list(study.outcomes)
+    cheap = outcomes[2]._replace(figures=make_figures(core=0.01, stop=0.0, missed=2.0))
+    outcomes[2] = cheap
+    lines = summarise(study._replace(outcomes=outcomes))
+    (named,) = (line for line in lines if "budget 16" in line)
+    assert named.startswith("MISSED contacts: budget 16")
+
+
+def test_contacts_and_an_early_end_are_told():
+    contacts = [Contact(1.0, 0.0, "a", False), Contact(2.0, 0.0, "b", True)]
+    lines = summarise(make_study(contacts=contacts, interrupted="growth"))
+    assert "Interrupted in the part “growth”" in lines[0]
+    assert "5.0 s" in lines[0]
+    assert "Contacts in the scene: 2, 1 of them with bodies that broke their bounds." in lines
+
+
+def test_what_is_no_number_is_a_dash_or_null():
+    study = make_study()
+    _, rows = tabulate(study)
+    (row,) = (row for row in rows if row[0].startswith("budget"))
+    assert "–" in row
+    assert describe(study, ABOUT)["settings"][2]["figures"]["late_max"] is None
+    assert math.isnan(study.outcomes[2].figures.late_max)
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(ArmguardError, match="cannot be written"):
+        write_report(tmp_path / "no", make_study(), ABOUT, {})

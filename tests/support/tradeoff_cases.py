@@ -1,0 +1,65 @@
+"""A small study: Panda, a few messages, settings that are quick to run."""
+
+import functools
+
+import numpy as np
+
+from armguard.obstacles import Obstacles
+from armguard.studies.tradeoff.contestant import Track
+from armguard.studies.tradeoff.figures import Figures
+from armguard.studies.tradeoff.growth import Grown
+from armguard.studies.tradeoff.ladder import AXES, DEFAULT, FINEST, Setting
+from armguard.studies.tradeoff.scene import Message, Site, make_scene
+from armguard.studies.tradeoff.study import Outcome, Study
+from support.panda_monitor import ranged_panda
+
+
+def make_site(**settings):
+    return Site(ranged_panda(), Obstacles, settings)
+
+
+@functools.cache
+def small_scene(seconds=1.0, balls=3):
+    return make_scene(make_site(), None, balls, seconds, 1)[0]
+
+
+def make_message(stamp, position, *, body="ball", velocity=(0.0, 0.0, 0.0), radius=0.1, **bounds):
+    places = np.reshape(np.asarray(position, dtype=float), (1, -1, 3))
+    paces = np.broadcast_to(np.asarray(velocity, dtype=float), places.shape)
+    return Message(stamp, "eye", (body,), places, paces, np.array([radius]), bounds)
+
+
+def make_track(levels, *, rate=100.0, contact_time=1.0, **fields):
+    """A track whose ticks are of those levels."""
+    count = len(levels)
+    track = Track(
+        np.arange(1, count + 1) / rate,
+        np.full(count, 1e-4),
+        np.full(count, 10),
+        np.array(levels, dtype=np.int64),
+        np.broadcast_to(np.asarray(contact_time, dtype=float), (count,)),
+        np.full(count, 0.1),
+        np.ones(count),
+        np.zeros(count),
+    )
+    return track._replace(**fields)
+
+
+def make_figures(**changes):
+    usual = dict.fromkeys(Figures._fields, 1.0) | {"missed": 0.0, "stop": 0.1, "core": 0.5}
+    return Figures(**usual | changes)
+
+
+def make_study(**changes):
+    """What a study could have found."""
+    rung = AXES["budget"][0]
+    outcomes = [
+        Outcome(Setting(DEFAULT), make_figures(core=0.1, stop=0.105)),
+        Outcome(Setting(FINEST), make_figures()),
+        Outcome(Setting(str(rung), (rung,)), make_figures(core=0.05, stop=0.3, late_max=np.nan)),
+        Outcome(Setting("odd"), None, "it | cannot be"),
+    ]
+    grown = [Grown("full", pairs, 2.0 * pairs**0.5, 1.0, 0.0) for pairs in (10, 300, 3000)]
+    tracks = {name: make_track([3, 2, 0, 0, 1]) for name in (DEFAULT, FINEST)}
+    study = Study(outcomes, [DEFAULT, "budget 16"], [], [], grown, tracks, 5.0, "")
+    return study._replace(**changes)
