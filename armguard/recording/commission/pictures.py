@@ -28,7 +28,6 @@ def draw(found: Findings, folder: Path) -> list[Path]:
         ArmguardError: Matplotlib is missing, or a file cannot be written.
     """
     try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
         raise ArmguardError(
@@ -52,7 +51,7 @@ def draw(found: Findings, folder: Path) -> list[Path]:
             panel.set_axis_off()
         path = folder / name
         try:
-            FigureCanvasAgg(figure).print_png(path)
+            figure.savefig(path)
         except OSError as error:
             raise ArmguardError(str(path), f"cannot be written ({error.strerror})") from None
         written.append(path)
