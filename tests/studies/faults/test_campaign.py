@@ -5,10 +5,10 @@ from armguard.studies.faults.catalogue import Fault, choose_faults
 from armguard.studies.faults.scene import sample_people, sample_pillar
 
 WORST = [
-    "camera-clock-ahead",
-    "camera-dropout-1s",
-    "camera-identities-swapped",
     "driver-nan-q",
+    "camera-dropout-1s",
+    "camera-clock-ahead",
+    "camera-identities-swapped",
     "monitor-stopped",
     "monitor-killed",
 ]
