@@ -156,7 +156,7 @@ def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders, pace
     for _ in range(15 * MORE):
         waves, plan = draw_plan(robot, random)
         now, age = STEP * random.integers(40, 80), STEP * random.integers(0, 10)
-        now = min(now, float(plan.times[-1]))
+        now = min(now, float(plan.times[-1]) - STEP)
         follower = Follower(
             robot, waves, plan, random, 30, now - 0.02, now, wanders=wanders, most=pace
         )
