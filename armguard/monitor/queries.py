@@ -113,4 +113,4 @@ class Queries:
         tick = tick or Tick(-1, 0.0, 0.0, q, v, 0.0, 0.0, 0.0)
         scheduler.prepare(tick)
         listing = scheduler.list_imminent(tick.time, row_limit=row_limit, pair_limit=pair_limit)
-        return take_snapshot(listing, scheduler.arm.state, q, tick.time)
+        return take_snapshot(listing, q, tick.time)

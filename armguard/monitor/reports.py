@@ -110,16 +110,13 @@ class Snapshot(NamedTuple):
     """Contact time of each of these pairs, in [s]. Shape (m,)."""
     all_times: FloatArray
     """Contact time of every pair of the obstacles looked at, in [s], in no order. Shape (n,)."""
-    segments: FloatArray
-    """Centre of the deciding sphere, and the obstacle's nearest point, in [m]. Shape (m, 2, 3)."""
 
 
-def take_snapshot(listing: Listing, state: TickState, q: FloatArray, time: float) -> Snapshot:
+def take_snapshot(listing: Listing, q: FloatArray, time: float) -> Snapshot:
     """Copy out what is most imminent.
 
     Args:
         listing: What that is.
-        state: Numbers of the tick, the arm's spheres placed for it.
         q: Joint positions, [rad] or [m]. Shape (nv,).
         time: Of the tick, in [s] since the monitor's epoch.
     """
@@ -131,23 +128,4 @@ def take_snapshot(listing: Listing, state: TickState, q: FloatArray, time: float
         pairs=listing.pairs,
         pair_times=np.maximum(listing.expiry - time, 0.0),
         all_times=np.maximum(listing.all_expiry - time, 0.0),
-        segments=_segments(listing, state),
     )
-
-
-def _segments(listing: Listing, state: TickState) -> FloatArray:
-    """From the deciding sphere's centre to the nearest point of the obstacle's axis or corners."""
-    pairs = listing.pairs
-    rows = pairs // len(state.tree.root)
-    centers = state.arm.centers[listing.sphere]
-    points = state.bodies.points[rows]
-    last = state.bodies.point_count[rows] - 1
-    distances = np.linalg.norm(points - centers[:, None, :], axis=2)
-    distances[np.arange(points.shape[1]) > last[:, None]] = np.inf
-    index = np.arange(len(pairs))
-    nearest = points[index, np.argmin(distances, axis=1)]
-    start, along = points[:, 0], points[index, last] - points[:, 0]
-    length2 = np.einsum("ij,ij->i", along, along)
-    share = np.einsum("ij,ij->i", centers - start, along) / np.where(length2 > 0.0, length2, 1.0)
-    on_axis = start + np.clip(share, 0.0, 1.0)[:, None] * along
-    return np.stack([centers, np.where((last == 1)[:, None], on_axis, nearest)], axis=1)

@@ -78,7 +78,6 @@ def test_limits_keep_the_most_imminent(robot, limit):
     assert np.array_equal(some.pair_times, everything.pair_times[:limit])
     assert np.array_equal(some.pairs, everything.pairs[:limit])
     assert np.array_equal(some.row_times, everything.row_times[:limit])
-    assert some.segments.shape == (limit, 2, 3)
 
 
 def test_spheres_are_those_of_the_finest_cover(robot):
@@ -87,20 +86,6 @@ def test_spheres_are_those_of_the_finest_cover(robot):
     times = monitor.snapshot(**EVERYTHING).sphere_times
     assert times.shape == (count,)
     assert not np.isnan(times).any()
-
-
-def test_segments_end_on_their_obstacle(robot):
-    monitor, _ = run_monitor(robot)
-    snapshot = monitor.snapshot(**EVERYTHING)
-    table = monitor.obstacles.table
-    for pair, (_, end) in zip(snapshot.pairs, snapshot.segments, strict=True):
-        row = pair // len(robot.links)
-        points = table.points[row, : table.point_count[row]]
-        if len(points) == 1:
-            assert end == pytest.approx(points[0])
-        else:
-            assert end[:2] == pytest.approx([0.9, 0.1])
-            assert 0.2 <= end[2] <= 0.9
 
 
 def test_it_is_a_copy(robot):
