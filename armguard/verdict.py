@@ -145,8 +145,8 @@ class ReasonKind(enum.Enum):
         "source silent",
         Effect.STANDING,
         "Start the source, or see why it sends nothing; one that sees nothing sends an empty "
-        "message as its heartbeat. One that may be off is `required = false` in the cell "
-        "file.",
+        "message as its heartbeat. `required = false` is for one that may never be started: what "
+        "has once spoken is missed from then on.",
     )
     STAMP_AHEAD = (
         "stamp ahead of the clock",

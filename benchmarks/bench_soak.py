@@ -23,7 +23,10 @@ import numpy as np
 
 from armguard.app.demo import nodes
 from armguard.app.demo.launcher import CELL
+from armguard.app.demo.places import find_place
 from armguard.streams import VerdictReader
+
+ROBOT = "panda"
 
 SAMPLE_PERIOD = 1.0
 """Between two samples of memory, in [s]."""
@@ -55,7 +58,8 @@ def run_cell(folder, duration, balls, record):
     sources = nodes.make_sources(duration, "", balls, 0)
     tables = "".join(f"[sources.{source.name}]\nrate = {source.rate}\n" for source in sources)
     cell = folder / "cell.toml"
-    cell.write_text(CELL.format(robot=nodes.ROBOT, sources=tables, schedule="deadline"))
+    base = list(find_place(ROBOT).base)
+    cell.write_text(CELL.format(robot=ROBOT, base=base, sources=tables, schedule="deadline"))
     command = [sys.executable, "-m", "armguard", "run", str(cell), "--json", "--quiet"]
     command += [word for name, one in addresses.items() for word in (f"--{name}", one)]
     command += ["--no-realtime"]
@@ -70,7 +74,7 @@ def run_cell(folder, duration, balls, record):
                 obstacles=obstacles, verdicts=verdicts, duration=duration, seed=0, person="",
                 balls=balls,
             ),
-            nodes.RobotNode(joints=joints, verdicts=verdicts, seed=0),
+            nodes.RobotNode(joints=joints, verdicts=verdicts, seed=0, robot=ROBOT),
         ):  # fmt: skip
             resources.callback(end, nodes.start(node, log))
         with VerdictReader(verdicts) as reader:

@@ -34,6 +34,8 @@ def run(out: Path | None, *, seed: int, is_small: bool) -> int:
     Raises:
         ArmguardError: The page cannot be written.
     """
+    if not seed >= 0:
+        raise ArmguardError("--seed", f"is {seed}", expected="0 or more")
     if out is not None and (out.is_dir() or not out.parent.is_dir()):
         problem = "is a folder" if out.is_dir() else "is in a folder that is not there"
         raise ArmguardError("--out", f"{out} {problem}", expected="a file to write")

@@ -63,6 +63,8 @@ def run(
         KeyboardInterrupt: It came before there was anything to show.
     """
     chosen = check_axes(axes)
+    if not seed >= 0:
+        raise ArmguardError("--seed", f"is {seed}", expected="0 or more")
     if not 1.0 <= seconds <= LONGEST:
         raise ArmguardError("--seconds", f"is {seconds:g}", expected=f"1 to {LONGEST:g}")
     if not balls >= 0:

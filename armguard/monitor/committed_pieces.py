@@ -117,26 +117,28 @@ class CommittedPieces:
         # What the arm may be on and the piece does not go on from, its controller does not follow.
         first = max(now, checked.stamp)
         last = max(first, now + self._latency)
-        kept = []
+        going_on: list[Piece] = []
+        left_behind: list[Piece] = []
         for piece in pieces:
             refusal = find_disagreement(piece.plan, checked, robot, first, last)
-            if refusal is None:
-                kept.append(piece)
-        if pieces and not kept:
+            (left_behind if refusal else going_on).append(piece)
+        if pieces and not going_on:
             assert refusal is not None, "the last one disagreed"
             return refuse_plan(*refusal)
-        going_on = kept
         # One at whose every place the arm is on the new piece, too, need not be kept; but one that
         # has not begun is kept for what the arm may do until then, and so is one that it may leave
         # before the new one begins.
         may_leave_first = self._may_leave and checked.stamp > now
         kept = [
             piece
-            for piece in kept
+            for piece in going_on
             if may_leave_first
             or piece.plan.stamp > now
             or not is_covered(piece.plan, checked, robot, first)
         ]
+        if self._may_leave:
+            kept = _keep_waited_on(kept, left_behind, now)
+        kept = self._drop_covered(kept, now)
         if len(kept) >= MOST_PIECES:
             # On one that has come to its end the arm rests, and a resting arm touches nothing: to
             # forget that it may be there can only cost a STOP.
@@ -202,6 +204,17 @@ class CommittedPieces:
             self._pieces[k] = piece._replace(known=self._remember())
         return None
 
+    def _drop_covered(self, pieces: list[Piece], now: float) -> list[Piece]:
+        """Those that are not covered from now on by the newest one that has begun."""
+        begun = [piece for piece in pieces if piece.plan.stamp <= now]
+        if len(begun) < 2:
+            return pieces
+        *older, newest = begun
+        covered = {
+            id(piece) for piece in older if is_covered(piece.plan, newest.plan, self._robot, now)
+        }
+        return [piece for piece in pieces if id(piece) not in covered]
+
     def _find_straying(self, piece: Piece, tick: Tick, stamp: float) -> Refusal | None:
         """Why the arm is not on a piece, nor on the way to it; None if it may be."""
         robot, q, v = self._robot, tick.q, tick.v
@@ -227,7 +240,7 @@ class CommittedPieces:
         motion = self._planned_motion()
         if not self._may_leave:
             return motion.lay_out(plan, before)
-        course = motion.lay_out_left(plan, before)
+        course = motion.lay_out_left(plan, before, self._latency)
         if course is not None:
             return course
         if plan.stamp > plan.now and not before:
@@ -283,6 +296,25 @@ class CommittedPieces:
             state.bodies, state.marks, known.reference, known.known, known.revision
         )
         return changed
+
+
+def _keep_waited_on(kept: list[Piece], left_behind: list[Piece], now: float) -> list[Piece]:
+    """Also those that a piece goes on from which has not begun: the arm may leave them first.
+
+    Args:
+        kept: Pieces that the arm may be on when the new one begins.
+        left_behind: Those that it is then on no more.
+        now: In [s].
+    """
+    waiting = [piece for piece in kept if piece.plan.stamp > now]
+    while waiting:
+        before = {id(plan) for piece in waiting for plan in piece.before}
+        found = [piece for piece in left_behind if id(piece.plan) in before]
+        left_behind = [piece for piece in left_behind if id(piece.plan) not in before]
+        # In the order in which they were committed.
+        kept = [*found, *kept]
+        waiting = [piece for piece in found if piece.plan.stamp > now]
+    return kept
 
 
 def _is_at_rest(course: PlannedCourse, now: float) -> bool:

@@ -42,7 +42,7 @@ class Trajectory(NamedTuple):
 
     plan: CheckedPlan
     since: float
-    """From when on it was followed: since it was taken, or began, in [s]."""
+    """From when on it was followed at the latest: since it was obeyed, or began, in [s]."""
     along: float
     """Where on it the arm was measured last, in [s] as in the plan's times."""
     slowing: float
@@ -156,7 +156,8 @@ class FollowedTrajectory:
             along, checked = max(along, 0.0), self._free_clock(checked)
         # Until it begins, joints may be off it at any speed.
         stopping = motion.find_path_stop(checked, self._path_deceleration)
-        new = Trajectory(checked, max(now, checked.stamp), along, *stopping)
+        since = max(now + self._latency, checked.stamp)
+        new = Trajectory(checked, since, along, *stopping)
         self._trajectories.append(new)
         self._stamp = max(self._stamp, stamp)
         contact = self._find_contact(tick, self._response_time)
@@ -287,7 +288,7 @@ class FollowedTrajectory:
             one.along,
             tick.arm_age,
             self.is_on_time,
-            max(now - one.since, 0.0),
+            now - one.since,
             pace,
             one.slowing,
             self._path_deceleration is not None,

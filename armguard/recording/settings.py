@@ -38,6 +38,9 @@ _PLAIN = (
 )
 """Settings of a monitor that are one number each."""
 
+_MAYBE = ("path_deceleration",)
+"""Those that are one number or nothing."""
+
 _WORDS = ("motion", "stop", "leave")
 _WHOLE = ("budget", "advances")
 
@@ -56,7 +59,7 @@ def describe_settings(monitor: Monitor) -> dict[str, Any]:
             **{name: getattr(settings, name) for name in _WORDS},
             "schedule": _describe_schedule(settings.schedule),
             "budget": settings.budget,
-            "path_deceleration": settings.path_deceleration,
+            **{name: getattr(settings, name) for name in _MAYBE},
             "advances": settings.advances,
             "ignore": [list(entry) for entry in settings.ignore],
             "certify": bool(settings.certify),
@@ -137,6 +140,8 @@ def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) ->
     """A monitor from the data of `describe_settings`; errors as of `make_obstacles`."""
     base, operating, separation = data["base_placement"], data["operating"], data["separation"]
     schedule = data["schedule"]
+    # Recordings of earlier versions do not have all that there is now: then it was as by default.
+    data = {"leave": "never", "path_deceleration": None, "advances": ADVANCES, **data}
     words: dict[str, Any] = {name: str(data[name]) for name in _WORDS}
     numbers: dict[str, Any] = {name: float(data[name]) for name in _PLAIN}
     return Monitor(
@@ -148,8 +153,8 @@ def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) ->
         if isinstance(schedule, str)
         else DaaSchedule(float(schedule["period"]), schedule["law"], schedule["sort"]),
         budget=data["budget"],
-        path_deceleration=data["path_deceleration"],
-        advances=data.get("advances", ADVANCES),  # recordings of earlier versions know none
+        **{name: data[name] for name in _MAYBE},
+        advances=data["advances"],
         ignore=[tuple(entry) for entry in data["ignore"]],
         certify=bool(data["certify"]),
         base_placement=pinocchio.SE3(
@@ -179,12 +184,12 @@ def change_settings(data: dict[str, Any], changes: Mapping[str, str], robot: Rob
     Raises:
         ArmguardError: There is no such setting, or its value is not of its kind.
     """
-    known = [*_PLAIN, *_WORDS, "schedule", *_WHOLE, "operating", "operating.velocity"]
+    known = [*_PLAIN, *_MAYBE, *_WORDS, "schedule", *_WHOLE, "operating", "operating.velocity"]
     known += ["operating.acceleration", "bounds.speed", "bounds.accel"]
     for name, text in changes.items():
         if name in _WORDS or name == "schedule":
             data["monitor"][name] = text
-        elif name in _PLAIN:
+        elif name in _PLAIN or name in _MAYBE:
             data["monitor"][name] = _read_number(name, text)
         elif name in _WHOLE:
             number = _read_number(name, text)

@@ -51,6 +51,8 @@ def test_help_of_each_command_has_an_example(capsys):
         (["demo", "--duration", "nan"], "--duration"),
         (["demo", "--duration", "0"], "--duration"),
         (["demo", "--obstacles", "-1"], "--obstacles"),
+        (["demo", "--seed", "-1"], "--seed"),
+        (["extremes", "--seed", "-1"], "--seed"),
         (["demo", "--obstacles", "1.5"], "--obstacles"),
         (["demo", "--schedule", "psychic"], "psychic"),
         (["demo", "--person", "/nowhere/person.csv"], "/nowhere/person.csv"),

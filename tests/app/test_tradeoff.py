@@ -33,6 +33,7 @@ def run(tmp_path, *words):
         (["--seconds", "0"], "--seconds: is 0"),
         (["--seconds", "nan"], "--seconds: is nan"),
         (["--obstacles", "-1"], "--obstacles: is -1"),
+        (["--seed", "-1"], "--seed: is -1"),
         (["no.toml"], "no.toml: cannot be read"),
     ],
 )
@@ -82,7 +83,7 @@ def test_a_cell_is_a_scene(tmp_path, capsys):
     # Both sources are heard, or all would be STOP.
     assert data["settings"][0]["figures"]["stop"] < 1.0
     assert data["interrupted"] == ""
-    assert data["command"].startswith("armguard ")
+    assert data["command"].startswith("armguard")
     assert {one["name"] for one in data["settings"]} >= {"default", "finest", "advances 16"}
 
 

@@ -841,3 +841,63 @@ def test_after_a_change_of_payload_a_step_comes_before_a_piece():
     assert answer.reasons[0].subject == "payload"
     monitor.step(PERIOD, HOME, STILL)
     assert monitor.commit(make_plan()).safe
+
+
+def make_way(segments, stamp, pace, angle, **changes):
+    """By the first joint, from a pace and an angle on, through (acceleration, time) to rest."""
+    times, angles, paces = [0.0], [angle], [pace]
+    for rate, whole in segments:
+        for dt in np.diff(np.linspace(0.0, whole, max(2, math.ceil(whole / 0.002) + 1))):
+            angles.append(angles[-1] + paces[-1] * dt + 0.5 * rate * dt * dt)
+            paces.append(paces[-1] + rate * dt)
+            times.append(times[-1] + dt)
+    paces[-1] = 0.0
+    q, v = np.tile(HOME, (len(times), 1)), np.zeros((len(times), 7))
+    q[:, 0], v[:, 0] = angles, paces
+    plan = Plan(stamp, np.array(times), q, v, np.full(7, 1e-3), np.full(7, 0.01))
+    return plan._replace(**changes)
+
+
+@pytest.mark.parametrize("leave", ["never", "any"])
+def test_a_piece_that_is_left_is_kept_while_one_that_goes_on_from_it_has_not_begun(leave):
+    """Two pieces wait: the second disagrees with the first of all, on which the arm still is."""
+    hard, soft, begin, later = -3.3, -3.0, 0.05, 0.048
+    pace = 1.0 + hard * begin
+    now = make_way([(hard, begin), (hard, -pace / hard)], 0.0, 1.0, 0.0)
+    angle = begin + 0.5 * hard * begin**2
+    nxt = make_way([(0.5, 0.01), (soft, (pace + 0.005) / -soft)], begin, pace, angle)
+    gone = later - 0.01
+    pace2 = pace + 0.005 + soft * gone
+    angle2 = angle + pace * 0.01 + 0.25e-4 + (pace + 0.005) * gone + 0.5 * soft * gone**2
+    last = make_way([(soft, pace2 / -soft)], begin + later, pace2, angle2)
+    _, monitor = make_monitor(motion="planned", leave=leave, payload=0.0, latency=0.0)
+    monitor.step(0.0, HOME, now.v[0])
+    assert monitor.commit(now).safe
+    assert monitor.commit(nxt).safe
+    assert monitor.commit(last).safe
+    kept = [piece.plan.stamp for piece in monitor._judge.path._pieces._pieces]
+    expected = [begin, begin + later] if leave == "never" else [0.0, begin, begin + later]
+    assert kept == pytest.approx(expected)
+
+
+def test_a_piece_is_not_covered_by_one_that_promises_to_be_less_fast_off_its_curve():
+    _, monitor = start(leave="any")
+    plan = make_plan()
+    sure = plan._replace(velocity_tracking_error=np.full(7, 1e-4))
+    assert monitor.commit(plan).safe
+    assert monitor.commit(sure).safe
+    assert len(monitor._judge.path._pieces._pieces) == 2
+    assert monitor.commit(plan).safe
+    assert len(monitor._judge.path._pieces._pieces) == 1, "both are covered by the last one"
+
+
+def test_pieces_that_begin_ahead_do_not_add_up_where_they_may_be_left():
+    _, monitor = start(leave="any")
+    q = np.tile(HOME, (2, 1))
+    for k in range(1, 100):
+        now = k * PERIOD
+        monitor.step(now, HOME, STILL)
+        ahead = 0.0 if k == 1 else 0.5 * PERIOD
+        piece = make_plan(stamp=now + ahead, times=[0.0, 0.2], q=q, v=0.0 * q)
+        assert monitor.commit(piece).safe, k
+        assert len(monitor._judge.path._pieces._pieces) <= 3

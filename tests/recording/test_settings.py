@@ -70,7 +70,9 @@ def test_settings_are_changed_by_name():
         budget="500",
         stop="joints",
         advances="3",
+        path_deceleration="2.5",
     )
+    assert data["monitor"]["path_deceleration"] == 2.5
     assert data["monitor"]["latency"] == 0.01
     assert (data["monitor"]["budget"], data["monitor"]["advances"]) == (500, 3)
     assert data["monitor"]["operating"]["acceleration"] is None

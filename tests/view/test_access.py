@@ -9,6 +9,7 @@ from armguard.exceptions import ArmguardError
 from armguard.view.access import Access
 from armguard.view.latest import LatestValues
 from armguard.view.server import ViewServer
+from armguard.view.station import Station
 
 
 def test_on_this_machine_there_is_no_token():
@@ -31,9 +32,18 @@ def test_a_host_that_is_no_address_is_refused_by_name(host):
         Access(host)
 
 
+def draw_nothing(number, with_volume):
+    return None
+
+
+async def take_reset(token):
+    return "taken"
+
+
 def test_beyond_this_machine_page_and_feed_need_the_token():
     async def play():
-        server = ViewServer(LatestValues(), "tcp://127.0.0.1:1", host="0.0.0.0")
+        station = Station("tcp://127.0.0.1:1")
+        server = ViewServer(LatestValues(), station, draw_nothing, take_reset, host="0.0.0.0")
         port = urlsplit(server.url).port
         token = server.url.partition("?token=")[2]
         url = f"http://127.0.0.1:{port}/"
@@ -49,7 +59,7 @@ def test_beyond_this_machine_page_and_feed_need_the_token():
         try:
             cookie = None
             for bad in ("", "x", token[:-1], token + "x", "%ff", token.upper()):
-                for path in (f"?token={bad}", f"view.js?token={bad}"):
+                for path in (f"?token={bad}", f"main.js?token={bad}"):
                     assert (await get(path)).code in (400, 403)
                 with pytest.raises(HTTPClientError):
                     await attach(f"?token={bad}")
@@ -62,7 +72,7 @@ def test_beyond_this_machine_page_and_feed_need_the_token():
             assert "SameSite=Strict" in cookie
             cookie = cookie.partition(";")[0]
             # What the page asks for next brings the cookie alone.
-            assert (await get("view.js", Cookie=cookie)).code == 200
+            assert (await get("main.js", Cookie=cookie)).code == 200
             browser = await attach(Cookie=cookie)
             assert await browser.read_message() is not None
             browser.close()

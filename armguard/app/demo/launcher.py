@@ -108,6 +108,8 @@ def run_demo(
         raise ArmguardError("--duration", f"is {duration}", expected="seconds above 0")
     if not obstacle_count >= 0:
         raise ArmguardError("--obstacles", f"is {obstacle_count}", expected="at least 0")
+    if not seed >= 0:
+        raise ArmguardError("--seed", f"is {seed}", expected="at least 0")
     find_robot(robot)
     if record is not None:
         check_new(record)

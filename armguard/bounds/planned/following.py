@@ -239,13 +239,19 @@ def find_disagreement(
 def is_covered(before: CheckedPlan, after: CheckedPlan, robot: Robot, first: float) -> bool:
     """Whether an arm on one plan is on another as well, from some time on until both end.
 
+    It is then no faster off the other, either: from where it leaves, it gets no farther.
+
     Args:
         before: The plan that the arm may be on.
         after: The other.
         robot: Whose joints these are.
         first: From when on, in [s].
     """
-    if not (before.deviation <= after.deviation + LIMIT_SLACK).all():
+    if not (
+        (before.deviation <= after.deviation + LIMIT_SLACK).all()
+        and (before.velocity_deviation <= after.velocity_deviation).all()
+        and (before.acceleration <= after.acceleration + LIMIT_SLACK).all()
+    ):
         return False
     # Compared as if neither might be left by more than a slack.
     sharp = np.zeros_like(before.deviation)

@@ -109,7 +109,7 @@ class PlannedMotion:
         return self._place(plan.now, make_piece_slabs(plan, self._limits, before))
 
     def lay_out_left(
-        self, plan: CheckedPlan, before: Sequence[CheckedPlan] = ()
+        self, plan: CheckedPlan, before: Sequence[CheckedPlan] = (), latency: float = 0.0
     ) -> PlannedCourse | None:
         """The same of a piece that joints may leave, each at any moment, to brake by themselves.
 
@@ -118,6 +118,7 @@ class PlannedMotion:
         Args:
             plan: What `armguard.bounds.check_plan` found to be in order for this robot.
             before: Pieces that the arm may be following until this one begins.
+            latency: Until the arm follows it at the latest, in [s].
 
         Returns:
             None where a joint may be faster than its brakes are stated for, and where the piece is
@@ -128,7 +129,7 @@ class PlannedMotion:
         """
         for one in (plan, *before):
             self._check(one)
-        slabs = make_left_piece_slabs(plan, self._limits, before)
+        slabs = make_left_piece_slabs(plan, self._limits, before, latency)
         return None if slabs is None else self._place(plan.now, slabs)
 
     def lay_out_stop(

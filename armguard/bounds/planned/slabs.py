@@ -63,7 +63,7 @@ class PathClock(NamedTuple):
     is_on_time: bool
     """Whether its clock is time itself; else it goes at any pace from 0 to 1."""
     followed: float
-    """How long it has been followed, in [s]."""
+    """How long it has been followed, in [s]; negative: not before so long."""
     pace: float = 1.0
     """What the pace of a clock of its own does not exceed until brakes bite."""
     slowing: float = 0.0
@@ -96,7 +96,10 @@ def make_piece_slabs(
 
 
 def make_left_piece_slabs(
-    plan: CheckedPlan, limits: JointLimits, before: Sequence[CheckedPlan] = ()
+    plan: CheckedPlan,
+    limits: JointLimits,
+    before: Sequence[CheckedPlan] = (),
+    latency: float = 0.0,
 ) -> JointSlabs | None:
     """The same of a piece that joints may leave, each at any moment, to brake by themselves.
 
@@ -107,6 +110,8 @@ def make_left_piece_slabs(
         plan: What the arm follows; it ends at rest.
         limits: Of the robot that it was checked for.
         before: What it may be following until the piece begins.
+        latency: Until the arm follows it at the latest, in [s]: how fast joints can be off it
+            follows from how long they have been near it.
 
     Returns:
         None where a joint may be faster than its brakes are stated for, and where the piece is yet
@@ -120,8 +125,7 @@ def make_left_piece_slabs(
         parts.append(_wait(plan, limits, before, lead))
     begin = max(-lead, 0.0)
     age = max(lead, 0.0) + plan.now - plan.measured_stamp
-    # It need not have been followed before now: how fast joints are off it, is then least known.
-    clock = PathClock(begin - age, age, True, 0.0)
+    clock = PathClock(begin - age, age, True, -latency)
     # The last moment is when it rests at the end; from then on nothing is left to brake.
     latest = max(float(plan.times[-1]) - begin, 0.0) + find_settling(plan, limits, math.inf)
     left = _leave(plan, limits, clock, latest)

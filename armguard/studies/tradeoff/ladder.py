@@ -170,5 +170,8 @@ def combine(rungs: Iterable[Rung]) -> list[Setting]:
     settings = []
     for size in range(len(listed), 1, -1):
         for some in itertools.combinations(listed, size):
-            settings.append(Setting(" + ".join(map(str, some)), some))
+            keys = [key for rung in some for key in rung.monitor]
+            # Of two rungs that set the same thing, one would not be what the name says.
+            if len(set(keys)) == len(keys):
+                settings.append(Setting(" + ".join(map(str, some)), some))
     return settings[:MOST_COMBINED]

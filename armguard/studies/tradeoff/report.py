@@ -58,7 +58,8 @@ COLUMNS: tuple[tuple[str, str, str], ...] = (
 """Of the table for people: head, figures, and how they are shown."""
 
 LEGEND = (
-    "Times are processor time of one thread, ticks at 1 kHz unless the setting says otherwise. "
+    "Times are processor time of one thread; ticks come at the default's rate unless the setting "
+    "says otherwise. "
     "“Of a core” is what steps and messages take of one core. “÷ finest” is the contact time over "
     "that of the finest setting in the same tick, in the median and in the worst twentieth; "
     "“÷ adversary” over the first contact that an arm and a body reached which did their worst "
@@ -87,12 +88,9 @@ def summarise(study: Study) -> list[str]:
             "the scene gave; what had not begun is left out."
         )
     bad = [one.setting.name for one in known if _figures(one).missed > 0.0]
-    lines.append(f"Contacts in the scene: {_count_contacts(study)}.")
-    lines.append(
-        "No setting missed a contact."
-        if not bad
-        else f"MISSED contacts: {', '.join(bad)}. Use none of these, and report it."
-    )
+    lines.append(_tell_contacts(study))
+    if bad:
+        lines.append(f"MISSED contacts: {', '.join(bad)}. Use none of these, and report it.")
     for text, most in (
         ("within 1 percentage point of the finest's", finest.stop + CLOSE),
         ("within 5 points", finest.stop + 5.0 * CLOSE),
@@ -177,7 +175,7 @@ def describe(study: Study, about: About) -> dict[str, Any]:
             }
             for one in study.outcomes
         ],
-        "contacts": [one._asdict() for one in study.contacts],
+        "contacts": None if study.contacts is None else [one._asdict() for one in study.contacts],
         "adversary": [
             {"time": one.time, "contact": one.contact if math.isfinite(one.contact) else None}
             for one in study.hunted
@@ -192,10 +190,16 @@ def _figures(outcome: Outcome) -> Figures:
     return outcome.figures
 
 
-def _count_contacts(study: Study) -> str:
+def _tell_contacts(study: Study) -> str:
+    """How often the true arm was touched, and so what it is worth that nothing was missed."""
+    if study.contacts is None:
+        return "Contacts in the scene: not looked for, so nothing is known of missed ones."
     beyond = sum(one.is_beyond for one in study.contacts)
-    text = str(len(study.contacts))
-    return f"{text}, {beyond} of them with bodies that broke their bounds" if beyond else text
+    count = len(study.contacts) - beyond
+    aside = f", and {beyond} with bodies beyond their stated bounds" if beyond else ""
+    if not count:
+        return f"Contacts in the scene: 0{aside}. Nothing was there to be missed."
+    return f"Contacts in the scene: {count}{aside}."
 
 
 def _write_csv(study: Study) -> str:

@@ -7,6 +7,7 @@ study which is ended early has seen the same part of the scene with each of them
 from __future__ import annotations
 
 import gc
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -61,7 +62,8 @@ class Study(NamedTuple):
     outcomes: list[Outcome]
     front: list[str]
     """Names of the settings on the front of price and caution."""
-    contacts: list[Contact]
+    contacts: list[Contact] | None
+    """What really touched; None: it was ended before that was looked for."""
     hunted: list[Hunted]
     grown: list[Grown]
     tracks: dict[str, Track]
@@ -101,7 +103,7 @@ def run_study(
     if seconds <= 0.0:
         raise KeyboardInterrupt
     tracks = {one.setting.name: one.track.until(seconds) for one in contestants}
-    contacts: list[Contact] = []
+    contacts: list[Contact] | None = None
     hunted: list[Hunted] = []
     grown: list[Grown] = []
 
@@ -110,17 +112,21 @@ def run_study(
             messages = [m.stamp <= seconds for m in scene.messages[: len(one.intake)]]
             figures = compute_figures(
                 one.track.until(seconds), tracks[FINEST], one.intake[: sum(messages)], hunted,
-                contacts, one.response, one.memory,
+                contacts or [], one.response, one.memory,
             )  # fmt: skip
+            if contacts is None:
+                figures = figures._replace(missed=math.nan)
             outcomes.append(Outcome(one.setting, figures))
 
     try:
-        if not interrupted:
-            interrupted = "what really happened"
-            tell(interrupted, 0.0)
-            contacts += _find_contacts(site, scene, seconds)
+        # Looked for in any case: that nothing was missed is not to be said without it.
+        part = "what really happened"
+        tell(part, 0.0)
+        interrupted, ended = interrupted or part, interrupted
+        contacts = _find_contacts(site, scene, seconds)
+        if not ended:
             hunted += _hunt(site, scene, tracks[FINEST], tell)
-            interrupted = ""
+        interrupted = ended
     except KeyboardInterrupt:
         pass
     add(contestants)

@@ -51,14 +51,15 @@ def test_the_example_says_what_the_library_would_do_anyway():
     tables = Cell.load(EXAMPLE).tables
     for table in (tables.monitor, tables.thresholds):
         for key in table.__struct_fields__:
-            if key not in ("joint_timeout", "budget"):
+            if key not in ("joint_timeout", "budget", "path_deceleration"):
                 assert getattr(table, key) == defaults[key], key
     # This one alone is longer, for a desktop, and the file says what that costs.
     assert tables.thresholds.joint_timeout == 0.25 > max(0.05, 5.0 / tables.monitor.rate)
     # Without it the example would stop far more than it needs to, and says so.
     assert tables.robot.operating == "published"
     # What no number says, a file says by leaving it out.
-    assert (tables.monitor.budget, defaults["budget"]) == (UNSET, None)
+    for key in ("budget", "path_deceleration"):
+        assert (getattr(tables.monitor, key), defaults[key]) == (UNSET, None)
 
 
 def test_every_setting_of_the_monitor_has_a_key():

@@ -64,7 +64,7 @@ def test_the_markdown_shows_pictures_table_and_facts(folder):
 
 def test_a_user_can_choose_by_the_summary_alone():
     text = "\n".join(summarise(make_study()))
-    assert "No setting missed a contact." in text
+    assert "Contacts in the scene: 0. Nothing was there to be missed." in text
     assert "within 1 percentage point of the finest's: **default**, 10.0% of a core" in text
     assert "Least STOP: **finest**" in text
     assert "Nothing here is both cheaper and no more cautious." in text
@@ -86,7 +86,13 @@ def test_contacts_and_an_early_end_are_told():
     lines = summarise(make_study(contacts=contacts, interrupted="growth"))
     assert "Interrupted in the part “growth”" in lines[0]
     assert "5.0 s" in lines[0]
-    assert "Contacts in the scene: 2, 1 of them with bodies that broke their bounds." in lines
+    assert "Contacts in the scene: 1, and 1 with bodies beyond their stated bounds." in lines
+
+
+def test_what_was_not_looked_for_is_not_said_to_be_missed_by_none():
+    lines = summarise(make_study(contacts=None, interrupted="axes"))
+    (told,) = (line for line in lines if line.startswith("Contacts"))
+    assert "not looked for" in told
 
 
 def test_what_is_no_number_is_a_dash_or_null():

@@ -72,6 +72,7 @@ def test_an_interrupt_keeps_what_all_have_seen():
     tracks = found.tracks.values()
     assert {len(track.time) for track in tracks} == {round(2 * TURN * 100.0) - 1}
     assert found.contacts == found.hunted == found.grown == []
+    assert all(one.figures is None or one.figures.missed == 0.0 for one in found.outcomes)
     assert found.find("budget 16") is not None
 
 
