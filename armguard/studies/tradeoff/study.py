@@ -121,8 +121,8 @@ def run_study(
     try:
         # Looked for in any case: that nothing was missed is not to be said without it.
         part = "what really happened"
-        tell(part, 0.0)
         interrupted, ended = interrupted or part, interrupted
+        tell(part, 0.0)
         contacts = _find_contacts(site, scene, seconds)
         if not ended:
             hunted += _hunt(site, scene, tracks[FINEST], tell)
