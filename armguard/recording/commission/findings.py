@@ -72,7 +72,12 @@ def commission(seen: Observations) -> Findings:
         else:
             limits[name] = kept
             if np.isnan(kept.acceleration):
-                missing.append(f"{name}, operating acceleration: noise of its velocity hides it")
+                why = (
+                    "noise of its velocity hides it"
+                    if np.isnan(kept.window)
+                    else f"it hardly lasts for longer than {1e3 * kept.window:.3g} ms, the window"
+                )
+                missing.append(f"{name}, operating acceleration: {why}")
         if state is None:
             missing.append(f"{name}, errors of its states: too few states in a row")
         else:
