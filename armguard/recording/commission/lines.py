@@ -18,16 +18,21 @@ def write_cell_lines(found: Findings) -> str:
     """Lines for `cell.toml`: thresholds, operating limits, sources."""
     seen = found.seen
     lines = []
+    unmeasured = [f"# not measured: {one}" for one in found.unmeasured]
     if not math.isnan(found.response):
         reaction = round_up(max(0.0, found.response - seen.latency))
-        times = len({stop.told for stop in found.stops})
+        told = {stop.told for stop in found.stops}
+        told |= {one.command.told for one in found.unmeasured if math.isfinite(one.response)}
         lines += [
             "[thresholds]",
             f"latency = {seen.latency:g} # as it was: a recording tells but the sum of the two",
             f"reaction_time = {reaction} # STOP to slowing, {1e3 * found.response:.1f} ms at the "
-            f"latest of {times} stops, less that latency",
+            f"latest of {len(told)} stops, less that latency",
+            *unmeasured,
             "",
         ]
+    elif unmeasured:
+        lines += ["# no reaction_time was found: the arm may have ignored a STOP", *unmeasured, ""]
     if found.limits:
         robot = seen.robot
         velocity, acceleration = [], []
