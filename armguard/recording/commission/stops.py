@@ -46,7 +46,10 @@ _STRAIGHT = 0.005
 _AVERAGED = 5
 """Positions whose mean tells where a joint is while it creeps to rest."""
 
-_LONGER = 1.1
+_SHIFTED = 1.25
+"""Times what a creep to rest takes from where positions no longer show it."""
+
+_LONGER = 1.2
 """Times the length of a stop at the fitted deceleration: what takes longer was not steady."""
 
 _UNEVEN = 2.0
@@ -148,16 +151,19 @@ def measure_stop(
         return UnmeasuredStop(name, command, fit)
     position = np.sign(start) * q
     bite = np.interp(fit.earliest, stamps, position)
-    position_noise = estimate_noise(seen.q[:, joint])
+    # What an encoder's steps do shows only while it moves.
+    is_fast = np.abs(seen.v[:, joint]) >= SLOWEST * float(seen.robot.velocity_limit[joint])
+    position_noise = estimate_noise(seen.q[:, joint], is_fast)
     # Below this a sample does not tell whether the joint moves.
     least = max(4.0 * noise, 0.01 * abs(start))
-    if not 2.0 * least < speed.max():
+    if not 2.0 * least < np.minimum(speed[1:], speed[:-1]).max():
         return UnmeasuredStop(name, command, "noise of its velocity hides when it rests")
     rest = max(
         _find_rest_by_speed(stamps, speed, least, fit.deceleration),
         _find_rest_by_position(stamps, position, DEVIATIONS * position_noise),
     )
-    if not rest <= stamps[-1]:
+    # The means end before the last state.
+    if not rest <= stamps[-_AVERAGED]:
         response = fit.latest - command.told
         return UnmeasuredStop(name, command, "it ends before the joint rests", response)
     distance = float(position[stamps >= fit.earliest].max() - bite)
@@ -188,28 +194,33 @@ def _find_rest_by_speed(
     From the least speed that can be told it takes as long again as it took to halve its speed to
     that: brakes may let it creep there. It is not taken to slow down faster than it did before.
     """
-    halved, ended = (int(np.flatnonzero(np.abs(speed) > bound)[-1]) for bound in (2 * least, least))
-    if ended + 1 >= len(stamps):
+    rates = np.abs(speed)
+    # One sample by itself may be far off.
+    moving = np.minimum(rates[1:], rates[:-1])
+    ended = int(np.flatnonzero(moving > least)[-1]) + 2
+    if ended >= len(stamps):
         return float("inf")
-    left = max(stamps[ended + 1] - stamps[halved + 1], least / deceleration)
-    return float(stamps[ended + 1] + left)
+    halved = int(np.flatnonzero(moving > 2.0 * least)[-1]) + 2
+    left = max(stamps[ended] - stamps[halved], least / deceleration)
+    return float(stamps[ended] + left)
 
 
 def _find_rest_by_position(stamps: FloatArray, position: FloatArray, least: float) -> float:
     """When a joint rests, as told by its position, which shows what noise of its speed hides.
 
     From the least distance that can be told it takes as long again as it took to come there from
-    four times that, if it slows down steadily. Means of a few positions keep single ones that are
-    far off from counting as motion; each counts as of the last of them.
+    four times that, if it slows down steadily; a quarter of that is added, since noise shifts both.
+    Means of a few positions keep single ones that are far off from counting as motion.
     """
     means = np.convolve(position, np.full(_AVERAGED, 1.0 / _AVERAGED), "valid")
     off = np.abs(means - means[-1])
-    times = stamps[_AVERAGED - 1 :]
+    times = stamps[_AVERAGED // 2 :]
     far, near = (np.flatnonzero(off > bound) for bound in (4.0 * least, least))
     if not len(near):
         return float(times[0])
     ended = times[near[-1] + 1]
-    return float(ended + (ended - times[far[-1] + 1] if len(far) else 0.0))
+    left = ended - times[far[-1] + 1] if len(far) else ended - times[0]
+    return float(ended + _SHIFTED * left)
 
 
 class _Break(NamedTuple):
