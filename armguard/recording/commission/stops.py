@@ -111,18 +111,18 @@ def find_response(
     before the arm had to obey. A joint whose response is not known otherwise tells nothing as long
     as another one tells of the same STOP; if none does, the arm may have ignored it.
     """
-    known = {stop.told: stop.response for stop in stops}
+    told = {stop.told for stop in stops}
     responses = [stop.response for stop in stops]
     for one in unmeasured:
         if np.isfinite(one.response):
-            known[one.command.told] = one.response
+            told.add(one.command.told)
             responses.append(one.response)
     longest = max(responses, default=float("nan"))
     open_ones = []
     for one in unmeasured:
         length = one.command.ended - one.command.told
         was_over = np.isinf(one.response) and length <= longest
-        is_told = not np.isinf(one.response) and one.command.told in known
+        is_told = not np.isinf(one.response) and one.command.told in told
         if not (was_over or is_told):
             open_ones.append(one)
     return longest, open_ones
