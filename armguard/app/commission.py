@@ -52,7 +52,7 @@ def run_commission(file: Path, out: Path | None) -> int:
     for table in _draw_tables(found):
         console.print(table)
     stops = len({stop.told for stop in found.stops})
-    if stops:
+    if not math.isnan(found.response):
         console.print(
             f"From a STOP to the first slowing it took {1e3 * found.response:.1f} ms at most, in "
             f"{stops} stops. Each figure is the worst that was measured, three standard deviations "

@@ -31,7 +31,8 @@ def test_a_recording_shows_the_arm_as_it_is(recorded):
         joint = names.index(name)
         time = arm.velocity[joint] / arm.braking[joint]
         assert 0.95 * arm.velocity[joint] <= entry.speed <= arm.velocity[joint]
-        assert time <= entry.stopping_time <= 1.1 * time
+        # Some of these stops take but 80 ms, and a few states more count.
+        assert time <= entry.stopping_time <= 1.15 * time
         assert 0.9 * arm.braking[joint] <= entry.deceleration <= arm.braking[joint]
         kept = found.limits[name]
         assert arm.velocity[joint] <= kept.velocity <= 1.1 * arm.velocity[joint]

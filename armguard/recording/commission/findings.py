@@ -16,7 +16,12 @@ from armguard.recording.commission.joints import (
 )
 from armguard.recording.commission.observations import Observations
 from armguard.recording.commission.sources import SourceFindings, measure_source
-from armguard.recording.commission.stops import JointStop, measure_stops
+from armguard.recording.commission.stops import (
+    JointStop,
+    UnmeasuredStop,
+    find_response,
+    measure_stops,
+)
 from armguard.robot.brakes import BrakeEntry
 
 LEVEL_STEP = 0.6
@@ -32,7 +37,10 @@ class Findings(NamedTuple):
     seen: Observations
     stops: list[JointStop]
     response: float
-    """From a STOP to the first slowing, the longest of all stops, in [s]; NaN: there was none."""
+    """From a STOP to the first slowing, the longest of all stops, in [s]; NaN: there was none, or
+    one of the STOPs may have been obeyed later, or not at all."""
+    unmeasured: list[UnmeasuredStop]
+    """STOPs while a joint moved that tell nothing of its brakes."""
     brakes: dict[str, list[BrakeEntry]]
     """Of each joint that a STOP was measured of, by rising speed."""
     limits: dict[str, KeptLimits]
@@ -48,15 +56,26 @@ class Findings(NamedTuple):
 def commission(seen: Observations) -> Findings:
     """Find what a recording says about an arm, its controller and its sources."""
     joints = seen.robot.joints
-    stops, missing = measure_stops(seen)
+    stops, unmeasured = measure_stops(seen)
+    missing = [str(one) for one in unmeasured]
     if seen.has_gaps:
         missing.insert(0, "events that are missing in the recording: it has gaps")
-    response = max((stop.response for stop in stops), default=float("nan"))
+    response, open_ones = find_response(stops, unmeasured)
+    if open_ones:
+        response = float("nan")
+        missing.append(
+            "reaction time: a STOP may have been obeyed later than was measured, or not at all: "
+            + ", ".join(f"{told:.3f} s" for told in sorted({one.command.told for one in open_ones}))
+        )
     if not stops:
         what = "no STOP while a joint moved is in the recording" if not seen.stops else "none of it"
         missing.append(f"latency, reaction time and stopping times: {what}")
     brakes = {
-        name: _list_entries([stop for stop in stops if stop.joint == name], seen.payload)
+        name: _list_entries(
+            [stop for stop in stops if stop.joint == name],
+            sum(one.joint == name for one in unmeasured),
+            seen.payload,
+        )
         for name in joints
         if any(stop.joint == name for stop in stops)
     }
@@ -72,7 +91,12 @@ def commission(seen: Observations) -> Findings:
         else:
             limits[name] = kept
             if np.isnan(kept.acceleration):
-                missing.append(f"{name}, operating acceleration: noise of its velocity hides it")
+                why = (
+                    "noise of its velocity hides it"
+                    if np.isnan(kept.window)
+                    else f"it hardly lasts for longer than {1e3 * kept.window:.3g} ms, the window"
+                )
+                missing.append(f"{name}, operating acceleration: {why}")
         if state is None:
             missing.append(f"{name}, errors of its states: too few states in a row")
         else:
@@ -91,12 +115,15 @@ def commission(seen: Observations) -> Findings:
                 missing.append(f"source {name}, spread: no obstacle was seen often enough")
     if not seen.sources:
         missing.append("sources: no message of obstacles is in it")
-    return Findings(seen, stops, response, brakes, limits, errors, tracking, sources, missing)
+    return Findings(
+        seen, stops, response, unmeasured, brakes, limits, errors, tracking, sources, missing
+    )
 
 
-def _list_entries(stops: list[JointStop], payload: float) -> list[BrakeEntry]:
+def _list_entries(stops: list[JointStop], unmeasured: int, payload: float) -> list[BrakeEntry]:
     """What one joint's brakes do, by rising speed; a level holds for all that is slower."""
     entries: list[BrakeEntry] = []
+    besides = f"; {unmeasured} more could not be measured" if unmeasured else ""
     fastest = max(stop.speed for stop in stops)
     slow = max((stop.speed for stop in stops if stop.speed <= LEVEL_STEP * fastest), default=0.0)
     for level in (slow, fastest):
@@ -113,7 +140,7 @@ def _list_entries(stops: list[JointStop], payload: float) -> list[BrakeEntry]:
                 max(stop.stopping_time for stop in included),
                 max(stop.stopping_distance for stop in included),
                 min(stop.deceleration for stop in included) if is_steady else 0.0,
-                f"commissioned: the worst of {len(included)} stops",
+                f"commissioned: the worst of {len(included)} stops{besides}",
             )
         )
     return entries

@@ -29,6 +29,10 @@ _SHARE = 0.05
 _LONGEST = 0.1
 """Longest window in which an acceleration is looked for, in [s]."""
 
+_ALIKE = 0.9
+"""Of the steepest window, that three windows in a row must be as steep as: else the acceleration
+does not last for much longer than a window, whose slope is an average and may be too low."""
+
 _HALVES = (2, 3, 5, 8, 12, 20)
 """Samples on either side of one whose velocity is taken from positions."""
 
@@ -43,9 +47,11 @@ class KeptLimits(NamedTuple):
     velocity: float
     """[rad/s] or [m/s]."""
     acceleration: float
-    """With which it sped up, in [rad/s²] or [m/s²]; NaN where noise hides it."""
+    """With which it sped up, in [rad/s²] or [m/s²]; NaN where noise hides it, or where it does
+    not last for three windows."""
     window: float
-    """How long it was looked for at once, in [s]: shorter peaks would look lower."""
+    """How long it was looked for at once, in [s]: what is shorter looks lower, and may be missed.
+    NaN where noise hides it in the longest, too."""
 
 
 class StateErrors(NamedTuple):
@@ -75,14 +81,27 @@ def measure_limits(seen: Observations, joint: int) -> KeptLimits | None:
         if not speeding.any():
             break
         spread = noise * np.sqrt(12.0 / (width * (width * width - 1.0))) / period
-        largest = float(np.abs(slopes[speeding]).max())
+        steepness = np.where(speeding, np.abs(slopes), 0.0)
+        largest = float(steepness.max())
         # Many windows are looked at, so the largest has its share of noise already.
         if spread <= _SHARE * largest / DEVIATIONS:
-            acceleration, window = largest * (1.0 + BETWEEN), (width - 1) * period
+            window = (width - 1) * period
+            if _find_lasting(steepness, width) >= _ALIKE * largest:
+                acceleration = largest * (1.0 + BETWEEN)
             break
         width += max(1, width // 4)
-    between = 0.0 if np.isnan(acceleration) else 0.5 * acceleration * period
-    return KeptLimits(fastest * (1.0 + BETWEEN) + between, acceleration, window)
+    # What is not known may be all that the joint can do.
+    most = float(seen.robot.acceleration_limit[joint]) if np.isnan(acceleration) else acceleration
+    return KeptLimits(fastest * (1.0 + BETWEEN) + 0.5 * most * period, acceleration, window)
+
+
+def _find_lasting(steepness: FloatArray, width: int) -> float:
+    """The most that three windows in a row, side by side, have in common; 0 if there are none."""
+    count = len(steepness) - 2 * width
+    if count < 1:
+        return 0.0
+    rows = [steepness[shift : shift + count] for shift in (0, width, 2 * width)]
+    return float(np.min(rows, axis=0).max())
 
 
 def measure_errors(seen: Observations, joint: int) -> StateErrors | None:

@@ -18,31 +18,44 @@ def write_cell_lines(found: Findings) -> str:
     """Lines for `cell.toml`: thresholds, operating limits, sources."""
     seen = found.seen
     lines = []
+    unmeasured = [f"# not measured: {one}" for one in found.unmeasured]
     if not math.isnan(found.response):
         reaction = round_up(max(0.0, found.response - seen.latency))
-        times = len({stop.told for stop in found.stops})
+        told = {stop.told for stop in found.stops}
+        told |= {one.command.told for one in found.unmeasured if math.isfinite(one.response)}
         lines += [
             "[thresholds]",
             f"latency = {seen.latency:g} # as it was: a recording tells but the sum of the two",
             f"reaction_time = {reaction} # STOP to slowing, {1e3 * found.response:.1f} ms at the "
-            f"latest of {times} stops, less that latency",
+            f"latest of {len(told)} stops, less that latency",
+            *unmeasured,
             "",
         ]
+    elif unmeasured:
+        lines += ["# no reaction_time was found: the arm may have ignored a STOP", *unmeasured, ""]
     if found.limits:
         robot = seen.robot
         velocity, acceleration = [], []
+        windows, unknown = [], []
         for joint, name in enumerate(robot.joints):
             kept = found.limits.get(name)
             most = float(robot.velocity_limit[joint]), float(robot.acceleration_limit[joint])
             velocity.append(most[0] if kept is None else min(most[0], round_up(kept.velocity)))
-            is_known = kept is not None and not math.isnan(kept.acceleration)
-            acceleration.append(
-                min(most[1], round_up(kept.acceleration)) if kept and is_known else most[1]
-            )
+            if kept is None or math.isnan(kept.acceleration):
+                acceleration.append(most[1])
+                unknown.append(name)
+            else:
+                acceleration.append(min(most[1], round_up(kept.acceleration)))
+                windows.append(f"{1e3 * kept.window:.3g}")
+        how = []
+        if windows:
+            how.append(f"within {', '.join(windows)} ms; what is shorter may be missed")
+        if unknown:
+            how.append(f"not found, so its limit stands: {', '.join(unknown)}")
         lines += [
             "[robot.operating] # what the controller kept to here: state what it is set up to keep",
             f"velocity = {velocity}",
-            f"acceleration = {acceleration}",
+            f"acceleration = {acceleration} # {'; '.join(how)}",
             "",
         ]
     for name, source in found.sources.items():

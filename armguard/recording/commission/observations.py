@@ -115,6 +115,8 @@ def observe(recording: Recording) -> Observations:
         elif isinstance(event, ObstacleUpdate):
             stamp = float(event.stamp)
             messages[event.source].append((stamp, 1e-9 * nanoseconds))
+            if not event.ids:
+                continue  # A heartbeat is a message like any other, but tells of no obstacle.
             positions = read_numbers(event.position).reshape(len(event.ids), -1, 3)
             for name, points in zip(event.ids, positions, strict=True):
                 seen[event.source][name].append([stamp, *points[0]])

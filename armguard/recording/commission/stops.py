@@ -43,6 +43,15 @@ _LEAST_BREAK = 0.3
 _STRAIGHT = 0.005
 """Of a speed, that samples of a steady deceleration may be off a straight line by, noise or not."""
 
+_AVERAGED = 5
+"""Positions whose mean tells where a joint is while it creeps to rest."""
+
+_SHIFTED = 1.25
+"""Times what a creep to rest takes from where positions no longer show it."""
+
+_LONGER = 1.2
+"""Times the length of a stop at the fitted deceleration: what takes longer was not steady."""
+
 _UNEVEN = 2.0
 """Times the noise that samples of a steady deceleration may be off its line by."""
 
@@ -65,56 +74,109 @@ class JointStop(NamedTuple):
     """At each instant of it, at least, in [rad/s²] or [m/s²]; NaN where it was not steady."""
 
 
-def measure_stops(seen: Observations) -> tuple[list[JointStop], list[str]]:
-    """All stops of all joints, and in words which of them could not be measured, and why."""
+class UnmeasuredStop(NamedTuple):
+    """A STOP of which it is not known how a joint obeyed it, or whether it did."""
+
+    joint: str
+    command: StopCommand
+    why: str
+    response: float = float("nan")
+    """From the verdict to the bite, at most, in [s]; NaN where it is not known, and infinite where
+    the joint was still fast when the STOP ended."""
+
+    def __str__(self) -> str:
+        return f"{self.joint}, STOP at {self.command.told:.3f} s: {self.why}"
+
+
+def measure_stops(seen: Observations) -> tuple[list[JointStop], list[UnmeasuredStop]]:
+    """All stops of all joints that moved, and those of them that could not be measured."""
     found: list[JointStop] = []
-    problems = []
+    unmeasured: list[UnmeasuredStop] = []
     for command in seen.stops:
-        for joint, name in enumerate(seen.robot.joints):
+        for joint in range(len(seen.robot.joints)):
             measured = measure_stop(seen, command, joint)
             if isinstance(measured, JointStop):
                 found.append(measured)
-            elif measured:
-                problems.append(f"{name}, STOP at {command.told:.3f} s: {measured}")
-    return found, problems
+            elif measured is not None:
+                unmeasured.append(measured)
+    return found, unmeasured
 
 
-def measure_stop(seen: Observations, command: StopCommand, joint: int) -> JointStop | str:
-    """How one joint obeyed one STOP, or why that cannot be told; empty: it was hardly moving."""
+def find_response(
+    stops: list[JointStop], unmeasured: list[UnmeasuredStop]
+) -> tuple[float, list[UnmeasuredStop]]:
+    """The longest response, and the STOPs for which it may have been longer.
+
+    A joint that was still fast at the end of a STOP may have ignored it, unless the STOP was over
+    before the arm had to obey. A joint whose response is not known otherwise tells nothing as long
+    as another one tells of the same STOP; if none does, the arm may have ignored it.
+    """
+    told = {stop.told for stop in stops}
+    responses = [stop.response for stop in stops]
+    for one in unmeasured:
+        if np.isfinite(one.response):
+            told.add(one.command.told)
+            responses.append(one.response)
+    longest = max(responses, default=float("nan"))
+    open_ones = []
+    for one in unmeasured:
+        length = one.command.ended - one.command.told
+        was_over = np.isinf(one.response) and length <= longest
+        is_told = not np.isinf(one.response) and one.command.told in told
+        if not (was_over or is_told):
+            open_ones.append(one)
+    return longest, open_ones
+
+
+def measure_stop(
+    seen: Observations, command: StopCommand, joint: int
+) -> JointStop | UnmeasuredStop | None:
+    """How one joint obeyed one STOP, or why that cannot be told; None: it was hardly moving."""
+    name = seen.robot.joints[joint]
     inside = (seen.stamps >= command.told - LEAD_IN) & (seen.stamps <= command.ended)
     stamps, q, v = seen.stamps[inside], seen.q[inside, joint], seen.v[inside, joint]
     before = np.flatnonzero(stamps <= command.told)
     if not len(before):
-        return "no joint state before it"
+        return UnmeasuredStop(name, command, "no joint state before it")
     start = float(np.mean(v[before[-5:]]))
     if not abs(start) >= SLOWEST * float(seen.robot.velocity_limit[joint]):
-        return ""
+        return None
     speed = np.sign(start) * v
     noise = estimate_noise(seen.v[:, joint])
     slow = np.flatnonzero((speed <= _TAIL * abs(start)) & (stamps > command.told))
     if not len(slow):
-        return "it ends before the joint is slow"
+        return UnmeasuredStop(name, command, "it ends before the joint is slow", float("inf"))
     fit = _fit_break(stamps[: slow[0] + 1], speed[: slow[0] + 1], command.told)
     if isinstance(fit, str):
-        return fit
-    # Below this a sample does not tell whether the joint moves; it decelerates as before.
-    least = max(4.0 * noise, 0.01 * abs(start))
-    moving = np.flatnonzero(np.abs(speed) > least)
-    if moving[-1] + 1 >= len(stamps):
-        return "it ends before the joint rests"
-    rest = stamps[moving[-1] + 1] + least / fit.deceleration
+        return UnmeasuredStop(name, command, fit)
     position = np.sign(start) * q
     bite = np.interp(fit.earliest, stamps, position)
-    position_noise = estimate_noise(seen.q[:, joint])
+    # What an encoder's steps do shows only while it moves.
+    is_fast = np.abs(seen.v[:, joint]) >= SLOWEST * float(seen.robot.velocity_limit[joint])
+    position_noise = estimate_noise(seen.q[:, joint], is_fast)
+    # Below this a sample does not tell whether the joint moves.
+    least = max(4.0 * noise, 0.01 * abs(start))
+    if not 2.0 * least < np.minimum(speed[1:], speed[:-1]).max():
+        return UnmeasuredStop(name, command, "noise of its velocity hides when it rests")
+    rest = max(
+        _find_rest_by_speed(stamps, speed, least, fit.deceleration),
+        _find_rest_by_position(stamps, position, DEVIATIONS * position_noise),
+    )
+    # The means end before the last state.
+    if not rest <= stamps[-_AVERAGED]:
+        response = fit.latest - command.told
+        return UnmeasuredStop(name, command, "it ends before the joint rests", response)
     distance = float(position[stamps >= fit.earliest].max() - bite)
     distance += 2.0 * DEVIATIONS * position_noise
-    time = float(rest) - fit.earliest
+    time = rest - fit.earliest
     deceleration = min(
         fit.least_deceleration, fit.speed / time, 0.5 * fit.speed * fit.speed / distance
     )
     is_steady = fit.residual <= max(_UNEVEN * noise, _STRAIGHT * fit.speed)
+    # A joint that creeps to rest decelerates less there than on the whole.
+    is_steady &= time * fit.least_deceleration <= _LONGER * abs(start)
     return JointStop(
-        seen.robot.joints[joint],
+        name,
         command.told,
         fit.speed,
         fit.latest - command.told,
@@ -122,6 +184,43 @@ def measure_stop(seen: Observations, command: StopCommand, joint: int) -> JointS
         distance,
         deceleration if is_steady else float("nan"),
     )
+
+
+def _find_rest_by_speed(
+    stamps: FloatArray, speed: FloatArray, least: float, deceleration: float
+) -> float:
+    """When a joint rests, as told by its speed; infinite if it moves to the end.
+
+    From the least speed that can be told it takes as long again as it took to halve its speed to
+    that: brakes may let it creep there. It is not taken to slow down faster than it did before.
+    """
+    rates = np.abs(speed)
+    # One sample by itself may be far off.
+    moving = np.minimum(rates[1:], rates[:-1])
+    ended = int(np.flatnonzero(moving > least)[-1]) + 2
+    if ended >= len(stamps):
+        return float("inf")
+    halved = int(np.flatnonzero(moving > 2.0 * least)[-1]) + 2
+    left = max(stamps[ended] - stamps[halved], least / deceleration)
+    return float(stamps[ended] + left)
+
+
+def _find_rest_by_position(stamps: FloatArray, position: FloatArray, least: float) -> float:
+    """When a joint rests, as told by its position, which shows what noise of its speed hides.
+
+    From the least distance that can be told it takes as long again as it took to come there from
+    four times that, if it slows down steadily; a quarter of that is added, since noise shifts both.
+    Means of a few positions keep single ones that are far off from counting as motion.
+    """
+    means = np.convolve(position, np.full(_AVERAGED, 1.0 / _AVERAGED), "valid")
+    off = np.abs(means - means[-1])
+    times = stamps[_AVERAGED // 2 :]
+    far, near = (np.flatnonzero(off > bound) for bound in (4.0 * least, least))
+    if not len(near):
+        return float(times[0])
+    ended = times[near[-1] + 1]
+    left = ended - times[far[-1] + 1] if len(far) else ended - times[0]
+    return float(ended + _SHIFTED * left)
 
 
 class _Break(NamedTuple):

@@ -1,7 +1,8 @@
 import numpy as np
 
 from armguard.recording.commission.findings import commission
-from armguard.recording.commission.observations import SourceObservations
+from armguard.recording.commission.lines import write_cell_lines
+from armguard.recording.commission.observations import SourceObservations, StopCommand
 from support.commissioned_arms import Arm, sample
 
 
@@ -47,3 +48,27 @@ def test_what_is_not_in_a_recording_is_told_by_name_and_not_made_up():
     ):
         assert words in told
     assert "sources: no message" in "\n".join(commission(sample(arm, [], 3.0)).missing)
+
+
+def test_an_arm_that_ignores_a_stop_has_no_reaction_time():
+    """Three STOPs are obeyed after 40 ms, and one is not for its whole 0.3 s."""
+    told = [0.7, 2.3, 4.0]
+    arm = Arm([1.0], [3.0], [4.0], 0.04)
+    seen = sample(arm, told, 8.0)
+    assert "reaction_time = " in write_cell_lines(commission(seen))
+    found = commission(seen._replace(stops=[*seen.stops, StopCommand(5.6, 5.9)]))
+    assert np.isnan(found.response)
+    assert any("reaction time" in line and "5.600 s" in line for line in found.missing)
+    lines = write_cell_lines(found)
+    assert "reaction_time = " not in lines
+    assert "# not measured: joint0, STOP at 5.600 s: it ends before the joint is slow" in lines
+    assert "1 more could not be measured" in found.brakes["joint0"][-1].source
+
+
+def test_a_stop_too_short_to_be_obeyed_is_told_beside_the_reaction_time():
+    seen = sample(Arm([1.0], [3.0], [4.0], 0.04), [0.7, 2.3], 6.0)
+    found = commission(seen._replace(stops=[*seen.stops, StopCommand(4.0, 4.02)]))
+    assert 0.04 <= found.response <= 0.044
+    lines = write_cell_lines(found)
+    assert "reaction_time = " in lines
+    assert "# not measured: joint0, STOP at 4.000 s" in lines

@@ -105,3 +105,28 @@ def test_only_what_was_allowed_and_is_not_over_counts():
     before = seen._replace(plans=[PlanAccepted(seen.plans[0].plan, 9.0)])
     assert measure_tracking(before) is None
     assert measure_tracking(seen._replace(plans=[])) is None
+
+
+def make_pulses(shape, steepest, length, period, noise):
+    """A joint that speeds up and slows down by short pulses, and keeps its speed in between."""
+    times = np.arange(0.0, 4.0, 1e-4)
+    phase = times % 0.5
+    pulse = shape(np.pi * phase / length) * (phase < length)
+    turn = np.where((times // 0.5) % 2 == 0, 1.0, -1.0)
+    v = (np.cumsum(steepest * pulse * turn) * 1e-4)[3 :: round(period / 1e-4)]
+    v = v + np.random.default_rng(0).uniform(-noise, noise, len(v))
+    stamps = period * np.arange(len(v))
+    seen = sample(Arm([1.0], [3.0], [4.0], 0.03), [], 0.1)
+    nothing = np.full(len(v), np.nan)
+    return seen._replace(stamps=stamps, q=v[:, None], v=v[:, None], path_times=nothing)
+
+
+@pytest.mark.parametrize("shape", [np.sin, np.ones_like])
+@pytest.mark.parametrize("length", [0.02, 0.03, 0.05, 0.1, 0.2])
+@pytest.mark.parametrize("noise", [0.0, 0.001, 0.003, 0.01, 0.02])
+@pytest.mark.parametrize("period", [1e-3, 8e-3])
+def test_an_acceleration_that_does_not_last_is_not_stated_lower(shape, length, noise, period):
+    kept = measure_limits(make_pulses(shape, 8.0, length, period, noise), 0)
+    assert np.isnan(kept.acceleration) or 8.0 <= kept.acceleration <= 8.0 * 1.15
+    if period == 1e-3 and length >= 0.1 and noise <= 0.001:
+        assert not np.isnan(kept.acceleration)

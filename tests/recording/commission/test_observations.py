@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
 
+from armguard import Monitor, Obstacles, Recorder, Robot
 from armguard.exceptions import ArmguardError
 from armguard.recording import Recording
 from armguard.recording.commission.observations import _find_plan_ends, _find_stops, observe
 from support import recordings_made
+from support.panda_monitor import HOME, STILL
 
 
 def test_only_a_stop_that_follows_another_level_is_one():
@@ -46,3 +48,22 @@ def test_a_recording_without_an_arm_at_work_is_refused(tmp_path):
     recording.events = lambda: iter(())
     with pytest.raises(ArmguardError, match=r"run\.mcap: has 0 joint states"):
         observe(recording)
+
+
+@pytest.mark.parametrize("shape", [(0,), (0, 3)])
+def test_a_message_without_obstacles_counts_as_a_message(tmp_path, shape):
+    path = tmp_path / "run.mcap"
+    obstacles = Obstacles(sources=["camera"])
+    monitor = Monitor(Robot.load("panda"), obstacles, rate=500.0)
+    with Recorder(path, monitor) as recorder:
+        for tick in range(40):
+            now = tick / 500.0
+            if tick % 2:
+                obstacles.update([], now, np.zeros(shape), source="camera", radius=0.1)
+            else:
+                obstacles.update(["ball"], now, [[4.0, 3.0, 0.5]], source="camera", radius=0.1)
+            monitor.step(now, HOME, STILL)
+        assert recorder.close() == ""
+    camera = observe(Recording(path)).sources["camera"]
+    assert len(camera.stamps) == len(camera.ages) == 40
+    assert len(camera.tracks["ball"][0]) == 20
