@@ -21,12 +21,20 @@ from armguard.streams.messages import MessageError
 BYTE_LIMIT = 4 * 1024 * 1024
 """Longest message taken: 10,000 boxes with velocities, packed, are 3.9 MB."""
 
-FRAME_LIMIT = 2 * BYTE_LIMIT
+FRAME_LIMIT = BYTE_LIMIT + BYTE_LIMIT // 4
 """Longest message that ZeroMQ makes room for. A longer one ends its sender's connection; between
 the two limits a message is dropped, and told by its length."""
 
 QUEUE_LIMIT = 4000
-"""Messages that wait while the loop is busy: forty seconds of a 100 Hz source, four of joints."""
+"""Messages that wait at their sender while the loop is busy: forty seconds of a 100 Hz source, four
+of joints."""
+
+WAITING_BYTES = 256 * 1024 * 1024
+"""Most memory, in bytes, for what waits in an input, of each connection."""
+
+_WAITING_MESSAGES = WAITING_BYTES // FRAME_LIMIT
+"""Messages that wait in an input, of each connection: nearly as many as a tick takes. With more,
+ZeroMQ stops reading, and they wait at their sender; none is lost before its queue is full too."""
 
 
 class Input(Protocol):
@@ -71,7 +79,7 @@ class SocketInput:
             context = authenticator.context
         self._socket: zmq.Socket[bytes] = context.socket(zmq.SUB)
         self._socket.set(zmq.LINGER, 0)
-        self._socket.set(zmq.RCVHWM, QUEUE_LIMIT)
+        self._socket.set(zmq.RCVHWM, _WAITING_MESSAGES)
         self._socket.set(zmq.MAXMSGSIZE, FRAME_LIMIT)
         self._socket.subscribe(b"")
         if authenticator is not None:
