@@ -13,7 +13,7 @@ from __future__ import annotations
 import hmac
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -220,6 +220,7 @@ class Edge:
         now = self._now = self._clock.now()
         self._keeps_joint_state = False
         self.plans = []
+        self._admit_clients(inputs)
         for source in inputs:
             # Whatever is taken now arrived since this input was last found empty.
             self._arrived_after = self._emptied.get(source, self._start)
@@ -250,6 +251,15 @@ class Edge:
         now = self._clock.now()
         self._settle_joint_state(now, is_emptied=is_emptied)
         return now
+
+    def _admit_clients(self, inputs: Iterable[Input]) -> None:
+        """Let in who asks for it and may be, a few a tick, and count who may not."""
+        guarded = (source.authenticator for source in inputs if isinstance(source, SocketInput))
+        # The inputs of a run have one authenticator, which answers once for all of them.
+        for authenticator in {one for one in guarded if one is not None}:
+            authenticator.answer()
+            for error, times in authenticator.take_refused():
+                self.faults.add(error.kind, error.source, None, str(error), times)
 
     def _read(self, data: bytes, source: Input) -> None:
         """Take one message if its sender may send it; raise MessageError if not."""

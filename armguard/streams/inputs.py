@@ -57,7 +57,8 @@ class SocketInput:
     Args:
         address: `ipc://path`, or TCP on the loopback interface; `tcp://127.0.0.1:*` takes any port.
             With an authenticator, TCP on any interface.
-        authenticator: Lets in the clients that it knows; None: there are no keys.
+        authenticator: Lets in the clients that it knows, whenever it is told to answer those that
+            ask; None: there are no keys.
 
     Attributes:
         authenticator: As above.
@@ -95,14 +96,13 @@ class SocketInput:
         """The next message, or None.
 
         Raises:
-            MessageError: For one too long or in several parts, and for a client that was refused.
+            MessageError: For one too long or in several parts.
         """
         try:
             # Without a copy, so that the size is known before any is made.
             frame = self._socket.recv(zmq.NOBLOCK, copy=False)
         except zmq.Again:
             self.sender = None
-            self._admit_clients()
             return None
         if self.authenticator is not None:
             self.sender = str(frame.get("User-Id"))
@@ -118,14 +118,6 @@ class SocketInput:
 
     def _refuse(self, found: str, expected: str) -> MessageError:
         return MessageError("message", found, expected, self.sender or "unknown")
-
-    def _admit_clients(self) -> None:
-        """Let in who asks for it and may be, and tell who may not."""
-        if self.authenticator is not None:
-            self.authenticator.answer()
-            refused = self.authenticator.take_refused()
-            if refused is not None:
-                raise refused
 
     def close(self) -> None:
         """Unbind and close; what waits in the queue is dropped."""

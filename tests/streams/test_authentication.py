@@ -242,9 +242,13 @@ def test_strangers_without_end_cost_a_tick_a_few_answers(ring, monkeypatch):
         monkeypatch.setattr(
             side.authenticator, "_judge", lambda parts: judged.append(1) or judge(parts)
         )
-        side.authenticator.answer()
-        assert len(judged) == 8
+        for drains in range(1, 4):
+            side.edge.drain([side.input])
+            assert len(judged) == 8 * drains
+            # Each of those that were refused is counted, not the last of them alone.
+            assert side.faults.counts["client refused", "unknown"] == len(judged)
         side.drain(lambda: len(judged) == 30)
+        assert side.faults.total == 30
         for stranger in strangers:
             stranger.close()
         context.term()
