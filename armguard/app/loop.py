@@ -41,6 +41,9 @@ REST = 0.01
 """[s]. A loop that had no time to sleep for so long sleeps for so long: with real-time scheduling,
 no other process may have run meanwhile. Linux keeps the same part of the time for others."""
 
+DRAIN_SHARE = 0.5
+"""Part of a period that taking messages may last at most; what is left waits for the next tick."""
+
 
 class LoopReport(NamedTuple):
     """What a run was like; times in [s]."""
@@ -343,6 +346,7 @@ def run(
         joint_timeout=monitor.settings.joint_timeout,
         reset_token=reset_token,
         limits=cell.source_limits,
+        drain_time=DRAIN_SHARE * monitor.period,
         speed=_read_bound(cell, "speed"),
         accel=_read_bound(cell, "accel"),
     )

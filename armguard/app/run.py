@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 import shlex
+import socket
 import sys
 import time
 import webbrowser
@@ -34,6 +35,7 @@ from armguard.streams.addresses import (
     VERDICTS_ADDRESS,
     check_address,
     check_free,
+    is_unspecified,
 )
 from armguard.streams.keys import Keys, write_new_pair
 from armguard.streams.nodes import Publisher
@@ -115,7 +117,8 @@ def supervise(
         resources.enter_context(ServiceNotifier.from_environment(lambda: observer.ticks))
 
         def tell_addresses(addresses: Mapping[str, str]) -> None:
-            announcer.remedy = describe_remedy(addresses, reset_token)
+            has_keys = authenticator is not None
+            announcer.remedy = describe_remedy(addresses, reset_token, has_keys=has_keys)
             observer.begin(addresses, obeys_reset=reset_token is not None)
             if quiet:
                 return
@@ -207,17 +210,24 @@ def find_reset_address(addresses: Mapping[str, str]) -> str:
     return sockets[0] if sockets else ""
 
 
-def describe_remedy(addresses: Mapping[str, str], reset_token: str | None) -> str:
+def describe_remedy(
+    addresses: Mapping[str, str], reset_token: str | None, *, has_keys: bool = False
+) -> str:
     """What ends a latched STOP, as a command that can be copied.
 
     Args:
         addresses: Of "joints" and "obstacles"; "-" is standard input.
         reset_token: What a reset must carry; None: none is obeyed.
+        has_keys: Whether it is sent with keys.
     """
     address = find_reset_address(addresses)
     token = "TOKEN" if reset_token is None else reset_token
     if address:
-        way = shlex.join(["armguard", "reset", address, "--token", token])
+        if is_unspecified(address):
+            # On each machine this is another one: the command is for any of them.
+            address = f"tcp://{socket.gethostname()}:{address.rsplit(':', 1)[1]}"
+        key_files = ["--key", "FILE", "--server-key", "FILE"] if has_keys else []
+        way = shlex.join(["armguard", "reset", address, "--token", token, *key_files])
     else:
         way = f"a line {msgspec.json.encode({'type': 'reset', 'token': token}).decode()}"
     if reset_token is not None:
@@ -283,7 +293,8 @@ def send_reset(address: str, token: str, key_files: tuple[Path, Path] | None = N
         if not publisher.wait(REACH_TIMEOUT):
             raise StreamError(
                 address,
-                f"no monitor listens there (waited {REACH_TIMEOUT:g} s)",
+                "no monitor listens there, or this client may not reset "
+                f"(waited {REACH_TIMEOUT:g} s)",
                 expected="an address of obstacles or joint states",
                 remedy="`armguard run` prints both; with [keys] in its cell file it lets in those "
                 "that may reset, with --key and --server-key",

@@ -94,6 +94,49 @@ def _check_path_free(address: str) -> None:
     raise _in_use(address)
 
 
+def find_reachable(address: str, beside: str) -> str:
+    """Where an address that a process is bound to is reached, on whatever machine that is.
+
+    A process that binds to all interfaces, or to the loopback one, names no machine.
+
+    Args:
+        address: What the process says that it is bound to.
+        beside: An address of the same process, by which it was reached.
+
+    Returns:
+        The address, with the host of the other one in place of one that says nothing elsewhere;
+        empty for a path on another machine.
+    """
+    is_elsewhere = beside.startswith("tcp://") and not _is_local(beside)
+    if address.startswith("ipc://"):
+        return "" if is_elsewhere else address
+    if not is_elsewhere or not _is_local(address):
+        return address
+    return f"{beside.rsplit(':', 1)[0]}:{address.rsplit(':', 1)[1]}"
+
+
+def is_unspecified(address: str) -> bool:
+    """Whether an address is of all interfaces, which names no machine."""
+    host = _read_host(address)
+    return host is not None and host.is_unspecified
+
+
+def _is_local(address: str) -> bool:
+    """Whether an address means another machine on each machine; a name is not looked up."""
+    host = _read_host(address)
+    if host is None:
+        return address.startswith("tcp://localhost:")
+    return host.is_unspecified or host.is_loopback
+
+
+def _read_host(address: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """The host of a TCP address, where it is a number."""
+    try:
+        return ipaddress.ip_address(address.removeprefix("tcp://").rsplit(":", 1)[0].strip("[]"))
+    except ValueError:
+        return None
+
+
 def remove_file(address: str) -> None:
     """Remove the file of an ipc address that we still hold; ZeroMQ leaves it behind."""
     path = address.removeprefix("ipc://")

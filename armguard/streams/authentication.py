@@ -28,7 +28,7 @@ INPUT_RIGHTS: tuple[Right, ...] = ("obstacles", "joints", "reset")
 """Each of these opens an input."""
 
 _ANSWERS_A_TIME = 8
-"""Handshakes answered in a tick at most; others wait for the next."""
+"""Handshakes that one call of `answer` answers at most; others wait for the next."""
 
 _ENDPOINT = "inproc://zeromq.zap.01"
 _VERSION = b"1.0"
@@ -90,7 +90,7 @@ class Authenticator:
         self._socket: zmq.Socket[bytes] = self.context.socket(zmq.ROUTER)
         self._socket.set(zmq.LINGER, 0)
         self._socket.bind(_ENDPOINT)
-        self._refused: ClientError | None = None
+        self._refused: dict[str, tuple[ClientError, int]] = {}
 
     def guard(self, socket: zmq.Socket[bytes], rights: Iterable[Right]) -> None:
         """Have a socket of `context` let in only clients that have one of these rights.
@@ -115,10 +115,13 @@ class Authenticator:
                 return
             self._socket.send_multipart(self._judge(parts))
 
-    def take_refused(self) -> ClientError | None:
-        """The last client that was refused since the last call; None if none was."""
-        refused, self._refused = self._refused, None
-        return refused
+    def take_refused(self) -> list[tuple[ClientError, int]]:
+        """Who was refused since the last call: of each name the last one, and how many they were.
+
+        All keys that are not known have one name together.
+        """
+        refused, self._refused = self._refused, {}
+        return list(refused.values())
 
     def _judge(self, parts: list[bytes]) -> list[bytes]:
         """The reply to a request of ZeroMQ's: the name of the client, or that it is refused."""
@@ -134,12 +137,17 @@ class Authenticator:
         """Name of the client with this key; None, and told later, where it may not come in."""
         name = self._names.get(key)
         if name is None:
-            self._refused = ClientError("key", f"{key!r} (from {address})", "one that is known")
+            self._refuse(ClientError("key", f"{key!r} (from {address})", "one that is known"))
         elif not any(right in self.clients[name].may for right in rights):
             found, expected = f"{name!r} (from {address})", f"one that may {' or '.join(rights)}"
-            self._refused = ClientError("client", found, expected, name)
+            self._refuse(ClientError("client", found, expected, name))
             return None
         return name
+
+    def _refuse(self, error: ClientError) -> None:
+        """Note a client that is refused: as many names at most as there are clients, and one."""
+        _, times = self._refused.get(error.source, (error, 0))
+        self._refused[error.source] = error, times + 1
 
     def close(self) -> None:
         """Let no more clients in, and close the sockets that this has guarded."""

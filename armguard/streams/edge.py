@@ -25,9 +25,10 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.streams.authentication import Authenticator, Right, SenderError
 from armguard.streams.faults import FaultLog
 from armguard.streams.inputs import BYTE_LIMIT, Input, SocketInput
-from armguard.streams.limits import LimitError, MessageAllowance, SourceLimits
+from armguard.streams.limits import LimitError, MessageAllowance, SourceCountError, SourceLimits
 from armguard.streams.messages import (
     AnyMessage,
+    Header,
     JointsMessage,
     MessageError,
     ObstaclesMessage,
@@ -35,6 +36,7 @@ from armguard.streams.messages import (
     RemoveMessage,
     ResetMessage,
     decode,
+    read_header,
     to_points,
     to_rows,
     to_values,
@@ -42,6 +44,9 @@ from armguard.streams.messages import (
 
 _MESSAGES_A_DRAIN = 64
 """Most messages taken from one input in one tick; the rest wait for the next."""
+
+DRAIN_TIME = 5e-3
+"""How long taking messages may last in one tick where nothing else is said, in [s]."""
 
 _SOURCES = 256
 """Most sources known at once, so that made-up names cannot fill the memory."""
@@ -132,6 +137,8 @@ class Edge:
             fits, in [m/s²]; for sources without a clock.
         reset_token: What a reset message must carry; without one, none is obeyed.
         limits: How much sources may send; those not named here, as `SourceLimits` has it.
+        drain_time: How long a drain may last, in [s], in equal parts for its inputs. One message
+            of each is taken whatever it takes, and the one at which the time ends is finished.
         monotonic: Reads the clock of `monotonic` stamps, in [s].
         unix: Reads the clock of `unix` stamps, in [s].
     """
@@ -150,12 +157,15 @@ class Edge:
         accel: float = math.inf,
         reset_token: str | None = None,
         limits: Mapping[str, SourceLimits] | None = None,
+        drain_time: float = DRAIN_TIME,
         monotonic: Callable[[], float] = time.monotonic,
         unix: Callable[[], float] = time.time,
     ) -> None:
         self.faults = faults
         self.received = 0
         """Messages taken, good and bad."""
+        self.cut_short = 0
+        """How often an input was left before it was found empty; the rest waited for a tick."""
         self.joint_state: JointState | None = None
         """The newest joint state that could be read; None before the first that is fresh."""
         self.dropped_age = math.nan
@@ -180,8 +190,8 @@ class Edge:
         self._accel = accel
         self._reset_token = reset_token
         self._limits = dict(limits or {})
-        self._watches: dict[str, SequenceWatch] = {}
-        self._allowances: dict[str, MessageAllowance] = {}
+        self._drain_time = drain_time
+        self._accounts: dict[str, SourceAccount] = {}
         self._joint_watch = SequenceWatch()
         self._joint_names: list[str] | None = None
         self._joint_order: NDArray[np.int64] = np.zeros(0, np.int64)
@@ -195,8 +205,10 @@ class Edge:
         self._awaits_fresh = True
         self._has_joints = False
 
-    def drain(self, inputs: Iterable[Input]) -> float:
+    def drain(self, inputs: Sequence[Input]) -> float:
         """Take what has arrived, up to a bound on the work of one tick; never blocks or raises.
+
+        The bound of each input is a number of messages, their length and its part of the time.
 
         Inputs must be opened after the edge is made: arrival is counted from then on.
 
@@ -205,13 +217,15 @@ class Edge:
             at this time.
         """
         is_emptied = False
-        self._now = self._clock.now()
+        now = self._now = self._clock.now()
         self._keeps_joint_state = False
         self.plans = []
+        self._admit_clients(inputs)
         for source in inputs:
             # Whatever is taken now arrived since this input was last found empty.
             self._arrived_after = self._emptied.get(source, self._start)
             size = 0
+            until = now + self._drain_time / len(inputs)
             self._has_joints = False
             for _ in range(_MESSAGES_A_DRAIN):
                 try:
@@ -222,20 +236,41 @@ class Edge:
                         break
                     self.received += 1
                     size += len(data)
-                    message = decode(data)
-                    if isinstance(source, SocketInput) and source.authenticator is not None:
-                        self._check_sender(message, source.sender, source.authenticator)
-                    self._take(message, len(data))
+                    self._read(data, source)
                 except MessageError as error:
                     # What a message says of itself may be wrong; its key is not.
                     sender = source.sender if isinstance(source, SocketInput) else None
                     self.faults.add(error.kind, sender or error.source, error.sequence, str(error))
-                if size > BYTE_LIMIT:
+                now = self._clock.now()
+                if size > BYTE_LIMIT or not now < until:
+                    self.cut_short += 1
                     break
+            else:
+                self.cut_short += 1
             self._emptied[source] = self._arrived_after
         now = self._clock.now()
         self._settle_joint_state(now, is_emptied=is_emptied)
         return now
+
+    def _admit_clients(self, inputs: Iterable[Input]) -> None:
+        """Let in who asks for it and may be, a few a tick, and count who may not."""
+        guarded = (source.authenticator for source in inputs if isinstance(source, SocketInput))
+        # The inputs of a run have one authenticator, which answers once for all of them.
+        for authenticator in {one for one in guarded if one is not None}:
+            authenticator.answer()
+            for error, times in authenticator.take_refused():
+                self.faults.add(error.kind, error.source, None, str(error), times)
+
+    def _read(self, data: bytes, source: Input) -> None:
+        """Take one message if its sender may send it; raise MessageError if not."""
+        sender, authenticator = None, None
+        if isinstance(source, SocketInput):
+            sender, authenticator = source.sender, source.authenticator
+        self._check_limits(data, sender, authenticator)
+        message = decode(data)
+        if authenticator is not None:
+            self._check_sender(message, sender, authenticator)
+        self._take(message)
 
     def _settle_joint_state(self, now: float, *, is_emptied: bool) -> None:
         """Decide whether the newest joint state is one to go by, or part of a backlog.
@@ -294,37 +329,74 @@ class Edge:
             self._tell_verdict(error)
             raise error
 
-    def _check_limits(self, message: ObstaclesMessage | RemoveMessage, size: int) -> None:
-        """Raise LimitError if a message takes its source beyond a limit.
+    def _check_limits(
+        self, data: bytes, sender: str | None, authenticator: Authenticator | None
+    ) -> None:
+        """Raise LimitError if a message takes its source beyond its size or rate.
+
+        That is known before it is decoded, so that what is refused costs next to nothing.
 
         Args:
-            message: What was sent.
-            size: Its length, in bytes.
+            data: What was sent.
+            sender: Client whose key it came with; None where there are no keys.
+            authenticator: Knows what clients may do; None: there are no keys.
         """
-        source = message.source
-        limits = self._limits.get(source, USUAL_LIMITS)
-        allowance = self._allowances.get(source)
-        if allowance is None:
-            allowance = MessageAllowance(limits.message_rate, self._now)
-            self._allowances[source] = allowance
-        found = expected = ""
-        if not allowance.take(self._now):
+        size = len(data)
+        if authenticator is None:
+            header = read_header(data)
+        elif sender is None or not authenticator.may(sender, "obstacles"):
+            return
+        elif not authenticator.may(sender, "joints") and size > self._limit(sender).message_size:
+            # Too long, whatever it says: it need not be read at all.
+            header = Header("obstacles", sender)
+        else:
+            header = read_header(data)
+        if header is None or header.type not in ("obstacles", "remove"):
+            return
+        source = sender or header.source
+        limits = self._limit(source)
+        account = self._find_account(source, header.seq)
+        if not account.allowance.take(self._now):
             found = "one more than a second may bring"
             expected = f"max_message_rate, {limits.message_rate:g} a second at most"
         elif size > limits.message_size:
-            found, expected = (
-                f"{size} bytes long",
-                f"max_message_size, {limits.message_size} at most",
-            )
-        elif isinstance(message, ObstaclesMessage):
-            count = self._count_obstacles(message, limits.obstacles)
-            if count > limits.obstacles:
-                found = f"one by which {source!r} has {count} obstacles"
-                expected = f"max_obstacles, {limits.obstacles} at most"
-        if found:
-            error = LimitError("message", found, expected, source, message.seq)
+            found = f"{size} bytes long"
+            expected = f"max_message_size, {limits.message_size} at most"
+        else:
+            return
+        if header.source == source:
+            # It was refused, and is not lost.
+            self._follow(account.watch, source, header.seq)
+        error = LimitError("message", found, expected, source, header.seq)
+        self._tell_verdict(error)
+        raise error
+
+    def _check_obstacles(self, message: ObstaclesMessage) -> None:
+        """Raise LimitError if a message takes its source beyond its number of obstacles."""
+        limits = self._limit(message.source)
+        count = self._count_obstacles(message, limits.obstacles)
+        if count > limits.obstacles:
+            found = f"one by which {message.source!r} has {count} obstacles"
+            expected = f"max_obstacles, {limits.obstacles} at most"
+            error = LimitError("message", found, expected, message.source, message.seq)
             self._tell_verdict(error)
             raise error
+
+    def _limit(self, source: str) -> SourceLimits:
+        """How much a source may send."""
+        return self._limits.get(source, USUAL_LIMITS)
+
+    def _find_account(self, source: str, sequence: int | None) -> SourceAccount:
+        """What is kept of a source; raises SourceCountError for one too many."""
+        account = self._accounts.get(source)
+        if account is None:
+            if len(self._accounts) >= _SOURCES:
+                raise SourceCountError(
+                    "source", "refused", f"at most {_SOURCES} sources", source, sequence
+                )
+            allowance = MessageAllowance(self._limit(source).message_rate, self._now)
+            account = self._accounts[source] = SourceAccount(SequenceWatch(), allowance)
+        return account
 
     def _count_obstacles(self, message: ObstaclesMessage, most: int) -> int:
         """How many obstacles a source has with a message; not counted closely up to `most`."""
@@ -340,23 +412,17 @@ class Edge:
         problem = f"{error.value}; expected {error.expected}"
         self._obstacles.leave_malformed(error.source, error.field, problem, self._now)
 
-    def _take(self, message: AnyMessage, size: int) -> None:
+    def _take(self, message: AnyMessage) -> None:
         if isinstance(message, JointsMessage):
             self._follow(self._joint_watch, "joints", message.seq)
             self._take_joints(message)
         elif isinstance(message, PlanMessage):
             self.plans.append(self._read_plan(message))
         elif isinstance(message, ObstaclesMessage | RemoveMessage):
-            watch = self._watches.get(message.source)
-            if watch is None:
-                if len(self._watches) >= _SOURCES:
-                    problem = f"source refused; expected at most {_SOURCES} sources"
-                    self.faults.add("too many sources", message.source, message.seq, problem)
-                    return
-                watch = self._watches[message.source] = SequenceWatch()
-            self._follow(watch, message.source, message.seq)
-            self._check_limits(message, size)
+            account = self._find_account(message.source, message.seq)
+            self._follow(account.watch, message.source, message.seq)
             if isinstance(message, ObstaclesMessage):
+                self._check_obstacles(message)
                 self._take_obstacles(message)
             else:
                 self._take_removal(message)
@@ -621,3 +687,10 @@ class SequenceWatch:
         self._left = last
         problem = f"seq is {sequence} after {last}; a publisher that started anew, or a second one"
         return [("sequence went back", 1, problem)]
+
+
+class SourceAccount(NamedTuple):
+    """What is kept of each source that has sent."""
+
+    watch: SequenceWatch
+    allowance: MessageAllowance

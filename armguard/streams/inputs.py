@@ -21,12 +21,20 @@ from armguard.streams.messages import MessageError
 BYTE_LIMIT = 4 * 1024 * 1024
 """Longest message taken: 10,000 boxes with velocities, packed, are 3.9 MB."""
 
-FRAME_LIMIT = 2 * BYTE_LIMIT
+FRAME_LIMIT = BYTE_LIMIT + BYTE_LIMIT // 4
 """Longest message that ZeroMQ makes room for. A longer one ends its sender's connection; between
 the two limits a message is dropped, and told by its length."""
 
 QUEUE_LIMIT = 4000
-"""Messages that wait while the loop is busy: forty seconds of a 100 Hz source, four of joints."""
+"""Messages that wait at their sender while the loop is busy: forty seconds of a 100 Hz source, four
+of joints."""
+
+WAITING_BYTES = 256 * 1024 * 1024
+"""Most memory, in bytes, for what waits in an input, of each connection."""
+
+_WAITING_MESSAGES = WAITING_BYTES // FRAME_LIMIT
+"""Messages that wait in an input, of each connection: nearly as many as a tick takes. With more,
+ZeroMQ stops reading, and they wait at their sender; none is lost before its queue is full too."""
 
 
 class Input(Protocol):
@@ -49,7 +57,8 @@ class SocketInput:
     Args:
         address: `ipc://path`, or TCP on the loopback interface; `tcp://127.0.0.1:*` takes any port.
             With an authenticator, TCP on any interface.
-        authenticator: Lets in the clients that it knows; None: there are no keys.
+        authenticator: Lets in the clients that it knows, whenever it is told to answer those that
+            ask; None: there are no keys.
 
     Attributes:
         authenticator: As above.
@@ -71,7 +80,7 @@ class SocketInput:
             context = authenticator.context
         self._socket: zmq.Socket[bytes] = context.socket(zmq.SUB)
         self._socket.set(zmq.LINGER, 0)
-        self._socket.set(zmq.RCVHWM, QUEUE_LIMIT)
+        self._socket.set(zmq.RCVHWM, _WAITING_MESSAGES)
         self._socket.set(zmq.MAXMSGSIZE, FRAME_LIMIT)
         self._socket.subscribe(b"")
         if authenticator is not None:
@@ -87,14 +96,13 @@ class SocketInput:
         """The next message, or None.
 
         Raises:
-            MessageError: For one too long or in several parts, and for a client that was refused.
+            MessageError: For one too long or in several parts.
         """
         try:
             # Without a copy, so that the size is known before any is made.
             frame = self._socket.recv(zmq.NOBLOCK, copy=False)
         except zmq.Again:
             self.sender = None
-            self._admit_clients()
             return None
         if self.authenticator is not None:
             self.sender = str(frame.get("User-Id"))
@@ -110,14 +118,6 @@ class SocketInput:
 
     def _refuse(self, found: str, expected: str) -> MessageError:
         return MessageError("message", found, expected, self.sender or "unknown")
-
-    def _admit_clients(self) -> None:
-        """Let in who asks for it and may be, and tell who may not."""
-        if self.authenticator is not None:
-            self.authenticator.answer()
-            refused = self.authenticator.take_refused()
-            if refused is not None:
-                raise refused
 
     def close(self) -> None:
         """Unbind and close; what waits in the queue is dropped."""

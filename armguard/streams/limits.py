@@ -29,6 +29,12 @@ class LimitError(MessageError):
     kind = "beyond limit"
 
 
+class SourceCountError(MessageError):
+    """A message of a source that is one more than there can be."""
+
+    kind = "too many sources"
+
+
 class MessageAllowance:
     """How many messages a source may send now: a bucket that fills at its rate, for one second.
 

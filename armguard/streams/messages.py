@@ -126,6 +126,14 @@ class ResetMessage(Message, tag="reset"):
     token: str
 
 
+class Header(msgspec.Struct):
+    """What is read of a message before the rest: little work, however long the message is."""
+
+    type: str = ""
+    source: str = "default"
+    seq: int | None = None
+
+
 AnyMessage = ObstaclesMessage | JointsMessage | PlanMessage | RemoveMessage | ResetMessage
 
 
@@ -179,6 +187,8 @@ class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
 _encoder = msgspec.msgpack.Encoder()
 _json_decoder: msgspec.json.Decoder[AnyMessage] = msgspec.json.Decoder(AnyMessage)
 _msgpack_decoder: msgspec.msgpack.Decoder[AnyMessage] = msgspec.msgpack.Decoder(AnyMessage)
+_json_header_decoder: msgspec.json.Decoder[Header] = msgspec.json.Decoder(Header)
+_msgpack_header_decoder: msgspec.msgpack.Decoder[Header] = msgspec.msgpack.Decoder(Header)
 _answer_decoder: msgspec.msgpack.Decoder[VerdictMessage | PlanVerdictMessage] = (
     msgspec.msgpack.Decoder(VerdictMessage | PlanVerdictMessage)
 )
@@ -196,7 +206,7 @@ def decode(data: bytes) -> AnyMessage:
         MessageError: If it is malformed, truncated, of unknown type, or has a field too many,
             too few or of the wrong type.
     """
-    is_json = data[:1] in (b"{", b" ", b"\t", b"\r", b"\n")
+    is_json = _is_json(data)
     try:
         return _json_decoder.decode(data) if is_json else _msgpack_decoder.decode(data)
     except msgspec.ValidationError as error:
@@ -206,6 +216,22 @@ def decode(data: bytes) -> AnyMessage:
         raise MessageError(
             "message", f"{beginning!r}… ({error})", "a msgpack map or a JSON object"
         ) from None
+
+
+def read_header(data: bytes) -> Header | None:
+    """What a message says of itself; None if it is malformed, which `decode` tells in words.
+
+    Of a message that `decode` takes, type, source and number are those that it finds.
+    """
+    decoder = _json_header_decoder if _is_json(data) else _msgpack_header_decoder
+    try:
+        return decoder.decode(data)
+    except (ValueError, RecursionError, MemoryError):
+        return None
+
+
+def _is_json(data: bytes) -> bool:
+    return data[:1] in (b"{", b" ", b"\t", b"\r", b"\n")
 
 
 def _name_mistake(data: bytes, is_json: bool, problem: str) -> MessageError:

@@ -1,9 +1,10 @@
 """Who may see the page: what runs on this machine, or elsewhere who has the token of this start.
 
-On the loopback interface requests must name this machine, so that no page of elsewhere reaches the
-view by a name that was made to resolve here. On any other interface there is a token: it is in the
-page's address, which is told where the view was started, and comes back as a cookie with whatever
-the page asks for. It goes over the network as it is: for eyes on the way use a tunnel.
+On the loopback interface requests must name this machine, or the address that the view listens on,
+so that no page of elsewhere reaches the view by a name that was made to resolve here. On any other
+interface there is a token: it is in the page's address, which is told where the view was started,
+and comes back as a cookie with whatever the page asks for. It goes over the network as it is: for
+eyes on the way use a tunnel.
 """
 
 from __future__ import annotations
@@ -72,5 +73,5 @@ class Access:
             name = urlsplit(f"//{handler.request.host}").hostname or ""
         except ValueError:
             name = ""
-        if name not in _LOCAL_NAMES:
+        if name not in (*_LOCAL_NAMES, self._host):
             raise tornado.web.HTTPError(403)

@@ -90,8 +90,6 @@ class FramePublisher:
     def publish_frame(self, frame: FrameMessage) -> None:
         """Tell one moment; a view that does not keep up misses it."""
         self._frames_since_scene += 1
-        if self._authenticator is not None:
-            self._authenticator.answer()
         if self._frames_since_scene >= SCENE_INTERVAL and self._scene is not None:
             self._frames_since_scene = 0
             self._send(self._scene)
@@ -123,6 +121,9 @@ class FramePublisher:
         self._context.destroy(linger=0)
 
     def _send(self, message: Message) -> None:
+        if self._authenticator is not None:
+            # Whatever is told: views attach while kernels are compiled, before any frame.
+            self._authenticator.answer()
         if not self._is_heard:
             self._is_heard = True
             self._socket.poll(round(1000 * PATIENCE))

@@ -15,6 +15,7 @@ import zmq.asyncio
 from zmq.utils.monitor import recv_monitor_message
 
 from armguard.exceptions import ArmguardError
+from armguard.streams.addresses import find_reachable
 from armguard.streams.keys import Keys, present
 from armguard.streams.nodes import Publisher
 from armguard.view import drawing
@@ -68,6 +69,7 @@ class Watch:
         host: str = LOOPBACK,
         keys: Keys | None = None,
     ) -> None:
+        self._address = address
         self._context = zmq.asyncio.Context()
         self._socket = self._context.socket(zmq.SUB)
         self._socket.set(zmq.RCVHWM, 4)
@@ -208,11 +210,12 @@ class Watch:
             return "this run obeys no reset: start it with --reset-token TOKEN"
         if not scene.reset_address:
             return "this run takes a reset from its standard input alone"
+        address = find_reachable(scene.reset_address, self._address)
+        if not address:
+            return f"this run takes a reset on its own machine alone, at {scene.reset_address}"
         loop = asyncio.get_running_loop()
         try:
-            return await loop.run_in_executor(
-                None, _publish_reset, scene.reset_address, token, self._keys
-            )
+            return await loop.run_in_executor(None, _publish_reset, address, token, self._keys)
         except ArmguardError as error:
             return str(error)
 
@@ -231,7 +234,7 @@ class Watch:
 def _publish_reset(address: str, token: str, keys: Keys | None) -> str:
     with Publisher(address, keys=keys) as publisher:
         if not publisher.wait(REACH_TIMEOUT):
-            return f"no monitor listens at {address}"
+            return f"no monitor listens at {address}, or this client may not reset"
         publisher.reset(token)
     return "sent; the monitor tells whether it obeys"
 

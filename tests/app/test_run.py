@@ -309,6 +309,15 @@ def test_the_remedy_is_a_command_that_can_be_copied(joints, obstacles, token, wo
     assert words in remedy
 
 
+@pytest.mark.parametrize("host", ["0.0.0.0", "[::]"])
+def test_with_keys_the_remedy_names_them_and_a_host_that_is_one_elsewhere(host, monkeypatch):
+    monkeypatch.setattr("socket.gethostname", lambda: "cell7")
+    addresses = {"joints": f"tcp://{host}:5702", "obstacles": "tcp://0.0.0.0:5701"}
+    assert describe_remedy(addresses, "x", has_keys=True) == (
+        "to end it: armguard reset tcp://cell7:5702 --token x --key FILE --server-key FILE"
+    )
+
+
 class Node:
     """A controller that rests, and perception that sees a ball far away, in another process."""
 

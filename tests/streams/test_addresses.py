@@ -11,7 +11,7 @@ from armguard.streams import (
     VerdictPublisher,
     VerdictReader,
 )
-from armguard.streams.addresses import check_address
+from armguard.streams.addresses import check_address, find_reachable
 from support.stream_sockets import PATIENCE
 
 
@@ -112,3 +112,25 @@ def test_no_file_is_left_behind(tmp_path):
         resource.close()
         resource.close()
     assert os.listdir(tmp_path) == []
+
+
+FAR = "tcp://192.0.2.10:5704"
+
+
+@pytest.mark.parametrize(
+    ("address", "beside", "reachable"),
+    [
+        ("tcp://0.0.0.0:5702", FAR, "tcp://192.0.2.10:5702"),
+        ("tcp://[::]:5702", "tcp://[2001:db8::1]:5704", "tcp://[2001:db8::1]:5702"),
+        ("tcp://127.0.0.1:5702", FAR, "tcp://192.0.2.10:5702"),
+        ("tcp://0.0.0.0:5702", "tcp://cell7:5704", "tcp://cell7:5702"),
+        ("tcp://192.0.2.11:5702", FAR, "tcp://192.0.2.11:5702"),
+        ("tcp://127.0.0.1:5702", "tcp://127.0.0.1:5704", "tcp://127.0.0.1:5702"),
+        ("tcp://0.0.0.0:5702", "tcp://localhost:5704", "tcp://0.0.0.0:5702"),
+        ("tcp://127.0.0.1:5702", "ipc:///tmp/view", "tcp://127.0.0.1:5702"),
+        ("ipc:///tmp/joints", "tcp://127.0.0.1:5704", "ipc:///tmp/joints"),
+        ("ipc:///tmp/joints", FAR, ""),
+    ],
+)
+def test_an_address_of_another_machine_is_not_sought_on_this_one(address, beside, reachable):
+    assert find_reachable(address, beside) == reachable

@@ -14,6 +14,7 @@ from armguard.streams import (
     FaultLog,
     Publisher,
     SocketInput,
+    SourceLimits,
     VerdictPublisher,
     VerdictReader,
 )
@@ -136,6 +137,31 @@ def test_a_malformed_message_is_laid_to_the_key_that_it_came_with(address, ring)
         assert side.kinds() == {("malformed", "camera")}
 
 
+def test_what_is_too_long_for_a_key_is_not_even_read(address, ring, monkeypatch):
+    read = []
+    monkeypatch.setattr("armguard.streams.edge.read_header", read.append)
+    monkeypatch.setattr("armguard.streams.edge.decode", read.append)
+    with Side(address, ring, limits={"camera": SourceLimits(message_size=1000)}) as side:
+        with side.publisher("camera", ring.keys("camera")) as camera:
+            camera._socket.send(b"\xc0" * 2000)
+            side.drain(lambda: side.faults.total)
+        assert side.kinds() == {("beyond limit", "camera")}
+        assert side.obstacles.take_faults()[0].source == "camera"
+    assert read == []
+
+
+def test_a_limit_of_a_key_is_kept_whatever_the_message_says(address, ring):
+    """Neither may it use up what another has, nor what a made-up name would have."""
+    limits = {"camera": SourceLimits(message_rate=2.0)}
+    with Side(address, ring, limits=limits) as side:
+        with side.publisher("lidar", ring.keys("camera")) as camera:
+            for _ in range(5):
+                show_ball(camera)
+            side.drain(lambda: side.faults.total == 5)
+        assert side.faults.counts["sender refused", "camera"] == 2
+        assert side.faults.counts["beyond limit", "camera"] == 3
+
+
 def test_unknown_keys_get_nothing_in_and_are_named(address, ring):
     with Side(address, ring) as side:
         stranger = ring.stranger()
@@ -216,9 +242,13 @@ def test_strangers_without_end_cost_a_tick_a_few_answers(ring, monkeypatch):
         monkeypatch.setattr(
             side.authenticator, "_judge", lambda parts: judged.append(1) or judge(parts)
         )
-        side.authenticator.answer()
-        assert len(judged) == 8
+        for drains in range(1, 4):
+            side.edge.drain([side.input])
+            assert len(judged) == 8 * drains
+            # Each of those that were refused is counted, not the last of them alone.
+            assert side.faults.counts["client refused", "unknown"] == len(judged)
         side.drain(lambda: len(judged) == 30)
+        assert side.faults.total == 30
         for stranger in strangers:
             stranger.close()
         context.term()

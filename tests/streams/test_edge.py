@@ -9,7 +9,16 @@ from armguard.exceptions import ObstacleError
 from armguard.obstacles import FaultKind, Obstacles
 from armguard.streams import StampClock
 from armguard.streams.edge import SequenceWatch
-from support.stream_messages import JOINTS, MONOTONIC, UNIX, World, joints, obstacles, pack
+from support.stream_messages import (
+    JOINTS,
+    MONOTONIC,
+    UNIX,
+    Messages,
+    World,
+    joints,
+    obstacles,
+    pack,
+)
 
 # Obstacles through the edge
 
@@ -175,7 +184,7 @@ def test_a_hold_up_at_the_start_does_not_stay(holds):
 
 @pytest.mark.parametrize(("holds", "is_taken"), [([0.008] * 100, False), ([0.008] * 3, True)])
 def test_a_joint_state_is_dated_to_microseconds_or_refused(holds, is_taken):
-    world = make_held_up_world(joint_clock=StampClock("unix"))
+    world = make_held_up_world(joint_clock=StampClock("unix"), drain_time=math.inf)
     world.clock.holds = [0.0, *holds]
     world.send(joints(stamp=UNIX + 4.999))
     if is_taken:
@@ -397,7 +406,7 @@ def test_the_first_joint_states_after_a_backlog_leave_no_gap(rate, seconds):
 
 
 def test_a_state_that_becomes_stale_in_its_drain_is_no_beginning():
-    world = make_held_up_world(joint_timeout=0.05)
+    world = make_held_up_world(joint_timeout=0.05, drain_time=math.inf)
     world.clock.holds = [0.0, 0.2]  # between its message and the end of the drain
     world.send(joints(stamp=MONOTONIC + 4.999))
     assert world.edge.joint_state is None
@@ -455,6 +464,44 @@ def test_work_in_one_drain_is_bounded_and_nothing_is_lost():
         world.edge.drain([world.input])
     assert world.edge.received == 1000
     assert world.faults.total == 0
+
+
+class SlowMessages(Messages):
+    """Messages each of which takes 1 ms."""
+
+    def __init__(self, clock, *messages):
+        super().__init__(*messages)
+        self._clock = clock
+
+    def receive(self):
+        self._clock.sleep_until(self._clock.now() + 0.001)
+        return super().receive()
+
+
+def test_a_drain_ends_when_its_time_is_over_and_each_input_has_its_part():
+    world = World(drain_time=0.006)
+    balls = SlowMessages(world.clock, *(obstacles(seq=n) for n in range(20)))
+    states = SlowMessages(
+        world.clock, *(joints(stamp=MONOTONIC + 5.0 + n, seq=n) for n in range(20))
+    )
+    for drains in range(1, 5):
+        before = world.clock.now()
+        assert world.edge.drain([balls, states]) - before <= 0.006 + 2 * 0.001
+        assert world.edge.cut_short == 2 * drains
+        # Half of the time is for each, and the first does not take that of the second.
+        for source in (balls, states):
+            assert 20 - 4 * drains <= len(source.waiting) <= 20 - 3 * drains
+    while balls.waiting or states.waiting:
+        world.edge.drain([balls, states])
+    assert world.edge.received == 40
+    assert world.faults.total == 0
+
+
+def test_without_any_time_one_message_of_each_input_is_taken():
+    world = World(drain_time=0.0)
+    sources = [Messages(obstacles(seq=1), obstacles(seq=2)), Messages(joints(), joints())]
+    world.edge.drain(sources)
+    assert [len(source.waiting) for source in sources] == [1, 1]
 
 
 # Verdicts

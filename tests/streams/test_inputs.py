@@ -5,9 +5,9 @@ import time
 import pytest
 import zmq
 
-from armguard.streams import LineInput, SocketInput
-from armguard.streams.inputs import BYTE_LIMIT
-from armguard.streams.messages import MessageError
+from armguard.streams import LineInput, Publisher, SocketInput
+from armguard.streams.inputs import BYTE_LIMIT, WAITING_BYTES
+from armguard.streams.messages import MessageError, decode
 from support.stream_messages import World, obstacles
 from support.stream_sockets import PATIENCE, attend
 
@@ -56,6 +56,22 @@ def test_messages_in_parts_or_too_long_are_refused_and_the_next_is_taken(address
         f"message is {BYTE_LIMIT + 1} bytes long",
         b"good",
     ]
+
+
+def test_what_waits_takes_bounded_memory_and_nothing_is_lost(address):
+    """What the input has no room for waits at its sender."""
+    source = SocketInput(address)
+    limits = [source._socket.get(option) for option in (zmq.RCVHWM, zmq.MAXMSGSIZE)]
+    assert 0 < limits[0] * limits[1] <= WAITING_BYTES
+    assert limits[1] > BYTE_LIMIT
+    with Publisher(source.address, "cam0") as publisher:
+        attend(source, lambda: publisher.wait(0.0))
+        for number in range(3000):
+            publisher.update([f"{number}"], 0.0, [[1.0, 0.0, 0.0]], radius=0.1)
+        time.sleep(0.1)
+        found = [decode(receive(source)).ids for _ in range(3000)]
+    source.close()
+    assert found == [[f"{number}"] for number in range(3000)]
 
 
 def test_an_input_without_messages_does_not_wait(address):

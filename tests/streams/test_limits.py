@@ -1,9 +1,11 @@
+import msgspec
 import numpy as np
 import pytest
 
 from armguard.streams import SourceLimits
 from armguard.streams.limits import MessageAllowance
-from support.stream_messages import World, obstacles
+from armguard.streams.messages import decode
+from support.stream_messages import World, obstacles, pack
 
 
 def crowd(names, **changes):
@@ -59,6 +61,25 @@ def test_a_message_that_is_too_long_for_its_source_is_refused():
     assert world.faults.count("beyond limit") == 1
     assert "max_message_size, 300 at most" in world.lines[0]
     assert len(world.obstacles) == 1
+
+
+def test_what_is_refused_for_its_size_or_rate_is_not_decoded(monkeypatch):
+    decoded = []
+    monkeypatch.setattr(
+        "armguard.streams.edge.decode", lambda data: decoded.append(data) or decode(data)
+    )
+    world = make_world(message_size=1000, message_rate=3.0)
+    long = crowd([str(number) for number in range(1000)])
+    for message in (long, msgspec.json.encode(long), pack(long)[:-1]):
+        world.send(message)
+    # The last has no end: it is malformed, whoever sent it.
+    assert [len(data) for data in decoded] == [len(pack(long)) - 1]
+    assert world.faults.count("beyond limit") == 2
+    world.send(*(obstacles(seq=number) for number in range(2, 12)))
+    assert len(decoded) == 2
+    assert world.faults.count("beyond limit") == 11
+    # What was refused was not lost on the way.
+    assert world.faults.count("lost") == 0
 
 
 def test_obstacles_beyond_a_limit_are_refused_as_a_whole():

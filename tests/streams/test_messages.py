@@ -18,6 +18,7 @@ from armguard.streams.messages import (
     encode,
     encode_plan_verdict,
     encode_verdict,
+    read_header,
     to_points,
     to_values,
 )
@@ -29,6 +30,27 @@ from support.stream_messages import World, joints, obstacles, pack
 def test_json_and_msgpack_carry_the_same(leading):
     message = obstacles(snapshot=True, accel=[3.0], frame="camera")
     assert decode(pack(message)) == decode(leading + json.dumps(message).encode())
+
+
+@pytest.mark.parametrize("encode_any", [msgspec.json.encode, msgspec.msgpack.encode])
+def test_a_header_agrees_with_the_message(encode_any):
+    """A limit that is kept by the header must not be passed by what the message then is."""
+    for message in (obstacles(), obstacles(source=..., seq=...)):
+        header, whole = read_header(encode_any(message)), decode(encode_any(message))
+        assert (header.type, header.source, header.seq) == ("obstacles", whole.source, whole.seq)
+    assert read_header(encode_any(joints())).type == "joints"
+    for bad in ([], 1, obstacles(seq="a"), obstacles(source=None), obstacles(type=2)):
+        assert read_header(encode_any(bad)) is None
+        with pytest.raises(MessageError):
+            decode(encode_any(bad))
+
+
+def test_a_message_that_says_something_twice_says_what_its_header_says():
+    text = '{"type":"obstacles","source":"a","source":"b","ids":[],"stamp":1.0%s}'
+    twice = (text % "").encode()
+    assert read_header(twice).source == decode(twice).source == "b"
+    with pytest.raises(MessageError):
+        decode((text % ',"type":"reset"').encode())
 
 
 @given(st.integers(1, 6), st.integers(1, 8), st.booleans())

@@ -12,6 +12,16 @@ from armguard.view.server import ViewServer
 from armguard.view.station import Station
 
 
+def make_server(host):
+    """A page without past, to which nobody sends a reset."""
+
+    async def send_reset(token):
+        return ""
+
+    station = Station("tcp://127.0.0.1:1")
+    return ViewServer(LatestValues(), station, lambda number, volume: None, send_reset, 0, host)
+
+
 def test_on_this_machine_there_is_no_token():
     for host in ("127.0.0.1", "127.0.0.7", "::1"):
         assert Access(host).token == ""
@@ -32,18 +42,9 @@ def test_a_host_that_is_no_address_is_refused_by_name(host):
         Access(host)
 
 
-def draw_nothing(number, with_volume):
-    return None
-
-
-async def take_reset(token):
-    return "taken"
-
-
 def test_beyond_this_machine_page_and_feed_need_the_token():
     async def play():
-        station = Station("tcp://127.0.0.1:1")
-        server = ViewServer(LatestValues(), station, draw_nothing, take_reset, host="0.0.0.0")
+        server = make_server("0.0.0.0")
         port = urlsplit(server.url).port
         token = server.url.partition("?token=")[2]
         url = f"http://127.0.0.1:{port}/"
@@ -59,7 +60,7 @@ def test_beyond_this_machine_page_and_feed_need_the_token():
         try:
             cookie = None
             for bad in ("", "x", token[:-1], token + "x", "%ff", token.upper()):
-                for path in (f"?token={bad}", f"main.js?token={bad}"):
+                for path in (f"?token={bad}", f"meshcat/main.min.js?token={bad}"):
                     assert (await get(path)).code in (400, 403)
                 with pytest.raises(HTTPClientError):
                     await attach(f"?token={bad}")
@@ -72,12 +73,28 @@ def test_beyond_this_machine_page_and_feed_need_the_token():
             assert "SameSite=Strict" in cookie
             cookie = cookie.partition(";")[0]
             # What the page asks for next brings the cookie alone.
-            assert (await get("main.js", Cookie=cookie)).code == 200
+            assert (await get("meshcat/main.min.js", Cookie=cookie)).code == 200
             browser = await attach(Cookie=cookie)
             assert await browser.read_message() is not None
             browser.close()
             with pytest.raises(HTTPClientError):
                 await attach(Cookie=cookie, Origin="http://evil.example")
+        finally:
+            server.close()
+            await asyncio.sleep(0.05)
+
+    asyncio.run(play())
+
+
+def test_on_another_loopback_address_requests_may_name_it_and_no_stranger():
+    async def play():
+        server = make_server("127.0.0.2")
+        try:
+            for host, code in ((None, 200), ("localhost", 200), ("cell.example", 403)):
+                headers = {} if host is None else {"Host": host}
+                request = HTTPRequest(server.url, headers=headers)
+                answer = await AsyncHTTPClient().fetch(request, raise_error=False)
+                assert answer.code == code
         finally:
             server.close()
             await asyncio.sleep(0.05)

@@ -6,7 +6,7 @@ import zmq
 from armguard.exceptions import ArmguardError
 from armguard.streams.keys import present
 from armguard.view import FramePublisher, SceneMessage
-from armguard.view.messages import decode_message
+from armguard.view.messages import StatusMessage, decode_message
 from armguard.view.publisher import SCENE_INTERVAL
 from support.key_rings import KeyRing
 from support.view_samples import make_frame, make_scene
@@ -126,3 +126,18 @@ def test_with_keys_only_those_that_may_view_are_told(subscriber):
         assert not camera.poll(0)
     stranger.close()
     camera.close()
+
+
+def test_with_keys_a_view_is_told_what_goes_on_before_the_first_frame(subscriber):
+    ring = KeyRing(desk=["view"])
+    present(subscriber, ring.keys("desk"))
+    with (
+        ring.authenticator() as authenticator,
+        FramePublisher("tcp://127.0.0.1:*", authenticator) as publisher,
+    ):
+        subscriber.connect(publisher.address)
+        for _ in range(1000):
+            publisher.publish_status(StatusMessage(text="Compiling"))
+            if subscriber.poll(5):
+                break
+        assert decode_message(subscriber.recv()).text == "Compiling"

@@ -14,7 +14,7 @@ from tornado.httpclient import HTTPClient, HTTPRequest
 from tornado.websocket import websocket_connect
 
 from armguard.streams.inputs import SocketInput
-from armguard.view import FramePublisher, launch
+from armguard.view import FramePublisher, launch, viewer
 from armguard.view.messages import encode_message
 from support.view_samples import make_frame, make_scene
 
@@ -158,3 +158,26 @@ def test_a_reset_from_the_page_reaches_the_monitor_with_its_token():
         finally:
             ended.set()
             listener.join()
+
+
+@pytest.mark.parametrize(
+    ("told", "sent_to"),
+    [
+        ("tcp://0.0.0.0:5702", "tcp://192.0.2.10:5702"),
+        ("tcp://127.0.0.1:5702", "tcp://192.0.2.10:5702"),
+        ("ipc:///tmp/joints", None),
+    ],
+)
+def test_a_reset_goes_to_the_machine_of_the_feed(monkeypatch, told, sent_to):
+    """The same address on this machine may be that of another monitor."""
+    sent = []
+    monkeypatch.setattr(viewer, "_publish_reset", lambda address, *_: sent.append(address) or "ok")
+
+    async def ask():
+        with contextlib.closing(viewer.Watch("tcp://192.0.2.10:5704")) as view:
+            view._draw_scene(make_scene(reset_address=told, obeys_reset=True))
+            return await view._send_reset("sesame")
+
+    outcome = asyncio.run(ask())
+    assert sent == ([] if sent_to is None else [sent_to])
+    assert ("its own machine" if sent_to is None else "ok") in outcome
