@@ -264,7 +264,9 @@ class BrowserSocket(_Guarded, tornado.websocket.WebSocketHandler):
             self._is_due = False
             drawn = self._view.draw_past(self._seen, self._with_volume) or []
             self._touched.update(command.key for command in drawn)
-            parts = [command.payload for command in drawn]
+            # The page waits for this, and asks for nothing else until it comes.
+            seen = show("seen", {"number": self._seen, "drawn": bool(drawn)})
+            parts = [*(command.payload for command in drawn), seen.payload]
         self.send(join([self._view.tell_news(self.told), *parts]))
 
     def _write(self, payload: bytes) -> None:

@@ -3,6 +3,7 @@
 import io
 import threading
 
+import msgspec
 import numpy as np
 import pytest
 from PIL import Image
@@ -292,6 +293,41 @@ def test_a_stop_is_an_event_that_leads_back_to_its_reasons(feed, page):
     wait_for_text(page, "level", "CLEAR")
     assert not page.is_visible("#past")
     assert page.problems == []
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_a_moment_that_is_never_drawn_does_not_keep_from_the_present(feed, view, browser, is_told):
+    held = []
+
+    def hand_on(socket, bundle):
+        """What the page hears, without a moment of the past in it while one is held."""
+        news, *commands = msgspec.msgpack.decode(bundle)
+        if held:
+            seen = [one | {"drawn": False} for one in commands if one["type"] == "seen"]
+            bundle = msgspec.msgpack.encode([news, *(seen if is_told else [])])
+        socket.send(bundle)
+
+    def connect(socket):
+        socket.connect_to_server().on_message(lambda bundle: hand_on(socket, bundle))
+
+    feed.show("CLEAR")
+    page = open_page(browser)
+    page.route_web_socket("**/feed*", connect)
+    page.goto(view.url)
+    wait_for_text(page, "level", "CLEAR")
+    page.wait_for_function("() => document.querySelector('[aria-label=time]').max > 1")
+    held.append(True)
+    page.get_by_label("pause").click()
+    page.wait_for_timeout(500)
+    held.clear()
+    if not is_told:
+        assert page.is_visible("#past")
+        page.get_by_label("back to the present").click()
+    feed.show("STOP")
+    wait_for_text(page, "level", "STOP")
+    assert not page.is_visible("#past")
+    assert page.problems == []
+    page.close()
 
 
 def test_the_camera_stays_where_a_hand_has_put_it(feed, page):

@@ -230,13 +230,32 @@ def test_a_browser_looks_at_the_past_and_comes_back_to_all_that_changed():
             await hear(one)
             await one.write_message(DONE)
         await browser.write_message('{"type": "seek", "number": 5}')
-        (_, banner) = await hear(browser)
+        (_, banner, seen) = await hear(browser)
         assert banner["sequence"] == -5
+        assert (seen["type"], seen["number"], seen["drawn"]) == ("seen", 5, True)
         await browser.write_message(DONE)
         stage.show(1)
         assert (await hear(other))[1]["sequence"] == 1
         assert await hears_nothing(browser)
         assert stage.asked == [(5, False)]
+
+    on_stage(play)
+
+
+@pytest.mark.parametrize("nothing", [None, []])
+def test_a_moment_that_cannot_be_drawn_is_answered_all_the_same(nothing):
+    async def play(stage):
+        stage.server.draw_past = lambda number, with_volume: nothing
+        browser = await stage.browse()
+        await hear(browser)
+        await browser.write_message(DONE)
+        await browser.write_message('{"type": "seek", "number": 5}')
+        (_, seen) = await hear(browser)
+        assert (seen["type"], seen["number"], seen["drawn"]) == ("seen", 5, False)
+        await browser.write_message(DONE)
+        await browser.write_message('{"type": "seek", "number": null}')
+        stage.show(1)
+        assert (await hear(browser))[1]["sequence"] == 1
 
     on_stage(play)
 

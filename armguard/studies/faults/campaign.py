@@ -72,6 +72,8 @@ class Trial(NamedTuple):
     sound: float | None
     """When nothing was wrong any more; None: that did not come."""
     resets: int
+    foreign: tuple[str, ...] = ()
+    """What was latched before them and is no sign of the fault, in words."""
 
 
 class Replayed(NamedTuple):
@@ -160,16 +162,19 @@ def make_trial(cell: FaultyCell, fault: Fault, period: float) -> Trial:
     end = time.monotonic()
     patience = START_PATIENCE if fault.part == "monitor" else PATIENCE * period
     resets, next_reset, sound = 0, end, None
+    foreign: set[str] = set()
     while (now := time.monotonic()) < end + patience:
         if log.last_time > end and log.is_sound(now, LATENCY):
             sound = now
             break
         kinds = log.heard[-1].kinds if log.heard else frozenset()
-        if now >= next_reset and any(kind.effect is Effect.LATCHED for kind in kinds):
+        latched = [kind for kind in kinds if kind.effect is Effect.LATCHED]
+        if now >= next_reset and latched:
+            foreign.update(kind.text for kind in latched if kind.name not in fault.signs)
             cell.reset()
             resets, next_reset = resets + 1, now + RESET_INTERVAL
         time.sleep(LOOK_INTERVAL)
-    return Trial(fault, begin, end, sound, resets)
+    return Trial(fault, begin, end, sound, resets, tuple(sorted(foreign)))
 
 
 def judge(
@@ -212,6 +217,7 @@ def judge(
                 "" if found is None else found.words,
                 None if trial.sound is None else trial.sound - trial.end,
                 trial.resets,
+                trial.foreign,
                 witness.follow(rows[:, 0], q, v, bodies),
                 witness.follow(
                     times,

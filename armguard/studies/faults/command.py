@@ -20,6 +20,25 @@ FAILED = 1
 """Exit code of a campaign in which something was not as it must be."""
 
 
+def check_page(out: Path) -> None:
+    """Refuse a page that cannot be written now, not after minutes; what stands in it stays.
+
+    Raises:
+        ArmguardError: It is a folder or in none, or may not be written.
+    """
+    try:
+        is_new = not out.exists()
+        out.open("a").close()
+        if is_new:
+            out.unlink()  # a campaign that comes to no end leaves no page
+    except OSError as error:
+        raise ArmguardError(
+            str(out),
+            f"cannot be written ({error.strerror})",
+            expected="a file in a folder that is, such as faults.md",
+        ) from None
+
+
 def run_faults(only: Sequence[str], out: Path | None, *, as_json: bool) -> int:
     """Make faults, and tell what came of them.
 
@@ -38,11 +57,8 @@ def run_faults(only: Sequence[str], out: Path | None, *, as_json: bool) -> int:
     """
     faults = choose_faults(only)
     check_installed()
-    # Mistakes are told now, not after minutes.
-    if out is not None and not out.parent.is_dir():
-        raise ArmguardError(str(out), f"cannot be written (no folder {out.parent})")
-    if out is not None and out.is_dir():
-        raise ArmguardError(str(out), "is a folder", expected="a file, such as faults.md")
+    if out is not None:
+        check_page(out)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
         task = progress.add_task("starting", total=len(faults))

@@ -13,7 +13,7 @@ from typing import IO, NamedTuple
 import zmq
 
 from armguard.streams.messages import MessageError, decode_answer
-from armguard.verdict import Level, ReasonKind, Verdict
+from armguard.verdict import Level, Reason, ReasonKind, Verdict
 
 POLL_INTERVAL = 50
 """Between two looks whether listening is over, in [ms]."""
@@ -37,10 +37,13 @@ class Heard(NamedTuple):
 
     time: float
     level: Level
-    kinds: frozenset[ReasonKind]
-    """Of its reasons, without the usual ones."""
-    words: str
-    """The weightiest of these reasons."""
+    reasons: tuple[Reason, ...]
+    """Without the usual ones, the weightiest first."""
+
+    @property
+    def kinds(self) -> frozenset[ReasonKind]:
+        """Kinds of these reasons."""
+        return frozenset(reason.kind for reason in self.reasons)
 
 
 class Silence(NamedTuple):
@@ -84,7 +87,7 @@ class VerdictLog:
             now: The present.
             patience: Silence that is no fault, in [s].
         """
-        return bool(self.heard) and now - self.last_time < patience and not self.heard[-1].kinds
+        return bool(self.heard) and now - self.last_time < patience and not self.heard[-1].reasons
 
     def _listen(self) -> None:
         context = zmq.Context()
@@ -113,11 +116,11 @@ class VerdictLog:
         # A monitor that was started anew counts anew.
         self._sequence = verdict.sequence
         self.last_time = now
-        reasons = [reason for reason in verdict.reasons if reason.kind not in USUAL]
-        kinds = frozenset(reason.kind for reason in reasons)
-        if not self.heard or (verdict.level, kinds) != self.heard[-1][1:3]:
-            words = str(reasons[0]) if reasons else ""
-            self.heard.append(Heard(now, verdict.level, kinds, words))
+        reasons = tuple(reason for reason in verdict.reasons if reason.kind not in USUAL)
+        fresh = Heard(now, verdict.level, reasons)
+        before = self.heard[-1] if self.heard else None
+        if before is None or (fresh.level, fresh.kinds) != (before.level, before.kinds):
+            self.heard.append(fresh)
 
 
 class LineLog:

@@ -45,6 +45,9 @@ class Outcome(NamedTuple):
     """From the fault's end until nothing is wrong by the verdicts; None: that did not come."""
     resets: int
     """Resets that it took."""
+    foreign: tuple[str, ...]
+    """What was latched before them and is no sign of the fault, in words: a consequence of it, or
+    of something else, as of a machine that was busy."""
     obeying: Closest
     """Of the arm that obeys, from the fault's begin to the next fault's."""
     ignoring: Closest
@@ -79,6 +82,7 @@ class Outcome(NamedTuple):
             "sign": self.sign,
             "recovered_ms": _to_milliseconds(self.recovered),
             "resets": self.resets,
+            "other_latches": list(self.foreign),
             "contacts": self.obeying.contacts,
             "closest_mm": _to_millimetres(self.obeying.distance),
             "moving": round(self.obeying.moving, 3),
@@ -110,8 +114,9 @@ def find_detection(
     found: list[Detection] = []
     kinds = {ReasonKind[sign] for sign in fault.signs if sign in ReasonKind.__members__}
     for one in heard:
-        if begin <= one.time <= end and one.kinds & kinds:
-            found.append(Detection(one.time, one.level.name, one.words))
+        signs = [reason for reason in one.reasons if reason.kind in kinds]
+        if begin <= one.time <= end and signs:
+            found.append(Detection(one.time, one.level.name, str(signs[0])))
             break
     words = [sign for sign in fault.signs if sign not in ReasonKind.__members__]
     for time, line in lines:

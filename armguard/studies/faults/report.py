@@ -40,7 +40,9 @@ def list_cells(outcome: Outcome) -> list[str]:
     detected = _tell_milliseconds(outcome.detected, "**no**" if outcome.fault.signs else "–")
     recovered = _tell_milliseconds(outcome.recovered, "**no**")
     if outcome.resets:
-        recovered += f" ({outcome.resets} {'reset' if outcome.resets == 1 else 'resets'})"
+        resets = f"{outcome.resets} {'reset' if outcome.resets == 1 else 'resets'}"
+        foreign = f"; no sign of it: {', '.join(outcome.foreign)}" if outcome.foreign else ""
+        recovered += f" ({resets}{foreign})"
     distance = outcome.obeying.distance
     return [
         outcome.fault.name,

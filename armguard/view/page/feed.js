@@ -1,5 +1,6 @@
 // The present, and the past on request, from the view's server. Each bundle of commands is answered
-// by "done" once it is drawn; only then comes the next one.
+// by "done" once it is drawn; only then comes the next one. A moment of the past that was asked for is
+// answered by a "seen" of its number, even where it cannot be drawn.
 import { decode } from "./decode.js";
 
 const RETRY = 1000; // [ms]
@@ -9,7 +10,7 @@ export class Feed {
     this.take = take;
     this.parted = parted;
     this.wishes = {}; // what the server is to know again after a reconnection
-    this.waiting = null;
+    this.waiting = null; // { number, drawn } of the moment of the past that was asked for last
     this.connect();
   }
 
@@ -29,8 +30,8 @@ export class Feed {
       } finally {
         requestAnimationFrame(() => {
           this.say({ type: "done" });
-          if (this.waiting && commands.length > 1) {
-            const drawn = this.waiting;
+          if (commands.some(({ type, number }) => type === "seen" && number === this.waiting?.number)) {
+            const { drawn } = this.waiting;
             this.waiting = null;
             drawn();
           }
@@ -51,7 +52,7 @@ export class Feed {
   seek(number, drawn) {
     this.wishes.seek = { type: "seek", number };
     if (number === null) delete this.wishes.seek;
-    this.waiting = number === null ? null : drawn;
+    this.waiting = number === null ? null : { number, drawn };
     this.say({ type: "seek", number });
     if (number === null) drawn();
   }

@@ -97,6 +97,11 @@ const own = {
     if (transport !== null) transport.tell();
     showState();
   },
+  // Ends the commands of a moment of the past. One that cannot be drawn leads back to the present:
+  // what the page shows then would be neither.
+  seen: ({ number, drawn }) => {
+    if (!drawn && number === transport.at) transport.goLive();
+  },
   outcome: ({ text }) => panels.tellOutcome(text),
 };
 

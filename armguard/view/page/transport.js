@@ -87,6 +87,8 @@ export class Transport {
     this.strip.at = number;
     this.strip.draw();
     this.due = { number };
+    // The present is shown at once, whatever becomes of a moment that is still waited for.
+    if (number === null) this.isBusy = false;
     this.flush();
     this.tell();
   }

@@ -1,24 +1,23 @@
 """The campaign in its short form: the worst of its faults, against real processes."""
 
-from armguard.studies.faults.campaign import Trial, place_bodies, run_campaign
-from armguard.studies.faults.catalogue import Fault, choose_faults
+import time
+
+from armguard.studies.faults.campaign import Trial, make_trial, place_bodies, run_campaign
+from armguard.studies.faults.catalogue import DEFAULT_DURATION, Fault, choose_faults
+from armguard.studies.faults.listening import Heard
 from armguard.studies.faults.scene import sample_people, sample_pillar
+from armguard.verdict import Level, Reason, ReasonKind
 
-WORST = [
-    "driver-nan-q",
-    "camera-dropout-1s",
-    "camera-clock-ahead",
-    "camera-identities-swapped",
-    "monitor-stopped",
-    "monitor-killed",
-]
+EXCHANGED, KILLED = choose_faults(["camera-identities-swapped", "monitor-killed"])
+WORST = [EXCHANGED._replace(duration=DEFAULT_DURATION), KILLED]
+"""Data that are sound and wrong, and no monitor at all until a new one starts."""
 
 
-def test_of_the_worst_faults_none_is_missed_and_nobody_is_touched():
+def test_exchanged_people_and_a_killed_monitor_are_noticed_and_nobody_is_touched():
     told = []
-    report = run_campaign(choose_faults(WORST), lambda text, done: told.append((text, done)))
+    report = run_campaign(WORST, lambda text, done: told.append((text, done)))
     assert [outcome.problem for outcome in report.outcomes] == [""] * len(WORST)
-    assert [outcome.fault.name for outcome in report.outcomes] == WORST
+    assert [outcome.fault for outcome in report.outcomes] == WORST
     assert report.whole.contacts == 0
     assert report.whole.distance > 0.0
     assert all(outcome.ignoring.contacts for outcome in report.outcomes), "the control is hit"
@@ -29,7 +28,44 @@ def test_of_the_worst_faults_none_is_missed_and_nobody_is_touched():
     assert (first.lost, second.lost) == (0, 0)
     assert report.passed
     names = [text for text, _ in told]
-    assert names == ["starting", *WORST, "judging", "replaying"]
+    assert names == ["starting", *(fault.name for fault in WORST), "judging", "replaying"]
+
+
+class StoppedCell:
+    """A cell in which joint states are amiss, too, from a fault's end until a reset; its own log of
+    verdicts."""
+
+    def __init__(self, *latched):
+        self.start = time.monotonic()
+        self.verdicts = self
+        self.heard = [Heard(0.0, Level.CLEAR, ())]
+        self._latched = latched
+
+    @property
+    def last_time(self):
+        return time.monotonic()
+
+    def is_sound(self, now, patience):
+        return not self.heard[-1].reasons
+
+    def check(self):
+        """Nothing has ended."""
+
+    def strike(self, fault, begin):
+        reasons = tuple(Reason(kind) for kind in self._latched)
+        return lambda: self.heard.append(Heard(time.monotonic(), Level.STOP, reasons))
+
+    def reset(self):
+        self.heard.append(Heard(time.monotonic(), Level.CLEAR, ()))
+
+
+def test_a_reset_of_what_is_no_sign_of_a_fault_says_what_it_was_for():
+    fault = Fault("jumps", "driver", "kill", ("JOINT_STATE_JUMPED",), duration=0.0)
+    latched = (ReasonKind.JOINT_STATE_GAP, ReasonKind.JOINT_STATE_JUMPED)
+    trial = make_trial(StoppedCell(*latched), fault, 0.3)
+    assert (trial.resets, trial.foreign) == (1, ("gap in joint states",))
+    trial = make_trial(StoppedCell(*latched[1:]), fault, 0.3)
+    assert (trial.resets, trial.foreign) == (1, ())
 
 
 def test_a_thing_that_drifts_is_there_while_its_fault_lasts():

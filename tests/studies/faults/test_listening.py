@@ -11,6 +11,7 @@ from support.verdict_samples import verdict
 
 PATIENCE = 20.0
 SILENT = Reason(ReasonKind.SOURCE_SILENT, "camera")
+GAP = Reason(ReasonKind.JOINT_STATE_GAP, "joint states")
 NEAR = Reason(ReasonKind.CONTACT, "hand", "left")
 
 
@@ -55,11 +56,14 @@ def test_verdicts_are_kept_where_they_change(wire):
         (Level.SLOW, frozenset()),
         (Level.STOP, {ReasonKind.SOURCE_SILENT}),
     ], "contacts are no fault"
-    assert log.heard[-1].words == "source silent: camera"
+    assert log.heard[-1].reasons == (SILENT,)
     now = time.monotonic()
     assert not log.is_sound(now, PATIENCE)
     say(publisher, sequence=sequence + 1, level=Level.SLOW, reasons=(NEAR,))
     wait_until(lambda: log.is_sound(time.monotonic(), PATIENCE))
+    say(publisher, sequence=sequence + 2, level=Level.STOP, reasons=(GAP, NEAR, SILENT))
+    wait_until(lambda: log.heard[-1].kinds)
+    assert log.heard[-1].reasons == (GAP, SILENT), "all of them, the weightiest first"
     assert not log.is_sound(log.last_time + 1.0, 0.5), "silence is not sound"
 
 

@@ -10,19 +10,30 @@ from armguard.studies.faults.outcome import (
     measure_silence,
 )
 from armguard.studies.faults.truth import Closest
-from armguard.verdict import Level, ReasonKind
+from armguard.verdict import Level, Reason, ReasonKind
 
+GAP = Reason(ReasonKind.JOINT_STATE_GAP, "joint states")
 FAULT = Fault("dropout", "camera", "disturb", ("SOURCE_SILENT", "lost:", "silence"))
 HEARD = [
-    Heard(0.0, Level.CLEAR, frozenset(), ""),
-    Heard(1.5, Level.STOP, frozenset({ReasonKind.SOURCE_SILENT}), "source silent: camera"),
+    Heard(0.0, Level.CLEAR, ()),
+    Heard(1.5, Level.STOP, (GAP, Reason(ReasonKind.SOURCE_SILENT, "camera"))),
 ]
 LINES = [(1.4, "armguard: 12:00:00.000 lost: camera message 3")]
 TRUTH = np.zeros((3, 17))
 TRUTH[:, 0] = 1.1, 1.3, 1.6
 TRUTH[1, 2] = 1.0
 GOOD = Outcome(
-    FAULT, 0.5, "STOP", "source silent", 0.1, 0, Closest(0, 0.3, 0.5), Closest(1, -0.1, 1.0), 0, 0.0
+    FAULT,
+    0.5,
+    "STOP",
+    "source silent",
+    0.1,
+    0,
+    (),
+    Closest(0, 0.3, 0.5),
+    Closest(1, -0.1, 1.0),
+    0,
+    0.0,
 )
 
 
@@ -35,6 +46,15 @@ def test_the_first_sign_counts_whichever_it_is():
     without = FAULT._replace(signs=FAULT.signs[:2])
     assert find(without) == Detection(1.4, "CLEAR", "lost: camera message 3")
     assert find(without, lines=[]) == Detection(1.5, "STOP", "source silent: camera")
+
+
+def test_the_sign_is_quoted_and_not_what_is_weightier_beside_it():
+    silent = FAULT._replace(signs=("SOURCE_SILENT",))
+    assert find(silent).words == "source silent: camera"
+    assert (
+        find(FAULT._replace(signs=("JOINT_STATE_GAP",))).words
+        == "gap in joint states: joint states"
+    )
 
 
 def test_what_is_no_sign_of_it_or_not_in_its_time_does_not_count():

@@ -16,6 +16,7 @@ GOOD = Outcome(
     "silent | a camera",
     0.01,
     1,
+    (),
     Closest(0, 0.4, 0.5),
     Closest(1, 0, 1),
     0,
@@ -42,6 +43,8 @@ def test_a_row_says_what_was_found():
     assert list_cells(GOOD) == [
         "dropout", "300", "STOP", "silent / a camera", "10 (1 reset)", "nothing", "400", "hit", "0",
     ]  # fmt: skip
+    foreign = GOOD._replace(foreign=("gap in joint states",))
+    assert list_cells(foreign)[4] == "10 (1 reset; no sign of it: gap in joint states)"
     cells = dict(zip(COLUMNS, list_cells(BAD), strict=True))
     assert (cells["detected [ms]"], cells["contacts"], cells["lost"]) == ("**no**", "**2**", "3")
     covered = list_cells(GOOD._replace(fault=FAULT._replace(signs=()), detected=None))
