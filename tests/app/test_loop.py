@@ -410,11 +410,17 @@ def test_a_run_is_recorded_with_what_was_wrong_with_messages(tmp_path):
         with VerdictReader(f"ipc://{tmp_path}/out") as reader:
             while reader.latest(0.1) is None:
                 assert process.poll() is None, process.stderr.read()
-    now = time.monotonic()
-    lines = [
-        json.dumps(m) for n in range(300) for m in (joints(now + n / 500), ball(now + n / 500))
-    ]
-    output, errors = process.communicate("\n".join(lines), timeout=60)
+    # As they become true: what is older than a joint state may be when it is read is not judged.
+    with VerdictReader(f"ipc://{tmp_path}/out") as reader:
+        judged = 0
+        deadline = time.monotonic() + PATIENCE
+        while judged < 100 and time.monotonic() < deadline:
+            now = time.monotonic()
+            process.stdin.write(f"{json.dumps(joints(now))}\n{json.dumps(ball(now))}\n")
+            process.stdin.flush()
+            verdict = reader.latest(0.002)
+            judged += verdict is not None and verdict.sequence > 0
+    output, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
     ticks = int(output.splitlines()[-1].split(";")[-1])
     events = read_events(path)
