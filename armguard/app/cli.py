@@ -494,6 +494,23 @@ class Extremes:
 
 
 @dataclasses.dataclass(frozen=True)
+class Kernels:
+    """Compile everything now, so that no start has to: while an image or a wheel is built.
+
+    Example: armguard kernels
+    """
+
+    carry: Flag = False
+    """Into the package's own folder, for all processors with AVX2, from where wheels take it."""
+
+    def run(self) -> int:
+        """Compile."""
+        from armguard.app import kernels
+
+        return kernels.run(carry=self.carry)
+
+
+@dataclasses.dataclass(frozen=True)
 class Robots:
     """List the robots that armguard knows by name.
 
@@ -544,6 +561,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                     | Annotated[Faults, tyro.conf.subcommand("faults")]
                     | Annotated[Tradeoff, tyro.conf.subcommand("tradeoff")]
                     | Annotated[Extremes, tyro.conf.subcommand("extremes")]
+                    | Annotated[Kernels, tyro.conf.subcommand("kernels")]
                     | Annotated[Robots, tyro.conf.subcommand("robots")]
                 ],
                 prog="armguard",

@@ -23,6 +23,7 @@ from numba.core import caching as numba_caching
 from numba.core import compiler_lock as numba_compiler_lock
 from numba.core import event as numba_event
 
+from armguard.jit.carried import find_target, open_carried
 from armguard.jit.collection import CollectionPause
 from armguard.jit.parts import EntryCompiler, PartCompiler, PartContext
 from armguard.jit.turns import take_turn
@@ -40,18 +41,50 @@ event.register("numba:compile", CollectionPause())
 PACKAGE = Path(__file__).resolve().parents[1]
 
 
-class KeptKernel(caching.CompileResultCacheImpl):  # type: ignore[misc]  # a class of unknown type
-    """How a kernel is kept: in the folder that it is given, and nowhere else.
+STAMP = ""
+"""Instead of the time and size of a source."""
+
+
+class KernelFolder(caching.UserProvidedCacheLocator):  # type: ignore[misc]  # of unknown type
+    """Where a module's kernels are kept: in the folder of `find_cache`, and nowhere else.
 
     Where Numba cannot write, it looks for another folder, and knows a kernel there by its own file
-    alone.
+    alone. Here no stamp is needed beside the folder's name, which says what they were made from.
     """
 
-    _locator_classes = (caching.UserProvidedCacheLocator,)
+    part = Path()
+    """Within that folder."""
+
+    def __init__(self, function: Any, file: str) -> None:
+        self._lineno = function.__code__.co_firstlineno
+        self._cache_path = str(find_cache(Path(file)) / self.part)
+
+    @classmethod
+    def from_function(cls, function: Any, file: str) -> Any:
+        """Where the kernel of a function in a file is kept."""
+        return cls(function, file)
+
+    def get_source_stamp(self) -> str:
+        """The same for all."""
+        return STAMP
 
 
-class KeptPart(KeptKernel):
+class PartFolder(KernelFolder):
+    """Where its parts are kept."""
+
+    part = Path("parts")
+
+
+class KeptKernel(caching.CompileResultCacheImpl):  # type: ignore[misc]  # a class of unknown type
+    """How a kernel is kept."""
+
+    _locator_classes = (KernelFolder,)
+
+
+class KeptPart(caching.CompileResultCacheImpl):  # type: ignore[misc]  # a class of unknown type
     """How a part is kept."""
+
+    _locator_classes = (PartFolder,)
 
     def rebuild(self, context: Any, state: Any) -> Any:
         """What the cache was given, as a part again."""
@@ -63,17 +96,34 @@ class TolerantCache(caching.FunctionCache):  # type: ignore[misc]  # a class of 
 
     Its index names all types that a kernel was ever compiled for, and so those of a script that was
     run from elsewhere: to a later process, that must be no more than a cache without an entry. A
-    disk may be full, or a file cut short.
+    disk may be full, or a file cut short. What it does not have may be among the carried kernels.
     """
 
     _impl_class = KeptKernel
 
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        caches = find_cache(Path(function.__code__.co_filename)).parent
+        folder = Path(self.cache_path).relative_to(caches)
+        self._carried = open_carried(folder, self._impl.filename_base, STAMP)
+
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
-            return super()._load_overload(sig, target_context)
+            found = super()._load_overload(sig, target_context)
         except Exception:  # a damaged file can raise anything
             with contextlib.suppress(OSError):
                 self._cache_file.flush()
+            found = None
+        return self._load_carried(sig, target_context) if found is None else found
+
+    def _load_carried(self, sig: Any, target_context: Any) -> Any:
+        target = find_target()
+        if target is None:
+            return None
+        try:
+            data = self._carried.load(self._index_key(sig, target))
+            return None if data is None else self._impl.rebuild(target_context, data)
+        except Exception:  # as above; it is left as it is, being another's
             return None
 
     def _save_overload(self, sig: Any, data: Any) -> None:
@@ -99,11 +149,10 @@ def kernel(function: Any = None, **options: Any) -> Any:
     """
 
     def compile_function(function: Any) -> Any:
-        place = find_cache(Path(function.__code__.co_filename))
-        compiled = _make_dispatcher(function, place, TolerantCache, EntryCompiler, options)
+        compiled = _make_dispatcher(function, TolerantCache(function), EntryCompiler, options)
         # What C or Python would call a part by takes as long to compile as a short kernel.
         bare = {"no_cpython_wrapper": True, **options}
-        part = _make_dispatcher(function, place / "parts", PartCache, PartCompiler, bare)
+        part = _make_dispatcher(function, PartCache(function), PartCompiler, bare)
 
         def find_part(kinds: tuple[Any, ...], names: dict[str, Any]) -> Any:
             # A constant is a number like any other, and needs no part of its own.
@@ -117,15 +166,12 @@ def kernel(function: Any = None, **options: Any) -> Any:
     return compile_function if function is None else compile_function(function)
 
 
-def _make_dispatcher(
-    function: Any, place: Path, cache: Any, compiler: Any, options: dict[str, Any]
-) -> Any:
+def _make_dispatcher(function: Any, cache: Any, compiler: Any, options: dict[str, Any]) -> Any:
     """What compiles a function for each kind of arguments that it is called with.
 
     Args:
         function: What to compile.
-        place: Folder of the cache.
-        cache: Class of the cache.
+        cache: Keeps what was compiled.
         compiler: Class of the compiler.
         options: Further options of `numba.njit`.
     """
@@ -133,12 +179,7 @@ def _make_dispatcher(
     compiled = njit(
         error_model="numpy", pipeline_class=compiler, no_cfunc_wrapper=True, **options
     )(function)  # fmt: skip
-    before = config.CACHE_DIR
-    config.CACHE_DIR = str(place)
-    # Without a folder that can be written, kernels are compiled at each start.
-    with contextlib.suppress(RuntimeError):
-        compiled._cache = cache(function)
-    config.CACHE_DIR = before
+    compiled._cache = cache
     compile_at_once = compiled.compile
 
     def compile_in_turn(kinds: Any) -> Any:
@@ -148,7 +189,7 @@ def _make_dispatcher(
         with compiler_lock.global_compiler_lock, take_turn(turn):
             return compile_at_once(kinds)
 
-    turn = place / f"{function.__name__}-{function.__code__.co_firstlineno}.turn"
+    turn = Path(cache.cache_path) / f"{function.__name__}-{function.__code__.co_firstlineno}.turn"
     compiled.compile = compile_in_turn
     return compiled
 
