@@ -121,6 +121,8 @@ class Run:
     """How long to run, in seconds."""
     json: Flag = False
     """Print the summary as one JSON object."""
+    json_verdicts: Flag = False
+    """Send verdicts as JSON objects, not as msgpack maps."""
     quiet: Flag = False
     """Tell neither addresses nor changes of level, but only what is wrong with messages."""
     parent: int | None = None
@@ -143,6 +145,7 @@ class Run:
             realtime=not self.no_realtime,
             duration=self.duration,
             as_json=self.json,
+            json_verdicts=self.json_verdicts,
             quiet=self.quiet,
         )
 
