@@ -214,11 +214,12 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     """earliest possible contact, [s] from the tick; infinite where there is none, 0 where that is
     unknown"""
     stop_time: float
-    """within which the arm surely rests if it is told to stop now, [s] from the tick; infinite where
-    that is unknown"""
+    """within which the arm surely rests if it is told to stop now, [s] from the tick; infinite
+    where that is unknown"""
     speed_scale: float
-    """how fast the arm may go on, from 0 to 1, as a share of the joints' operating velocities, or of
-    their velocity limits where none are stated; of an arm that follows a trajectory, of its clock"""
+    """how fast the arm may go on, from 0 to 1, as a share of the joints' operating velocities, or
+    of their velocity limits where none are stated; of an arm that follows a trajectory, of its
+    clock"""
     link: str | None
     """link of the deciding pair; nil without pairs, or where not all that is there is known"""
     obstacle: str | None
@@ -236,8 +237,8 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     certificate: CertificateMessage | None = None
     """proof of the deciding pair; `armguard run` sends none"""
     stop: Literal["finish", "brake"] | None = None
-    """how to obey a STOP: run the committed piece to rest, or leave it and brake; nil where the level
-    is another"""
+    """how to obey a STOP: run the committed piece to rest, or leave it and brake; nil where the
+    level is another"""
 
 
 class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
@@ -248,8 +249,8 @@ class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
     safe: bool
     """whether the arm may do it: then that is what the monitor takes it to do from now on"""
     contact_time: float
-    """earliest possible contact on the way, [s] from the tick; infinite where there is none, 0 where
-    that is unknown"""
+    """earliest possible contact on the way, [s] from the tick; infinite where there is none, 0
+    where that is unknown"""
     link: str | None
     """link of the pair that could touch first; nil if none can"""
     obstacle: str | None

@@ -11,11 +11,12 @@ int main(int count, char** arguments) {
   for (int sequence = 1; sequence <= 500 * duration; ++sequence) {
     const double stamp = std::chrono::duration<double>(tick.time_since_epoch()).count();  // [s]
     if (sequence % 5 == 1)
-      std::printf(R"({"type": "obstacles", "source": "camera", "seq": %d, "stamp": %.9f, "ids": ["ball"], )"
-                  R"("position": [[3, 0.3, 0.5]], "velocity": [[0, 0, 0]], "radius": 0.1})" "\n",
+      std::printf(R"({"type": "obstacles", "source": "camera", "seq": %d, "stamp": %.9f, )"
+                  R"("ids": ["ball"], "position": [[3, 0.3, 0.5]], "radius": 0.1})" "\n",
                   sequence / 5 + 1, stamp);
-    std::printf(R"({"type": "joints", "seq": %d, "stamp": %.9f, "names": ["panda_joint1", "panda_joint2", )"
-                R"("panda_joint3", "panda_joint4", "panda_joint5", "panda_joint6", "panda_joint7"], )"
+    std::printf(R"({"type": "joints", "seq": %d, "stamp": %.9f, )"
+                R"("names": ["panda_joint1", "panda_joint2", "panda_joint3", "panda_joint4", )"
+                R"("panda_joint5", "panda_joint6", "panda_joint7"], )"
                 R"("q": [0, -0.785, 0, -2.356, 0, 1.571, 0.785], "v": [0, 0, 0, 0, 0, 0, 0]})" "\n",
                 sequence, stamp);
     std::fflush(stdout);  // whole lines, in time

@@ -1,4 +1,4 @@
-// Sends a ball that wanders about in front of the arm, at 100 Hz; Debian: apt-get install cppzmq-dev
+// Sends a ball that wanders about in front of the arm, at 100 Hz. On Debian it needs cppzmq-dev.
 //   g++ -std=c++17 perception.cpp -lzmq -o perception && ./perception
 #include <chrono>
 #include <cmath>
@@ -21,8 +21,11 @@ int main(int count, char** arguments) {
     const int size = std::snprintf(
         text, sizeof text,
         R"({"type": "obstacles", "source": "%s", "seq": %ld, "stamp": %.9f, "snapshot": true, )"
-        R"("ids": ["ball"], "position": [[%.6f, -0.3, 0.5]], "velocity": [[%.6f, 0, 0]], "radius": 0.1})",
-        source.c_str(), sequence, stamp, 3.0 + 0.5 * std::cos(0.4 * stamp), -0.2 * std::sin(0.4 * stamp));
+        R"("ids": ["ball"], "position": [[%.6f, -0.3, 0.5]], "velocity": [[%.6f, 0, 0]], )"
+        R"("radius": 0.1})",
+        source.c_str(), sequence, stamp, 3.0 + 0.5 * std::cos(0.4 * stamp),
+        -0.2 * std::sin(0.4 * stamp));
+    if (size < 0 || size >= int(sizeof text)) return 1;
     publisher.send(zmq::buffer(text, size), zmq::send_flags::none);
     std::this_thread::sleep_until(tick += std::chrono::milliseconds(10));
   }

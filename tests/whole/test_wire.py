@@ -148,11 +148,10 @@ def test_lines_of_a_program_are_supervised(tmp_path):
     lines = compile_node("lines", tmp_path)
     cell = tmp_path / "cell.toml"
     cell.write_text('[robot]\nname = "panda"\n[thresholds]\njoint_timeout = 600.0\n')
-    source = subprocess.Popen([lines, "1.0"], stdout=subprocess.PIPE)
-    with source:
+    verdicts = ["--verdicts", f"ipc://{tmp_path}/verdicts"]
+    with subprocess.Popen([lines, "1.0"], stdout=subprocess.PIPE) as source:
         run = subprocess.run(
-            [ARMGUARD, "run", cell, "--obstacles", "-", "--json", "--no-realtime"]
-            + ["--verdicts", f"ipc://{tmp_path}/verdicts"],
+            [ARMGUARD, "run", cell, "--obstacles", "-", *verdicts, "--json", "--no-realtime"],
             stdin=source.stdout,
             capture_output=True,
             text=True,
