@@ -16,6 +16,9 @@ DEMOS = sorted((Path(__file__).parents[2] / "demos").glob("[0-9][0-9]_*.py"))
 QUICK = {"seeds": 20, "duration": 0.3}
 SOCKETS = {"address", "joints", "verdicts", "obstacles"}
 
+# Demos that need what not every machine has.
+NEEDS = {"05_mujoco": "mujoco"}
+
 
 def load_demo(path):
     specification = importlib.util.spec_from_file_location(f"demo_{path.stem}", path)
@@ -26,6 +29,8 @@ def load_demo(path):
 
 @pytest.mark.parametrize("path", DEMOS, ids=lambda path: path.stem)
 def test_every_demo_has_a_title_and_a_main_that_runs(path, capsys, tmp_path):
+    if path.stem in NEEDS:
+        pytest.importorskip(NEEDS[path.stem])
     demo = load_demo(path)
     assert capsys.readouterr().out == "", "importing a demo must not run it"
     assert inspect.getdoc(demo).splitlines()[0].endswith(".")
@@ -34,6 +39,17 @@ def test_every_demo_has_a_title_and_a_main_that_runs(path, capsys, tmp_path):
     arguments = {name: value for name, value in QUICK.items() if name in parameters}
     arguments |= {name: f"ipc://{tmp_path}/{name}" for name in SOCKETS & set(parameters)}
     demo.main(**arguments)
+
+
+def test_in_mujoco_a_supervised_arm_touches_nothing_while_it_moves_and_another_does():
+    """MuJoCo measures the distances, knowing nothing of armguard's."""
+    pytest.importorskip("mujoco")
+    demo = load_demo(next(path for path in DEMOS if path.stem == "05_mujoco"))
+    supervised, free = (demo.main(6.0, is_obeying=one) for one in (True, False))
+    assert supervised.least_moving_distance > 0.0
+    assert supervised.path > 0.1
+    assert {"SLOW", "STOP"} <= set(supervised.levels)
+    assert free.least_moving_distance < 0.0, "else there is nothing to be stopped for"
 
 
 @pytest.fixture(scope="module")

@@ -35,6 +35,7 @@ ROOMS = {
     "recording": "monitor scheduling pairs bounds robot obstacles contact jit verdict",
     "people": "obstacles",
     "simulation": "robot",
+    "bridges": "robot obstacles",
     "studies": "simulation recording people view streams monitor scheduling pairs bounds robot "
     "cover obstacles contact jit verdict clock",
     "app": EVERYTHING,
