@@ -369,9 +369,7 @@ def run(
             opened.append(source)
         # Verdicts must not be valid for longer than they are.
         offset = edge.offset - edge.offset_error
-        publisher = VerdictPublisher(
-            verdicts_address, offset, authenticator, as_json=json_verdicts
-        )
+        publisher = VerdictPublisher(verdicts_address, offset, authenticator, as_json=json_verdicts)
         opened.append(publisher)
         if listening is not None:
             obstacles_bound, joints_bound = (bound[address] for address in addresses)
