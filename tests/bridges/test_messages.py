@@ -130,7 +130,7 @@ class FineEncoders:
 
 
 def test_empty_velocities_are_differences_within_the_stated_error():
-    """Against motions at full acceleration, in either direction, and encoders as wrong as may be."""
+    """Against motions at full acceleration, either way, and encoders as wrong as may be."""
     robot = FineEncoders()
     random = np.random.default_rng(0)
     for period in (0.0003, 0.001, 0.004):
