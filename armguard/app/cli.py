@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import importlib.metadata
 import io
 import os
+import platform
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -512,6 +514,9 @@ class Robots:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `armguard` with `arguments` (default: the process's own); the exit code."""
+    if list(sys.argv[1:] if arguments is None else arguments) == ["--version"]:
+        sys.stdout.write(describe_version() + "\n")
+        return 0
     command = _parse(arguments)
     try:
         with termination_as_interrupt():
@@ -526,6 +531,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         complain("interrupted before there was anything to show")
         return INTERRUPTED
+
+
+def describe_version() -> str:
+    """What is installed, in one line: versions that verdicts depend on."""
+    armguard, pin, numba = (
+        importlib.metadata.version(name) for name in ("armguard", "pin", "numba")
+    )
+    return f"armguard {armguard} (pin {pin}, numba {numba}, Python {platform.python_version()})"
 
 
 def _parse(arguments: Sequence[str] | None) -> Command:
@@ -550,7 +563,8 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                     | Annotated[Robots, tyro.conf.subcommand("robots")]
                 ],
                 prog="armguard",
-                description="Real-time safety monitor for robot arms; no certified safety device.",
+                description="Real-time safety monitor for robot arms; no certified safety device. "
+                "`armguard --version` tells what is installed.",
                 args=arguments,
             )
     except SystemExit as end:
