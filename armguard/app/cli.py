@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import importlib.metadata
 import io
 import os
+import platform
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -121,6 +123,8 @@ class Run:
     """How long to run, in seconds."""
     json: Flag = False
     """Print the summary as one JSON object."""
+    json_verdicts: Flag = False
+    """Send verdicts as JSON objects, not as msgpack maps."""
     quiet: Flag = False
     """Tell neither addresses nor changes of level, but only what is wrong with messages."""
     parent: int | None = None
@@ -143,6 +147,7 @@ class Run:
             realtime=not self.no_realtime,
             duration=self.duration,
             as_json=self.json,
+            json_verdicts=self.json_verdicts,
             quiet=self.quiet,
         )
 
@@ -526,6 +531,9 @@ class Robots:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `armguard` with `arguments` (default: the process's own); the exit code."""
+    if list(sys.argv[1:] if arguments is None else arguments) == ["--version"]:
+        sys.stdout.write(describe_version() + "\n")
+        return 0
     command = _parse(arguments)
     try:
         with termination_as_interrupt():
@@ -540,6 +548,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         complain("interrupted before there was anything to show")
         return INTERRUPTED
+
+
+def describe_version() -> str:
+    """What is installed, in one line: versions that verdicts depend on."""
+    armguard, pin, numba = (
+        importlib.metadata.version(name) for name in ("armguard", "pin", "numba")
+    )
+    return f"armguard {armguard} (pin {pin}, numba {numba}, Python {platform.python_version()})"
 
 
 def _parse(arguments: Sequence[str] | None) -> Command:
@@ -565,7 +581,8 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                     | Annotated[Robots, tyro.conf.subcommand("robots")]
                 ],
                 prog="armguard",
-                description="Real-time safety monitor for robot arms; no certified safety device.",
+                description="Real-time safety monitor for robot arms; no certified safety device. "
+                "`armguard --version` tells what is installed.",
                 args=arguments,
             )
     except SystemExit as end:

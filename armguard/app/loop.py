@@ -295,6 +295,7 @@ def run(
     duration: float = math.inf,
     reset_token: str | None = None,
     realtime: bool = False,
+    json_verdicts: bool = False,
     authenticator: Authenticator | None = None,
     observe: Callable[[RateLoop, Verdict], None] | None = None,
     prepared: Callable[[Monitor], None] | None = None,
@@ -315,6 +316,7 @@ def run(
         reset_token: What a reset message must carry; without one, none is obeyed.
         realtime: Whether to ask the system for real-time scheduling and locked memory; what it
             refuses is told on standard error.
+        json_verdicts: Whether verdicts and answers to plans are sent as JSON, not as msgpack.
         authenticator: Lets in clients, and stays open; None: one is made where the cell has keys.
         observe: Sees each verdict, with the loop, after it was published; must not block.
         prepared: Called with the monitor when everything is compiled, before the first tick.
@@ -367,7 +369,7 @@ def run(
             opened.append(source)
         # Verdicts must not be valid for longer than they are.
         offset = edge.offset - edge.offset_error
-        publisher = VerdictPublisher(verdicts_address, offset, authenticator)
+        publisher = VerdictPublisher(verdicts_address, offset, authenticator, as_json=json_verdicts)
         opened.append(publisher)
         if listening is not None:
             obstacles_bound, joints_bound = (bound[address] for address in addresses)

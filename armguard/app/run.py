@@ -67,6 +67,7 @@ def supervise(
     realtime: bool,
     duration: float,
     as_json: bool,
+    json_verdicts: bool = False,
     quiet: bool = False,
 ) -> int:
     """Supervise a cell until the end, and print the summary.
@@ -82,6 +83,7 @@ def supervise(
         realtime: Whether to ask the system for real-time scheduling and locked memory.
         duration: How long, in [s].
         as_json: Print one JSON object instead of a table.
+        json_verdicts: Send verdicts and answers to plans as JSON, not as msgpack.
         quiet: Tell neither addresses nor changes of level on standard error.
 
     Returns:
@@ -159,6 +161,7 @@ def supervise(
                 record=record,
                 reset_token=reset_token,
                 realtime=realtime,
+                json_verdicts=json_verdicts,
                 authenticator=authenticator,
                 observe=observer.observe,
                 prepared=tell_prepared,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
@@ -24,6 +25,9 @@ _CLOSER_LOOK = 65536
 
 POINT_LIMIT = 8
 """Most points of one obstacle."""
+
+GREATEST = sys.float_info.max
+"""Stands in JSON for what is infinite."""
 
 Points = bytes | list[list[float | list[float]]]
 """Rows of points: (n, 3) or (n, k, 3) nested lists, or packed little-endian float64."""
@@ -61,69 +65,107 @@ class MessageError(Exception):
 
 
 class Message(msgspec.Struct, forbid_unknown_fields=True, tag_field="type"):
-    """What every message is: a map whose `type` names one of the children below."""
+    """What every message is: a map whose `type` names one of the children below.
+
+    docs/wire.md is made of these classes: a field's text is the one that stands below it.
+    """
 
 
 class ObstaclesMessage(Message, tag="obstacles"):
     """States of obstacles as one source saw them at one time; without ids, a heartbeat."""
 
     ids: list[str]
+    """names of the obstacles, each once; n of them"""
     stamp: float
+    """when they were there, [s] on the clock of the source"""
     source: str = "default"
+    """name of the sender; one sender a source"""
     seq: int | None = None
+    """counts the messages of the source, `remove` among them, so that lost ones are told"""
     frame: str = "world"
+    """of positions and velocities: `world`, `base`, or one of `[frames]` in the cell file"""
     snapshot: bool = False
+    """whether this is all that the source sees and it sees the whole cell: absent ids are gone"""
     position: Points = []
+    """centres, or points whose hull, rounded by `radius`, is the body, [m]"""
     velocity: Points | None = None
+    """of the same points, [m/s]; left out: any within the bound on speed"""
     radius: Values | None = None
+    """by which hulls are rounded, [m], at least 0; needed wherever there are ids"""
     accel: Values | None = None
+    """bound on acceleration, [m/s²]; left out: the cell's"""
     speed: Values | None = None
+    """bound on speed, [m/s]; left out: the cell's"""
     position_error: Values = 0.0
+    """what positions may be off by, [m]"""
     velocity_error: Values = 0.0
+    """what velocities may be off by, [m/s]"""
 
 
 class JointsMessage(Message, tag="joints"):
     """The arm's joint state; any order of names, more of them than needed is no fault."""
 
     stamp: float
+    """when the state was measured, [s] on the clock of the joint states"""
     names: list[str]
+    """of the joints, in any order; more than the watched ones are no fault, fewer are"""
     q: bytes | list[float]
+    """positions, [rad] or [m], one a name"""
     v: bytes | list[float]
+    """velocities, [rad/s] or [m/s], one a name"""
     seq: int | None = None
+    """counts the messages, so that lost ones are told"""
     path_time: float | None = None
+    """where on the trajectory that it follows the arm was at `stamp`, [s] as in the plan's `times`;
+    left out: the trajectory is followed on time"""
 
 
 class PlanMessage(Message, tag="plan"):
-    """What the controller is about to do, and what it asks: may the arm?
-
-    `ask` is "commit" for a piece that carries its own stop, "follow" for a whole trajectory.
-    """
+    """What the controller is about to do, and what it asks: may the arm?"""
 
     ask: Literal["commit", "follow"]
+    """a piece that carries its own stop, or a whole trajectory"""
     number: Number
+    """of the plan; the answer carries it, and all readers see all answers: use none twice, and none
+    of another sender's"""
     stamp: float
+    """when the arm is at the first sample, [s] on the clock of the joint states"""
     names: list[str]
+    """of the joints, in any order"""
     times: bytes | list[float]
+    """of the samples, [s] from `stamp`; rising from 0"""
     q: Rows
+    """positions at the samples, [rad] or [m]: one row a time, one value a name"""
     v: Rows
+    """velocities at the samples, [rad/s] or [m/s]; the curve between samples is cubic"""
     tracking_error: Values
+    """how far joints may be off the curve, [rad] or [m], above 0"""
     velocity_tracking_error: Values | None = None
+    """how far velocities may be off the curve's, [rad/s] or [m/s]; left out: what follows from the
+    tracking error and the limits on acceleration"""
     stop_tracking_error: Values | None = None
+    """how far joints may be off while the arm stops on its path, [rad] or [m]; for
+    `stop = "path"`"""
 
 
 class RemoveMessage(Message, tag="remove"):
     """Obstacles that left the cell, said by the source that saw them go."""
 
     ids: list[str]
+    """names of the obstacles"""
     stamp: float
+    """when they had gone, [s] on the clock of the source; states from before do not revive them"""
     source: str = "default"
+    """name of the sender, whose obstacles these are"""
     seq: int | None = None
+    """counts the messages of the source, `obstacles` among them"""
 
 
 class ResetMessage(Message, tag="reset"):
     """Asks to release a latched STOP; only with the token that the run was started with."""
 
     token: str
+    """what `armguard run --reset-token` was given"""
 
 
 class Header(msgspec.Struct):
@@ -138,59 +180,96 @@ AnyMessage = ObstaclesMessage | JointsMessage | PlanMessage | RemoveMessage | Re
 
 
 class ReasonMessage(msgspec.Struct):
-    """One reason of a verdict; `kind` is the lower-case name of a `ReasonKind`."""
+    """One reason of a verdict, or of the answer to a plan."""
 
     kind: str
+    """lower-case name of a `ReasonKind`"""
     subject: str
+    """what it is about: a joint, an obstacle, a source"""
     detail: str
+    """what was found, and what was expected"""
 
 
 class CertificateMessage(msgspec.Struct):
     """A `Certificate`, its arrays as lists."""
 
     contact_time: float
+    """no contact before this time, [s] from the tick"""
     times: list[float]
+    """at which the separating directions follow each other, [s] from the tick"""
     witnesses: list[tuple[float, float, float]]
+    """the separating directions, unit vectors from the arm to the obstacle, one a time"""
 
 
 class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     """A `Verdict` on the wire: times on the machine's monotonic clock, the level by name."""
 
     stamp: float
+    """of the joint state that was judged, [s] of the machine's monotonic clock"""
     sequence: int
+    """number of the tick, from 1; 0 while no joint state could be judged, and at the end"""
     level: str
+    """`STOP`, `SLOW`, `AWARE` or `CLEAR`"""
     contact_time: float
+    """earliest possible contact, [s] from the tick; infinite where there is none, 0 where that is
+    unknown"""
     stop_time: float
+    """within which the arm surely rests if it is told to stop now, [s] from the tick; infinite
+    where that is unknown"""
     speed_scale: float
+    """how fast the arm may go on, from 0 to 1, as a share of the joints' operating velocities, or
+    of their velocity limits where none are stated; of an arm that follows a trajectory, of its
+    clock"""
     link: str | None
+    """link of the deciding pair; nil without pairs, or where not all that is there is known"""
     obstacle: str | None
+    """obstacle of the deciding pair; nil where `link` is"""
     complete: bool
+    """whether a certificate in force, or the stop decision, stands behind every pair"""
     evaluated: int
+    """contact times that were computed in the tick, sphere against obstacle"""
     reasons: list[ReasonMessage]
+    """what the verdict rests on, the weightiest first"""
     valid_until: float
+    """silence beyond this means: brake; [s] of the machine's monotonic clock"""
     separation: float | None = None
+    """margin of the separation distance, [m], where the cell file asks for it"""
     certificate: CertificateMessage | None = None
+    """proof of the deciding pair; `armguard run` sends none"""
     stop: Literal["finish", "brake"] | None = None
+    """how to obey a STOP: run the committed piece to rest, or leave it and brake; nil where the
+    level is another"""
 
 
 class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
     """A `PlanVerdict` on the wire, with the number of the plan that it answers."""
 
     number: int
+    """of the plan that is answered"""
     safe: bool
+    """whether the arm may do it: then that is what the monitor takes it to do from now on"""
     contact_time: float
+    """earliest possible contact on the way, [s] from the tick; infinite where there is none, 0
+    where that is unknown"""
     link: str | None
+    """link of the pair that could touch first; nil if none can"""
     obstacle: str | None
+    """obstacle of that pair; nil if none can"""
     reasons: list[ReasonMessage]
+    """why not"""
 
 
 _encoder = msgspec.msgpack.Encoder()
+_json_encoder = msgspec.json.Encoder()
 _json_decoder: msgspec.json.Decoder[AnyMessage] = msgspec.json.Decoder(AnyMessage)
 _msgpack_decoder: msgspec.msgpack.Decoder[AnyMessage] = msgspec.msgpack.Decoder(AnyMessage)
 _json_header_decoder: msgspec.json.Decoder[Header] = msgspec.json.Decoder(Header)
 _msgpack_header_decoder: msgspec.msgpack.Decoder[Header] = msgspec.msgpack.Decoder(Header)
 _answer_decoder: msgspec.msgpack.Decoder[VerdictMessage | PlanVerdictMessage] = (
     msgspec.msgpack.Decoder(VerdictMessage | PlanVerdictMessage)
+)
+_json_answer_decoder: msgspec.json.Decoder[VerdictMessage | PlanVerdictMessage] = (
+    msgspec.json.Decoder(VerdictMessage | PlanVerdictMessage)
 )
 
 
@@ -322,67 +401,73 @@ def to_rows(field: str, rows: Rows, count: int, width: int) -> NDArray[np.float6
     return np.array(rows, float).reshape(count, width)
 
 
-def encode_verdict(verdict: Verdict, offset: float) -> bytes:
-    """A verdict as a msgpack map.
+def encode_verdict(verdict: Verdict, offset: float, *, as_json: bool = False) -> bytes:
+    """A verdict as a msgpack map, or as a JSON object.
 
     Args:
         verdict: In the monitor's own time.
         offset: Machine's monotonic clock minus the monitor's, in [s].
+        as_json: Whether it is JSON.
     """
+    tell = _to_json_number if as_json else float
     certificate = None
     if verdict.certificate is not None:
         contact_time, times, witnesses = verdict.certificate
-        certificate = CertificateMessage(contact_time, times.tolist(), witnesses.tolist())
-    return _encoder.encode(
-        VerdictMessage(
-            float(verdict.stamp) + offset,
-            verdict.sequence,
-            verdict.level.name,
-            float(verdict.contact_time),
-            float(verdict.stop_time),
-            float(verdict.speed_scale),
-            verdict.link,
-            verdict.obstacle,
-            bool(verdict.complete),
-            int(verdict.evaluated),
-            _tell_reasons(verdict.reasons),
-            math.nextafter(verdict.valid_until + offset, -math.inf),  # never too long
-            verdict.separation,
-            certificate,
-            verdict.stop,
-        )
+        instants = [tell(time) for time in times.tolist()]
+        certificate = CertificateMessage(tell(contact_time), instants, witnesses.tolist())
+    separation = verdict.separation
+    message = VerdictMessage(
+        tell(verdict.stamp + offset),
+        verdict.sequence,
+        verdict.level.name,
+        tell(verdict.contact_time),
+        tell(verdict.stop_time),
+        tell(verdict.speed_scale),
+        verdict.link,
+        verdict.obstacle,
+        bool(verdict.complete),
+        int(verdict.evaluated),
+        _tell_reasons(verdict.reasons),
+        tell(math.nextafter(verdict.valid_until + offset, -math.inf)),  # never too long
+        None if separation is None else tell(separation),
+        certificate,
+        verdict.stop,
     )
+    return _json_encoder.encode(message) if as_json else _encoder.encode(message)
 
 
-def encode_plan_verdict(number: int, verdict: PlanVerdict) -> bytes:
-    """The answer to a plan as a msgpack map.
+def encode_plan_verdict(number: int, verdict: PlanVerdict, *, as_json: bool = False) -> bytes:
+    """The answer to a plan as a msgpack map, or as a JSON object.
 
     Args:
         number: Of the plan, as its sender counts.
         verdict: The answer; its contact time is counted from when it was judged.
+        as_json: Whether it is JSON.
     """
     safe, contact_time, link, obstacle, reasons = verdict
-    return _encoder.encode(
-        PlanVerdictMessage(
-            number, safe, float(contact_time), link, obstacle, _tell_reasons(reasons)
-        )
+    tell = _to_json_number if as_json else float
+    message = PlanVerdictMessage(
+        number, safe, tell(contact_time), link, obstacle, _tell_reasons(reasons)
     )
+    return _json_encoder.encode(message) if as_json else _encoder.encode(message)
 
 
 def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict]:
     """What a monitor publishes: a verdict, or the number of a plan and the answer to it.
 
-    Times of a verdict are on the machine's monotonic clock.
+    Both encodings are read. Times of a verdict are on the machine's monotonic clock.
 
     Raises:
         MessageError: If it is neither.
     """
+    is_json = _is_json(data)
+    read = _read_json_number if is_json else float
     try:
-        message = _answer_decoder.decode(data)
+        message = (_json_answer_decoder if is_json else _answer_decoder).decode(data)
         if isinstance(message, PlanVerdictMessage):
             return message.number, PlanVerdict(
                 message.safe,
-                message.contact_time,
+                read(message.contact_time),
                 message.link,
                 message.obstacle,
                 _read_reasons(message.reasons),
@@ -390,13 +475,28 @@ def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict]:
         fields = {name: getattr(message, name) for name in message.__struct_fields__}
         fields["level"] = Level[message.level]
         fields["reasons"] = _read_reasons(message.reasons)
+        for name in ("contact_time", "stop_time", "separation"):
+            fields[name] = None if fields[name] is None else read(fields[name])
         proof = message.certificate
         if proof is not None:
-            times, witnesses = np.array(proof.times), np.array(proof.witnesses).reshape(-1, 3)
-            fields["certificate"] = Certificate(proof.contact_time, times, witnesses)
+            times = np.array([read(time) for time in proof.times])
+            witnesses = np.array(proof.witnesses).reshape(-1, 3)
+            fields["certificate"] = Certificate(read(proof.contact_time), times, witnesses)
         return Verdict(**fields)
     except (ValueError, KeyError, RecursionError) as error:
         raise MessageError("verdict", f"unusable ({error})", "a verdict of this version") from None
+
+
+def _to_json_number(value: float) -> float:
+    """A number for JSON, which has no infinite ones: the greatest that there is stands for those.
+
+    Readers can compare it as it is. What is no number is null, which readers refuse.
+    """
+    return math.copysign(GREATEST, value) if math.isinf(value) else float(value)
+
+
+def _read_json_number(value: float) -> float:
+    return math.copysign(math.inf, value) if abs(value) >= GREATEST else value
 
 
 def _tell_reasons(reasons: Iterable[Reason]) -> list[ReasonMessage]:

@@ -295,17 +295,24 @@ class VerdictPublisher:
         address: Where readers connect to; bound.
         offset: Machine's monotonic clock minus the monitor's, in [s].
         authenticator: Lets in the readers that it knows; None: there are no keys.
+        as_json: Whether verdicts and answers are JSON objects, not msgpack maps.
 
     Raises:
         StreamError: The address cannot be used.
     """
 
     def __init__(
-        self, address: str, offset: float, authenticator: Authenticator | None = None
+        self,
+        address: str,
+        offset: float,
+        authenticator: Authenticator | None = None,
+        *,
+        as_json: bool = False,
     ) -> None:
         check_address(address, has_keys=authenticator is not None)
         check_free(address)
         self._offset = offset
+        self._as_json = as_json
         self._authenticator = authenticator
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
         if authenticator is not None:
@@ -326,11 +333,13 @@ class VerdictPublisher:
         """Send one verdict; never blocks. Readers that ask to be let in are answered."""
         if self._authenticator is not None:
             self._authenticator.answer()
-        self._socket.send(encode_verdict(verdict, self._offset), zmq.NOBLOCK)
+        data = encode_verdict(verdict, self._offset, as_json=self._as_json)
+        self._socket.send(data, zmq.NOBLOCK)
 
     def answer(self, number: int, verdict: PlanVerdict) -> None:
         """Send the answer to a plan, by its number; never blocks."""
-        self._socket.send(encode_plan_verdict(number, verdict), zmq.NOBLOCK)
+        data = encode_plan_verdict(number, verdict, as_json=self._as_json)
+        self._socket.send(data, zmq.NOBLOCK)
 
     def close(self) -> None:
         """Unbind and close."""

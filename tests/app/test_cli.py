@@ -30,6 +30,22 @@ def list_commands(capsys):
     return commands.split(",")
 
 
+def test_the_version_is_one_line_with_what_verdicts_depend_on(capsys):
+    assert main(["--version"]) == 0
+    out, err = capsys.readouterr()
+    version = r"\d+\.\d+[\w.]*"
+    assert re.fullmatch(
+        rf"armguard {version} \(pin {version}, numba {version}, Python {version}\)\n", out
+    )
+    assert err == ""
+    assert (
+        "--version"
+        in subprocess.run(
+            [ARMGUARD, "--help"], capture_output=True, text=True, timeout=60, check=True
+        ).stdout
+    )
+
+
 def test_help_of_each_command_has_an_example(capsys):
     commands = list_commands(capsys)
     assert {"demo", "robots"} <= set(commands)

@@ -2,6 +2,7 @@ import contextlib
 import json
 import math
 import re
+import sys
 
 import msgspec
 import numpy as np
@@ -215,11 +216,39 @@ def test_every_plan_that_is_read_can_be_answered_by_its_number():
             decode(json.dumps({**PLAN, "number": number}).encode())
 
 
-def test_verdicts_survive_the_wire_in_machine_time():
-    verdict = decode_answer(encode_verdict(VERDICT, 1000.0))
+ENCODINGS = pytest.mark.parametrize("as_json", [False, True], ids=["msgpack", "json"])
+
+
+@ENCODINGS
+def test_verdicts_survive_the_wire_in_machine_time(as_json):
+    verdict = decode_answer(encode_verdict(VERDICT, 1000.0, as_json=as_json))
     assert verdict._replace(stamp=1.0, valid_until=1.003) == VERDICT
     assert verdict.stamp == 1001.0
     assert 1001.003 - 1e-9 <= verdict.valid_until < 1001.003 + 1e-15
+
+
+def test_json_has_the_same_fields_and_no_number_that_json_lacks():
+    endless = VERDICT._replace(contact_time=math.inf, stop_time=math.inf, separation=-math.inf)
+    data = encode_verdict(endless, 0.0, as_json=True)
+    told = json.loads(data, parse_constant=pytest.fail)
+    packed = msgspec.msgpack.decode(encode_verdict(VERDICT, 0.0))
+    assert told.keys() == packed.keys()
+    assert told["contact_time"] == told["stop_time"] == -told["separation"] == sys.float_info.max
+    found = decode_answer(data)
+    assert (found.contact_time, found.stop_time) == (math.inf, math.inf)
+    assert found.separation == -math.inf
+    unknown = encode_verdict(VERDICT._replace(contact_time=math.nan), 0.0, as_json=True)
+    assert json.loads(unknown)["contact_time"] is None
+    with pytest.raises(MessageError):
+        decode_answer(unknown)
+
+
+@ENCODINGS
+def test_answers_to_plans_survive_the_wire(as_json):
+    yes = PlanVerdict(True, math.inf, None, None, ())
+    no = PlanVerdict(False, 0.25, "hand", "ball", (Reason(ReasonKind.CONTACT, "ball", "near"),))
+    for answer in (yes, no):
+        assert decode_answer(encode_plan_verdict(7, answer, as_json=as_json)) == (7, answer)
 
 
 @pytest.mark.parametrize("margin", [0.25, -0.5, math.inf, -math.inf, None])
@@ -229,9 +258,11 @@ def test_the_margin_of_the_separation_distance_survives_the_wire(margin):
     assert msgspec.msgpack.decode(data)["separation"] == margin
 
 
-def test_certificates_survive_the_wire():
+@ENCODINGS
+def test_certificates_survive_the_wire(as_json):
     proof = Certificate(0.3, np.array([0.0, 0.1]), np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0]]))
-    found = decode_answer(encode_verdict(VERDICT._replace(certificate=proof), 0.0)).certificate
+    data = encode_verdict(VERDICT._replace(certificate=proof), 0.0, as_json=as_json)
+    found = decode_answer(data).certificate
     assert found.contact_time == proof.contact_time
     assert (found.times == proof.times).all()
     assert (found.witnesses == proof.witnesses).all()

@@ -4,7 +4,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-VISION = {
+PERCEPTION = {
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score\n",
     "vision_msgs/msg/ObjectHypothesisWithPose": (
         "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose\n"
@@ -14,6 +14,11 @@ VISION = {
         "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
         "vision_msgs/BoundingBox3D bbox\nstring id\n"
     ),
+    "people_msgs/msg/Person": (
+        "string name\ngeometry_msgs/Point position\ngeometry_msgs/Point velocity\n"
+        "float64 reliability\nstring[] tagnames\nstring[] tags\n"
+    ),
+    "people_msgs/msg/People": "std_msgs/Header header\npeople_msgs/Person[] people\n",
     "vision_msgs/msg/Detection3DArray": (
         "std_msgs/Header header\nvision_msgs/Detection3D[] detections\n"
     ),
@@ -27,7 +32,7 @@ def make_types():
     """All message types that tests write."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     types = {}
-    for name, text in VISION.items():
+    for name, text in PERCEPTION.items():
         types.update(get_types_from_msg(text, name))
     store.register(types)
     return store
@@ -111,6 +116,27 @@ def detections(seconds, boxes, frame="world"):
         for id, position, size in boxes
     ]
     return T["vision_msgs/msg/Detection3DArray"](header(seconds, frame), found)
+
+
+def people(seconds, found, frame="world"):
+    """People as (name, position)."""
+    made = [
+        T["people_msgs/msg/Person"](name, point(*at), point(0, 0, 0), 1.0, [], [])
+        for name, at in found
+    ]
+    return T["people_msgs/msg/People"](header(seconds, frame), made)
+
+
+def transforms(*made):
+    """Transforms without a turn, as (seconds, parent, child, translation)."""
+    still = T["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    told = [
+        T["geometry_msgs/msg/TransformStamped"](
+            header(seconds, parent), child, T["geometry_msgs/msg/Transform"](vector(*at), still)
+        )
+        for seconds, parent, child, at in made
+    ]
+    return T["tf2_msgs/msg/TFMessage"](told)
 
 
 def write_bag(path, messages, plugin="mcap"):

@@ -3,18 +3,24 @@
 import importlib.util
 import inspect
 import re
+import sys
+import types
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from armguard.exceptions import ArmguardError
+from support.bags_made import START, STORE, header, joint_state, pose_array, transforms
 
 DEMOS = sorted((Path(__file__).parents[2] / "demos").glob("[0-9][0-9]_*.py"))
 
 # Arguments of `main` that make a demo short, and those that name sockets, kept from real ones.
 QUICK = {"seeds": 20, "duration": 0.3}
 SOCKETS = {"address", "joints", "verdicts", "obstacles"}
+
+# Demos that need what not every machine has.
+NEEDS = {"05_mujoco": "mujoco", "06_ros2_bridge": "rclpy"}
 
 
 def load_demo(path):
@@ -26,6 +32,8 @@ def load_demo(path):
 
 @pytest.mark.parametrize("path", DEMOS, ids=lambda path: path.stem)
 def test_every_demo_has_a_title_and_a_main_that_runs(path, capsys, tmp_path):
+    if path.stem in NEEDS:
+        pytest.importorskip(NEEDS[path.stem])
     demo = load_demo(path)
     assert capsys.readouterr().out == "", "importing a demo must not run it"
     assert inspect.getdoc(demo).splitlines()[0].endswith(".")
@@ -34,6 +42,17 @@ def test_every_demo_has_a_title_and_a_main_that_runs(path, capsys, tmp_path):
     arguments = {name: value for name, value in QUICK.items() if name in parameters}
     arguments |= {name: f"ipc://{tmp_path}/{name}" for name in SOCKETS & set(parameters)}
     demo.main(**arguments)
+
+
+def test_in_mujoco_a_supervised_arm_touches_nothing_while_it_moves_and_another_does():
+    """MuJoCo measures the distances, knowing nothing of armguard's."""
+    pytest.importorskip("mujoco")
+    demo = load_demo(next(path for path in DEMOS if path.stem == "05_mujoco"))
+    supervised, free = (demo.main(6.0, is_obeying=one) for one in (True, False))
+    assert supervised.least_moving_distance > 0.0
+    assert supervised.path > 0.1
+    assert {"SLOW", "STOP"} <= set(supervised.levels)
+    assert free.least_moving_distance < 0.0, "else there is nothing to be stopped for"
 
 
 @pytest.fixture(scope="module")
@@ -123,3 +142,92 @@ def test_the_paper_prints_its_figures_beside_ours(paper, capsys):
 def test_no_worlds_are_refused(paper):
     with pytest.raises(ArmguardError, match="1 or more"):
         paper.main(seeds=0)
+
+
+@pytest.fixture(scope="module")
+def bridge():
+    return load_demo(next(path for path in DEMOS if path.stem == "06_ros2_bridge"))
+
+
+def test_without_ros_the_bridge_says_so(bridge):
+    if importlib.util.find_spec("rclpy"):
+        pytest.skip("ROS 2 is here")
+    with pytest.raises(ArmguardError, match=r"ROS 2: is not there.*setup\.bash"):
+        bridge.main()
+
+
+class StandInForRos:
+    """Takes the places of rclpy and what belongs to it, for a node that ticks a few times."""
+
+    def __init__(self, play):
+        self.play, self.sent, self.takers, self.ticks = play, {}, {}, []
+        self.now = START
+
+    def install(self, monkeypatch):
+        """Put modules of these names where imports find them."""
+        rclpy = types.ModuleType("rclpy")
+        rclpy.init = lambda args: None
+        rclpy.create_node = lambda name: self
+        rclpy.spin = lambda node: self.play(self)
+        rclpy.utilities = types.SimpleNamespace(
+            remove_ros_args=lambda args: args[: args.index("--ros-args")]
+        )
+        qos = types.ModuleType("rclpy.qos")
+        qos.DurabilityPolicy = types.SimpleNamespace(TRANSIENT_LOCAL=1)
+        qos.QoSProfile = lambda depth, durability: depth
+        utilities = types.ModuleType("rosidl_runtime_py.utilities")
+        utilities.get_message = lambda name: STORE.types[name]
+        parent = types.ModuleType("rosidl_runtime_py")
+        for module in (rclpy, qos, parent, utilities):
+            monkeypatch.setitem(sys.modules, module.__name__, module)
+
+    def create_publisher(self, kind, topic, depth):
+        return types.SimpleNamespace(publish=self.sent.setdefault(topic, []).append)
+
+    def create_subscription(self, kind, topic, callback, depth):
+        self.takers[topic] = callback
+
+    def create_timer(self, period, callback):
+        self.ticks.append(callback)
+
+    def destroy_node(self):
+        self.ticks.clear()
+
+    def get_clock(self):
+        stamp = header(1e-9 * (self.now - START)).stamp
+        now = types.SimpleNamespace(nanoseconds=self.now, to_msg=lambda: stamp)
+        return types.SimpleNamespace(now=lambda: now)
+
+
+def test_a_bridge_with_a_stand_in_for_ros_supervises(bridge, monkeypatch, tmp_path):
+    def play(ros):
+        (tick,) = ros.ticks
+        tick()  # nothing has come yet
+        seen = [(0.0, "world", "eye", (0.0, 0.0, 0.0))]
+        for k in range(160):
+            now = 0.02 * k
+            ros.now = START + round(1e9 * now)
+            ros.takers["/tf_static"](transforms(*seen))
+            ros.takers["/tf"](transforms((now, "eye", "wrist", (1.0, 0.0, 0.0))))
+            ros.takers["/people"](pose_array(now, [(2.5 - now, 0.0, 0.5)], "wrist"))
+            ros.takers["/joint_states"](joint_state(now))
+            tick()
+
+    cell = tmp_path / "cell.toml"
+    cell.write_text('[robot]\nname = "panda"\noperating = "published"\n[monitor]\nrate = 50.0\n')
+    ros = StandInForRos(play)
+    ros.install(monkeypatch)
+    monkeypatch.setattr(bridge, "bytes", lambda numbers: numbers[0], raising=False)  # of rosbags
+    options = ["--cell", str(cell), "--obstacles", "camera=/people:geometry_msgs/msg/PoseArray"]
+    options += ["--radius", "0.1", "--moving", "wrist:0.1:0.5", "--ros-args", "-p", "x:=1"]
+    bridge.main(tuple(options))
+    speeds = [one.data for one in ros.sent["/armguard/speed_override"]]
+    assert speeds[0] == speeds[-1] == 0.0
+    assert max(speeds) == 1.0
+    told = ros.sent["/diagnostics"]
+    levels = [one.status[0].level for one in told]
+    assert levels[0] == levels[-1] == 2
+    assert 0 in levels
+    assert "contact" in told[-1].status[0].message
+    for one in told:
+        STORE.serialize_cdr(one, "diagnostic_msgs/msg/DiagnosticArray")

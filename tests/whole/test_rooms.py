@@ -32,9 +32,10 @@ ROOMS = {
     "monitor": "scheduling pairs bounds robot cover obstacles contact jit verdict",
     "streams": "obstacles contact verdict clock",
     "view": "streams bounds robot",
-    "recording": "monitor scheduling pairs bounds robot obstacles contact jit verdict",
+    "recording": "bridges monitor scheduling pairs bounds robot obstacles contact jit verdict",
     "people": "obstacles",
     "simulation": "robot",
+    "bridges": "monitor robot obstacles verdict",
     "studies": "simulation recording people view streams monitor scheduling pairs bounds robot "
     "cover obstacles contact jit verdict clock",
     "app": EVERYTHING,

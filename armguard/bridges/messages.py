@@ -1,0 +1,345 @@
+"""What messages of ROS 2 mean here: joint states, and bodies that perception has published.
+
+It is the same for a recording (`armguard.recording`) and a running bridge
+(`armguard.bridges.ros2`): a message is anything that has the fields of its type, whichever library
+made it. None of these messages brings velocities of obstacles with an error, so none is used: any
+within the bounds is assumed. A message of a kind that says nothing of sizes is made of balls of one
+radius. What has a shape that is no hull of eight points is bounded by one that contains it, or
+refused.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.exceptions import ArmguardError
+from armguard.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+JOINTS = "sensor_msgs/msg/JointState"
+POSES = "geometry_msgs/msg/PoseArray"
+PEOPLE = "people_msgs/msg/People"
+MARKERS = "visualization_msgs/msg/MarkerArray"
+DETECTIONS = "vision_msgs/msg/Detection3DArray"
+
+OBSTACLES = (POSES, PEOPLE, MARKERS, DETECTIONS)
+"""Messages that show obstacles."""
+
+WITHOUT_SIZES = (POSES, PEOPLE)
+"""Those of them that say where something is, and not how large."""
+
+_CUBE, _SPHERE, _CYLINDER, _LINE_STRIP, _LINE_LIST, _CUBE_LIST, _SPHERE_LIST, _POINTS = range(1, 9)
+_DELETE, _DELETE_ALL = 2, 3
+_WITHOUT_BODY = {0: "arrows", 9: "texts"}
+"""Markers that explain others."""
+
+_HISTORY = 256
+"""Joint states that are kept for differences, at most."""
+
+
+class Body(NamedTuple):
+    """An obstacle as a message describes it, in its frame."""
+
+    id: str
+    points: Array
+    """[m]. Shape (k, 3)."""
+    radius: float
+    """[m]."""
+
+
+class Shown(NamedTuple):
+    """What a message shows in one frame."""
+
+    header: Any
+    bodies: list[Body]
+
+
+class Rows(NamedTuple):
+    """Bodies of as many points each: what one call of `Obstacles.update` takes."""
+
+    ids: list[str]
+    position: Array
+    """[m]. Shape (n, k, 3)."""
+    radius: Array
+    """[m]. Shape (n,)."""
+
+
+class ObstacleReader:
+    """Reads the messages of one topic as bodies.
+
+    Args:
+        topic: Its name, for errors.
+        kind: Type of its messages, one of `OBSTACLES`.
+        radius: Of what comes without sizes, in [m].
+        snapshot: Whether each message shows all that its source sees.
+
+    Attributes:
+        passed_over: Markers that have no body, by kind.
+
+    Raises:
+        ArmguardError: The type is no input, or its messages say nothing of sizes and there is no
+            radius.
+    """
+
+    def __init__(
+        self, topic: str, kind: str, radius: float | None = None, *, snapshot: bool = False
+    ) -> None:
+        self._offender = f"topic {topic!r}"
+        if kind not in OBSTACLES:
+            raise ArmguardError(
+                self._offender, f"is of type {kind!r}", expected=f"one of {', '.join(OBSTACLES)}"
+            )
+        if radius is not None and not 0.0 <= radius < math.inf:
+            raise ArmguardError("radius", f"is {radius}", expected="a number of metres, at least 0")
+        if kind in WITHOUT_SIZES and radius is None:
+            raise ArmguardError(
+                self._offender, "has poses without sizes", remedy="give --radius in metres"
+            )
+        self.passed_over: dict[str, int] = {}
+        self._kind, self._snapshot = kind, snapshot
+        self._radius = 0.0 if radius is None else radius
+        self._known: set[str] = set()
+
+    def read(self, message: Any) -> tuple[list[str], list[Shown]]:
+        """What has gone, by its ids, and after that what is there.
+
+        Raises:
+            ArmguardError: A marker's extent is not known, or a snapshot has several frames.
+        """
+        if self._kind == MARKERS:
+            return self._read_markers(message)
+        if self._kind == POSES:
+            named = [(f"{number}", pose.position) for number, pose in enumerate(message.poses)]
+        elif self._kind == PEOPLE:
+            named = [
+                (one.name or f"{number}", one.position) for number, one in enumerate(message.people)
+            ]
+        else:
+            boxes = [
+                _make_box(one.id or f"{number}", one.bbox.center, one.bbox.size)
+                for number, one in enumerate(message.detections)
+            ]
+            return [], [Shown(message.header, boxes)]
+        balls = [Body(name, _read_vector(at)[None], self._radius) for name, at in named]
+        return [], [Shown(message.header, balls)]
+
+    def _read_markers(self, message: Any) -> tuple[list[str], list[Shown]]:
+        """Markers come and go by themselves, each with a header of its own."""
+        shown: dict[str, Shown] = {}
+        gone: list[str] = []
+        for marker in message.markers:
+            name = f"{marker.ns}/{marker.id}" if marker.ns else f"{marker.id}"
+            parts = [id for id in self._known if id.startswith(f"{name}/")]
+            if marker.action in (_DELETE, _DELETE_ALL):
+                leaving = set(self._known)
+                if marker.action == _DELETE:
+                    leaving &= {name, *parts}
+                for _, kept in shown.values():
+                    kept[:] = [body for body in kept if body.id not in leaving]
+                self._forget(leaving, gone)
+                continue
+            kind = int(marker.type)
+            if kind in _WITHOUT_BODY:
+                words = _WITHOUT_BODY[kind]
+                self.passed_over[words] = self.passed_over.get(words, 0) + 1
+                continue
+            made = self._make_bodies(name, kind, marker)
+            # A marker takes the place of the one before, which may have had more bodies.
+            self._forget(set(parts) - {body.id for body in made}, gone)
+            frame = marker.header.frame_id
+            bodies = shown[frame].bodies if frame in shown else []
+            shown[frame] = Shown(marker.header, [*bodies, *made])
+            self._known.update(body.id for body in made)
+        if len(shown) > 1 and self._snapshot:
+            raise ArmguardError(
+                self._offender, "has several frames in one message", expected="one with snapshots"
+            )
+        return gone, list(shown.values())
+
+    def _forget(self, ids: set[str], gone: list[str]) -> None:
+        self._known -= ids
+        gone += sorted(ids)
+
+    def _make_bodies(self, name: str, kind: int, marker: Any) -> list[Body]:
+        """The bodies of one marker; of several, each has the marker's name and a number."""
+        scale = _read_vector(marker.scale)
+        if kind == _SPHERE:
+            return [Body(name, _read_vector(marker.pose.position)[None], 0.5 * float(scale.max()))]
+        if kind in (_CUBE, _CYLINDER):
+            # A cylinder lies in the box around it.
+            return [_make_box(name, marker.pose, marker.scale)]
+        points = np.array([_read_vector(point) for point in marker.points]).reshape(-1, 3)
+        rotation, origin = read_pose(marker.pose.position, marker.pose.orientation)
+        places = points @ rotation.T + origin
+        if kind in (_LINE_STRIP, _LINE_LIST):
+            step = 1 if kind == _LINE_STRIP else 2
+            ends = range(0, len(places) - 1, step)
+            pairs = [places[k : k + 2] for k in ends]
+            return [Body(f"{name}/{k}", pair, 0.5 * scale[0]) for k, pair in enumerate(pairs)]
+        if kind == _CUBE_LIST:
+            corners = _corners(scale) @ rotation.T
+            return [Body(f"{name}/{k}", place + corners, 0.0) for k, place in enumerate(places)]
+        if kind in (_SPHERE_LIST, _POINTS):
+            # A point is drawn as a square, which the ball around it contains.
+            radius = 0.5 * float(scale.max() if kind == _SPHERE_LIST else np.hypot(*scale[:2]))
+            return [Body(f"{name}/{k}", place[None], radius) for k, place in enumerate(places)]
+        raise ArmguardError(
+            self._offender,
+            f"has the marker {name!r} of type {kind}, whose extent is not known",
+            expected="cubes, spheres, cylinders, lines, or lists of these",
+        )
+
+
+def group_bodies(bodies: list[Body], *, snapshot: bool) -> list[Rows]:
+    """Bodies in groups of as many points each; one group, if only an empty one, where it is whole.
+
+    Args:
+        bodies: In one frame.
+        snapshot: Whether they are all that there is: then they go in one call, and the last point
+            of those with fewer is repeated, which changes no hull.
+    """
+    counts = sorted({len(body.points) for body in bodies}) or [1]
+    if snapshot and len(counts) > 1:
+        most = counts[-1]
+        places = np.arange(most)
+        bodies = [
+            body._replace(points=body.points[np.minimum(places, len(body.points) - 1)])
+            for body in bodies
+        ]
+        counts = [most]
+    groups = []
+    for count in counts:
+        chosen = [body for body in bodies if len(body.points) == count]
+        position = np.array([body.points for body in chosen]).reshape(-1, count, 3)
+        radius = np.array([body.radius for body in chosen], dtype=np.float64)
+        groups.append(Rows([body.id for body in chosen], position, radius))
+    return groups
+
+
+class JointStateReader:
+    """Reads joint states in the order of the watched joints, and differentiates if need be.
+
+    A driver may leave velocities empty. The mean velocity of a joint over the last h seconds is off
+    its present one by at most q̈max h/2, and errors δq of both positions make it wrong by 2 δq/h
+    more. Where that is within the joints' velocity error, differences over such an h are taken;
+    else they are refused, with the error that would have to be stated. The least that any h gives
+    is 2 √(q̈max δq). Stamps are taken to be those of the measurements.
+
+    Args:
+        topic: Its name, for errors.
+        robot: Whose joints they are.
+    """
+
+    def __init__(self, topic: str, robot: Robot) -> None:
+        self._offender = f"topic {topic!r}"
+        self._robot = robot
+        accel, error = robot.acceleration_limit, robot.position_error
+        self._span = float(np.max(2.0 * np.sqrt(error / accel)))
+        self._least_error = 2.0 * np.sqrt(accel * error)
+        self._is_continuous = ~np.isfinite(robot.upper_position_limit)
+        self._past: deque[tuple[float, Array]] = deque(maxlen=_HISTORY)
+
+    def read(self, message: Any, stamp: float) -> tuple[Array, Array] | None:
+        """Positions and velocities, shapes (nv,); None without watched joints, or none known yet.
+
+        Args:
+            message: A JointState.
+            stamp: When it was measured, in [s].
+
+        Raises:
+            ArmguardError: It has some watched joints and lacks others, or fields of other lengths,
+                or no velocities, and differences would be off by more than the joints' error.
+        """
+        joints = self._robot.joints
+        places = {name: place for place, name in enumerate(message.name)}
+        if not places.keys() & set(joints):
+            return None
+        missing = [joint for joint in joints if joint not in places]
+        if missing:
+            raise ArmguardError(self._offender, f"lacks {', '.join(missing)} beside the others")
+        order = [places[joint] for joint in joints]
+        q = self._read_field(message, "position")[order]
+        if len(message.velocity):
+            return q, self._read_field(message, "velocity")[order]
+        v = self._differentiate(q, stamp, len(message.name))
+        return None if v is None else (q, v)
+
+    def _read_field(self, message: Any, field: str) -> Array:
+        values = np.array(getattr(message, field), dtype=np.float64)
+        if len(values) != len(message.name):
+            raise ArmguardError(
+                self._offender,
+                f"has {len(values)} values of {field} for {len(message.name)} joints",
+                expected="one for each",
+            )
+        return values
+
+    def _differentiate(self, q: Array, stamp: float, count: int) -> Array | None:
+        self._check_error(self._least_error, count)
+        past = [one for one in self._past if one[0] < stamp]
+        self._past.append((stamp, q))
+        if not past:
+            return None
+        # The span that errs least, as nearly as states have come.
+        before, start = min(past, key=lambda one: abs(stamp - one[0] - self._span))
+        span = stamp - before
+        robot = self._robot
+        error = 0.5 * robot.acceleration_limit * span + 2.0 * robot.position_error / span
+        if span < self._span and not (error <= robot.velocity_error).all():
+            return None  # it takes a few more states
+        self._check_error(error, count)
+        change = q - start
+        turns = np.where(self._is_continuous, np.round(change / (2.0 * np.pi)), 0.0)
+        return (change - 2.0 * np.pi * turns) / span
+
+    def _check_error(self, error: Array, count: int) -> None:
+        robot = self._robot
+        excess = error / robot.velocity_error
+        worst = int(np.argmax(excess))
+        if not excess[worst] <= 1.0:
+            raise ArmguardError(
+                self._offender,
+                f"has 0 values of velocity for {count} joints, and differences of positions are "
+                f"off by up to {error[worst]:.3g} for {robot.joints[worst]}",
+                expected=f"velocities, or at most its velocity_error, "
+                f"{robot.velocity_error[worst]:.3g}",
+                remedy="state position_error and velocity_error in robot.toml as they are",
+            )
+
+
+def read_pose(position: Any, orientation: Any) -> tuple[Array, Array]:
+    """Rotation and position; a quaternion of zeros, which many leave it at, turns nothing."""
+    w, x, y, z = (float(getattr(orientation, name)) for name in "wxyz")
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    if norm == 0.0:
+        return np.eye(3), _read_vector(position)
+    w, x, y, z = w / norm, x / norm, y / norm, z / norm
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return rotation, _read_vector(position)
+
+
+def _read_vector(vector: Any) -> Array:
+    return np.array([vector.x, vector.y, vector.z], dtype=np.float64)
+
+
+def _corners(size: Array) -> Array:
+    """Corners of a box about the origin. Shape (8, 3)."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    return 0.5 * signs * size
+
+
+def _make_box(name: str, pose: Any, size: Any) -> Body:
+    rotation, position = read_pose(pose.position, pose.orientation)
+    return Body(name, position + _corners(_read_vector(size)) @ rotation.T, 0.0)

@@ -1,0 +1,422 @@
+"""MuJoCo simulations: moving bodies as obstacles, joint states by name, and an arm to simulate.
+
+Positions and velocities are read at the present `qpos` and `qvel`. After `mj_step` what MuJoCo has
+computed of bodies belongs to the step before, so reading brings kinematics and velocities up to
+date first; the next step computes them anew, and so takes no notice.
+
+Needs the package mujoco (the extra `mujoco`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio
+from numpy.typing import NDArray
+
+from armguard.exceptions import ArmguardError
+from armguard.obstacles.obstacles import Obstacles
+from armguard.robot.joints import is_prismatic
+from armguard.robot.robot import Robot
+
+try:
+    import mujoco
+except ModuleNotFoundError:
+    raise ArmguardError(
+        "armguard.bridges.mujoco",
+        "needs the package mujoco, which is not installed",
+        remedy="pip install 'armguard[mujoco]'",
+    ) from None
+
+Array = NDArray[np.float64]
+
+ROUNDING = 1e-9
+"""What radii grow by, in [m]. Points of bodies within a kilometre are off by less: MuJoCo turns and
+moves them in float64, which is good to 1e-12 m there."""
+
+_SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
+_CAPSULE = int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+_ELLIPSOID = int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
+_CYLINDER = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+_BOX = int(mujoco.mjtGeom.mjGEOM_BOX)
+_MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
+_HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+_ALONG = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
+
+
+class GeomShape(NamedTuple):
+    """The hull of 1 to 8 points, rounded by a radius, that contains a geom."""
+
+    points: Array
+    """In the geom's frame, in [m]. Shape (k, 3)."""
+    radius: float
+    """[m]."""
+
+
+class BodyStates(NamedTuple):
+    """States of obstacles that have as many points each: what `Obstacles.update` takes."""
+
+    ids: list[str]
+    position: Array
+    """In the world, in [m]. Shape (n, k, 3)."""
+    velocity: Array | None
+    """[m/s]. Shape (n, k, 3); None where MuJoCo does not know it."""
+    radius: Array
+    """[m]. Shape (n,)."""
+
+
+def enclose_geom(model: Any, geom: int) -> GeomShape:
+    """The hull of at most 8 points, rounded by a radius, that contains a geom.
+
+    Why it does, in the frame of the geom:
+
+    - *Sphere*, *capsule*: they are such hulls themselves, of 1 and 2 points.
+    - *Box*: the hull of its 8 corners.
+    - *Ellipsoid*: |x_i| <= s_i for each half-axis s_i, so it lies in the box of its half-axes.
+    - *Cylinder* of radius r and half-length h: in the box (r, r, h), and in the capsule of radius r
+      about its axis, since each of its points is within r of the point of the axis at its height.
+      The one with less volume is taken: 8 r² h, or 2 π r² h + 4/3 π r³.
+    - *Mesh*: MuJoCo collides its convex hull. That is the hull of its vertices: of up to 8 it is
+      taken as it is; of more, a box along the axes and a ball about the same middle contain every
+      vertex, and so, both being convex, the hull. The one with less volume is taken.
+
+    Args:
+        model: An `mjModel`.
+        geom: Index of the geom.
+
+    Raises:
+        ArmguardError: It is a plane, a height field or another geom that no such hull contains.
+    """
+    kind, size = int(model.geom_type[geom]), np.array(model.geom_size[geom], float)
+    if kind == _SPHERE:
+        return _grow(np.zeros((1, 3)), size[0])
+    if kind == _CAPSULE:
+        return _grow(size[1] * _ALONG, size[0])
+    if kind in (_BOX, _ELLIPSOID):
+        return _grow(size * _CORNERS, 0.0)
+    if kind == _CYLINDER:
+        radius, half = size[:2]
+        if 8.0 * half < 2.0 * np.pi * half + 4.0 / 3.0 * np.pi * radius:
+            return _grow(np.array([radius, radius, half]) * _CORNERS, 0.0)
+        return _grow(half * _ALONG, radius)
+    if kind == _MESH:
+        return _enclose_points(_read_vertices(model, geom))
+    raise ArmguardError(
+        f"geom {_name_geom(model, geom)!r}",
+        f"is of type {mujoco.mjtGeom(kind).name}",
+        expected="a sphere, capsule, ellipsoid, cylinder, box or mesh",
+        remedy="leave its body out, and bound it by a static obstacle where the arm can get to it",
+    )
+
+
+class MujocoObstacles:
+    """Bodies of a simulation as obstacles: each geom that can collide is one.
+
+    Their ids are the geoms' names; a geom without one has its body's, and a number. What is fixed
+    to the world is a static obstacle. The velocity of a body that hangs on a mocap body is told as
+    unknown: whoever places that one gives MuJoCo none. Bodies that are moved by writing `qpos` need
+    a `qvel` that fits. Flexible bodies and skins are not looked at.
+
+    Args:
+        model: An `mjModel`.
+        bodies: Names of bodies; all that hang on them are obstacles as well.
+        source: Name of the source in the table.
+
+    Attributes:
+        source: As given.
+        ids: Of the obstacles that move.
+
+    Raises:
+        ArmguardError: A body is not there, has nothing that can collide, or a geom that no hull of
+            eight points contains; or two geoms would have one id.
+    """
+
+    def __init__(self, model: Any, bodies: Sequence[str], source: str = "mujoco") -> None:
+        self.source = source
+        self._model = model
+        chosen = _find_geoms(model, bodies)
+        names = [_name_geom(model, geom) for geom in chosen]
+        twins = sorted({name for name in names if names.count(name) > 1})
+        if twins:
+            raise ArmguardError("geoms", f"share the name {twins[0]!r}", expected="one for each")
+        self._fixed: dict[str, tuple[int, GeomShape]] = {}
+        groups: dict[tuple[int, bool], list[tuple[str, int, GeomShape]]] = {}
+        for name, geom in zip(names, chosen, strict=True):
+            shape, body = enclose_geom(model, geom), model.geom_bodyid[geom]
+            is_placed = model.body_mocapid[model.body_rootid[body]] >= 0
+            if model.body_weldid[body] == 0 and not is_placed:
+                self._fixed[name] = geom, shape
+            else:
+                key = len(shape.points), is_placed
+                groups.setdefault(key, []).append((name, geom, shape))
+        self._groups = [
+            _Group(
+                [name for name, _, _ in group],
+                [geom for _, geom, _ in group],
+                np.array([shape.points for _, _, shape in group]),
+                np.array([shape.radius for _, _, shape in group]),
+                is_placed,
+            )
+            for (_, is_placed), group in groups.items()
+        ]
+        self.ids = [name for group in self._groups for name in group.ids]
+
+    def add_statics(self, obstacles: Obstacles, data: Any) -> None:
+        """Add what is fixed to the world to a table, once.
+
+        Args:
+            obstacles: The table.
+            data: The simulation's `mjData`.
+        """
+        mujoco.mj_kinematics(self._model, data)
+        for name, (geom, shape) in self._fixed.items():
+            rotation, origin = _read_place(data, geom)
+            obstacles.add_static(name, shape.points @ rotation.T + origin, shape.radius)
+
+    def read(self, data: Any) -> list[BodyStates]:
+        """Where all that moves is now, and how fast; in groups, as `Obstacles.update` takes them.
+
+        A point p of a body that turns at ω, with a geom at o that moves at v, moves at
+        v + ω × (p − o).
+
+        Args:
+            data: The simulation's `mjData`; its kinematics and velocities are brought up to date.
+        """
+        mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_comPos(self._model, data)
+        mujoco.mj_comVel(self._model, data)
+        return [self._read_group(data, group) for group in self._groups]
+
+    def publish(self, obstacles: Obstacles, data: Any, stamp: float) -> None:
+        """Hand the present states over to a table.
+
+        Args:
+            obstacles: The table.
+            data: The simulation's `mjData`.
+            stamp: Of these states, in [s] on the clock of the joint states; `data.time`, usually.
+        """
+        for ids, position, velocity, radius in self.read(data):
+            obstacles.update(ids, stamp, position, velocity, radius, source=self.source)
+
+    def _read_group(self, data: Any, group: _Group) -> BodyStates:
+        position = np.empty_like(group.points)
+        velocity = np.empty_like(group.points)
+        spin = np.empty(6)
+        for row, geom in enumerate(group.geoms):
+            rotation, origin = _read_place(data, geom)
+            arms = group.points[row] @ rotation.T
+            position[row] = origin + arms
+            mujoco.mj_objectVelocity(
+                self._model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, spin, 0
+            )  # in the axes of the world: first how it turns, then how the geom's middle moves
+            velocity[row] = spin[3:] + np.cross(spin[:3], arms)
+        told = None if group.is_placed else velocity
+        return BodyStates(group.ids, position, told, group.radius)
+
+
+class _Group(NamedTuple):
+    """Geoms that have as many points each."""
+
+    ids: list[str]
+    geoms: list[int]
+    points: Array
+    """In the geoms' frames, in [m]. Shape (n, k, 3)."""
+    radius: Array
+    """[m]. Shape (n,)."""
+    is_placed: bool
+    """Whether they hang on mocap bodies."""
+
+
+class MujocoJoints:
+    """Joint states of a simulated arm in the order of `robot.joints`, by the joints' names.
+
+    Args:
+        model: An `mjModel`.
+        robot: The arm that the monitor watches.
+        held: Names of joints of the simulated arm that the robot's description takes as fixed, as
+            fingers, and that the simulation keeps where the description has them.
+
+    Raises:
+        ArmguardError: The model lacks a joint of the robot, has one of another kind under its name,
+            or has one on the arm that the robot lacks: links would be elsewhere than the monitor
+            takes them to be.
+    """
+
+    def __init__(self, model: Any, robot: Robot, held: Sequence[str] = ()) -> None:
+        kind_of = mujoco.mjtObj.mjOBJ_JOINT
+        joints = [mujoco.mj_name2id(model, kind_of, name) for name in robot.joints]
+        missing = [name for name, joint in zip(robot.joints, joints, strict=True) if joint < 0]
+        there = [model.joint(k).name or f"joint {k}" for k in range(model.njnt)]
+        if missing:
+            raise ArmguardError(
+                f"joint {missing[0]!r}",
+                f"of {robot.name} is not in the model",
+                expected=f"all of {', '.join(robot.joints)}; there are {', '.join(there)}",
+            )
+        for name, joint in zip(robot.joints, joints, strict=True):
+            expected = _choose_type(robot, robot.model.getJointId(name))
+            if model.jnt_type[joint] != int(expected):
+                raise ArmguardError(
+                    f"joint {name!r}",
+                    f"is of type {mujoco.mjtJoint(model.jnt_type[joint]).name} in the model",
+                    expected=expected.name,
+                )
+        arm = {int(model.jnt_bodyid[joint]) for joint in joints}
+        known = {*robot.joints, *held}
+        for joint in range(model.njnt):
+            body = int(model.jnt_bodyid[joint])
+            moves_arm = any(
+                _hangs_on(model, one, body) or _hangs_on(model, body, one) for one in arm
+            )
+            if there[joint] not in known and moves_arm:
+                raise ArmguardError(
+                    f"joint {there[joint]!r}",
+                    f"moves the arm in the model, and {robot.name} lacks it",
+                    expected=f"no other joints than {', '.join(robot.joints)}",
+                    remedy="watch it as well, or name it in `held` where it never moves",
+                )
+        self._positions = model.jnt_qposadr[joints]
+        self._velocities = model.jnt_dofadr[joints]
+
+    def read(self, data: Any) -> tuple[Array, Array]:
+        """Positions and velocities, in [rad] and [rad/s], or [m] and [m/s]. Shapes (nv,)."""
+        return np.array(data.qpos[self._positions]), np.array(data.qvel[self._velocities])
+
+    @property
+    def dofs(self) -> NDArray[np.int64]:
+        """Where the joints are in `qvel` and in forces. Shape (nv,)."""
+        return np.array(self._velocities, np.int64)
+
+
+def add_arm(spec: Any, robot: Robot) -> None:
+    """Add the arm as armguard knows it to an `MjSpec`: joints, masses, and links as convex hulls.
+
+    Its base stands at the origin, and joints are named as in `robot.joints`. Geoms are named after
+    their links, and collide with nothing; links that no watched joint moves are left out. There are
+    neither motors nor friction.
+
+    Args:
+        spec: An `MjSpec`.
+        robot: The arm.
+
+    Raises:
+        ArmguardError: The robot's description has a moving link without a mass.
+    """
+    model = robot.model
+    data = model.createData()
+    pinocchio.computeJointJacobians(model, data, pinocchio.neutral(model))  # for the axes alone
+    bodies = {0: spec.worldbody}
+    for joint in range(1, model.njoints):
+        name, place, inertia = (
+            model.names[joint],
+            model.jointPlacements[joint],
+            model.inertias[joint],
+        )
+        if not inertia.mass > 0.0:
+            raise ArmguardError(
+                f"joint {name!r}", f"moves a mass of {inertia.mass} kg", expected="more than 0"
+            )
+        x, y, z, w = pinocchio.Quaternion(place.rotation).coeffs()
+        body = bodies[model.parents[joint]].add_body(
+            name=name, pos=place.translation, quat=[w, x, y, z]
+        )
+        column = pinocchio.getJointJacobian(model, data, joint, pinocchio.LOCAL)
+        along, about = column[:3, joint - 1], column[3:, joint - 1]
+        kind = _choose_type(robot, joint)
+        body.add_joint(name=name, type=kind, axis=along if kind == _SLIDE else about)
+        body.explicitinertial, body.mass, body.ipos = True, inertia.mass, inertia.lever
+        i = inertia.inertia
+        body.fullinertia = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
+        bodies[joint] = body
+    for link in robot.links:
+        spec.add_mesh(name=link, uservert=robot.hull(link).ravel())
+        bodies[robot.joint_index(link)].add_geom(
+            name=link, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=link, contype=0, conaffinity=0
+        )
+
+
+def _grow(points: Array, radius: float) -> GeomShape:
+    return GeomShape(points, float(radius) + ROUNDING)
+
+
+def _enclose_points(points: Array) -> GeomShape:
+    if len(points) <= len(_CORNERS):
+        return _grow(points, 0.0)
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = 0.5 * (low + high)
+    radius = float(np.linalg.norm(points - middle, axis=1).max())
+    if 4.0 / 3.0 * np.pi * radius**3 < np.prod(high - low):
+        return _grow(middle[None], radius)
+    return _grow(middle + 0.5 * (high - low) * _CORNERS, 0.0)
+
+
+def _read_vertices(model: Any, geom: int) -> Array:
+    """Vertices of a mesh's convex hull, or of all of it where the model has none. Shape (n, 3)."""
+    mesh = model.geom_dataid[geom]
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    vertices = np.array(model.mesh_vert[first : first + count], float)
+    start = model.mesh_graphadr[mesh]
+    if start < 0:
+        return vertices
+    # The graph begins with its numbers of vertices and faces; from two times the former on, places
+    # of the hull's vertices in the mesh.
+    hull_count = model.mesh_graph[start]
+    places = model.mesh_graph[start + 2 + hull_count : start + 2 + 2 * hull_count]
+    return vertices[places]
+
+
+def _find_geoms(model: Any, bodies: Sequence[str]) -> list[int]:
+    """Geoms that can collide on bodies and on all that hang on these."""
+    paired = {int(geom) for geom in (*model.pair_geom1, *model.pair_geom2)}
+    chosen: list[int] = []
+    for name in bodies:
+        top = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
+        if top < 0:
+            there = [model.body(k).name for k in range(1, model.nbody)]
+            raise ArmguardError(
+                f"body {name!r}", "is not in the model", expected=f"one of {', '.join(there)}"
+            )
+        # Everything hangs on the world, the arm as well: its name stands for what is fixed to it.
+        below = [body for body in range(model.nbody) if _hangs_on(model, body, top)] if top else [0]
+        found = [
+            geom
+            for body in below
+            for geom in range(model.ngeom)
+            if model.geom_bodyid[geom] == body
+            and (model.geom_contype[geom] or model.geom_conaffinity[geom] or geom in paired)
+        ]
+        if not found:
+            raise ArmguardError(
+                f"body {name!r}",
+                "has no geom that can collide",
+                expected="one with a contype or conaffinity, or in a pair",
+            )
+        chosen += [geom for geom in found if geom not in chosen]
+    return chosen
+
+
+def _hangs_on(model: Any, body: int, top: int) -> bool:
+    """Whether a body is another one, or moves with it."""
+    while body not in (top, 0):
+        body = int(model.body_parentid[body])
+    return body == top
+
+
+def _choose_type(robot: Robot, joint: int) -> Any:
+    return _SLIDE if is_prismatic(robot.model, joint) else _HINGE
+
+
+def _name_geom(model: Any, geom: int) -> str:
+    name: str = model.geom(geom).name
+    if name:
+        return name
+    body = int(model.geom_bodyid[geom])
+    return f"{model.body(body).name or f'body {body}'}/{geom - int(model.body_geomadr[body])}"
+
+
+def _read_place(data: Any, geom: int) -> tuple[Array, Array]:
+    """Rotation and position of a geom in the world, the latter in [m]."""
+    return np.array(data.geom_xmat[geom]).reshape(3, 3), np.array(data.geom_xpos[geom])

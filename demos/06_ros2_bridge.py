@@ -1,0 +1,130 @@
+"""A ROS 2 node that supervises an arm: joint states and perception in, diagnostics and a speed out.
+
+Needs ROS 2 (rclpy, tf2_msgs, diagnostic_msgs), which was not at hand when this was written: all
+that is in `armguard.bridges.ros2` is tested with messages that `rosbags` writes, and the node has
+run with a stand-in for rclpy only. Run it with the Python of ROS 2:
+
+    python3 demos/06_ros2_bridge.py --cell demos/cell.toml \
+        --obstacles camera=/people:geometry_msgs/msg/PoseArray --radius 0.4 \
+        --moving wrist_camera:0.7:2.5 --ros-args -p use_sim_time:=true
+
+`--moving FRAME:SPEED:TURN_RATE` bounds a frame that moves, in m/s and rad/s. docs/ros2.md has more.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from armguard.app.cell import Cell
+from armguard.bridges import FrameErrors, Ros2Cell, describe_verdict, read_speed_override
+from armguard.exceptions import ArmguardError
+
+CELL = Path(__file__).with_name("cell.toml")
+
+
+class MessageTypes(NamedTuple):
+    """Classes of the messages that go out, and what turns a number into a `byte` of theirs."""
+
+    diagnostic_array: Any
+    diagnostic_status: Any
+    key_value: Any
+    float64: Any
+    header: Any
+    to_byte: Callable[[int], Any]
+
+
+def make_diagnostics(types: MessageTypes, stamp: Any, frame: str, verdict: Any) -> Any:
+    """A verdict as a DiagnosticArray; None, where there is none yet, is a STOP."""
+    level, message, values = describe_verdict(verdict)
+    status = types.diagnostic_status(
+        level=types.to_byte(level),
+        name="armguard",
+        message=message,
+        hardware_id=frame,
+        values=[types.key_value(key=key, value=value) for key, value in values.items()],
+    )
+    return types.diagnostic_array(header=types.header(stamp=stamp, frame_id=""), status=[status])
+
+
+def make_speed_override(types: MessageTypes, verdict: Any) -> Any:
+    """How fast the arm may go on, as a Float64 from 0 to 1."""
+    return types.float64(data=read_speed_override(verdict))
+
+
+def main(arguments: tuple[str, ...] = ()) -> None:
+    """Run the node until it is told to end."""
+    try:
+        import rclpy
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+        from rosidl_runtime_py.utilities import get_message
+    except ModuleNotFoundError as error:
+        raise ArmguardError(
+            "ROS 2",
+            f"is not there: {error}",
+            remedy="source /opt/ros/<distribution>/setup.bash, and use the Python that it names",
+        ) from None
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cell", type=Path, default=CELL)
+    parser.add_argument("--joints", default="/joint_states")
+    parser.add_argument("--obstacles", nargs="*", default=[], metavar="[SOURCE=]TOPIC:TYPE")
+    parser.add_argument("--moving", nargs="*", default=[], metavar="FRAME:SPEED:TURN_RATE")
+    parser.add_argument("--radius", type=float)
+    parser.add_argument("--snapshot", action="store_true")
+    rclpy.init(args=list(arguments))
+    options = parser.parse_args(rclpy.utilities.remove_ros_args(["", *arguments])[1:])
+    topics = dict(one.rsplit(":", 1) for one in options.obstacles)
+    moving = (one.rsplit(":", 2) for one in options.moving)
+    errors = {name: FrameErrors(speed=float(v), turn_rate=float(w)) for name, v, w in moving}
+    robot, _, monitor = Cell.load(options.cell).build()
+    cell = Ros2Cell(
+        monitor,
+        options.joints,
+        topics,
+        radius=options.radius,
+        snapshot=options.snapshot,
+        errors=errors,
+    )
+    types = MessageTypes(
+        get_message("diagnostic_msgs/msg/DiagnosticArray"),
+        get_message("diagnostic_msgs/msg/DiagnosticStatus"),
+        get_message("diagnostic_msgs/msg/KeyValue"),
+        get_message("std_msgs/msg/Float64"),
+        get_message("std_msgs/msg/Header"),
+        lambda level: bytes([level]),
+    )
+    node = rclpy.create_node("armguard")
+    transform = get_message("tf2_msgs/msg/TFMessage")
+    kept = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    diagnostics = node.create_publisher(types.diagnostic_array, "/diagnostics", 10)
+    speed = node.create_publisher(types.float64, "/armguard/speed_override", 1)
+
+    def tick() -> None:
+        now = node.get_clock().now()
+        verdict = cell.step(now.nanoseconds)
+        speed.publish(make_speed_override(types, verdict))
+        diagnostics.publish(make_diagnostics(types, now.to_msg(), robot.name, verdict))
+
+    def take(topic: str) -> Callable[[Any], None]:
+        return lambda message: cell.take_obstacles(topic, message)
+
+    subscribe = node.create_subscription
+    subscribe(get_message("sensor_msgs/msg/JointState"), options.joints, cell.take_joints, 10)
+    for name, kind in topics.items():
+        topic = name.rpartition("=")[2]
+        subscribe(get_message(kind), topic, take(topic), 10)
+    subscribe(transform, "/tf", lambda one: cell.take_transforms(one, is_static=False), 100)
+    subscribe(transform, "/tf_static", lambda one: cell.take_transforms(one, is_static=True), kept)
+    node.create_timer(monitor.period, tick)
+    try:
+        rclpy.spin(node)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        speed.publish(make_speed_override(types, None))
+        node.destroy_node()
+
+
+if __name__ == "__main__":
+    main(tuple(sys.argv[1:]))

@@ -1,0 +1,212 @@
+"""The page about the wire: `python docs/make_wire.py` writes docs/wire.md.
+
+Tables of fields are made of the classes in armguard/streams/messages.py: what a field is called,
+its type, whether it may be left out, and the text that stands below it.
+"""
+
+from __future__ import annotations
+
+import ast
+import itertools
+from pathlib import Path
+
+from armguard.streams import addresses, limits, messages
+from armguard.verdict import ReasonKind
+
+PAGE = Path(__file__).resolve().parent / "wire.md"
+
+TYPES = {
+    "str": "string",
+    "str | None": "string or nil",
+    "bool": "boolean",
+    "int": "integer",
+    "int | None": "integer or nil",
+    "Number": "integer, 0 to 2⁶³ − 1",
+    "float": "number",
+    "float | None": "number or nil",
+    "list[str]": "strings",
+    "list[float]": "numbers",
+    "bytes | list[float]": "numbers",
+    "Points": f"n rows of 3 numbers, or of 1 to {messages.POINT_LIMIT} such points",
+    "Points | None": "as of `position`, or nil",
+    "Rows": "rows of numbers",
+    "Values": "number, or one a row",
+    "Values | None": "number, or one a row, or nil",
+    "Literal['commit', 'follow']": '`"commit"` or `"follow"`',
+    "Literal['finish', 'brake'] | None": '`"finish"`, `"brake"` or nil',
+    "list[ReasonMessage]": "list of reasons",
+    "CertificateMessage | None": "certificate or nil",
+    "list[tuple[float, float, float]]": "rows of 3 numbers",
+}
+"""What the types in the schemas are called; one that is not here has no name yet."""
+
+HEAD = f"""# The wire
+
+<!-- written by docs/make_wire.py from armguard/streams/messages.py: change it there -->
+
+What goes between the processes of a cell: messages on ZeroMQ sockets. `armguard run` binds, all others connect, so any process may start first and any may be restarted.
+
+| socket | of the monitor | of yours | address unless told otherwise | option of `armguard run` |
+|---|---|---|---|---|
+| obstacles | SUB, bound | PUB | `{addresses.OBSTACLES_ADDRESS}` | `--obstacles` |
+| joint states and plans | SUB, bound | PUB | `{addresses.JOINTS_ADDRESS}` | `--joints` |
+| verdicts and answers to plans | PUB, bound | SUB | `{addresses.VERDICTS_ADDRESS}` | `--verdicts` |
+
+Both inputs take every type of message, and may be one address. With `--obstacles -` the monitor reads one JSON object a line from standard input, joint states among them; there is no socket then but that of the verdicts.
+
+Addresses are `ipc://` or TCP of this machine; others only where the cell file has keys, and then all sockets of the monitor are CURVE servers that ask for them. [Keys](keys.md) has worked lines.
+
+## Messages
+
+Each message is one part: a msgpack map, or a JSON object with the same fields; the monitor tells them apart by the first byte. Verdicts and answers are msgpack, or JSON for all readers with `armguard run --json-verdicts`; armguard's own readers take both.
+
+- `type` names the message. Unknown fields are refused, missing ones are named.
+- In msgpack, arrays of numbers may be lists, or packed little-endian float64 in a `bin`, row by row. A field that may be nil, null in JSON, may as well be left out.
+- JSON has no infinite numbers. In verdicts {messages.GREATEST!r}, the greatest that there is, stands for them, so that readers may compare as usual. Bounds that are infinite can be sent in msgpack only.
+- Stamps are seconds of the machine's monotonic clock (`CLOCK_MONOTONIC`, Python's `time.monotonic()`, C++'s `std::chrono::steady_clock` on Linux), unless the cell file names another clock for the source: `unix`, or `arrival` for a sender without a clock that could be compared.
+- Lengths are metres, angles radians, times seconds. The rest follows: m/s, m/s², rad/s.
+- `seq` counts the messages of one source, by 1. A gap is counted as lost messages, a step back as a sender that started anew, and two tracks that both go on as two senders. None of it is a STOP by itself: obstacles that were not heard of grow with their bounds.
+
+Whatever is refused is counted by its kind and source, told on standard error, and is in the summary of the run; where obstacles may be missing because of it, the verdict says so too. One source may send {limits.SourceLimits().message_rate:g} messages a second of {limits.SourceLimits().message_size} bytes and have {limits.SourceLimits().obstacles} obstacles, unless the cell file says less.
+
+Complete nodes without armguard's library lie beside this page, and the tests run them: [perception.py](nodes/perception.py) and [controller.py](nodes/controller.py) (pyzmq), [perception.cpp](nodes/perception.cpp) (cppzmq), and [lines.cpp](nodes/lines.cpp), which needs no socket. In Python with armguard, `armguard.streams.Publisher` and `VerdictReader` send and receive all of it.
+"""
+
+OBSTACLES = """## Obstacles
+
+`{"type": "obstacles", …}`: what one source saw at one time, as `Obstacles.update` takes it.
+"""
+
+AFTER_OBSTACLES = """- *Heartbeat*: a message with `ids` empty says that the source is there and has nothing new. A source that has spoken once, and one that the cell file requires, must go on speaking (`source_timeout`, 0.2 s), or it is a STOP.
+- *Snapshot*: with `snapshot` the obstacles of this source that are not in `ids` are removed. Without it they stay, and grow with their bounds: what is not seen is not gone.
+- An id belongs to its source: of two sources that use one id, each has an obstacle of its own.
+- All rows of a message have as many points; bodies of different kinds go in messages of their own.
+
+```json
+{"type": "obstacles", "source": "camera", "seq": 17, "stamp": 12.345, "ids": ["ball"],
+ "position": [[2.0, 0.3, 0.5]], "velocity": [[-0.8, 0.0, 0.0]], "radius": 0.1, "position_error": 0.01}
+{"type": "obstacles", "source": "camera", "seq": 18, "stamp": 12.355, "ids": []}
+```
+"""
+
+REMOVE = """## Remove
+
+`{"type": "remove", …}`: these obstacles have left the cell.
+"""
+
+JOINTS = """## Joint states
+
+`{"type": "joints", …}`, as often as the controller can, from one sender.
+"""
+
+AFTER_JOINTS = """A gap between joint states longer than `joint_timeout` is a STOP until a reset. Until the first fresh one comes, older ones are dropped as a backlog, and the verdict is STOP.
+"""
+
+RESET = """## Reset
+
+`{"type": "reset", …}` ends a latched STOP once its cause has gone; a cause that persists latches again at once. `armguard reset` sends it.
+"""
+
+AFTER_RESET = """A run without `--reset-token` obeys none. What was not obeyed is counted; there is no answer but the verdicts that follow.
+"""
+
+VERDICT = """## Verdicts
+
+`{"type": "verdict", …}`, once a tick. A controller obeys the newest one, and brakes where there is none that is still valid; when a run ends, its last verdict is a STOP.
+"""
+
+REASONS = """A reason is a map:
+"""
+
+CERTIFICATE = """A certificate is a map:
+"""
+
+PLANS = """## Plans
+
+`{"type": "plan", …}`: what the controller is about to do, and what it asks. The cell file needs `motion = "planned"` in `[monitor]`.
+"""
+
+ANSWERS = """Both kinds end at rest. Each plan that has these fields gets one answer, `{"type": "plan_verdict", …}`, on the socket of the verdicts, in the tick in which it came. Of several that come in one tick the newest is judged; the others are refused for that.
+"""
+
+TAIL = """A controller of committed pieces: ask for the next piece while the present one is under way; where the answer is no, or does not come, run the present one to its end, and rest. A controller of a trajectory: ask once, go on while verdicts allow it, and brake on STOP and on silence.
+
+```python
+from armguard.streams import Publisher, VerdictReader
+
+
+def ask(publisher: Publisher, reader: VerdictReader, stamp, names, times, q, v) -> bool:
+    number = publisher.plan("commit", stamp, names, times, q, v, tracking_error=0.01)
+    answer = reader.answer(number, timeout=0.01)
+    return answer is not None and answer.safe
+```
+"""
+
+
+def read_fields(schema: type) -> list[tuple[str, str, str, str]]:
+    """Fields of a message: name, type in words, default or nothing, and the text below it."""
+    tree = ast.parse(Path(messages.__file__).read_text(encoding="utf-8"))
+    (body,) = (
+        node.body
+        for node in tree.body
+        if isinstance(node, ast.ClassDef) and node.name == schema.__name__
+    )
+    fields = []
+    for field, text in itertools.pairwise(body):
+        if isinstance(field, ast.AnnAssign):
+            words = " ".join(ast.literal_eval(text.value).split())
+            default = "" if field.value is None else ast.unparse(field.value)
+            fields.append((field.target.id, TYPES[ast.unparse(field.annotation)], default, words))
+    return fields
+
+
+def write_table(schema: type) -> str:
+    """The fields of a message, in Markdown."""
+    rows = ["| field | type | meaning |", "|---|---|---|"]
+    is_sent_whole = not issubclass(schema, messages.Message)  # by the monitor
+    for name, words, default, text in read_fields(schema):
+        optional = f", optional{_write_default(default)}" if default and not is_sent_whole else ""
+        rows.append(f"| `{name}` | {words}{optional} | {text} |")
+    return "\n".join(rows) + "\n"
+
+
+def _write_default(default: str) -> str:
+    """What a field that is left out stands for, where that is a value."""
+    known = {"None": "", "[]": ": no rows", "False": ": false", "0.0": ": 0"}
+    return known.get(default, f": `{default.replace(chr(39), chr(34))}`")
+
+
+def write_page() -> str:
+    """The page, in Markdown."""
+    kinds = ", ".join(f"`{kind.name.lower()}`" for kind in ReasonKind)
+    parts = [
+        HEAD,
+        OBSTACLES,
+        write_table(messages.ObstaclesMessage),
+        AFTER_OBSTACLES,
+        REMOVE,
+        write_table(messages.RemoveMessage),
+        JOINTS,
+        write_table(messages.JointsMessage),
+        AFTER_JOINTS,
+        RESET,
+        write_table(messages.ResetMessage),
+        AFTER_RESET,
+        VERDICT,
+        write_table(messages.VerdictMessage),
+        REASONS,
+        write_table(messages.ReasonMessage),
+        f"Kinds: {kinds}. [It says STOP: what now](troubleshooting.md) says what to do about each.\n",
+        CERTIFICATE,
+        write_table(messages.CertificateMessage),
+        PLANS,
+        write_table(messages.PlanMessage),
+        ANSWERS,
+        write_table(messages.PlanVerdictMessage),
+        TAIL,
+    ]
+    return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(write_page(), encoding="utf-8")

@@ -1,0 +1,159 @@
+"""Bodies and joint states of messages that `rosbags` makes; all shapes are tested with bags."""
+
+import types
+
+import numpy as np
+import pytest
+
+from armguard import Robot
+from armguard.bridges.messages import (
+    DETECTIONS,
+    MARKERS,
+    PEOPLE,
+    POSES,
+    JointStateReader,
+    ObstacleReader,
+    group_bodies,
+    read_pose,
+)
+from armguard.exceptions import ArmguardError
+from support.bags_made import (
+    NAMES,
+    READY,
+    detections,
+    joint_state,
+    marker,
+    markers,
+    people,
+    pose_array,
+)
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return Robot.load("panda")
+
+
+def test_people_have_their_names_and_poses_their_places():
+    who = people(0.0, [("anna", (1, 2, 3)), ("", (4, 5, 6))])
+    _, (shown,) = ObstacleReader("/people", PEOPLE, 0.3).read(who)
+    assert [(one.id, one.points.tolist(), one.radius) for one in shown.bodies] == [
+        ("anna", [[1, 2, 3]], 0.3),
+        ("1", [[4, 5, 6]], 0.3),
+    ]
+    _, (shown,) = ObstacleReader("/poses", POSES, 0.2).read(pose_array(0.0, [(1, 2, 3)], "eye"))
+    assert [one.id for one in shown.bodies] == ["0"]
+    assert shown.header.frame_id == "eye"
+
+
+def test_bodies_of_several_kinds_are_grouped_or_made_alike():
+    shown = markers(
+        marker(0.0, 1, 1), marker(0.0, 2, 2), marker(0.0, 4, 3, points=[(0, 0, 0), (1, 0, 0)])
+    )
+    _, (whole,) = ObstacleReader("/things", MARKERS).read(shown)
+    assert [len(rows.position[0]) for rows in group_bodies(whole.bodies, snapshot=False)] == [
+        1,
+        2,
+        8,
+    ]
+    (rows,) = group_bodies(whole.bodies, snapshot=True)
+    assert rows.position.shape == (3, 8, 3)
+    for body, points in zip(whole.bodies, rows.position, strict=True):
+        assert {tuple(one) for one in points} == {tuple(one) for one in body.points}
+    (empty,) = group_bodies([], snapshot=True)
+    assert empty.ids == []
+
+
+def test_what_has_gone_is_told_before_what_is_there():
+    reader = ObstacleReader("/things", MARKERS)
+    reader.read(markers(marker(0.0, 2, 1), marker(0.0, 2, 2)))
+    gone, shown = reader.read(markers(marker(0.1, 0, 9, action=3), marker(0.1, 2, 2)))
+    assert gone == ["1", "2"]
+    assert [body.id for body in shown[0].bodies] == ["2"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "radius", "words"),
+    [
+        (POSES, None, "poses without sizes"),
+        (PEOPLE, None, "poses without sizes"),
+        (POSES, -1.0, "radius: is -1"),
+        (POSES, float("nan"), "radius: is nan"),
+        ("std_msgs/msg/String", 0.1, "'/x'.*String.*PoseArray"),
+    ],
+)
+def test_topics_that_cannot_be_read_are_refused_by_name(kind, radius, words):
+    with pytest.raises(ArmguardError, match=words):
+        ObstacleReader("/x", kind, radius)
+
+
+def test_detections_are_boxes():
+    _, (shown,) = ObstacleReader("/seen", DETECTIONS).read(
+        detections(0.0, [("a", (1, 0, 0), (2, 4, 6))])
+    )
+    assert np.ptp(shown.bodies[0].points, axis=0).tolist() == [2, 4, 6]
+
+
+def test_a_quaternion_of_any_length_turns_and_one_of_zeros_does_not():
+    place = types.SimpleNamespace(x=1.0, y=2.0, z=3.0)
+    for length in (1.0, 7.0):
+        turn = types.SimpleNamespace(x=0.0, y=0.0, z=length, w=length)
+        rotation, origin = read_pose(place, turn)
+        np.testing.assert_allclose(rotation @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+        assert origin.tolist() == [1, 2, 3]
+    zeros = types.SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0)
+    assert (read_pose(place, zeros)[0] == np.eye(3)).all()
+
+
+def test_joints_are_read_by_name(panda):
+    reader = JointStateReader("/joint_states", panda)
+    names, q = [*reversed(NAMES), "finger"], [*reversed(READY), 9.0]
+    found, v = reader.read(joint_state(0.0, names, q), 0.0)
+    assert found.tolist() == READY
+    assert v.tolist() == [0.0] * 7
+    assert reader.read(joint_state(0.0, ["finger"], [1.0]), 0.0) is None
+    with pytest.raises(ArmguardError, match="lacks panda_joint7"):
+        reader.read(joint_state(0.0, NAMES[:6], READY[:6]), 0.0)
+    with pytest.raises(ArmguardError, match="6 values of velocity for 7 joints"):
+        reader.read(joint_state(0.0, v=[0.0] * 6), 0.0)
+
+
+class FineEncoders:
+    """A robot as the reader sees it, with encoders good enough for differences."""
+
+    name = "fine"
+    joints = ("a", "b")
+    position_error = np.array([1e-6, 1e-6])
+    velocity_error = np.array([0.05, 0.05])
+    acceleration_limit = np.array([10.0, 20.0])
+    upper_position_limit = np.array([3.0, np.inf])
+
+
+def test_empty_velocities_are_differences_within_the_stated_error():
+    """Against motions at full acceleration, either way, and encoders as wrong as may be."""
+    robot = FineEncoders()
+    random = np.random.default_rng(0)
+    for period in (0.0003, 0.001, 0.004):
+        reader = JointStateReader("/joint_states", robot)
+        q, v = np.array([0.1, 3.0]), np.array([0.5, 2.0])
+        found = 0
+        for k in range(400):
+            accel = random.choice([-1.0, 1.0], 2) * robot.acceleration_limit
+            q, v = q + v * period + 0.5 * accel * period**2, v + accel * period
+            shown = q + random.choice([-1.0, 1.0], 2) * robot.position_error
+            shown[1] = (shown[1] + np.pi) % (2 * np.pi) - np.pi  # a continuous joint wraps
+            state = reader.read(joint_state(k * period, robot.joints, shown, []), k * period)
+            if state is not None:
+                found += 1
+                assert (np.abs(state[1] - v) <= robot.velocity_error).all()
+        assert found > 380
+
+
+def test_differences_that_would_be_off_by_more_than_is_stated_are_refused(panda):
+    with pytest.raises(ArmguardError, match=r"0 values of velocity.*off by up to.*velocity_error"):
+        JointStateReader("/joint_states", panda).read(joint_state(0.0, v=[]), 0.0)
+    reader = JointStateReader("/joint_states", FineEncoders())
+    assert reader.read(joint_state(0.0, ["a", "b"], [0.0, 0.0], []), 0.0) is None
+    assert reader.read(joint_state(0.0, ["a", "b"], [0.0, 0.0], []), 0.0) is None
+    with pytest.raises(ArmguardError, match="off by up to 1"):  # 20 rad/s² for half of 0.1 s
+        reader.read(joint_state(0.1, ["a", "b"], [0.0, 0.0], []), 0.1)
