@@ -113,6 +113,11 @@ class Choice(NamedTuple):
     what else was tried, each with its share of equal levels and its evaluations a tick."""
 
     @property
+    def summary(self) -> tuple[str, ...]:
+        """The first of the reasons: the settings, how near they are to the finest, the links."""
+        return self.reasons[:3]
+
+    @property
     def price(self) -> float:
         """Evaluations as a share of the finest's; 1 where that has none."""
         return self.evaluated / self.evaluated_finest if self.evaluated_finest > 0.0 else 1.0

@@ -128,7 +128,7 @@ def summarise(study: Study) -> list[str]:
     )
     chosen = study.find(AUTO)
     if study.choice is not None and chosen is not None:
-        settings, nearness, *_ = study.choice.reasons
+        settings, nearness, _ = study.choice.summary
         lines.append(
             f"**{AUTO}** chose {settings} by a trial of its own, where it {nearness}. Here it has "
             f"the finest setting's level in {chosen.same_level:.1%} of the ticks, at "
