@@ -56,6 +56,8 @@ def check_mistake(capsys, arguments, words):
         ('[robot]\nname = "nobody"\n', "nobody"),
         ('[robot]\nname = "panda"\n[bounds]\nspeed = "fast"\n', "speed"),
         ('[robot]\nname = "panda"\n[surprise]\nx = 1\n', "surprise"),
+        ('settings = "best"\n[robot]\nname = "panda"\n', "settings: is 'best'"),
+        ('settings = "auto"\nsettings_from = "no"\n[robot]\nname = "panda"\n', "settings_from"),
         ('[robot]\nname = "panda"\n[monitor]\nrate = -1.0\n', "rate"),
     ],
 )

@@ -3,7 +3,8 @@ import pytest
 from armguard.exceptions import ArmguardError
 from armguard.studies.tradeoff import growth
 from armguard.studies.tradeoff.covers import Covers
-from armguard.studies.tradeoff.ladder import DEFAULT, FINEST
+from armguard.studies.tradeoff.ladder import AUTO, DEFAULT, FINEST
+from armguard.studies.tradeoff.scene import make_scene
 from armguard.studies.tradeoff.study import TURN, run_study
 from support.tradeoff_cases import make_site, small_scene
 
@@ -51,6 +52,21 @@ def test_all_settings_see_the_same_and_the_finest_is_the_measure():
     assert study(axes=("advances",)).grown == []
     assert all(0.0 <= share <= 1.0 for share in told)
     assert all(one.figures.tight_adversary <= 1.0 for one in found.outcomes)
+
+
+def test_what_a_trial_chooses_is_held_against_the_finest_on_another_scene():
+    site = make_site(rate=100.0)
+    trial = make_scene(site, None, 3, 0.4, 7)[0]
+    given = site, small_scene(0.4), [AUTO], 0, Covers(site.robot), lambda text, share: None
+    found = run_study(*given, trial)
+    assert [one.setting.name for one in found.outcomes] == [DEFAULT, FINEST, AUTO]
+    assert found.choice.ticks == 40
+    assert found.find(AUTO).missed == 0.0
+    assert found.find(AUTO).same_level > 0.9
+    fixed = site._replace(settings={"rate": 100.0, "schedule": "full"})
+    refused = run_study(fixed, *given[1:], trial)
+    assert refused.choice is None
+    assert [one.setting.name for one in refused.outcomes if "schedule" in one.refused] == [AUTO]
 
 
 def test_what_does_not_go_together_is_told_and_left_out():
