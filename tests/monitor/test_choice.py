@@ -116,7 +116,7 @@ def test_nothing_of_the_trial_is_left():
 
 
 def test_a_trial_that_is_one_long_stop_shows_nothing():
-    told = make_auto(make_trial(0.2, farthest=0.3)).choice
+    told = make_auto(obstacles=Obstacles(sources=["silent"])).choice
     usual = {"motion": "joint", "max_staleness": 0.25, "advances": ADVANCES, "budget": None}
     assert (told.settings, told.level) == (usual, None)
     assert "nothing but STOP" in told.reasons[-1]

@@ -89,7 +89,7 @@ AUTO = (
 
 
 def test_a_cell_may_have_its_settings_chosen():
-    robot, obstacles, monitor = Cell.from_text(AUTO).build()
+    _, obstacles, monitor = Cell.from_text(AUTO).build()
     choice = monitor.choice
     assert choice.is_same
     assert choice.ticks == 150
