@@ -165,6 +165,7 @@ class _Outcome(NamedTuple):
     scales: NDArray[np.float64]
     evaluated: NDArray[np.int64]
     unreached: frozenset[int]
+    """Numbers of the links that nothing came within reach of, where that was looked for."""
     same_level: float = 1.0
     scale_difference: float = 0.0
 
@@ -201,7 +202,7 @@ def choose(
         obstacles: The table, in which nothing was told but obstacles that stand still; it stays as
             it is.
         trial: What is judged.
-        given: Settings of the monitor that stand, the finest's too.
+        given: Settings of the monitor that stand; the finest's too, but for a budget: it has none.
         keeps_cover: Whether all levels of the robot's cover stand as well.
 
     Raises:
@@ -227,8 +228,8 @@ def choose(
     fixed = {**given, "certify": False, "separation": None}
     usual = {name: value for name, value in USUAL.items() if name not in given}
     finer = {"advances": FINEST_ADVANCES} if "advances" in usual else {}
-    best_of_all = _Rungs({**usual, **finer, "schedule": FINEST_SCHEDULE, "budget": None})
-    finest = _run(make, robot, obstacles, ticks, fixed, best_of_all)
+    whole = _Rungs({**usual, **finer, "schedule": FINEST_SCHEDULE, "budget": None})
+    finest = _run(make, robot, obstacles, ticks, fixed, whole, looks=True)
 
     def attempt(rungs: _Rungs) -> _Outcome:
         outcome = _run(make, robot, obstacles, ticks, fixed, rungs)
@@ -239,9 +240,8 @@ def choose(
 
     best = attempt(_Rungs(usual))
     budget, story = None, []
-    if (finest.levels == Level.STOP).all():
-        story.append("the trial is nothing but STOP, so it shows nothing: what is usual stays")
-    else:
+    shows = not (finest.levels == Level.STOP).all()
+    if shows:
         for axis, candidates in _list_axes(robot, given, keeps_cover=keeps_cover):
             outcomes = [
                 best if rungs == best.rungs else attempt(rungs) for rungs in candidates(best.rungs)
@@ -252,7 +252,7 @@ def choose(
             most = int(best.evaluated.max())
             budget = max(LEAST_BUDGET, 1 << max(ROOM * most - 1, 0).bit_length())
             story.append(f"budget {budget}: the dearest tick took {most} evaluations")
-    return _conclude(robot, best, finest, given, budget, story)
+    return _conclude(robot, best, finest, given, budget, story, shows=shows)
 
 
 def _list_axes(
@@ -284,8 +284,10 @@ def _run(
     ticks: Sequence[TrialTick],
     fixed: Mapping[str, Any],
     rungs: _Rungs,
+    *,
+    looks: bool = False,
 ) -> _Outcome:
-    """Lead a monitor of its own through the trial."""
+    """Lead a monitor of its own through the trial, and look for links that are out of reach."""
     arm = copy.copy(robot)
     if rungs.level is not None:
         arm.cover = robot.cover.cut(rungs.level)
@@ -298,7 +300,7 @@ def _run(
             tick.tell(monitor)
         verdict = monitor.step(tick.stamp, tick.q, tick.v, tick.now, tick.path_time)
         said[number] = int(verdict.level), verdict.speed_scale, verdict.evaluated
-        if number % LOOK == 0:
+        if looks and number % LOOK == 0:
             near = monitor.snapshot(pair_limit=MOST_PAIRS, row_limit=0)
             is_far = near.pair_bounds == REACH
             is_far &= near.pair_times > verdict.stop_time + aware_margin
@@ -345,6 +347,8 @@ def _conclude(
     given: Mapping[str, Any],
     budget: int | None,
     story: Sequence[str],
+    *,
+    shows: bool,
 ) -> Choice:
     """The record of a choice."""
     settings, level = dict(best.rungs.settings), best.rungs.level
@@ -369,13 +373,18 @@ def _conclude(
     kept = [name for name in CHOSEN if name in given]
     stands = f"; {' and '.join(kept)} as given" if kept else ""
     nearness = "cannot be told from" if best.is_same else "is the nearest that was found to"
+    near = (
+        f"{nearness} the finest: its level in {best.same_level:.1%} of {choice.ticks:,} ticks, at "
+        f"{choice.price:.1%} of its evaluations ({best.price:.3g} of {finest.price:.4g} a tick)"
+    )
+    if not shows:
+        near = f"what is usual: the trial, of {choice.ticks:,} ticks, is nothing but STOP"
     links = "all links are watched"
     if unreached:
         links += f"; nothing came within reach of {', '.join(choice.out_of_reach)}"
     reasons = [
         f"{', '.join(names)}{stands}",
-        f"{nearness} the finest: its level in {best.same_level:.1%} of {choice.ticks:,} ticks, at "
-        f"{choice.price:.1%} of its evaluations ({best.price:.3g} of {finest.price:.4g} a tick)",
+        near,
         links,
         *story,
     ]

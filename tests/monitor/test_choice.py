@@ -95,7 +95,8 @@ def test_what_is_given_stands():
     assert monitor.choice.level is None
     first = monitor.choice.reasons[0]
     assert first.endswith("motion and max_staleness and advances and budget as given")
-    assert make_auto(FAR()[:20], advances=7).settings.advances == 7
+    settings = make_auto(FAR()[:20], advances=7, budget=50).settings
+    assert (settings.advances, settings.budget) == (7, 50)
 
 
 def test_nothing_of_the_trial_is_left():
@@ -119,7 +120,7 @@ def test_a_trial_that_is_one_long_stop_shows_nothing():
     told = make_auto(obstacles=Obstacles(sources=["silent"])).choice
     usual = {"motion": "joint", "max_staleness": 0.25, "advances": ADVANCES, "budget": None}
     assert (told.settings, told.level) == (usual, None)
-    assert "nothing but STOP" in told.reasons[-1]
+    assert "nothing but STOP" in told.summary[1]
 
 
 def test_where_nothing_is_as_good_the_nearest_is_chosen(monkeypatch):
