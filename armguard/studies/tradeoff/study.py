@@ -111,13 +111,14 @@ def run_study(
     """
     outcomes: list[Outcome] = []
     settings = list_settings(axes, site.robot.cover, site.settings)
+    contestants = _make_contestants(settings, site, scene, covers, outcomes, tell)
     choice = None
     if trial is not None and AUTO in axes:
         tell("a trial to choose by", 0.0)
         choice = _choose(site, trial, outcomes)
     if choice is not None:
-        settings.append(make_setting(choice))
-    contestants = _make_contestants(settings, site, scene, covers, outcomes, tell)
+        chosen = [make_setting(choice)]
+        contestants += _make_contestants(chosen, site, scene, covers, outcomes, tell)
     interrupted = _run_turns(contestants, scene, "axes", tell)
     seconds = min(one.begun for one in contestants)
     if seconds <= 0.0:
