@@ -11,10 +11,10 @@ obstacles do within their bounds, and whether the arm can still stop before that
 By default the arm may do whatever its joints' limits allow, and each obstacle is evaluated in time,
 at the price of a few. Between ticks `monitor.explain()` says why a verdict is as it is,
 `monitor.headroom()` how much more could be watched, and `monitor.attention()` which obstacle a
-sensor should measure next. A controller that shares its next piece of trajectory, a `Plan`,
-asks `monitor.commit(plan)` whether it is safe. With a `SeparationRule` each verdict carries the
-margin of the usual separation distance, too. A `Recorder` writes all that a monitor is told and all
-that it answers, for `armguard replay`.
+sensor should measure next. `Monitor.auto` chooses settings by a trial. A controller that shares its
+next piece of trajectory, a `Plan`, asks `monitor.commit(plan)` whether it is safe. With a
+`SeparationRule` each verdict carries the margin of the usual separation distance, too. A `Recorder`
+writes all that a monitor is told and all that it answers, for `armguard replay`.
 """
 
 from armguard import bounds, contact, people
@@ -24,12 +24,14 @@ from armguard.cover import Cover, CoverReport
 from armguard.exceptions import ArmguardError
 from armguard.monitor import (
     Attention,
+    Choice,
     Explanation,
     Headroom,
     Monitor,
     PairReport,
     PlanVerdict,
     Snapshot,
+    TrialTick,
 )
 from armguard.obstacles import Fault, Frame, Obstacles, Source
 from armguard.pairs import SeparationRule
@@ -41,6 +43,7 @@ __all__ = [
     "ArmguardError",
     "Attention",
     "Certificate",
+    "Choice",
     "Cover",
     "CoverReport",
     "Explanation",
@@ -61,6 +64,7 @@ __all__ = [
     "SeparationRule",
     "Snapshot",
     "Source",
+    "TrialTick",
     "Verdict",
     "bounds",
     "certificate",

@@ -452,7 +452,7 @@ class Tradeoff:
     out: Path = Path("tradeoff")
     """The folder to write the report into."""
     axis: tuple[str, ...] = ()
-    """Only these: cover, advances, motion, schedule, max_staleness, rate, budget."""
+    """Only these: cover, advances, motion, schedule, max_staleness, rate, budget, auto."""
     seconds: float = 20.0
     """Of the scene."""
     seed: int = 0

@@ -244,6 +244,8 @@ def run_bag(
         if not explained:
             lines += [f"{one.begin:.3f} s to {one.end:.3f} s: {one.reason}" for one in stops.stops]
         lines += [f"passed over: {count} {kind}" for kind, count in bag.passed_over.items()]
+        if monitor.choice is not None:
+            lines += [f"settings chosen: {line}" for line in monitor.choice.summary]
         for line in lines:
             console.print(line, markup=False, highlight=False)
     if problem:

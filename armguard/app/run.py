@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 
 from armguard.app.announcer import Announcer
-from armguard.app.cell.cell import Cell
+from armguard.app.cell.cell import AUTO, Cell
 from armguard.app.loop import RateLoop, run
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.service import ServiceNotifier
@@ -131,11 +131,15 @@ def supervise(
         def tell_prepared(monitor: Monitor) -> None:
             waiting.stop()
             observer.monitor = monitor
+            if monitor.choice is not None and not quiet:
+                for line in monitor.choice.summary:
+                    announcer.tell(f"settings chosen: {line}")
             missing = describe_missing_limits(monitor)
             if missing is not None and not quiet:
                 announcer.tell(missing)
 
-        waiting = console.status("starting")
+        is_auto = cell.tables.settings == AUTO
+        waiting = console.status("choosing settings by a trial" if is_auto else "starting")
         next_line = 0.0
 
         def tell_progress(progress: Progress | None) -> None:

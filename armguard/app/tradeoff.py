@@ -18,11 +18,12 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.provenance import describe_provenance
 from armguard.robot.robot import Robot
 from armguard.studies.tradeoff.covers import Covers
-from armguard.studies.tradeoff.ladder import check_axes
+from armguard.studies.tradeoff.ladder import AUTO, check_axes
 from armguard.studies.tradeoff.plots import check_plots, draw_pictures
 from armguard.studies.tradeoff.report import HTML_FILE, About, summarise, write_report
 from armguard.studies.tradeoff.scene import Site, make_scene
 from armguard.studies.tradeoff.study import run_study
+from armguard.studies.tradeoff.trial import SECONDS, make_visit
 
 ROBOT = "panda"
 
@@ -73,7 +74,14 @@ def run(
         check_plots()
     _make_folder(out)
     site = _make_site(cell, robot)
-    scene, what = make_scene(site, None if person is None else str(person), balls, seconds, seed)
+    recording = None if person is None else str(person)
+    scene, what = make_scene(site, recording, balls, seconds, seed)
+    trial = None
+    if AUTO in chosen and (balls or recording is not None):
+        # Other balls, or another part of the recording.
+        trial = make_scene(site, recording, balls, SECONDS, seed + 1, 0.0)[0]
+    elif AUTO in chosen:
+        trial = make_visit(site, seed + 1)
     columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
     with Progress(
         *columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True
@@ -83,7 +91,7 @@ def run(
         def tell(text: str, share: float) -> None:
             progress.update(bar, description=text, completed=share)
 
-        study = run_study(site, scene, chosen, seed, Covers(site.robot), tell)
+        study = run_study(site, scene, chosen, seed, Covers(site.robot), tell, trial)
     provenance = describe_provenance(site.robot)
     about = About(
         f"{site.robot.name} and {what}",

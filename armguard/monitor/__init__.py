@@ -3,6 +3,7 @@
 Its judge, the decision to stop, the plan it follows, and what can be asked of it between ticks.
 """
 
+from armguard.monitor.choice import Choice, TrialTick
 from armguard.monitor.explain import Explanation, Gain
 from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.monitor import Monitor
@@ -11,6 +12,7 @@ from armguard.verdict import PlanVerdict
 
 __all__ = [
     "Attention",
+    "Choice",
     "Explanation",
     "Gain",
     "Headroom",
@@ -18,4 +20,5 @@ __all__ = [
     "PairReport",
     "PlanVerdict",
     "Snapshot",
+    "TrialTick",
 ]

@@ -20,6 +20,7 @@ from armguard.bounds.operating_history import UNKEPT, OperatingHistory
 from armguard.bounds.planned.plan import CheckedPlan, Plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
+from armguard.monitor.choice import Choice, TrialTick, choose
 from armguard.monitor.explain import Explanation
 from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.joint_reasons import (
@@ -117,6 +118,7 @@ class Monitor:
     Attributes:
         settings: What it was made with, checked.
         journal: Is told all that reaches the monitor, and its answers; None: nothing is.
+        choice: What `auto` chose of the settings, and why; None: nothing was chosen.
 
     Raises:
         ArmguardError: If an argument is out of range or names what does not exist.
@@ -152,6 +154,7 @@ class Monitor:
         separation: SeparationRule | None = None,
     ) -> None:
         self.journal: MonitorJournal | None = None
+        self.choice: Choice | None = None
         settings = read_settings(
             robot,
             obstacles,
@@ -227,6 +230,52 @@ class Monitor:
         self._sequence = 0
         self._disbelieved = 0
         self._faults_before = obstacles.fault_count
+
+    @classmethod
+    def auto(
+        cls,
+        robot: Robot,
+        obstacles: Obstacles,
+        trial: Iterable[TrialTick],
+        *,
+        keeps_cover: bool = False,
+        **settings: Any,
+    ) -> Monitor:
+        """A monitor with the settings that a scene requires, chosen by a trial.
+
+        Each candidate is led through the trial with a table of its own. Chosen is the cheapest
+        whose verdicts cannot be told from those of the finest, which evaluates every pair in every
+        tick: the same level in 99 % of the ticks, and speed scales that differ by 0.01 at most on
+        average. What is chosen is `max_staleness`, the level of the cover, `motion`, `advances` and
+        a `budget` with room to spare. The price is counted in evaluations, so the choice does not
+        depend on the machine. Safety does not rest on it: each setting errs to the safe side, and
+        watches every link, obstacle and source; a scene that is not like the trial is judged more
+        cautiously than by the finest, never less safely.
+
+        The trial takes as long as some twelve monitors and the finest take for its ticks; nothing
+        of it is left in the monitor or its table.
+
+        Args:
+            robot: The arm. Its cover is cut to the level that is chosen.
+            obstacles: The table, in which nothing was told yet but obstacles that stand still.
+            trial: Joint states, and what is told of obstacles between them; some seconds of the
+                motions and the people that are to be expected, nearest moments included.
+            keeps_cover: Whether the robot's cover stays as it is.
+            **settings: As in `Monitor`; what is given here stands and is not chosen.
+
+        Returns:
+            The monitor; its `choice` says what was chosen and why.
+
+        Raises:
+            ArmguardError: A setting is unusable, the table was told already, the trial is empty, or
+                a schedule other than "deadline" is given, of which there is nothing to choose.
+        """
+        choice = choose(cls, robot, obstacles, trial, settings, keeps_cover=keeps_cover)
+        if choice.level is not None:
+            robot.cover = robot.cover.cut(choice.level)
+        monitor = cls(robot, obstacles, **{**settings, **choice.settings})
+        monitor.choice = choice
+        return monitor
 
     @property
     def certificate_inputs(self) -> dict[str, Any] | None:

@@ -108,6 +108,8 @@ class Snapshot(NamedTuple):
     """Pair numbers, the most imminent first. Shape (m,)."""
     pair_times: FloatArray
     """Contact time of each of these pairs, in [s]. Shape (m,)."""
+    pair_bounds: IntArray
+    """What each of these times rests on, an index of `pairs.scene.BOUND_NAMES`. Shape (m,)."""
     all_times: FloatArray
     """Contact time of every pair of the obstacles looked at, in [s], in no order. Shape (n,)."""
 
@@ -127,5 +129,6 @@ def take_snapshot(listing: Listing, q: FloatArray, time: float) -> Snapshot:
         row_times=np.maximum(listing.row_expiry - time, 0.0),
         pairs=listing.pairs,
         pair_times=np.maximum(listing.expiry - time, 0.0),
+        pair_bounds=listing.bound,
         all_times=np.maximum(listing.all_expiry - time, 0.0),
     )

@@ -196,28 +196,13 @@ class Replay:
             raise self._make_error(event, error) from None
 
     def _take(self, event: Event, data: bytes) -> None:
-        obstacles, monitor = self.obstacles, self.monitor
-        if isinstance(event, ObstacleUpdate):
-            apply_update(obstacles, event)
-        elif isinstance(event, StaticObstacle):
+        monitor = self.monitor
+        if isinstance(event, StaticObstacle):
             points = read_numbers(event.position).reshape(-1, 3)
-            obstacles.add_static(event.id, points, float(event.radius))
-        elif isinstance(event, Removal):
-            obstacles.remove(
-                event.ids,
-                float(event.stamp) if isinstance(event.stamp, float | str) else None,
-                event.source if isinstance(event.source, str) else None,
-            )
-        elif isinstance(event, MalformedCall):
-            stamp = float(event.stamp)
-            obstacles.leave_malformed(event.source, event.offender, event.problem, stamp)
-        elif isinstance(event, FaultsTaken):
-            obstacles.take_faults()
+            self.obstacles.add_static(event.id, points, float(event.radius))
         elif isinstance(event, Payload):
             if "payload" not in self._changes:
                 monitor.payload = float(event.payload)
-        elif isinstance(event, Reset):
-            monitor.reset()
         elif isinstance(event, BodiesChanged):
             links = [
                 msgspec.json.decode(link.data) if link.data else {"name": link.name}
@@ -237,6 +222,8 @@ class Replay:
             if answer is not None and is_compared and encode(tell_answer(answer)) != data:
                 told = tell_answer(answer)
                 self._note_difference(_list_fields(event), _list_fields(told))
+        else:
+            apply_event(monitor, event)
 
     def _note_difference(self, recorded: Mapping[str, Any], replayed: Mapping[str, Any]) -> None:
         if self._difference is not None:
@@ -278,6 +265,26 @@ def replay(path: str | Path, changes: Mapping[str, str] | None = None) -> Replay
     for _ in run.ticks():
         pass
     return run.report()
+
+
+def apply_event(monitor: Monitor, event: Event) -> None:
+    """Tell a monitor and its table what a recorded event told, if it is of that kind."""
+    obstacles = monitor.obstacles
+    if isinstance(event, ObstacleUpdate):
+        apply_update(obstacles, event)
+    elif isinstance(event, Removal):
+        obstacles.remove(
+            event.ids,
+            float(event.stamp) if isinstance(event.stamp, float | str) else None,
+            event.source if isinstance(event.source, str) else None,
+        )
+    elif isinstance(event, MalformedCall):
+        stamp = float(event.stamp)
+        obstacles.leave_malformed(event.source, event.offender, event.problem, stamp)
+    elif isinstance(event, FaultsTaken):
+        obstacles.take_faults()
+    elif isinstance(event, Reset):
+        monitor.reset()
 
 
 def apply_update(obstacles: Obstacles, event: ObstacleUpdate) -> None:

@@ -105,6 +105,8 @@ def describe_settings(monitor: Monitor) -> dict[str, Any]:
                 for pattern, accel, speed in table.bounds
             ],
         },
+        # For people alone: what was chosen stands among the settings above.
+        "choice": None if monitor.choice is None else monitor.choice._asdict(),
     }
 
 

@@ -15,6 +15,7 @@ import pytest
 from armguard.app.cell import Cell
 from armguard.app.cli import main
 from armguard.app.run import describe_missing_limits, describe_remedy
+from armguard.recording import Recording
 from armguard.streams import Keys, Publisher, VerdictReader
 from armguard.streams.keys import write_new_pair
 from armguard.verdict import Level
@@ -56,6 +57,8 @@ def check_mistake(capsys, arguments, words):
         ('[robot]\nname = "nobody"\n', "nobody"),
         ('[robot]\nname = "panda"\n[bounds]\nspeed = "fast"\n', "speed"),
         ('[robot]\nname = "panda"\n[surprise]\nx = 1\n', "surprise"),
+        ('settings = "best"\n[robot]\nname = "panda"\n', "settings: is 'best'"),
+        ('settings = "auto"\nsettings_from = "no"\n[robot]\nname = "panda"\n', "settings_from"),
         ('[robot]\nname = "panda"\n[monitor]\nrate = -1.0\n', "rate"),
     ],
 )
@@ -244,6 +247,19 @@ def test_nothing_is_asked_of_the_system_where_it_is_not_wanted(cell, addresses, 
     out, err = capsys.readouterr()
     assert json.loads(out)["realtime"] is None
     assert err == ""
+
+
+def test_a_run_tells_which_settings_a_trial_chose_and_why(cell, addresses, tmp_path, capfd):
+    cell.write_text(f'settings = "auto"\n{CELL}[monitor]\nrate = 50.0\n')
+    record = tmp_path / "day.mcap"
+    options = ["--duration", "0.1", "--no-realtime", "--json", "--record", str(record)]
+    assert main(["run", str(cell), *addresses, *options]) == 0
+    told = capfd.readouterr().err
+    kept = Recording(record).settings["choice"]
+    assert kept["is_same"]
+    for line in kept["reasons"][:3]:
+        assert f"settings chosen: {line}\n" in told
+    assert "cannot be told from the finest: its level in" in told
 
 
 def test_a_start_without_operating_limits_says_what_that_costs():

@@ -7,6 +7,7 @@ import pytest
 
 from armguard import Monitor, Obstacles, Robot
 from armguard.monitor.reports import BUCKETS, bucket_of
+from armguard.pairs.scene import BOUND_NAMES
 
 
 def test_buckets():
@@ -61,6 +62,10 @@ def test_rows_and_pairs_are_ordered_and_agree(robot):
     monitor, _ = run_monitor(robot)
     snapshot = monitor.snapshot(**EVERYTHING)
     assert len(snapshot.pairs) == 13 * len(robot.links)
+    told = {(pair.link, pair.obstacle): pair.bound for pair in monitor.pairs(10_000)}
+    for pair, bound in zip(snapshot.pairs, snapshot.pair_bounds, strict=True):
+        row, link = divmod(int(pair), len(robot.links))
+        assert told[robot.links[link], monitor.obstacles.ids[row]] == BOUND_NAMES[bound]
     assert np.array_equal(np.sort(snapshot.all_times), snapshot.pair_times)
     assert sorted(snapshot.rows) == sorted({pair // len(robot.links) for pair in snapshot.pairs})
     for times in (snapshot.pair_times, snapshot.row_times):
@@ -77,6 +82,7 @@ def test_limits_keep_the_most_imminent(robot, limit):
     some = monitor.snapshot(pair_limit=limit, row_limit=limit)
     assert np.array_equal(some.pair_times, everything.pair_times[:limit])
     assert np.array_equal(some.pairs, everything.pairs[:limit])
+    assert np.array_equal(some.pair_bounds, everything.pair_bounds[:limit])
     assert np.array_equal(some.row_times, everything.row_times[:limit])
 
 

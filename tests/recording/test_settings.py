@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from armguard.exceptions import ArmguardError
+from armguard.recording import Recorder, Recording
+from armguard.recording.replay import Replay, replay
 from armguard.recording.settings import (
     change_settings,
     describe_settings,
@@ -14,6 +16,7 @@ from armguard.recording.settings import (
 from armguard.scheduling import DaaSchedule
 from support import eventful_runs, panda_monitor
 from support.eventful_runs import MOTIONS
+from support.trials import lead, make_auto, make_trial
 
 
 def through_json(data):
@@ -102,3 +105,21 @@ def test_settings_are_changed_by_name():
 def test_a_change_that_makes_no_sense_is_told_by_name(changes, words):
     with pytest.raises(ArmguardError, match=words):
         change(**changes)
+
+
+def test_what_was_chosen_and_why_is_kept_and_replayed_to_the_bit(tmp_path):
+    monitor = make_auto()
+    with Recorder(tmp_path / "auto.mcap", monitor) as recorder:
+        lead(monitor, make_trial(0.9))
+        assert recorder.close() == ""
+    report = replay(tmp_path / "auto.mcap")
+    assert report.is_identical
+    settings = Recording(tmp_path / "auto.mcap").settings
+    kept, told = settings["choice"], monitor.choice
+    assert tuple(kept["reasons"]) == told.reasons
+    assert kept["settings"] == told.settings
+    assert {name: settings["monitor"][name] for name in told.settings} == told.settings
+    # To be made anew takes no trial.
+    again = Replay(Recording(tmp_path / "auto.mcap")).monitor
+    assert again.choice is None
+    assert again.settings.max_staleness == monitor.settings.max_staleness

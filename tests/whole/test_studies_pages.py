@@ -60,6 +60,33 @@ def test_the_page_on_settings_quotes_the_reports(folder):
         assert found == cells(known[name]), name
 
 
+def test_the_page_on_settings_quotes_what_trials_chose():
+    page = (DOCS / "settings.md").read_text(encoding="utf-8")
+    start = page.index("<!-- figures: auto -->")
+    table = page[start : page.index("<!-- end of figures -->", start)]
+    quoted = {
+        re.search(r"tradeoff/auto/([^/]+)/README", match["name"])[1]: match["cells"].split(" | ")
+        for match in list(ROW.finditer(table))[1:]
+    }
+    reports = {path.name for path in (DOCS / "tradeoff" / "auto").iterdir()}
+    assert set(quoted) == reports >= {"cell", "panda", "ur10", "near-1000"}
+    for name, found in quoted.items():
+        data = read(DOCS / "tradeoff" / "auto" / name)
+        assert data["interrupted"] == ""
+        figures = {one["name"]: one["figures"] for one in data["settings"]}
+        settings, level = data["choice"]["settings"], data["choice"]["level"]
+        fineness = "all" if level is None else str(level)
+        told = [f"{settings['max_staleness']:g}, {fineness}, {settings['advances']}"]
+        for one in ("auto", "default"):
+            assert figures[one]["missed"] == 0
+            told.append(f"{figures[one]['same_level']:.1%}")
+            told += [
+                f"{figures[one][price] / figures['finest'][price]:.1%}"
+                for price in ("evaluated", "core")
+            ]
+        assert found == told, name
+
+
 def test_nothing_at_the_extremes_is_unsound():
     page = (DOCS / "extremes.md").read_text(encoding="utf-8")
     outcomes = re.findall(r"^\| [^|]+ \| (\w+) \|", page, flags=re.MULTILINE)

@@ -30,21 +30,30 @@ from armguard.app.cell.schema import (
     parse_cell,
 )
 from armguard.exceptions import ArmguardError, CellError, RobotError
+from armguard.monitor.choice import TrialTick
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.people import BOUNDS
+from armguard.recording.trial import read_trial
 from armguard.robot.description import find_robot
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
+from armguard.scheduling.schedule import DEADLINE
 from armguard.streams.authentication import Authenticator, Client
 from armguard.streams.edge import HELD_UP
 from armguard.streams.keys import KeyPair
 from armguard.streams.limits import SourceLimits
+from armguard.studies.tradeoff.contestant import RATE
+from armguard.studies.tradeoff.scene import Site
+from armguard.studies.tradeoff.trial import list_ticks, make_visit
 
 _T = TypeVar("_T")
+
+AUTO = "auto"
+"""Word of a cell file whose settings are chosen by a trial."""
 
 
 class Cell:
@@ -64,6 +73,7 @@ class Cell:
         self._check_tool()
         self._check_sources()
         self._check_clients()
+        self._check_settings()
         self._patterns = self._list_bounds(tables.bounds.of)
         self.frames = resolve_frames(tables, file)
         self._statics = place_statics(tables, self.frames, file)
@@ -204,9 +214,28 @@ class Cell:
         }
 
     def make_monitor(self, robot: Robot, obstacles: Obstacles) -> Monitor:
-        """The monitor, with the file's settings; what the file leaves out is as in `Monitor`."""
+        """The monitor, with the file's settings; what the file leaves out is as in `Monitor`.
+
+        With `settings = "auto"` that is chosen instead, by a trial, which takes some seconds: of
+        the recording that the file names, or of a person who comes up to the arm at work. The
+        robot's cover is cut to the level that is chosen, unless the file states one.
+        """
         settings = self.monitor_settings(robot)
-        return self._attempt("", lambda: Monitor(robot, obstacles, **settings))
+        if self.tables.settings != AUTO:
+            return self._attempt("", lambda: Monitor(robot, obstacles, **settings))
+        key = "settings" if self.tables.settings_from is None else "settings_from"
+        trial = self._attempt(key, self._make_trial, robot, settings)
+        keeps_cover = self.tables.robot.level is not None
+        choose = functools.partial(Monitor.auto, keeps_cover=keeps_cover, **settings)
+        return self._attempt(key, choose, robot, obstacles, trial)
+
+    def _make_trial(self, robot: Robot, settings: Mapping[str, Any]) -> list[TrialTick]:
+        """What settings are chosen by."""
+        rate = float(settings.get("rate", RATE))
+        if self.tables.settings_from is not None:
+            return read_trial(self._folder / self.tables.settings_from, robot, rate)
+        site = Site(robot, self.make_obstacles, settings, tuple(self.sources))
+        return list_ticks(make_visit(site), rate)
 
     def monitor_settings(self, robot: Robot) -> dict[str, Any]:
         """What the file says of the monitor, as keywords of `Monitor`."""
@@ -342,6 +371,20 @@ class Cell:
                     "has no key, and so cannot speak",
                     f'[keys.clients.{name}] with may = ["obstacles"]',
                 )
+
+    def _check_settings(self) -> None:
+        tables = self.tables
+        if tables.settings != AUTO:
+            if tables.settings_from is not None:
+                raise self._error("settings_from", "is given", f'settings = "{AUTO}" beside it')
+            return
+        schedule = given(tables.monitor).get("schedule", DEADLINE)
+        if schedule != DEADLINE:
+            raise self._error(
+                "monitor.schedule",
+                f'is {schedule!r} beside settings = "{AUTO}"',
+                f'"{DEADLINE}", the one whose settings can be chosen',
+            )
 
     def _expand_ignore(self, robot: Robot) -> list[tuple[str, ...]]:
         pairs = []

@@ -203,6 +203,8 @@ class KeysTable(_Table, frozen=True, kw_only=True):
 class CellTables(_Table, frozen=True, kw_only=True):
     """A whole cell file."""
 
+    settings: Literal["auto", "stated"] = "stated"
+    settings_from: Name | None = None
     robot: RobotTable
     joint_state: StampTable = StampTable()
     frames: dict[Name, FrameTable] = {}

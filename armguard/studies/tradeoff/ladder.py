@@ -16,6 +16,9 @@ from armguard.exceptions import ArmguardError
 DEFAULT, FINEST = "default", "finest"
 """Names of two settings: what a user has who chooses nothing, and what the rest is held against."""
 
+AUTO = "auto"
+"""Name of another, and of its axis: what `Monitor.auto` chooses by a trial of its own."""
+
 BY_TIME = "by contact time alone"
 """A STOP wherever contact could come before the arm rests, whatever braking would do."""
 
@@ -111,24 +114,25 @@ FINER = ("cover 10 mm", "advances 16")
 
 
 def check_axes(names: Sequence[str]) -> list[str]:
-    """The axes that were asked for, in the order of `AXES`; all of them where none is named.
+    """The axes that were asked for, in the order of `AXES`, then `AUTO`; all where none is named.
 
     Raises:
         ArmguardError: There is no such axis.
     """
+    known = [*AXES, AUTO]
     for name in names:
-        if name not in AXES:
+        if name not in known:
             raise ArmguardError(
-                "--axis", f"{name!r} is no axis", expected=f"some of {', '.join(AXES)}"
+                "--axis", f"{name!r} is no axis", expected=f"some of {', '.join(known)}"
             )
-    return [name for name in AXES if name in names or not names]
+    return [name for name in known if name in names or not names]
 
 
 def list_settings(axes: Iterable[str], cover: Cover, usual: Mapping[str, Any]) -> list[Setting]:
     """The default, the finest, and each rung by itself.
 
     Args:
-        axes: Which of `AXES`.
+        axes: Which of `AXES`; what is chosen by a trial is not listed here.
         cover: The robot's own.
         usual: Keywords of the default's monitor: rungs that say the same are left out.
     """
@@ -136,7 +140,7 @@ def list_settings(axes: Iterable[str], cover: Cover, usual: Mapping[str, Any]) -
     rungs = [
         rung
         for axis in axes
-        for rung in AXES[axis]
+        for rung in AXES.get(axis, ())
         if (rung.level is None or rung.level < levels - 1)
         and not (rung.monitor and not rung.rule and all(
             name in usual and usual[name] == value for name, value in rung.monitor.items()

@@ -19,7 +19,7 @@ import msgspec
 from armguard.exceptions import ArmguardError
 from armguard.studies.tradeoff.figures import Figures
 from armguard.studies.tradeoff.growth import FROM, fit_exponents
-from armguard.studies.tradeoff.ladder import AXES, DEFAULT, FINEST
+from armguard.studies.tradeoff.ladder import AUTO, AXES, DEFAULT, FINEST
 from armguard.studies.tradeoff.study import CHEAPER, CLOSE, Outcome, Study
 
 JSON_FILE, CSV_FILE, PAGE, HTML_FILE = "report.json", "settings.csv", "README.md", "index.html"
@@ -126,6 +126,15 @@ def summarise(study: Study) -> list[str]:
         f"setting's level in {usual.same_level:.1%} of the ticks, at "
         f"{usual.core / finest.core:.1%} of its price. {place}"
     )
+    chosen = study.find(AUTO)
+    if study.choice is not None and chosen is not None:
+        settings, nearness, _ = study.choice.summary
+        lines.append(
+            f"**{AUTO}** chose {settings} by a trial of its own, where it {nearness}. Here it has "
+            f"the finest setting's level in {chosen.same_level:.1%} of the ticks, at "
+            f"{chosen.core / finest.core:.1%} of its processor time and "
+            f"{chosen.evaluated / finest.evaluated:.1%} of its evaluations."
+        )
     for name, exponent in fit_exponents(study.grown).items():
         text = f"The price of a tick grows as pairs^{exponent:.2f} with schedule {name}"
         lines.append(f"{text}, from {FROM} pairs on.")
@@ -162,6 +171,7 @@ def describe(study: Study, about: About) -> dict[str, Any]:
         "interrupted": study.interrupted,
         "summary": summarise(study),
         "front": study.front,
+        "choice": study.choice and study.choice._asdict(),
         "settings": [
             {
                 "name": one.setting.name,
@@ -218,7 +228,7 @@ def _write_csv(study: Study) -> str:
 def tabulate(study: Study) -> tuple[list[str], list[list[str]]]:
     """The table for people: heads and rows, by axis; * marks settings on the front."""
     heads = ["setting", *(head for head, _, _ in COLUMNS)]
-    order = {name: place for place, name in enumerate(["", *AXES])}
+    order = {name: place for place, name in enumerate(["", *AXES, AUTO])}
     rows = []
     for one in sorted(study.outcomes, key=lambda one: _place(one, order)):
         name = f"{one.setting.name}{' *' if one.setting.name in study.front else ''}"

@@ -6,6 +6,7 @@ at the same times. The arm goes on whatever is said: all settings judge the same
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -31,7 +32,13 @@ from armguard.simulation.person import DURATIONS
 Array = NDArray[np.float64]
 
 SPEED_FRACTION = 0.2
-"""Share of its velocity limits that the arm works at."""
+"""Share of its velocity limits that the arm works at, at most."""
+
+ACCELERATION_FRACTION = 0.5
+"""Share of its acceleration limits, at most."""
+
+WITHIN = 0.9
+"""Share of the operating limits, where some are stated: the arm keeps to them."""
 
 LOWEST, NEAREST = 0.02, -0.13
 """The arm works above its table, and not far on the side that people come from (-y), in [m]."""
@@ -119,7 +126,7 @@ class Scene:
         begin: float = 0.0,
     ) -> None:
         self.seconds = seconds
-        self.trajectory = _plan_work(site.robot, seed, min(seconds, CYCLE))
+        self.trajectory = _plan_work(site, seed, min(seconds, CYCLE))
         self.messages: list[Message] = []
         for source in sources:
             source.publish(_Nobody(), begin - 1e-9)
@@ -135,9 +142,9 @@ class Scene:
 
 
 def make_scene(
-    site: Site, person: str | None, balls: int, seconds: float, seed: int
+    site: Site, person: str | None, balls: int, seconds: float, seed: int, part: float = 0.5
 ) -> tuple[Scene, str]:
-    """The middle of a person's visit, or a crowd of balls; and what that is called.
+    """A part of a person's visit, or a crowd of balls; and what that is called.
 
     Args:
         site: Where, and by what arm.
@@ -145,6 +152,7 @@ def make_scene(
         balls: How many wander about the arm.
         seconds: How long; of a recording, no longer than it is.
         seed: Of all motions.
+        part: Of the visit: 0 is its beginning, 0.5 its middle.
 
     Raises:
         ArmguardError: The recording cannot be read, or the arm cannot work here.
@@ -158,12 +166,12 @@ def make_scene(
         recording = Recording(person, placement=placement)
         sources.append(recording)
         seconds = min(seconds, recording.duration)
-        begin = 0.5 * (recording.duration - seconds)
+        begin = part * (recording.duration - seconds)
         told.append(f"the recorded person {recording.name}")
     elif not balls:
         shortest, longest = DURATIONS
         visit = min(max(seconds, shortest), longest)
-        begin = 0.5 * max(visit - seconds, 0.0)
+        begin = part * max(visit - seconds, 0.0)
         sources.append(ProceduralPerson(seed, visit))
         told.append("a simulated person")
     if balls:
@@ -234,21 +242,32 @@ def _heartbeat(stamp: float, source: str) -> Message:
     return Message(stamp, source, (), np.empty((0, 1, 3)), np.empty((0, 1, 3)), np.empty(0), {})
 
 
-def _plan_work(robot: Robot, seed: int, duration: float) -> JointTrajectory:
+def _plan_work(site: Site, seed: int, duration: float) -> JointTrajectory:
     """A way above the table, off the side that people come from, if the arm can keep to that."""
+    robot = site.robot
+    speed, acceleration = SPEED_FRACTION, ACCELERATION_FRACTION
+    operating = site.settings.get("operating")
+    if operating is not None:
+        limits = zip(
+            operating.resolve(robot), (robot.velocity_limit, robot.acceleration_limit), strict=True
+        )
+        shares = [WITHIN * float((own / hardware).min()) for own, hardware in limits]
+        speed, acceleration = min(speed, shares[0]), min(acceleration, shares[1])
+    plan = functools.partial(
+        random_trajectory,
+        robot,
+        seed,
+        duration,
+        speed_fraction=speed,
+        acceleration_fraction=acceleration,
+    )
     boxes = (
         ((-math.inf, NEAREST, LOWEST), (math.inf,) * 3),
         ((-math.inf, -math.inf, LOWEST), (math.inf,) * 3),
     )
     for box in boxes:
         try:
-            return random_trajectory(
-                robot,
-                seed,
-                duration,
-                speed_fraction=SPEED_FRACTION,
-                accept=keeps_within(robot, *box),
-            )
+            return plan(accept=keeps_within(robot, *box))
         except ArmguardError:
             continue
-    return random_trajectory(robot, seed, duration, speed_fraction=SPEED_FRACTION)
+    return plan()

@@ -14,12 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.exceptions import ArmguardError
+from armguard.monitor.choice import Choice, choose
+from armguard.monitor.monitor import Monitor
 from armguard.studies.tradeoff.adversary import Adversary, Body
-from armguard.studies.tradeoff.contestant import Contestant, Track
+from armguard.studies.tradeoff.contestant import RATE, Contestant, Track
 from armguard.studies.tradeoff.covers import Covers
 from armguard.studies.tradeoff.figures import Figures, Hunted, compute_figures, find_front
 from armguard.studies.tradeoff.growth import Grown, measure_growth
 from armguard.studies.tradeoff.ladder import (
+    AUTO,
     DEFAULT,
     FINEST,
     Rung,
@@ -28,6 +31,7 @@ from armguard.studies.tradeoff.ladder import (
     list_settings,
 )
 from armguard.studies.tradeoff.scene import Message, Scene, Site
+from armguard.studies.tradeoff.trial import list_ticks, make_setting
 from armguard.studies.tradeoff.truth import Contact, TrueArm, find_contacts
 
 TURN = 0.1
@@ -72,6 +76,8 @@ class Study(NamedTuple):
     """Of the scene, that all settings have seen."""
     interrupted: str
     """In which part it was ended early; empty: it was not."""
+    choice: Choice | None = None
+    """What was chosen by a trial; None: nothing was."""
 
     def find(self, name: str) -> Figures | None:
         """Figures of a setting; None if it has none."""
@@ -79,7 +85,13 @@ class Study(NamedTuple):
 
 
 def run_study(
-    site: Site, scene: Scene, axes: Sequence[str], seed: int, covers: Covers, tell: Tell
+    site: Site,
+    scene: Scene,
+    axes: Sequence[str],
+    seed: int,
+    covers: Covers,
+    tell: Tell,
+    trial: Scene | None = None,
 ) -> Study:
     """Run all settings; Ctrl-C ends it with what was measured so far.
 
@@ -90,6 +102,8 @@ def run_study(
         seed: Of the motions in which growth is measured.
         covers: Makes those that settings ask for.
         tell: Is told how far it is.
+        trial: What settings are chosen by, where `AUTO` is among the axes: another scene than that
+            which all are shown.
 
     Raises:
         ArmguardError: The default or the finest setting cannot be made.
@@ -98,6 +112,13 @@ def run_study(
     outcomes: list[Outcome] = []
     settings = list_settings(axes, site.robot.cover, site.settings)
     contestants = _make_contestants(settings, site, scene, covers, outcomes, tell)
+    choice = None
+    if trial is not None and AUTO in axes:
+        tell("a trial to choose by", 0.0)
+        choice = _choose(site, trial, outcomes)
+    if choice is not None:
+        chosen = [make_setting(choice)]
+        contestants += _make_contestants(chosen, site, scene, covers, outcomes, tell)
     interrupted = _run_turns(contestants, scene, "axes", tell)
     seconds = min(one.begun for one in contestants)
     if seconds <= 0.0:
@@ -160,7 +181,20 @@ def run_study(
         {name: tracks[name] for name in (DEFAULT, FINEST)},
         seconds,
         interrupted,
+        choice,
     )
+
+
+def _choose(site: Site, trial: Scene, outcomes: list[Outcome]) -> Choice | None:
+    """What `Monitor.auto` chooses there; None, and noted why, where it has no choice."""
+    ticks = list_ticks(trial, float(site.settings.get("rate", RATE)))
+    try:
+        return choose(
+            Monitor, site.robot, site.make_obstacles(), ticks, site.settings, keeps_cover=False
+        )
+    except ArmguardError as error:
+        outcomes.append(Outcome(Setting(AUTO), None, str(error)))
+        return None
 
 
 def _make_contestants(
@@ -208,7 +242,7 @@ def _choose_rungs(outcomes: Sequence[Outcome]) -> list[Rung]:
     best: dict[str, tuple[float, Rung]] = {}
     for one in outcomes:
         figures, axis = one.figures, one.setting.axis
-        if not axis or figures is None or usual is None or not _is_sound(one):
+        if axis in ("", AUTO) or figures is None or usual is None or not _is_sound(one):
             continue
         is_better = figures.core < CHEAPER * usual.core and figures.stop <= usual.stop + CLOSE
         # A rule that the monitor does not have cannot be chosen.

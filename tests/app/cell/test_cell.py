@@ -14,6 +14,7 @@ from armguard.monitor import Monitor
 from armguard.pairs import SeparationRule
 from armguard.pairs.separation import HUMAN_SPEED
 from armguard.people import BOUNDS
+from armguard.recording import Recorder
 from armguard.robot import Robot
 from armguard.streams import SourceLimits
 from armguard.streams.edge import HELD_UP
@@ -78,6 +79,54 @@ def test_a_cell_may_say_how_an_arm_on_a_known_path_stops():
     assert (settings.motion, settings.stop) == ("planned", "path")
     with pytest.raises(CellError, match=r"stop.*'sideways'"):
         Cell.from_text(text.replace("path", "sideways")).build()
+
+
+AUTO = (
+    'settings = "auto"\n'
+    + ROBOT
+    + 'operating = "published"\n[sources.eye]\n[monitor]\nrate = 50.0\n'
+)
+
+
+def test_a_cell_may_have_its_settings_chosen():
+    _, obstacles, monitor = Cell.from_text(AUTO).build()
+    choice = monitor.choice
+    assert choice.is_same
+    assert choice.ticks == 150
+    told = {name: getattr(monitor.settings, name) for name in choice.settings}
+    assert told == choice.settings
+    assert set(told) == {"max_staleness", "motion", "advances", "budget"}
+    assert monitor.period == 0.02
+    assert len(obstacles) == 0
+    assert Cell.from_text(AUTO).build()[2].choice == choice
+
+
+def test_what_a_cell_states_stands_beside_what_is_chosen():
+    text = AUTO.replace("rate = 50.0", "rate = 50.0\nmotion = 'isotropic'\nmax_staleness = 0.4")
+    text = text.replace("operating =", "level = 1\noperating =")
+    robot, _, monitor = Cell.from_text(text).build()
+    assert (monitor.settings.motion, monitor.settings.max_staleness) == ("isotropic", 0.4)
+    assert set(monitor.choice.settings) == {"advances", "budget"}
+    assert monitor.choice.level is None
+    assert max(robot.cover.levels(link) for link in robot.links) == 2
+
+
+def test_settings_are_chosen_by_a_recording(tmp_path):
+    _, obstacles, monitor = Cell.from_text(ROBOT + "[monitor]\nrate = 50.0\n").build()
+    with Recorder(tmp_path / "day.mcap", monitor) as recorder:
+        for tick in range(20):
+            obstacles.update(["far"], 0.02 * tick, [[9.0, 0.0, 0.5]], radius=0.1, source="eye")
+            monitor.step(0.02 * tick, READY, np.zeros(7))
+        assert recorder.close() == ""
+    text = AUTO.replace("[robot]", 'settings_from = "day.mcap"\n[robot]')
+    choice = Cell.from_text(text, tmp_path).build()[2].choice
+    assert (choice.ticks, choice.same_level) == (20, 1.0)
+    assert choice.out_of_reach == Robot.load("panda").links
+    (tmp_path / "day.mcap").write_bytes(b"nothing of the kind")
+    with pytest.raises(CellError, match=r"settings_from: .*day\.mcap: is no MCAP file"):
+        Cell.from_text(text, tmp_path).build()
+    with pytest.raises(CellError, match=r"settings_from: .*no\.mcap: cannot be read"):
+        Cell.from_text(text.replace("day", "no"), tmp_path).build()
 
 
 def test_the_example_explains_every_key():

@@ -3,6 +3,7 @@ import pytest
 from armguard.exceptions import ArmguardError
 from armguard.robot import Robot
 from armguard.studies.tradeoff.ladder import (
+    AUTO,
     AXES,
     DEFAULT,
     FINEST,
@@ -21,7 +22,8 @@ def names(axes, **usual):
 
 
 def test_axes_are_checked_and_put_in_order():
-    assert check_axes([]) == list(AXES)
+    assert check_axes([]) == [*AXES, AUTO]
+    assert check_axes([AUTO, "cover"]) == ["cover", AUTO]
     assert check_axes(["budget", "cover"]) == ["cover", "budget"]
     with pytest.raises(ArmguardError, match=r"--axis: 'colour' is no axis; expected some of cover"):
         check_axes(["cover", "colour"])

@@ -3,8 +3,10 @@ import pytest
 from armguard.exceptions import ArmguardError
 from armguard.studies.tradeoff import growth
 from armguard.studies.tradeoff.covers import Covers
-from armguard.studies.tradeoff.ladder import DEFAULT, FINEST
-from armguard.studies.tradeoff.study import TURN, run_study
+from armguard.studies.tradeoff.ladder import AUTO, DEFAULT, FINEST
+from armguard.studies.tradeoff.report import summarise
+from armguard.studies.tradeoff.scene import make_scene
+from armguard.studies.tradeoff.study import TURN, _choose, run_study
 from support.tradeoff_cases import make_site, small_scene
 
 
@@ -51,6 +53,27 @@ def test_all_settings_see_the_same_and_the_finest_is_the_measure():
     assert study(axes=("advances",)).grown == []
     assert all(0.0 <= share <= 1.0 for share in told)
     assert all(one.figures.tight_adversary <= 1.0 for one in found.outcomes)
+
+
+def test_what_a_trial_chooses_is_held_against_the_finest_on_another_scene(monkeypatch):
+    monkeypatch.setattr("armguard.studies.tradeoff.study.MOMENTS", 1)
+    site = make_site(rate=100.0)
+    trial = make_scene(site, None, 3, 0.4, 7)[0]
+    given = site, small_scene(0.4), [AUTO], 0, Covers(site.robot), lambda text, share: None
+    found = run_study(*given, trial)
+    assert [one.setting.name for one in found.outcomes] == [DEFAULT, FINEST, AUTO]
+    assert found.choice.ticks == 40
+    assert found.find(AUTO).missed == 0.0
+    assert found.find(AUTO).same_level > 0.9
+    assert any(line.startswith("**auto** chose motion joint") for line in summarise(found))
+
+
+def test_a_site_that_leaves_no_choice_is_told():
+    outcomes = []
+    site = make_site(rate=100.0, schedule="full")
+    assert _choose(site, small_scene(0.4), outcomes) is None
+    assert [(one.setting.name, one.figures) for one in outcomes] == [(AUTO, None)]
+    assert "schedule: is 'full'" in outcomes[0].refused
 
 
 def test_what_does_not_go_together_is_told_and_left_out():

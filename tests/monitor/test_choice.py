@@ -1,0 +1,169 @@
+"""What is chosen is cheap, says what the finest says, and leaves nothing out."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from armguard.exceptions import ArmguardError
+from armguard.monitor import Monitor, choice
+from armguard.obstacles import Obstacles
+from armguard.pairs.arm import ADVANCES
+from armguard.scheduling import DaaSchedule
+from support.panda_monitor import HOME, STILL, make_monitor, panda, see
+from support.trials import RATE, lead, make_auto, make_robot, make_trial
+
+FAR = functools.partial(make_trial, nearest=20.0, farthest=21.0)
+FINEST = {"schedule": "full", "advances": 16}
+
+
+@pytest.fixture(scope="module")
+def near():
+    return make_auto()
+
+
+def test_states_that_were_not_tried_are_judged_as_by_the_finest(near):
+    other = make_trial(1.0, -0.8)
+    settings = {"rate": RATE, "operating": "published"}
+    said = lead(make_auto(), other)
+    finest = lead(Monitor(make_robot(), Obstacles(), **settings, **FINEST), other)
+    levels = np.array([[one.level for one in verdicts] for verdicts in (said, finest)])
+    assert len(set(levels[1].tolist())) >= 3, "else this would show nothing"
+    assert (levels[0] == levels[1]).mean() >= 0.97
+    evaluated = [sum(one.evaluated for one in verdicts) for verdicts in (said, finest)]
+    assert evaluated[0] < 0.5 * evaluated[1]
+    assert near.choice.is_same
+    assert near.choice.same_level >= choice.SAME_LEVEL
+    assert 0.0 < near.choice.price < 0.5
+
+
+def test_the_same_trial_gives_the_same_choice(near):
+    assert make_auto().choice == near.choice
+
+
+def test_a_far_obstacle_requires_little_and_a_near_one_more(near):
+    far = make_auto(FAR()).choice
+    assert far.settings["max_staleness"] > near.choice.settings["max_staleness"]
+    assert far.settings["advances"] == 1
+    assert far.same_level == 1.0
+    assert far.scale_difference == 0.0
+    assert far.evaluated < 0.1 < 1.0 < near.choice.evaluated
+    # What costs nothing there stays as fine as it is.
+    assert (far.level, far.settings["motion"]) == (None, "joint")
+    assert near.choice.settings["motion"] == "joint"
+    assert far.settings["budget"] == choice.LEAST_BUDGET
+
+
+def test_every_link_is_watched_and_those_out_of_reach_are_told(near):
+    far = make_auto(FAR())
+    assert far.choice.out_of_reach == far.robot.links == panda().links
+    assert not set(near.choice.out_of_reach) & {"panda_hand", "panda_link7"}
+    assert near.choice.reasons[2].startswith("all links are watched")
+    # Whatever was out of reach in the trial is found as soon as it is not.
+    lead(far, make_trial(0.3)[:150])
+    link = far.robot.links[0]
+    assert any(pair.link == link and pair.bound != "reach" for pair in far.pairs())
+
+
+def test_a_link_is_out_of_reach_by_its_own_proof_for_each_new_state_again():
+    """The engine itself leaves out what cannot be reached: no setting has to."""
+    obstacles, monitor = make_monitor()
+
+    def bounds(place):
+        monitor.reset()
+        see(obstacles, monitor.ticks * 1e-3, place, [f"ball{monitor.ticks}"])
+        monitor.step(monitor.ticks * 1e-3, HOME, STILL)
+        newest = f"ball{monitor.ticks - 1}"
+        return {pair.link: pair.bound for pair in monitor.pairs() if pair.obstacle == newest}
+
+    beside_the_hand = bounds([1.3, 0.0, 0.6])
+    assert beside_the_hand["panda_link1"] == "reach"
+    assert beside_the_hand["panda_hand"] != "reach"
+    beside_the_base = bounds([0.3, 0.0, 0.2])
+    assert beside_the_base["panda_link1"] != "reach"
+    assert len(beside_the_hand) == len(beside_the_base) == len(panda().links)
+
+
+def test_what_is_given_stands():
+    given = {"motion": "isotropic", "max_staleness": 0.3, "advances": 3, "budget": None}
+    robot = make_robot()
+    cover = robot.cover
+    monitor = make_auto(make_trial(2.0), robot=robot, keeps_cover=True, **given)
+    assert {name: getattr(monitor.settings, name) for name in given} == given
+    assert robot.cover is cover
+    assert monitor.choice.settings == {}
+    assert monitor.choice.level is None
+    first = monitor.choice.reasons[0]
+    assert first.endswith("motion and max_staleness and advances and budget as given")
+    settings = make_auto(FAR()[:20], advances=7, budget=50).settings
+    assert (settings.advances, settings.budget) == (7, 50)
+
+
+def test_nothing_of_the_trial_is_left():
+    robot, obstacles = make_robot(), Obstacles()
+    obstacles.add_static("post", [9.0, 0.0, 0.5], 0.1)
+    monitor = make_auto(robot=robot, obstacles=obstacles)
+    assert monitor.ticks == 0
+    assert len(obstacles) == 1
+    assert obstacles.is_untouched
+    assert monitor.robot is robot
+    assert monitor.obstacles is obstacles
+    told = monitor.choice
+    deepest = max(robot.cover.levels(link) for link in robot.links)
+    whole = max(panda().cover.levels(link) for link in robot.links)
+    assert deepest == (whole if told.level is None else told.level + 1)
+    assert monitor.settings.budget == told.settings["budget"] >= choice.ROOM * told.evaluated_max
+    assert Monitor(robot, Obstacles()).choice is None
+
+
+def test_a_trial_that_is_one_long_stop_shows_nothing():
+    told = make_auto(obstacles=Obstacles(sources=["silent"])).choice
+    usual = {"motion": "joint", "max_staleness": 0.25, "advances": ADVANCES, "budget": None}
+    assert (told.settings, told.level) == (usual, None)
+    assert "nothing but STOP" in told.summary[1]
+
+
+def test_where_nothing_is_as_good_the_nearest_is_chosen(monkeypatch):
+    monkeypatch.setattr(choice, "SAME_LEVEL", 1.5)
+    told = make_auto().choice
+    assert not told.is_same
+    assert told.same_level > 0.98
+    assert told.summary[1].startswith("is the nearest that was found to the finest")
+    assert told.settings["max_staleness"] <= 0.05
+
+
+def test_a_scale_that_differs_is_told_from_the_finest(monkeypatch, near):
+    monkeypatch.setattr(choice, "SAME_SCALE", -1.0)
+    assert not make_auto().choice.is_same
+    assert near.choice.scale_difference <= 0.01
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"trial": []}, "trial: has no ticks"),
+        ({"schedule": "full"}, "schedule: is 'full'; expected \"deadline\""),
+        ({"schedule": DaaSchedule(0.005, "powers")}, "schedule: is one of the application's own"),
+        ({"rate": -1.0}, "rate: is -1"),
+        ({"motion": "sideways"}, "motion: is 'sideways'"),
+    ],
+)
+def test_what_cannot_be_tried_is_refused(changes, words):
+    with pytest.raises(ArmguardError, match=words):
+        make_auto(**changes)
+
+
+def test_a_table_that_was_told_already_is_refused():
+    obstacles = Obstacles()
+    see(obstacles, 0.0, [2.0, 0.0, 0.5])
+    with pytest.raises(ArmguardError, match="obstacles: were told already"):
+        make_auto(obstacles=obstacles)
+
+
+def test_without_obstacles_nothing_is_cheaper_than_nothing():
+    told = make_auto(
+        [tick._replace(tell=None) for tick in make_trial()[:20]],
+        obstacles=Obstacles(sources=[]),
+    ).choice
+    assert (told.evaluated, told.price, told.same_level) == (0.0, 1.0, 1.0)
+    assert told.settings["max_staleness"] == 0.0
