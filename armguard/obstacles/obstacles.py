@@ -230,7 +230,7 @@ class Obstacles(ObstacleRegister):
             self.journal.note_update(
                 names,
                 time,
-                self._memory.read_samples(len(names), *numbers),
+                self._memory.tell_samples(len(names), *numbers),
                 has_velocity=velocity is not None,
                 has_accel=accel is not None,
                 has_speed=speed is not None,
