@@ -81,6 +81,8 @@ class RateLoop:
         publish: Takes each verdict; must never block.
         answer: Takes the number of each plan that came, and the answer to it; must never block.
         observe: Sees each verdict, with this loop, after it was published; must never block.
+        rest: Called where there is time before the next tick, for what can wait until then and
+            takes some microseconds; must never block.
 
     Attributes:
         monitor: What is stepped.
@@ -99,6 +101,7 @@ class RateLoop:
         publish: Callable[[Verdict], None],
         answer: Callable[[int, PlanVerdict], None],
         observe: Callable[[RateLoop, Verdict], None] | None = None,
+        rest: Callable[[], None] | None = None,
     ) -> None:
         self.monitor = monitor
         self._edge = edge
@@ -107,6 +110,7 @@ class RateLoop:
         self._publish = publish
         self._answer = answer
         self._observe = observe
+        self._rest = rest
         self.durations = Durations()
         self._ticks = 0
         self.late = 0
@@ -131,6 +135,9 @@ class RateLoop:
             while tick * period < duration:
                 deadline = start + tick * period
                 if end < deadline:
+                    if self._rest is not None:
+                        self._rest()
+                        end = clock.now()
                     collector.collect(deadline - end)
                     clock.sleep_until(deadline)
                     slept = deadline
@@ -222,6 +229,7 @@ class RunRecording:
         tell: Callable[[str], None] | None,
     ) -> None:
         self.recorder = recorder
+        recorder.defer_verdicts()
         self._observe = observe
         self._tell = logger.warning if tell is None else tell
         self._is_gap_told = False
@@ -378,8 +386,12 @@ def run(
                     "verdicts": publisher.address,
                 }
             )
-        loop = RateLoop(monitor, edge, inputs, clock, publisher.publish, publisher.answer, observe)
-        note = None if log is None else log.recorder.note
+        note = rest = None
+        if log is not None:
+            note, rest = log.recorder.note, log.recorder.write_pending
+        loop = RateLoop(
+            monitor, edge, inputs, clock, publisher.publish, publisher.answer, observe, rest
+        )
         with _ending_with_a_stop(publisher, clock, note):
             if not realtime:
                 report = loop.run(duration)
