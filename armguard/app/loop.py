@@ -66,6 +66,8 @@ class LoopReport(NamedTuple):
     """Refused rows and calls, and joint states not believed."""
     realtime: Realtime | None = None
     """What the system granted; None: it was not asked."""
+    cut_short: int = 0
+    """How often an input had more messages than one tick takes; the rest waited for the next."""
     lost: int | None = None
     """Events that the recording lacks; None: nothing was recorded."""
 
@@ -201,6 +203,7 @@ class RateLoop:
                 for key, number in sorted(self._edge.faults.counts.items())
             },
             monitor_faults=self.monitor.faults,
+            cut_short=self._edge.cut_short,
         )
 
 
