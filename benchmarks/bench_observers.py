@@ -10,11 +10,11 @@ what the ratios there are off 1 by is what this machine cannot tell.
 In the case "recorder" verdicts are written after the tick, as by `armguard run --record`; "not
 deferred" is a loop that calls `Monitor.step` itself. A recorder and a view are processes, and share
 the machine with the loop. "busy process" is neither, but a process that is busy for as long as the
-recorder's in each 20 ms, at the same priority: what it costs the loop is what the processor pays
+recorder's, as often and at the same priority: what it costs the loop is what the processor pays
 for the work beside it, however little the loop does.
 
     python benchmarks/bench_observers.py --rounds 10 --seconds 1
-    python benchmarks/bench_observers.py --only nothing recorder busy
+    python benchmarks/bench_observers.py --only nothing recorder busy --realtime
 """
 
 import argparse
@@ -32,10 +32,10 @@ import zmq
 
 from armguard.app.cell import Cell
 from armguard.app.loop import RateLoop, RunRecording
+from armguard.app.realtime import request_realtime
 from armguard.app.view_feed import MonitorFeed
 from armguard.clock import MonotonicClock
 from armguard.recording import Recorder
-from armguard.recording.writer import NICE
 from armguard.simulation import ProceduralPerson
 from armguard.streams import Edge, FaultLog, VerdictPublisher
 from armguard.streams.messages import JointsMessage, encode
@@ -64,12 +64,14 @@ SETTLING = 0.3
 
 BUSY = """
 import os, sys, time
-os.nice(int(sys.argv[2]))
-while os.getppid() == int(sys.argv[3]):
-    end = time.process_time() + 0.02 * float(sys.argv[1])
+from armguard.recording.writer import PAUSE, give_way
+share, parent = float(sys.argv[1]), int(sys.argv[2])
+give_way()
+while os.getppid() == parent:
+    end = time.process_time() + PAUSE * share / (1.0 - share)
     while time.process_time() < end:
         pass
-    time.sleep(0.02 * (1.0 - float(sys.argv[1])))
+    time.sleep(PAUSE)
 """
 
 
@@ -180,7 +182,7 @@ class Contestant:
 
     def be_beside(self, share, resources):
         """Have a process beside the loop that is busy for this share of the time."""
-        command = [sys.executable, "-c", BUSY, str(share), str(NICE), str(os.getpid())]
+        command = [sys.executable, "-c", BUSY, str(share), str(os.getpid())]
         process = resources.enter_context(subprocess.Popen(command))
         resources.callback(process.kill)
         self.pid = process.pid
@@ -219,10 +221,12 @@ def _ignore(line):
     """Takes lines for people."""
 
 
-def measure(cases, rounds, seconds):
-    """p50, p99 and maximum in [µs], late ticks, and how busy the process beside was in [%].
+def measure(cases, rounds, seconds, *, realtime):
+    """Have the cases take turns, with real-time scheduling where that is asked for and granted.
 
-    Shape (cases, rounds, 5).
+    Returns:
+        p50, p99 and maximum in [µs], late ticks, and how busy the process beside was in [%], of
+        shape (cases, rounds, 5); and the priority that was granted, 0 if none.
     """
     figures = np.full((len(cases), rounds, 5), np.nan)
     random = np.random.default_rng(0)
@@ -234,16 +238,18 @@ def measure(cases, rounds, seconds):
             contestants.append(Contestant(case, folder, resources))
         share = 0.0
         if "recorder" in cases:
-            share = contestants[cases.index("recorder")].take_turn(seconds)[2]
+            for _ in range(2):  # in the first one it starts
+                share = contestants[cases.index("recorder")].take_turn(seconds)[2]
         if "busy process" in cases:
             contestants[cases.index("busy process")].be_beside(share, resources)
+        granted = resources.enter_context(request_realtime()) if realtime else None
         for turn in range(rounds):
             for number in random.permutation(len(cases)):
                 spent, late, busy = contestants[number].take_turn(seconds)
                 times = 1e6 * spent
                 p50, p99 = np.percentile(times, [50, 99])
                 figures[number, turn] = p50, p99, times.max(), late, 100.0 * busy
-    return figures
+    return figures, 0 if granted is None else granted.priority
 
 
 def main(arguments=None):
@@ -251,12 +257,14 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=1.0, help="of each turn")
+    parser.add_argument("--realtime", action="store_true", help="ask for it, as `armguard run`")
     parser.add_argument("--only", nargs="+", default=[""], help="beginnings of cases")
     options = parser.parse_args(arguments)
     cases = [case for case in CASES if case == NOTHING or case.startswith(tuple(options.only))]
-    figures = measure(cases, options.rounds, options.seconds)
+    figures, priority = measure(cases, options.rounds, options.seconds, realtime=options.realtime)
     ratios = np.median(figures[:, :, :3] / figures[cases.index(NOTHING), :, :3], axis=1)
-    print(f"{os.cpu_count()} cores, {options.rounds} turns of {options.seconds:g} s each; µs")
+    print(f"{os.cpu_count()} cores, real-time priority {priority or 'none'},", end=" ")
+    print(f"{options.rounds} turns of {options.seconds:g} s each; µs")
     print(f"{'':26}{'p50':>14}{'p99':>14}{'max':>14}{'late':>8}{'beside':>9}")
     for case, row, ratio in zip(cases, np.median(figures, axis=1), ratios, strict=True):
         cells = "".join(f"{row[i]:8.0f} ×{ratio[i]:4.2f}" for i in range(3))

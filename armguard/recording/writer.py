@@ -53,8 +53,9 @@ FLUSH_INTERVAL = 0.5
 CHUNK_SIZE = 1024 * 1024
 """Bytes after which a chunk is ended sooner."""
 
-PAUSE = 0.02
-"""Between two looks into the memory, in [s]."""
+PAUSE = 0.05
+"""Between two looks into the memory, in [s]: what came meanwhile is written at once, which takes
+less of the processor than to wake for each event."""
 
 UNWRITTEN_LIMIT = 8 * 1024 * 1024
 """Bytes that wait for the disk in this process; while there are more, none are taken."""
@@ -62,8 +63,9 @@ UNWRITTEN_LIMIT = 8 * 1024 * 1024
 STUCK_AFTER = 2.0
 """A record that is not whole after so long, in [s], with nobody left to write, never will be."""
 
-NICE = 5
-"""Priority of this process, as of `nice`: the loop's is higher."""
+NICE = 10
+"""Of this process: with so many others at work it still gets a tenth of a processor, twice what it
+needs."""
 
 FOLLOWED = frozenset({JointState, StaticObstacle, Removal})
 """Kinds of events that come as they stand in the file, and of which the scene is made."""
@@ -279,6 +281,15 @@ def write_recording(ring: Ring, file: PatientFile, parent: int) -> int:
     return 1 if file.problem else 0
 
 
+def give_way() -> None:
+    """Let others come first, the loop among them: whatever wakes is not held up by this process.
+
+    It may have been started by one that has real-time scheduling, and is not to keep that.
+    """
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    os.nice(NICE)
+
+
 def main(arguments: Sequence[str]) -> int:
     """Write a recording until its end; the exit code.
 
@@ -288,6 +299,5 @@ def main(arguments: Sequence[str]) -> int:
     memory, file, parent = map(int, arguments)
     # It may go to the loop as well, which is to end first: its end is to be in the file.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    # The loop comes first.
-    os.nice(NICE)
+    give_way()
     return write_recording(Ring(memory), PatientFile(file), parent)
