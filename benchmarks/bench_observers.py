@@ -149,14 +149,18 @@ class Contestant:
             resources.callback(recorder.close)
             self.pid = recorder.pid
             if "not deferred" not in case:
-                observe = RunRecording(recorder, edge.faults, None, _ignore).observe
-                rest = recorder.write_pending
+                recording = RunRecording(recorder, edge.faults, None, _ignore)
+                observe, rest = recording.observe, recording.rest
         elif "view" in case:
             frames = resources.enter_context(FramePublisher(f"ipc://{folder}/frames"))
             feed = MonitorFeed(self._monitor, frames)
 
+            def rest(loop, idle):
+                feed.publish(clock.now(), loop.durations, loop.late, idle=idle)
+
             def observe(loop, verdict):
-                feed.observe(verdict, clock.now(), loop.durations, loop.late)
+                feed.note(verdict)
+                rest(loop, 0.0)
 
             if case != "no view":
                 view = launch(frames.address)

@@ -83,8 +83,8 @@ class RateLoop:
         publish: Takes each verdict; must never block.
         answer: Takes the number of each plan that came, and the answer to it; must never block.
         observe: Sees each verdict, with this loop, after it was published; must never block.
-        rest: Called where there is time before the next tick, for what can wait until then and
-            takes some microseconds; must never block.
+        rest: Called with this loop where there is time before the next tick, in [s], for what can
+            wait until then; must never block.
 
     Attributes:
         monitor: What is stepped.
@@ -103,7 +103,7 @@ class RateLoop:
         publish: Callable[[Verdict], None],
         answer: Callable[[int, PlanVerdict], None],
         observe: Callable[[RateLoop, Verdict], None] | None = None,
-        rest: Callable[[], None] | None = None,
+        rest: Callable[[RateLoop, float], None] | None = None,
     ) -> None:
         self.monitor = monitor
         self._edge = edge
@@ -138,7 +138,7 @@ class RateLoop:
                 deadline = start + tick * period
                 if end < deadline:
                     if self._rest is not None:
-                        self._rest()
+                        self._rest(self, deadline - end)
                         end = clock.now()
                     collector.collect(deadline - end)
                     clock.sleep_until(deadline)
@@ -222,6 +222,7 @@ class RunRecording:
         faults: What tells of faulty messages.
         observe: Sees each verdict afterwards; None: nothing does.
         tell: Takes a line for people; None: it is logged.
+        rest: Called between ticks afterwards; None: nothing is.
     """
 
     def __init__(
@@ -230,8 +231,10 @@ class RunRecording:
         faults: FaultLog,
         observe: Callable[[RateLoop, Verdict], None] | None,
         tell: Callable[[str], None] | None,
+        rest: Callable[[RateLoop, float], None] | None = None,
     ) -> None:
         self.recorder = recorder
+        self._rest = rest
         recorder.defer_verdicts()
         self._observe = observe
         self._tell = logger.warning if tell is None else tell
@@ -246,12 +249,18 @@ class RunRecording:
         if self.recorder.lost and not self._is_gap_told:
             self._is_gap_told = True
             self._tell("the recording has a gap: what writes it does not keep up")
-        now = loop.clock.now()
-        if now >= self._next_check:
-            self._next_check = now + RECORDING_CHECK_INTERVAL
-            self._check_writer()
         if self._observe is not None:
             self._observe(loop, verdict)
+
+    def rest(self, loop: RateLoop, idle: float) -> None:
+        """Write what was left for when there is time, and let others have what is left of it."""
+        begin = loop.clock.now()
+        self.recorder.write_pending()
+        if begin >= self._next_check:
+            self._next_check = begin + RECORDING_CHECK_INTERVAL
+            self._check_writer()
+        if self._rest is not None:
+            self._rest(loop, idle - (loop.clock.now() - begin))
 
     def _check_writer(self) -> None:
         """Tell, once, of what keeps the recording from being written, and when that is over."""
@@ -308,6 +317,7 @@ def run(
     realtime: bool = False,
     authenticator: Authenticator | None = None,
     observe: Callable[[RateLoop, Verdict], None] | None = None,
+    rest: Callable[[RateLoop, float], None] | None = None,
     prepared: Callable[[Monitor], None] | None = None,
     listening: Callable[[Mapping[str, str]], None] | None = None,
     tell: Callable[[str], None] | None = None,
@@ -328,6 +338,7 @@ def run(
             refuses is told on standard error.
         authenticator: Lets in clients, and stays open; None: one is made where the cell has keys.
         observe: Sees each verdict, with the loop, after it was published; must not block.
+        rest: Called with the loop where there is time before the next tick, in [s]; must not block.
         prepared: Called with the monitor when everything is compiled, before the first tick.
         listening: Called with the addresses that were bound ("obstacles", "joints", "verdicts"),
             before the first tick.
@@ -367,8 +378,8 @@ def run(
     authenticator = authenticator or own_authenticator
     try:
         if record is not None:
-            log = RunRecording(Recorder(record, monitor), edge.faults, observe, tell)
-            observe = log.observe
+            log = RunRecording(Recorder(record, monitor), edge.faults, observe, tell, rest)
+            observe, rest = log.observe, log.rest
         inputs: list[Input] = []
         bound: dict[str, str] = {}
         addresses = _inputs(obstacles_address, joints_address)
@@ -389,9 +400,7 @@ def run(
                     "verdicts": publisher.address,
                 }
             )
-        note = rest = None
-        if log is not None:
-            note, rest = log.recorder.note, log.recorder.write_pending
+        note = None if log is None else log.recorder.note
         loop = RateLoop(
             monitor, edge, inputs, clock, publisher.publish, publisher.answer, observe, rest
         )

@@ -161,6 +161,7 @@ def supervise(
                 realtime=realtime,
                 authenticator=authenticator,
                 observe=observer.observe,
+                rest=observer.rest,
                 prepared=tell_prepared,
                 listening=tell_addresses,
                 tell=announcer.tell,
@@ -371,10 +372,17 @@ class _Observer:
         self.counts.count(verdict)
         self._announcer.observe(loop.clock.now(), verdict)
         if self._feed is not None:
-            self._feed.observe(
-                verdict,
+            self._feed.note(verdict)
+            # A loop that never rests is not to vanish from the page.
+            self.rest(loop, 0.0)
+
+    def rest(self, loop: RateLoop, idle: float) -> None:
+        """Called between ticks that leave so much time, in [s]."""
+        if self._feed is not None:
+            self._feed.publish(
                 loop.clock.now(),
                 loop.durations,
                 loop.late,
                 refused_resets=loop.refused_resets,
+                idle=idle,
             )

@@ -83,13 +83,18 @@ def pack_state(
         # NumPy has one object for the type of almost all arrays of float64.
         and q.dtype is _FLOAT is v.dtype
         and q.shape == shape == v.shape
+        and q.flags.c_contiguous
     ):
         if path_time is None:
             path_time = math.nan
         elif type(path_time) is not float or path_time != path_time:
             return None
         times = _STATE.pack(STATE, nanoseconds, stamp, now, path_time)
-        return times + q.tobytes() + v.tobytes()
+        try:
+            # In one call: what else a tick calls is no longer in the processor's cache by then.
+            return b"".join((times, q, v))
+        except BufferError:  # every other element of a longer array, and the like
+            return None
     return None
 
 

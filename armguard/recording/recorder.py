@@ -240,12 +240,13 @@ class Recorder:
                 self.write_pending()
             if self._robot.revision != self._revision:
                 self._tell_bodies()
-            time = self._now()
-            data = pack_state(time, stamp, q, v, now, path_time, self._shape)
+            came = time.monotonic_ns() + self._clock_offset
+            data = pack_state(came, stamp, q, v, now, path_time, self._shape)
             if data is None:
                 event = tell_state(stamp, q, v, now, path_time, *self._shape)
-                data = FRAME.pack(NUMBERS[JointState], time) + encode(event)
-            self._write(data)
+                data = FRAME.pack(NUMBERS[JointState], came) + encode(event)
+            if self._gap_events or not self._ring.write(data):
+                self._write(data)
         except Exception:
             # A recorder must not hurt the loop: what cannot be recorded is a gap.
             self._lose()

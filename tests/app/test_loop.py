@@ -104,8 +104,15 @@ def test_what_can_wait_is_done_between_ticks_and_only_where_there_is_time():
             clock.sleep_until(clock.now() + 0.0015)
 
     ticks = [[joints(0.001 * k)] for k in range(5)]
-    loop = make_loop(Script(*ticks), clock, publish, rest=lambda: told.append("rest"))
+    idle = []
+
+    def rest(loop, time):
+        told.append("rest")
+        idle.append(time)
+
+    loop = make_loop(Script(*ticks), clock, publish, rest=rest)
     loop.run(duration=0.005)
+    assert idle == pytest.approx([0.001, 0.0005, 0.001])
     # The second tick takes longer than its period, so the third one follows at once.
     assert loop.late == 1
     assert told == [1, "rest", 2, 3, "rest", 4, "rest", 5]
