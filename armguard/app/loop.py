@@ -235,7 +235,7 @@ class RunRecording:
     ) -> None:
         self.recorder = recorder
         self._rest = rest
-        recorder.defer_verdicts()
+        recorder.defer()
         self._observe = observe
         self._tell = logger.warning if tell is None else tell
         self._is_gap_told = False

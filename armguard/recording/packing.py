@@ -24,6 +24,7 @@ from armguard.recording.events import (
     REASON_NAMES,
     JointState,
     ObstacleUpdate,
+    VerdictTold,
     spell,
     write_field,
 )
@@ -43,9 +44,12 @@ NUMBERS = {kind: number for number, kind in enumerate(KINDS)}
 _STATE = struct.Struct("<Bqddd")
 """`FRAME`; stamp, time of the tick, path time, NaN where that was not told. Then q and v."""
 
-_UPDATE = struct.Struct("<BqHHBHd5d")
-"""`FRAME`; number of the heading, flags, which fields follow as arrays, points of each obstacle,
-stamp; each field where one number holds for all. Then positions, velocities, those arrays."""
+_UPDATE = struct.Struct("<BqH")
+"""`FRAME`; number of the heading. Then the body."""
+
+_BODY = struct.Struct("<BBHd5d")
+"""Flags, which fields follow as arrays, points of each obstacle, stamp; each field where one number
+holds for all. Then positions, velocities, those arrays."""
 
 _SNAPSHOT, _VELOCITY, _ACCEL, _SPEED = 1, 2, 4, 8
 """Flags of an update: what the message said, or gave."""
@@ -63,39 +67,54 @@ class Heading(NamedTuple):
     frame: str
 
 
-def pack_state(
-    nanoseconds: int, stamp: Any, q: Any, v: Any, now: Any, path_time: Any, shape: tuple[int]
-) -> bytes | None:
+class ToldState(NamedTuple):
+    """Arguments of a step, and when they came, in [ns] since 1970."""
+
+    came: int
+    stamp: Any
+    q: Any
+    v: Any
+    now: Any
+    path_time: Any
+
+
+class ToldVerdict(NamedTuple):
+    """A verdict, and when it came, in [ns] since 1970."""
+
+    came: int
+    verdict: Verdict
+
+
+class ToldUpdate(NamedTuple):
+    """A message of a source, and when it came, in [ns] since 1970."""
+
+    came: int
+    heading: Heading
+    body: bytes
+    """As `pack_body` makes it."""
+
+
+def pack_state(told: ToldState, shape: tuple[int]) -> bytes | None:
     """A joint state as it usually is, with its `FRAME`; None: it is another one.
 
     Args:
-        nanoseconds: When it came, since 1970.
-        stamp: As in `Monitor.step`.
-        q: As in `Monitor.step`.
-        v: As in `Monitor.step`.
-        now: As in `Monitor.step`.
-        path_time: As in `Monitor.step`.
+        told: Arguments of a step.
         shape: Of positions and velocities.
     """
-    if (
+    came, stamp, q, v, now, path_time = told
+    if not (
         type(stamp) is float is type(now)
         and type(q) is np.ndarray is type(v)
         # NumPy has one object for the type of almost all arrays of float64.
         and q.dtype is _FLOAT is v.dtype
         and q.shape == shape == v.shape
-        and q.flags.c_contiguous
     ):
-        if path_time is None:
-            path_time = math.nan
-        elif type(path_time) is not float or path_time != path_time:
-            return None
-        times = _STATE.pack(STATE, nanoseconds, stamp, now, path_time)
-        try:
-            # In one call: what else a tick calls is no longer in the processor's cache by then.
-            return b"".join((times, q, v))
-        except BufferError:  # every other element of a longer array, and the like
-            return None
-    return None
+        return None
+    if path_time is None:
+        path_time = math.nan
+    elif type(path_time) is not float or path_time != path_time:
+        return None
+    return _STATE.pack(STATE, came, stamp, now, path_time) + q.tobytes() + v.tobytes()
 
 
 def read_state(data: bytes) -> JointState:
@@ -114,9 +133,7 @@ def read_state(data: bytes) -> JointState:
     )
 
 
-def pack_update(
-    nanoseconds: int,
-    heading: int,
+def pack_body(
     stamp: float,
     samples: ToldSamples,
     *,
@@ -125,13 +142,11 @@ def pack_update(
     has_speed: bool,
     snapshot: bool,
 ) -> bytes:
-    """A message of a source, with its `FRAME`.
+    """A message of a source, all but its heading.
 
     Args:
-        nanoseconds: When it came, since 1970.
-        heading: Number of its heading.
         stamp: In [s].
-        samples: Its rows.
+        samples: Its rows, which are copied.
         has_velocity: Whether it gave velocities, as in `ObstacleJournal.note_update`.
         has_accel: Whether it gave bounds on accelerations.
         has_speed: Whether it gave bounds on speeds.
@@ -139,7 +154,7 @@ def pack_update(
     """
     point_count, points, velocities, *fields = samples
     flags = _SNAPSHOT * snapshot + _VELOCITY * has_velocity + _ACCEL * has_accel
-    parts, each = [points.tobytes()], 0
+    parts, each = [b"", points.tobytes()], 0
     if has_velocity:
         parts.append(velocities.tobytes())
     given = True, has_accel, has_speed, True, has_velocity
@@ -149,17 +164,21 @@ def pack_update(
             if given[i]:
                 parts.append(field.tobytes())
                 each += 1 << i
-    header = _UPDATE.pack(
-        UPDATE, nanoseconds, heading, flags + _SPEED * has_speed, each, point_count, stamp, *fields
-    )
-    return header + b"".join(parts)
+    parts[0] = _BODY.pack(flags + _SPEED * has_speed, each, point_count, stamp, *fields)
+    return b"".join(parts)
+
+
+def pack_update(told: ToldUpdate, heading: int) -> bytes:
+    """A message of a source, with its `FRAME` and the number of its heading."""
+    return _UPDATE.pack(UPDATE, told.came, heading) + told.body
 
 
 def read_update(data: bytes, headings: Mapping[int, Heading]) -> ObstacleUpdate:
     """The message that `pack_update` made bytes of."""
-    _, _, number, flags, each, point_count, stamp, *fields = _UPDATE.unpack_from(data)
+    _, _, number = _UPDATE.unpack_from(data)
+    flags, each, point_count, stamp, *fields = _BODY.unpack_from(data, _UPDATE.size)
     ids, source, frame = headings[number]
-    count, place = len(ids), _UPDATE.size
+    count, place = len(ids), _UPDATE.size + _BODY.size
 
     def take(length: int) -> NDArray[np.float64]:
         nonlocal place
@@ -190,19 +209,21 @@ def read_update(data: bytes, headings: Mapping[int, Heading]) -> ObstacleUpdate:
     )
 
 
-def pack_verdict(verdict: Verdict) -> bytes:
-    """A verdict, without a `FRAME`."""
+def pack_verdict(told: ToldVerdict) -> bytes:
+    """A verdict, with its `FRAME`."""
+    verdict = told.verdict
     reasons = [(REASON_NAMES[kind], subject, detail) for kind, subject, detail in verdict.reasons]
     certificate: Any = verdict.certificate
     if certificate is not None:
         times, witnesses = certificate.times, certificate.witnesses
         certificate = certificate.contact_time, times.tolist(), np.ravel(witnesses).tolist()
-    return pack_plain((*verdict[:10], reasons, *verdict[11:13], certificate, verdict[14]))
+    fields = (*verdict[:10], reasons, *verdict[11:13], certificate, verdict[14])
+    return FRAME.pack(NUMBERS[VerdictTold], told.came) + pack_plain(fields)
 
 
 def unpack_verdict(data: bytes) -> Verdict:
     """The verdict that `pack_verdict` made bytes of."""
-    fields = msgspec.msgpack.decode(data)
+    fields = msgspec.msgpack.decode(data[FRAME.size :])
     fields[2] = Level(fields[2])
     fields[10] = tuple(
         Reason(_REASONS[name], subject, detail) for name, subject, detail in fields[10]

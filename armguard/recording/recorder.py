@@ -42,7 +42,6 @@ from armguard.recording.events import (
     Reset,
     StaticObstacle,
     Time,
-    VerdictTold,
     encode,
     tell_answer,
 )
@@ -54,6 +53,10 @@ from armguard.recording.packing import (
     NOTED,
     NUMBERS,
     Heading,
+    ToldState,
+    ToldUpdate,
+    ToldVerdict,
+    pack_body,
     pack_plain,
     pack_state,
     pack_update,
@@ -76,6 +79,9 @@ SILENT_TIMEOUT = 2.0
 
 STUCK_TIMEOUT = 10.0
 """How long the disk may hold up that process at the end, in [s], before it is ended."""
+
+MOST_PENDING = 1000
+"""What is left to be written when there is time; where more comes in one tick, it is written."""
 
 MOST_IDS = 10_000
 """Ids that are remembered to have been told; then all are told anew."""
@@ -113,9 +119,10 @@ class Recorder:
         self._clock_offset = time.time_ns() - time.monotonic_ns()
         self._stepping = False
         self._defers = False
-        self._verdict: Verdict | None = None
-        """The last one, if it was not written yet."""
-        self._verdict_time = 0
+        self._pending: list[ToldState | ToldVerdict | ToldUpdate | bytes] = []
+        """What is still to be written, in order."""
+        self._is_tick_left = False
+        """Whether a whole tick is among it."""
         self._headings: dict[tuple[int, str, str], tuple[int, Heading]] = {}
         """What messages have in common and was told, with its number; by which list of ids it is,
         whatever it holds: the heading keeps that list, so no other one is taken for it."""
@@ -236,17 +243,15 @@ class Recorder:
         """As `MonitorJournal` says."""
         self._stepping = True
         try:
-            if self._verdict is not None:
+            if self._is_tick_left:
                 self.write_pending()
             if self._robot.revision != self._revision:
                 self._tell_bodies()
-            came = time.monotonic_ns() + self._clock_offset
-            data = pack_state(came, stamp, q, v, now, path_time, self._shape)
-            if data is None:
-                event = tell_state(stamp, q, v, now, path_time, *self._shape)
-                data = FRAME.pack(NUMBERS[JointState], came) + encode(event)
-            if self._gap_events or not self._ring.write(data):
-                self._write(data)
+            state = ToldState(self._now(), stamp, q, v, now, path_time)
+            if self._defers:
+                self._pending.append(state)
+            else:
+                self._put(self._pack(state))
         except Exception:
             # A recorder must not hurt the loop: what cannot be recorded is a gap.
             self._lose()
@@ -254,31 +259,36 @@ class Recorder:
     def note_verdict(self, verdict: Verdict) -> None:
         """As `MonitorJournal` says; also of what is told while there is no joint state to judge."""
         self._stepping = False
-        if self._verdict is not None:
-            self.write_pending()
-        self._verdict, self._verdict_time = verdict, self._now()
-        if not self._defers:
-            self.write_pending()
+        try:
+            if self._is_tick_left:
+                self.write_pending()
+            told = ToldVerdict(self._now(), verdict)
+            if self._defers:
+                self._pending.append(told)
+                self._is_tick_left = True
+            else:
+                self._put(self._pack(told))
+        except Exception:
+            self._lose()
 
-    def defer_verdicts(self) -> None:
-        """Leave verdicts to `write_pending`, which a loop calls once it has time to spare.
+    def defer(self) -> None:
+        """Leave what is told to `write_pending`, which a loop calls when it has time to spare.
 
-        So a verdict is published before it is written. Were the loop killed in between, a replay
-        gives the same verdict from the joint state, which is always written at once.
+        So recording takes no time of its ticks. What a loop could not write in time is written in
+        its next tick. If it is killed in the middle of a tick, that tick is not in the file. Arrays
+        of joint states must stay as they are until they are written.
         """
         self._defers = True
 
     def write_pending(self) -> None:
-        """Write the last verdict if that was left; otherwise whatever is told next does so."""
-        verdict, self._verdict = self._verdict, None
-        if verdict is None:
-            return
-        try:
-            self._write(
-                FRAME.pack(NUMBERS[VerdictTold], self._verdict_time) + pack_verdict(verdict)
-            )
-        except Exception:
-            self._lose()
+        """Write what was left; the loop has time to spare."""
+        self._is_tick_left = False
+        for told in self._pending:
+            try:
+                self._put(told if type(told) is bytes else self._pack(told))
+            except Exception:
+                self._lose()
+        self._pending.clear()
 
     def note_plan(self, ask: Literal["commit", "follow"], plan: object) -> None:
         """As `MonitorJournal` says."""
@@ -316,12 +326,7 @@ class Recorder:
     ) -> None:
         """As `ObstacleJournal` says."""
         try:
-            if self._verdict is not None:
-                self.write_pending()
-            known = self._headings.get((id(ids) if ids else 0, source, frame))
-            data = pack_update(
-                self._now(),
-                self._tell_heading(ids, source, frame) if known is None else known[0],
+            body = pack_body(
                 stamp,
                 samples,
                 has_velocity=has_velocity,
@@ -329,7 +334,11 @@ class Recorder:
                 has_speed=has_speed,
                 snapshot=snapshot,
             )
-            self._write(data)
+            told = ToldUpdate(self._now(), Heading(ids, source, frame), body)
+            if self._defers:
+                self._keep(told)
+            else:
+                self._put(self._pack(told))
         except Exception:
             self._lose()
 
@@ -386,23 +395,6 @@ class Recorder:
         self._known_links = tuple(link["name"] for link in data["links"])
         self._revision = data["revision"]
 
-    def _tell_heading(self, ids: list[str], source: str, frame: str) -> int:
-        """Tell what a message has in common with others; its number.
-
-        Raises:
-            BufferError: There is no room for it, so what has it is lost.
-        """
-        if self._heading_ids + len(ids) > MOST_IDS:
-            self._headings.clear()
-            self._heading_ids = 0
-        number, heading = len(self._headings), Heading(ids, source, frame)
-        record = FRAME.pack(HEADED, self._now()) + pack_plain((number, *heading))
-        if (self._gap_events and not self._end_gap()) or not self._ring.write(record):
-            raise BufferError("no room")
-        self._headings[id(ids) if ids else 0, source, frame] = number, heading
-        self._heading_ids += len(ids) + 1
-        return number
-
     def _tell(self, event: Any) -> None:
         try:
             self._send(NUMBERS[type(event)], encode(event))
@@ -410,11 +402,58 @@ class Recorder:
             self._lose()
 
     def _send(self, number: int, data: bytes) -> None:
-        if self._verdict is not None:
-            self.write_pending()
         self._write(FRAME.pack(number, self._now()) + data)
 
     def _write(self, record: bytes) -> None:
+        """Write a record, now or when there is time."""
+        if self._defers:
+            self._keep(record)
+        else:
+            self._put(record)
+
+    def _keep(self, told: ToldUpdate | bytes) -> None:
+        self._pending.append(told)
+        if len(self._pending) > MOST_PENDING:
+            self.write_pending()
+
+    def _pack(self, told: ToldState | ToldVerdict | ToldUpdate) -> bytes:
+        """The record of what was told.
+
+        Raises:
+            Exception: It cannot be recorded.
+        """
+        if isinstance(told, ToldVerdict):
+            return pack_verdict(told)
+        if isinstance(told, ToldUpdate):
+            return pack_update(told, self._number_heading(told.heading))
+        record = pack_state(told, self._shape)
+        if record is None:
+            event = tell_state(*told[1:], *self._shape)
+            record = FRAME.pack(NUMBERS[JointState], told.came) + encode(event)
+        return record
+
+    def _number_heading(self, heading: Heading) -> int:
+        """The number of what a message has in common with others, which is told once.
+
+        Raises:
+            BufferError: There is no room to tell it, so what has it is lost.
+        """
+        ids, source, frame = heading
+        key = id(ids) if ids else 0, source, frame
+        if (known := self._headings.get(key)) is not None:
+            return known[0]
+        if self._heading_ids + len(ids) > MOST_IDS:
+            self._headings.clear()
+            self._heading_ids = 0
+        number = len(self._headings)
+        record = FRAME.pack(HEADED, self._now()) + pack_plain((number, *heading))
+        if (self._gap_events and not self._end_gap()) or not self._ring.write(record):
+            raise BufferError("no room")
+        self._headings[key] = number, heading
+        self._heading_ids += len(ids) + 1
+        return number
+
+    def _put(self, record: bytes) -> None:
         if (self._gap_events and not self._end_gap()) or not self._ring.write(record):
             self._lose()
 

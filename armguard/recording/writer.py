@@ -181,7 +181,7 @@ class RecordingWriter:
         elif number == UPDATE:
             event = read_update(record, self._headings)
         elif number == NUMBERS[VerdictTold]:
-            event = tell_verdict(unpack_verdict(record[FRAME.size :]))
+            event = tell_verdict(unpack_verdict(record))
         data = record[FRAME.size :] if event is None else encode(event)
         kind = KINDS[number] if event is None else type(event)
         # Events are in order in the file; their times say so as well.

@@ -160,29 +160,44 @@ def test_names_that_no_file_can_hold_are_refused_by_name_and_leave_no_gap(tmp_pa
     assert replay(path).is_identical
 
 
-def test_verdicts_that_a_loop_defers_are_written_when_it_says_so_or_with_what_comes_next(tmp_path):
+def test_what_a_loop_defers_is_written_in_order_when_it_says_so_or_in_its_next_tick(tmp_path):
     path = tmp_path / "run.mcap"
     recorder, obstacles, monitor = start(path)
-    recorder.defer_verdicts()
+    recorder.defer()
     written = []
     write = recorder._ring.write
     recorder._ring.write = lambda record: (written.append(record), write(record))[1]
-    stand(monitor, 1)
-    assert len(written) == 1, "the joint state is there before it is judged"
+    expected = stand(monitor, 1)
+    assert not written
     recorder.write_pending()
     recorder.write_pending()
     assert len(written) == 2
-    expected = stand(monitor, 2, 1)
     obstacles.update([], PERIOD, source="camera")
+    expected += stand(monitor, 1, 1)
     monitor.reset()
-    expected += stand(monitor, 1, 3)
+    assert len(written) == 2
+    expected += stand(monitor, 1, 2)
+    assert len(written) == 2 + 5, "a heading, a message, a tick, and the reset"
     recorder.note("a line")
     assert recorder.close() == ""
     names = [type(event).__name__ for event in read_events(path)]
     tick = ["JointState", "VerdictTold"]
-    assert names == [*tick * 3, "ObstacleUpdate", "Reset", *tick, "Log"]
-    assert repr(read_verdicts(path)[1:]) == repr(expected)
+    assert names == [*tick, "ObstacleUpdate", *tick, "Reset", *tick, "Log"]
+    assert repr(read_verdicts(path)) == repr(expected)
     assert replay(path).is_identical
+
+
+def test_what_is_deferred_is_bounded(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, "MOST_PENDING", 10)
+    path = tmp_path / "run.mcap"
+    recorder, obstacles, monitor = start(path)
+    recorder.defer()
+    for k in range(100):
+        obstacles.update([], PERIOD * k, source="camera")
+        assert len(recorder._pending) <= 10
+    stand(monitor, 1, 100)
+    assert recorder.close() == ""
+    assert sum(isinstance(event, ObstacleUpdate) for event in read_events(path)) == 100
 
 
 def test_ids_cross_once_however_often_they_are_told(tmp_path, monkeypatch):
