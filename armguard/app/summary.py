@@ -74,8 +74,8 @@ def draw_summary(summary: dict[str, Any]) -> Table:
     table.add_row("real time", _tell_realtime(summary["realtime"]))
     table.add_row("incomplete ticks", str(summary["incomplete"]))
     if summary["cut_short"]:
-        times = f"{summary['cut_short']} times an input had more messages than a tick takes"
-        table.add_row("messages that waited", times)
+        waits = f"{summary['cut_short']} times an input had more messages than a tick takes"
+        table.add_row("messages that waited", waits)
     table.add_row("faults", str(summary["faults"]))
     if summary["recording_lost"] is not None:
         lost = summary["recording_lost"]

@@ -159,7 +159,7 @@ def pack_body(
         parts.append(velocities.tobytes())
     given = True, has_accel, has_speed, True, has_velocity
     for i, field in enumerate(fields):
-        if type(field) is not float:
+        if not isinstance(field, float):
             fields[i] = math.nan
             if given[i]:
                 parts.append(field.tobytes())

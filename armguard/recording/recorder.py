@@ -285,7 +285,7 @@ class Recorder:
         self._is_tick_left = False
         for told in self._pending:
             try:
-                self._put(told if type(told) is bytes else self._pack(told))
+                self._put(told if isinstance(told, bytes) else self._pack(told))
             except Exception:
                 self._lose()
         self._pending.clear()
