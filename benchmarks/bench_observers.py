@@ -1,26 +1,38 @@
-"""What observers cost the loop: a view, a reader that never reads, a recorder, a stopped recorder.
+"""What observers cost the loop: a recorder, a view, a reader that never reads; in one run.
 
-One monitor runs at its rate in the same scene throughout; the cases take turns of a few seconds, so
-that whatever else the machine does falls on all of them. Times are in microseconds, and beside them
-the ratio to "no view": frames are published, and no view reads them. In the case "no feed" one tick
-in thirty is spared the making of a frame. The cases "recorder" and "hung recorder" have no feed
-either, so they are to be compared with "no feed".
+All cases run the same scene, each with a monitor of its own, and take turns of a second or so, many
+times and each time in another order, so that whatever else the machine does falls on all of them.
+Processes whose turn it is not are stopped. A turn yields the p50, the p99 and the maximum of its
+ticks in microseconds, and how many came late; printed are medians over the turns, and behind × the
+median of the ratios to "nothing" in the same round. "nothing, again" is that same case once more:
+what the ratios there are off 1 by is what this machine cannot tell.
 
-    python benchmarks/bench_observers.py --rounds 5 --seconds 4
+In the case "recorder" verdicts are written after the tick, as by `armguard run --record`; "not
+deferred" is a loop that calls `Monitor.step` itself. A recorder and a view are processes, and share
+the machine with the loop. "busy process" is neither, but a process that is busy for as long as the
+recorder's, as often and at the same priority: what it costs the loop is what the processor pays
+for the work beside it, however little the loop does.
+
+    python benchmarks/bench_observers.py --rounds 10 --seconds 1
+    python benchmarks/bench_observers.py --only nothing recorder busy --realtime
 """
 
 import argparse
+import contextlib
 import os
 import signal
+import subprocess
+import sys
 import tempfile
-import time
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 import zmq
 
 from armguard.app.cell import Cell
-from armguard.app.loop import RateLoop
+from armguard.app.loop import RateLoop, RunRecording
+from armguard.app.realtime import request_realtime
 from armguard.app.view_feed import MonitorFeed
 from armguard.clock import MonotonicClock
 from armguard.recording import Recorder
@@ -31,17 +43,36 @@ from armguard.view import FramePublisher, launch
 
 CELL = '[robot]\nname = "panda"\n[sources.person]\n'
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+
+NOTHING = "nothing"
 CASES = (
-    "no feed",
+    NOTHING,
+    "nothing, again",
+    "recorder",
+    "recorder, not deferred",
+    "stopped recorder",
+    "busy process",
     "no view",
     "view",
-    "hung view",
+    "stopped view",
     "killed view",
     "reader that never reads",
-    "recorder",
-    "hung recorder",
 )
-WITH_VIEW = CASES[2:5]
+
+SETTLING = 0.3
+"""[s] of each turn that are not measured: joint states begin anew, and caches fill."""
+
+BUSY = """
+import os, sys, time
+from armguard.recording.writer import PAUSE, give_way
+share, parent = float(sys.argv[1]), int(sys.argv[2])
+give_way()
+while os.getppid() == parent:
+    end = time.process_time() + PAUSE * share / (1.0 - share)
+    while time.process_time() < end:
+        pass
+    time.sleep(PAUSE)
+"""
 
 
 class Resting:
@@ -76,98 +107,172 @@ class Resting:
         """Nothing is held."""
 
 
-def run_case(case, build, folder, seconds):
-    """Durations of the ticks of one turn, in [s]. Shape (ticks,)."""
-    clock = MonotonicClock()
-    robot, obstacles, monitor = build()
-    edge = Edge(obstacles, robot.joints, clock, FaultLog(clock.now))
-    resting = Resting(clock, obstacles, robot.joints, edge.offset)
-    verdicts = VerdictPublisher(f"ipc://{folder}/verdicts", edge.offset)
-    context = zmq.Context()
-    if case.startswith("reader"):
-        reader = context.socket(zmq.SUB)
-        reader.subscribe(b"")
-        reader.connect(verdicts.address)
-    durations = []
-    with FramePublisher(f"ipc://{folder}/frames") as frames:
-        recorder = None
-        if case.endswith("recorder"):
-            recorder = Recorder(Path(folder) / "run.mcap", monitor)
-        feed = None if case == "no feed" or recorder else MonitorFeed(monitor, frames)
-        view = launch(frames.address) if case in WITH_VIEW else None
-
-        def observe(loop, verdict):
-            if feed is not None:
-                feed.observe(verdict, clock.now(), loop.durations, loop.late)
-
-        loop = TimedLoop(
-            monitor, edge, [resting], clock, verdicts.publish, verdicts.answer, observe
-        )
-        if view is not None:
-            loop.run(1.0)
-            if case == "hung view":
-                os.kill(view.pid, signal.SIGSTOP)
-            elif case == "killed view":
-                os.kill(view.pid, signal.SIGKILL)
-        loop.run(0.5)
-        if case == "hung recorder":
-            os.kill(recorder.pid, signal.SIGSTOP)
-        loop.spent = durations
-        loop.run(seconds)
-        if view is not None:
-            view.close()
-        if recorder is not None:
-            os.kill(recorder.pid, signal.SIGCONT)
-            recorder.close()
-    verdicts.close()
-    context.destroy(linger=0)
-    return durations
-
-
 class TimedLoop(RateLoop):
-    """Keeps each tick's duration."""
+    """Keeps each tick's duration, in [s]."""
 
-    spent = None
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.spent = []
 
     def tick(self):
         """As ever, timed."""
-        begin = time.perf_counter()
+        begin = perf_counter()
         verdict = super().tick()
-        if self.spent is not None:
-            self.spent.append(time.perf_counter() - begin)
+        self.spent.append(perf_counter() - begin)
         return verdict
 
 
-def compute_figures(durations):
-    """Their p50, p99, p99.9 and maximum, from [s] to [µs]. Shape (4,)."""
-    times = 1e6 * np.array(durations)
-    return np.append(np.percentile(times, [50, 99, 99.9]), times.max())
+class Contestant:
+    """One case with all that belongs to it.
+
+    Args:
+        case: One of `CASES`.
+        folder: For its sockets and files.
+        resources: Are closed at the end.
+
+    Attributes:
+        pid: Of the process beside the loop; None: there is none.
+    """
+
+    def __init__(self, case, folder, resources):
+        clock = MonotonicClock()
+        robot, obstacles, self._monitor = Cell.from_text(CELL).build()
+        edge = Edge(obstacles, robot.joints, clock, FaultLog(clock.now, _ignore))
+        resting = Resting(clock, obstacles, robot.joints, edge.offset)
+        verdicts = VerdictPublisher(f"ipc://{folder}/verdicts", edge.offset)
+        resources.callback(verdicts.close)
+        self.pid = None
+        self._is_stopped = case.startswith("stopped")
+        observe = rest = view = None
+        if "recorder" in case:
+            recorder = Recorder(folder / "run.mcap", self._monitor)
+            resources.callback(recorder.close)
+            self.pid = recorder.pid
+            if "not deferred" not in case:
+                recording = RunRecording(recorder, edge.faults, None, _ignore)
+                observe, rest = recording.observe, recording.rest
+        elif "view" in case:
+            frames = resources.enter_context(FramePublisher(f"ipc://{folder}/frames"))
+            feed = MonitorFeed(self._monitor, frames)
+
+            def rest(loop, idle):
+                feed.publish(clock.now(), loop.durations, loop.late, idle=idle)
+
+            def observe(loop, verdict):
+                feed.note(verdict)
+                rest(loop, 0.0)
+
+            if case != "no view":
+                view = launch(frames.address)
+                resources.callback(view.close)
+                self.pid = view.pid
+        elif case.startswith("reader"):
+            context = zmq.Context()
+            resources.callback(context.destroy, linger=0)
+            reader = context.socket(zmq.SUB)
+            reader.subscribe(b"")
+            reader.connect(verdicts.address)
+        self._loop = TimedLoop(
+            self._monitor, edge, [resting], clock, verdicts.publish, verdicts.answer, observe, rest
+        )
+        self._loop.run(SETTLING)
+        if case == "killed view":
+            os.kill(self.pid, signal.SIGKILL)
+            self.pid = None
+        if self.pid is not None:
+            # Before anything of it is closed it goes on.
+            resources.callback(os.kill, self.pid, signal.SIGCONT)
+        self._send(signal.SIGSTOP)
+
+    def be_beside(self, share, resources):
+        """Have a process beside the loop that is busy for this share of the time."""
+        command = [sys.executable, "-c", BUSY, str(share), str(os.getpid())]
+        process = resources.enter_context(subprocess.Popen(command))
+        resources.callback(process.kill)
+        self.pid = process.pid
+        self._send(signal.SIGSTOP)
+
+    def take_turn(self, seconds):
+        """Take a turn of some seconds.
+
+        Returns:
+            Durations of its ticks in [s], how many were late, and for which share of the time the
+            process beside was busy.
+        """
+        loop = self._loop
+        if not self._is_stopped:
+            self._send(signal.SIGCONT)
+        self._monitor.reset()  # joint states stayed away
+        loop.run(SETTLING)
+        loop.spent, late, busy, begin = [], loop.late, self._read_use(), perf_counter()
+        loop.run(seconds)
+        share = (self._read_use() - busy) / (perf_counter() - begin)
+        self._send(signal.SIGSTOP)
+        return np.array(loop.spent), loop.late - late, share
+
+    def _read_use(self):
+        """For how long the process beside was busy so far, in [s]."""
+        if self.pid is None:
+            return 0.0
+        return 1e-9 * int(Path(f"/proc/{self.pid}/schedstat").read_text().split()[0])
+
+    def _send(self, number):
+        if self.pid is not None:
+            os.kill(self.pid, number)
+
+
+def _ignore(line):
+    """Takes lines for people."""
+
+
+def measure(cases, rounds, seconds, *, realtime):
+    """Have the cases take turns, with real-time scheduling where that is asked for and granted.
+
+    Returns:
+        p50, p99 and maximum in [µs], late ticks, and how busy the process beside was in [%], of
+        shape (cases, rounds, 5); and the priority that was granted, 0 if none.
+    """
+    figures = np.full((len(cases), rounds, 5), np.nan)
+    random = np.random.default_rng(0)
+    with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as resources:
+        contestants = []
+        for number, case in enumerate(cases):
+            folder = Path(name) / str(number)
+            folder.mkdir()
+            contestants.append(Contestant(case, folder, resources))
+        share = 0.0
+        if "recorder" in cases:
+            for _ in range(2):  # in the first one it starts
+                share = contestants[cases.index("recorder")].take_turn(seconds)[2]
+        if "busy process" in cases:
+            contestants[cases.index("busy process")].be_beside(share, resources)
+        granted = resources.enter_context(request_realtime()) if realtime else None
+        for turn in range(rounds):
+            for number in random.permutation(len(cases)):
+                spent, late, busy = contestants[number].take_turn(seconds)
+                times = 1e6 * spent
+                p50, p99 = np.percentile(times, [50, 99])
+                figures[number, turn] = p50, p99, times.max(), late, 100.0 * busy
+    return figures, 0 if granted is None else granted.priority
 
 
 def main(arguments=None):
     """Measure, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--seconds", type=float, default=4.0, help="of each case in each round")
+    parser.add_argument("--rounds", type=int, default=10)
+    parser.add_argument("--seconds", type=float, default=1.0, help="of each turn")
+    parser.add_argument("--realtime", action="store_true", help="ask for it, as `armguard run`")
+    parser.add_argument("--only", nargs="+", default=[""], help="beginnings of cases")
     options = parser.parse_args(arguments)
-    rounds, seconds = options.rounds, options.seconds
-    spent = {case: [] for case in CASES}
-    cell = Cell.from_text(CELL)
-    with tempfile.TemporaryDirectory() as folder:
-        for number in range(rounds):
-            for case in CASES[number % len(CASES) :] + CASES[: number % len(CASES)]:
-                place = Path(folder) / f"{number}{CASES.index(case)}"
-                place.mkdir()
-                spent[case] += run_case(case, cell.build, place, seconds)
-    print(f"{'':26}{'ticks':>8}{'p50':>14}{'p99':>14}{'p99.9':>14}{'max':>14}")
-    base = compute_figures(spent["no view"])
-    for case in CASES:
-        figures = compute_figures(spent[case])
-        cells = "".join(
-            f"{figure:8.0f} ×{figure / first:4.2f}"
-            for figure, first in zip(figures, base, strict=True)
-        )
-        print(f"{case:26}{len(spent[case]):8d}{cells}")
+    cases = [case for case in CASES if case == NOTHING or case.startswith(tuple(options.only))]
+    figures, priority = measure(cases, options.rounds, options.seconds, realtime=options.realtime)
+    ratios = np.median(figures[:, :, :3] / figures[cases.index(NOTHING), :, :3], axis=1)
+    print(f"{os.cpu_count()} cores, real-time priority {priority or 'none'},", end=" ")
+    print(f"{options.rounds} turns of {options.seconds:g} s each; µs")
+    print(f"{'':26}{'p50':>14}{'p99':>14}{'max':>14}{'late':>8}{'beside':>9}")
+    for case, row, ratio in zip(cases, np.median(figures, axis=1), ratios, strict=True):
+        cells = "".join(f"{row[i]:8.0f} ×{ratio[i]:4.2f}" for i in range(3))
+        print(f"{case:26}{cells}{row[3]:8.0f}{row[4]:7.1f} %")
 
 
 if __name__ == "__main__":

@@ -4,8 +4,10 @@
 
 It is the demo without its page: `armguard run` at 1 kHz, a simulated arm that obeys it, a person
 and balls, each in a process of its own. Memory is what the system counts as resident of the loop's
-process; its trend is that of a straight line through the samples after the first fifth of the run,
-in which caches fill.
+process, and of the one that writes the recording; its trend is that of a straight line through the
+samples after the first fifth of the run, in which caches fill. A line a minute tells what it has
+been like so far, so that a run that is interrupted tells something as well; it is read from the
+frames that the loop publishes for views.
 """
 
 import argparse
@@ -20,16 +22,21 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+import zmq
 
 from armguard.app.demo import nodes
 from armguard.app.demo.launcher import CELL
 from armguard.app.demo.places import find_place
 from armguard.streams import VerdictReader
+from armguard.view.messages import FrameMessage, decode_message
 
 ROBOT = "panda"
 
 SAMPLE_PERIOD = 1.0
 """Between two samples of memory, in [s]."""
+
+LINE_PERIOD = 60.0
+"""Between two lines, in [s]."""
 
 WARMING = 0.2
 """Share of the run that is left out of the trend."""
@@ -46,15 +53,77 @@ def read_memory(pid):
     raise ProcessLookupError(pid)
 
 
+def read_children(pid):
+    """What the processes that a process has started have in memory, in [MB]."""
+    memory = 0.0
+    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        with contextlib.suppress(OSError, ProcessLookupError):  # it may have ended meanwhile
+            memory += read_memory(child)
+    return memory
+
+
 def end(process):
     """End a process, if it has not ended, and wait for that."""
     process.kill()
     process.communicate()
 
 
+class Progress:
+    """Tells once a minute what the run has been like so far.
+
+    Args:
+        address: Where the loop publishes frames for views.
+        record: The recording; None: there is none.
+    """
+
+    def __init__(self, address, record):
+        self._context = zmq.Context()
+        self._frames = self._context.socket(zmq.SUB)
+        self._frames.subscribe(b"")
+        self._frames.connect(address)
+        self._record = record
+        self._load = None
+        self._late = 0
+        self._next = LINE_PERIOD
+
+    def follow(self, seconds, memory, beside):
+        """Read the frames that have come, and print a line where that is due.
+
+        Args:
+            seconds: Since the beginning.
+            memory: Of the loop, in [MB].
+            beside: Of the process that writes the recording, in [MB].
+        """
+        with contextlib.suppress(zmq.Again):
+            while True:
+                message = decode_message(self._frames.recv(zmq.NOBLOCK))
+                if isinstance(message, FrameMessage):
+                    self._load = message.load
+        if seconds < self._next or self._load is None:
+            return
+        self._next += LINE_PERIOD
+        load = self._load
+        line = (
+            f"{seconds / 60.0:5.1f} min: memory {memory:.1f} + {beside:.1f} MB, "
+            f"{load.ticks} ticks, "
+            f"{load.late - self._late} late since the last line, "
+            f"p50 {1e6 * load.p50:.0f} p99 {1e6 * load.p99:.0f} µs"
+        )
+        if self._record is not None:
+            size = self._record.stat().st_size
+            line += f", recorded {size / 1e6:.0f} MB ({3.6e-6 * size / seconds:.2f} GB an hour)"
+        self._late = load.late
+        print(line, flush=True)
+
+    def close(self):
+        """Read no more."""
+        self._context.destroy(linger=0)
+
+
 def run_cell(folder, duration, balls, record):
     """Run a cell for `duration` [s]; its summary, and samples of (seconds, MB). Shape (n, 2)."""
-    addresses = {name: f"ipc://{folder}/{name}" for name in ("obstacles", "joints", "verdicts")}
+    names = ("obstacles", "joints", "verdicts", "view")
+    addresses = {name: f"ipc://{folder}/{name}" for name in names}
     sources = nodes.make_sources(duration, "", balls, 0)
     tables = "".join(f"[sources.{source.name}]\nrate = {source.rate}\n" for source in sources)
     cell = folder / "cell.toml"
@@ -68,7 +137,7 @@ def run_cell(folder, duration, balls, record):
     with contextlib.ExitStack() as resources, (folder / "log").open("wb") as log:
         monitor = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
         resources.callback(end, monitor)
-        obstacles, joints, verdicts = addresses.values()
+        obstacles, joints, verdicts, view = addresses.values()
         for node in (
             nodes.Perception(
                 obstacles=obstacles, verdicts=verdicts, duration=duration, seed=0, person="",
@@ -81,9 +150,12 @@ def run_cell(folder, duration, balls, record):
             while (verdict := reader.latest(0.1)) is None or not verdict.sequence:
                 if monitor.poll() is not None:
                     raise SystemExit((folder / "log").read_text())
+        progress = Progress(view, record)
+        resources.callback(progress.close)
         samples, start = [], time.monotonic()
         while (now := time.monotonic() - start) < duration and monitor.poll() is None:
             samples.append((now, read_memory(monitor.pid)))
+            progress.follow(*samples[-1], read_children(monitor.pid))
             time.sleep(SAMPLE_PERIOD)
         monitor.send_signal(signal.SIGINT)
         output, _ = monitor.communicate(timeout=END_TIMEOUT)

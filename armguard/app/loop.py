@@ -66,6 +66,8 @@ class LoopReport(NamedTuple):
     """Refused rows and calls, and joint states not believed."""
     realtime: Realtime | None = None
     """What the system granted; None: it was not asked."""
+    cut_short: int = 0
+    """How often an input had more messages than one tick takes; the rest waited for the next."""
     lost: int | None = None
     """Events that the recording lacks; None: nothing was recorded."""
 
@@ -81,6 +83,8 @@ class RateLoop:
         publish: Takes each verdict; must never block.
         answer: Takes the number of each plan that came, and the answer to it; must never block.
         observe: Sees each verdict, with this loop, after it was published; must never block.
+        rest: Called with this loop where there is time before the next tick, in [s], for what can
+            wait until then; must never block.
 
     Attributes:
         monitor: What is stepped.
@@ -99,6 +103,7 @@ class RateLoop:
         publish: Callable[[Verdict], None],
         answer: Callable[[int, PlanVerdict], None],
         observe: Callable[[RateLoop, Verdict], None] | None = None,
+        rest: Callable[[RateLoop, float], None] | None = None,
     ) -> None:
         self.monitor = monitor
         self._edge = edge
@@ -107,6 +112,7 @@ class RateLoop:
         self._publish = publish
         self._answer = answer
         self._observe = observe
+        self._rest = rest
         self.durations = Durations()
         self._ticks = 0
         self.late = 0
@@ -131,6 +137,9 @@ class RateLoop:
             while tick * period < duration:
                 deadline = start + tick * period
                 if end < deadline:
+                    if self._rest is not None:
+                        self._rest(self, deadline - end)
+                        end = clock.now()
                     collector.collect(deadline - end)
                     clock.sleep_until(deadline)
                     slept = deadline
@@ -194,6 +203,7 @@ class RateLoop:
                 for key, number in sorted(self._edge.faults.counts.items())
             },
             monitor_faults=self.monitor.faults,
+            cut_short=self._edge.cut_short,
         )
 
 
@@ -212,6 +222,7 @@ class RunRecording:
         faults: What tells of faulty messages.
         observe: Sees each verdict afterwards; None: nothing does.
         tell: Takes a line for people; None: it is logged.
+        rest: Called between ticks afterwards; None: nothing is.
     """
 
     def __init__(
@@ -220,8 +231,11 @@ class RunRecording:
         faults: FaultLog,
         observe: Callable[[RateLoop, Verdict], None] | None,
         tell: Callable[[str], None] | None,
+        rest: Callable[[RateLoop, float], None] | None = None,
     ) -> None:
         self.recorder = recorder
+        self._rest = rest
+        recorder.defer()
         self._observe = observe
         self._tell = logger.warning if tell is None else tell
         self._is_gap_told = False
@@ -235,12 +249,18 @@ class RunRecording:
         if self.recorder.lost and not self._is_gap_told:
             self._is_gap_told = True
             self._tell("the recording has a gap: what writes it does not keep up")
-        now = loop.clock.now()
-        if now >= self._next_check:
-            self._next_check = now + RECORDING_CHECK_INTERVAL
-            self._check_writer()
         if self._observe is not None:
             self._observe(loop, verdict)
+
+    def rest(self, loop: RateLoop, idle: float) -> None:
+        """Write what was left for when there is time, and let others have what is left of it."""
+        begin = loop.clock.now()
+        self.recorder.write_pending()
+        if begin >= self._next_check:
+            self._next_check = begin + RECORDING_CHECK_INTERVAL
+            self._check_writer()
+        if self._rest is not None:
+            self._rest(loop, idle - (loop.clock.now() - begin))
 
     def _check_writer(self) -> None:
         """Tell, once, of what keeps the recording from being written, and when that is over."""
@@ -298,6 +318,7 @@ def run(
     json_verdicts: bool = False,
     authenticator: Authenticator | None = None,
     observe: Callable[[RateLoop, Verdict], None] | None = None,
+    rest: Callable[[RateLoop, float], None] | None = None,
     prepared: Callable[[Monitor], None] | None = None,
     listening: Callable[[Mapping[str, str]], None] | None = None,
     tell: Callable[[str], None] | None = None,
@@ -319,6 +340,7 @@ def run(
         json_verdicts: Whether verdicts and answers to plans are sent as JSON, not as msgpack.
         authenticator: Lets in clients, and stays open; None: one is made where the cell has keys.
         observe: Sees each verdict, with the loop, after it was published; must not block.
+        rest: Called with the loop where there is time before the next tick, in [s]; must not block.
         prepared: Called with the monitor when everything is compiled, before the first tick.
         listening: Called with the addresses that were bound ("obstacles", "joints", "verdicts"),
             before the first tick.
@@ -358,8 +380,8 @@ def run(
     authenticator = authenticator or own_authenticator
     try:
         if record is not None:
-            log = RunRecording(Recorder(record, monitor), edge.faults, observe, tell)
-            observe = log.observe
+            log = RunRecording(Recorder(record, monitor), edge.faults, observe, tell, rest)
+            observe, rest = log.observe, log.rest
         inputs: list[Input] = []
         bound: dict[str, str] = {}
         addresses = _inputs(obstacles_address, joints_address)
@@ -380,8 +402,10 @@ def run(
                     "verdicts": publisher.address,
                 }
             )
-        loop = RateLoop(monitor, edge, inputs, clock, publisher.publish, publisher.answer, observe)
         note = None if log is None else log.recorder.note
+        loop = RateLoop(
+            monitor, edge, inputs, clock, publisher.publish, publisher.answer, observe, rest
+        )
         with _ending_with_a_stop(publisher, clock, note):
             if not realtime:
                 report = loop.run(duration)

@@ -168,6 +168,7 @@ def supervise(
                 json_verdicts=json_verdicts,
                 authenticator=authenticator,
                 observe=observer.observe,
+                rest=observer.rest,
                 prepared=tell_prepared,
                 listening=tell_addresses,
                 tell=announcer.tell,
@@ -378,10 +379,17 @@ class _Observer:
         self.counts.count(verdict)
         self._announcer.observe(loop.clock.now(), verdict)
         if self._feed is not None:
-            self._feed.observe(
-                verdict,
+            self._feed.note(verdict)
+            # A loop that never rests is not to vanish from the page.
+            self.rest(loop, 0.0)
+
+    def rest(self, loop: RateLoop, idle: float) -> None:
+        """Called between ticks that leave so much time, in [s]."""
+        if self._feed is not None:
+            self._feed.publish(
                 loop.clock.now(),
                 loop.durations,
                 loop.late,
                 refused_resets=loop.refused_resets,
+                idle=idle,
             )

@@ -40,6 +40,7 @@ def summarise(report: LoopReport, counts: VerdictCounts) -> dict[str, Any]:
         "incomplete": counts.incomplete,
         "faults": report.monitor_faults + sum(report.faults.values()),
         "received": report.received,
+        "cut_short": report.cut_short,
         "message_faults": report.faults,
         "recording_lost": report.lost,
     }
@@ -72,6 +73,9 @@ def draw_summary(summary: dict[str, Any]) -> Table:
     table.add_row("tick " + " / ".join(names), " / ".join(times) + " µs")
     table.add_row("real time", _tell_realtime(summary["realtime"]))
     table.add_row("incomplete ticks", str(summary["incomplete"]))
+    if summary["cut_short"]:
+        waits = f"{summary['cut_short']} times an input had more messages than a tick takes"
+        table.add_row("messages that waited", waits)
     table.add_row("faults", str(summary["faults"]))
     if summary["recording_lost"] is not None:
         lost = summary["recording_lost"]

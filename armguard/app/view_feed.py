@@ -1,7 +1,8 @@
 """From the monitor's loop to the view's feed: thirty times a second, what there is to see.
 
-Called after each verdict was published. Most calls only look at the time; the others copy a
-bounded amount, whatever the number of obstacles, and publish without waiting.
+Each verdict is noted after it was published. A frame copies a bounded amount, whatever the number
+of obstacles, and is published without waiting; a loop has it made between two ticks, where it takes
+no tick's time.
 """
 
 from __future__ import annotations
@@ -43,6 +44,9 @@ from armguard.view.publisher import FramePublisher
 
 INTERVAL = 1.0 / 30.0
 """Between two frames, in [s]."""
+
+LONGEST_WAIT = 0.25
+"""Of a frame for a tick after which there is time left, in [s]."""
 
 PAIR_LIMIT = 32
 """Lines drawn at most."""
@@ -91,6 +95,9 @@ class MonitorFeed:
         self._publisher = publisher
         self._next = -math.inf
         self._origin = origin
+        self._cost = 0.0
+        """What the last frame took, in [s]."""
+        self._newest: Verdict | None = None
         self._level: Level | None = None
         """Of the last tick."""
         self._worst: Verdict | None = None
@@ -113,7 +120,7 @@ class MonitorFeed:
         wall: float | None = None,
         refused_resets: int = 0,
     ) -> None:
-        """Publish a frame if one is due.
+        """Note a verdict, and publish a frame if one is due.
 
         Args:
             verdict: The newest.
@@ -123,6 +130,12 @@ class MonitorFeed:
             wall: Time of day, in [s] since 1970; None: the present.
             refused_resets: How many resets were refused so far.
         """
+        self.note(verdict)
+        self.publish(now, durations, late, wall=wall, refused_resets=refused_resets)
+
+    def note(self, verdict: Verdict) -> None:
+        """Note the newest verdict."""
+        self._newest = verdict
         if verdict.stamp != self._stamp:
             self._stamp = verdict.stamp
             self._states += verdict.sequence > 0
@@ -132,8 +145,34 @@ class MonitorFeed:
             self._level = verdict.level
             if self._worst is None or verdict.level < self._worst.level:
                 self._worst = verdict
-        if now < self._next:
+
+    def publish(
+        self,
+        now: float,
+        durations: Durations,
+        late: int,
+        *,
+        wall: float | None = None,
+        refused_resets: int = 0,
+        idle: float = math.inf,
+    ) -> None:
+        """Publish a frame of the newest verdict if one is due.
+
+        Args:
+            now: Time of the monitor's clock, in [s].
+            durations: How long ticks took so far.
+            late: How many came late.
+            wall: Time of day, in [s] since 1970; None: the present.
+            refused_resets: How many resets were refused so far.
+            idle: How much time there is, in [s]. A frame that took longer the last time waits for
+                a later call; but no longer than for another frame, or `LONGEST_WAIT` where there is
+                no time at all.
+        """
+        verdict = self._newest
+        wait = 0.0 if self._cost <= idle else (INTERVAL if idle > 0.0 else LONGEST_WAIT)
+        if verdict is None or now < self._next + wait:
             return
+        begin = time.perf_counter()
         self._next = max(self._next + INTERVAL, now)
         if self._describe_changes() != self._changes:
             self._publish_scene()
@@ -157,6 +196,7 @@ class MonitorFeed:
                 )
                 self._publisher.publish_frame(frame)
         self._worst = None
+        self._cost = time.perf_counter() - begin
 
     def _explain(self) -> None:
         """Ask why, where there is time for it: the answer takes as long as thirty ticks."""

@@ -5,7 +5,9 @@ been obeyed. So what is asked in a tick is the stop decision's question, of an a
 trajectory until then.
 
 Where a new trajectory takes the place of one that the arm may still be following, both are kept
-until joint states tell them apart, and both must allow the arm to go on.
+until joint states tell them apart, and both must allow the arm to go on. Joint states never tell
+apart two that have come to rest at the same place: of these the older goes, where the newer one
+says no more.
 """
 
 from __future__ import annotations
@@ -51,6 +53,11 @@ class Trajectory(NamedTuple):
     """How long a stop on the path lasts once brakes bite, in [s]."""
     is_told: bool = False
     """Whether the arm has said so; else it is on time, or was when it was taken."""
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the arm has come to its end, where it rests."""
+        return bool(self.along >= self.plan.times[-1])
 
 
 class FollowedTrajectory:
@@ -120,7 +127,7 @@ class FollowedTrajectory:
 
     def is_over(self) -> bool:
         """Whether the arm has come to the end of all its trajectories, if it is on any."""
-        return all(one.along >= one.plan.times[-1] for one in self._trajectories)
+        return all(one.is_over for one in self._trajectories)
 
     def follow(self, plan: Plan, tick: Tick) -> PlanVerdict:
         """Take a trajectory at the last tick, if it is in order."""
@@ -230,7 +237,7 @@ class FollowedTrajectory:
             assert strayed is not None, "the last one was not followed"
             self.reset()
             return Reason(ReasonKind.PLAN_VOID, *strayed)
-        self._trajectories = kept
+        self._trajectories = _leave_out_finished(kept)
         return None
 
     def rests(self, tick: Tick) -> bool:
@@ -304,3 +311,32 @@ class FollowedTrajectory:
     def _free_clock(self, plan: CheckedPlan) -> CheckedPlan:
         """The plan of an arm with a clock of its own, which speeds up and slows down as it can."""
         return plan._replace(acceleration=2.0 * np.array(self._robot.acceleration_limit))
+
+
+def _leave_out_finished(trajectories: list[Trajectory]) -> list[Trajectory]:
+    """Those without which the arm could be anywhere else; the newest last, as they were."""
+    return [
+        one
+        for i, one in enumerate(trajectories)
+        if not any(_rests_within(one, newer) for newer in trajectories[i + 1 :])
+    ]
+
+
+def _rests_within(one: Trajectory, newer: Trajectory) -> bool:
+    """Whether an arm that rests at the end of one does so at the end of a newer one as well.
+
+    So it is where both have come to the same end, and whatever the arm may be off the first, it may
+    be off the newer one: place, velocity, and what becomes of both while it stops. The newer one
+    was also followed for a shorter time, which says less about velocities.
+    """
+    if not (one.is_over and newer.is_over):
+        return False
+    first, second = one.plan, newer.plan
+    return bool(
+        (first.q[-1] == second.q[-1]).all()
+        and (first.deviation <= second.deviation).all()
+        and (first.stop_deviation <= second.stop_deviation).all()
+        and (first.velocity_deviation <= second.velocity_deviation).all()
+        and (first.acceleration <= second.acceleration).all()
+        and one.since <= newer.since
+    )

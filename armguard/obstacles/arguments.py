@@ -26,7 +26,7 @@ def show(value: object) -> str:
 
 
 def read_ids(ids: Sequence[str]) -> list[str]:
-    """Names of obstacles: strings, none empty, none twice."""
+    """Names of obstacles: strings of whole characters, none empty, none twice."""
     if isinstance(ids, (str, bytes)):
         raise ObstacleError("ids", f"is the string {show(ids)}", expected="a list of strings")
     try:
@@ -48,7 +48,22 @@ def read_ids(ids: Sequence[str]) -> list[str]:
                 break
             distinct.discard(name)
         raise ObstacleError("ids", f"names {show(name)} twice", expected="each id once")
+    if not is_writable("".join(names)):
+        offender = next(name for name in names if not is_writable(name))
+        raise ObstacleError("ids", f"holds {show(offender)}", expected="text that UTF-8 can hold")
     return names
+
+
+def is_writable(text: str) -> bool:
+    """Whether a text can be written: Python's may hold halves of characters, which UTF-8 cannot.
+
+    Such a name could be neither published nor recorded.
+    """
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def is_same(ids: list[str], names: list[str]) -> bool:

@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 from armguard.jit.arrays import FloatArray
 from armguard.obstacles.frames import Frame
-from armguard.obstacles.message import Samples
+from armguard.obstacles.message import ToldSamples
 from armguard.obstacles.sources import Source
 
 
@@ -36,9 +36,9 @@ class ObstacleJournal(Protocol):
 
     def note_update(
         self,
-        ids: Sequence[str],
+        ids: list[str],
         stamp: float,
-        samples: Samples,
+        samples: ToldSamples,
         *,
         has_velocity: bool,
         has_accel: bool,
@@ -50,7 +50,7 @@ class ObstacleJournal(Protocol):
         """Is told a message that could be read, before its rows are judged.
 
         Args:
-            ids: Of its rows. Length n.
+            ids: Of its rows; a list that is told again holds what it held. Length n.
             stamp: In [s].
             samples: Its rows.
             has_velocity: Whether it gave velocities; if not, those in `samples` stand for them.

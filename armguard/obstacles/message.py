@@ -44,6 +44,27 @@ class Samples(NamedTuple):
     """[m/s]. Shape (rows,)."""
 
 
+class ToldSamples(NamedTuple):
+    """One call's samples as a journal is told them; the next call overwrites the arrays."""
+
+    point_count: int
+    """Points of each."""
+    points: FloatArray
+    """[m]. Shape (rows, point_count, 3)."""
+    velocities: FloatArray
+    """[m/s]. Shape (rows, point_count, 3)."""
+    radius: FloatArray | float
+    """[m]; a number holds for all, as it does below. Shape (rows,)."""
+    accel: FloatArray | float
+    """[m/s²]. Shape (rows,)."""
+    speed: FloatArray | float
+    """[m/s]. Shape (rows,)."""
+    position_error: FloatArray | float
+    """[m]. Shape (rows,)."""
+    velocity_error: FloatArray | float
+    """[m/s]. Shape (rows,)."""
+
+
 class Frames(NamedTuple):
     """The frames F that messages may refer to, by number: p_W = R_WF p_F + p_WF."""
 
@@ -116,19 +137,20 @@ class MessageMemory:
         if velocities is not None:
             places[1][:] = velocities
 
-    def read_samples(self, count: int, each: int, *numbers: float) -> Samples:
-        """The message that was read, for a journal; the next one overwrites its arrays.
+    def tell_samples(self, count: int, each: int, *numbers: float) -> ToldSamples:
+        """The message that was read, for a journal.
 
         Args:
             count: Of its samples.
             each: Of which fields there is one number for each sample, a bit for each of `FIELDS`.
             numbers: The others, in the order of `FIELDS`.
         """
-        fields = [
-            own[:count] if each >> i & 1 else np.full(count, number)
-            for i, (own, number) in enumerate(zip(self.fields, numbers, strict=True))
-        ]
-        return Samples(self.points_each, *self._hulls, *fields)
+        fields: list[Any] = list(numbers)
+        if each:
+            for i, own in enumerate(self.fields):
+                if each >> i & 1:
+                    fields[i] = own[:count]
+        return ToldSamples(self.points_each, *self._hulls, *fields)
 
     def fit(self, count: int, points_each: int) -> None:
         """Make room for so many samples of so many points each; what stood there is void."""

@@ -23,6 +23,7 @@ from armguard.jit.handle import machine_code
 from armguard.obstacles import acceptance as rule
 from armguard.obstacles.arguments import (
     is_same,
+    is_writable,
     read_bound,
     read_field,
     read_ids,
@@ -230,7 +231,7 @@ class Obstacles(ObstacleRegister):
             self.journal.note_update(
                 names,
                 time,
-                self._memory.read_samples(len(names), *numbers),
+                self._memory.tell_samples(len(names), *numbers),
                 has_velocity=velocity is not None,
                 has_accel=accel is not None,
                 has_speed=speed is not None,
@@ -449,6 +450,8 @@ class Obstacles(ObstacleRegister):
     def _check_source(self, source: object) -> None:
         if not isinstance(source, str) or not source:
             raise ObstacleError("source", f"is {show(source)}", expected="a name")
+        if self._sources.find(source) is None and not is_writable(source):
+            raise ObstacleError("source", f"is {show(source)}", expected="text that UTF-8 can hold")
         self._sources.check_room(source)
 
     def _check_frame(self, frame: object) -> None:
@@ -460,7 +463,7 @@ class Obstacles(ObstacleRegister):
     def _leave_malformed(
         self, error: ObstacleError, source: object, stamp: object
     ) -> ObstacleError:
-        name = source if isinstance(source, str) else ""
+        name = source if isinstance(source, str) and is_writable(source) else ""
         time = float(stamp) if isinstance(stamp, (float, np.floating)) else math.nan
         self.leave_malformed(name, error.offender, error.problem, time)
         return error

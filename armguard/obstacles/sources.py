@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from armguard.exceptions import ObstacleError
+from armguard.obstacles.arguments import is_writable
 
 MAXIMUM_SOURCES = 256
 MAXIMUM_TOMBSTONES = 4096
@@ -46,6 +47,10 @@ class Source:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise ObstacleError("source name", f"is {self.name!r}", expected="a non-empty string")
+        if not is_writable(self.name):
+            raise ObstacleError(
+                "source name", f"is {self.name!r}", expected="text that UTF-8 can hold"
+            )
         if self.timeout is not None and not 0.0 < self.timeout < math.inf:
             raise ObstacleError(
                 f"source {self.name!r}",

@@ -297,21 +297,21 @@ def tell_verdict(verdict: Verdict) -> VerdictTold:
     certificate, separation = verdict.certificate, verdict.separation
     # By place, since this is part of every tick.
     return VerdictTold(
-        _spell(verdict.stamp),
+        spell(verdict.stamp),
         int(verdict.sequence),
         _LEVELS[verdict.level],
-        _spell(verdict.contact_time),
-        _spell(verdict.stop_time),
-        _spell(verdict.speed_scale),
+        spell(verdict.contact_time),
+        spell(verdict.stop_time),
+        spell(verdict.speed_scale),
         bool(verdict.complete),
         int(verdict.evaluated),
         _tell_reasons(verdict.reasons),
-        _spell(verdict.valid_until),
+        spell(verdict.valid_until),
         UNSET if verdict.link is None else verdict.link,
         UNSET if verdict.obstacle is None else verdict.obstacle,
         UNSET if verdict.stop is None else verdict.stop,
-        UNSET if separation is None else _spell(separation),
-        UNSET if certificate is None else _spell(certificate.contact_time),
+        UNSET if separation is None else spell(separation),
+        UNSET if certificate is None else spell(certificate.contact_time),
         UNSET if certificate is None else write_numbers(certificate.times),
         UNSET if certificate is None else write_numbers(np.ravel(certificate.witnesses)),
     )
@@ -363,6 +363,11 @@ def tell_answer(answer: PlanVerdict) -> PlanAnswered:
     )
 
 
+def spell(value: float) -> Number:
+    """A number as a plain float, or the word for one that JSON has none for."""
+    return float(value) if -math.inf < value < math.inf else write_number(float(value))
+
+
 def write_field(values: NDArray[np.float64]) -> Numbers:
     """One number a row, or one alone where all are the same to the bit. Shape (n,)."""
     if len(values) > 1 and (values.view(np.int64) == values.view(np.int64)[0]).all():
@@ -375,11 +380,6 @@ def read_field(values: Numbers, count: int) -> NDArray[np.float64]:
     """What `write_field` wrote of so many rows. Shape (count,)."""
     array = read_numbers(values)
     return np.full(count, array[0]) if len(array) == 1 != count else array
-
-
-def _spell(value: float) -> Number:
-    """A number as a plain float, or the word for one that JSON has none for."""
-    return float(value) if -math.inf < value < math.inf else write_number(float(value))
 
 
 def _tell_reasons(reasons: tuple[Reason, ...]) -> list[ReasonTold]:

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import math
 import os
-import struct
 import subprocess
 import sys
 import time
@@ -26,15 +24,12 @@ import msgspec
 import numpy as np
 from msgspec import UNSET
 
-from armguard.contact.earliest import Certificate
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.monitor.monitor import Monitor
-from armguard.obstacles.message import Samples
+from armguard.obstacles.message import ToldSamples
 from armguard.recording.events import (
     FORMAT,
-    KINDS,
-    REASON_NAMES,
     BodiesChanged,
     FaultsTaken,
     Gap,
@@ -42,22 +37,36 @@ from armguard.recording.events import (
     LinkTold,
     Log,
     MalformedCall,
-    ObstacleUpdate,
     Payload,
     Removal,
     Reset,
     StaticObstacle,
     Time,
-    VerdictTold,
     encode,
     tell_answer,
 )
 from armguard.recording.inputs import tell_plan, tell_state
+from armguard.recording.packing import (
+    ATTACHED,
+    FRAME,
+    HEADED,
+    NOTED,
+    NUMBERS,
+    Heading,
+    ToldState,
+    ToldUpdate,
+    ToldVerdict,
+    pack_body,
+    pack_plain,
+    pack_state,
+    pack_update,
+    pack_verdict,
+)
 from armguard.recording.provenance import describe_provenance
 from armguard.recording.ring import Ring, create_memory
 from armguard.recording.settings import describe_settings
 from armguard.robot.portable import describe_bodies, describe_robot, write_number, write_numbers
-from armguard.verdict import Level, PlanVerdict, Reason, Verdict
+from armguard.verdict import PlanVerdict, Verdict
 
 CAPACITY = 32 * 1024 * 1024
 """Bytes that wait for the disk at most: a minute and more of a usual cell."""
@@ -71,21 +80,11 @@ SILENT_TIMEOUT = 2.0
 STUCK_TIMEOUT = 10.0
 """How long the disk may hold up that process at the end, in [s], before it is ended."""
 
-FRAME = struct.Struct("<Bq")
-"""Before each event: its kind, by its place in `KINDS`, and when it came, in [ns] since 1970."""
+MOST_PENDING = 1000
+"""What is left to be written when there is time; where more comes in one tick, it is written."""
 
-ATTACHED, NOTED, PLAIN_STATE = range(len(KINDS), len(KINDS) + 3)
-"""Instead of a kind: what stands in the file once, as an attachment or as metadata, and a joint
-state as it usually is: the three numbers of `TIMES`, then q and v, all of float64."""
-
-TIMES = struct.Struct("<ddd")
-"""Stamp, time of the tick, path time; NaN where that was not told."""
-
-_NUMBERS = {kind: number for number, kind in enumerate(KINDS)}
-_STATE, _VERDICT, _UPDATE = (_NUMBERS[kind] for kind in (JointState, VerdictTold, ObstacleUpdate))
-
-_REASONS = {name: kind for kind, name in REASON_NAMES.items()}
-_FLOAT = np.dtype(np.float64)
+MOST_IDS = 10_000
+"""Ids that are remembered to have been told; then all are told anew."""
 
 
 class Recorder:
@@ -116,9 +115,18 @@ class Recorder:
         check_installed()
         _check_untouched(monitor)
         self._monitor, self._robot = monitor, monitor.robot
-        self._joints = len(monitor.robot.joints)
+        self._shape = (len(monitor.robot.joints),)
         self._clock_offset = time.time_ns() - time.monotonic_ns()
         self._stepping = False
+        self._defers = False
+        self._pending: list[ToldState | ToldVerdict | ToldUpdate | bytes] = []
+        """What is still to be written, in order."""
+        self._is_tick_left = False
+        """Whether a whole tick is among it."""
+        self._headings: dict[tuple[int, str, str], tuple[int, Heading]] = {}
+        """What messages have in common and was told, with its number; by which list of ids it is,
+        whatever it holds: the heading keeps that list, so no other one is taken for it."""
+        self._heading_ids = 0
         self.lost = 0
         self._gap_events, self._gap_since = 0, 0
         self._beats, self._beat_time = 0, time.monotonic()
@@ -192,6 +200,7 @@ class Recorder:
             self._monitor.journal = self._monitor.obstacles.journal = None
         if self._ring.is_released:
             return ""
+        self.write_pending()
         ring = self._ring
         beats, deadline = 0, time.monotonic() + START_TIMEOUT
         while process.poll() is None and time.monotonic() < deadline:
@@ -234,14 +243,15 @@ class Recorder:
         """As `MonitorJournal` says."""
         self._stepping = True
         try:
+            if self._is_tick_left:
+                self.write_pending()
             if self._robot.revision != self._revision:
                 self._tell_bodies()
-            if _is_plain(stamp, q, v, now, path_time, self._joints):
-                times = TIMES.pack(stamp, now, math.nan if path_time is None else path_time)
-                self._send(PLAIN_STATE, times + q.tobytes() + v.tobytes())
+            state = ToldState(self._now(), stamp, q, v, now, path_time)
+            if self._defers:
+                self._pending.append(state)
             else:
-                event = tell_state(stamp, q, v, now, path_time, self._joints)
-                self._send(_STATE, encode(event))
+                self._put(self._pack(state))
         except Exception:
             # A recorder must not hurt the loop: what cannot be recorded is a gap.
             self._lose()
@@ -250,9 +260,35 @@ class Recorder:
         """As `MonitorJournal` says; also of what is told while there is no joint state to judge."""
         self._stepping = False
         try:
-            self._send(_VERDICT, pack_verdict(verdict))
+            if self._is_tick_left:
+                self.write_pending()
+            told = ToldVerdict(self._now(), verdict)
+            if self._defers:
+                self._pending.append(told)
+                self._is_tick_left = True
+            else:
+                self._put(self._pack(told))
         except Exception:
             self._lose()
+
+    def defer(self) -> None:
+        """Leave what is told to `write_pending`, which a loop calls when it has time to spare.
+
+        So recording takes no time of its ticks. What a loop could not write in time is written in
+        its next tick. If it is killed in the middle of a tick, that tick is not in the file. Arrays
+        of joint states must stay as they are until they are written.
+        """
+        self._defers = True
+
+    def write_pending(self) -> None:
+        """Write what was left; the loop has time to spare."""
+        self._is_tick_left = False
+        for told in self._pending:
+            try:
+                self._put(told if isinstance(told, bytes) else self._pack(told))
+            except Exception:
+                self._lose()
+        self._pending.clear()
 
     def note_plan(self, ask: Literal["commit", "follow"], plan: object) -> None:
         """As `MonitorJournal` says."""
@@ -277,9 +313,9 @@ class Recorder:
 
     def note_update(
         self,
-        ids: Sequence[str],
+        ids: list[str],
         stamp: float,
-        samples: Samples,
+        samples: ToldSamples,
         *,
         has_velocity: bool,
         has_accel: bool,
@@ -290,16 +326,19 @@ class Recorder:
     ) -> None:
         """As `ObstacleJournal` says."""
         try:
-            # Lists are made of the arrays by the other process: that takes longer than a tick.
-            arrays = [
-                np.ascontiguousarray(array, dtype=np.float64).tobytes() for array in samples[1:]
-            ]
-            given = (True, has_velocity, True, has_accel, has_speed, True, has_velocity)
-            fields = [
-                array if is_given else None for array, is_given in zip(arrays, given, strict=True)
-            ]
-            header = (list(ids), stamp, source, frame, snapshot, samples.point_count)
-            self._send(_UPDATE, _packer.encode((*header, *fields)))
+            body = pack_body(
+                stamp,
+                samples,
+                has_velocity=has_velocity,
+                has_accel=has_accel,
+                has_speed=has_speed,
+                snapshot=snapshot,
+            )
+            told = ToldUpdate(self._now(), Heading(ids, source, frame), body)
+            if self._defers:
+                self._keep(told)
+            else:
+                self._put(self._pack(told))
         except Exception:
             self._lose()
 
@@ -338,13 +377,12 @@ class Recorder:
             **describe_provenance(monitor.robot),
             "monotonic_offset_ns": str(self._clock_offset),
         }
-        pack = _packer.encode
         robot = encode_plain(describe_robot(monitor.robot))
         settings = encode_plain(describe_settings(monitor))
         return [
-            (NOTED, pack(("armguard", provenance))),
-            (ATTACHED, pack(("settings.json", "application/json", settings))),
-            (ATTACHED, pack(("robot.json", "application/json", robot))),
+            (NOTED, pack_plain(("armguard", provenance))),
+            (ATTACHED, pack_plain(("settings.json", "application/json", settings))),
+            (ATTACHED, pack_plain(("robot.json", "application/json", robot))),
         ]
 
     def _tell_bodies(self) -> None:
@@ -359,16 +397,69 @@ class Recorder:
 
     def _tell(self, event: Any) -> None:
         try:
-            self._send(_NUMBERS[type(event)], encode(event))
+            self._send(NUMBERS[type(event)], encode(event))
         except Exception:
             self._lose()
 
     def _send(self, number: int, data: bytes) -> None:
-        now = time.monotonic_ns() + self._clock_offset
-        if (self._gap_events and not self._end_gap()) or not self._ring.write(
-            FRAME.pack(number, now) + data
-        ):
+        self._write(FRAME.pack(number, self._now()) + data)
+
+    def _write(self, record: bytes) -> None:
+        """Write a record, now or when there is time."""
+        if self._defers:
+            self._keep(record)
+        else:
+            self._put(record)
+
+    def _keep(self, told: ToldUpdate | bytes) -> None:
+        self._pending.append(told)
+        if len(self._pending) > MOST_PENDING:
+            self.write_pending()
+
+    def _pack(self, told: ToldState | ToldVerdict | ToldUpdate) -> bytes:
+        """The record of what was told.
+
+        Raises:
+            Exception: It cannot be recorded.
+        """
+        if isinstance(told, ToldVerdict):
+            return pack_verdict(told)
+        if isinstance(told, ToldUpdate):
+            return pack_update(told, self._number_heading(told.heading))
+        record = pack_state(told, self._shape)
+        if record is None:
+            event = tell_state(*told[1:], *self._shape)
+            record = FRAME.pack(NUMBERS[JointState], told.came) + encode(event)
+        return record
+
+    def _number_heading(self, heading: Heading) -> int:
+        """The number of what a message has in common with others, which is told once.
+
+        Raises:
+            BufferError: There is no room to tell it, so what has it is lost.
+        """
+        ids, source, frame = heading
+        key = id(ids) if ids else 0, source, frame
+        if (known := self._headings.get(key)) is not None:
+            return known[0]
+        if self._heading_ids + len(ids) > MOST_IDS:
+            self._headings.clear()
+            self._heading_ids = 0
+        number = len(self._headings)
+        record = FRAME.pack(HEADED, self._now()) + pack_plain((number, *heading))
+        if (self._gap_events and not self._end_gap()) or not self._ring.write(record):
+            raise BufferError("no room")
+        self._headings[key] = number, heading
+        self._heading_ids += len(ids) + 1
+        return number
+
+    def _put(self, record: bytes) -> None:
+        if (self._gap_events and not self._end_gap()) or not self._ring.write(record):
             self._lose()
+
+    def _now(self) -> int:
+        """[ns] since 1970, by a clock that never goes back."""
+        return time.monotonic_ns() + self._clock_offset
 
     def _lose(self) -> None:
         self.lost += 1
@@ -383,57 +474,10 @@ class Recorder:
             return False
         seconds = 1e-9 * (time.monotonic_ns() - self._gap_since)
         event = encode(Gap(events=self._gap_events, seconds=seconds))
-        now = time.monotonic_ns() + self._clock_offset
-        if not ring.write(FRAME.pack(_NUMBERS[Gap], now) + event):
+        if not ring.write(FRAME.pack(NUMBERS[Gap], self._now()) + event):
             return False
         self._gap_events = 0
         return True
-
-
-def pack_verdict(verdict: Verdict) -> bytes:
-    """A verdict as it is sent: made into what stands in the file by the other process."""
-    reasons = [(REASON_NAMES[kind], subject, detail) for kind, subject, detail in verdict.reasons]
-    certificate: Any = verdict.certificate
-    if certificate is not None:
-        times, witnesses = certificate.times, certificate.witnesses
-        certificate = certificate.contact_time, times.tolist(), np.ravel(witnesses).tolist()
-    return _packer.encode((*verdict[:10], reasons, *verdict[11:13], certificate, verdict[14]))
-
-
-def unpack_verdict(data: bytes) -> Verdict:
-    """The verdict that `pack_verdict` made bytes of."""
-    fields = msgspec.msgpack.decode(data)
-    fields[2] = Level(fields[2])
-    fields[10] = tuple(
-        Reason(_REASONS[name], subject, detail) for name, subject, detail in fields[10]
-    )
-    if fields[13] is not None:
-        contact_time, times, witnesses = fields[13]
-        fields[13] = Certificate(
-            contact_time, np.array(times, dtype=float), np.array(witnesses).reshape(-1, 3)
-        )
-    return Verdict(*fields)
-
-
-def _is_plain(stamp: object, q: Any, v: Any, now: object, path_time: object, joints: int) -> bool:
-    """Whether the arguments of a step are what they usually are."""
-    return (
-        type(stamp) is float is type(now)
-        and (path_time is None or (type(path_time) is float and path_time == path_time))
-        and type(q) is np.ndarray is type(v)
-        and q.dtype == _FLOAT == v.dtype
-        and q.shape == (joints,) == v.shape
-    )
-
-
-def _to_plain(value: object) -> object:
-    """Numbers of NumPy as Python's."""
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"{value!r} cannot be recorded")
-
-
-_packer = msgspec.msgpack.Encoder(enc_hook=_to_plain)
 
 
 def check_installed() -> None:

@@ -41,11 +41,16 @@ class Ring:
 
     def __init__(self, descriptor: int) -> None:
         size = os.fstat(descriptor).st_size
-        self._map = mmap.mmap(descriptor, size)
+        # Pages are mapped now: one that is met for the first time costs a loop some microseconds.
+        flags = mmap.MAP_SHARED | getattr(mmap, "MAP_POPULATE", 0)
+        self._map = mmap.mmap(descriptor, size, flags)
         self._counters = memoryview(self._map)[:HEADER].cast("Q")
         self.is_released = False
         self._capacity = size - HEADER
         self._written, self._read = (self._counters[place] for place in (_WRITTEN, _READ))
+        self._room = 0
+        """Bytes from the next place on that are surely free: up to the end of the ring, and as far
+        as the reader had come when that was looked up, which costs more than to write."""
 
     @property
     def capacity(self) -> int:
@@ -59,21 +64,30 @@ class Ring:
 
     def write(self, data: bytes) -> bool:
         """Write a record; False if there is no room for it."""
-        size = _round_up(_FRAME.size + len(data))
-        place = self._written % self._capacity
-        skipped = self._capacity - place if place + size > self._capacity else 0
-        if skipped + size > self.free:
+        length = _FRAME.size + len(data)
+        size = _round_up(length)
+        if size > self._room and not self._find_room(size):
             return False
-        if skipped:
-            _FRAME.pack_into(self._map, HEADER + place, _GO_ON_AT_START, 0)
-            place = 0
-        begin = HEADER + place + _FRAME.size
-        self._map[begin : begin + len(data)] = data
-        _FRAME.pack_into(self._map, HEADER + place, len(data), zlib.crc32(data))
-        self._written += skipped + size
+        begin = HEADER + self._written % self._capacity
+        self._map[begin : begin + length] = _FRAME.pack(len(data), zlib.crc32(data)) + data
+        self._room -= size
+        self._written += size
         # Only now may the reader know of it.
         self._counters[_WRITTEN] = self._written
         return True
+
+    def _find_room(self, size: int) -> bool:
+        """Whether there is room for a record of this size, where it goes being the next place."""
+        free, left = self.free, self._capacity - self._written % self._capacity
+        if left < size:
+            if left + size > free:
+                return False
+            _FRAME.pack_into(self._map, HEADER + self._capacity - left, _GO_ON_AT_START, 0)
+            # The reader will know of it with the record.
+            self._written += left
+            free, left = free - left, self._capacity
+        self._room = min(free, left)
+        return size <= self._room
 
     def read(self) -> bytes | None:
         """The oldest record that was not read yet; None if there is none, or not all of it yet."""

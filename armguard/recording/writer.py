@@ -11,18 +11,16 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
-import numpy as np
-from msgspec import UNSET
-from numpy.typing import NDArray
 
 from armguard.recording.events import (
     KINDS,
     PREFIX,
     TOPICS,
+    Event,
     JointState,
     ObstacleUpdate,
     Removal,
@@ -32,19 +30,22 @@ from armguard.recording.events import (
     make_schema,
     schema_name,
     tell_verdict,
-    write_field,
 )
-from armguard.recording.recorder import (
+from armguard.recording.packing import (
     ATTACHED,
     FRAME,
+    HEADED,
     NOTED,
-    PLAIN_STATE,
-    TIMES,
+    NUMBERS,
+    STATE,
+    UPDATE,
+    Heading,
+    read_state,
+    read_update,
     unpack_verdict,
 )
 from armguard.recording.ring import Ring
 from armguard.recording.scene import INTERVAL, SCENE_SCHEMA, Scene, SceneUpdate
-from armguard.robot.portable import write_number, write_numbers
 
 FLUSH_INTERVAL = 0.5
 """Between two chunks at most, in [s]: so much is lost when this process is killed."""
@@ -52,8 +53,9 @@ FLUSH_INTERVAL = 0.5
 CHUNK_SIZE = 1024 * 1024
 """Bytes after which a chunk is ended sooner."""
 
-PAUSE = 0.02
-"""Between two looks into the memory, in [s]."""
+PAUSE = 0.05
+"""Between two looks into the memory, in [s]: what came meanwhile is written at once, which takes
+less of the processor than to wake for each event."""
 
 UNWRITTEN_LIMIT = 8 * 1024 * 1024
 """Bytes that wait for the disk in this process; while there are more, none are taken."""
@@ -61,7 +63,12 @@ UNWRITTEN_LIMIT = 8 * 1024 * 1024
 STUCK_AFTER = 2.0
 """A record that is not whole after so long, in [s], with nobody left to write, never will be."""
 
-_NUMBERS = {kind: number for number, kind in enumerate(KINDS)}
+NICE = 10
+"""Of this process: with so many others at work it still gets a tenth of a processor, twice what it
+needs."""
+
+FOLLOWED = frozenset({JointState, StaticObstacle, Removal})
+"""Kinds of events that come as they stand in the file, and of which the scene is made."""
 
 
 class PatientFile:
@@ -137,10 +144,10 @@ class RecordingWriter:
             index_types=IndexType.ALL,
         )
         self._writer.start(profile="", library="armguard")
-        self._channels = [
-            self._register(PREFIX + TOPICS[kind], schema_name(kind), make_schema(kind))
+        self._channels = {
+            kind: self._register(PREFIX + TOPICS[kind], schema_name(kind), make_schema(kind))
             for kind in KINDS
-        ]
+        }
         self._scene_channel = self._register(
             f"{PREFIX}scene", SCENE_SCHEMA, make_schema(SceneUpdate)
         )
@@ -150,42 +157,42 @@ class RecordingWriter:
         self._last_time = 0
         self._count = 0
         self._decoders: dict[type[Any], msgspec.json.Decoder[Any]] = {
-            kind: msgspec.json.Decoder(kind) for kind in KINDS
+            kind: msgspec.json.Decoder(kind) for kind in FOLLOWED
         }
-        self._last_state = b""
+        self._last_state: JointState | None = None
+        self._headings: dict[int, Heading] = {}
 
-    def take(self, number: int, nanoseconds: int, data: bytes) -> None:
-        """Write one event.
-
-        Args:
-            number: Of its kind.
-            nanoseconds: When it came, since 1970.
-            data: As `Recorder` sends it.
-        """
+    def take(self, record: bytes) -> None:
+        """Write one event, as `Recorder` sends it."""
+        number, nanoseconds = FRAME.unpack_from(record)
+        if number == HEADED:
+            self._take_heading(*msgspec.msgpack.decode(record[FRAME.size :]))
+            return
         if number == NOTED:
-            name, values = msgspec.msgpack.decode(data)
+            name, values = msgspec.msgpack.decode(record[FRAME.size :])
             self._writer.add_metadata(name, values)
             return
         if number == ATTACHED:
-            name, media_type, content = msgspec.msgpack.decode(data)
-            self._writer.add_attachment(nanoseconds, nanoseconds, name, media_type, content)
-            self._attached[name] = msgspec.json.decode(content)
-            if {"robot.json", "settings.json"} <= set(self._attached):
-                self._scene = Scene(self._attached["robot.json"], self._attached["settings.json"])
+            self._attach(nanoseconds, *msgspec.msgpack.decode(record[FRAME.size :]))
             return
-        if number == PLAIN_STATE:
-            number, data = _NUMBERS[JointState], encode(read_state(data))
-        kind, update = KINDS[number], None
-        if kind is VerdictTold:
-            data = encode(tell_verdict(unpack_verdict(data)))
-        elif kind is ObstacleUpdate:
-            update = read_update(data)
-            data = encode(update)
+        event: Event | None = None
+        if number == STATE:
+            event = read_state(record)
+        elif number == UPDATE:
+            event = read_update(record, self._headings)
+        elif number == NUMBERS[VerdictTold]:
+            event = tell_verdict(unpack_verdict(record))
+        data = record[FRAME.size :] if event is None else encode(event)
+        kind = KINDS[number] if event is None else type(event)
         # Events are in order in the file; their times say so as well.
         self._last_time = max(nanoseconds, self._last_time + 1)
-        self._write(self._channels[number], self._last_time, data)
+        self._write(self._channels[kind], self._last_time, data)
+        if self._scene is None:
+            return
         try:
-            self._follow(kind, data, update)
+            if event is None and kind in FOLLOWED:
+                event = self._decoders[kind].decode(data)
+            self._follow(self._scene, event)
         except Exception as error:
             # The picture is for viewers; what a replay needs goes on without it.
             self._scene = None
@@ -210,63 +217,35 @@ class RecordingWriter:
             channel, nanoseconds, data, nanoseconds, sequence=self._count & 0xFFFFFFFF
         )
 
-    def _follow(self, kind: type[Any], data: bytes, update: ObstacleUpdate | None) -> None:
+    def _take_heading(self, number: int, ids: list[str], source: str, frame: str) -> None:
+        if number == 0:
+            self._headings.clear()
+        self._headings[number] = Heading(ids, source, frame)
+
+    def _attach(self, nanoseconds: int, name: str, media_type: str, content: bytes) -> None:
+        self._writer.add_attachment(nanoseconds, nanoseconds, name, media_type, content)
+        self._attached[name] = msgspec.json.decode(content)
+        if {"robot.json", "settings.json"} <= set(self._attached):
+            self._scene = Scene(self._attached["robot.json"], self._attached["settings.json"])
+
+    def _follow(self, scene: Scene, event: Event | None) -> None:
         """Keep the picture of the cell up to date."""
-        scene = self._scene
-        if scene is None:
-            return
-        if kind is JointState:
-            self._last_state = data
-        elif update is not None:
-            scene.take_update(update)
-        elif kind is StaticObstacle:
-            scene.take_static(self._decoders[kind].decode(data))
-        elif kind is Removal:
-            scene.take_removal(self._decoders[kind].decode(data))
-        elif kind is VerdictTold and self._last_time >= self._next_scene:
-            self._next_scene = self._last_time + round(1e9 * INTERVAL)
-            scene.take_level(self._decoders[kind].decode(data).level)
-            if self._last_state:
-                scene.take_state(self._decoders[JointState].decode(self._last_state))
-            picture = encode(scene.draw(self._last_time))
-            self._write(self._scene_channel, self._last_time, picture)
-
-
-def read_state(data: bytes) -> JointState:
-    """A joint state from the bytes that `Recorder` sends."""
-    stamp, now, path_time = TIMES.unpack_from(data)
-    values = np.frombuffer(data, np.float64, offset=TIMES.size)
-    q, v = np.split(values, 2)
-    told = UNSET if path_time != path_time else write_number(path_time)
-    return JointState(
-        write_number(stamp), write_number(now), write_numbers(q), write_numbers(v), path_time=told
-    )
-
-
-def read_update(data: bytes) -> ObstacleUpdate:
-    """An update from the bytes that `Recorder` sends: arrays become lists here."""
-    ids, stamp, source, frame, snapshot, points, *arrays = msgspec.msgpack.decode(data)
-    position, velocity, radius, accel, speed, position_error, velocity_error = arrays
-
-    def read(array: bytes | None, write: Callable[[NDArray[np.float64]], Any]) -> Any:
-        return UNSET if array is None else write(np.frombuffer(array, np.float64))
-
-    return ObstacleUpdate(
-        ids=ids,
-        stamp=write_number(stamp),
-        source=source,
-        frame=frame,
-        snapshot=snapshot,
-        points=points,
-        position=read(position, write_numbers),
-        velocity=read(velocity, write_numbers),
-        radius=read(radius, write_field),
-        accel=read(accel, write_field),
-        speed=read(speed, write_field),
-        position_error=read(position_error, write_field),
-        # Without velocities, what they are off by was made up by the table.
-        velocity_error=[] if velocity_error is None else read(velocity_error, write_field),
-    )
+        if isinstance(event, VerdictTold):
+            if self._last_time >= self._next_scene:
+                self._next_scene = self._last_time + round(1e9 * INTERVAL)
+                scene.take_level(event.level)
+                if self._last_state is not None:
+                    scene.take_state(self._last_state)
+                picture = encode(scene.draw(self._last_time))
+                self._write(self._scene_channel, self._last_time, picture)
+        elif isinstance(event, JointState):
+            self._last_state = event
+        elif isinstance(event, ObstacleUpdate):
+            scene.take_update(event)
+        elif isinstance(event, StaticObstacle):
+            scene.take_static(event)
+        elif isinstance(event, Removal):
+            scene.take_removal(event)
 
 
 def write_recording(ring: Ring, file: PatientFile, parent: int) -> int:
@@ -291,8 +270,7 @@ def write_recording(ring: Ring, file: PatientFile, parent: int) -> int:
             flushed = now
         if record is not None:
             moved = now
-            number, nanoseconds = FRAME.unpack_from(record)
-            writer.take(number, nanoseconds, record[FRAME.size :])
+            writer.take(record)
             continue
         # Asked in this order: what is found afterwards was there before.
         is_alone = os.getppid() != parent
@@ -301,6 +279,15 @@ def write_recording(ring: Ring, file: PatientFile, parent: int) -> int:
         time.sleep(PAUSE)
     writer.finish()
     return 1 if file.problem else 0
+
+
+def give_way() -> None:
+    """Let others come first, the loop among them: whatever wakes is not held up by this process.
+
+    It may have been started by one that has real-time scheduling, and is not to keep that.
+    """
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    os.nice(NICE)
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -312,6 +299,5 @@ def main(arguments: Sequence[str]) -> int:
     memory, file, parent = map(int, arguments)
     # It may go to the loop as well, which is to end first: its end is to be in the file.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    # The loop comes first.
-    os.nice(5)
+    give_way()
     return write_recording(Ring(memory), PatientFile(file), parent)

@@ -61,7 +61,7 @@ def ball(stamp, x=9.0, **changes):
     return {**message, "position": position, "velocity": [[0, 0, 0]], "radius": 0.1, **changes}
 
 
-def make_loop(script, clock, publish, text=CELL, answers=None, **options):
+def make_loop(script, clock, publish, text=CELL, answers=None, rest=None, **options):
     robot, obstacles, monitor = Cell.from_text(text).build()
     faults = FaultLog(clock.now, lambda line: None)
     edge = Edge(obstacles, robot.joints, clock, faults, monotonic=clock.now, **options)
@@ -70,7 +70,7 @@ def make_loop(script, clock, publish, text=CELL, answers=None, **options):
         if answers is not None:
             answers.append((number, verdict))
 
-    return RateLoop(monitor, edge, [script], clock, publish, answer)
+    return RateLoop(monitor, edge, [script], clock, publish, answer, rest=rest)
 
 
 # The loop
@@ -93,6 +93,35 @@ def test_each_tick_drains_steps_and_publishes():
     assert report.late == report.missed == 0
     assert report.received == 5
     assert report.faults == {}
+
+
+def test_what_can_wait_is_done_between_ticks_and_only_where_there_is_time():
+    clock, told = ManualClock(), []
+
+    def publish(verdict):
+        told.append(verdict.sequence)
+        if verdict.sequence == 2:
+            clock.sleep_until(clock.now() + 0.0015)
+
+    ticks = [[joints(0.001 * k)] for k in range(5)]
+    idle = []
+
+    def rest(loop, time):
+        told.append("rest")
+        idle.append(time)
+
+    loop = make_loop(Script(*ticks), clock, publish, rest=rest)
+    loop.run(duration=0.005)
+    assert idle == pytest.approx([0.001, 0.0005, 0.001])
+    # The second tick takes longer than its period, so the third one follows at once.
+    assert loop.late == 1
+    assert told == [1, "rest", 2, 3, "rest", 4, "rest", 5]
+
+
+def test_an_input_that_had_more_than_a_tick_takes_is_told():
+    backlog = [ball(0.001) for _ in range(1000)]
+    report = make_loop(Script(backlog, []), ManualClock(), lambda verdict: None).run(0.002)
+    assert report.cut_short >= 1
 
 
 def test_without_joint_states_nothing_is_known():

@@ -40,6 +40,13 @@ def test_faults_are_those_of_messages_and_of_the_monitor():
     assert summarise(make_report(), VerdictCounts())["faults"] == 7
 
 
+def test_messages_that_waited_are_told_where_there_were_any():
+    summary = summarise(make_report(cut_short=3), VerdictCounts())
+    assert summary["cut_short"] == 3
+    assert "3 times an input had more messages" in show(summary, 100)
+    assert "more messages" not in show(summarise(make_report(), VerdictCounts()), 100)
+
+
 def test_ticks_are_those_that_judged_an_arm():
     counts = VerdictCounts()
     counts.waiting = 5

@@ -6,7 +6,14 @@ import pytest
 
 from armguard import Monitor, Obstacles, Plan, Robot
 from armguard.app.loop import Durations
-from armguard.app.view_feed import INTERVAL, PAIR_LIMIT, ROW_LIMIT, MonitorFeed, Origin
+from armguard.app.view_feed import (
+    INTERVAL,
+    LONGEST_WAIT,
+    PAIR_LIMIT,
+    ROW_LIMIT,
+    MonitorFeed,
+    Origin,
+)
 from armguard.view import FrameMessage, SceneMessage
 from armguard.view.messages import decode_message, encode_message
 
@@ -77,6 +84,25 @@ def test_a_frame_says_what_the_verdict_says(robot):
 def test_frames_keep_their_pace(robot):
     _, _, messages = observe(robot, ticks=200)
     assert len(messages.frames) == pytest.approx(0.2 / INTERVAL, abs=1.1)
+
+
+@pytest.mark.parametrize(("idle", "wait"), [(1e3, 0.0), (1e-9, INTERVAL), (0.0, LONGEST_WAIT)])
+def test_a_frame_waits_for_time_to_make_it_but_not_for_ever(robot, idle, wait):
+    obstacles, messages = Obstacles(sources=[]), Messages()
+    monitor = Monitor(robot, obstacles)
+    feed = MonitorFeed(monitor, messages)
+    feed.publish(0.0, Durations(), 0)
+    assert not messages.frames, "there is no verdict yet"
+    made = []
+    for tick in range(1, 800):
+        now = 1e-3 * tick
+        feed.note(monitor.step(now, READY, np.zeros(7)))
+        feed.publish(now, Durations(), 0, idle=idle)
+        if len(messages.frames) > len(made):
+            made.append(now)
+    # The first one says nothing of the pace: it is due from the beginning.
+    assert np.diff(made)[1:] == pytest.approx(max(INTERVAL, wait), abs=2e-3)
+    assert messages.frames[-1].sequence == round(1e3 * made[-1]), "it tells the newest verdict"
 
 
 def test_a_frame_is_bounded_whatever_the_number_of_obstacles(robot):

@@ -6,7 +6,7 @@ import pytest
 from armguard.bounds import Plan
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
-from armguard.monitor.followed_trajectory import FollowedTrajectory
+from armguard.monitor.followed_trajectory import MOST_TRAJECTORIES, FollowedTrajectory
 from armguard.obstacles import Obstacles
 from armguard.robot import Kinematics, OperatingLimits
 from armguard.verdict import Level, ReasonKind
@@ -237,6 +237,32 @@ def test_another_trajectory_agrees_with_the_one_before_until_it_can_have_been_to
     for verdict in run(monitor, plan)[20:]:
         assert ReasonKind.PLAN_VOID not in kinds(verdict)
         break
+
+
+def hold(stamp, error=ERROR):
+    """A trajectory that stays where the arm is for a short time."""
+    q = np.tile(HOME, (2, 1))
+    return Plan(stamp, [0.0, 0.05], q, np.zeros_like(q), np.full(7, error), np.full(7, SPEED_ERROR))
+
+
+def test_an_arm_that_is_told_to_stay_again_and_again_is_not_on_ever_more_trajectories():
+    _, monitor = start()
+    for k in range(MOST_TRAJECTORIES + 4):
+        answer = monitor.follow(hold(0.1 * k))
+        assert answer.safe, answer.reasons
+        for part in range(1, 11):
+            verdict = monitor.step(0.1 * k + PERIOD * part, HOME, STILL)
+            assert ReasonKind.PLAN_VOID not in kinds(verdict)
+    assert len(monitor.plans) == 1
+
+
+def test_one_that_is_over_stays_while_it_says_more_than_a_newer_one():
+    _, monitor = start()
+    for k, (error, count) in enumerate([(2 * ERROR, 1), (ERROR, 2), (ERROR, 2), (3 * ERROR, 1)]):
+        assert monitor.follow(hold(0.1 * k, error)).safe
+        for part in range(1, 11):
+            monitor.step(0.1 * k + PERIOD * part, HOME, STILL)
+        assert len(monitor.plans) == count, "the arm may be as far off as any of them says"
 
 
 def test_the_scale_is_that_of_the_clock():

@@ -30,6 +30,8 @@ def test_unknown_velocity_is_zero_with_an_error_of_the_speed_bound():
         ({"ids": ["a", "a"]}, "ids"),
         ({"ids": ["a", ""]}, "ids"),
         ({"ids": None}, "ids"),
+        ({"ids": ["a", "\ud800"]}, "ids"),
+        ({"ids": ["\ud83d", "\ude00"]}, "ids"),
         ({"ids": ["a"]}, "position"),
         ({"stamp": math.nan}, "stamp"),
         ({"stamp": INF}, "stamp"),

@@ -14,7 +14,7 @@ import pytest
 
 import armguard
 from armguard.exceptions import ArmguardError
-from armguard.obstacles import Obstacles
+from armguard.obstacles import Obstacles, Source
 from armguard.recording import Recorder, Recording, replay
 from armguard.recording import recorder as recorder_module
 from armguard.recording.events import (
@@ -128,15 +128,102 @@ def test_lines_for_people_are_recorded(tmp_path):
     assert line.message == "malformed: camera: radius is −1"
 
 
-def test_what_cannot_be_recorded_is_a_gap_and_harms_nobody(tmp_path):
+def test_what_cannot_be_recorded_is_a_gap_and_harms_nobody(tmp_path, monkeypatch):
+    path = tmp_path / "run.mcap"
+    recorder, _, monitor = start(path)
+
+    def fail(*arguments):
+        raise ValueError("no bytes")
+
+    for name in ("pack_state", "pack_verdict"):
+        monkeypatch.setattr(recorder_module, name, fail)
+    verdicts = stand(monitor, 2)
+    assert verdicts[-1].sequence == 2
+    assert recorder.close()
+    assert recorder.lost == 4
+    assert replay(path).lost == 4
+
+
+def test_names_that_no_file_can_hold_are_refused_by_name_and_leave_no_gap(tmp_path):
     path = tmp_path / "run.mcap"
     recorder, obstacles, monitor = start(path)
-    obstacles.update(["\ud800"], 0.0, [[3.0, 0.0, 0.0]], radius=0.1, source="camera")
-    verdicts = stand(monitor, 3)
-    assert verdicts[-1].obstacle == "\ud800"
-    assert recorder.close()
-    assert recorder.lost == 4, "the name is in each verdict as well"
-    assert replay(path).lost == 4
+    for ids, source in ((["\ud800"], "camera"), (["ball"], "\udfff")):
+        with pytest.raises(ArmguardError, match=r"'\\ud(800|fff)'.*UTF-8"):
+            obstacles.update(ids, 0.0, [[3.0, 0.0, 0.0]], radius=0.1, source=source)
+    with pytest.raises(ArmguardError, match=r"'\\ud800'.*UTF-8"):
+        obstacles.remove(["\ud800"])
+    with pytest.raises(ArmguardError, match=r"'\\ud800'.*UTF-8"):
+        Source("\ud800")
+    verdict = stand(monitor, 1)[0]
+    assert any("\\ud800" in str(reason) for reason in verdict.reasons)
+    assert recorder.close() == ""
+    assert replay(path).is_identical
+
+
+def test_what_a_loop_defers_is_written_in_order_when_it_says_so_or_in_its_next_tick(tmp_path):
+    path = tmp_path / "run.mcap"
+    recorder, obstacles, monitor = start(path)
+    recorder.defer()
+    written = []
+    write = recorder._ring.write
+    recorder._ring.write = lambda record: (written.append(record), write(record))[1]
+    expected = stand(monitor, 1)
+    assert not written
+    recorder.write_pending()
+    recorder.write_pending()
+    assert len(written) == 2
+    obstacles.update([], PERIOD, source="camera")
+    expected += stand(monitor, 1, 1)
+    monitor.reset()
+    assert len(written) == 2
+    expected += stand(monitor, 1, 2)
+    assert len(written) == 2 + 5, "a heading, a message, a tick, and the reset"
+    recorder.note("a line")
+    assert recorder.close() == ""
+    names = [type(event).__name__ for event in read_events(path)]
+    tick = ["JointState", "VerdictTold"]
+    assert names == [*tick, "ObstacleUpdate", *tick, "Reset", *tick, "Log"]
+    assert repr(read_verdicts(path)) == repr(expected)
+    assert replay(path).is_identical
+
+
+def test_what_is_deferred_is_bounded(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, "MOST_PENDING", 10)
+    path = tmp_path / "run.mcap"
+    recorder, obstacles, monitor = start(path)
+    recorder.defer()
+    for k in range(100):
+        obstacles.update([], PERIOD * k, source="camera")
+        assert len(recorder._pending) <= 10
+    stand(monitor, 1, 100)
+    assert recorder.close() == ""
+    assert sum(isinstance(event, ObstacleUpdate) for event in read_events(path)) == 100
+
+
+def test_ids_cross_once_however_often_they_are_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, "MOST_IDS", 30)
+    path = tmp_path / "run.mcap"
+    recorder, obstacles, _ = start(path)
+    written = []
+    write = recorder._ring.write
+    recorder._ring.write = lambda record: (written.append(record), write(record))[1]
+    names, expected = [f"ball {number}" for number in range(20)], []
+
+    def tell(ids, source="camera"):
+        stamp = PERIOD * len(expected)
+        obstacles.update(list(ids), stamp, np.full((len(ids), 3), 5.0), radius=0.1, source=source)
+        expected.append((list(ids), source))
+
+    for _ in range(5):
+        tell(names)
+    assert sum(b"ball 7" in record for record in written) == 1
+    tell(names, "scanner")  # more than are remembered
+    for number in (0, 1, 0):
+        tell([f"thing {number}"])
+    tell(names)
+    assert recorder.close() == ""
+    told = [event for event in read_events(path) if isinstance(event, ObstacleUpdate)]
+    assert [(event.ids, event.source) for event in told] == expected
 
 
 def is_waiting(pid):

@@ -1,7 +1,6 @@
 import os
 
 import msgspec
-import numpy as np
 import pytest
 
 from armguard.recording import Recording
@@ -14,11 +13,11 @@ from armguard.recording.events import (
     Time,
     encode,
 )
-from armguard.recording.recorder import ATTACHED, FRAME, NOTED
+from armguard.recording.packing import ATTACHED, FRAME, NOTED
 from armguard.recording.ring import Ring, create_memory
 from armguard.recording.scene import Scene
 from armguard.recording.settings import describe_settings
-from armguard.recording.writer import PatientFile, RecordingWriter, read_update, write_recording
+from armguard.recording.writer import PatientFile, RecordingWriter, write_recording
 from armguard.robot.portable import describe_robot
 from support import eventful_runs
 
@@ -37,6 +36,11 @@ def start():
             for name, data in made.items()
         ),
     ]
+
+
+def send(writer, number, nanoseconds, data):
+    """Have a writer write an event."""
+    writer.take(FRAME.pack(number, nanoseconds) + data)
 
 
 def open_file(path):
@@ -80,11 +84,11 @@ def test_what_a_full_disk_did_not_take_is_in_the_file_once_it_does(start, tmp_pa
     monkeypatch.setattr(os, "write", take)
     writer = RecordingWriter(open_file(path))
     for entry in start:
-        writer.take(*entry)
+        send(writer, *entry)
     for number in range(3000):
         is_full[0] = 1000 <= number < 2000
         log = Log(timestamp=Time(0, number), level=3, message="a line")
-        writer.take(KINDS.index(Log), number, encode(log))
+        send(writer, KINDS.index(Log), number, encode(log))
         if number % 100 == 0:
             writer.flush()
     writer.finish()
@@ -96,9 +100,9 @@ def test_times_never_go_back_in_the_file(start, tmp_path):
     path = tmp_path / "run.mcap"
     writer = RecordingWriter(open_file(path))
     for entry in start:
-        writer.take(*entry)
+        send(writer, *entry)
     for time in (5, 3, 3, 9):
-        writer.take(KINDS.index(Reset), time, encode(Reset()))
+        send(writer, KINDS.index(Reset), time, encode(Reset()))
     writer.finish()
     assert [time for time, _, _ in Recording(path).events()] == [5, 6, 7, 9]
 
@@ -113,10 +117,10 @@ def test_a_picture_that_cannot_be_drawn_costs_the_recording_nothing_else(
     path = tmp_path / "run.mcap"
     writer = RecordingWriter(open_file(path))
     for entry in start:
-        writer.take(*entry)
+        send(writer, *entry)
     told = StaticObstacle(id="post", position=[0.0, 0.0, 1.0], radius=0.1), Reset()
     for event in told:
-        writer.take(KINDS.index(type(event)), 7, encode(event))
+        send(writer, KINDS.index(type(event)), 7, encode(event))
     writer.finish()
     assert tuple(event for _, event, _ in Recording(path).events()) == told
     assert "no scene from here on: ValueError('no picture')" in capsys.readouterr().err
@@ -134,14 +138,3 @@ def test_events_in_the_ring_are_written_even_when_nobody_is_left_to_end_it(start
     recording = Recording(path)
     assert [event for _, event, _ in recording.events()] == [state]
     assert not recording.is_cut_off
-
-
-def test_an_update_is_written_as_lists():
-    points = np.arange(6.0)
-    fields = [points.tobytes(), None, np.full(2, 0.5).tobytes(), None, None]
-    data = pack((["a", "b"], 1.5, "camera", "world", True, 1, *fields, bytes(16), None))
-    event = read_update(data)
-    assert event.position == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
-    assert (event.radius, event.position_error, event.velocity_error) == ([0.5], [0.0], [])
-    assert event.velocity is event.accel is event.speed
-    assert event.snapshot is True

@@ -7,10 +7,7 @@ both end by themselves when their parent has gone.
 from __future__ import annotations
 
 import math
-import os
-import signal
 import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from typing import IO
@@ -26,6 +23,7 @@ from armguard.robot.robot import Robot
 from armguard.simulation.arm import SimulatedArm
 from armguard.simulation.balls import WanderingBalls
 from armguard.simulation.person import DURATIONS, ProceduralPerson
+from armguard.simulation.processes import read_device, start_device
 from armguard.simulation.recordings import Recording
 from armguard.simulation.sources import ObstacleSource
 from armguard.simulation.trajectory import keeps_within, random_trajectory
@@ -211,21 +209,13 @@ def start(node: Perception | RobotNode, log: IO[bytes]) -> subprocess.Popen[byte
         node: What it is to do.
         log: Where it writes what goes wrong.
     """
-    described = msgspec.json.encode(node).decode()
-    return subprocess.Popen(
-        [sys.executable, "-m", "armguard.app.demo.nodes", described, str(os.getpid())],
-        stdin=subprocess.DEVNULL,
-        stderr=log,
-        start_new_session=True,  # a Ctrl-C is the launcher's, which ends its processes in its order
-    )
+    return start_device("armguard.app.demo.nodes", node, log)
 
 
 def main() -> None:
     """Run the node that the command line describes until it is told to end."""
-    described, parent = sys.argv[1:]
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    end_with(int(parent))
-    node: Perception | RobotNode = msgspec.json.decode(described, type=Perception | RobotNode)
+    node, parent = read_device(Perception | RobotNode)
+    end_with(parent)
     node.run()
 
 

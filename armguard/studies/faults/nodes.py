@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import IO
@@ -23,6 +21,7 @@ from numpy.typing import NDArray
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.simulation.arm import SimulatedArm
+from armguard.simulation.processes import read_device, start_device
 from armguard.streams.inputs import LineInput
 from armguard.streams.messages import ObstaclesMessage
 from armguard.streams.nodes import VerdictReader
@@ -204,21 +203,13 @@ def start(node: Node, log: IO[bytes]) -> subprocess.Popen[bytes]:
         node: What it is to do.
         log: Where it writes what goes wrong.
     """
-    described = msgspec.json.encode(node).decode()
-    return subprocess.Popen(
-        [sys.executable, "-m", "armguard.studies.faults.nodes", described, str(os.getpid())],
-        stdin=subprocess.PIPE,
-        stderr=log,
-        start_new_session=True,  # a Ctrl-C is the campaign's, which ends its processes in order
-    )
+    return start_device("armguard.studies.faults.nodes", node, log, takes_orders=True)
 
 
 def main() -> None:
     """Run the node that the command line describes until it is told to end."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    described, parent = sys.argv[1:]
-    node: Node = msgspec.json.decode(described, type=Node)
-    node.run(int(parent))
+    node, parent = read_device(Node)
+    node.run(parent)
 
 
 if __name__ == "__main__":
