@@ -494,6 +494,37 @@ class Extremes:
 
 
 @dataclasses.dataclass(frozen=True)
+class Paper:
+    """Measure what the paper claims of its schedules, from 3 to 100,000 pairs.
+
+    Example: armguard paper --out paper
+    """
+
+    out: Path = Path("paper")
+    """The folder to write the report into."""
+    period: tuple[float, ...] = ()
+    """Of ticks, in seconds; without it, the paper's 0.05 and the default's 0.001."""
+    seed: int = 0
+    """Of all motions."""
+    small: Flag = False
+    """Leave out what takes long."""
+    no_plots: Flag = False
+    """Draw no pictures, for which matplotlib is needed (the extra `plot`)."""
+
+    def run(self) -> int:
+        """Measure and write the report; the exit code is 1 if a pair came near unwatched."""
+        from armguard.app import paper
+
+        return paper.run(
+            self.out,
+            periods=self.period,
+            seed=self.seed,
+            is_small=self.small,
+            plots=not self.no_plots,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
 class Robots:
     """List the robots that armguard knows by name.
 
@@ -544,6 +575,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                     | Annotated[Faults, tyro.conf.subcommand("faults")]
                     | Annotated[Tradeoff, tyro.conf.subcommand("tradeoff")]
                     | Annotated[Extremes, tyro.conf.subcommand("extremes")]
+                    | Annotated[Paper, tyro.conf.subcommand("paper")]
                     | Annotated[Robots, tyro.conf.subcommand("robots")]
                 ],
                 prog="armguard",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shlex
 import sys
 from pathlib import Path
 
@@ -11,9 +9,8 @@ from rich.console import Console
 from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
 from armguard.app.processes import COMPLAINT, complain
+from armguard.app.study_facts import list_facts, tell_command
 from armguard.exceptions import ArmguardError
-from armguard.recording.provenance import describe_provenance
-from armguard.robot.robot import Robot
 from armguard.studies.extremes.evaluations import measure_evaluations
 from armguard.studies.extremes.line import UNSOUND, Line
 from armguard.studies.extremes.report import summarise, write_page
@@ -58,7 +55,8 @@ def run(out: Path | None, *, seed: int, is_small: bool) -> int:
             if not lines:
                 raise
             interrupted = True
-    page = write_page(lines, shlex.join(["armguard", *sys.argv[1:]]), _list_facts(seed))
+    facts = [f"{name.capitalize()}: {fact}" for name, fact in list_facts(seed).items()]
+    page = write_page(lines, tell_command(), facts)
     if interrupted:
         page = page.replace("\n##", "\nInterrupted: what is missing had not begun.\n\n##", 1)
     if out is None:
@@ -73,13 +71,3 @@ def run(out: Path | None, *, seed: int, is_small: bool) -> int:
         complain("a contact time was later than a contact that is possible: please report it")
         return COMPLAINT
     return 0
-
-
-def _list_facts(seed: int) -> list[str]:
-    facts = describe_provenance(Robot.load("panda"))
-    versions = ("armguard", "numpy", "numba", "llvm", "pinocchio", "python")
-    return [
-        f"Machine: {facts['processor']}, {os.cpu_count()} cores, {facts['machine']}",
-        f"Versions: {', '.join(f'{name} {facts[name]}' for name in versions)}",
-        f"Seed: {seed}",
-    ]

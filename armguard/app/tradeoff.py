@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from armguard.app.cell.cell import Cell
+from armguard.app.study_facts import VERSIONS, describe_machine, tell_command
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.provenance import describe_provenance
@@ -25,9 +23,6 @@ from armguard.studies.tradeoff.scene import Site, make_scene
 from armguard.studies.tradeoff.study import run_study
 
 ROBOT = "panda"
-
-SHOWN = ("armguard", "numpy", "numba", "llvm", "pinocchio", "python")
-"""Versions that a report names."""
 
 LONGEST = 3600.0
 """Of a scene, in [s]."""
@@ -71,7 +66,7 @@ def run(
         raise ArmguardError("--obstacles", f"is {balls}", expected="0 or more")
     if plots:
         check_plots()
-    _make_folder(out)
+    make_folder(out)
     site = _make_site(cell, robot)
     scene, what = make_scene(site, None if person is None else str(person), balls, seconds, seed)
     columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
@@ -87,9 +82,9 @@ def run(
     provenance = describe_provenance(site.robot)
     about = About(
         f"{site.robot.name} and {what}",
-        shlex.join(["armguard", *sys.argv[1:]]),
-        f"{provenance['processor']}, {os.cpu_count()} cores, {provenance['machine']}",
-        {name: provenance[name] for name in SHOWN},
+        tell_command(),
+        describe_machine(provenance),
+        {name: provenance[name] for name in VERSIONS},
         seed,
         seconds,
     )
@@ -101,7 +96,12 @@ def run(
     return 0
 
 
-def _make_folder(out: Path) -> None:
+def make_folder(out: Path) -> None:
+    """Make the folder of a report.
+
+    Raises:
+        ArmguardError: It cannot be made, or is a file.
+    """
     try:
         out.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
