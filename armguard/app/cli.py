@@ -454,10 +454,17 @@ class Tradeoff:
     """Of all motions."""
     no_plots: Flag = False
     """Draw no pictures, for which matplotlib is needed (the extra `plot`)."""
+    dask: str | None = None
+    """Measure settings on the workers of a Dask scheduler at this address, or of `local`."""
+    workers: int | None = None
+    """How many processes of this machine measure settings; needs Dask (the extra `cluster`)."""
+    resume: Flag = False
+    """Go on with the settings that an earlier run of this study has kept in `out`."""
 
     def run(self) -> int:
         """Measure and write the report."""
         from armguard.app import tradeoff
+        from armguard.app.study_facts import Workers
 
         return tradeoff.run(
             self.cell,
@@ -469,6 +476,7 @@ class Tradeoff:
             seconds=self.seconds,
             seed=self.seed,
             plots=not self.no_plots,
+            workers=Workers(self.dask, self.workers, self.resume),
         )
 
 
@@ -485,12 +493,20 @@ class Extremes:
     """Of all cases."""
     small: Flag = False
     """Leave out what takes long."""
+    dask: str | None = None
+    """Measure cases on the workers of a Dask scheduler at this address, or of `local`."""
+    workers: int | None = None
+    """How many processes of this machine measure cases; needs Dask (the extra `cluster`)."""
+    resume: Flag = False
+    """Go on with the cases that an earlier run has kept beside `out`."""
 
     def run(self) -> int:
         """Measure all cases; the exit code is 1 if one is unsound."""
         from armguard.app import extremes
+        from armguard.app.study_facts import Workers
 
-        return extremes.run(self.out, seed=self.seed, is_small=self.small)
+        workers = Workers(self.dask, self.workers, self.resume)
+        return extremes.run(self.out, seed=self.seed, is_small=self.small, workers=workers)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,14 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from armguard.app.cell.cell import Cell
-from armguard.app.study_facts import VERSIONS, describe_machine, tell_command
+from armguard.app.study_facts import (
+    VERSIONS,
+    Workers,
+    describe_machine,
+    digest_file,
+    open_rows,
+    tell_command,
+)
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.provenance import describe_provenance
@@ -39,6 +46,7 @@ def run(
     seconds: float,
     seed: int,
     plots: bool,
+    workers: Workers,
 ) -> int:
     """Measure, write the report and print what can be chosen by; the exit code.
 
@@ -52,6 +60,7 @@ def run(
         seconds: Of the scene.
         seed: Of all motions.
         plots: Whether to draw pictures.
+        workers: Where settings are measured.
 
     Raises:
         ArmguardError: Something is unusable.
@@ -69,17 +78,25 @@ def run(
     make_folder(out)
     site = _make_site(cell, robot)
     scene, what = make_scene(site, None if person is None else str(person), balls, seconds, seed)
+    provenance = describe_provenance(site.robot)
+    study_of = {
+        "study": "tradeoff", "cell": digest_file(cell), "robot": provenance["robot"],
+        "cover": provenance["cover"], "person": digest_file(person), "obstacles": str(balls),
+        "seconds": f"{seconds!r}", "seed": str(seed),
+    }  # fmt: skip
     columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
-    with Progress(
-        *columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True
-    ) as progress:
+    with (
+        open_rows(workers, out, study_of) as rows,
+        Progress(
+            *columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True
+        ) as progress,
+    ):
         bar = progress.add_task("", total=1.0)
 
         def tell(text: str, share: float) -> None:
             progress.update(bar, description=text, completed=share)
 
-        study = run_study(site, scene, chosen, seed, Covers(site.robot), tell)
-    provenance = describe_provenance(site.robot)
+        study = run_study(site, scene, chosen, seed, Covers(site.robot), tell, rows)
     about = About(
         f"{site.robot.name} and {what}",
         tell_command(),
@@ -90,6 +107,8 @@ def run(
     )
     write_report(out, study, about, draw_pictures(study) if plots else {})
     console = Console()
+    if rows is not None and rows.resumed:
+        console.print(f"- {rows.resumed} rows were taken from an earlier run.", highlight=False)
     for line in summarise(study):
         console.print(f"- {line.replace('**', '')}", highlight=False, markup=False, soft_wrap=True)
     console.print(f"wrote {out / HTML_FILE}", highlight=False, markup=False, soft_wrap=True)
