@@ -444,6 +444,8 @@ class Tradeoff:
     """A robot that armguard knows; without it, Panda."""
     obstacles: int = 0
     """How many balls wander about the arm; without a recording, instead of the person."""
+    touching: int = 0
+    """How many balls come and touch the arm, so that there are contacts to be missed."""
     out: Path = Path("tradeoff")
     """The folder to write the report into."""
     axis: tuple[str, ...] = ()
@@ -471,6 +473,7 @@ class Tradeoff:
             person=self.person,
             robot=self.robot,
             balls=self.obstacles,
+            touching=self.touching,
             out=self.out,
             axes=self.axis,
             seconds=self.seconds,

@@ -28,6 +28,7 @@ from armguard.studies.tradeoff.plots import check_plots, draw_pictures
 from armguard.studies.tradeoff.report import HTML_FILE, About, summarise, write_report
 from armguard.studies.tradeoff.scene import Site, make_scene
 from armguard.studies.tradeoff.study import run_study
+from armguard.studies.tradeoff.touching import add_touching
 
 ROBOT = "panda"
 
@@ -41,6 +42,7 @@ def run(
     person: Path | None,
     robot: str | None,
     balls: int,
+    touching: int,
     out: Path,
     axes: Sequence[str],
     seconds: float,
@@ -55,6 +57,7 @@ def run(
         person: A recording.
         robot: Name of a known robot.
         balls: How many wander about the arm.
+        touching: How many come and touch it.
         out: Folder of the report.
         axes: Of the ladder; none: all.
         seconds: Of the scene.
@@ -73,15 +76,20 @@ def run(
         raise ArmguardError("--seconds", f"is {seconds:g}", expected=f"1 to {LONGEST:g}")
     if not balls >= 0:
         raise ArmguardError("--obstacles", f"is {balls}", expected="0 or more")
+    if not touching >= 0:
+        raise ArmguardError("--touching", f"is {touching}", expected="0 or more")
     if plots:
         check_plots()
     make_folder(out)
     site = _make_site(cell, robot)
     scene, what = make_scene(site, None if person is None else str(person), balls, seconds, seed)
+    if touching:
+        what += f" and {add_touching(scene, site, touching, seed)}"
     provenance = describe_provenance(site.robot)
     study_of = {
         "study": "tradeoff", "cell": digest_file(cell), "robot": provenance["robot"],
         "cover": provenance["cover"], "person": digest_file(person), "obstacles": str(balls),
+        "touching": str(touching),
         "seconds": f"{seconds!r}", "seed": str(seed),
     }  # fmt: skip
     columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
