@@ -18,6 +18,7 @@ import threading
 import uuid
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import CancelledError
 from typing import Any
 
 from armguard.exceptions import ArmguardError
@@ -29,6 +30,9 @@ LOCAL = "local"
 
 SOFTWARE = ("armguard", "sources", "numba", "llvm", "numpy", "pinocchio", "python")
 """What must be the same on all workers."""
+
+KEPT = "what was measured is kept; --resume goes on with it"
+"""What there is to be done where a study had to end."""
 
 PATIENCE = 30.0
 """For a scheduler to answer, in [s]."""
@@ -69,6 +73,8 @@ class Cluster:
             )
         if workers is not None and not workers >= 1:
             raise ArmguardError("--workers", f"is {workers}", expected="1 or more")
+        # What the client says of a lost scheduler is told as one error.
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         self._closing = contextlib.ExitStack()
         if address == LOCAL:
             # One thread each, as a row is timed; no limit at which Dask would kill a worker.
@@ -105,7 +111,8 @@ class Cluster:
         """Measure all, and hand over each row as it comes.
 
         Raises:
-            ArmguardError: A worker's software differs, or a row took several workers down.
+            ArmguardError: A worker's software differs, a row took several workers down, or the
+            scheduler is gone.
         """
         from distributed import KilledWorker, as_completed
 
@@ -126,11 +133,15 @@ class Cluster:
             for future in as_completed(list(names), loop=self.client.loop):
                 try:
                     row: Row = future.result()
+                except CancelledError:
+                    raise ArmguardError(
+                        "--dask", "the scheduler is gone", remedy=f"{KEPT} with another"
+                    ) from None
                 except KilledWorker:
                     raise ArmguardError(
                         f"row {names[future]!r}",
                         "took several workers down, one after the other",
-                        remedy="what was measured is kept; --resume goes on with it",
+                        remedy=KEPT,
                     ) from None
                 if MISTAKE in row:
                     raise ArmguardError(row[MACHINE], row[MISTAKE])

@@ -1,5 +1,6 @@
 """Rows of studies on real worker processes, of which one is killed while it measures."""
 
+import logging
 import os
 import re
 import signal
@@ -186,6 +187,26 @@ def test_a_worker_with_other_software_measures_nothing(workers, monkeypatch):
     monkeypatch.setattr(cluster, "describe_software", lambda: known | {"sources": "others"})
     with pytest.raises(ArmguardError, match=r"has another sources: .+ was started with others"):
         measure(workers, square, 0, [1])
+
+
+def test_a_scheduler_that_is_gone_is_told(tmp_path):
+    from distributed import LocalCluster
+
+    lost = LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0",
+        silence_logs=logging.CRITICAL,
+    )  # fmt: skip
+
+    def lose():
+        wait_until(lambda: list(tmp_path.glob("begun-*")))
+        lost.close()
+
+    with Cluster(lost.scheduler_address) as place:
+        hand = threading.Thread(target=lose)
+        hand.start()
+        with pytest.raises(ArmguardError, match="--dask: the scheduler is gone; what was measured"):
+            measure(place, wait_then_square, str(tmp_path), range(2))
+        hand.join()
 
 
 def test_where_nothing_answers_is_told(monkeypatch):

@@ -18,7 +18,7 @@ def read(folder):
 
 
 def test_there_are_reports():
-    assert {path.name for path in REPORTS} >= {"panda", "ur10", "near-1000"}
+    assert {path.name for path in REPORTS} >= {"panda", "ur10", "near-1000", "contacts"}
 
 
 @pytest.mark.parametrize("folder", REPORTS, ids=lambda path: path.name)
@@ -33,6 +33,11 @@ def test_a_report_is_whole_and_missed_nothing(folder):
     assert f"`{data['command']}`" in page
     for file in folder.iterdir():
         assert file.suffix == ".html" or file.stat().st_size < 200_000, file
+
+
+def test_there_are_contacts_to_be_missed():
+    contacts = read(DOCS / "tradeoff" / "contacts")["contacts"]
+    assert sum(not one["is_beyond"] for one in contacts) >= 5
 
 
 def cells(figures):

@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
 
+from armguard.studies.tradeoff.figures import count_missed
 from armguard.studies.tradeoff.scene import make_scene
 from armguard.studies.tradeoff.touching import APPROACH, RATE, STAY, add_touching, find_state
 from armguard.studies.tradeoff.truth import TrueArm, find_contacts
-from support.tradeoff_cases import make_site
+from armguard.verdict import Level
+from support.tradeoff_cases import make_site, make_track
 
 
 def test_a_ball_comes_stays_and_goes_within_usual_bounds():
@@ -40,6 +42,17 @@ def test_balls_really_touch_the_arm_within_their_bounds():
         first = next(one for one in contacts if one.body == f"touching-{number}")
         assert first.time <= 6.0 * (number + 1) / 4 + 1e-9
         assert first.time > 6.0 * (number + 1) / 4 - APPROACH
+
+
+def test_a_control_that_never_says_stop_misses_every_contact():
+    site = make_site()
+    scene, _ = make_scene(site, None, 1, 6.0, 0)
+    add_touching(scene, site, 3, 0)
+    contacts = find_contacts(scene, TrueArm(site.robot, None), lambda *which: (10.0, 2.0, 0.0, 0.0))
+    silent = make_track([Level.CLEAR] * 600, contact_time=np.inf)
+    assert count_missed(silent, contacts, 0.023) == len(contacts) >= 3
+    stopped = make_track([Level.STOP] * 600, contact_time=0.0)
+    assert count_missed(stopped, contacts, 0.023) == 0
 
 
 @pytest.mark.parametrize("seed", [0, 1])
