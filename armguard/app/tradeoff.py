@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from armguard.app.cell.cell import Cell
+from armguard.app.processes import complain
 from armguard.app.study_facts import (
     VERSIONS,
     Workers,
@@ -104,7 +105,12 @@ def run(
         def tell(text: str, share: float) -> None:
             progress.update(bar, description=text, completed=share)
 
-        study = run_study(site, scene, chosen, seed, Covers(site.robot), tell, rows)
+        try:
+            study = run_study(site, scene, chosen, seed, Covers(site.robot), tell, rows)
+        except KeyboardInterrupt:
+            if rows is not None and rows.kept:
+                complain(f"{rows.kept} settings are kept: --resume goes on with them")
+            raise
     about = About(
         f"{site.robot.name} and {what}",
         tell_command(),

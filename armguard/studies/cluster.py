@@ -14,6 +14,7 @@ import importlib.util
 import logging
 import pickle
 import platform
+import signal
 import threading
 import uuid
 import zlib
@@ -81,7 +82,7 @@ class Cluster:
             cluster = LocalCluster(
                 n_workers=workers, threads_per_worker=1, processes=True, memory_limit=0,
                 dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
-                silence_logs=logging.CRITICAL,
+                silence_logs=logging.CRITICAL, preload=[__name__],
             )  # fmt: skip
             self._closing.enter_context(cluster)
             address = cluster.scheduler_address
@@ -148,6 +149,15 @@ class Cluster:
                 yield names[future], row
         finally:
             self.client.cancel([*names, common])
+
+
+def dask_setup(worker: object) -> None:
+    """Called by Dask in workers that are started here, since they preload this module.
+
+    Ctrl-C reaches all processes of a terminal; it is for the one that holds the study, which ends
+    its workers.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _unpack(content: bytes) -> Any:

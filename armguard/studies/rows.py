@@ -72,6 +72,7 @@ class Rows:
 
     Attributes:
         resumed: How many came from an earlier run.
+        kept: How many are kept, those included.
 
     Raises:
         ArmguardError: The rows that are there are of another study, or cannot be read.
@@ -82,7 +83,7 @@ class Rows:
     ) -> None:
         self._place = place
         self._folder = None if folder is None else folder / FOLDER
-        self.resumed = 0
+        self.resumed = self.kept = 0
         if self._folder is not None:
             self._open(self._folder, dict(study), resume)
 
@@ -111,6 +112,7 @@ class Rows:
             if row is not None:
                 found[name] = row
         self.resumed += len(found)
+        self.kept += len(found)
         missing = {name: tasks[name] for name in tasks if name not in found}
         tell(part, len(found) / max(len(tasks), 1))
         try:
@@ -178,6 +180,7 @@ class Rows:
                 raise ArmguardError(
                     str(self._folder), f"a row cannot be kept: {error.strerror}"
                 ) from None
+            self.kept += 1
         kept: Row = msgspec.msgpack.decode(content)["row"]
         return kept
 

@@ -6,7 +6,7 @@ import pytest
 from armguard.app import tradeoff
 from armguard.app.cli import main
 from armguard.exceptions import ArmguardError
-from armguard.studies.tradeoff import growth
+from armguard.studies.tradeoff import growth, study
 from armguard.studies.tradeoff.covers import Covers
 
 CELL = '[robot]\nname = "panda"\n[sources.eye]\n[sources.ear]\n[monitor]\nrate = 100.0\n'
@@ -125,6 +125,7 @@ def test_what_was_kept_is_gone_on_with_and_a_study_of_another_seed_is_not(tmp_pa
     first = json.loads((tmp_path / "out" / "report.json").read_text())
     kept = sorted((tmp_path / "out" / "rows").glob("*.msgpack"))
     assert len(kept) == len(first["settings"])
+    assert run(tmp_path, *words, "--robot", "panda") == 2  # and nothing is lost by a mistake
     # As a killed run leaves it: some rows are there.
     kept[0].unlink()
     assert run(tmp_path, *words) == 0
@@ -155,3 +156,19 @@ def test_balls_that_touch_the_arm_are_told_of(tmp_path, capsys):
     assert all(one["figures"]["missed"] == 0 for one in data["settings"])
     assert run(tmp_path, "--touching", "-1") == 2
     assert "--touching: is -1" in capsys.readouterr().err
+
+
+def test_an_interrupt_before_the_finest_says_what_is_kept(tmp_path, capsys, monkeypatch):
+    measure, measured = study.measure_setting, []
+
+    def measure_one(*arguments):
+        if measured:
+            raise KeyboardInterrupt
+        measured.append(1)
+        return measure(*arguments)
+
+    monkeypatch.setattr(study, "measure_setting", measure_one)
+    (tmp_path / "cell.toml").write_text(CELL)
+    words = ["--axis", "advances", "--obstacles", "1", "--resume"]
+    assert run(tmp_path, str(tmp_path / "cell.toml"), *words) == 130
+    assert "1 settings are kept: --resume goes on with them" in capsys.readouterr().err

@@ -82,6 +82,11 @@ def test_a_killed_workers_rows_are_measured_by_another(workers, tmp_path):
     assert len([number for number, _ in begun if number == again]) >= 2
 
 
+def test_ctrl_c_in_a_terminal_is_not_for_the_workers(workers):
+    handlers = workers.client.run(signal.getsignal, signal.SIGINT)
+    assert set(handlers.values()) == {signal.SIG_IGN}
+
+
 def compare(outcomes):
     return {
         one.setting.name: one.figures

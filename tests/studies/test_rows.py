@@ -38,7 +38,7 @@ def test_rows_that_were_kept_are_not_measured_again(tmp_path):
     found, _ = measure(rows, function=count)
     assert counted == [0, 2, 3]
     assert found["row 1"] == {"square": 10}
-    assert rows.resumed == 1
+    assert (rows.resumed, rows.kept) == (1, 4)
     # Without --resume all are.
     counted, rows = [], Rows(Here(), tmp_path, STUDY, resume=False)
     measure(rows, function=count)
