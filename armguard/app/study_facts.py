@@ -54,7 +54,7 @@ class Workers(NamedTuple):
 
     dask: str | None = None
     """Address of Dask's scheduler, or `LOCAL`; None: this process."""
-    count: int | None = None
+    processes: int | None = None
     """Processes of a cluster on this machine."""
     resume: bool = False
     """Whether rows of an earlier run are gone on with."""
@@ -62,7 +62,7 @@ class Workers(NamedTuple):
     @property
     def is_by_rows(self) -> bool:
         """Whether rows are measured one by one at all."""
-        return self.resume or self.dask is not None or self.count is not None
+        return self.resume or self.dask is not None or self.processes is not None
 
 
 @contextlib.contextmanager
@@ -85,12 +85,12 @@ def open_rows(
     software = describe_software()
     about = {**study, **{name: software[name] for name in SOFTWARE}}
     address = workers.dask
-    if address is None and workers.count is not None:
+    if address is None and workers.processes is not None:
         address = LOCAL
     if address is None:
         yield Rows(Here(), folder, about, resume=workers.resume)
         return
-    with Cluster(address, workers.count) as cluster:
+    with Cluster(address, workers.processes) as cluster:
         yield Rows(cluster, folder, about, resume=workers.resume)
 
 

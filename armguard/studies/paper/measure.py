@@ -127,6 +127,7 @@ class _Contestant:
         self._ranks: list[int] = []
         self._comparisons, self._compared = 0, 0
         self._expiry = np.zeros(pairs)
+        self._was_near = np.zeros(pairs, dtype=bool)
         self._begun: IntArray = np.full(pairs, -1, dtype=np.int64)
         self._late: list[int] = []
         self._unseen = 0
@@ -170,7 +171,7 @@ class _Contestant:
         watched[self.schedule.flagged()] = True
         self._unwatched += int(np.count_nonzero(is_near & ~watched))
         # What is near at the start has been near nobody knows how long.
-        new = is_near & ~self._was_near if not is_first else np.zeros_like(is_near)
+        new = np.zeros_like(is_near) if is_first else is_near & ~self._was_near
         self._was_near = is_near
         self._begun[new] = self._ticks
         waiting = self._begun >= 0
