@@ -79,10 +79,6 @@ def test_files_are_written_and_hold_the_same(tmp_path):
     assert "- Command: `armguard paper`" in page
 
 
-def test_equal_rows_give_equal_pictures():
-    assert draw_pictures(make_rows()) == draw_pictures(make_rows())
-
-
 def test_a_file_that_cannot_be_written_is_an_error(tmp_path):
     (tmp_path / "report.json").mkdir()
     with pytest.raises(ArmguardError, match="cannot be written"):
