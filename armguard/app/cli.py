@@ -449,6 +449,8 @@ class Tradeoff:
     """A robot that armguard knows; without it, Panda."""
     obstacles: int = 0
     """How many balls wander about the arm; without a recording, instead of the person."""
+    touching: int = 0
+    """How many balls come and touch the arm, so that there are contacts to be missed."""
     out: Path = Path("tradeoff")
     """The folder to write the report into."""
     axis: tuple[str, ...] = ()
@@ -459,21 +461,30 @@ class Tradeoff:
     """Of all motions."""
     no_plots: Flag = False
     """Draw no pictures, for which matplotlib is needed (the extra `plot`)."""
+    dask: str | None = None
+    """Measure settings on the workers of a Dask scheduler at this address, or of `local`."""
+    workers: int | None = None
+    """How many processes of this machine measure settings; needs Dask (the extra `cluster`)."""
+    resume: Flag = False
+    """Go on with the settings that an earlier run of this study has kept in `out`."""
 
     def run(self) -> int:
         """Measure and write the report."""
         from armguard.app import tradeoff
+        from armguard.app.study_facts import Workers
 
         return tradeoff.run(
             self.cell,
             person=self.person,
             robot=self.robot,
             balls=self.obstacles,
+            touching=self.touching,
             out=self.out,
             axes=self.axis,
             seconds=self.seconds,
             seed=self.seed,
             plots=not self.no_plots,
+            workers=Workers(self.dask, self.workers, self.resume),
         )
 
 
@@ -490,12 +501,51 @@ class Extremes:
     """Of all cases."""
     small: Flag = False
     """Leave out what takes long."""
+    dask: str | None = None
+    """Measure cases on the workers of a Dask scheduler at this address, or of `local`."""
+    workers: int | None = None
+    """How many processes of this machine measure cases; needs Dask (the extra `cluster`)."""
+    resume: Flag = False
+    """Go on with the cases that an earlier run has kept beside `out`."""
 
     def run(self) -> int:
         """Measure all cases; the exit code is 1 if one is unsound."""
         from armguard.app import extremes
+        from armguard.app.study_facts import Workers
 
-        return extremes.run(self.out, seed=self.seed, is_small=self.small)
+        workers = Workers(self.dask, self.workers, self.resume)
+        return extremes.run(self.out, seed=self.seed, is_small=self.small, workers=workers)
+
+
+@dataclasses.dataclass(frozen=True)
+class Paper:
+    """Measure what the paper claims of its schedules, from 3 to 100,000 pairs.
+
+    Example: armguard paper --out paper
+    """
+
+    out: Path = Path("paper")
+    """The folder to write the report into."""
+    period: tuple[float, ...] = ()
+    """Of ticks, in seconds; without it, the paper's 0.05 and the default's 0.001."""
+    seed: int = 0
+    """Of all motions."""
+    small: Flag = False
+    """Leave out what takes long."""
+    no_plots: Flag = False
+    """Draw no pictures, for which matplotlib is needed (the extra `plot`)."""
+
+    def run(self) -> int:
+        """Measure and write the report; the exit code is 1 if a pair came near unwatched."""
+        from armguard.app import paper
+
+        return paper.run(
+            self.out,
+            periods=self.period,
+            seed=self.seed,
+            is_small=self.small,
+            plots=not self.no_plots,
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -578,6 +628,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                     | Annotated[Tradeoff, tyro.conf.subcommand("tradeoff")]
                     | Annotated[Extremes, tyro.conf.subcommand("extremes")]
                     | Annotated[Kernels, tyro.conf.subcommand("kernels")]
+                    | Annotated[Paper, tyro.conf.subcommand("paper")]
                     | Annotated[Robots, tyro.conf.subcommand("robots")]
                 ],
                 prog="armguard",

@@ -2,64 +2,72 @@
 
 from __future__ import annotations
 
-import os
-import shlex
+import collections
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
 from armguard.app.processes import COMPLAINT, complain
+from armguard.app.study_facts import Workers, list_facts, open_rows, tell_command
 from armguard.exceptions import ArmguardError
-from armguard.recording.provenance import describe_provenance
-from armguard.robot.robot import Robot
 from armguard.studies.extremes.evaluations import measure_evaluations
 from armguard.studies.extremes.line import UNSOUND, Line
 from armguard.studies.extremes.report import summarise, write_page
+from armguard.studies.extremes.rows import Extent, measure_rows
 from armguard.studies.extremes.ticks import measure_ticks
 
 CASES = 50
 """Of each line of single evaluations."""
 
 
-def run(out: Path | None, *, seed: int, is_small: bool) -> int:
+def run(out: Path | None, *, seed: int, is_small: bool, workers: Workers) -> int:
     """Measure all cases, and print or write the page; the exit code, 1 if a case is unsound.
 
     Args:
         out: The page; None: it is printed.
         seed: Of all cases.
         is_small: Whether to leave out what takes long.
+        workers: Where cases are measured.
 
     Raises:
-        ArmguardError: The page cannot be written.
+        ArmguardError: The page cannot be written, or lines cannot be measured where they are to be.
+        KeyboardInterrupt: It came before there was anything to show.
     """
     if not seed >= 0:
         raise ArmguardError("--seed", f"is {seed}", expected="0 or more")
     if out is not None and (out.is_dir() or not out.parent.is_dir()):
         problem = "is a folder" if out.is_dir() else "is in a folder that is not there"
         raise ArmguardError("--out", f"{out} {problem}", expected="a file to write")
-    lines: list[Line] = []
-    interrupted = False
-    with Progress(
+    cases = 10 if is_small else CASES
+    study = {"study": "extremes", "cases": str(cases), "small": str(is_small), "seed": str(seed)}
+    if workers.is_by_rows and out is None:
+        raise ArmguardError("--out", "is needed: lines are kept beside it", expected="a file")
+    folder = None if out is None else out.with_name(f"{out.name}.kept")
+    with open_rows(workers, folder, study) as rows, Progress(
         TextColumn("{task.description}"), TimeElapsedColumn(), console=Console(stderr=True),
         transient=True,
     ) as progress:  # fmt: skip
         bar = progress.add_task("starting")
-        try:
-            for part in (
-                measure_evaluations(10 if is_small else CASES, seed),
-                measure_ticks(is_small=is_small, seed=seed),
-            ):
-                for line in part:
-                    lines.append(line)
-                    progress.update(bar, description=f"{line.group}: {line.case}")
-        except KeyboardInterrupt:
-            if not lines:
-                raise
-            interrupted = True
-    page = write_page(lines, shlex.join(["armguard", *sys.argv[1:]]), _list_facts(seed))
-    if interrupted:
+
+        def tell(text: str, share: float = 0.0) -> None:
+            progress.update(bar, description=text)
+
+        if rows is None:
+            lines, is_whole = _measure_here(cases, seed, is_small, tell)
+        else:
+            lines, is_whole = measure_rows(Extent(cases, seed, is_small), rows, tell)
+    if not lines:
+        raise KeyboardInterrupt
+    facts = [f"{name.capitalize()}: {fact}" for name, fact in list_facts(seed).items()]
+    machines = collections.Counter(line.machine for line in lines if line.machine)
+    if machines:
+        counted = (f"{count} lines on {machine}" for machine, count in sorted(machines.items()))
+        facts.append(f"Measured by workers: {', '.join(counted)}")
+    page = write_page(lines, tell_command(), facts)
+    if not is_whole:
         page = page.replace("\n##", "\nInterrupted: what is missing had not begun.\n\n##", 1)
     if out is None:
         sys.stdout.write(page)
@@ -75,11 +83,19 @@ def run(out: Path | None, *, seed: int, is_small: bool) -> int:
     return 0
 
 
-def _list_facts(seed: int) -> list[str]:
-    facts = describe_provenance(Robot.load("panda"))
-    versions = ("armguard", "numpy", "numba", "llvm", "pinocchio", "python")
-    return [
-        f"Machine: {facts['processor']}, {os.cpu_count()} cores, {facts['machine']}",
-        f"Versions: {', '.join(f'{name} {facts[name]}' for name in versions)}",
-        f"Seed: {seed}",
-    ]
+def _measure_here(
+    cases: int, seed: int, is_small: bool, tell: Callable[[str], None]
+) -> tuple[list[Line], bool]:
+    """Measure one line after the other; what Ctrl-C left of them, and whether none is missing."""
+    lines: list[Line] = []
+    try:
+        for part in (
+            measure_evaluations(cases, seed),
+            measure_ticks(is_small=is_small, seed=seed),
+        ):
+            for line in part:
+                lines.append(line)
+                tell(f"{line.group}: {line.case}")
+    except KeyboardInterrupt:
+        return lines, False
+    return lines, True

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +10,15 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from armguard.app.cell.cell import Cell
+from armguard.app.processes import complain
+from armguard.app.study_facts import (
+    VERSIONS,
+    Workers,
+    describe_machine,
+    digest_file,
+    open_rows,
+    tell_command,
+)
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.provenance import describe_provenance
@@ -23,12 +29,10 @@ from armguard.studies.tradeoff.plots import check_plots, draw_pictures
 from armguard.studies.tradeoff.report import HTML_FILE, About, summarise, write_report
 from armguard.studies.tradeoff.scene import Site, make_scene
 from armguard.studies.tradeoff.study import run_study
+from armguard.studies.tradeoff.touching import add_touching
 from armguard.studies.tradeoff.trial import SECONDS, make_visit
 
 ROBOT = "panda"
-
-SHOWN = ("armguard", "numpy", "numba", "llvm", "pinocchio", "python")
-"""Versions that a report names."""
 
 LONGEST = 3600.0
 """Of a scene, in [s]."""
@@ -40,11 +44,13 @@ def run(
     person: Path | None,
     robot: str | None,
     balls: int,
+    touching: int,
     out: Path,
     axes: Sequence[str],
     seconds: float,
     seed: int,
     plots: bool,
+    workers: Workers,
 ) -> int:
     """Measure, write the report and print what can be chosen by; the exit code.
 
@@ -53,11 +59,13 @@ def run(
         person: A recording.
         robot: Name of a known robot.
         balls: How many wander about the arm.
+        touching: How many come and touch it.
         out: Folder of the report.
         axes: Of the ladder; none: all.
         seconds: Of the scene.
         seed: Of all motions.
         plots: Whether to draw pictures.
+        workers: Where settings are measured.
 
     Raises:
         ArmguardError: Something is unusable.
@@ -70,46 +78,71 @@ def run(
         raise ArmguardError("--seconds", f"is {seconds:g}", expected=f"1 to {LONGEST:g}")
     if not balls >= 0:
         raise ArmguardError("--obstacles", f"is {balls}", expected="0 or more")
+    if not touching >= 0:
+        raise ArmguardError("--touching", f"is {touching}", expected="0 or more")
     if plots:
         check_plots()
-    _make_folder(out)
+    make_folder(out)
     site = _make_site(cell, robot)
     recording = None if person is None else str(person)
     scene, what = make_scene(site, recording, balls, seconds, seed)
+    if touching:
+        what += f" and {add_touching(scene, site, touching, seed)}"
     trial = None
     if AUTO in chosen and (balls or recording is not None):
         # Other balls, or another part of the recording.
         trial = make_scene(site, recording, balls, SECONDS, seed + 1, 0.0)[0]
     elif AUTO in chosen:
         trial = make_visit(site, seed + 1)
+    provenance = describe_provenance(site.robot)
+    study_of = {
+        "study": "tradeoff", "cell": digest_file(cell), "robot": provenance["robot"],
+        "cover": provenance["cover"], "person": digest_file(person), "obstacles": str(balls),
+        "touching": str(touching),
+        "seconds": f"{seconds!r}", "seed": str(seed),
+    }  # fmt: skip
     columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
-    with Progress(
-        *columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True
-    ) as progress:
+    with (
+        open_rows(workers, out, study_of) as rows,
+        Progress(
+            *columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True
+        ) as progress,
+    ):
         bar = progress.add_task("", total=1.0)
 
         def tell(text: str, share: float) -> None:
             progress.update(bar, description=text, completed=share)
 
-        study = run_study(site, scene, chosen, seed, Covers(site.robot), tell, trial)
-    provenance = describe_provenance(site.robot)
+        try:
+            study = run_study(site, scene, chosen, seed, Covers(site.robot), tell, trial, rows)
+        except KeyboardInterrupt:
+            if rows is not None and rows.kept:
+                complain(f"{rows.kept} settings are kept: --resume goes on with them")
+            raise
     about = About(
         f"{site.robot.name} and {what}",
-        shlex.join(["armguard", *sys.argv[1:]]),
-        f"{provenance['processor']}, {os.cpu_count()} cores, {provenance['machine']}",
-        {name: provenance[name] for name in SHOWN},
+        tell_command(),
+        describe_machine(provenance),
+        {name: provenance[name] for name in VERSIONS},
         seed,
         seconds,
     )
     write_report(out, study, about, draw_pictures(study) if plots else {})
     console = Console()
+    if rows is not None and rows.resumed:
+        console.print(f"- {rows.resumed} rows were taken from an earlier run.", highlight=False)
     for line in summarise(study):
         console.print(f"- {line.replace('**', '')}", highlight=False, markup=False, soft_wrap=True)
     console.print(f"wrote {out / HTML_FILE}", highlight=False, markup=False, soft_wrap=True)
     return 0
 
 
-def _make_folder(out: Path) -> None:
+def make_folder(out: Path) -> None:
+    """Make the folder of a report.
+
+    Raises:
+        ArmguardError: It cannot be made, or is a file.
+    """
     try:
         out.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):

@@ -46,12 +46,16 @@ NAMES = {
 
 def describe_provenance(robot: Robot) -> dict[str, str]:
     """What verdicts of this process about this robot rest on, by the names of `NAMES`."""
+    return {**describe_software(), **digest_robot(robot)}
+
+
+def describe_software() -> dict[str, str]:
+    """What verdicts of this process rest on whatever the robot, by the names of `NAMES`."""
     features = sorted(llvmlite.binding.get_host_cpu_features().items())
     version = ".".join(map(str, llvmlite.binding.llvm_version_info))
     return {
         "armguard": importlib.metadata.version("armguard"),
         "sources": digest_package(PACKAGE),
-        **digest_robot(robot),
         "processor": config.CPU_NAME or llvmlite.binding.get_host_cpu_name(),
         "processor_features": config.CPU_FEATURES or _digest(repr(features).encode()),
         "machine": f"{platform.system()} {platform.machine()}",

@@ -6,7 +6,7 @@ import pytest
 from armguard.app import tradeoff
 from armguard.app.cli import main
 from armguard.exceptions import ArmguardError
-from armguard.studies.tradeoff import growth
+from armguard.studies.tradeoff import growth, study
 from armguard.studies.tradeoff.covers import Covers
 
 CELL = '[robot]\nname = "panda"\n[sources.eye]\n[sources.ear]\n[monitor]\nrate = 100.0\n'
@@ -115,3 +115,60 @@ def test_pictures_need_their_library_before_anything_is_measured(tmp_path, monke
 
     monkeypatch.setattr(tradeoff, "check_plots", refuse)
     assert main(["tradeoff", "--out", str(tmp_path / "out")]) == 2
+
+
+def test_what_was_kept_is_gone_on_with_and_a_study_of_another_seed_is_not(tmp_path, capsys):
+    (tmp_path / "cell.toml").write_text(CELL)
+    words = [str(tmp_path / "cell.toml"), "--axis", "advances", "--obstacles", "2", "--resume"]
+    assert run(tmp_path, *words) == 0
+    assert "taken from an earlier run" not in capsys.readouterr().out
+    first = json.loads((tmp_path / "out" / "report.json").read_text())
+    kept = sorted((tmp_path / "out" / "rows").glob("*.msgpack"))
+    assert len(kept) == len(first["settings"])
+    assert run(tmp_path, *words, "--robot", "panda") == 2  # and nothing is lost by a mistake
+    # As a killed run leaves it: some rows are there.
+    kept[0].unlink()
+    assert run(tmp_path, *words) == 0
+    out = capsys.readouterr().out
+    assert re.search(rf"- {len(kept) - 1} rows were taken from an earlier run\.", out)
+    again = json.loads((tmp_path / "out" / "report.json").read_text())
+    for one, other in zip(first["settings"], again["settings"], strict=True):
+        assert one["name"] == other["name"]
+        assert one["figures"]["evaluated"] == other["figures"]["evaluated"]
+    assert run(tmp_path, *words, "--seed", "1") == 2
+    assert "of another study: seed was 0, is 1" in capsys.readouterr().err
+
+
+def test_workers_that_cannot_be_had_are_a_mistake(tmp_path, capsys):
+    pytest.importorskip("distributed", reason="Dask is not installed: the extra `cluster`")
+    (tmp_path / "cell.toml").write_text(CELL)
+    assert run(tmp_path, str(tmp_path / "cell.toml"), "--workers", "0") == 2
+    assert "--workers: is 0; expected 1 or more" in capsys.readouterr().err
+
+
+def test_balls_that_touch_the_arm_are_told_of(tmp_path, capsys):
+    (tmp_path / "cell.toml").write_text(CELL)
+    words = ["--axis", "advances", "--obstacles", "1", "--touching", "1"]
+    assert run(tmp_path, str(tmp_path / "cell.toml"), *words) == 0
+    data = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert data["title"] == "panda and 1 balls from 1.2 m on and 1 balls that touch it"
+    assert len(data["contacts"]) >= 1
+    assert all(one["figures"]["missed"] == 0 for one in data["settings"])
+    assert run(tmp_path, "--touching", "-1") == 2
+    assert "--touching: is -1" in capsys.readouterr().err
+
+
+def test_an_interrupt_before_the_finest_says_what_is_kept(tmp_path, capsys, monkeypatch):
+    measure, measured = study.measure_setting, []
+
+    def measure_one(*arguments):
+        if measured:
+            raise KeyboardInterrupt
+        measured.append(1)
+        return measure(*arguments)
+
+    monkeypatch.setattr(study, "measure_setting", measure_one)
+    (tmp_path / "cell.toml").write_text(CELL)
+    words = ["--axis", "advances", "--obstacles", "1", "--resume"]
+    assert run(tmp_path, str(tmp_path / "cell.toml"), *words) == 130
+    assert "1 settings are kept: --resume goes on with them" in capsys.readouterr().err

@@ -18,7 +18,7 @@ def read(folder):
 
 
 def test_there_are_reports():
-    assert {path.name for path in REPORTS} >= {"panda", "ur10", "near-1000"}
+    assert {path.name for path in REPORTS} >= {"panda", "ur10", "near-1000", "contacts"}
 
 
 @pytest.mark.parametrize("folder", REPORTS, ids=lambda path: path.name)
@@ -33,6 +33,14 @@ def test_a_report_is_whole_and_missed_nothing(folder):
     assert f"`{data['command']}`" in page
     for file in folder.iterdir():
         assert file.suffix == ".html" or file.stat().st_size < 200_000, file
+
+
+def test_there_are_contacts_to_be_missed():
+    contacts = read(DOCS / "tradeoff" / "contacts")["contacts"]
+    count = sum(not one["is_beyond"] for one in contacts)
+    assert count >= 5
+    page = (DOCS / "settings.md").read_text(encoding="utf-8")
+    assert cut(page, "touches") == f"{count} contacts"
 
 
 def cells(figures):
@@ -96,3 +104,89 @@ def test_nothing_at_the_extremes_is_unsound():
     assert [int(number) for number in told.groups()[1:]] == [
         outcomes.count("sound"), outcomes.count("refused")
     ]  # fmt: skip
+
+
+PAPER = DOCS / "paper"
+
+
+def read_paper():
+    data = json.loads((PAPER / "report.json").read_text(encoding="utf-8"))
+    return data, (DOCS / "paper.md").read_text(encoding="utf-8")
+
+
+def cut(page, name):
+    """What stands between the marks of some figures."""
+    return page.split(f"<!-- figures: {name} -->")[1].split("<!-- end of figures -->")[0]
+
+
+def quote_cost(data):
+    """The table of costs in docs/paper.md, row by row."""
+    lines = []
+    for name, growth in data["exponents"].items():
+        some = [row for row in data["rows"] if row["schedule"] == name and row["period"] == 0.05]
+        first, last = some[0], some[-1]
+        lines.append(
+            f"| {name} | {first['evaluations']:.0f} | {last['evaluations']:,.0f} | "
+            f"{growth['evaluations']:.2f} | {last['comparisons']:,.0f} | "
+            f"{growth['comparisons']:.2f} | {last['tick']:,.0f} | {growth['tick']:.2f} |"
+        )
+    return lines
+
+
+def quote_awareness(data):
+    """The table of what is noticed in docs/paper.md, row by row."""
+    found = {(row["period"], row["pairs"], row["schedule"]): row for row in data["rows"]}
+    lines = []
+    for period, pairs in dict.fromkeys(key[:2] for key in found):
+        powers, fibonacci, distance = (
+            found[period, pairs, name] for name in ("daa, powers", "daa, Fibonacci", "full-DF")
+        )
+        rounds = f"{powers['rounds']:,.{0 if powers['rounds'] >= 10 else 3}f}"
+        lines.append(
+            f"| {1e3 * period:g} ms | {pairs:,} | {powers['ticks']:,} | {rounds} | "
+            f"{powers['agreement']:.1%} | {powers['flagged']:.1%} | {fibonacci['agreement']:.1%} | "
+            f"{fibonacci['flagged']:.1%} | {distance['agreement']:.1%} |"
+        )
+    return sorted(lines, key=lambda line: "| 1 ms" in line)
+
+
+def quote_price(data):
+    """What an evaluation takes, from a tick that evaluates all pairs, and what a tick's do."""
+    full, daa = (
+        next(
+            row for row in data["rows"]
+            if row["schedule"] == name and row["pairs"] == 100_128 and row["period"] == 0.05
+        )
+        for name in ("full-DAA", "daa, powers")
+    )  # fmt: skip
+    price = full["tick"] / full["pairs"]
+    return (
+        f"an evaluation takes {price:.2f} µs, so all of a tick at 100,128 pairs are "
+        f"{price * daa['evaluations']:.0f} µs of work"
+    )
+
+
+def test_the_page_on_the_paper_quotes_its_report():
+    data, page = read_paper()
+    assert data["interrupted"] is False
+    assert cut(page, "cost").strip().splitlines()[2:] == quote_cost(data)
+    assert cut(page, "awareness").strip().splitlines()[2:] == quote_awareness(data)
+    assert cut(page, "price") == quote_price(data)
+    report = (PAPER / "README.md").read_text(encoding="utf-8")
+    assert all(f"- {line}" in report for line in data["summary"])
+
+
+def test_the_claims_hold_that_the_page_on_the_paper_makes():
+    data, _ = read_paper()
+    rows = data["rows"]
+    assert {row["pairs"] for row in rows} >= {3, 100_128}
+    assert all(row["unwatched"] == 0 for row in rows)
+    assert sum(row["alarms"] for row in rows if row["schedule"] == "full-DAA") > 100
+    for row in rows:
+        buckets = math.floor(math.log2(row["pairs"])) + 1
+        if row["schedule"] == "daa, powers":
+            assert row["evaluations"] <= buckets
+            assert row["comparisons"] <= max(1.0, buckets * math.log2(buckets))
+        if row["schedule"] == "full-DAA":
+            assert row["evaluations"] == row["pairs"]
+            assert row["agreement"] == 1.0

@@ -35,9 +35,20 @@ def measure_evaluations(cases: int, seed: int) -> Iterator[Line]:
         cases: Of each line.
         seed: Of them.
     """
-    for group, case, make in _list_groups():
-        random = np.random.default_rng(seed)
-        yield _measure(group, case, [make(random) for _ in range(cases)])
+    for number in range(len(list(_list_groups()))):
+        yield measure_evaluation(number, cases, seed)
+
+
+def list_evaluations() -> list[str]:
+    """Names of all lines."""
+    return [f"{group}: {case}" for group, case, _ in _list_groups()]
+
+
+def measure_evaluation(number: int, cases: int, seed: int) -> Line:
+    """One line, by its place in `list_evaluations`; for the others see `measure_evaluations`."""
+    group, case, make = list(_list_groups())[number]
+    random = np.random.default_rng(seed)
+    return _measure(group, case, [make(random) for _ in range(cases)])
 
 
 def _list_groups() -> Iterator[tuple[str, str, Callable[[np.random.Generator], Case]]]:

@@ -24,3 +24,5 @@ class Line(NamedTuple):
     """Of an evaluation or of a tick, in the median, in [µs]."""
     note: str = ""
     """Against what, or why refused."""
+    machine: str = ""
+    """Where it was measured, if not in this process."""

@@ -44,27 +44,41 @@ def measure_growth(site: Site, seed: int) -> Iterator[Grown]:
         site: Where, and by what arm.
         seed: Of all motions.
     """
-    for count in COUNTS:
-        scene, _ = make_scene(site, None, count, SECONDS, seed)
-        for setting in _settings():
-            try:
-                contestant = Contestant(setting, site, scene, site.robot.cover)
-            except ArmguardError:
-                continue  # the study itself says which settings do not go together
-            begun, until = time.thread_time(), 0.0
-            while until < SECONDS and (
-                until < LEAST / contestant.rate or time.thread_time() - begun < PATIENCE
-            ):
-                until += 1.0 / contestant.rate
-                contestant.run(until)
-            track = contestant.track
-            yield Grown(
-                setting.name,
-                count * len(site.robot.links),
-                1e6 * float(np.median(track.spent)),
-                float(track.evaluated.mean()),
-                float(track.flagged.mean()),
-            )
+    for count, setting in list_sizes():
+        grown = measure_size(site, seed, count, setting)
+        if grown is not None:
+            yield grown
+
+
+def list_sizes() -> list[tuple[int, Setting]]:
+    """Numbers of obstacles, and the schedules that are measured among them."""
+    return [(count, setting) for count in COUNTS for setting in _settings()]
+
+
+def measure_size(site: Site, seed: int, count: int, setting: Setting) -> Grown | None:
+    """One schedule among so many balls; None if it does not go with the site's settings.
+
+    How many ticks are run depends on how fast the machine is, and so, a little, do the counts.
+    """
+    scene, _ = make_scene(site, None, count, SECONDS, seed)
+    try:
+        contestant = Contestant(setting, site, scene, site.robot.cover)
+    except ArmguardError:
+        return None  # the study itself says which settings do not go together
+    begun, until = time.thread_time(), 0.0
+    while until < SECONDS and (
+        until < LEAST / contestant.rate or time.thread_time() - begun < PATIENCE
+    ):
+        until += 1.0 / contestant.rate
+        contestant.run(until)
+    track = contestant.track
+    return Grown(
+        setting.name,
+        count * len(site.robot.links),
+        1e6 * float(np.median(track.spent)),
+        float(track.evaluated.mean()),
+        float(track.flagged.mean()),
+    )
 
 
 def fit_exponents(grown: list[Grown]) -> dict[str, float]:

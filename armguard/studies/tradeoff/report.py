@@ -6,6 +6,7 @@ Every figure comes from the run, whose command, machine, versions and seed the r
 from __future__ import annotations
 
 import base64
+import collections
 import csv
 import html
 import io
@@ -177,6 +178,7 @@ def describe(study: Study, about: About) -> dict[str, Any]:
                 "name": one.setting.name,
                 "axis": one.setting.axis,
                 "refused": one.refused,
+                **({"machine": one.machine} if one.machine else {}),
                 "figures": one.figures
                 and {
                     name: float(f"{value:.6g}") if math.isfinite(value) else None
@@ -255,8 +257,15 @@ def _list_facts(study: Study, about: About) -> list[str]:
         f"Command: `{about.command}`",
         f"Scene: {about.title}, {study.seconds:g} s of it, seed {about.seed}",
         f"Machine: {about.machine}",
+        *([f"Measured by workers: {_count_machines(study)}"] if _count_machines(study) else []),
         f"Versions: {versions}",
     ]
+
+
+def _count_machines(study: Study) -> str:
+    """How many settings were measured on which machine; times of different ones do not compare."""
+    counts = collections.Counter(one.machine for one in study.outcomes if one.machine)
+    return ", ".join(f"{count} settings on {machine}" for machine, count in sorted(counts.items()))
 
 
 def _write_page(study: Study, about: About, pictures: Sequence[str]) -> str:

@@ -1,7 +1,9 @@
 """A study: all settings through one scene, in turns, then combinations of what was cheap.
 
 Turns are short, so that whatever else the machine does falls on all settings alike, and so that a
-study which is ended early has seen the same part of the scene with each of them.
+study which is ended early has seen the same part of the scene with each of them. Where rows are
+kept or measured by other processes there are no turns: each setting goes through the whole scene by
+itself. What it says is the same; what it takes is that of its machine at its time.
 """
 
 from __future__ import annotations
@@ -13,14 +15,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from armguard.cover.cover import Cover
 from armguard.exceptions import ArmguardError
 from armguard.monitor.choice import Choice, choose
 from armguard.monitor.monitor import Monitor
+from armguard.studies.rows import Row, Rows
 from armguard.studies.tradeoff.adversary import Adversary, Body
-from armguard.studies.tradeoff.contestant import RATE, Contestant, Track
+from armguard.studies.tradeoff.contestant import RATE, Contestant, Run, Track
 from armguard.studies.tradeoff.covers import Covers
 from armguard.studies.tradeoff.figures import Figures, Hunted, compute_figures, find_front
-from armguard.studies.tradeoff.growth import Grown, measure_growth
+from armguard.studies.tradeoff.growth import Grown, list_sizes, measure_growth, measure_size
 from armguard.studies.tradeoff.ladder import (
     AUTO,
     DEFAULT,
@@ -58,6 +62,8 @@ class Outcome(NamedTuple):
     """None where it could not be made."""
     refused: str = ""
     """Why not."""
+    machine: str = ""
+    """Where it was measured, if not in this process."""
 
 
 class Study(NamedTuple):
@@ -92,6 +98,7 @@ def run_study(
     covers: Covers,
     tell: Tell,
     trial: Scene | None = None,
+    rows: Rows | None = None,
 ) -> Study:
     """Run all settings; Ctrl-C ends it with what was measured so far.
 
@@ -104,6 +111,7 @@ def run_study(
         tell: Is told how far it is.
         trial: What settings are chosen by, where `AUTO` is among the axes: another scene than that
             which all are shown.
+        rows: Measures and keeps settings one by one; None: they take turns in this process.
 
     Raises:
         ArmguardError: The default or the finest setting cannot be made.
@@ -111,24 +119,23 @@ def run_study(
     """
     outcomes: list[Outcome] = []
     settings = list_settings(axes, site.robot.cover, site.settings)
-    contestants = _make_contestants(settings, site, scene, covers, outcomes, tell)
     choice = None
     if trial is not None and AUTO in axes:
         tell("a trial to choose by", 0.0)
         choice = _choose(site, trial, outcomes)
     if choice is not None:
-        chosen = [make_setting(choice)]
-        contestants += _make_contestants(chosen, site, scene, covers, outcomes, tell)
-    interrupted = _run_turns(contestants, scene, "axes", tell)
-    seconds = min(one.begun for one in contestants)
-    if seconds <= 0.0:
+        settings.append(make_setting(choice))
+    runs, interrupted = _run(settings, site, scene, covers, outcomes, "axes", tell, rows)
+    tracks = {run.setting.name: run.track for run in runs}
+    seconds = min((run.begun for run in runs), default=0.0)
+    if seconds <= 0.0 or not {DEFAULT, FINEST} <= set(tracks):
         raise KeyboardInterrupt
-    tracks = {one.setting.name: one.track.until(seconds) for one in contestants}
+    tracks = {name: track.until(seconds) for name, track in tracks.items()}
     contacts: list[Contact] | None = None
     hunted: list[Hunted] = []
     grown: list[Grown] = []
 
-    def add(some: Sequence[Contestant]) -> None:
+    def add(some: Sequence[Run]) -> None:
         for one in some:
             messages = [m.stamp <= seconds for m in scene.messages[: len(one.intake)]]
             figures = compute_figures(
@@ -137,7 +144,7 @@ def run_study(
             )  # fmt: skip
             if contacts is None:
                 figures = figures._replace(missed=math.nan)
-            outcomes.append(Outcome(one.setting, figures))
+            outcomes.append(Outcome(one.setting, figures, machine=one.machine))
 
     try:
         # Looked for in any case: that nothing was missed is not to be said without it.
@@ -150,21 +157,19 @@ def run_study(
         interrupted = ended
     except KeyboardInterrupt:
         pass
-    add(contestants)
+    add(runs)
     try:
         if not interrupted:
             interrupted = "combinations"
             some = combine(_choose_rungs(outcomes))
-            combined = _make_contestants(some, site, scene, covers, outcomes, tell)
-            interrupted = _run_turns(combined, scene, interrupted, tell)
-            if not interrupted:
-                add(combined)
+            combined, interrupted = _run(
+                some, site, scene, covers, outcomes, interrupted, tell, rows
+            )
+            # Of settings that took turns and were ended early, none saw the whole scene.
+            add([run for run in combined if run.begun >= seconds])
         if not interrupted and "schedule" in axes:
             interrupted = "growth"
-            for one in measure_growth(site, seed):
-                grown.append(one)
-                tell(f"growth: {one.pairs:,} pairs", 0.0)
-            interrupted = ""
+            interrupted = _grow(site, seed, grown, tell, rows)
     except KeyboardInterrupt:
         pass
     counted = [one for one in outcomes if one.figures is not None and _is_sound(one)]
@@ -195,6 +200,84 @@ def _choose(site: Site, trial: Scene, outcomes: list[Outcome]) -> Choice | None:
     except ArmguardError as error:
         outcomes.append(Outcome(Setting(AUTO), None, str(error)))
         return None
+
+
+def _run(
+    settings: Sequence[Setting],
+    site: Site,
+    scene: Scene,
+    covers: Covers,
+    outcomes: list[Outcome],
+    part: str,
+    tell: Tell,
+    rows: Rows | None,
+) -> tuple[list[Run], str]:
+    """Let settings go through the scene; and the part in which that was ended early, if it was.
+
+    Of those that cannot be made it is noted why not.
+    """
+    if rows is None:
+        contestants = _make_contestants(settings, site, scene, covers, outcomes, tell)
+        interrupted = _run_turns(contestants, scene, part, tell)
+        return [one.report() for one in contestants], interrupted
+    tasks = {}
+    for number, setting in enumerate(settings):
+        tell(f"making {setting.name}", number / len(settings))
+        try:
+            tasks[setting.name] = setting, covers.choose(setting)
+        except ArmguardError as error:
+            _refuse(setting, str(error), outcomes)
+    found, is_whole = rows.measure(measure_setting, (site, scene), tasks, part, tell)
+    runs = []
+    for name, row in found.items():
+        setting = tasks[name][0]
+        if "refused" in row:
+            _refuse(setting, row["refused"], outcomes)
+        else:
+            runs.append(Run.restore(setting, row))
+    return runs, "" if is_whole else part
+
+
+def measure_setting(shared: tuple[Site, Scene], setting: Setting, cover: Cover) -> Row:
+    """Let one setting go through the whole scene: its run as plain data, or why it was refused."""
+    site, scene = shared
+    try:
+        contestant = Contestant(setting, site, scene, cover)
+    except ArmguardError as error:
+        return {"refused": str(error)}
+    gc.collect()
+    gc.disable()
+    try:
+        contestant.run(scene.seconds)
+    finally:
+        gc.enable()
+    return contestant.report().describe()
+
+
+def measure_grown(shared: tuple[Site, int], count: int, setting: Setting) -> Row:
+    """`measure_size` as a row."""
+    grown = measure_size(*shared, count, setting)
+    return {"grown": None if grown is None else grown._asdict()}
+
+
+def _grow(site: Site, seed: int, grown: list[Grown], tell: Tell, rows: Rows | None) -> str:
+    """Measure the growth with pairs; the name of this part if it was ended early."""
+    part = "growth"
+    if rows is None:
+        for one in measure_growth(site, seed):
+            grown.append(one)
+            tell(f"{part}: {one.pairs:,} pairs", 0.0)
+        return ""
+    tasks = {f"{setting.name} among {count}": (count, setting) for count, setting in list_sizes()}
+    found, is_whole = rows.measure(measure_grown, (site, seed), tasks, part, tell)
+    grown += [Grown(**row["grown"]) for row in found.values() if row["grown"] is not None]
+    return "" if is_whole else part
+
+
+def _refuse(setting: Setting, reason: str, outcomes: list[Outcome]) -> None:
+    if setting.name in (DEFAULT, FINEST):
+        raise ArmguardError(f"setting {setting.name!r}", f"cannot be made: {reason}")
+    outcomes.append(Outcome(setting, None, reason))
 
 
 def _make_contestants(

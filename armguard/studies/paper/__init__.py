@@ -1,0 +1,1 @@
+"""What the paper that the schedules come from claims of them, measured on a world like its own."""

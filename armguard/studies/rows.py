@@ -1,0 +1,196 @@
+"""Rows of a study, measured one by one: kept as they come, so that a study can be gone on with.
+
+A row is plain data, which msgpack knows, whatever place it was measured in, so that it is the same
+to the bit whether it comes from this process, from another machine, or from an earlier run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.exceptions import ArmguardError
+
+Row = dict[str, Any]
+"""What was measured, as plain data."""
+
+Measure = Callable[..., Row]
+"""Measures a row, given what all rows share and the arguments of its task; importable by name."""
+
+Tell = Callable[[str, float], None]
+"""Is told what is done, and which share of that is done."""
+
+FOLDER, STUDY_FILE = "rows", "study.json"
+"""Below a report: where its rows are kept, and what they are of."""
+
+
+class Place(Protocol):
+    """Where rows are measured."""
+
+    def run(
+        self, measure: Measure, shared: Any, tasks: Mapping[str, tuple[Any, ...]]
+    ) -> Iterator[tuple[str, Row]]:
+        """Measure all, and hand over each as it comes, in whatever order.
+
+        Args:
+            measure: Is called as `measure(shared, *arguments)`.
+            shared: What all have in common.
+            tasks: Arguments, by name of the row.
+        """
+        ...
+
+
+class Here:
+    """This process, in which one row is measured after the other."""
+
+    def run(
+        self, measure: Measure, shared: Any, tasks: Mapping[str, tuple[Any, ...]]
+    ) -> Iterator[tuple[str, Row]]:
+        """Measure all, in their order."""
+        for name, arguments in tasks.items():
+            yield name, measure(shared, *arguments)
+
+
+class Rows:
+    """Rows of one study.
+
+    Args:
+        place: Where they are measured.
+        folder: Of the report, in which they are kept; None: they are not.
+        study: What they are of: whatever must be the same in a study that is gone on with.
+        resume: Whether rows of an earlier run are taken; else they are deleted.
+
+    Attributes:
+        resumed: How many came from an earlier run.
+        kept: How many are kept, those included.
+
+    Raises:
+        ArmguardError: The rows that are there are of another study, or cannot be read.
+    """
+
+    def __init__(
+        self, place: Place, folder: Path | None, study: Mapping[str, str], *, resume: bool
+    ) -> None:
+        self._place = place
+        self._folder = None if folder is None else folder / FOLDER
+        self.resumed = self.kept = 0
+        if self._folder is not None:
+            self._open(self._folder, dict(study), resume)
+
+    def measure(
+        self,
+        measure: Measure,
+        shared: Any,
+        tasks: Mapping[str, tuple[Any, ...]],
+        part: str,
+        tell: Tell,
+    ) -> tuple[dict[str, Row], bool]:
+        """Measure what is not there yet; all rows in the order of their tasks, and whether all are.
+
+        Ctrl-C ends it with the rows that there are.
+
+        Args:
+            measure: Measures one; see `Place.run`.
+            shared: What all have in common.
+            tasks: Arguments, by name of the row.
+            part: Of the study, for the progress.
+            tell: Is told how far it is.
+        """
+        found: dict[str, Row] = {}
+        for name in tasks:
+            row = self._read(name)
+            if row is not None:
+                found[name] = row
+        self.resumed += len(found)
+        self.kept += len(found)
+        missing = {name: tasks[name] for name in tasks if name not in found}
+        tell(part, len(found) / max(len(tasks), 1))
+        try:
+            for name, row in self._place.run(measure, shared, missing):
+                found[name] = self._keep(name, row)
+                tell(f"{part}: {name}", len(found) / len(tasks))
+        except KeyboardInterrupt:
+            pass
+        return {name: found[name] for name in tasks if name in found}, len(found) == len(tasks)
+
+    def _open(self, folder: Path, study: dict[str, str], resume: bool) -> None:
+        file = folder / STUDY_FILE
+        try:
+            if resume and file.is_file():
+                self._check(file, study)
+                return
+            if folder.is_dir():
+                shutil.rmtree(folder)
+            folder.mkdir(parents=True)
+            file.write_bytes(msgspec.json.encode(study))
+        except OSError as error:
+            raise ArmguardError(
+                str(folder), f"rows cannot be kept there: {error.strerror}"
+            ) from None
+
+    def _check(self, file: Path, study: dict[str, str]) -> None:
+        """Make sure that rows which are there are of this study."""
+        try:
+            before = msgspec.json.decode(file.read_bytes(), type=dict[str, str])
+        except (msgspec.DecodeError, OSError) as error:
+            raise ArmguardError("--resume", f"{file} cannot be read: {error}") from None
+        for name in {**study, **before}:
+            if before.get(name) != study.get(name):
+                raise ArmguardError(
+                    "--resume",
+                    f"the rows in {file.parent} are of another study: {name} was "
+                    f"{before.get(name, 'not there')}, is {study.get(name, 'not there')}",
+                    remedy="leave --resume out to measure all anew, or name another folder",
+                )
+
+    def _path(self, name: str) -> Path:
+        assert self._folder is not None
+        return self._folder / f"{hashlib.sha256(name.encode()).hexdigest()[:16]}.msgpack"
+
+    def _read(self, name: str) -> Row | None:
+        """A row that was kept; None if there is none, or no whole one."""
+        if self._folder is None:
+            return None
+        with contextlib.suppress(OSError, msgspec.DecodeError):
+            kept = msgspec.msgpack.decode(self._path(name).read_bytes(), type=dict[str, Any])
+            if kept.get("name") == name and isinstance(kept.get("row"), dict):
+                row: Row = kept["row"]
+                return row
+        return None
+
+    def _keep(self, name: str, row: Row) -> Row:
+        content = msgspec.msgpack.encode({"name": name, "row": row})
+        if self._folder is not None:
+            descriptor, temporary = tempfile.mkstemp(dir=self._folder)
+            try:
+                with open(descriptor, "wb") as file:
+                    file.write(content)
+                os.replace(temporary, self._path(name))
+            except OSError as error:
+                raise ArmguardError(
+                    str(self._folder), f"a row cannot be kept: {error.strerror}"
+                ) from None
+            self.kept += 1
+        kept: Row = msgspec.msgpack.decode(content)["row"]
+        return kept
+
+
+def pack_array(values: NDArray[Any]) -> dict[str, Any]:
+    """An array as plain data, to the bit."""
+    values = np.ascontiguousarray(values)
+    return {"type": values.dtype.str, "shape": list(values.shape), "bytes": values.tobytes()}
+
+
+def unpack_array(data: Mapping[str, Any]) -> NDArray[Any]:
+    """The array that `pack_array` was given."""
+    return np.frombuffer(data["bytes"], np.dtype(data["type"])).reshape(data["shape"])
