@@ -70,6 +70,8 @@ class Origin(NamedTuple):
     """Whether it obeys one that brings its token."""
     is_recorded: bool = False
     """Whether ticks come from a recording, so that none waits, and each STOP can be explained."""
+    recording: str = ""
+    """File to which the run is recorded; empty: to none."""
 
 
 OF_KNOWN_ROBOT = Origin()
@@ -93,6 +95,8 @@ class MonitorFeed:
         self._origin = origin
         self._level: Level | None = None
         """Of the last tick."""
+        self._since: dict[Level, float] = {}
+        """When each level was taken on last, in [s] of the monitor."""
         self._worst: Verdict | None = None
         """The first of the lowest level since the last frame."""
         self._stamp = math.nan
@@ -130,6 +134,7 @@ class MonitorFeed:
             if verdict.level is Level.STOP:
                 self._explain()
             self._level = verdict.level
+            self._since[verdict.level] = now
             if self._worst is None or verdict.level < self._worst.level:
                 self._worst = verdict
         if now < self._next:
@@ -196,6 +201,7 @@ class MonitorFeed:
                 complete=verdict.complete,
                 reasons=tuple(map(str, reasons)),
                 effects=tuple(reason.kind.effect.value for reason in reasons),
+                since=self._since[verdict.level],
             ),
             load=load,
             sphere_times=sphere_times.astype("<f4").tobytes(),
@@ -292,6 +298,7 @@ def make_scene(monitor: Monitor, origin: Origin) -> SceneMessage:
         reset_address=origin.reset_address,
         obeys_reset=origin.obeys_reset,
         is_recorded=origin.is_recorded,
+        recording=origin.recording,
     )
 
 

@@ -359,6 +359,60 @@ def test_a_latched_stop_tells_since_when_and_what_ends_it(feed, page):
     page.wait_for_selector("#latch", state="hidden")
 
 
+def test_a_stop_tells_how_to_have_it_explained(feed, page):
+    stop = show_person("STOP")["verdict"]
+    feed.show("STOP", verdict=msgspec.structs.replace(stop, since=12.3456))
+    wait_for_text(page, "command", "armguard replay FILE --explain 12.345")
+    assert "start the run with --record FILE" in page.inner_text("#hint")
+    feed.show("CLEAR")
+    page.wait_for_selector("#why", state="hidden")
+
+
+def test_a_page_that_hangs_does_not_hold_up_another(feed, view, browser, page):
+    """The first is held by a debugger, amid its work, as long as the second takes."""
+    feed.show("CLEAR")
+    other = open_page(browser)
+    other.goto(view.url)
+    for one in (page, other):
+        wait_for_text(one, "level", "CLEAR")
+    debugger, held = page.context.new_cdp_session(page), []
+    debugger.on("Debugger.paused", held.append)
+    debugger.send("Debugger.enable")
+    debugger.send("Debugger.pause")
+    while not held:
+        other.wait_for_timeout(20)
+    for level in ("STOP", "AWARE", "SLOW"):
+        feed.show(level)
+        wait_for_text(other, "level", level)
+    debugger.send("Debugger.disable")  # lets it go on
+    wait_for_text(page, "level", "SLOW")
+    other.close()
+    assert page.problems == []
+
+
+def test_meshes_are_drawn_with_fewer_triangles_in_the_same_place(page):
+    """Against a ball of 131,072 triangles in two materials, of which both stay."""
+    before, after, materials, size, centre = page.evaluate("""async () => {
+        const { simplify } = await import("./meshes.js"), THREE = MeshCat.THREE;
+        const fine = new THREE.SphereGeometry(0.3, 256, 257).translate(1, 2, 3).toNonIndexed();
+        const count = fine.attributes.position.count;
+        fine.addGroup(0, count / 2, 0);
+        fine.addGroup(count / 2, count / 2, 1);
+        const paints = [0xff0000, 0x00ff00].map((color) => new THREE.MeshPhongMaterial({ color }));
+        const mesh = new THREE.Mesh(fine, paints);
+        simplify(mesh);
+        const { geometry } = mesh;
+        geometry.computeBoundingBox();
+        const { min, max } = geometry.boundingBox;
+        return [count / 3, geometry.index.count / 3, mesh.material.map((one) => one.color.getHex()),
+            max.clone().sub(min).toArray(), max.clone().add(min).multiplyScalar(0.5).toArray()];
+    }""")
+    assert after < before / 10
+    assert materials == [0xFF0000, 0x00FF00]
+    assert size == pytest.approx([0.6] * 3, abs=0.03)
+    assert centre == pytest.approx([1.0, 2.0, 3.0], abs=0.01)
+
+
 def test_silence_is_said_and_ends(feed, page):
     feed.show("CLEAR")
     wait_for_text(page, "level", "CLEAR")
@@ -387,6 +441,20 @@ def test_buffers_do_not_grow_while_it_runs(feed, page):
     before = page.evaluate(count)
     page.wait_for_timeout(2000)
     assert page.evaluate(count) == before
+    # A crowd comes and goes, and comes again: what was made for it is freed or used again.
+    held = []
+    for _ in range(3):
+        for crowd in (300, 3):
+            names = [f"one{k}" for k in range(crowd)]
+            points = np.random.default_rng(crowd).uniform(-2.0, 2.0, (crowd, 3))
+            feed.show(obstacles=ObstacleShapes.pack(names, points, [0.1] * crowd), pairs=Pairs())
+            wait_for_text(page, "source", f"· {crowd} obstacles")
+            page.wait_for_function(
+                "(count) => shapes.drawn.get('/armguard/obstacles/balls').count === count", arg=crowd
+            )
+            settle(page)
+        held.append(page.evaluate(count))
+    assert held[2] == held[1]
     assert page.problems == []
 
 

@@ -3,10 +3,11 @@ import { Camera } from "./camera.js";
 import { Feed } from "./feed.js";
 import { Film, readFilm } from "./film.js";
 import { Layers } from "./layers.js";
+import { simplify } from "./meshes.js";
 import { Names } from "./names.js";
 import { Panels } from "./panels.js";
 import { savePortrait } from "./portrait.js";
-import { Shapes } from "./shapes.js";
+import { Shapes, split } from "./shapes.js";
 import { layFloor, makeStage } from "./stage.js";
 import { Strip } from "./strip.js";
 import { Transport } from "./transport.js";
@@ -111,6 +112,7 @@ function take(commands) {
     else if (viewer !== null && !shapes.draw(command)) {
       if (command.type === "delete") shapes.forget();
       viewer.handle_command(command);
+      if (command.type === "set_object") simplify(viewer.scene_tree.find(split(command.path)).object);
       if (command.type === "delete") layers.apply();
     }
   }

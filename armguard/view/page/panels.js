@@ -70,8 +70,15 @@ export class Panels {
     }
     lines.push(...verdict.notes.map((text) => item(text, "remark")));
     update(element("reasons"), lines);
-    element("why").hidden = !verdict.explanation.length;
+    element("why").hidden = !verdict.explanation.length && !verdict.asking;
     update(element("explanation"), verdict.explanation.map((text) => item(text)));
+    element("asking").hidden = !verdict.asking;
+    const hint = this.scene.is_being_recorded ? "the recording of this run tells what would have avoided it:"
+      : "what would have avoided it a recording tells: start the run with --record FILE, and then ask";
+    for (const [id, text] of [["hint", hint], ["command", verdict.asking]]) {
+      // Text that is the same stays as it is, so that it can be selected.
+      if (element(id).textContent !== text) element(id).textContent = text;
+    }
     const load = verdict.load;
     element("evaluated").textContent = load === null ? "–" : load.evaluated;
     element("duration").textContent =

@@ -35,7 +35,7 @@ export function layFloor(viewer, height) {
   const floor = new THREE.Group();
   const plate = new THREE.Mesh(
     new THREE.CircleGeometry(16, 64), new THREE.MeshBasicMaterial({ color: 0x1d252e }));
-  const fine = new THREE.GridHelper(16, 64, 0x2a343f, 0x2a343f).rotateX(Math.PI / 2);
+  const fine = new THREE.GridHelper(8, 32, 0x2a343f, 0x2a343f).rotateX(Math.PI / 2);
   const coarse = new THREE.GridHelper(16, 16, 0x4a5968, 0x3b4855).rotateX(Math.PI / 2);
   plate.position.z = height - 0.004;
   fine.position.z = height - 0.002;
