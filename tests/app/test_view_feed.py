@@ -150,7 +150,9 @@ def test_a_stop_between_two_frames_is_told_with_the_next_one(robot):
 def test_a_latch_tells_since_when_and_a_source_how_it_is_heard(robot):
     obstacles, messages = Obstacles(sources=["camera"]), Messages()
     monitor = Monitor(robot, obstacles)
-    feed = MonitorFeed(monitor, messages, Origin(reset_address="ipc:///x", obeys_reset=True, recording="/y"))
+    feed = MonitorFeed(
+        monitor, messages, Origin(reset_address="ipc:///x", obeys_reset=True, recording="/y")
+    )
     for tick in range(1, 400):
         now = 2e-3 * tick
         obstacles.update([], now, source="camera")

@@ -35,11 +35,20 @@ def wait_until_drawn(page: Page) -> None:
     settle(page)
 
 
+# Until a picture that was begun from now on is finished and on the screen, or nothing is to be drawn.
+SETTLE = """() => new Promise((done) => {
+    const wanted = pace.begun + 1;
+    const look = () => {
+        const isDrawn = pace.finished >= wanted || !(viewer.needs_render || pace.fence);
+        requestAnimationFrame(isDrawn ? () => requestAnimationFrame(done) : look);
+    };
+    requestAnimationFrame(look);
+})"""
+
+
 def settle(page: Page) -> None:
     """Let what was received be drawn."""
-    page.evaluate(
-        "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
-    )
+    page.evaluate(SETTLE)
 
 
 def wait_for_level(page: Page, level: str) -> None:

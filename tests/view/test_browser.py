@@ -450,7 +450,8 @@ def test_buffers_do_not_grow_while_it_runs(feed, page):
             feed.show(obstacles=ObstacleShapes.pack(names, points, [0.1] * crowd), pairs=Pairs())
             wait_for_text(page, "source", f"· {crowd} obstacles")
             page.wait_for_function(
-                "(count) => shapes.drawn.get('/armguard/obstacles/balls').count === count", arg=crowd
+                "(count) => shapes.drawn.get('/armguard/obstacles/balls').count === count",
+                arg=crowd,
             )
             settle(page)
         held.append(page.evaluate(count))

@@ -221,7 +221,12 @@ def test_many_obstacles_are_drawn_with_less_detail_and_said_so(page):
 @pytest.mark.parametrize(
     ("recording", "since", "explanation", "asking"),
     [
-        ("/var/two words.mcap", 12.3456, (), "armguard replay '/var/two words.mcap' --explain 12.345"),
+        (
+            "/var/two words.mcap",
+            12.3456,
+            (),
+            "armguard replay '/var/two words.mcap' --explain 12.345",
+        ),
         ("", 7.0, (), "armguard replay FILE --explain 7.000"),
         ("/var/run.mcap", 7.0, ("the answer itself",), ""),
         ("/var/run.mcap", None, (), ""),

@@ -50,6 +50,10 @@ export class Panels {
       `level ${depth} of ${this.scene.tree.length - 1}: ${balls} balls contain the whole arm`;
   }
 
+  tellPace(text) {
+    element("pace").textContent = text;
+  }
+
   tellOutcome(text) {
     element("outcome").textContent = text;
   }

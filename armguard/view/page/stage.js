@@ -17,8 +17,11 @@ export function makeStage(pane) {
   viewer.set_property(["Background"], "bottom_color", [0.05, 0.065, 0.085]);
   viewer.set_property(["Grid"], "visible", false);
   viewer.set_property(["Axes"], "visible", false);
-  viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", 0.5);
-  viewer.set_property(["Lights", "FillLight", "<object>"], "intensity", 0.42);
+  // One light from afar: every other one costs as much again for each corner of each triangle.
+  viewer.set_property(["Lights", "PointLightNegativeX"], "visible", false);
+  viewer.set_property(["Lights", "PointLightPositiveX"], "visible", false);
+  viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", 0.55);
+  viewer.set_property(["Lights", "FillLight", "<object>"], "intensity", 0.75);
   viewer.set_property(["Lights", "FillLight", "<object>"], "position", [8, -5, 7]);
   // The camera's own frame has y up: world x, z, -y.
   viewer.camera.fov = 38;
