@@ -35,7 +35,7 @@ def wait_until_drawn(page: Page) -> None:
     settle(page)
 
 
-# Until a picture that was begun from now on is finished and on the screen, or nothing is to be drawn.
+# Until a picture that is begun from now on is on the screen, or nothing is to be drawn.
 SETTLE = """() => new Promise((done) => {
     const wanted = pace.begun + 1;
     const look = () => {

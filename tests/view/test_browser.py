@@ -297,13 +297,14 @@ def test_a_stop_is_an_event_that_leads_back_to_its_reasons(feed, page):
 
 @pytest.mark.parametrize("is_told", [True, False])
 def test_a_moment_that_is_never_drawn_does_not_keep_from_the_present(feed, view, browser, is_told):
-    held = []
+    held, withheld = [], []
 
     def hand_on(socket, bundle):
         """What the page hears, without a moment of the past in it while one is held."""
         news, *commands = msgspec.msgpack.decode(bundle)
         if held:
             seen = [one | {"drawn": False} for one in commands if one["type"] == "seen"]
+            withheld.extend(seen)
             bundle = msgspec.msgpack.encode([news, *(seen if is_told else [])])
         socket.send(bundle)
 
@@ -318,7 +319,8 @@ def test_a_moment_that_is_never_drawn_does_not_keep_from_the_present(feed, view,
     page.wait_for_function("() => document.querySelector('[aria-label=time]').max > 1")
     held.append(True)
     page.get_by_label("pause").click()
-    page.wait_for_timeout(500)
+    while not withheld:
+        page.wait_for_timeout(20)
     held.clear()
     if not is_told:
         assert page.is_visible("#past")
