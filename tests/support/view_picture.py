@@ -1,10 +1,7 @@
 """`python tests/support/view_picture.py URL FILE.png [LEVEL]`: a picture of a running view.
 
 Waits until the arm and a verdict are drawn, then for a verdict of that level, if one is named. No
-screen is needed: Chromium draws by software, slow, but faithful. The picture in docs/ is made by
-
-    armguard demo --duration 40 &
-    python tests/support/view_picture.py http://127.0.0.1:PORT/ docs/view.png SLOW
+screen is needed: Chromium draws by software, slow, but faithful.
 """
 
 from __future__ import annotations

@@ -98,7 +98,8 @@ class Feed:
         while not self._ended.wait(0.05):
             sequence += 1
             if self._speaks.is_set():
-                frame = make_frame(sequence=sequence, now=0.05 * sequence, **self._frame)
+                counted = {"sequence": sequence, "now": 0.05 * sequence}
+                frame = make_frame(**(counted | self._frame))
                 self.publisher.publish_frame(frame)
 
 
@@ -432,6 +433,10 @@ def test_silence_is_said_and_ends(feed, page):
     feed.speak()
     wait_for_text(page, "level", "CLEAR")
     page.wait_for_selector("#silence", state="hidden")
+    # A monitor that runs before its robot does.
+    feed.show("STOP", sequence=0)
+    wait_for_text(page, "level", "WAITING")
+    wait_for_text(page, "silence", "for the robot's joint states; STOP until they come")
 
 
 def test_buffers_do_not_grow_while_it_runs(feed, page):
