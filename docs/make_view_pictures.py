@@ -56,7 +56,8 @@ IS_DRAWN = """() => {
     return shapes.drawn.has("/armguard/cover") && Object.values(arm.children)
         .filter((node) => node.children["<object>"] !== undefined).length > 10;
 }"""
-PLACE = "() => [...viewer.camera.position.toArray(), pace.finished]"
+PLACE = "() => viewer.camera.position.toArray()"
+IS_RESTING = "() => !viewer.needs_render && !pace.fence"
 
 
 class Collection:
@@ -163,14 +164,11 @@ class Stage:
     def settle(self) -> None:
         """Repeat the present until the camera rests and pictures of it are finished."""
         self.wait(lambda page: bool(page.evaluate(IS_DRAWN)))
-        still, before = 0, self.page.evaluate(PLACE)
-        end = time.monotonic() + PATIENCE
-        while still < 3 and time.monotonic() < end:
+        before = [np.nan] * 3
+        while not np.allclose(place := self.page.evaluate(PLACE), before, atol=1e-4):
+            before = place
             self.repeat()
-            now = self.page.evaluate(PLACE)
-            if now[3] > before[3] + 1:  # at least one picture was begun and finished in between
-                still = still + 1 if np.allclose(now[:3], before[:3], atol=1e-4) else 0
-                before = now
+            self.wait(lambda page: bool(page.evaluate(IS_RESTING)))
 
     def take(self, name: str, size: tuple[int, int] = SIZE) -> None:
         """Save a picture of the present."""

@@ -1,5 +1,6 @@
 """The page in a real browser, drawn by software: slow, but the same code as on a screen."""
 
+import contextlib
 import io
 import threading
 
@@ -9,6 +10,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
+from armguard.streams.inputs import SocketInput
 from armguard.view import FramePublisher, ObstacleShapes, Pairs, VerdictSummary, launch
 from armguard.view.colours import LEVEL_COLOURS, parse_colour
 from armguard.view.messages import FEED_VERSION, Latch, Load, SourceReport, StatusMessage
@@ -379,7 +381,7 @@ def test_a_page_that_hangs_does_not_hold_up_another(feed, view, browser, page):
     for one in (page, other):
         wait_for_text(one, "level", "CLEAR")
     debugger, held = page.context.new_cdp_session(page), []
-    debugger.on("Debugger.paused", held.append)
+    debugger.on("Debugger.paused", lambda event: held.append(event))
     debugger.send("Debugger.enable")
     debugger.send("Debugger.pause")
     while not held:
@@ -489,6 +491,48 @@ def test_the_export_plays_from_a_file_without_a_network(view, browser, page):
     page.get_by_label("jump to the next STOP").click()
     wait_for_text(page, "level", "STOP")
     page.wait_for_function("() => shapes.drawn.has('/armguard/cover')")
+    assert page.problems == []
+    page.close()
+
+
+def test_a_reset_from_the_page_needs_the_token(browser):
+    """A monitor that obeys "sesame" alone."""
+    page, ended, latch = open_page(browser), threading.Event(), Latch(reason="a jump", since=0.0)
+    with contextlib.closing(SocketInput("tcp://127.0.0.1:*")) as monitor:
+        feed = Feed(robot="bare", reset_address=monitor.address, obeys_reset=True)
+        feed.show("STOP", latches=(latch,))
+
+        def obey():
+            refused = 0
+            while not ended.wait(0.005):
+                message = monitor.receive() or b""
+                if b"sesame" in message:
+                    feed.show("CLEAR", refused_resets=refused)
+                elif b"reset" in message:
+                    refused += 1
+                    feed.show("STOP", latches=(latch,), refused_resets=refused)
+
+        listener = threading.Thread(target=obey)
+        listener.start()
+        try:
+            with launch(feed.publisher.address) as view:
+                page.goto(view.url)
+                wait_for_text(page, "latches", "reset with the token")
+                page.fill("#token", "guessed")
+                page.click("#reset button")
+                page.wait_for_selector("#events .refused")
+                assert page.is_visible("#latch")
+                page.fill("#token", "sesame")
+                while page.is_visible("#latch"):  # at most one attempt a second is handed on
+                    page.click("#reset button", force=True)
+                    page.wait_for_timeout(200)
+                wait_for_text(page, "level", "CLEAR")
+                page.wait_for_selector("#events .reset")
+                assert page.input_value("#token") == ""
+        finally:
+            ended.set()
+            listener.join()
+            feed.close()
     assert page.problems == []
     page.close()
 
