@@ -240,6 +240,7 @@ def take_past(stage: Stage) -> None:
     """A STOP that is over, looked at again."""
     stage.show(len(stage.told.frames))
     stage.wait(has_text("source", f"{stage.told.frames[-1].sequence}"))
+    stage.settle()
     stage.page.locator("#events .stop").first.click()
     stage.wait(has_text("past", "PAST"))
     stage.wait(has_text("level", "STOP"))
@@ -375,12 +376,14 @@ def main() -> None:
         if set(wanted) & parts.keys():
             stage = Stage(browser, told)
             try:
-                for name in parts.keys() & set(wanted):
-                    parts[name](stage)
+                for name in parts:
+                    if name in wanted:
+                        parts[name](stage)
             finally:
                 stage.close()
-        for name in others.keys() & set(wanted):
-            others[name](browser, told)
+        for name in others:
+            if name in wanted:
+                others[name](browser, told)
 
 
 if __name__ == "__main__":

@@ -353,6 +353,32 @@ def test_the_camera_stays_where_a_hand_has_put_it(feed, page):
     page.wait_for_function(IS_FRAMED)
 
 
+def test_a_pointer_is_told_a_name_and_two_clicks_look_there(feed, page):
+    feed.show("AWARE")
+    wait_for_text(page, "level", "AWARE")
+    page.get_by_label("all that matters").click()
+    page.wait_for_function(IS_FRAMED)
+    settle(page)
+    x, y = page.evaluate("""() => {
+        const { left, top, width, height } = viewer.dom_element.getBoundingClientRect();
+        const { matrices } = shapes.drawn.get("/armguard/obstacles/balls").userData.command;
+        const place = new MeshCat.THREE.Vector3(...matrices.slice(12, 15))
+            .applyMatrix4(viewer.scene.matrixWorld).project(viewer.camera);
+        return [left + (place.x + 1) / 2 * width, top + (1 - place.y) / 2 * height];
+    }""")
+    page.mouse.move(x, y)
+    page.wait_for_selector("#tip", state="visible")
+    name, _, time = page.inner_text("#tip").partition(": ")
+    assert name in PERSON
+    assert time == "contact possible in 400 ms"
+    before = page.evaluate("() => viewer.camera.position.distanceTo(viewer.controls.target)")
+    page.mouse.dblclick(x, y)
+    after = page.evaluate("() => viewer.camera.position.distanceTo(viewer.controls.target)")
+    assert after < before
+    assert not page.locator("#presets [aria-pressed=true]").count()
+    page.get_by_label("all that matters").click()
+
+
 def test_a_latched_stop_tells_since_when_and_what_ends_it(feed, page):
     latch = Latch(reason="joint state jumped: panda_joint3", since=0.0)
     feed.show("STOP", latches=(latch,))
@@ -533,6 +559,24 @@ def test_a_reset_from_the_page_needs_the_token(browser):
             ended.set()
             listener.join()
             feed.close()
+    assert page.problems == []
+    page.close()
+
+
+def test_of_an_arm_alone_the_levels_of_its_tree_are_shown(browser):
+    cover, page = make_scene().cover, open_page(browser)
+    feed = Feed(robot="bare", levels=(cover[:1], cover))
+    try:
+        with launch(feed.publisher.address) as view:
+            page.goto(view.url)
+            wait_for_text(page, "depths", "level 0 of 1: 2 balls")
+            page.locator("#depth").press("ArrowRight")
+            wait_for_text(page, "depths", "level 1 of 1: 14 balls")
+            page.wait_for_function("() => location.hash.includes('depth=1')")
+            assert page.inner_text("#level") == "bare"
+            assert not page.is_visible("#time")
+    finally:
+        feed.close()
     assert page.problems == []
     page.close()
 
