@@ -73,7 +73,7 @@ LISTEN = """() => {
 }"""
 KEEP_MOVING = "() => { setInterval(() => viewer.set_dirty(), 1000 / 30); }"
 IS_THERE = """(obstacles) => typeof shapes !== "undefined" && shapes.drawn.has("/armguard/cover")
-    && shapes.drawn.get("/armguard/obstacles/balls").count === obstacles
+    && shapes.drawn.get("/armguard/obstacles/balls")?.count === obstacles
     && Object.keys(viewer.scene_tree.find(["armguard", "arm"]).children).length > 10"""
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from make_pictures import CHROMIUM, FLAGS, save
+from make_pictures import CHROMIUM, FLAGS
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
@@ -45,6 +45,7 @@ from armguard.view.messages import FEED_VERSION, Latch, Message, StatusMessage
 FOLDER = Path(__file__).resolve().parent / "pictures"
 SIZE = (1280, 800)
 DURATION, PERIOD = 20.0, 0.01
+WARM = 1.0  # [s] of the scene after which ticks are timed; before, caches fill
 BEGIN = datetime(2026, 3, 2, 14, 3).timestamp()
 LEVELS = ("CLEAR", "AWARE", "SLOW", "STOP")
 EYES = ("deuteranopia", "protanopia", "tritanopia")
@@ -96,9 +97,10 @@ def play() -> Collection:
         now = tick * PERIOD
         source.publish(obstacles, now)
         q, v = arm.step(PERIOD, scale)
-        begin = time.perf_counter()
+        begin = time.thread_time()
         verdict = monitor.step(now, q, v)
-        durations.add(time.perf_counter() - begin)
+        if now > WARM:
+            durations.add(time.thread_time() - begin)
         scale = verdict.speed_scale
         feed.observe(verdict, now, durations, 0, wall=BEGIN + now)
     return told
@@ -174,7 +176,7 @@ class Stage:
         """Save a picture of the present."""
         self.page.set_viewport_size({"width": size[0], "height": size[1]})
         self.settle()
-        save(take_screenshot(self.page), FOLDER / f"{name}.png")
+        save(take_screenshot(self.page), FOLDER / f"{name}.webp")
 
 
 def open_page(browser: Browser) -> Page:
@@ -192,6 +194,11 @@ def take_screenshot(page: Page) -> Image.Image:
 def has_text(element: str, text: str) -> Callable[[Page], bool]:
     """Whether an element of the page has this text in it."""
     return lambda page: text in (page.text_content(f"#{element}") or "")
+
+
+def save(picture: Image.Image, path: Path) -> None:
+    """Write a picture with all of its colours, small."""
+    picture.save(path, quality=88, method=6)
 
 
 def find(told: Collection, level: str) -> int:
@@ -233,7 +240,7 @@ def take_eyes(stage: Stage) -> None:
     row = Image.new("RGB", (sum(one.width for one in seen), seen[0].height))
     for place, one in enumerate(seen):
         row.paste(one, (place * one.width, 0))
-    save(row, FOLDER / "eyes.png")
+    save(row, FOLDER / "eyes.webp")
 
 
 def take_past(stage: Stage) -> None:
@@ -290,7 +297,7 @@ def take_silence(stage: Stage) -> None:
     stage.take("silence")  # all is drawn; and then nothing comes any more
     stage.page.wait_for_function("() => document.getElementById('level').textContent === 'NO DATA'")
     stage.page.wait_for_timeout(1000)
-    save(take_screenshot(stage.page), FOLDER / "silence.png")
+    save(take_screenshot(stage.page), FOLDER / "silence.webp")
 
 
 def take_beginnings(browser: Browser, told: Collection) -> None:
@@ -322,6 +329,7 @@ def take_beginnings(browser: Browser, told: Collection) -> None:
             obstacles=ObstacleShapes(),
             pairs=Pairs(),
             sources=(),
+            load=None,
         )
         stage.settle()
         keep("level", "WAITING")
@@ -332,7 +340,7 @@ def take_beginnings(browser: Browser, told: Collection) -> None:
     row = Image.new("RGB", (seen[0].width * len(seen), seen[0].height))
     for place, one in enumerate(seen):
         row.paste(one, (place * one.width, 0))
-    save(row, FOLDER / "beginnings.png")
+    save(row, FOLDER / "beginnings.webp")
 
 
 def take_film(browser: Browser, told: Collection) -> None:
@@ -352,7 +360,7 @@ def take_film(browser: Browser, told: Collection) -> None:
         page.get_by_label("jump to the next STOP").click()
         page.wait_for_function("() => document.getElementById('level').textContent === 'STOP'")
         page.wait_for_timeout(5000)
-        save(take_screenshot(page), FOLDER / "film.png")
+        save(take_screenshot(page), FOLDER / "film.webp")
         page.close()
 
 

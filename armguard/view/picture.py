@@ -49,6 +49,8 @@ NEAR_PAIRS = 10
 FAINT = 0.22
 SOME, MANY = 40, 200
 """Obstacles beyond which each is drawn solid and with fewer triangles, and with the fewest."""
+OUTSIDE = 0.01
+"""How much larger than it is a body is drawn for each level below CLEAR, as a share."""
 FRAMED_WITHIN = 8.0
 """How far from the arm's base a moving obstacle may be to be kept in the picture, in [m]."""
 BASE = 0.12
@@ -281,7 +283,11 @@ class Picture:
             ]
             return Labels(names, obstacles.times[rows])
 
-        balls = np.column_stack([points, radii[owner]])
+        # Where parts of a body meet, the more imminent one lies outside, and is seen in one piece.
+        verdict = message.verdict
+        levels = find_levels(obstacles.times, verdict.stop_time, self._margins, verdict.level)
+        outer = radii * (1.0 + OUTSIDE * (len(LEVELS) - 1 - levels))
+        balls = np.column_stack([points, outer[owner]])
         for group, chosen in (
             ("obstacles", ~obstacles.statics),
             ("statics", obstacles.statics),
@@ -302,7 +308,7 @@ class Picture:
                 drawing.draw_rods(
                     f"{ROOT}/{group}/rods",
                     np.stack([points[ends[capsules] - 2], points[ends[capsules] - 1]], axis=1),
-                    radii[capsules],
+                    outer[capsules],
                     colours[capsules],
                     look,
                     label(capsules),
@@ -490,7 +496,7 @@ class Picture:
 
 def _count_segments(count: int) -> int:
     """Of how many flat pieces each of so many bodies is made, all around."""
-    return 20 if count <= SOME else 12 if count <= MANY else 8
+    return 24 if count <= SOME else 12 if count <= MANY else 8
 
 
 def find_sound(obstacles: ObstacleShapes) -> NDArray[np.bool_]:

@@ -75,6 +75,18 @@ def test_matrices_place_balls_and_rods(page):
     assert np.linalg.det(axes) > 0.0
 
 
+def test_of_parts_that_meet_the_more_imminent_one_lies_outside(page):
+    radii = []
+    for level in ("CLEAR", "AWARE", "SLOW", "STOP"):
+        page.picture.draw_frame(
+            make_frame(0.0, verdict=VerdictSummary(level=level, contact_time=0.0, stop_time=0.2))
+        )
+        radii.append(page["instances /armguard/obstacles/balls"]["matrices"][0])
+    assert radii[0] == pytest.approx(0.15)
+    assert (np.diff(radii) > 0.0).all()
+    assert radii[-1] < 1.04 * 0.15
+
+
 def test_a_hull_spans_its_points(page):
     corners = page["surface /armguard/obstacles/hulls"]["positions"].reshape(-1, 3)
     assert np.allclose(corners.min(axis=0), (0.4, -0.9, 0.2), atol=2e-3)

@@ -6,7 +6,7 @@
 // material are drawn as one.
 
 const THREE = MeshCat.THREE;
-const CELLS = 48; // along the diagonal of a mesh
+const CELLS = 64; // along the diagonal of a mesh
 const FEW = 1500; // triangles that are left as they are
 
 export function simplify(root) {

@@ -20,8 +20,8 @@ export function makeStage(pane) {
   // One light from afar: every other one costs as much again for each corner of each triangle.
   viewer.set_property(["Lights", "PointLightNegativeX"], "visible", false);
   viewer.set_property(["Lights", "PointLightPositiveX"], "visible", false);
-  viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", 0.55);
-  viewer.set_property(["Lights", "FillLight", "<object>"], "intensity", 0.75);
+  viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", 0.45);
+  viewer.set_property(["Lights", "FillLight", "<object>"], "intensity", 0.6);
   viewer.set_property(["Lights", "FillLight", "<object>"], "position", [8, -5, 7]);
   // The camera's own frame has y up: world x, z, -y.
   viewer.camera.fov = 38;

@@ -96,12 +96,8 @@ export class Strip {
     };
     const shown = this.moments.filter(({ now }) => now >= begin - 1 && now <= end + 1);
     pen.font = "10px system-ui, sans-serif";
-    for (const time of LINES) {
-      pen.fillStyle = "#2b3641";
-      pen.fillRect(0, Math.round(y(time)), width, 1);
-      pen.fillStyle = "#a3b0be";
-      if (height > 100) pen.fillText(`${time} s`, 2, y(time) - 2);
-    }
+    pen.fillStyle = "#2b3641";
+    for (const time of LINES) pen.fillRect(0, Math.round(y(time)), width, 1);
     const box = (run) => {
       const left = x(run.begin);
       return { left, wide: Math.max(1, x(run.end) - left) + 0.5 };
@@ -116,7 +112,10 @@ export class Strip {
     }
     this.drawCurve(pen, shown, x, (moment) => y(moment.stop), { dash: [4, 3], colour: "#ffffff" });
     this.drawCurve(pen, shown, x, (moment) => y(moment.contact), { dash: [], colour: "#8fc7ff" });
-    if (height > 100) this.drawKey(pen, width);
+    if (height > 100) {
+      for (const time of LINES) this.write(pen, `${time} s`, "#a3b0be", 2, y(time) - 2);
+      this.drawKey(pen, width);
+    }
     if (this.at !== null && this.moments.length) {
       pen.fillStyle = "#ffffff";
       pen.fillRect(Math.round(x(this.find(this.at).now)) - 1, 0, 2, height);
@@ -148,12 +147,17 @@ export class Strip {
     ];
     let left = width - words.reduce((sum, [text]) => sum + pen.measureText(text).width + 12, 0);
     for (const [text, colour] of words) {
-      pen.fillStyle = "rgba(22, 29, 37, 0.8)";
-      pen.fillRect(left - 3, TOP + 2, pen.measureText(text).width + 6, 13);
-      pen.fillStyle = colour;
-      pen.fillText(text, left, TOP + 12);
+      this.write(pen, text, colour, left, TOP + 12);
       left += pen.measureText(text).width + 12;
     }
+  }
+
+  // Words over curves.
+  write(pen, text, colour, left, bottom) {
+    pen.fillStyle = "rgba(22, 29, 37, 0.8)";
+    pen.fillRect(left - 3, bottom - 10, pen.measureText(text).width + 6, 13);
+    pen.fillStyle = colour;
+    pen.fillText(text, left, bottom);
   }
 
   // A band in the level's colour; STOP and SLOW are told apart by their height as well.
