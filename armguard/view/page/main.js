@@ -72,6 +72,7 @@ const own = {
     layers.limit(scene);
     strip.levels = scene.levels;
     strip.isWhole = scene.is_recorded || film !== null;
+    strip.draw(); // moments may have come before the colours of their levels
     element("time").hidden = panels.isModel;
     if (viewer !== null) layFloor(viewer, scene.floor);
     layers.apply();
