@@ -9,10 +9,10 @@ scenes move, thirty times a second, and are drawn in a pane of the same size.
 | column | what it is |
 |---|---|
 | picture | from the begin of a picture until its last pixel is there, by `performance.now()` |
-| ratio | of its median to that of the empty scene |
+| processor | time of all of the browser's processes for such a picture: what others do leaves it alone |
+| ratio | of both to those of the empty scene: median, and processor |
 | between | from one picture to the next while the feed speaks thirty times a second |
-| script | time of the page's main thread for each picture: script, style, layout |
-| processor | time of all of the browser's processes for each picture |
+| script | time of the page's main thread for each of these: script, style, layout |
 | pixels | share of the pixels of a row that the page draws; fewer where pictures take long |
 """
 
@@ -74,7 +74,8 @@ LISTEN = """() => {
 KEEP_MOVING = "() => { setInterval(() => viewer.set_dirty(), 1000 / 30); }"
 IS_THERE = """(obstacles) => typeof shapes !== "undefined" && shapes.drawn.has("/armguard/cover")
     && shapes.drawn.get("/armguard/obstacles/balls")?.count === obstacles
-    && Object.keys(viewer.scene_tree.find(["armguard", "arm"]).children).length > 10"""
+    && Object.values(viewer.scene_tree.find(["armguard", "arm"]).children)
+        .filter((node) => node.children["<object>"] !== undefined).length > 10"""
 
 
 class Feed:
@@ -135,17 +136,18 @@ def measure(page: Page, browser: CDPSession, seconds: float) -> dict[str, Any]:
     session = page.context.new_cdp_session(page)
     session.send("Performance.enable")
     page.evaluate(LISTEN)
-    before = _read_processor(browser), _read_script(session)
+    begin = _read_script(session)
     page.wait_for_timeout(1000.0 * seconds)
-    after = _read_processor(browser), _read_script(session)
+    script = _read_script(session) - begin
     moments = page.evaluate("() => moments")
-    count = max(len(moments), 1)
-    spent = [1e3 * (late - early) / count for early, late in zip(before, after, strict=True)]
+    begin = _read_processor(browser)
+    pictures = np.array(page.evaluate(DRAW, PICTURES))
+    processor = _read_processor(browser) - begin
     return {
         "between": np.diff(moments) if len(moments) > 1 else np.array([np.inf]),
-        "picture": np.array(page.evaluate(DRAW, PICTURES)),
-        "processor": spent[0],
-        "script": spent[1],
+        "picture": pictures,
+        "processor": 1e3 * processor / PICTURES,
+        "script": 1e3 * script / max(len(moments), 1),
         "pixels": page.evaluate("() => viewer.renderer.getPixelRatio()"),
     }
 
@@ -200,14 +202,18 @@ def measure_page(
 PANE = {"width": 976, "height": 600}
 
 
-def describe(name: str, found: dict[str, Any], empty: float) -> str:
+def describe(name: str, found: dict[str, Any], empty: list[dict[str, Any]]) -> str:
     """A row of the table."""
     picture, between = (np.percentile(found[key], [50, 99, 100]) for key in ("picture", "between"))
-    ratio = picture[0] / empty
+    ratios = [
+        np.median(found[key]) / np.mean([np.median(other[key]) for other in empty])
+        for key in ("picture", "processor")
+    ]
     return (
-        f"| {name} | {picture[0]:.0f} / {picture[1]:.0f} / {picture[2]:.0f} | {ratio:.1f} "
+        f"| {name} | {picture[0]:.0f} / {picture[1]:.0f} / {picture[2]:.0f} "
+        f"| {found['processor']:.0f} | {ratios[0]:.1f}, {ratios[1]:.1f} "
         f"| {between[0]:.0f} / {between[1]:.0f} / {between[2]:.0f} | {found['script']:.1f} "
-        f"| {found['processor']:.0f} | {found['pixels']:.2f} |"
+        f"| {found['pixels']:.2f} |"
     )
 
 
@@ -228,10 +234,10 @@ def main() -> None:
             found = measure_page(browser, session, count, arguments.seconds, arguments.pixels)
             rows.append((name, found))
         rows.append(("Meshcat, empty, again", measure_empty(browser, session, arguments.seconds)))
-    empty = float(np.mean([np.median(found["picture"]) for name, found in rows if "empty" in name]))
+    empty = [found for name, found in rows if "empty" in name]
     print(f"{describe_machine()}; pane {PANE['width']} x {PANE['height']}\n")
-    print("| scene | picture p50 / p99 / max [ms] | ratio | between p50 / p99 / max [ms] "
-          "| script [ms] | processor [ms] | pixels |")  # fmt: skip
+    print("| scene | picture p50 / p99 / max [ms] | processor [ms] | ratio "
+          "| between p50 / p99 / max [ms] | script [ms] | pixels |")  # fmt: skip
     print("|---|---|---|---|---|---|---|")
     for name, found in rows:
         print(describe(name, found, empty))
