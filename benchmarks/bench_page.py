@@ -9,7 +9,7 @@ scenes move, thirty times a second, and are drawn in a pane of the same size.
 | column | what it is |
 |---|---|
 | picture | from the begin of a picture until its last pixel is there, by `performance.now()` |
-| processor | time of all of the browser's processes for such a picture: what others do leaves it alone |
+| processor | time of all of the browser's processes for it, whatever else the machine does |
 | ratio | of both to those of the empty scene: median, and processor |
 | between | from one picture to the next while the feed speaks thirty times a second |
 | script | time of the page's main thread for each of these: script, style, layout |
