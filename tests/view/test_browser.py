@@ -358,16 +358,17 @@ def test_a_pointer_is_told_a_name_and_two_clicks_look_there(feed, page):
     wait_for_text(page, "level", "AWARE")
     page.get_by_label("all that matters").click()
     page.wait_for_function(IS_FRAMED)
-    settle(page)
-    x, y = page.evaluate("""() => {
+    find = """() => {
         const { left, top, width, height } = viewer.dom_element.getBoundingClientRect();
         const { matrices } = shapes.drawn.get("/armguard/obstacles/balls").userData.command;
         const place = new MeshCat.THREE.Vector3(...matrices.slice(12, 15))
             .applyMatrix4(viewer.scene.matrixWorld).project(viewer.camera);
         return [left + (place.x + 1) / 2 * width, top + (1 - place.y) / 2 * height];
-    }""")
-    page.mouse.move(x, y)
-    page.wait_for_selector("#tip", state="visible")
+    }"""
+    while not page.is_visible("#tip"):  # the camera may still be on its way
+        x, y = page.evaluate(find)
+        page.mouse.move(x, y)
+        page.wait_for_timeout(500)
     name, _, time = page.inner_text("#tip").partition(": ")
     assert name in PERSON
     assert time == "contact possible in 400 ms"
