@@ -159,7 +159,7 @@ class Contestant:
                 feed.publish(clock.now(), loop.durations, loop.late, idle=idle)
 
             def observe(loop, verdict):
-                feed.note(verdict)
+                feed.note(verdict, clock.now())
                 rest(loop, 0.0)
 
             if case != "no view":

@@ -1,8 +1,8 @@
-"""Pictures for the documentation: `python docs/make_pictures.py [view | ROBOT …]`.
+"""Pictures for the documentation: `python docs/make_pictures.py [ROBOT …]`.
 
 Each robot that armguard knows is drawn by the project's own view, its cover over its meshes, in a
-browser without a screen (Debian's Chromium, driven by Playwright, both from the extra `test`). For
-`view` the demo is run, and its page shown as it was in the middle, wide and on a phone.
+browser without a screen (Debian's Chromium, driven by Playwright, both from the extra `test`).
+`docs/make_view_pictures.py` makes those of the page.
 """
 
 from __future__ import annotations
@@ -10,15 +10,13 @@ from __future__ import annotations
 import io
 import itertools
 import sys
-import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Page, sync_playwright
 
-from armguard.app.demo.launcher import run_demo
 from armguard.exceptions import ArmguardError
 from armguard.robot import Kinematics, Robot
 from armguard.robot.description import list_robots
@@ -48,8 +46,6 @@ body > :not(#stage), #presets { display: none !important }
 #pane { filter: none !important }
 """
 PERIOD = 1e-3
-DEMO_DURATION = 24.0
-VIEWS = {"view": (1280, 800), "view_phone": (360, 640)}
 COLOURS = 200  # in the file: keeps it small
 DIRECTION = np.array([0.8, -0.5, 0.35])  # from the robot to the camera
 PATIENCE = 300.0  # [s]: drawing by software may take minutes
@@ -66,12 +62,15 @@ IS_THERE = """(meshes) => {
     const parts = Object.values(find("arm").children).filter(isThere);
     return parts.length === meshes && isThere(find("cover"));
 }"""
-SEEK_MIDDLE = """() => {
-    const slider = document.querySelector("#transport input");
-    slider.value = Math.round(slider.max / 2);
-    slider.dispatchEvent(new Event("input"));
-}"""
-SETTLE = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+# Until a picture that is begun from now on is on the screen, or nothing is to be drawn.
+SETTLE = """() => new Promise((done) => {
+    const wanted = pace.begun + 1;
+    const look = () => {
+        const isDrawn = pace.finished >= wanted || !(viewer.needs_render || pace.fence);
+        requestAnimationFrame(isDrawn ? () => requestAnimationFrame(done) : look);
+    };
+    requestAnimationFrame(look);
+})"""
 
 # Postures in which an arm does not hide itself, in [rad] or [m]; others are drawn at rest.
 POSTURES = {
@@ -114,7 +113,7 @@ def take_picture(page: Page, name: str) -> None:
     publisher = FramePublisher("tcp://127.0.0.1:*")
     try:
         with launch(publisher.address) as view:
-            page.goto(view.url)
+            page.goto(view.url + "#pixels=1")
             page.add_style_tag(content=STYLE)
             page.evaluate(
                 "([camera, middle]) => {"
@@ -148,24 +147,6 @@ def take_picture(page: Page, name: str) -> None:
     save(picture, FOLDER / f"{name}.png")
 
 
-def take_view_pictures(browser: Browser) -> None:
-    """Run the demo, and save what its page showed in the middle of the person's visit."""
-    with tempfile.TemporaryDirectory() as folder:
-        film = Path(folder) / "scene.html"
-        run_demo(duration=DEMO_DURATION, view=False, export=film)
-        for name, (width, height) in VIEWS.items():
-            page = browser.new_page(viewport={"width": width, "height": height})
-            page.set_default_timeout(120_000)
-            page.goto(f"{film.as_uri()}#layers=cover,lines,reach,plan,statics,meshes")
-            page.get_by_label("pause").wait_for()
-            # In the middle of his visit he works at the arm.
-            page.evaluate(SEEK_MIDDLE)
-            page.wait_for_timeout(4000)
-            page.evaluate(SETTLE)
-            save(Image.open(io.BytesIO(page.screenshot())), FOLDER.parent / f"{name}.png")
-            page.close()
-
-
 def save(picture: Image.Image, path: Path) -> None:
     """Write a picture with few colours, so that its file is small."""
     small = picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
@@ -179,9 +160,6 @@ def main() -> None:
         playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS) as browser,
     ):
         for name in sys.argv[1:] or list_robots():
-            if name == "view":
-                take_view_pictures(browser)
-                continue
             page = browser.new_page(viewport={"width": 640, "height": 560})
             page.set_default_timeout(120_000)
             take_picture(page, name)

@@ -114,7 +114,7 @@ def supervise(
             publisher = resources.enter_context(FramePublisher(view_address, authenticator))
         # Its thread starts before real-time scheduling is asked for.
         announcer = resources.enter_context(Announcer(quiet=quiet))
-        observer = _Observer(cell, publisher, announcer)
+        observer = _Observer(cell, publisher, announcer, record)
         # Its thread as well.
         resources.enter_context(ServiceNotifier.from_environment(lambda: observer.ticks))
 
@@ -350,12 +350,19 @@ def show(
 class _Observer:
     """Counts and announces every verdict, and feeds the views if there is an address for them."""
 
-    def __init__(self, cell: Cell, publisher: FramePublisher | None, announcer: Announcer) -> None:
+    def __init__(
+        self,
+        cell: Cell,
+        publisher: FramePublisher | None,
+        announcer: Announcer,
+        record: Path | None,
+    ) -> None:
         self.counts = VerdictCounts()
         self.ticks = 0
         self._announcer = announcer
         self._cell = cell
         self._publisher = publisher
+        self._recording = "" if record is None else str(record.absolute())
         self._feed: MonitorFeed | None = None
         self.monitor: Monitor | None = None
         """What is observed, once it is there."""
@@ -370,7 +377,13 @@ class _Observer:
         if self._publisher is None or self.monitor is None:
             return
         urdf, package_dirs = self._cell.urdf
-        origin = Origin(urdf, package_dirs, find_reset_address(addresses), obeys_reset)
+        origin = Origin(
+            urdf,
+            package_dirs,
+            find_reset_address(addresses),
+            obeys_reset,
+            recording=self._recording,
+        )
         self._feed = MonitorFeed(self.monitor, self._publisher, origin)
 
     def observe(self, loop: RateLoop, verdict: Verdict) -> None:
@@ -379,7 +392,7 @@ class _Observer:
         self.counts.count(verdict)
         self._announcer.observe(loop.clock.now(), verdict)
         if self._feed is not None:
-            self._feed.note(verdict)
+            self._feed.note(verdict, loop.clock.now())
             # A loop that never rests is not to vanish from the page.
             self.rest(loop, 0.0)
 

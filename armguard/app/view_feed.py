@@ -74,6 +74,8 @@ class Origin(NamedTuple):
     """Whether it obeys one that brings its token."""
     is_recorded: bool = False
     """Whether ticks come from a recording, so that none waits, and each STOP can be explained."""
+    recording: str = ""
+    """File to which the run is recorded; empty: to none."""
 
 
 OF_KNOWN_ROBOT = Origin()
@@ -100,6 +102,8 @@ class MonitorFeed:
         self._newest: Verdict | None = None
         self._level: Level | None = None
         """Of the last tick."""
+        self._since: dict[Level, float] = {}
+        """When each level was taken on last, in [s] of the monitor."""
         self._worst: Verdict | None = None
         """The first of the lowest level since the last frame."""
         self._stamp = math.nan
@@ -130,11 +134,11 @@ class MonitorFeed:
             wall: Time of day, in [s] since 1970; None: the present.
             refused_resets: How many resets were refused so far.
         """
-        self.note(verdict)
+        self.note(verdict, now)
         self.publish(now, durations, late, wall=wall, refused_resets=refused_resets)
 
-    def note(self, verdict: Verdict) -> None:
-        """Note the newest verdict."""
+    def note(self, verdict: Verdict, now: float) -> None:
+        """Note the newest verdict, at a time of the monitor's clock, in [s]."""
         self._newest = verdict
         if verdict.stamp != self._stamp:
             self._stamp = verdict.stamp
@@ -143,6 +147,7 @@ class MonitorFeed:
             if verdict.level is Level.STOP:
                 self._explain()
             self._level = verdict.level
+            self._since[verdict.level] = now
             if self._worst is None or verdict.level < self._worst.level:
                 self._worst = verdict
 
@@ -236,6 +241,7 @@ class MonitorFeed:
                 complete=verdict.complete,
                 reasons=tuple(map(str, reasons)),
                 effects=tuple(reason.kind.effect.value for reason in reasons),
+                since=self._since[verdict.level],
             ),
             load=load,
             sphere_times=sphere_times.astype("<f4").tobytes(),
@@ -332,6 +338,7 @@ def make_scene(monitor: Monitor, origin: Origin) -> SceneMessage:
         reset_address=origin.reset_address,
         obeys_reset=origin.obeys_reset,
         is_recorded=origin.is_recorded,
+        recording=origin.recording,
     )
 
 

@@ -66,8 +66,8 @@ class Look(NamedTuple):
 
     opacity: float = 1.0
     """0 to 1."""
-    is_coarse: bool = False
-    """Whether there are so many that each must do with few triangles."""
+    segments: int = 20
+    """Flat pieces that go around a body; fewer where there are many."""
     is_wire: bool = False
     """Whether edges are drawn alone."""
 
@@ -221,7 +221,7 @@ def _instances(
     content = {
         "shape": shape,
         "opacity": look.opacity,
-        "coarse": look.is_coarse,
+        "segments": look.segments,
         "wire": look.is_wire,
         "names": list(labels.names),
         "times": pack_floats(labels.times),

@@ -25,10 +25,9 @@ class Reader:
         self._values = values
         self._owed = dict.fromkeys(values)
 
-    @property
-    def is_owed(self) -> bool:
-        """Whether there is anything that the browser has yet to be told."""
-        return bool(self._owed)
+    def owes(self, prefix: str = "") -> bool:
+        """Whether there is anything that the browser has yet to be told, of keys that begin so."""
+        return any(key.startswith(prefix) for key in self._owed)
 
     def owe(self, key: str) -> None:
         """Note that a value has changed."""
@@ -42,20 +41,21 @@ class Reader:
         """Forget what was owed: no value holds any more."""
         self._owed.clear()
 
-    def take(self, preface: bytes) -> bytes | None:
+    def take(self, preface: bytes, prefix: str = "") -> bytes | None:
         """The next bundle, a msgpack array of commands, or None if nothing is owed.
 
         Args:
             preface: A packed command to put before the others.
+            prefix: What the others' keys begin with.
         """
-        if not self._owed:
-            return None
-        return join([preface, *self._take_some()])
+        parts = self._take_some(prefix)
+        return join([preface, *parts]) if parts else None
 
-    def _take_some(self) -> list[bytes]:
+    def _take_some(self, prefix: str) -> list[bytes]:
         parts: list[bytes] = []
         size = 0
-        for key in sorted(self._owed, key=lambda key: len(self._values[key]) > LARGE):
+        wanted = [key for key in self._owed if key.startswith(prefix)]
+        for key in sorted(wanted, key=lambda key: len(self._values[key]) > LARGE):
             if size >= BUNDLE_BYTES or len(parts) >= 0xFFFE:
                 break
             del self._owed[key]

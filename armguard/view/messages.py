@@ -96,6 +96,7 @@ class SceneMessage(msgspec.Struct, frozen=True, tag="scene", kw_only=True):
         reset_address: Where the monitor takes a reset; empty: from its standard input alone.
         obeys_reset: Whether it obeys one that brings its token.
         is_recorded: Whether frames come from a recording, each to be kept and none to be dropped.
+        recording: File to which this run is recorded; empty: to none.
         version: Of the feed.
     """
 
@@ -115,6 +116,7 @@ class SceneMessage(msgspec.Struct, frozen=True, tag="scene", kw_only=True):
     reset_address: str = ""
     obeys_reset: bool = False
     is_recorded: bool = False
+    recording: str = ""
     version: int = FEED_VERSION
 
 
@@ -145,6 +147,7 @@ class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
         complete: Whether every pair was evaluated in time.
         reasons: What the verdict rests on, in plain words.
         effects: What each reason does to the level: "note", "standing" or "latched".
+        since: When this level was taken on, in [s] of the monitor; None: not told.
     """
 
     level: str
@@ -156,6 +159,7 @@ class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
     complete: bool = True
     reasons: tuple[str, ...] = ()
     effects: tuple[str, ...] = ()
+    since: float | None = None
 
 
 class Load(msgspec.Struct, frozen=True, kw_only=True):

@@ -7,6 +7,8 @@ obstacle the last accepted state is shown, with edges.
 
 from __future__ import annotations
 
+import math
+import shlex
 from collections.abc import Callable
 
 import coal
@@ -35,7 +37,7 @@ from armguard.view.stopping import StoppingVolume
 Array = NDArray[np.float64]
 
 ROOT = "/armguard"
-COVER = Look(0.28)
+COVER_OPACITY = 0.28
 OBSTACLE_OPACITY = 0.72
 HULL_OPACITY = 0.45
 STATIC_GREY = "#7d8894"
@@ -45,8 +47,10 @@ FIRST_RADIUS, NEAR_RADIUS = 0.006, 0.0025
 NEAR_PAIRS = 10
 """Pairs whose lines are rods; the others' are faint."""
 FAINT = 0.22
-MANY = 200
-"""Obstacles beyond which each is drawn with few triangles."""
+SOME, MANY = 40, 200
+"""Obstacles beyond which each is drawn solid and with fewer triangles, and with the fewest."""
+OUTSIDE = 0.01
+"""How much larger than it is a body is drawn for each level below CLEAR, as a share."""
 FRAMED_WITHIN = 8.0
 """How far from the arm's base a moving obstacle may be to be kept in the picture, in [m]."""
 BASE = 0.12
@@ -111,6 +115,7 @@ class Picture:
             "tree": [sum(len(link.spheres) for link in level) for level in message.levels],
             "sensors": [name for name, _ in message.sensors],
             "is_recorded": message.is_recorded,
+            "is_being_recorded": bool(message.recording),
             "has_volume": message.stopping is not None,
             "obeys_reset": message.obeys_reset,
             "reset_address": message.reset_address,
@@ -156,8 +161,10 @@ class Picture:
         legs = self._draw_obstacles(message, commands)
         segments = self._draw_pairs(message, cover, commands)
         self._draw_reach(message, commands)
-        if len(message.obstacles.ids) > MANY:
-            notes.append(f"more than {MANY} obstacles: each is drawn with less detail")
+        for limit, detail in ((MANY, "the least"), (SOME, "less")):
+            if len(message.obstacles.ids) > limit:
+                notes.append(f"more than {limit} obstacles: each is drawn with {detail} detail")
+                break
         if message.omitted:
             notes.append(
                 f"{message.omitted} more obstacles, less imminent than these, are watched and not "
@@ -212,7 +219,7 @@ class Picture:
                 f"{ROOT}/cover",
                 cover,
                 self._colours(times, message),
-                COVER,
+                Look(COVER_OPACITY, _count_segments(len(cover))),
                 Labels([links[number].link for number in arm.links], times),
             )
         )
@@ -263,9 +270,9 @@ class Picture:
         ends = np.cumsum(counts)
         sound = find_sound(obstacles)
         owner = np.repeat(np.arange(len(counts)), counts)
-        many = len(counts) > MANY
         # Solid bodies are drawn once, translucent ones twice.
-        look = Look(1.0 if many else OBSTACLE_OPACITY, is_coarse=many)
+        opacity = OBSTACLE_OPACITY if len(counts) <= SOME else 1.0
+        look = Look(opacity, _count_segments(len(counts)))
 
         def label(rows: NDArray[np.int64]) -> Labels:
             names = [
@@ -276,7 +283,11 @@ class Picture:
             ]
             return Labels(names, obstacles.times[rows])
 
-        balls = np.column_stack([points, radii[owner]])
+        # Where parts of a body meet, the more imminent one lies outside, and is seen in one piece.
+        verdict = message.verdict
+        levels = find_levels(obstacles.times, verdict.stop_time, self._margins, verdict.level)
+        outer = radii * (1.0 + OUTSIDE * (len(LEVELS) - 1 - levels))
+        balls = np.column_stack([points, outer[owner]])
         for group, chosen in (
             ("obstacles", ~obstacles.statics),
             ("statics", obstacles.statics),
@@ -297,7 +308,7 @@ class Picture:
                 drawing.draw_rods(
                     f"{ROOT}/{group}/rods",
                     np.stack([points[ends[capsules] - 2], points[ends[capsules] - 1]], axis=1),
-                    radii[capsules],
+                    outer[capsules],
                     colours[capsules],
                     look,
                     label(capsules),
@@ -312,7 +323,7 @@ class Picture:
                 f"{ROOT}/refused",
                 edged,
                 np.tile(parse_colour("#ffffff"), (len(edged), 1)),
-                Look(0.5, is_coarse=True, is_wire=True),
+                Look(0.5, segments=10, is_wire=True),
             )
         )
         first = points[ends - counts].astype(np.float64) if len(counts) else np.zeros((0, 3))
@@ -460,10 +471,32 @@ class Picture:
             "latches": msgspec.to_builtins(message.latches),
             "buckets": message.pairs.buckets.tolist(),
             "explanation": message.explanation,
+            "asking": self._tell_how_to_ask(message),
             "has_plan": bool(message.plan),
             "notes": notes,
         }
         return drawing.show("banner", content)
+
+    def _tell_how_to_ask(self, message: FrameMessage) -> str:
+        """The command that explains a STOP; empty where the page does, or there is nothing to.
+
+        An explanation takes as long as dozens of ticks, and needs all that led to the moment: a
+        running monitor has neither the time nor anybody who could ask in its place.
+        """
+        assert self._message is not None, "tells of a scene's frame"
+        verdict, scene = message.verdict, self._message
+        if verdict.level != LEVELS[0] or verdict.since is None or scene.is_recorded:
+            return ""
+        if message.explanation or not math.isfinite(verdict.since):
+            return ""
+        file = shlex.quote(scene.recording) if scene.recording else "FILE"
+        # Rounded down: the first tick from there on is the one that said STOP.
+        return f"armguard replay {file} --explain {math.floor(1e3 * verdict.since) / 1e3:.3f}"
+
+
+def _count_segments(count: int) -> int:
+    """Of how many flat pieces each of so many bodies is made, all around."""
+    return 24 if count <= SOME else 12 if count <= MANY else 8
 
 
 def find_sound(obstacles: ObstacleShapes) -> NDArray[np.bool_]:

@@ -31,6 +31,9 @@ BROWSER_LIMIT = 16
 RESET_INTERVAL = 1.0
 """Between two resets of all browsers, in [s]: a token is not to be found by trying."""
 
+LASTING = "set_object "
+"""What keys of commands begin with that hold in every moment: the arm's meshes."""
+
 PAGE = Path(__file__).resolve().parent / "page"
 # Importing Meshcat would start its own machinery; only its viewer is wanted.
 VIEWER = Path(
@@ -238,7 +241,7 @@ class BrowserSocket(_Guarded, tornado.websocket.WebSocketHandler):
             self._pump_past(always)
             return
         news = self._view.tell_news
-        bundle = self.reader.take(news(self.told)) if self.reader.is_owed else None
+        bundle = self.reader.take(news(self.told)) if self.reader.owes() else None
         if bundle is None and always:
             bundle = join([news(self.told)])
         if bundle is not None:
@@ -257,16 +260,19 @@ class BrowserSocket(_Guarded, tornado.websocket.WebSocketHandler):
 
     def _pump_past(self, always: bool) -> None:
         assert self._seen is not None, "looks at the past"
-        if not (self._is_due or always):
+        assert self.reader is not None, "is attached"
+        if not self._is_due:
+            # Meshes that are still under way are of the past as well.
+            if always or self.reader.owes(LASTING):
+                news = self._view.tell_news(self.told)
+                self.send(self.reader.take(news, LASTING) or join([news]))
             return
-        parts = []
-        if self._is_due:
-            self._is_due = False
-            drawn = self._view.draw_past(self._seen, self._with_volume) or []
-            self._touched.update(command.key for command in drawn)
-            # The page waits for this, and asks for nothing else until it comes.
-            seen = show("seen", {"number": self._seen, "drawn": bool(drawn)})
-            parts = [*(command.payload for command in drawn), seen.payload]
+        self._is_due = False
+        drawn = self._view.draw_past(self._seen, self._with_volume) or []
+        self._touched.update(command.key for command in drawn)
+        # The page waits for this, and asks for nothing else until it comes.
+        seen = show("seen", {"number": self._seen, "drawn": bool(drawn)})
+        parts = [*(command.payload for command in drawn), seen.payload]
         self.send(join([self._view.tell_news(self.told), *parts]))
 
     def _write(self, payload: bytes) -> None:

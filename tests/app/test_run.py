@@ -11,14 +11,19 @@ import time
 from pathlib import Path
 
 import pytest
+import zmq
 
 from armguard.app.cell import Cell
 from armguard.app.cli import main
+from armguard.app.loop import run
 from armguard.app.run import describe_missing_limits, describe_remedy
+from armguard.jit.progress import Progress, compilation
 from armguard.recording import Recording
 from armguard.streams import Keys, Publisher, VerdictReader
 from armguard.streams.keys import write_new_pair
 from armguard.verdict import Level
+from armguard.view import FrameMessage
+from armguard.view.messages import decode_message
 
 ARMGUARD = Path(sys.executable).with_name("armguard")
 CELL = '[robot]\nname = "panda"\noperating = "published"\n'
@@ -177,10 +182,39 @@ def test_a_view_of_no_usable_address_is_a_mistake(address, capsys):
     check_mistake(capsys, ["view", address], address)
 
 
-def test_a_view_port_in_use_is_a_mistake(capsys):
+@pytest.mark.parametrize("command", [["view", "tcp://127.0.0.1:1"], ["demo"], ["show", "ur5"]])
+def test_a_port_of_the_page_in_use_is_a_mistake(command, capsys):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        check_mistake(capsys, ["view", "tcp://127.0.0.1:1", "--port", port], port)
+        check_mistake(capsys, [*command, "--port", port], port)
+
+
+def test_views_are_told_what_is_waited_for(cell, addresses, tmp_path, monkeypatch):
+    """How far the kernels are, and then that there are no joint states yet."""
+    address, told = f"ipc://{tmp_path}/view", []
+    with zmq.Context() as context, context.socket(zmq.SUB) as view:
+        view.subscribe(b"")
+        view.connect(address)
+
+        def hear():
+            while view.poll(0):
+                told.append(decode_message(view.recv()))
+
+        def run_after_kernels(*arguments, **options):
+            while not told:  # a view takes a moment to attach
+                compilation.tell(Progress(12, "a_kernel", 3.0))
+                time.sleep(0.02)
+                hear()
+            return run(*arguments, **options)
+
+        monkeypatch.setattr("armguard.app.run.run", run_after_kernels)
+        options = ["--view", address, "--duration", "0.3", "--no-realtime", "--json"]
+        assert main(["run", str(cell), *addresses, *options]) == 0
+        hear()
+    assert told[0].text.startswith("compiling kernel 12 of about ")
+    frames = [message for message in told if isinstance(message, FrameMessage)]
+    assert {frame.sequence for frame in frames} == {0}
+    assert frames[-1].verdict.level == "STOP"
 
 
 def start(*arguments, **options):

@@ -96,7 +96,7 @@ def test_a_frame_waits_for_time_to_make_it_but_not_for_ever(robot, idle, wait):
     made = []
     for tick in range(1, 800):
         now = 1e-3 * tick
-        feed.note(monitor.step(now, READY, np.zeros(7)))
+        feed.note(monitor.step(now, READY, np.zeros(7)), now)
         feed.publish(now, Durations(), 0, idle=idle)
         if len(messages.frames) > len(made):
             made.append(now)
@@ -165,6 +165,9 @@ def test_a_stop_between_two_frames_is_told_with_the_next_one(robot):
         feed.observe(verdicts[-1], now, Durations(), 0)
     stops = [verdict.sequence for verdict in verdicts if verdict.level.name == "STOP"]
     assert 0 < len(stops) < 20
+    # Since when it held is told with it, within the tick.
+    (stop,) = [frame for frame in messages.frames if frame.verdict.level == "STOP"]
+    assert stop.verdict.since == pytest.approx(1e-3 * (stops[0] - 1), abs=1.5e-3)
     told = [frame.verdict.level for frame in messages.frames]
     assert told.count("STOP") == 1
     assert told[-1] != "STOP"
@@ -173,14 +176,17 @@ def test_a_stop_between_two_frames_is_told_with_the_next_one(robot):
 def test_a_latch_tells_since_when_and_a_source_how_it_is_heard(robot):
     obstacles, messages = Obstacles(sources=["camera"]), Messages()
     monitor = Monitor(robot, obstacles)
-    feed = MonitorFeed(monitor, messages, Origin(reset_address="ipc:///x", obeys_reset=True))
+    feed = MonitorFeed(
+        monitor, messages, Origin(reset_address="ipc:///x", obeys_reset=True, recording="/y")
+    )
     for tick in range(1, 400):
         now = 2e-3 * tick
         obstacles.update([], now, source="camera")
         q = READY * np.nan if tick == 100 else READY
         feed.observe(monitor.step(now, q, np.zeros(7)), now, Durations(), 0, refused_resets=2)
     scene, frame = messages.all[0], messages.frames[-1]
-    assert (scene.reset_address, scene.obeys_reset) == ("ipc:///x", True)
+    told = (scene.reset_address, scene.obeys_reset, scene.recording)
+    assert told == ("ipc:///x", True, "/y")
     assert frame.latches[0].since == pytest.approx(0.2, abs=INTERVAL)
     assert frame.refused_resets == 2
     heard = {source.name: source for source in frame.sources}

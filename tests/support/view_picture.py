@@ -1,10 +1,7 @@
 """`python tests/support/view_picture.py URL FILE.png [LEVEL]`: a picture of a running view.
 
 Waits until the arm and a verdict are drawn, then for a verdict of that level, if one is named. No
-screen is needed: Chromium draws by software, slow, but faithful. The picture in docs/ is made by
-
-    armguard demo --duration 40 &
-    python tests/support/view_picture.py http://127.0.0.1:PORT/ docs/view.png SLOW
+screen is needed: Chromium draws by software, slow, but faithful.
 """
 
 from __future__ import annotations
@@ -35,11 +32,20 @@ def wait_until_drawn(page: Page) -> None:
     settle(page)
 
 
+# Until a picture that is begun from now on is on the screen, or nothing is to be drawn.
+SETTLE = """() => new Promise((done) => {
+    const wanted = pace.begun + 1;
+    const look = () => {
+        const isDrawn = pace.finished >= wanted || !(viewer.needs_render || pace.fence);
+        requestAnimationFrame(isDrawn ? () => requestAnimationFrame(done) : look);
+    };
+    requestAnimationFrame(look);
+})"""
+
+
 def settle(page: Page) -> None:
     """Let what was received be drawn."""
-    page.evaluate(
-        "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
-    )
+    page.evaluate(SETTLE)
 
 
 def wait_for_level(page: Page, level: str) -> None:

@@ -1,5 +1,6 @@
 """The page in a real browser, drawn by software: slow, but the same code as on a screen."""
 
+import contextlib
 import io
 import threading
 
@@ -9,6 +10,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
+from armguard.streams.inputs import SocketInput
 from armguard.view import FramePublisher, ObstacleShapes, Pairs, VerdictSummary, launch
 from armguard.view.colours import LEVEL_COLOURS, parse_colour
 from armguard.view.messages import FEED_VERSION, Latch, Load, SourceReport, StatusMessage
@@ -98,7 +100,8 @@ class Feed:
         while not self._ended.wait(0.05):
             sequence += 1
             if self._speaks.is_set():
-                frame = make_frame(sequence=sequence, now=0.05 * sequence, **self._frame)
+                counted = {"sequence": sequence, "now": 0.05 * sequence}
+                frame = make_frame(**(counted | self._frame))
                 self.publisher.publish_frame(frame)
 
 
@@ -297,13 +300,14 @@ def test_a_stop_is_an_event_that_leads_back_to_its_reasons(feed, page):
 
 @pytest.mark.parametrize("is_told", [True, False])
 def test_a_moment_that_is_never_drawn_does_not_keep_from_the_present(feed, view, browser, is_told):
-    held = []
+    held, withheld = [], []
 
     def hand_on(socket, bundle):
         """What the page hears, without a moment of the past in it while one is held."""
         news, *commands = msgspec.msgpack.decode(bundle)
         if held:
             seen = [one | {"drawn": False} for one in commands if one["type"] == "seen"]
+            withheld.extend(seen)
             bundle = msgspec.msgpack.encode([news, *(seen if is_told else [])])
         socket.send(bundle)
 
@@ -318,7 +322,8 @@ def test_a_moment_that_is_never_drawn_does_not_keep_from_the_present(feed, view,
     page.wait_for_function("() => document.querySelector('[aria-label=time]').max > 1")
     held.append(True)
     page.get_by_label("pause").click()
-    page.wait_for_timeout(500)
+    while not withheld:
+        page.wait_for_timeout(20)
     held.clear()
     if not is_told:
         assert page.is_visible("#past")
@@ -343,9 +348,38 @@ def test_the_camera_stays_where_a_hand_has_put_it(feed, page):
     assert not page.locator("#presets [aria-pressed=true]").count()
     feed.show("STOP")
     wait_for_text(page, "level", "STOP")
-    assert page.evaluate(where) == before
+    assert page.evaluate(where) == pytest.approx(before, abs=1e-9)
     page.get_by_label("all that matters").click()
     page.wait_for_function(IS_FRAMED)
+
+
+def test_a_pointer_is_told_a_name_and_two_clicks_look_there(feed, page):
+    feed.show("AWARE")
+    wait_for_text(page, "level", "AWARE")
+    page.get_by_label("all that matters").click()
+    page.wait_for_function(IS_FRAMED)
+    find = """() => {
+        const { left, top, width, height } = viewer.dom_element.getBoundingClientRect();
+        const { matrices } = shapes.drawn.get("/armguard/obstacles/balls").userData.command;
+        const place = new MeshCat.THREE.Vector3(...matrices.slice(12, 15))
+            .applyMatrix4(viewer.scene.matrixWorld).project(viewer.camera);
+        return [left + (place.x + 1) / 2 * width, top + (1 - place.y) / 2 * height];
+    }"""
+    for _ in range(TIMEOUT // 500):  # the camera may still be on its way
+        if page.is_visible("#tip"):
+            break
+        x, y = page.evaluate(find)
+        page.mouse.move(x, y)
+        page.wait_for_timeout(500)
+    name, _, time = page.inner_text("#tip").partition(": ")
+    assert name in PERSON
+    assert time == "contact possible in 400 ms"
+    before = page.evaluate("() => viewer.camera.position.distanceTo(viewer.controls.target)")
+    page.mouse.dblclick(x, y)
+    after = page.evaluate("() => viewer.camera.position.distanceTo(viewer.controls.target)")
+    assert after < before
+    assert not page.locator("#presets [aria-pressed=true]").count()
+    page.get_by_label("all that matters").click()
 
 
 def test_a_latched_stop_tells_since_when_and_what_ends_it(feed, page):
@@ -357,6 +391,60 @@ def test_a_latched_stop_tells_since_when_and_what_ends_it(feed, page):
     assert "obeys no reset" in page.inner_text("#latches")
     feed.show("STOP")
     page.wait_for_selector("#latch", state="hidden")
+
+
+def test_a_stop_tells_how_to_have_it_explained(feed, page):
+    stop = show_person("STOP")["verdict"]
+    feed.show("STOP", verdict=msgspec.structs.replace(stop, since=12.3456))
+    wait_for_text(page, "command", "armguard replay FILE --explain 12.345")
+    assert "start the run with --record FILE" in page.inner_text("#hint")
+    feed.show("CLEAR")
+    page.wait_for_selector("#why", state="hidden")
+
+
+def test_a_page_that_hangs_does_not_hold_up_another(feed, view, browser, page):
+    """The first is held by a debugger, amid its work, as long as the second takes."""
+    feed.show("CLEAR")
+    other = open_page(browser)
+    other.goto(view.url)
+    for one in (page, other):
+        wait_for_text(one, "level", "CLEAR")
+    debugger, held = page.context.new_cdp_session(page), []
+    debugger.on("Debugger.paused", lambda event: held.append(event))
+    debugger.send("Debugger.enable")
+    debugger.send("Debugger.pause")
+    while not held:
+        other.wait_for_timeout(20)
+    for level in ("STOP", "AWARE", "SLOW"):
+        feed.show(level)
+        wait_for_text(other, "level", level)
+    debugger.send("Debugger.disable")  # lets it go on
+    wait_for_text(page, "level", "SLOW")
+    other.close()
+    assert page.problems == []
+
+
+def test_meshes_are_drawn_with_fewer_triangles_in_the_same_place(page):
+    """Against a ball of 131,072 triangles in two materials, of which both stay."""
+    before, after, materials, size, centre = page.evaluate("""async () => {
+        const { simplify } = await import("./meshes.js"), THREE = MeshCat.THREE;
+        const fine = new THREE.SphereGeometry(0.3, 256, 257).translate(1, 2, 3).toNonIndexed();
+        const count = fine.attributes.position.count;
+        fine.addGroup(0, count / 2, 0);
+        fine.addGroup(count / 2, count / 2, 1);
+        const paints = [0xff0000, 0x00ff00].map((color) => new THREE.MeshPhongMaterial({ color }));
+        const mesh = new THREE.Mesh(fine, paints);
+        simplify(mesh);
+        const { geometry } = mesh;
+        geometry.computeBoundingBox();
+        const { min, max } = geometry.boundingBox;
+        return [count / 3, geometry.index.count / 3, mesh.material.map((one) => one.color.getHex()),
+            max.clone().sub(min).toArray(), max.clone().add(min).multiplyScalar(0.5).toArray()];
+    }""")
+    assert after < before / 10
+    assert materials == [0xFF0000, 0x00FF00]
+    assert size == pytest.approx([0.6] * 3, abs=0.03)
+    assert centre == pytest.approx([1.0, 2.0, 3.0], abs=0.01)
 
 
 def test_silence_is_said_and_ends(feed, page):
@@ -376,6 +464,10 @@ def test_silence_is_said_and_ends(feed, page):
     feed.speak()
     wait_for_text(page, "level", "CLEAR")
     page.wait_for_selector("#silence", state="hidden")
+    # A monitor that runs before its robot does.
+    feed.show("STOP", sequence=0)
+    wait_for_text(page, "level", "WAITING")
+    wait_for_text(page, "silence", "for the robot's joint states; STOP until they come")
 
 
 def test_buffers_do_not_grow_while_it_runs(feed, page):
@@ -387,6 +479,21 @@ def test_buffers_do_not_grow_while_it_runs(feed, page):
     before = page.evaluate(count)
     page.wait_for_timeout(2000)
     assert page.evaluate(count) == before
+    # A crowd comes and goes, and comes again: what was made for it is freed or used again.
+    held = []
+    for _ in range(3):
+        for crowd in (300, 3):
+            names = [f"one{k}" for k in range(crowd)]
+            points = np.random.default_rng(crowd).uniform(-2.0, 2.0, (crowd, 3))
+            feed.show(obstacles=ObstacleShapes.pack(names, points, [0.1] * crowd), pairs=Pairs())
+            wait_for_text(page, "source", f"· {crowd} obstacles")
+            page.wait_for_function(
+                "(count) => shapes.drawn.get('/armguard/obstacles/balls').count === count",
+                arg=crowd,
+            )
+            settle(page)
+        held.append(page.evaluate(count))
+    assert held[2] == held[1]
     assert page.problems == []
 
 
@@ -413,6 +520,69 @@ def test_the_export_plays_from_a_file_without_a_network(view, browser, page):
     page.get_by_label("jump to the next STOP").click()
     wait_for_text(page, "level", "STOP")
     page.wait_for_function("() => shapes.drawn.has('/armguard/cover')")
+    assert page.problems == []
+    page.close()
+
+
+def test_a_reset_from_the_page_needs_the_token(browser):
+    """A monitor that obeys "sesame" alone."""
+    page, ended, latch = open_page(browser), threading.Event(), Latch(reason="a jump", since=0.0)
+    with contextlib.closing(SocketInput("tcp://127.0.0.1:*")) as monitor:
+        feed = Feed(robot="bare", reset_address=monitor.address, obeys_reset=True)
+        feed.show("STOP", latches=(latch,))
+
+        def obey():
+            refused = 0
+            while not ended.wait(0.005):
+                message = monitor.receive() or b""
+                if b"sesame" in message:
+                    feed.show("CLEAR", refused_resets=refused)
+                elif b"reset" in message:
+                    refused += 1
+                    feed.show("STOP", latches=(latch,), refused_resets=refused)
+
+        listener = threading.Thread(target=obey)
+        listener.start()
+        try:
+            with launch(feed.publisher.address) as view:
+                page.goto(view.url)
+                wait_for_text(page, "latches", "reset with the token")
+                page.fill("#token", "guessed")
+                page.click("#reset button")
+                page.wait_for_selector("#events .refused")
+                assert page.is_visible("#latch")
+                page.fill("#token", "sesame")
+                while page.is_visible("#latch"):  # at most one attempt a second is handed on
+                    page.evaluate(
+                        "() => document.getElementById('latch').hidden"
+                        " || document.getElementById('reset').requestSubmit()"
+                    )
+                    page.wait_for_timeout(200)
+                wait_for_text(page, "level", "CLEAR")
+                page.wait_for_selector("#events .reset")
+                assert page.input_value("#token") == ""
+        finally:
+            ended.set()
+            listener.join()
+            feed.close()
+    assert page.problems == []
+    page.close()
+
+
+def test_of_an_arm_alone_the_levels_of_its_tree_are_shown(browser):
+    cover, page = make_scene().cover, open_page(browser)
+    feed = Feed(robot="bare", levels=(cover[:1], cover))
+    try:
+        with launch(feed.publisher.address) as view:
+            page.goto(view.url)
+            wait_for_text(page, "depths", "level 0 of 1: 2 balls")
+            page.locator("#depth").press("ArrowRight")
+            wait_for_text(page, "depths", "level 1 of 1: 14 balls")
+            page.wait_for_function("() => location.hash.includes('depth=1')")
+            assert page.inner_text("#level") == "bare"
+            assert not page.is_visible("#time")
+    finally:
+        feed.close()
     assert page.problems == []
     page.close()
 

@@ -58,9 +58,9 @@ def test_nothing_to_draw_is_drawn_as_nothing():
 
 
 def test_looks_and_labels_are_told():
-    look, labels = Look(0.5, is_coarse=True, is_wire=True), Labels(["a", "b"], [0.5, np.inf])
+    look, labels = Look(0.5, segments=8, is_wire=True), Labels(["a", "b"], [0.5, np.inf])
     balls = drawing.draw_balls("/a", np.ones((2, 4)), np.ones((2, 3)), look, labels)
     told = read_command(balls.payload)
-    assert (told["opacity"], told["coarse"], told["wire"]) == (0.5, True, True)
+    assert (told["opacity"], told["segments"], told["wire"]) == (0.5, 8, True)
     assert told["names"] == ["a", "b"]
     assert told["times"].tolist() == [0.5, np.inf]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armguard.robot.description import find_example_urdf
-from armguard.view import ObstacleShapes, Pairs
+from armguard.view import ObstacleShapes, Pairs, VerdictSummary
 from armguard.view.colours import REFUSED_COLOUR, compute_colours, parse_colour
 from armguard.view.picture import Picture
 from support.view_samples import make_frame, make_scene, read_command
@@ -73,6 +73,18 @@ def test_matrices_place_balls_and_rods(page):
     axes = rod[:3, :3].astype(float)
     assert np.allclose(np.linalg.norm(axes, axis=1), (0.1, 0.7, 0.1))
     assert np.linalg.det(axes) > 0.0
+
+
+def test_of_parts_that_meet_the_more_imminent_one_lies_outside(page):
+    radii = []
+    for level in ("CLEAR", "AWARE", "SLOW", "STOP"):
+        page.picture.draw_frame(
+            make_frame(0.0, verdict=VerdictSummary(level=level, contact_time=0.0, stop_time=0.2))
+        )
+        radii.append(page["instances /armguard/obstacles/balls"]["matrices"][0])
+    assert radii[0] == pytest.approx(0.15)
+    assert (np.diff(radii) > 0.0).all()
+    assert radii[-1] < 1.04 * 0.15
 
 
 def test_a_hull_spans_its_points(page):
@@ -205,12 +217,43 @@ def test_a_told_path_is_drawn_with_the_arm_at_its_end(page):
 
 
 def test_many_obstacles_are_drawn_with_less_detail_and_said_so(page):
-    many = ObstacleShapes.pack([str(k) for k in range(1000)], np.ones((1000, 3)), [0.1] * 1000)
-    page.picture.draw_frame(make_frame(obstacles=many, omitted=7))
-    assert page["instances /armguard/obstacles/balls"]["coarse"]
-    notes = " ".join(page["banner "]["notes"])
-    assert "less detail" in notes
-    assert "7 more obstacles" in notes
+    segments, notes = [], []
+    for count in (3, 100, 1000):
+        many = ObstacleShapes.pack(list(map(str, range(count))), np.ones((count, 3)), [0.1] * count)
+        page.picture.draw_frame(make_frame(obstacles=many, omitted=7))
+        segments.append(page["instances /armguard/obstacles/balls"]["segments"])
+        notes.append(" ".join(page["banner "]["notes"]))
+    assert segments[0] > segments[1] > segments[2]
+    assert ["detail" in said for said in notes] == [False, True, True]
+    assert "less detail" in notes[1]
+    assert "the least detail" in notes[2]
+    assert all("7 more obstacles" in said for said in notes)
+
+
+@pytest.mark.parametrize(
+    ("recording", "since", "explanation", "asking"),
+    [
+        (
+            "/var/two words.mcap",
+            12.3456,
+            (),
+            "armguard replay '/var/two words.mcap' --explain 12.345",
+        ),
+        ("", 7.0, (), "armguard replay FILE --explain 7.000"),
+        ("/var/run.mcap", 7.0, ("the answer itself",), ""),
+        ("/var/run.mcap", None, (), ""),
+        ("/var/run.mcap", math.nan, (), ""),
+    ],
+)
+def test_a_stop_of_a_running_monitor_tells_how_to_have_it_explained(
+    recording, since, explanation, asking
+):
+    page = Page()
+    page.picture.draw_scene(make_scene(recording=recording))
+    for level in ("STOP", "SLOW"):
+        verdict = VerdictSummary(level=level, contact_time=0.1, stop_time=0.2, since=since)
+        page.picture.draw_frame(make_frame(verdict=verdict, explanation=explanation))
+        assert page["banner "]["asking"] == (asking if level == "STOP" else "")
 
 
 def test_a_stopping_volume_that_cannot_be_found_is_said(page):

@@ -7,7 +7,7 @@ from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from armguard.exceptions import ArmguardError
-from armguard.view.drawing import show
+from armguard.view.drawing import Command, show
 from armguard.view.latest import LatestValues
 from armguard.view.server import BROWSER_LIMIT, ViewServer
 from armguard.view.station import Station
@@ -256,6 +256,24 @@ def test_a_moment_that_cannot_be_drawn_is_answered_all_the_same(nothing):
         await browser.write_message('{"type": "seek", "number": null}')
         stage.show(1)
         assert (await hear(browser))[1]["sequence"] == 1
+
+    on_stage(play)
+
+
+def test_meshes_that_are_under_way_come_in_the_past_as_well():
+    async def play(stage):
+        browser = await stage.browse()
+        await hear(browser)
+        stage.show(1)
+        for number in range(3):
+            stage.values.set(Command(f"set_object /{number}", msgspec.msgpack.encode(number)))
+        await browser.write_message('{"type": "seek", "number": 5}')
+        await browser.write_message(DONE)
+        assert (await hear(browser))[2]["type"] == "seen"
+        await browser.write_message(DONE)
+        assert len((await hear(browser))[1:]) == 3
+        await browser.write_message(DONE)
+        assert await hears_nothing(browser)
 
     on_stage(play)
 

@@ -32,6 +32,7 @@ from armguard.exceptions import ArmguardError
 from armguard.recording.recorder import check_new
 from armguard.robot.description import find_robot
 from armguard.view.export import check_export
+from armguard.view.listening import listen
 from armguard.view.process import ViewProcess, launch
 
 END_TIMEOUT = 3.0
@@ -115,6 +116,9 @@ def run_demo(
         check_new(record)
     if export is not None:
         check_export(export)
+    wants_page = view or export is not None
+    if wants_page:
+        listen(port).close()  # a port in use is told before anything is started
     recording = "" if person is None else str(person)
     # Made here as well, so that a mistake is one line now and not a process that dies later.
     sources = nodes.make_sources(duration, recording, obstacle_count, seed)
@@ -177,7 +181,6 @@ def run_demo(
             return page
 
         watcher = Watcher(monitor, parts, log, console, live=not as_json)
-        wants_page = view or export is not None
         summary, problem = watcher.run(frames, open_page if wants_page else None)
     if summary is not None:
         if as_json:

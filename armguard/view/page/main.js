@@ -3,19 +3,20 @@ import { Camera } from "./camera.js";
 import { Feed } from "./feed.js";
 import { Film, readFilm } from "./film.js";
 import { Layers } from "./layers.js";
+import { simplify } from "./meshes.js";
 import { Names } from "./names.js";
+import { Pace } from "./pace.js";
 import { Panels } from "./panels.js";
 import { savePortrait } from "./portrait.js";
-import { Shapes } from "./shapes.js";
+import { Shapes, split } from "./shapes.js";
 import { layFloor, makeStage } from "./stage.js";
 import { Strip } from "./strip.js";
 import { Transport } from "./transport.js";
 import { age, button, clock, element, readAddress, writeAddress } from "./words.js";
 
 const SILENCE = 1.5; // [s] without news after which the picture is no longer the present
-const FRAMES = 240; // whose durations are kept
 
-let viewer = null, shapes = null, camera = null, source = null, transport = null;
+let viewer = null, shapes = null, camera = null, pace = null, source = null, transport = null;
 let news = { silence: null, status: "", over: false, connected: null, problem: "", address: "" };
 let lastNews = null; // [ms], of performance.now()
 let parted = ""; // why the view's server is not there; null: it is
@@ -29,26 +30,23 @@ try {
 const panels = new Panels((token) => source.reset(token), showDepth);
 const strip = new Strip((number) => transport.go(number));
 const layers = new Layers(viewer, (volume) => source.showVolume(volume));
-window.frameTimes = []; // [ms], the newest last
 if (viewer !== null) {
   shapes = new Shapes(viewer);
   camera = new Camera(viewer);
+  pace = new Pace(viewer, (text) => panels.tellPace(text));
   new Names(viewer, shapes, camera);
   element("presets").append(
     button("picture", "save a picture with level, time and legend", () => savePortrait(viewer, panels)));
   window.viewer = viewer; // for consoles and tests
   window.shapes = shapes;
+  window.pace = pace;
   animate();
 }
 
 function animate() {
   requestAnimationFrame(animate);
   camera.move();
-  if (!viewer.needs_render) return;
-  const begin = performance.now();
-  viewer.render();
-  window.frameTimes.push(performance.now() - begin);
-  if (window.frameTimes.length > FRAMES) window.frameTimes.shift();
+  pace.draw();
 }
 
 function notice(text) {
@@ -74,6 +72,7 @@ const own = {
     layers.limit(scene);
     strip.levels = scene.levels;
     strip.isWhole = scene.is_recorded || film !== null;
+    strip.draw(); // moments may have come before the colours of their levels
     element("time").hidden = panels.isModel;
     if (viewer !== null) layFloor(viewer, scene.floor);
     layers.apply();
@@ -111,6 +110,7 @@ function take(commands) {
     else if (viewer !== null && !shapes.draw(command)) {
       if (command.type === "delete") shapes.forget();
       viewer.handle_command(command);
+      if (command.type === "set_object") simplify(viewer.scene_tree.find(split(command.path)).object);
       if (command.type === "delete") layers.apply();
     }
   }

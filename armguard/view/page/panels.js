@@ -50,6 +50,10 @@ export class Panels {
       `level ${depth} of ${this.scene.tree.length - 1}: ${balls} balls contain the whole arm`;
   }
 
+  tellPace(text) {
+    element("pace").textContent = text;
+  }
+
   tellOutcome(text) {
     element("outcome").textContent = text;
   }
@@ -58,8 +62,8 @@ export class Panels {
     this.latest = verdict;
     element("contact").textContent = seconds(verdict.contact_time);
     // The number has the colour of the level that it earns by itself.
-    element("contact").style.color = this.colour(
-      verdict.sequence > 0 ? verdict.contact_level : "");
+    const own = this.colour(verdict.sequence > 0 ? verdict.contact_level : "");
+    element("contact").style.color = `color-mix(in srgb, ${own} 65%, white)`;
     element("stop").textContent = stopTime(verdict.stop_time);
     element("speed").textContent = `${(100 * verdict.speed_scale).toFixed(0)} %`;
     element("link").textContent = verdict.link || "none";
@@ -70,8 +74,17 @@ export class Panels {
     }
     lines.push(...verdict.notes.map((text) => item(text, "remark")));
     update(element("reasons"), lines);
-    element("why").hidden = !verdict.explanation.length;
+    element("why").hidden = !verdict.explanation.length && !verdict.asking;
     update(element("explanation"), verdict.explanation.map((text) => item(text)));
+    element("asking").hidden = !verdict.asking;
+    element("hint").textContent = this.scene.is_being_recorded
+      ? "the recording of this run tells what would have avoided it:"
+      : "what would have avoided it a recording tells: start the run with --record FILE, and then ask";
+    update(element("command"), verdict.asking.split(/( )/).map((word) => {
+      const part = document.createElement("span"); // a line ends between words, never at a hyphen
+      part.textContent = word;
+      return part;
+    }));
     const load = verdict.load;
     element("evaluated").textContent = load === null ? "–" : load.evaluated;
     element("duration").textContent =

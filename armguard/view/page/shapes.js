@@ -3,8 +3,8 @@
 const THREE = MeshCat.THREE;
 
 const geometries = {
-  ball: (coarse) => new THREE.SphereGeometry(1, coarse ? 10 : 24, coarse ? 7 : 16),
-  rod: (coarse) => new THREE.CylinderGeometry(1, 1, 1, coarse ? 8 : 20, 1, true),
+  ball: (segments) => new THREE.SphereGeometry(1, segments, Math.round(0.6 * segments)),
+  rod: (segments) => new THREE.CylinderGeometry(1, 1, 1, segments, 1, true),
 };
 
 export const split = (path) => path.split("/").filter((step) => step.length > 0);
@@ -38,13 +38,15 @@ export class Shapes {
   provide(command, needed, make) {
     let object = this.drawn.get(command.path);
     const fits = object !== undefined && object.userData.capacity >= needed
-      && object.userData.coarse === Boolean(command.coarse);
+      && object.userData.segments === command.segments
+      && object.userData.opacity === command.opacity;
     if (!fits) {
       const capacity = Math.max(16, 2 ** Math.ceil(Math.log2(Math.max(1, needed))));
       if (object !== undefined && object.dispose) object.dispose();
       object = make(capacity);
       object.userData.capacity = capacity;
-      object.userData.coarse = Boolean(command.coarse);
+      object.userData.segments = command.segments;
+      object.userData.opacity = command.opacity;
       object.frustumCulled = false;
       this.drawn.set(command.path, object);
       this.viewer.set_object(split(command.path), object);
@@ -56,9 +58,10 @@ export class Shapes {
   fillInstances(command) {
     const count = command.colours.length / 3;
     const object = this.provide(command, count, (capacity) => {
-      const material = new THREE.MeshPhongMaterial(
-        look(command.opacity, { shininess: 12, wireframe: Boolean(command.wire) }));
-      const geometry = geometries[command.shape](command.coarse);
+      // Lit at corners, not at pixels: what is round looks the same, and costs half.
+      const material = new THREE.MeshLambertMaterial(
+        look(command.opacity, { wireframe: Boolean(command.wire) }));
+      const geometry = geometries[command.shape](command.segments);
       const mesh = new THREE.InstancedMesh(geometry, material, capacity);
       mesh.instanceColor = new THREE.InstancedBufferAttribute(new Float32Array(3 * capacity), 3);
       if (material.transparent) hideInside(mesh, capacity, material.depthWrite);

@@ -17,8 +17,11 @@ export function makeStage(pane) {
   viewer.set_property(["Background"], "bottom_color", [0.05, 0.065, 0.085]);
   viewer.set_property(["Grid"], "visible", false);
   viewer.set_property(["Axes"], "visible", false);
-  viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", 0.5);
-  viewer.set_property(["Lights", "FillLight", "<object>"], "intensity", 0.42);
+  // One light from afar: every other one costs as much again for each corner of each triangle.
+  viewer.set_property(["Lights", "PointLightNegativeX"], "visible", false);
+  viewer.set_property(["Lights", "PointLightPositiveX"], "visible", false);
+  viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", 0.45);
+  viewer.set_property(["Lights", "FillLight", "<object>"], "intensity", 0.6);
   viewer.set_property(["Lights", "FillLight", "<object>"], "position", [8, -5, 7]);
   // The camera's own frame has y up: world x, z, -y.
   viewer.camera.fov = 38;
@@ -35,7 +38,7 @@ export function layFloor(viewer, height) {
   const floor = new THREE.Group();
   const plate = new THREE.Mesh(
     new THREE.CircleGeometry(16, 64), new THREE.MeshBasicMaterial({ color: 0x1d252e }));
-  const fine = new THREE.GridHelper(16, 64, 0x2a343f, 0x2a343f).rotateX(Math.PI / 2);
+  const fine = new THREE.GridHelper(8, 32, 0x2a343f, 0x2a343f).rotateX(Math.PI / 2);
   const coarse = new THREE.GridHelper(16, 16, 0x4a5968, 0x3b4855).rotateX(Math.PI / 2);
   plate.position.z = height - 0.004;
   fine.position.z = height - 0.002;

@@ -9,6 +9,8 @@ const SIGNS = { stop: "■", go: "▶", fault: "!", latch: "◆", reset: "○", 
 const GAP = 0.5; // [s] without moments is a gap
 const TOP = 22; // [px], for what happened
 
+const clamp = (share) => Math.max(0, Math.min(1, share || 0));
+
 export class Strip {
   // seek: shows the moment of a number.
   constructor(seek) {
@@ -77,10 +79,12 @@ export class Strip {
     const ratio = Math.min(devicePixelRatio, 2);
     const width = canvas.clientWidth, height = canvas.clientHeight;
     if (!width || !height) return;
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
+    const size = [Math.round(width * ratio), Math.round(height * ratio)];
+    // A new size is new memory; the same one is wiped.
+    if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
     const pen = canvas.getContext("2d");
-    pen.scale(ratio, ratio);
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.clearRect(0, 0, width, height);
     const [begin, end] = this.window();
     const x = (now) => (now - begin) / (end - begin) * width;
     const band = height > 100 ? 12 : 8, speed = height > 100 ? 14 : 8;
@@ -92,30 +96,45 @@ export class Strip {
     };
     const shown = this.moments.filter(({ now }) => now >= begin - 1 && now <= end + 1);
     pen.font = "10px system-ui, sans-serif";
-    for (const time of LINES) {
-      pen.fillStyle = "#2b3641";
-      pen.fillRect(0, Math.round(y(time)), width, 1);
-      pen.fillStyle = "#a3b0be";
-      if (height > 100) pen.fillText(`${time} s`, 2, y(time) - 2);
+    pen.fillStyle = "#2b3641";
+    for (const time of LINES) pen.fillRect(0, Math.round(y(time)), width, 1);
+    const box = (run) => {
+      const left = x(run.begin);
+      return { left, wide: Math.max(1, x(run.end) - left) + 0.5 };
+    };
+    for (const run of this.findRuns(shown, ({ level }) => level)) {
+      this.drawLevel(pen, { level: run.value }, { ...box(run), height, band });
     }
-    shown.forEach((moment, k) => {
-      const next = shown[k + 1];
-      const until = next === undefined || next.now - moment.now > this.longestGap()
-        ? moment.now + 0.1 : next.now;
-      const left = x(moment.now), wide = Math.max(1, x(until) - left) + 0.5;
-      this.drawLevel(pen, moment, { left, wide, height, band });
-      pen.fillStyle = "#5f7184";
-      const tall = speed * Math.max(0, Math.min(1, moment.speed));
-      pen.fillRect(left, height - band - 2 - tall, wide, tall);
-    });
+    pen.fillStyle = "#5f7184";
+    for (const run of this.findRuns(shown, (moment) => Math.round(speed * clamp(moment.speed)))) {
+      const { left, wide } = box(run);
+      pen.fillRect(left, height - band - 2 - run.value, wide, run.value);
+    }
     this.drawCurve(pen, shown, x, (moment) => y(moment.stop), { dash: [4, 3], colour: "#ffffff" });
     this.drawCurve(pen, shown, x, (moment) => y(moment.contact), { dash: [], colour: "#8fc7ff" });
-    if (height > 100) this.drawKey(pen, width);
+    if (height > 100) {
+      for (const time of LINES) this.write(pen, `${time} s`, "#a3b0be", 2, y(time) - 2);
+      this.drawKey(pen, width);
+    }
     if (this.at !== null && this.moments.length) {
       pen.fillStyle = "#ffffff";
       pen.fillRect(Math.round(x(this.find(this.at).now)) - 1, 0, 2, height);
     }
     this.showEvents(x, begin, end, width);
+  }
+
+  // Moments in a row that look the same: a few boxes, where each moment's own would be hundreds.
+  findRuns(moments, look) {
+    const runs = [];
+    moments.forEach((moment, k) => {
+      const next = moments[k + 1], value = look(moment);
+      const end = next === undefined || next.now - moment.now > this.longestGap()
+        ? moment.now + 0.1 : next.now;
+      const last = runs[runs.length - 1];
+      if (last && last.value === value && last.end === moment.now) last.end = end;
+      else runs.push({ value, begin: moment.now, end });
+    });
+    return runs;
   }
 
   longestGap() {
@@ -128,12 +147,17 @@ export class Strip {
     ];
     let left = width - words.reduce((sum, [text]) => sum + pen.measureText(text).width + 12, 0);
     for (const [text, colour] of words) {
-      pen.fillStyle = "rgba(22, 29, 37, 0.8)";
-      pen.fillRect(left - 3, TOP + 2, pen.measureText(text).width + 6, 13);
-      pen.fillStyle = colour;
-      pen.fillText(text, left, TOP + 12);
+      this.write(pen, text, colour, left, TOP + 12);
       left += pen.measureText(text).width + 12;
     }
+  }
+
+  // Words over curves.
+  write(pen, text, colour, left, bottom) {
+    pen.fillStyle = "rgba(22, 29, 37, 0.8)";
+    pen.fillRect(left - 3, bottom - 10, pen.measureText(text).width + 6, 13);
+    pen.fillStyle = colour;
+    pen.fillText(text, left, bottom);
   }
 
   // A band in the level's colour; STOP and SLOW are told apart by their height as well.
