@@ -20,6 +20,7 @@ from armguard.bounds.operating_history import UNKEPT, OperatingHistory
 from armguard.bounds.planned.plan import CheckedPlan, Plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
+from armguard.monitor.entrances import check_entrances
 from armguard.monitor.explain import Explanation
 from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.joint_reasons import (
@@ -119,7 +120,8 @@ class Monitor:
         journal: Is told all that reaches the monitor, and its answers; None: nothing is.
 
     Raises:
-        ArmguardError: If an argument is out of range or names what does not exist.
+        ArmguardError: If an argument is out of range or names what does not exist, or an entrance
+            is around a link that cannot leave it.
     """
 
     def __init__(
@@ -205,6 +207,7 @@ class Monitor:
         self._scheduler = make_scheduler(
             robot, obstacles, settings, self._ignored, self._states, in_force, self._operating
         )
+        check_entrances(self._scheduler.arm)
         self._judge = Judge(
             robot,
             self._scheduler,

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from armguard.exceptions import ObstacleError
 from armguard.jit import numerics
-from armguard.jit.arrays import IntArray
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code
 from armguard.obstacles import acceptance as rule
 from armguard.obstacles.arguments import (
@@ -373,7 +373,7 @@ class Obstacles(ObstacleRegister):
         """Adds an obstacle that stands still for ever and never ages.
 
         Args:
-            id: Its name, unique among obstacles that stand still.
+            id: Its name, unique among obstacles that stand still and entrances.
             position: Its centre, or up to eight points whose hull it is, in [m]. Shape (3,) or
                 (k, 3).
             radius: Around the hull, in [m].
@@ -382,32 +382,115 @@ class Obstacles(ObstacleRegister):
             ObstacleError: Something of this is malformed, or the id is taken; a fault is left.
         """
         try:
-            (name,) = read_ids([id])
-            if name in self._rows_of(NO_SOURCE):
-                raise ObstacleError(f"id {name!r}", "is in the table already")
-            points = read_points("position", [position], 1).reshape(-1, 3)
-            (size,) = np.atleast_1d(read_field("radius", radius, 1)).tolist()
-            if not (np.isfinite(points).all() and 0.0 <= size < math.inf):
-                raise ObstacleError(
-                    f"static obstacle {name!r}",
-                    f"is at {points.tolist()} with radius {size}",
-                    expected="finite numbers and a radius of at least 0",
-                )
-            if not max(np.abs(points).max(), size) <= self._extent:
-                raise ObstacleError(
-                    f"static obstacle {name!r}",
-                    f"is at {points.tolist()} with radius {size}",
-                    expected=f"metres, within the extent of {self._extent:g} m",
-                    remedy="Obstacles(extent=…) allows for more",
-                )
-            row = self._take_row(name, NO_SOURCE, -math.inf)
-            if row < 0:
-                raise ObstacleError(f"id {name!r}", "finds no room in the table")
+            name, points, size = self._read_place("static obstacle", id, position, radius)
+            row = self._take_place(name)
         except ObstacleError as error:
             raise self._leave_malformed(error, "", math.nan) from None
         if self.journal is not None:
-            self.journal.note_static(name, points, float(size))
+            self.journal.note_static(name, points, size)
         self.table.place_static(row, points, size)
+
+    def add_entrance(
+        self,
+        id: str,
+        position: ArrayLike,
+        radius: float,
+        detection_time: float,
+        speed: float | None = None,
+        accel: float | None = None,
+    ) -> None:
+        """Adds a region out of which a body may come unseen, at any moment and at any velocity.
+
+        Such as a door, the edges of what a camera sees, the far side of a pillar. What nobody
+        reports is taken not to be there, except here: at every tick, a body that is not reported
+        may be anywhere in the region or, since finding it takes a moment, as far outside as its
+        speed carries it in that moment, and it may move at that speed from there. So an entrance is
+        widened once, by speed times `detection_time`; it never ages, no source tells of it, no
+        snapshot removes it, and it counts with its present region in every tick.
+
+        Its contact time is that of a body that walks already. One that stands there yet comes no
+        sooner, for whatever it does it is no faster; so its acceleration makes no difference, and
+        is kept for those who ask.
+
+        Args:
+            id: Its name, unique among obstacles that stand still and entrances; verdicts name it.
+            position: Its centre, or up to eight points whose hull it is, in [m]. Shape (3,) or
+                (k, 3).
+            radius: Around the hull, in [m]. The region holds all of a body that is not seen, its
+                hands as well as its trunk.
+            detection_time: From leaving the region until a source has reported the body, at the
+                longest, in [s]: period of the source, missed messages and latency together.
+            speed: Bound on what comes out, in [m]/[s], finite and above 0; None: the table's for
+                this id.
+            accel: Bound on what comes out, in [m]/[s]^2; None: the table's for this id.
+
+        Raises:
+            ObstacleError: Something of this is malformed, or the id is taken; a fault is left.
+        """
+        try:
+            name, points, size = self._read_place("entrance", id, position, radius)
+            known_accel, known_speed = self.bounds.find([name])
+            rate = float(np.max(known_accel)) if accel is None else accel
+            pace = float(np.max(known_speed)) if speed is None else speed
+            rate = read_bound("accel", rate, rule.MAXIMUM_ACCEL, "m/s²")
+            pace = read_bound("speed", pace, rule.MAXIMUM_SPEED, "m/s")
+            if not 0.0 < pace < math.inf:
+                raise ObstacleError(
+                    f"entrance {name!r}",
+                    f"has a speed of {pace} m/s",
+                    expected="a finite speed above 0: without a bound, contact is always possible",
+                )
+            delay = read_time("detection_time", detection_time)
+            if not delay >= 0.0:
+                raise ObstacleError(
+                    "detection_time", f"is {delay}", expected="a time of at least 0 in [s]"
+                )
+            if delay > 0.0:
+                # One without delay, as that of a recording, stays to the bit.
+                size = (size + pace * delay) * (1.0 + numerics.TERM_ROUNDING)
+            if not size <= self._extent:
+                raise ObstacleError(
+                    f"entrance {name!r}",
+                    f"is {size:.4g} m wide after {delay:g} s at {pace:g} m/s",
+                    expected=f"a region within the extent of {self._extent:g} m",
+                )
+            row = self._take_place(name)
+        except ObstacleError as error:
+            raise self._leave_malformed(error, "", math.nan) from None
+        if self.journal is not None:
+            self.journal.note_entrance(name, points, size, pace, rate)
+        self.table.place_entrance(row, points, size, rate, pace)
+
+    def _read_place(
+        self, what: str, id: str, position: ArrayLike, radius: float
+    ) -> tuple[str, FloatArray, float]:
+        """Name, points in [m] and radius in [m] of what no source tells of."""
+        (name,) = read_ids([id])
+        if name in self._rows_of(NO_SOURCE):
+            raise ObstacleError(f"id {name!r}", "is in the table already")
+        points = read_points("position", [position], 1).reshape(-1, 3)
+        (size,) = np.atleast_1d(read_field("radius", radius, 1)).tolist()
+        if not (np.isfinite(points).all() and 0.0 <= size < math.inf):
+            raise ObstacleError(
+                f"{what} {name!r}",
+                f"is at {points.tolist()} with radius {size}",
+                expected="finite numbers and a radius of at least 0",
+            )
+        if not max(np.abs(points).max(), size) <= self._extent:
+            raise ObstacleError(
+                f"{what} {name!r}",
+                f"is at {points.tolist()} with radius {size}",
+                expected=f"metres, within the extent of {self._extent:g} m",
+                remedy="Obstacles(extent=…) allows for more",
+            )
+        return name, points, float(size)
+
+    def _take_place(self, name: str) -> int:
+        """Row for what no source tells of."""
+        row = self._take_row(name, NO_SOURCE, -math.inf)
+        if row < 0:
+            raise ObstacleError(f"id {name!r}", "finds no room in the table")
+        return row
 
     def remove(
         self, ids: Sequence[str], stamp: float | None = None, source: str | None = None

@@ -201,7 +201,13 @@ class Replay:
             apply_update(obstacles, event)
         elif isinstance(event, StaticObstacle):
             points = read_numbers(event.position).reshape(-1, 3)
-            obstacles.add_static(event.id, points, float(event.radius))
+            radius = float(event.radius)
+            if isinstance(event.speed, float | str) and isinstance(event.accel, float | str):
+                # It is as wide as it counts already.
+                speed, accel = float(event.speed), float(event.accel)
+                obstacles.add_entrance(event.id, points, radius, 0.0, speed, accel)
+            else:
+                obstacles.add_static(event.id, points, radius)
         elif isinstance(event, Removal):
             obstacles.remove(
                 event.ids,
