@@ -32,7 +32,7 @@ from armguard.monitor import (
     Snapshot,
 )
 from armguard.obstacles import Fault, Frame, Obstacles, Source
-from armguard.pairs import SeparationRule
+from armguard.pairs import CloudFilter, SeparationRule
 from armguard.recording import Recorder
 from armguard.robot import OperatingLimits, Robot
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
@@ -41,6 +41,7 @@ __all__ = [
     "ArmguardError",
     "Attention",
     "Certificate",
+    "CloudFilter",
     "Cover",
     "CoverReport",
     "Explanation",
