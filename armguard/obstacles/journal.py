@@ -88,6 +88,10 @@ class ObstacleJournal(Protocol):
         """Is told a call of which nothing was taken, stamped in [s], NaN where that was none."""
         ...
 
+    def note_dropped_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
+        """Is told how many of a cloud's points could not be used; its stamp in [s]."""
+        ...
+
     def note_faults_taken(self) -> None:
         """Is told that what was refused was asked for, and is not told again."""
         ...

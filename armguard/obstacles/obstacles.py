@@ -30,6 +30,13 @@ from armguard.obstacles.arguments import (
     read_time,
     show,
 )
+from armguard.obstacles.clouds import (
+    CloudReader,
+    enclosing_radius,
+    read_edge,
+    read_mask,
+    read_rays,
+)
 from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.journal import ObstacleSettings
@@ -123,6 +130,7 @@ class Obstacles(ObstacleRegister):
         self._frames = {name: number for number, name in enumerate(places)}
         self._told_frames = ToldFrames()
         self._memory = MessageMemory(list(places.values()))
+        self._clouds: CloudReader | None = None
         self._bind()
 
     def __getstate__(self) -> dict[str, object]:
@@ -282,6 +290,128 @@ class Obstacles(ObstacleRegister):
         self._sources.count(state, time, len(names), refused)
         if snapshot:
             self._remove_absent(rows, time, state, late)
+
+    def update_cloud(
+        self,
+        source: str,
+        stamp: float,
+        points: ArrayLike,
+        origin: ArrayLike,
+        voxel: float = 0.05,
+        *,
+        occupied: ArrayLike | None = None,
+        position_error: float = 0.0,
+        accel: float | None = None,
+        speed: float | None = None,
+        frame: str = WORLD,
+        snapshot: bool = False,
+    ) -> None:
+        """Takes a cloud of points of a source that measures depth; without points, a heartbeat.
+
+        Each voxel with a point in it is an obstacle, "voxel 3 -2 14": a ball around a cube of a
+        lattice fixed in the world, sqrt(3)/2 of its edge in radius, with a velocity that is not
+        known. A voxel that no point falls into any more may be hidden, so it stays and grows with
+        its age; it goes where rays of one cloud passed through all of it, by the rule in `clouds`,
+        or by `snapshot`. What is behind what the source sees was never reported: where somebody may
+        hide there, `add_entrance` says so. A source sends clouds, or obstacles by `update`, and not
+        both with snapshots.
+
+        Points that are not finite, or beyond the table's extent, are left out, and a fault says how
+        many. Where they are more than half of what came in a second, the source is not believed.
+
+        Args:
+            source: Name of the source that speaks; required from then on.
+            stamp: When the cloud was measured, in [s].
+            points: Where rays end, in [m]. Shape (n, 3).
+            origin: Where they begin, the camera's centre, in [m] in the same frame. Shape (3,).
+            voxel: Edge of the voxels, in [m], the same in all clouds of a source.
+            occupied: Which points are to be obstacles, such as those that `CloudFilter` does not
+                find to be the arm's, and no background finds to be its own; the rays of the others
+                still tell what is empty. None: all. Bool, shape (n,).
+            position_error: What points may be off by, half the distance between neighbouring rays
+                where they end included, in [m].
+            accel: Bound on acceleration, in [m/s²]; None: the table's for the id "voxel".
+            speed: Bound on speed, in [m/s]; None: the table's for the id "voxel".
+            frame: In which frame, one of the table's.
+            snapshot: Whether this source sees the whole cell: all else of it is removed.
+
+        Raises:
+            ObstacleError: The call is malformed; nothing of it is taken, and a fault is left.
+        """
+        try:
+            self._check_source(source)
+            self._check_frame(frame)
+            time = read_time("stamp", stamp)
+            ends, begin = read_rays(points, origin)
+            mask = read_mask(occupied, len(ends))
+            error = read_bound("position_error", position_error, self._extent, "m")
+            if self._clouds is None:
+                self._clouds = CloudReader()
+            edge = read_edge(voxel, self._clouds.edges.get(source), source)
+            placed, number = self._memory.data.frames, self._frames[frame]
+            error += float(placed.position_error[number])
+            bounds = self.bounds.find(["voxel"])
+            rate, pace = (float(np.max(bound)) for bound in bounds)
+            names, centers, dropped = self._clouds.read(
+                ends,
+                mask,
+                begin,
+                placed.rotation[number],
+                placed.translation[number],
+                edge,
+                self._extent,
+            )
+        except ObstacleError as error_found:
+            raise self._leave_malformed(error_found, source, stamp) from None
+        self.update(
+            names,
+            time,
+            centers,
+            None,
+            enclosing_radius(edge),
+            rate if accel is None else accel,
+            pace if speed is None else speed,
+            error,
+            source=source,
+            snapshot=snapshot,
+        )
+        self._clouds.edges[source] = edge
+        if dropped:
+            self.drop_points(source, time, len(ends), dropped)
+        if not snapshot:
+            gone = self._clouds.find_empty(self._list_unseen(source, names, time), edge, error)
+            if gone:
+                self.remove(gone, time, source)
+
+    def _list_unseen(self, source: str, seen: list[str], time: float) -> list[str]:
+        """Ids of a source that a message at a time in [s] does not show, and that are older."""
+        state = self._sources.find(source)
+        rows = {} if state is None else self._rows_of(state.index)
+        table, unseen = self.table, rows.keys() - set(seen)
+        return [
+            name
+            for name in sorted(unseen)
+            if table.has_state[rows[name]]
+            and not table.refused[rows[name]]
+            and table.stamp[rows[name]] < time
+        ]
+
+    def drop_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
+        """Leaves the fault of points that could not be used, for those that have dropped them.
+
+        Args:
+            source: Whose cloud it was; one that has spoken.
+            stamp: Of the cloud, in [s].
+            points: How many it had.
+            dropped: How many of them were left out.
+        """
+        if self.journal is not None:
+            self.journal.note_dropped_points(source, stamp, points, dropped)
+        state = self._sources.find(source)
+        if state is not None:
+            self._sources.count(state, stamp, points, dropped)
+        found = f"without {dropped} of {points} points"
+        self._faults.leave(FaultKind.POINTS_DROPPED, source, "", "cloud", found, stamp)
 
     def _read_samples(
         self,

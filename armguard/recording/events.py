@@ -113,6 +113,15 @@ class MalformedCall(Event, frozen=True, kw_only=True):
     stamp: Number
 
 
+class DroppedPoints(Event, frozen=True, kw_only=True):
+    """Points of a cloud that could not be used; its voxels stand in an update."""
+
+    source: str
+    stamp: Number
+    points: int
+    dropped: int
+
+
 class FaultsTaken(Event, frozen=True, kw_only=True):
     """The application asked for the faults of obstacles, so the monitor is not told them."""
 
@@ -232,6 +241,7 @@ TOPICS: dict[type[Event], str] = {
     StaticObstacle: "statics",
     Removal: "removals",
     MalformedCall: "malformed_calls",
+    DroppedPoints: "dropped_points",
     FaultsTaken: "faults_taken",
     Payload: "payload",
     Reset: "resets",

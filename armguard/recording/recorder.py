@@ -36,6 +36,7 @@ from armguard.recording.events import (
     KINDS,
     REASON_NAMES,
     BodiesChanged,
+    DroppedPoints,
     FaultsTaken,
     Gap,
     JointState,
@@ -330,6 +331,11 @@ class Recorder:
                 source=source, offender=offender, problem=problem, stamp=write_number(stamp)
             )
         )
+
+    def note_dropped_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
+        """As `ObstacleJournal` says."""
+        told = write_number(stamp)
+        self._tell(DroppedPoints(source=source, stamp=told, points=points, dropped=dropped))
 
     def note_faults_taken(self) -> None:
         """As `ObstacleJournal` says; the monitor itself takes them in its steps."""

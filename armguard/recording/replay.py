@@ -21,6 +21,7 @@ from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.events import (
     BodiesChanged,
+    DroppedPoints,
     Event,
     FaultsTaken,
     Gap,
@@ -217,6 +218,9 @@ class Replay:
         elif isinstance(event, MalformedCall):
             stamp = float(event.stamp)
             obstacles.leave_malformed(event.source, event.offender, event.problem, stamp)
+        elif isinstance(event, DroppedPoints):
+            stamp = float(event.stamp)
+            obstacles.drop_points(event.source, stamp, event.points, event.dropped)
         elif isinstance(event, FaultsTaken):
             obstacles.take_faults()
         elif isinstance(event, Payload):
