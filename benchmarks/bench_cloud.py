@@ -60,14 +60,21 @@ def make_rays(shape: tuple[int, int], view: float = 1.05) -> np.ndarray:
 
 def cast(rays: np.ndarray, balls: np.ndarray) -> np.ndarray:
     """Where rays end among balls (n, 4) and before the background, in [m]. Shape (n, 3)."""
-    depth, square = np.full(len(rays), BACKGROUND), (rays**2).sum(axis=1)
+    depth, forward = np.full(len(rays), BACKGROUND), TARGET - CAMERA
+    forward = forward / np.linalg.norm(forward)
+    square = (rays**2).sum(axis=1)
     for *center, radius in balls:
         offset = np.array(center) - CAMERA
-        along = rays @ offset
-        near = np.flatnonzero(along**2 > square * (offset @ offset - radius**2))
-        root = along[near] ** 2 - square[near] * (offset @ offset - radius**2)
-        first = (along[near] - np.sqrt(root)) / square[near]
-        depth[near] = np.minimum(depth[near], np.where(first > 0.0, first, BACKGROUND))
+        axial = offset @ forward
+        if not axial > 2.0 * radius:
+            continue
+        # Of length 1 along the axis, rays that may meet it pass this near its centre there.
+        near = np.abs(rays - offset / axial).max(axis=1) <= 2.0 * radius / (axial - radius)
+        near = np.flatnonzero(near)
+        along = rays[near] @ offset
+        root = along**2 - square[near] * (offset @ offset - radius**2)
+        hit = np.where(root > 0.0, (along - np.sqrt(np.maximum(root, 0.0))) / square[near], np.inf)
+        depth[near] = np.minimum(depth[near], hit)
     return CAMERA + depth[:, None] * rays
 
 
