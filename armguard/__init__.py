@@ -34,7 +34,7 @@ from armguard.monitor import (
     TrialTick,
 )
 from armguard.obstacles import Fault, Frame, Obstacles, Source
-from armguard.pairs import SeparationRule
+from armguard.pairs import CloudFilter, SeparationRule
 from armguard.recording import Recorder
 from armguard.robot import OperatingLimits, Robot
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
@@ -44,6 +44,7 @@ __all__ = [
     "Attention",
     "Certificate",
     "Choice",
+    "CloudFilter",
     "Cover",
     "CoverReport",
     "Explanation",

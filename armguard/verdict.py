@@ -124,6 +124,12 @@ class ReasonKind(enum.Enum):
         "swapped ids and jumps in perception; where the body is that fast, state larger "
         "bounds (docs/people.md).",
     )
+    POINTS_DROPPED = (
+        "points of a cloud dropped",
+        Effect.NOTE,
+        "Leave out rays that came back from nothing before sending; where that is not what they "
+        "are, see what is wrong with the camera: what they hit is not known.",
+    )
     BOUND_BROKEN = (
         "obstacle broke its bounds",
         Effect.NOTE,

@@ -56,8 +56,8 @@ class Explanation(NamedTuple):
     """What a look at this moment says."""
     stop_time: float
     obstacle_age: float
-    """Of the obstacle's state, accepted or else refused; 0 for one that stands still for ever, NaN
-    for one that could be anywhere."""
+    """Of the obstacle's state, accepted or else refused; 0 for one that stands still for ever and
+    for an entrance, NaN for one that could be anywhere."""
     arm_age: float
     """Of the joint state."""
     look_age: float
@@ -169,6 +169,8 @@ def _find_gains(
     younger = slower = 0.0
     if not state.marks.static[row]:
         younger = -MILLISECOND * _fit_slope(ages, times([Change(age=age) for age in ages]))
+    # Out of an entrance, which has a speed, comes what moves.
+    if not state.marks.static[row] or state.bodies.speed[row] > 0.0:
         paces = times([Change(distance=offset, speed=-PACE) for offset in offsets])
         slower = _mean_difference(paces, usual)
     return (

@@ -152,6 +152,9 @@ class Judge:
         ):
             bound = BOUND_NAMES[self._scheduler.recall(pair).bound]
             detail = f"in {contact_time:.4g} s by the {bound} bound"
+            arm = self._scheduler.arm
+            if arm.obstacles.is_entrance(pair // len(arm.links)):
+                detail += ", by what may come out of it unseen"
             reasons.append(Reason(ReasonKind.CONTACT, f"{names[0]} and {names[1]}", detail))
         if held:
             reasons.append(Reason(ReasonKind.HOLD))

@@ -21,6 +21,7 @@ from armguard.bounds.planned.plan import CheckedPlan, Plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.monitor.choice import Choice, TrialTick, choose
+from armguard.monitor.entrances import check_entrances
 from armguard.monitor.explain import Explanation
 from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.joint_reasons import (
@@ -121,7 +122,8 @@ class Monitor:
         choice: What `auto` chose of the settings, and why; None: nothing was chosen.
 
     Raises:
-        ArmguardError: If an argument is out of range or names what does not exist.
+        ArmguardError: If an argument is out of range or names what does not exist, or an entrance
+            is around a link that cannot leave it.
     """
 
     def __init__(
@@ -208,6 +210,7 @@ class Monitor:
         self._scheduler = make_scheduler(
             robot, obstacles, settings, self._ignored, self._states, in_force, self._operating
         )
+        check_entrances(self._scheduler.arm)
         self._judge = Judge(
             robot,
             self._scheduler,

@@ -72,6 +72,8 @@ def _as_reason(fault: Fault) -> Reason:
     elif fault.kind is FaultKind.LATE:
         # It is in the cell, and not in the table: nothing bounds it.
         kind = ReasonKind.OBSTACLE_NOT_BELIEVED
+    elif fault.kind is FaultKind.POINTS_DROPPED:
+        kind = ReasonKind.POINTS_DROPPED
     elif fault.id:
         kind = ReasonKind.OBSTACLE_REFUSED
     else:

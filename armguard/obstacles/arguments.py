@@ -109,7 +109,7 @@ def read_bound(name: str, value: object, limit: float, unit: str) -> float:
 
 def read_points(name: str, value: ArrayLike | list[ArrayLike], count: int) -> FloatArray:
     """Points or velocities of `count` obstacles. Shape (count, 3) or (count, k, 3), k up to 8."""
-    array = _read_array(name, value)
+    array = read_array(name, value)
     shape = array.shape
     if shape == (count, 3):
         return array
@@ -132,7 +132,7 @@ def read_field(name: str, value: ArrayLike, count: int) -> float | FloatArray:
     """One number for all obstacles, or one for each: an array of shape (count,)."""
     if type(value) is float:
         return value
-    array = _read_array(name, value)
+    array = read_array(name, value)
     if array.shape == ():
         return float(array)
     if array.shape == (count,):
@@ -142,7 +142,7 @@ def read_field(name: str, value: ArrayLike, count: int) -> float | FloatArray:
     )
 
 
-def _read_array(name: str, value: ArrayLike | list[ArrayLike]) -> FloatArray:
+def read_array(name: str, value: ArrayLike | list[ArrayLike]) -> FloatArray:
     """Numbers as float64, not copied if they are that already."""
     if isinstance(value, np.ma.MaskedArray):
         # What was masked out was not measured.

@@ -31,6 +31,7 @@ class FaultKind(enum.StrEnum):
     UNKNOWN_ID = "removal of an id that is not in the table"
     TRACK_CHANGED = "continued on another track"
     WRONG_FRAME = "another frame than before, and what came in it contradicts that"
+    POINTS_DROPPED = "points that are not finite, or beyond the table's extent"
     TABLE_FULL = "no room left in the table"
 
 

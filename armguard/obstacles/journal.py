@@ -66,12 +66,30 @@ class ObstacleJournal(Protocol):
         """Is told an obstacle that stands still for ever, in [m]. Points of shape (k, 3)."""
         ...
 
+    def note_entrance(
+        self, id: str, points: FloatArray, radius: float, speed: float, accel: float
+    ) -> None:
+        """Is told a region out of which bodies come, as it counts: widened by what is not found.
+
+        Args:
+            id: Its name.
+            points: Whose hull it is, in [m]. Shape (k, 3).
+            radius: Around the hull, in [m].
+            speed: Of what comes out, in [m]/[s].
+            accel: Of what comes out, in [m]/[s]².
+        """
+        ...
+
     def note_removal(self, ids: Sequence[str], stamp: float | None, source: str | None) -> None:
         """Is told a removal; what it means without stamp or source is as in `Obstacles.remove`."""
         ...
 
     def note_malformed(self, source: str, offender: str, problem: str, stamp: float) -> None:
         """Is told a call of which nothing was taken, stamped in [s], NaN where that was none."""
+        ...
+
+    def note_dropped_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
+        """Is told how many of a cloud's points could not be used; its stamp in [s]."""
         ...
 
     def note_faults_taken(self) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from armguard.exceptions import ObstacleError
 from armguard.jit import numerics
-from armguard.jit.arrays import IntArray
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code
 from armguard.obstacles import acceptance as rule
 from armguard.obstacles.arguments import (
@@ -30,6 +30,13 @@ from armguard.obstacles.arguments import (
     read_points,
     read_time,
     show,
+)
+from armguard.obstacles.clouds import (
+    CloudReader,
+    enclosing_radius,
+    read_edge,
+    read_mask,
+    read_rays,
 )
 from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.frames import Frame
@@ -124,6 +131,7 @@ class Obstacles(ObstacleRegister):
         self._frames = {name: number for number, name in enumerate(places)}
         self._told_frames = ToldFrames()
         self._memory = MessageMemory(list(places.values()))
+        self._clouds: CloudReader | None = None
         self._bind()
 
     def __getstate__(self) -> dict[str, object]:
@@ -284,6 +292,128 @@ class Obstacles(ObstacleRegister):
         if snapshot:
             self._remove_absent(rows, time, state, late)
 
+    def update_cloud(
+        self,
+        source: str,
+        stamp: float,
+        points: ArrayLike,
+        origin: ArrayLike,
+        voxel: float = 0.05,
+        *,
+        occupied: ArrayLike | None = None,
+        position_error: float = 0.0,
+        accel: float | None = None,
+        speed: float | None = None,
+        frame: str = WORLD,
+        snapshot: bool = False,
+    ) -> None:
+        """Takes a cloud of points of a source that measures depth; without points, a heartbeat.
+
+        Each voxel with a point in it is an obstacle, "voxel 3 -2 14": a ball around a cube of a
+        lattice fixed in the world, sqrt(3)/2 of its edge in radius, with a velocity that is not
+        known. A voxel that no point falls into any more may be hidden, so it stays and grows with
+        its age; it goes where rays of one cloud passed through all of it, by the rule in `clouds`,
+        or by `snapshot`. What is behind what the source sees was never reported: where somebody may
+        hide there, `add_entrance` says so. A source sends clouds, or obstacles by `update`, and not
+        both with snapshots.
+
+        Points that are not finite, or beyond the table's extent, are left out, and a fault says how
+        many. Where they are more than half of what came in a second, the source is not believed.
+
+        Args:
+            source: Name of the source that speaks; required from then on.
+            stamp: When the cloud was measured, in [s].
+            points: Where rays end, in [m]. Shape (n, 3).
+            origin: Where they begin, the camera's centre, in [m] in the same frame. Shape (3,).
+            voxel: Edge of the voxels, in [m], the same in all clouds of a source.
+            occupied: Which points are to be obstacles, such as those that `CloudFilter` does not
+                find to be the arm's, and no background finds to be its own; the rays of the others
+                still tell what is empty. None: all. Bool, shape (n,).
+            position_error: What points may be off by, half the distance between neighbouring rays
+                where they end included, in [m].
+            accel: Bound on acceleration, in [m/s²]; None: the table's for the id "voxel".
+            speed: Bound on speed, in [m/s]; None: the table's for the id "voxel".
+            frame: In which frame, one of the table's.
+            snapshot: Whether this source sees the whole cell: all else of it is removed.
+
+        Raises:
+            ObstacleError: The call is malformed; nothing of it is taken, and a fault is left.
+        """
+        try:
+            self._check_source(source)
+            self._check_frame(frame)
+            time = read_time("stamp", stamp)
+            ends, begin = read_rays(points, origin)
+            mask = read_mask(occupied, len(ends))
+            error = read_bound("position_error", position_error, self._extent, "m")
+            if self._clouds is None:
+                self._clouds = CloudReader()
+            edge = read_edge(voxel, self._clouds.edges.get(source), source)
+            placed, number = self._memory.data.frames, self._frames[frame]
+            error += float(placed.position_error[number])
+            bounds = self.bounds.find(["voxel"])
+            rate, pace = (float(np.max(bound)) for bound in bounds)
+            names, centers, dropped = self._clouds.read(
+                ends,
+                mask,
+                begin,
+                placed.rotation[number],
+                placed.translation[number],
+                edge,
+                self._extent,
+            )
+        except ObstacleError as error_found:
+            raise self._leave_malformed(error_found, source, stamp) from None
+        self.update(
+            names,
+            time,
+            centers,
+            None,
+            enclosing_radius(edge),
+            rate if accel is None else accel,
+            pace if speed is None else speed,
+            error,
+            source=source,
+            snapshot=snapshot,
+        )
+        self._clouds.edges[source] = edge
+        if dropped:
+            self.drop_points(source, time, len(ends), dropped)
+        if not snapshot:
+            gone = self._clouds.find_empty(self._list_unseen(source, names, time), edge, error)
+            if gone:
+                self.remove(gone, time, source)
+
+    def _list_unseen(self, source: str, seen: list[str], time: float) -> list[str]:
+        """Ids of a source that a message at a time in [s] does not show, and that are older."""
+        state = self._sources.find(source)
+        rows = {} if state is None else self._rows_of(state.index)
+        table, unseen = self.table, rows.keys() - set(seen)
+        return [
+            name
+            for name in sorted(unseen)
+            if table.has_state[rows[name]]
+            and not table.refused[rows[name]]
+            and table.stamp[rows[name]] < time
+        ]
+
+    def drop_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
+        """Leaves the fault of points that could not be used, for those that have dropped them.
+
+        Args:
+            source: Whose cloud it was; one that has spoken.
+            stamp: Of the cloud, in [s].
+            points: How many it had.
+            dropped: How many of them were left out.
+        """
+        if self.journal is not None:
+            self.journal.note_dropped_points(source, stamp, points, dropped)
+        state = self._sources.find(source)
+        if state is not None:
+            self._sources.count(state, stamp, points, dropped)
+        found = f"without {dropped} of {points} points"
+        self._faults.leave(FaultKind.POINTS_DROPPED, source, "", "cloud", found, stamp)
+
     def _read_samples(
         self,
         count: int,
@@ -374,7 +504,7 @@ class Obstacles(ObstacleRegister):
         """Adds an obstacle that stands still for ever and never ages.
 
         Args:
-            id: Its name, unique among obstacles that stand still.
+            id: Its name, unique among obstacles that stand still and entrances.
             position: Its centre, or up to eight points whose hull it is, in [m]. Shape (3,) or
                 (k, 3).
             radius: Around the hull, in [m].
@@ -383,32 +513,115 @@ class Obstacles(ObstacleRegister):
             ObstacleError: Something of this is malformed, or the id is taken; a fault is left.
         """
         try:
-            (name,) = read_ids([id])
-            if name in self._rows_of(NO_SOURCE):
-                raise ObstacleError(f"id {name!r}", "is in the table already")
-            points = read_points("position", [position], 1).reshape(-1, 3)
-            (size,) = np.atleast_1d(read_field("radius", radius, 1)).tolist()
-            if not (np.isfinite(points).all() and 0.0 <= size < math.inf):
-                raise ObstacleError(
-                    f"static obstacle {name!r}",
-                    f"is at {points.tolist()} with radius {size}",
-                    expected="finite numbers and a radius of at least 0",
-                )
-            if not max(np.abs(points).max(), size) <= self._extent:
-                raise ObstacleError(
-                    f"static obstacle {name!r}",
-                    f"is at {points.tolist()} with radius {size}",
-                    expected=f"metres, within the extent of {self._extent:g} m",
-                    remedy="Obstacles(extent=…) allows for more",
-                )
-            row = self._take_row(name, NO_SOURCE, -math.inf)
-            if row < 0:
-                raise ObstacleError(f"id {name!r}", "finds no room in the table")
+            name, points, size = self._read_place("static obstacle", id, position, radius)
+            row = self._take_place(name)
         except ObstacleError as error:
             raise self._leave_malformed(error, "", math.nan) from None
         if self.journal is not None:
-            self.journal.note_static(name, points, float(size))
+            self.journal.note_static(name, points, size)
         self.table.place_static(row, points, size)
+
+    def add_entrance(
+        self,
+        id: str,
+        position: ArrayLike,
+        radius: float,
+        detection_time: float,
+        speed: float | None = None,
+        accel: float | None = None,
+    ) -> None:
+        """Adds a region out of which a body may come unseen, at any moment and at any velocity.
+
+        Such as a door, the edges of what a camera sees, the far side of a pillar. What nobody
+        reports is taken not to be there, except here: at every tick, a body that is not reported
+        may be anywhere in the region or, since finding it takes a moment, as far outside as its
+        speed carries it in that moment, and it may move at that speed from there. So an entrance is
+        widened once, by speed times `detection_time`; it never ages, no source tells of it, no
+        snapshot removes it, and it counts with its present region in every tick.
+
+        Its contact time is that of a body that walks already. One that stands there yet comes no
+        sooner, for whatever it does it is no faster; so its acceleration makes no difference, and
+        is kept for those who ask.
+
+        Args:
+            id: Its name, unique among obstacles that stand still and entrances; verdicts name it.
+            position: Its centre, or up to eight points whose hull it is, in [m]. Shape (3,) or
+                (k, 3).
+            radius: Around the hull, in [m]. The region holds all of a body that is not seen, its
+                hands as well as its trunk.
+            detection_time: From leaving the region until a source has reported the body, at the
+                longest, in [s]: period of the source, missed messages and latency together.
+            speed: Bound on what comes out, in [m]/[s], finite and above 0; None: the table's for
+                this id.
+            accel: Bound on what comes out, in [m]/[s]^2; None: the table's for this id.
+
+        Raises:
+            ObstacleError: Something of this is malformed, or the id is taken; a fault is left.
+        """
+        try:
+            name, points, size = self._read_place("entrance", id, position, radius)
+            known_accel, known_speed = self.bounds.find([name])
+            rate = float(np.max(known_accel)) if accel is None else accel
+            pace = float(np.max(known_speed)) if speed is None else speed
+            rate = read_bound("accel", rate, rule.MAXIMUM_ACCEL, "m/s²")
+            pace = read_bound("speed", pace, rule.MAXIMUM_SPEED, "m/s")
+            if not 0.0 < pace < math.inf:
+                raise ObstacleError(
+                    f"entrance {name!r}",
+                    f"has a speed of {pace} m/s",
+                    expected="a finite speed above 0: without a bound, contact is always possible",
+                )
+            delay = read_time("detection_time", detection_time)
+            if not delay >= 0.0:
+                raise ObstacleError(
+                    "detection_time", f"is {delay}", expected="a time of at least 0 in [s]"
+                )
+            if delay > 0.0:
+                # One without delay, as that of a recording, stays to the bit.
+                size = (size + pace * delay) * (1.0 + numerics.TERM_ROUNDING)
+            if not size <= self._extent:
+                raise ObstacleError(
+                    f"entrance {name!r}",
+                    f"is {size:.4g} m wide after {delay:g} s at {pace:g} m/s",
+                    expected=f"a region within the extent of {self._extent:g} m",
+                )
+            row = self._take_place(name)
+        except ObstacleError as error:
+            raise self._leave_malformed(error, "", math.nan) from None
+        if self.journal is not None:
+            self.journal.note_entrance(name, points, size, pace, rate)
+        self.table.place_entrance(row, points, size, rate, pace)
+
+    def _read_place(
+        self, what: str, id: str, position: ArrayLike, radius: float
+    ) -> tuple[str, FloatArray, float]:
+        """Name, points in [m] and radius in [m] of what no source tells of."""
+        (name,) = read_ids([id])
+        if name in self._rows_of(NO_SOURCE):
+            raise ObstacleError(f"id {name!r}", "is in the table already")
+        points = read_points("position", [position], 1).reshape(-1, 3)
+        (size,) = np.atleast_1d(read_field("radius", radius, 1)).tolist()
+        if not (np.isfinite(points).all() and 0.0 <= size < math.inf):
+            raise ObstacleError(
+                f"{what} {name!r}",
+                f"is at {points.tolist()} with radius {size}",
+                expected="finite numbers and a radius of at least 0",
+            )
+        if not max(np.abs(points).max(), size) <= self._extent:
+            raise ObstacleError(
+                f"{what} {name!r}",
+                f"is at {points.tolist()} with radius {size}",
+                expected=f"metres, within the extent of {self._extent:g} m",
+                remedy="Obstacles(extent=…) allows for more",
+            )
+        return name, points, float(size)
+
+    def _take_place(self, name: str) -> int:
+        """Row for what no source tells of."""
+        row = self._take_row(name, NO_SOURCE, -math.inf)
+        if row < 0:
+            raise ObstacleError(f"id {name!r}", "finds no room in the table")
+        return row
 
     def remove(
         self, ids: Sequence[str], stamp: float | None = None, source: str | None = None

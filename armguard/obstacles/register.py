@@ -296,6 +296,17 @@ class ObstacleRegister:
         """Faults that were dropped, because too many came between two steps."""
         return self._faults.dropped
 
+    def is_entrance(self, row: int) -> bool:
+        """Whether bodies that nobody has reported may come out of a row at any moment."""
+        table = self.table
+        return bool(table.static[row] and table.has_state[row] and table.speed[row] > 0.0)
+
+    @property
+    def entrance_rows(self) -> IntArray:
+        """Rows of entrances. Shape (r,)."""
+        table = self.table
+        return np.flatnonzero(table.alive & table.static & (table.speed > 0.0))
+
     def _take_row(self, name: str, owner: int, stamp: float) -> int:
         """A row for an obstacle first seen at `stamp` [s]; -1 if there is no room."""
         row = self.table.take_row(owner)

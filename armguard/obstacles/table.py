@@ -61,7 +61,7 @@ class Marks(NamedTuple):
     alive: BoolArray
     """In use. Shape (rows,)."""
     static: BoolArray
-    """Never moves and never ages. Shape (rows,)."""
+    """Never ages: it never moves, or it is an entrance, which has a speed. Shape (rows,)."""
     has_state: BoolArray
     """An accepted state exists. Shape (rows,)."""
     refused: BoolArray
@@ -246,6 +246,17 @@ class ObstacleTable:
         self.radius[row] = radius
         self.static[row] = self.has_state[row] = True
         note_row(self.changed_rows, row)
+
+    def place_entrance(
+        self, row: int, points: FloatArray, radius: float, accel: float, speed: float
+    ) -> None:
+        """Lets bodies come out of a row at any moment: as `place_static`, in [m]/[s]² and [m]/[s].
+
+        Their velocities may be any up to their speed, as of a body whose velocity is unknown.
+        """
+        self.place_static(row, points, radius)
+        self.accel[row] = accel
+        self.speed[row] = self.velocity_error[row] = speed
 
     def widen(self, points: int) -> None:
         """Makes room for bodies of so many points, at most `MAXIMUM_POINTS`."""

@@ -1,9 +1,14 @@
-"""Pairs of link and obstacle on the numbers of one tick: contact times and distances."""
+"""Pairs of link and obstacle on the numbers of one tick: contact times and distances.
 
+Beside them what of a camera's points is the arm.
+"""
+
+from armguard.pairs.cloud_filter import CloudFilter
 from armguard.pairs.separation import compute_separation
 from armguard.pairs.separation_margin import SeparationRule
 
 __all__ = [
+    "CloudFilter",
     "SeparationRule",
     "compute_separation",
 ]

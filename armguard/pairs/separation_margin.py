@@ -37,7 +37,7 @@ class SeparationRule(NamedTuple):
     human_speed: float | None = HUMAN_SPEED
     """Speed of every obstacle that is not static, v_h, in [m/s]; None: its own speed bound."""
     intrusion_distance: float = 0.0
-    """How far a person reaches before they are seen, C, in [m]; not added for statics."""
+    """How far a person reaches before they are seen, C, in [m]; not added for what stands still."""
     human_uncertainty: float = 0.0
     """Added to the obstacle's position error, Zd, in [m]."""
     robot_uncertainty: float = 0.0
@@ -208,7 +208,8 @@ def _bodies_margin(
             corners, body_radius = bodies.point_count[place], bodies.radius[place]
             walks = 0.0
             offsets = human_uncertainty + robot_uncertainty + bodies.position_error[place]
-            if number > 0 or not marks.static[row]:
+            # Bodies that nobody has reported come out of an entrance, which has a speed.
+            if number > 0 or not marks.static[row] or bodies.speed[place] > 0.0:
                 error, pace = bodies.velocity_error[place], 0.0
                 for k in range(corners):
                     pace = max(

@@ -83,12 +83,17 @@ class ObstacleUpdate(Event, frozen=True, kw_only=True):
 
 
 class StaticObstacle(Event, frozen=True, kw_only=True):
-    """An obstacle that stands still for ever, in [m]."""
+    """An obstacle that stands still for ever, or an entrance, in [m]."""
 
     id: str
     position: Numbers
     """x, y, z of each point, one after another."""
     radius: Number
+    """Of an entrance, with what it was widened by."""
+    speed: Number | UnsetType = UNSET
+    """Of what comes out of an entrance, in [m/s]; nothing else has one."""
+    accel: Number | UnsetType = UNSET
+    """Alike, in [m/s²]."""
 
 
 class Removal(Event, frozen=True, kw_only=True):
@@ -106,6 +111,15 @@ class MalformedCall(Event, frozen=True, kw_only=True):
     offender: str
     problem: str
     stamp: Number
+
+
+class DroppedPoints(Event, frozen=True, kw_only=True):
+    """Points of a cloud that could not be used; its voxels stand in an update."""
+
+    source: str
+    stamp: Number
+    points: int
+    dropped: int
 
 
 class FaultsTaken(Event, frozen=True, kw_only=True):
@@ -227,6 +241,7 @@ TOPICS: dict[type[Event], str] = {
     StaticObstacle: "statics",
     Removal: "removals",
     MalformedCall: "malformed_calls",
+    DroppedPoints: "dropped_points",
     FaultsTaken: "faults_taken",
     Payload: "payload",
     Reset: "resets",

@@ -31,6 +31,7 @@ from armguard.obstacles.message import ToldSamples
 from armguard.recording.events import (
     FORMAT,
     BodiesChanged,
+    DroppedPoints,
     FaultsTaken,
     Gap,
     JointState,
@@ -346,6 +347,12 @@ class Recorder:
         """As `ObstacleJournal` says."""
         self._tell(_tell_static(id, points, radius))
 
+    def note_entrance(
+        self, id: str, points: FloatArray, radius: float, speed: float, accel: float
+    ) -> None:
+        """As `ObstacleJournal` says."""
+        self._tell(_tell_static(id, points, radius, speed, accel))
+
     def note_removal(self, ids: Sequence[str], stamp: float | None, source: str | None) -> None:
         """As `ObstacleJournal` says."""
         self._tell(
@@ -363,6 +370,11 @@ class Recorder:
                 source=source, offender=offender, problem=problem, stamp=write_number(stamp)
             )
         )
+
+    def note_dropped_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
+        """As `ObstacleJournal` says."""
+        told = write_number(stamp)
+        self._tell(DroppedPoints(source=source, stamp=told, points=points, dropped=dropped))
 
     def note_faults_taken(self) -> None:
         """As `ObstacleJournal` says; the monitor itself takes them in its steps."""
@@ -570,12 +582,27 @@ def _check_untouched(monitor: Monitor) -> None:
 def _list_statics(monitor: Monitor) -> list[StaticObstacle]:
     table, ids = monitor.obstacles.table, monitor.obstacles.ids
     return [
-        _tell_static(ids[row], table.points[row, : table.point_count[row]], table.radius[row])
+        _tell_static(
+            ids[row],
+            table.points[row, : table.point_count[row]],
+            table.radius[row],
+            *((table.speed[row], table.accel[row]) if monitor.obstacles.is_entrance(row) else ()),
+        )
         for row in np.flatnonzero(table.alive & table.static).tolist()
     ]
 
 
-def _tell_static(id: str, points: FloatArray, radius: float) -> StaticObstacle:
+def _tell_static(
+    id: str,
+    points: FloatArray,
+    radius: float,
+    speed: float | None = None,
+    accel: float | None = None,
+) -> StaticObstacle:
     return StaticObstacle(
-        id=id, position=write_numbers(np.ravel(points)), radius=write_number(float(radius))
+        id=id,
+        position=write_numbers(np.ravel(points)),
+        radius=write_number(float(radius)),
+        speed=UNSET if speed is None else write_number(float(speed)),
+        accel=UNSET if accel is None else write_number(float(accel)),
     )

@@ -21,6 +21,7 @@ from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.events import (
     BodiesChanged,
+    DroppedPoints,
     Event,
     FaultsTaken,
     Gap,
@@ -199,7 +200,13 @@ class Replay:
         monitor = self.monitor
         if isinstance(event, StaticObstacle):
             points = read_numbers(event.position).reshape(-1, 3)
-            self.obstacles.add_static(event.id, points, float(event.radius))
+            radius = float(event.radius)
+            if isinstance(event.speed, float | str) and isinstance(event.accel, float | str):
+                # It is as wide as it counts already.
+                speed, accel = float(event.speed), float(event.accel)
+                self.obstacles.add_entrance(event.id, points, radius, 0.0, speed, accel)
+            else:
+                self.obstacles.add_static(event.id, points, radius)
         elif isinstance(event, Payload):
             if "payload" not in self._changes:
                 monitor.payload = float(event.payload)
@@ -281,6 +288,9 @@ def apply_event(monitor: Monitor, event: Event) -> None:
     elif isinstance(event, MalformedCall):
         stamp = float(event.stamp)
         obstacles.leave_malformed(event.source, event.offender, event.problem, stamp)
+    elif isinstance(event, DroppedPoints):
+        stamp = float(event.stamp)
+        obstacles.drop_points(event.source, stamp, event.points, event.dropped)
     elif isinstance(event, FaultsTaken):
         obstacles.take_faults()
     elif isinstance(event, Reset):

@@ -49,6 +49,23 @@ def test_a_refused_row_is_named_once_for_as_long_as_it_may_be_true(obstacles):
     assert kinds(obstacles, 1.32) == []
 
 
+def test_points_that_were_left_out_are_a_note_once(obstacles):
+    points = np.ones((8, 3))
+    points[3] = np.nan
+    obstacles.update_cloud("depth", 1.0, points, [0, 0, 0])
+    (reason,) = take_obstacle_reasons(obstacles, 1.0, 0.2, 0.3)
+    assert reason.kind is ReasonKind.POINTS_DROPPED
+    assert reason.kind.effect is Effect.NOTE
+    assert reason.subject == "depth"
+    assert reason.detail.startswith("cloud is without 1 of 8 points: points that are not finite")
+    assert kinds(obstacles) == []
+
+
+def test_a_blind_camera_is_not_believed(obstacles):
+    obstacles.update_cloud("depth", 1.0, np.full((80, 3), np.nan), [0, 0, 0])
+    assert set(kinds(obstacles)) == {ReasonKind.SOURCE_NOT_BELIEVED, ReasonKind.POINTS_DROPPED}
+
+
 def test_faults_are_told_in_sentences(obstacles):
     obstacles.update(["ball"], 1.01, [[np.nan, 0.0, 0.0]], STILL, radius=0.1, source="camera")
     with pytest.raises(ArmguardError):

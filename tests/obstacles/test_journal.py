@@ -35,6 +35,7 @@ def test_a_message_is_told_as_it_was_read_before_it_is_judged(table):
 
 def test_all_calls_are_told_and_malformed_ones_as_what_was_wrong(table):
     table.add_static("post", [0.0, 0.0, 1.0], 0.1)
+    table.add_entrance("door", [3.0, 0.0, 1.0], 0.1, 0.5, speed=2.0, accel=9.0)
     table.remove(["post"])
     table.remove(["thing"], 1.0, "camera")
     with pytest.raises(ObstacleError):
@@ -42,6 +43,7 @@ def test_all_calls_are_told_and_malformed_ones_as_what_was_wrong(table):
     table.take_faults()
     assert [name for name, _, _ in table.journal.told] == [
         "note_static",
+        "note_entrance",
         "note_removal",
         "note_removal",
         "note_malformed",
@@ -49,7 +51,10 @@ def test_all_calls_are_told_and_malformed_ones_as_what_was_wrong(table):
     ]
     removals = [arguments for name, arguments, _ in table.journal.told if "removal" in name]
     assert removals == [(["post"], None, None), (["thing"], 1.0, "camera")]
-    source, offender, problem, stamp = table.journal.told[3][1]
+    name, points, *numbers = table.journal.told[1][1]
+    assert (name, points.tolist()) == ("door", [[3.0, 0.0, 1.0]])
+    assert numbers == pytest.approx([1.1, 2.0, 9.0])
+    source, offender, problem, stamp = table.journal.told[4][1]
     assert (source, stamp) == ("camera", 3.0)
     assert "twice" in problem
     other = Obstacles()

@@ -96,6 +96,72 @@ def test_statics_stand_still_and_belong_to_nobody():
     assert obstacles.row("x") == -1
 
 
+def test_entrances_never_age_and_belong_to_nobody():
+    obstacles = Obstacles(accel=9.0, speed=1.5, bounds=[("gate*", 4.0, 3.0)])
+    obstacles.add_entrance("door", [[1, 2, 0], [1, 2, 2]], 0.5, 0.2)
+    obstacles.add_entrance("gate", [4, 2, 0], 0.25, 0.0)
+    obstacles.add_entrance("hatch", [4, 2, 0], 0.0, 0.1, speed=1.0, accel=2.0)
+    obstacles.add_static("wall", [9, 9, 0], 0.5)
+    table = obstacles.table
+    door, gate, hatch = (obstacles.row(id, "") for id in ("door", "gate", "hatch"))
+    # Widened by how far it gets until it is found; as fast as it may be, whichever way.
+    assert table.radius[door] == pytest.approx(0.5 + 1.5 * 0.2, abs=1e-12)
+    assert table.radius[door] >= 0.5 + 1.5 * 0.2
+    assert table.radius[gate] == 0.25
+    assert table.speed[[door, gate, hatch]].tolist() == [1.5, 3.0, 1.0]
+    assert table.velocity_error[[door, gate, hatch]].tolist() == [1.5, 3.0, 1.0]
+    assert table.accel[[door, gate, hatch]].tolist() == [9.0, 4.0, 2.0]
+    assert not table.velocities[door].any()
+    assert obstacles.entrance_rows.tolist() == sorted([door, gate, hatch])
+    assert not obstacles.is_entrance(obstacles.row("wall"))
+    assert obstacles.is_untouched
+    assert not obstacles.has_sources
+    obstacles.update([], 5.0, source="camera", snapshot=True)
+    see(obstacles, 6.0, id="door")
+    assert kinds(obstacles) == [FaultKind.SHARED_ID]
+    assert obstacles.row("door", "") == door
+    obstacles.remove(["door"])
+    assert obstacles.row("door", "") == -1
+    obstacles.add_static("door", [1, 2, 0], 0.5)
+    assert not obstacles.is_entrance(obstacles.row("door", ""))
+
+
+@pytest.mark.parametrize(
+    ("change", "offender"),
+    [
+        ({"position": [0, 0, math.nan]}, "door"),
+        ({"position": np.zeros((9, 3))}, "position"),
+        ({"position": [0, 0]}, "position"),
+        ({"radius": -0.1}, "door"),
+        ({"radius": math.inf}, "door"),
+        ({"detection_time": -0.1}, "detection_time"),
+        ({"detection_time": math.nan}, "detection_time"),
+        ({"detection_time": "soon"}, "detection_time"),
+        ({"detection_time": 60.0}, "door"),
+        ({"speed": 0.0}, "door"),
+        ({"speed": math.inf}, "door"),
+        ({"speed": math.nan}, "speed"),
+        ({"speed": 3e8}, "speed"),
+        ({"accel": -1.0}, "accel"),
+        ({"id": "post"}, "post"),
+        ({"id": ""}, "ids"),
+    ],
+)
+def test_entrances_that_make_no_sense_are_refused_by_name(change, offender):
+    obstacles = Obstacles()
+    obstacles.add_static("post", [3, 0, 0], 0.1)
+    given = {"id": "door", "position": [2, 0, 1], "radius": 0.5, "detection_time": 0.1}
+    with pytest.raises(ObstacleError, match=offender):
+        obstacles.add_entrance(**(given | change))
+    assert kinds(obstacles) == [FaultKind.MALFORMED]
+    assert obstacles.row("door") == -1
+
+
+def test_an_entrance_needs_a_bound_on_speed():
+    with pytest.raises(ObstacleError, match=r"door.*speed of inf"):
+        Obstacles(speed=math.inf).add_entrance("door", [2, 0, 1], 0.5, 0.1)
+
+
 # Removing
 
 

@@ -141,6 +141,17 @@ def test_statics_do_not_walk():
     assert margin == pytest.approx(expected, abs=NEARLY)
 
 
+def test_what_comes_out_of_an_entrance_walks():
+    arm = one_sphere([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.1)
+    rule = SeparationRule(intrusion_distance=0.3)
+    obstacles = Obstacles(speed=2.5)
+    obstacles.add_entrance("door", [[3.0, 0.0, 0.0]], 0.5, 0.1)
+    walking = ball([3.0, 0.0, 0.0], radius=0.75, speed=2.5)
+    for chosen in (rule, rule._replace(human_speed=None)):
+        margin = margin_of(scene_of(*arm, obstacles, now=9.0), chosen)
+        assert margin == pytest.approx(margin_of(scene_of(*arm, walking), chosen), abs=1e-6)
+
+
 def random_scene(random):
     low, high = PANDA.lower_position_limit, PANDA.upper_position_limit
     v = random.uniform(-1.0, 1.0, 7) * PANDA.velocity_limit

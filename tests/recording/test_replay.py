@@ -6,13 +6,22 @@ import pytest
 
 from armguard.exceptions import ArmguardError
 from armguard.recording import Recorder, Recording, Replay, replay
-from armguard.recording.events import Gap, ObstacleUpdate, VerdictTold, encode
+from armguard.recording.events import (
+    DroppedPoints,
+    Gap,
+    ObstacleUpdate,
+    Removal,
+    StaticObstacle,
+    VerdictTold,
+    encode,
+)
 from armguard.recording.reading import TimedEvent
 from armguard.recording.replay import UNEXPLAINED, apply_update
 from armguard.verdict import Level
 from support import eventful_runs
+from support.depth_camera import DepthCamera
 from support.eventful_runs import MOTIONS
-from support.panda_monitor import make_monitor
+from support.panda_monitor import HOME, STILL, make_monitor
 from support.recordings_made import record
 
 
@@ -56,6 +65,37 @@ def test_verdicts_of_an_eventful_run_are_the_same_to_the_bit(motion, tmp_path):
     ticks, _ = run(Recording(path))
     assert repr([tick.replayed for tick in ticks]) == repr(verdicts)
     assert repr([tick.recorded for tick in ticks]) == repr(verdicts)
+
+
+def test_clouds_and_entrances_are_replayed_to_the_bit(tmp_path):
+    camera = DepthCamera([0.0, -2.5, 0.5], [0.0, 0.0, 0.5], (60, 50))
+    obstacles, monitor = make_monitor()
+    obstacles.add_entrance("door", [-3.0, 0.0, 0.0], 0.3, 0.1)
+    path = tmp_path / "cloud.mcap"
+    with Recorder(path, monitor):
+        obstacles.add_entrance("gate", [[0.0, 3.0, 0.0], [0.0, 3.0, 2.0]], 0.1, 0.1, speed=1.5)
+        for tick in range(120):
+            now = 0.001 * tick
+            if tick % 10 == 0:
+                ends, met = camera.see([[0.012 * tick - 0.7, -1.2, 0.5]], [0.15])
+                ends[tick::500] = np.nan
+                obstacles.update_cloud("depth", now, ends, camera.origin, 0.1, occupied=met >= 0)
+            monitor.step(now, HOME, STILL)
+    voxels = {name for name in obstacles.ids if name.startswith("voxel")}
+    assert obstacles.count_of("depth") == len(voxels) > 5
+    recording = Recording(path)
+    told = [type(event) for _, event, _ in recording.events()]
+    assert told.count(StaticObstacle) == 2
+    assert told.count(DroppedPoints) == 12
+    assert told.count(Removal) > 2, "what was seen to be empty"
+    one = Replay(recording)
+    assert len(list(one.ticks())) == 120
+    assert one.report().is_identical
+    assert {name for name in one.obstacles.ids if name.startswith("voxel")} == voxels
+    table, again = obstacles.table, one.obstacles.table
+    rows = obstacles.entrance_rows
+    assert rows.tolist() == one.obstacles.entrance_rows.tolist()
+    assert table.radius[rows].tolist() == again.radius[rows].tolist()
 
 
 def test_one_bit_of_one_input_is_found_out(path):

@@ -44,6 +44,7 @@ def make_monitor(motion, robot=None):
     )
     obstacles.add_static("pillar", [[-1.0, 0.0, 0.0], [-1.0, 0.0, 2.0]], 0.2)
     obstacles.add_static("post", [0.1, -1.3, 0.3], 0.1)
+    obstacles.add_entrance("door", [[-2.9, 2.0, 0.0], [-2.9, 2.6, 2.1]], 0.3, 0.07, accel=9.1)
     ignore = [("panda_hand", "pillar"), ("*", "hidden*", "scanner")]
     settings = {"rate": 1.0 / PERIOD, "ignore": ignore, "rise_delay": 0.1, **MOTIONS[motion]}
     return robot, obstacles, Monitor(robot, obstacles, **settings)

@@ -19,7 +19,7 @@ import pinocchio
 from msgspec import UNSET
 from numpy.typing import NDArray
 
-from armguard.app.cell.frames import place_statics, read_rotation, resolve_frames
+from armguard.app.cell.frames import place_bodies, read_rotation, resolve_frames
 from armguard.app.cell.schema import (
     CellTables,
     PatternTable,
@@ -76,7 +76,8 @@ class Cell:
         self._check_settings()
         self._patterns = self._list_bounds(tables.bounds.of)
         self.frames = resolve_frames(tables, file)
-        self._statics = place_statics(tables, self.frames, file)
+        self._statics = place_bodies(tables.statics, "statics", self.frames, file)
+        self._entrances = place_bodies(tables.entrances, "entrances", self.frames, file)
 
     @classmethod
     def load(cls, path: str | Path) -> Cell:
@@ -162,7 +163,7 @@ class Cell:
         return self._attempt("robot.urdf", load_urdf)
 
     def make_obstacles(self) -> Obstacles:
-        """The table of obstacles, with its sources, frames and statics."""
+        """The table of obstacles, with its sources, frames, statics and entrances."""
         bounds = given(self.tables.bounds)
         bounds.pop("margin", None)
         bounds["bounds"] = self._patterns
@@ -186,7 +187,20 @@ class Cell:
                 obstacles.add_static(name, points, radius)
             return obstacles
 
-        return self._attempt("bounds", make)
+        obstacles = self._attempt("bounds", make)
+        for name, (points, radius) in self._entrances.items():
+            table = self.tables.entrances[name]
+            self._attempt(
+                f"entrances.{name}",
+                obstacles.add_entrance,
+                name,
+                points,
+                radius,
+                table.detection_time,
+                None if table.speed is UNSET else table.speed,
+                None if table.accel is UNSET else table.accel,
+            )
+        return obstacles
 
     def make_authenticator(self) -> Authenticator | None:
         """What lets in the clients of `[keys]`; None where the file has none."""

@@ -1,15 +1,16 @@
-"""The frames of a cell file, placed in the world, and what stands still in them."""
+"""The frames of a cell file, placed in the world, and what stands in them."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from armguard.app.cell.schema import CellTables, Quaternion, make_error
+from armguard.app.cell.schema import CellTables, Quaternion, StaticTable, make_error
 
 _UNIT_TOLERANCE = 1e-3
 
@@ -98,13 +99,14 @@ def read_rotation(key: str, quaternion: Quaternion, file: str) -> NDArray[np.flo
     return rotation
 
 
-def place_statics(
-    tables: CellTables, frames: dict[str, Placement], file: str
+def place_bodies(
+    tables: Mapping[str, StaticTable], key: str, frames: dict[str, Placement], file: str
 ) -> dict[str, tuple[NDArray[np.float64], float]]:
-    """What never moves: points in the world, in [m], and radius with the frame's error, in [m].
+    """What stands in a frame: points in the world, in [m], and radius with the frame's error, [m].
 
     Args:
-        tables: What the file says.
+        tables: What the file says of each, by name: `[statics]` or `[entrances]`.
+        key: Which of the two.
         frames: All frames by name, as resolved.
         file: What to call the file in errors.
 
@@ -112,13 +114,13 @@ def place_statics(
         CellError: Something has not exactly one of position and points, or no known frame.
     """
     placed = {}
-    for name, table in tables.statics.items():
+    for name, table in tables.items():
         if (table.position is None) == (table.points is None):
             problem = "has not exactly one of position and points"
-            raise make_error(file, f"statics.{name}", problem, "one of them")
+            raise make_error(file, f"{key}.{name}", problem, "one of them")
         if table.frame not in frames:
             known = f"one of {', '.join(frames)}"
-            raise make_error(file, f"statics.{name}.frame", f"is {table.frame!r}", known)
+            raise make_error(file, f"{key}.{name}.frame", f"is {table.frame!r}", known)
         frame = frames[table.frame]
         points = table.points if table.position is None else table.position
         placed[name] = (frame.apply(np.array(points)), table.radius + frame.calibration_error)

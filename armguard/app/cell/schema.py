@@ -108,6 +108,14 @@ class StaticTable(_Table, frozen=True, kw_only=True):
     radius: NotNegative
 
 
+class EntranceTable(StaticTable, frozen=True, kw_only=True):
+    """`[entrances.<id>]`: where a body may come out at any moment before it has been reported."""
+
+    detection_time: NotNegative
+    speed: Positive | UnsetType = UNSET
+    accel: NotNegative | UnsetType = UNSET
+
+
 class RoundTable(_Table, frozen=True, kw_only=True):
     """A capsule or cylinder along z: of a capsule, `length` is that between its balls' centres."""
 
@@ -210,6 +218,7 @@ class CellTables(_Table, frozen=True, kw_only=True):
     frames: dict[Name, FrameTable] = {}
     sources: dict[Name, SourceTable] | UnsetType = UNSET
     statics: dict[Name, StaticTable] = {}
+    entrances: dict[Name, EntranceTable] = {}
     tool: ToolTable | None = None
     ignore: list[IgnoreEntry] = []
     bounds: BoundsTable = BoundsTable()
@@ -225,6 +234,7 @@ _NAMED: dict[str, type[_Table]] = {
     "frames": FrameTable,
     "sources": SourceTable,
     "statics": StaticTable,
+    "entrances": EntranceTable,
     "keys.clients": ClientTable,
 }
 

@@ -56,6 +56,12 @@ xyz = {base}
 clock = "monotonic"
 
 {sources}
+# People come in by the door at -y; before the sensor has found them they may be this far inside.
+[entrances.door]
+points = [[-0.6, -6.0, -0.75], [0.6, -6.0, -0.75], [-0.6, -6.0, 1.4], [0.6, -6.0, 1.4]]
+radius = 0.1
+detection_time = 0.1
+
 [monitor]
 schedule = "{schedule}"
 

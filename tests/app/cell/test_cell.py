@@ -34,13 +34,15 @@ def example():
 def test_the_example_gives_robot_obstacles_and_monitor(example):
     cell, robot, obstacles, monitor = example
     assert robot.name == "panda"
-    assert sorted(obstacles.ids[:2]) == ["pillar", "table"]
+    assert obstacles.ids[:3] == ["table", "pillar", "door"]
+    (door,) = obstacles.entrance_rows
+    assert obstacles.table.radius[door] == pytest.approx(0.1 + 2.0 * 0.1)
     assert obstacles.silent_sources(0.0, 0.2) == ["camera"]
     assert monitor.period == 0.001
     verdict = monitor.step(0.0, READY, np.zeros(7))
     assert [str(reason) for reason in verdict.reasons][:1] == ["source silent: camera"]
-    # The table is ignored: it is what is nearest, and not what is named.
-    assert verdict.obstacle == "pillar"
+    # The table is ignored, the pillar is out of reach, and somebody may come in by the door.
+    assert verdict.obstacle == "door"
     assert cell.frames["camera"].calibration_error == 0.01
 
 
@@ -152,6 +154,35 @@ def test_obstacles_in_a_frame_arrive_in_the_world_with_its_error():
     accepted = obstacles.table.accepted
     np.testing.assert_allclose(accepted.points[row, 0], [3.0, 3.0, -3.5], atol=1e-12)
     assert accepted.position_error[row] == pytest.approx(0.112)
+
+
+def test_entrances_stand_in_their_frame_and_take_bounds_by_their_name():
+    text = f"{FRAMES}[bounds]\nspeed = 1.5\n[bounds.of]\n'gate*' = {{ accel = 4.0, speed = 3.0 }}\n"
+    for name, more in (("door", ""), ("gate 1", ""), ("hatch", "speed = 0.5\naccel = 1.0\n")):
+        text += f"[entrances.'{name}']\nframe = 'lens'\nposition = [0, 0, 1]\nradius = 0.2\n"
+        text += f"detection_time = 0.1\n{more}"
+    cell = Cell.from_text(text)
+    table = cell.make_obstacles().table
+    error = cell.frames["lens"].calibration_error
+    assert error > 0.0
+    assert table.points[0, 0] == pytest.approx(cell.frames["lens"].apply([0, 0, 1]))
+    assert table.speed[:3].tolist() == [1.5, 3.0, 0.5]
+    assert table.accel[:3].tolist() == [10.0, 4.0, 1.0]
+    assert table.radius[:3] == pytest.approx(0.2 + error + 0.1 * np.array([1.5, 3.0, 0.5]))
+
+
+@pytest.mark.parametrize(
+    ("text", "pattern"),
+    [
+        ("[bounds]\nspeed = inf\n", r"cell: entrances.door: .* has a speed of inf"),
+        ("[statics.door]\nposition = [3, 0, 0]\nradius = 1\n", r"entrances.door: .* already"),
+        ("[bounds]\nextent = 1.0\n", r"entrances.door: .*within the extent of 1 m"),
+    ],
+)
+def test_an_entrance_that_cannot_be_is_an_error_of_its_table(text, pattern):
+    door = "[entrances.door]\nposition = [2, 0, 1]\nradius = 0.2\ndetection_time = 0.1\n"
+    with pytest.raises(CellError, match=pattern):
+        Cell.from_text(ROBOT + text + door).make_obstacles()
 
 
 def test_the_base_moves_the_robot_and_statics_follow_their_frame():

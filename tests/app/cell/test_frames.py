@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from armguard.app.cell.frames import place_statics, read_rotation, resolve_frames
+from armguard.app.cell.frames import place_bodies, read_rotation, resolve_frames
 from armguard.app.cell.schema import parse_cell
 from armguard.exceptions import CellError
 from support.cell_texts import FRAMES, ROBOT
@@ -12,7 +12,7 @@ def resolve(text):
 
 
 def place(text):
-    return place_statics(parse_cell(text, "cell"), resolve(text), "cell")
+    return place_bodies(parse_cell(text, "cell").statics, "statics", resolve(text), "cell")
 
 
 def test_chains_of_frames_are_resolved_in_any_order():

@@ -4,6 +4,7 @@ from armguard.app.cell import Cell
 from armguard.exceptions import CellError
 
 ROBOT = '[robot]\nname = "panda"\n'
+DOOR = "[entrances.door]\nposition = [2, 0, 1]\n"
 MISTAKES = [
     ("", "robot", "is missing"),
     ("robot = 3", "robot", "is 3"),
@@ -84,6 +85,22 @@ MISTAKES = [
         ROBOT + "[statics.t]\nradius = 1\nposition = [0, 0, 0]\nframe = 'moon'",
         "statics.t.frame",
         "is 'moon'; expected one of world, base",
+    ),
+    (ROBOT + DOOR + "radius = 1", "entrances.door.detection_time", "is missing"),
+    (ROBOT + DOOR + "detection_time = 1", "entrances.door.radius", "is missing"),
+    (ROBOT + DOOR + "radius = 1\ndetection_time = nan", "entrances.door.detection_time", "is nan"),
+    (ROBOT + DOOR + "radius = 1\ndetection_time = -1", "entrances.door.detection_time", "is -1"),
+    (ROBOT + DOOR + "radius = 1\ndetection_time = 1\nspeed = 0", "entrances.door.speed", "is 0"),
+    (ROBOT + DOOR + "radius = 1\ndetection_time = 1\nwide = 2", "entrances.door.wide", "is no key"),
+    (
+        ROBOT + f"[entrances.door]\nradius = 1\ndetection_time = 1\npoints = {[[0, 0, 0]] * 9}",
+        "entrances.door.points",
+        "length <= 8",
+    ),
+    (
+        ROBOT + DOOR + "radius = 1\ndetection_time = 1\npoints = [[0, 0, 0]]",
+        "entrances.door",
+        "not exactly one of position and points",
     ),
     (ROBOT + "[bounds]\nspeed = -1", "bounds.speed", "is -1"),
     (ROBOT + "[bounds]\nof = 3", "bounds.of", "is 3; expected object"),

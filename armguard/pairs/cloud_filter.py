@@ -1,0 +1,185 @@
+"""Finds the points of a cloud that may be the arm's own, and so are no obstacles.
+
+A camera that looks at the cell sees the arm as well. What is inside the arm's cover, grown by all
+that its place may be off by and by a shell, is taken for the arm; whatever else is there is not
+seen. That blind shell is the price, and `CloudFilter.blind_shell` says how thick it is.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+
+import numpy as np
+import pinocchio
+from numpy.typing import ArrayLike
+
+from armguard.bounds.sums import compute_levers, sum_levers
+from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import BoolArray, FloatArray, IntArray
+from armguard.jit.kernels import kernel
+from armguard.jit.numerics import SUM_ROUNDING
+from armguard.obstacles.frames import Frame
+from armguard.robot.robot import Robot
+
+SHELL = 0.02
+"""Around the arm's cover, its errors apart, in [m]: for points that are off, as of edges."""
+
+
+class CloudFilter:
+    """Tells a cloud's points on the arm from others.
+
+    Bodies attached to the robot when it is made are part of the arm, others are not.
+
+    Args:
+        robot: The arm.
+        base_placement: Of its base in the world; None: at the origin.
+        shell: Around the arm's cover, in [m], the error of the camera's points included.
+        time_error: How far apart in time a joint state and a cloud may be, in [s]: the arm may have
+            moved meanwhile, by its joints' velocity limits.
+
+    Attributes:
+        blind_shell: How far from the arm's cover a point may be taken for the arm's, at most, in
+            [m]: the shell, and what the arm's surface may be off by where it is most.
+
+    Raises:
+        ArmguardError: A length or a time is none.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        base_placement: pinocchio.SE3 | None = None,
+        *,
+        shell: float = SHELL,
+        time_error: float = 0.0,
+    ) -> None:
+        for name, value in (("shell", shell), ("time_error", time_error)):
+            if not 0.0 <= value < math.inf:
+                raise ArmguardError(name, f"is {value!r}", expected="a finite number, at least 0")
+        robot = copy.copy(robot)
+        self._model = robot.model
+        self._data = robot.model.createData()
+        self._base = pinocchio.SE3.Identity() if base_placement is None else base_placement
+        self._joints: list[int] = []
+        self._leaves: list[FloatArray] = []
+        balls, grown, first = [], [], [0]
+        for link in robot.links:
+            tree = robot.cover.tree(link)
+            leaves = np.ascontiguousarray(tree.spheres[tree.child_count == 0])
+            levers = compute_levers(robot, link, leaves[:, :3])
+            errors = sum_levers(levers, robot.position_error)
+            errors = errors + sum_levers(levers, robot.velocity_limit) * time_error
+            growth = (shell + errors) * (1.0 + SUM_ROUNDING)
+            grown.append(leaves[:, 3] + growth)
+            middle = leaves[:, :3].mean(axis=0)
+            reach = np.linalg.norm(leaves[:, :3] - middle, axis=1) + leaves[:, 3] + growth
+            balls.append(np.append(middle, reach.max() * (1.0 + SUM_ROUNDING)))
+            first.append(first[-1] + len(leaves))
+            self._joints.append(robot.joint_index(link))
+            self._leaves.append(leaves[:, :3])
+        self._radius = np.concatenate(grown)
+        self._balls = np.array(balls)
+        self._first = np.array(first, dtype=np.int64)
+        self.blind_shell = float(
+            max(
+                (one - tree.spheres[tree.child_count == 0][:, 3]).max()
+                for one, tree in zip(grown, map(robot.cover.tree, robot.links), strict=True)
+            )
+        )
+        # Compiled here, so that the first cloud is like any other.
+        self.find_others(np.zeros((1, 3)), np.zeros(robot.model.nq))
+
+    def find_others(self, points: ArrayLike, q: ArrayLike, frame: Frame | None = None) -> BoolArray:
+        """Which points of a cloud are not the arm's; those that are not finite are none of either.
+
+        Args:
+            points: In [m]. Shape (n, 3).
+            q: Joint positions when the cloud was measured, in the order of `robot.joints`, in [rad]
+                or [m]. Shape (nv,).
+            frame: Of the points; None: the world.
+
+        Returns:
+            For `Obstacles.update_cloud(…, occupied=…)`. Shape (n,).
+
+        Raises:
+            ArmguardError: Points or positions have another shape, or positions are not finite: then
+                it is not known where the arm is.
+        """
+        ends = np.ascontiguousarray(points, dtype=np.float64)
+        if ends.ndim != 2 or ends.shape[1] != 3:
+            raise ArmguardError("points", f"has shape {ends.shape}", expected="(n, 3)")
+        position = np.array(q, dtype=np.float64)
+        if position.shape != (self._model.nq,) or not np.isfinite(position).all():
+            raise ArmguardError(
+                "q", f"is {position.tolist()}", expected=f"{self._model.nq} finite positions"
+            )
+        pinocchio.forwardKinematics(self._model, self._data, position)
+        balls, centers = self._balls.copy(), []
+        for link, (joint, leaves) in enumerate(zip(self._joints, self._leaves, strict=True)):
+            pose = self._base * self._data.oMi[joint]
+            rotation, translation = pose.rotation, pose.translation
+            centers.append(leaves @ rotation.T + translation)
+            balls[link, :3] = rotation @ self._balls[link, :3] + translation
+        rotation, translation = np.eye(3), np.zeros(3)
+        if frame is not None:
+            rotation, translation = frame.rotation, frame.translation
+        others = np.zeros(len(ends), dtype=np.bool_)
+        _find_others(
+            ends,
+            rotation,
+            translation,
+            balls,
+            self._first,
+            np.concatenate(centers),
+            self._radius,
+            others,
+        )
+        return others
+
+
+@kernel
+def _find_others(
+    points: FloatArray,
+    rotation: FloatArray,
+    translation: FloatArray,
+    balls: FloatArray,
+    first: IntArray,
+    centers: FloatArray,
+    radius: FloatArray,
+    others: BoolArray,
+) -> None:
+    """Find the points that are in none of the arm's spheres.
+
+    Args:
+        points: In their frame, in [m]. Shape (n, 3).
+        rotation: World from frame. Shape (3, 3).
+        translation: Of the frame, in [m]. Shape (3,).
+        balls: Around all grown spheres of each link: centre and radius, in [m]. Shape (links, 4).
+        first: First sphere of each link, and one more at the end. Shape (links + 1,).
+        centers: Of the spheres, in [m]. Shape (m, 3).
+        radius: Of the spheres, grown, in [m]. Shape (m,).
+        others: Is filled. Shape (n,).
+    """
+    place = np.empty(3)
+    for i in range(points.shape[0]):
+        for axis in range(3):
+            place[axis] = translation[axis]
+            for other in range(3):
+                place[axis] += rotation[axis, other] * points[i, other]
+        x, y, z = place[0], place[1], place[2]
+        is_own = False
+        for link in range(balls.shape[0]):
+            square = (x - balls[link, 0]) ** 2 + (y - balls[link, 1]) ** 2
+            square += (z - balls[link, 2]) ** 2
+            if not square <= balls[link, 3] ** 2:
+                continue
+            for k in range(first[link], first[link + 1]):
+                square = (x - centers[k, 0]) ** 2 + (y - centers[k, 1]) ** 2
+                square += (z - centers[k, 2]) ** 2
+                if square <= radius[k] ** 2:
+                    is_own = True
+                    break
+            if is_own:
+                break
+        others[i] = not is_own

@@ -1,0 +1,315 @@
+import copy
+import math
+
+import numpy as np
+import pytest
+
+from armguard.exceptions import ObstacleError
+from armguard.obstacles import FaultKind, Frame, Obstacles
+from armguard.obstacles.clouds import CELLS
+from support.depth_camera import DepthCamera
+from support.told_journal import Journal
+
+EDGE = 0.05
+AHEAD = DepthCamera([0.0, 0.0, 0.0], [1.0, 0.0, 0.0])
+
+
+def voxels(obstacles, source="depth"):
+    """Index and centre of each voxel in the table, by id."""
+    found = {}
+    for row, name in enumerate(obstacles.ids):
+        if name and obstacles.source_of(row) == source:
+            index = tuple(map(int, name.removeprefix("voxel ").split()))
+            found[index] = obstacles.table.points[row, 0].copy()
+    return found
+
+
+def kinds(obstacles):
+    return [fault.kind for fault in obstacles.take_faults()]
+
+
+@pytest.mark.parametrize("edge", [0.05, 0.1, 0.037])
+def test_each_point_is_in_a_voxel_of_the_lattice(edge):
+    random = np.random.default_rng(1)
+    obstacles = Obstacles(accel=9.0, speed=1.5)
+    # Corners and edges of voxels, and both sides of 0, among points anywhere.
+    points = np.concatenate(
+        [random.normal(scale=2.0, size=(5000, 3)), edge * random.integers(-9, 9, (500, 3))]
+    )
+    obstacles.update_cloud("depth", 1.0, points, [0, 0, 0], edge)
+    expected = {tuple(index) for index in np.floor(points / edge).astype(int).tolist()}
+    found = voxels(obstacles)
+    assert found.keys() == expected
+    for index, center in list(found.items())[:200]:
+        assert center == pytest.approx(edge * (np.array(index) + 0.5), abs=1e-12)
+    centers = np.array([found[tuple(i)] for i in np.floor(points / edge).astype(int).tolist()])
+    table, rows = obstacles.table, np.flatnonzero(obstacles.table.alive)
+    assert np.linalg.norm(points - centers, axis=1).max() <= table.radius[rows[0]] + 1e-9
+    assert table.radius[rows] == pytest.approx(math.sqrt(0.75) * edge)
+    assert set(table.speed[rows]) == set(table.velocity_error[rows]) == {1.5}
+    assert set(table.accel[rows]) == {9.0}
+    assert kinds(obstacles) == []
+
+
+def test_frames_place_the_lattice_in_the_world():
+    lens = Frame([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.5, 0.0, 1.0], 0.01)
+    obstacles = Obstacles(frames={"lens": lens}, bounds=[("voxel*", 4.0, 3.0)])
+    points = np.random.default_rng(2).normal(size=(300, 3))
+    obstacles.update_cloud("depth", 1.0, points, [0, 0, 0], frame="lens", position_error=0.02)
+    moved = points @ lens.rotation.T + lens.translation
+    assert voxels(obstacles).keys() == {
+        tuple(index) for index in np.floor(moved / EDGE).astype(int).tolist()
+    }
+    rows = np.flatnonzero(obstacles.table.alive)
+    assert obstacles.table.position_error[rows] == pytest.approx(0.03)
+    assert set(obstacles.table.speed[rows]) == {3.0}
+
+
+def test_what_is_not_finite_or_too_far_is_left_out_and_said():
+    obstacles = Obstacles(extent=50.0)
+    points = np.array([[1, 0, 0], [math.nan, 0, 0], [2, 0, math.inf], [0, 60, 0], [3, 0, 0]])
+    obstacles.update_cloud("depth", 1.0, points, [0, 0, 0])
+    assert len(voxels(obstacles)) == 2
+    (fault,) = obstacles.take_faults()
+    assert fault.kind is FaultKind.POINTS_DROPPED
+    assert (fault.source, fault.value) == ("depth", "without 3 of 5 points")
+    # A covered lens: what it would see is not known, and no longer believed to be nothing.
+    assert obstacles.disbelieved_sources() == []
+    obstacles.update_cloud("depth", 1.1, np.full((50, 3), math.nan), [0, 0, 0])
+    assert [name for name, _ in obstacles.disbelieved_sources()] == ["depth"]
+    assert len(voxels(obstacles)) == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "offender"),
+    [
+        ({"points": [[1.0, 2.0]]}, "points"),
+        ({"points": [1.0, 2.0, 3.0]}, "points"),
+        ({"points": [[[1.0, 2.0, 3.0]]]}, "points"),
+        ({"points": "many"}, "points"),
+        ({"points": [[1.0, 2.0, 3.0], [1.0]]}, "points"),
+        ({"origin": [0.0, math.nan, 0.0]}, "origin"),
+        ({"origin": [0.0, 0.0]}, "origin"),
+        ({"voxel": 0.0}, "voxel"),
+        ({"voxel": math.nan}, "voxel"),
+        ({"voxel": -0.05}, "voxel"),
+        ({"voxel": 0.04}, "voxel.*was 0.05 m"),
+        ({"occupied": [True, False]}, "occupied"),
+        ({"occupied": [1.0]}, "occupied"),
+        ({"position_error": -1.0}, "position_error"),
+        ({"stamp": math.nan}, "stamp"),
+        ({"source": ""}, "source"),
+        ({"frame": "moon"}, "frame"),
+    ],
+)
+def test_a_malformed_cloud_is_refused_by_name(change, offender):
+    obstacles = Obstacles()
+    obstacles.update_cloud("depth", 0.5, [[1.0, 0.0, 0.0]], [0, 0, 0])
+    given = {"source": "depth", "stamp": 1.0, "points": [[2.0, 0.0, 0.0]], "origin": [0, 0, 0]}
+    with pytest.raises(ObstacleError, match=offender):
+        obstacles.update_cloud(**(given | change))
+    assert kinds(obstacles) == [FaultKind.MALFORMED]
+    assert voxels(obstacles).keys() == {(20, 0, 0)}
+
+
+def test_a_cloud_without_points_is_a_heartbeat_and_clears_nothing():
+    obstacles = Obstacles(sources=["depth"])
+    obstacles.update_cloud("depth", 0.5, [[1.0, 0.0, 0.0]], [0, 0, 0])
+    obstacles.update_cloud("depth", 1.5, [], [0, 0, 0])
+    assert obstacles.silent_sources(1.6, 0.2) == []
+    assert len(voxels(obstacles)) == 1
+
+
+def test_more_voxels_than_there_is_room_for_are_a_fault(monkeypatch):
+    monkeypatch.setattr("armguard.obstacles.table.MAXIMUM_ROWS", 64)
+    obstacles = Obstacles()
+    points = np.column_stack([np.arange(0.5, 10.5, 0.1), np.zeros((100, 2))])
+    obstacles.update_cloud("depth", 0.5, points, [0, 0, 0])
+    assert len(voxels(obstacles)) == 64
+    assert set(kinds(obstacles)) == {FaultKind.TABLE_FULL}
+    assert len(obstacles.unplaced()) == 36
+
+
+# When a voxel goes
+
+
+def watch(ball, stamp, obstacles, camera=AHEAD, chosen=slice(None), **fields):
+    """One cloud of a ball before a wall, which is the background."""
+    points, met = camera.see([ball[:3]], [ball[3]])
+    points, met = points[chosen], met[chosen]
+    obstacles.update_cloud("depth", stamp, points, camera.origin, occupied=met >= 0, **fields)
+
+
+def test_a_voxel_goes_when_rays_have_passed_it_and_not_because_none_fell_into_it():
+    obstacles = Obstacles()
+    watch((1.5, 0.0, 0.0, 0.1), 0.0, obstacles)
+    before = voxels(obstacles)
+    assert len(before) > 10
+    # Without points of the background nothing tells that the place is empty.
+    watch((1.5, 0.3, 0.0, 0.1), 0.1, obstacles, chosen=AHEAD.see([(1.5, 0.3, 0)], [0.1])[1] >= 0)
+    assert voxels(obstacles).keys() > before.keys()
+    # Behind a ball that has come between it is hidden.
+    watch((0.7, 0.0, 0.0, 0.2), 0.2, obstacles)
+    assert voxels(obstacles).keys() > before.keys()
+    watch((0.7, 0.0, 2.0, 0.1), 0.3, obstacles)
+    assert voxels(obstacles) == {}
+    assert kinds(obstacles) == []
+
+
+def test_rays_too_far_apart_prove_nothing_and_a_snapshot_says_it():
+    sparse = DepthCamera([0, 0, 0], [1, 0, 0], (40, 31))
+    obstacles = Obstacles()
+    watch((1.5, 0.0, 0.0, 0.1), 0.0, obstacles)
+    count = len(voxels(obstacles))
+    watch((1.5, 0.0, 2.0, 0.1), 0.1, obstacles, sparse)
+    assert len(voxels(obstacles)) == count
+    obstacles.update_cloud("depth", 0.2, [[2, 0, 0]], [0, 0, 0], snapshot=True)
+    assert voxels(obstacles).keys() == {(40, 0, 0)}
+
+
+def test_a_late_cloud_tells_what_was_there_and_clears_nothing_newer():
+    obstacles = Obstacles()
+    watch((1.5, 0.0, 0.0, 0.1), 1.0, obstacles)
+    count = len(voxels(obstacles))
+    watch((1.5, 0.5, 0.0, 0.1), 0.9, obstacles)
+    assert len(voxels(obstacles)) > count
+    # Nor does another source's.
+    background, met = AHEAD.see([], [])
+    obstacles.update_cloud("other", 5.0, background, [0, 0, 0], occupied=met >= 0)
+    assert len(voxels(obstacles)) > count
+
+
+def test_which_voxels_are_empty_is_as_the_rule_says():
+    """The rule once more, ray by ray and voxel by voxel."""
+    random = np.random.default_rng(4)
+    cleared = kept = 0
+    for trial in range(30):
+        obstacles = Obstacles()
+        edge, error = random.uniform(0.03, 0.2), random.choice([0.0, 0.01])
+        origin = random.normal(scale=0.3, size=3)
+        centers = origin + random.normal(size=3) + random.normal(scale=0.5, size=(40, 3))
+        obstacles.update_cloud("depth", 0.0, centers, origin, edge, position_error=error)
+        before = voxels(obstacles)
+        towards = centers[random.integers(0, 40, 6000)] + random.normal(scale=0.05, size=(6000, 3))
+        ends = origin + (towards - origin) * random.uniform(0.5, 3.0, (6000, 1))
+        ends[random.random(6000) < 0.05] = np.nan
+        none = np.zeros(len(ends), dtype=bool)
+        obstacles.update_cloud(
+            "depth", 1.0, ends, origin, edge, occupied=none, position_error=error
+        )
+        left = voxels(obstacles)
+        for index, center in before.items():
+            axis = center - origin
+            away = np.linalg.norm(axis)
+            axis /= away
+            # The same two directions across, since cells depend on them.
+            aside = [-axis[1], axis[0], 0.0] if abs(axis[2]) < 0.9 else [0.0, -axis[2], axis[1]]
+            aside = np.array(aside) / np.linalg.norm(aside)
+            along = (ends - origin) @ axis
+            half, behind = 0.5 * edge + error, math.sqrt(0.75) * edge + error
+            passed = (ends - origin)[along > away + behind]
+            passed = passed * (away / (passed @ axis))[:, None]
+            across = np.column_stack([passed @ aside, passed @ np.cross(axis, aside)])
+            inside = across[(np.abs(across) < half).all(axis=1)]
+            cells = {tuple(cell) for cell in np.floor((inside + half) / (2 * half) * CELLS)}
+            is_empty = away > behind and len(cells) == CELLS**2
+            assert (index not in left) == is_empty, (trial, index)
+            cleared, kept = cleared + is_empty, kept + (not is_empty)
+    assert min(cleared, kept) > 100
+
+
+def test_a_person_in_view_is_never_outside_the_voxels():
+    """A person of balls walks and bends among dropouts, glitches, blind stripes and lost clouds.
+
+    Wherever the person's surface was in view in the last cloud that came, measured or not, the
+    voxels contain it, and go on containing what it does until the next one. Errors are stated as
+    large as the distance to the next rays.
+    """
+    random = np.random.default_rng(7)
+    camera = DepthCamera([0.0, 0.0, 1.2], [2.0, 0.0, 1.0], (110, 90))
+    pace, error = 2.0, 1.6 * 2.0 * camera.spacing
+    obstacles = Obstacles(speed=pace)
+    offsets = np.array([[0, 0, 1.6], [0, 0, 1.2], [0, 0, 0.9], [0.2, 0.3, 1.3], [0.2, -0.3, 1.1]])
+    radii = np.array([0.12, 0.2, 0.2, 0.08, 0.08])
+
+    def person(time):
+        walk = np.array([2.0 + 0.3 * np.sin(0.9 * time), 0.6 * np.sin(1.3 * time), 0.0])
+        arms = 0.15 * np.sin(2.0 * time) * np.array([[0], [0], [0], [1], [-1]])
+        return walk + offsets + arms * [1.0, 0.0, 1.0]
+
+    for tick in range(60):
+        time = tick / 30.0
+        if tick == 0 or random.random() < 0.8:  # else the cloud is lost
+            ends, met = camera.see(person(time), radii)
+            points, glitch = ends.copy(), random.random(len(ends)) < 0.001
+            depth = random.uniform(0.3, 1.6, (len(points), 1))
+            points[glitch] = camera.origin + (depth * camera.rays)[glitch]
+            points[random.random(len(points)) < 0.1] = np.nan
+            if tick > 0:
+                stripe = random.integers(0, 80)
+                points.reshape(90, 110, 3)[:, stripe : stripe + 30] = np.nan
+            obstacles.update_cloud(
+                "depth", time, points, camera.origin, 0.06,
+                occupied=(met >= 0) | glitch, position_error=error,
+            )  # fmt: skip
+            stamp = time
+            # Points of the surface by the ball that they ride on; its rim comes into view anew.
+            offset = ends - person(time)[met]
+            rim = np.linalg.norm(np.cross(offset, camera.rays), axis=1) / radii[met]
+            inner = (met >= 0) & (rim < 0.8 * np.linalg.norm(camera.rays, axis=1))
+            chosen = random.permutation(np.flatnonzero(inner))[:200]
+            body, riding = met[chosen], offset[chosen]
+        table = obstacles.table
+        rows = np.flatnonzero(table.alive)
+        for later in (time, time + 1.0 / 30.0):
+            places = person(later)[body] + riding
+            reach = table.radius[rows] + table.position_error[rows]
+            reach = reach + pace * (later - table.stamp[rows])
+            gaps = np.linalg.norm(places[:, None] - table.points[rows, 0], axis=2) - reach
+            assert gaps.min(axis=1).max() <= 0.0, (tick, stamp)
+
+
+def test_a_person_behind_an_arm_is_kept_where_they_may_be():
+    """Rays that end on what came between say nothing of what is behind it."""
+    camera, pace = DepthCamera([0.0, 0.0, 1.2], [2.0, 0.0, 1.2]), 2.0
+    obstacles = Obstacles(speed=pace)
+    for tick in range(30):
+        time = tick / 30.0
+        place = np.array([2.0, 0.1 * np.sin(3.0 * time), 1.2])
+        balls = [place] if tick < 10 else [place, [0.6, 0.0, 1.2]]
+        ends, met = camera.see(balls, [0.15, 0.25][: len(balls)])
+        obstacles.update_cloud("depth", time, ends, camera.origin, occupied=met == 0)
+        assert (met == 0).any() == (tick < 10)
+        table = obstacles.table
+        rows = np.flatnonzero(table.alive)
+        reach = table.radius[rows] + pace * (time - table.stamp[rows])
+        front = place - [0.15, 0.0, 0.0]
+        assert (np.linalg.norm(table.points[rows, 0] - front, axis=1) <= reach + 0.02).any()
+
+
+# What others see of it
+
+
+def test_a_journal_is_told_voxels_removals_and_what_was_dropped():
+    obstacles = Obstacles()
+    obstacles.journal = Journal()
+    watch((1.5, 0.0, 0.0, 0.1), 0.0, obstacles)
+    obstacles.update_cloud("depth", 1.0, [[math.nan, 0, 0]], [0, 0, 0])
+    watch((1.5, 0.0, 2.0, 0.1), 2.0, obstacles)
+    told = [name for name, _, _ in obstacles.journal.told]
+    assert told == [
+        *("note_update", "note_update", "note_dropped_points", "note_update", "note_removal")
+    ]
+    other = Obstacles()
+    other.update([], 1.0, source="depth")
+    other.drop_points(*obstacles.journal.told[2][1])
+    assert kinds(other) == [FaultKind.POINTS_DROPPED]
+
+
+def test_copies_go_on_by_themselves():
+    obstacles = Obstacles()
+    watch((1.5, 0.0, 0.0, 0.1), 0.0, obstacles)
+    copied = copy.deepcopy(obstacles)
+    watch((1.5, 0.0, 2.0, 0.1), 1.0, copied)
+    assert voxels(copied) == {}
+    assert len(voxels(obstacles)) > 10
