@@ -21,6 +21,7 @@ from numba import njit
 
 from armguard.contact import earliest_contact
 from armguard.contact.advancement import pair_distance_time, row_contact_time
+from armguard.contact.bodies import Ball, Bounds, Hull
 from scene.contact_batch import batch_contact_times, finish_contact_times
 
 ARM_ACCEL, ARM_SPEED = 120.0, 8.0  # the isotropic bounds of a quick arm's hand
@@ -42,12 +43,14 @@ def _distances(points, velocities, centers, motions, count, distance, out):  # t
 def _rung(points, velocities, centers, motions, count, distance, out, advances, age, speeds):  # type: ignore[no-untyped-def]  # arrays and numbers of a sweep
     for first in range(0, out.size, SPHERES):
         for i in range(first, min(first + SPHERES, out.size)):
-            out[i] = row_contact_time(
+            sphere = Ball(
                 centers[i, 0], centers[i, 1], centers[i, 2],
                 motions[i, 0], motions[i, 1], motions[i, 2],
-                ARM_ACCEL, ARM_SPEED * speeds, 0.0, age,
-                points, velocities, first, count,
-                PERSON_ACCEL, PERSON_SPEED * speeds, 0.0, age, distance[i], advances,
+                Bounds(ARM_ACCEL, ARM_SPEED * speeds, 0.0, age),
+            )  # fmt: skip
+            out[i] = row_contact_time(
+                sphere, points, velocities, first, count,
+                Bounds(PERSON_ACCEL, PERSON_SPEED * speeds, 0.0, age), distance[i], advances,
             )  # fmt: skip
 
 
@@ -57,13 +60,13 @@ def _distance_rung(points, velocities, centers, motions, count, distance, out, a
         corners = points[first]
         rates = velocities[first]
         for i in range(first, min(first + SPHERES, out.size)):
-            out[i] = pair_distance_time(
+            sphere = Ball(
                 centers[i, 0], centers[i, 1], centers[i, 2],
                 motions[i, 0], motions[i, 1], motions[i, 2],
-                ARM_ACCEL, ARM_SPEED, 0.0, age,
-                corners, rates, count,
-                PERSON_ACCEL, PERSON_SPEED, 0.0, age, distance[i],
+                Bounds(ARM_ACCEL, ARM_SPEED, 0.0, age),
             )  # fmt: skip
+            hull = Hull(corners, rates, count, Bounds(PERSON_ACCEL, PERSON_SPEED, 0.0, age))
+            out[i] = pair_distance_time(sphere, hull, distance[i])
 
 
 def _numpy_roots(position, velocity, distance, accel):  # type: ignore[no-untyped-def]  # arrays and numbers of a sweep

@@ -27,7 +27,9 @@ from armguard.bounds import (
     ReachMotion,
     table_contact_time,
 )
+from armguard.bounds.table_time import ArmSphere
 from armguard.contact.advancement import row_contact_time
+from armguard.contact.bodies import Ball, Bounds, Hull
 from armguard.jit import kernel
 from armguard.robot import Kinematics, Robot
 from scene.configurations import draw_configuration
@@ -142,11 +144,11 @@ def run_free(centers, velocities, accel, speed, error, still, bodies, count):
     for k in range(count):
         i, row = k % centers.shape[0], k % bodies.shape[0]
         u = np.zeros(3) if still else velocities[i]
-        total += row_contact_time(
-            centers[i, 0], centers[i, 1], centers[i, 2], u[0], u[1], u[2],
-            0.0 if still else accel[i], 0.0 if still else speed[i], 0.0 if still else error[i],
-            0.0, bodies, pace, row, 1, 10.0, 2.0, 0.1, 0.0, 0.2, 8,
-        )  # fmt: skip
+        bounds = Bounds(
+            0.0 if still else accel[i], 0.0 if still else speed[i], 0.0 if still else error[i], 0.0
+        )
+        sphere = Ball(centers[i, 0], centers[i, 1], centers[i, 2], u[0], u[1], u[2], bounds)
+        total += row_contact_time(sphere, bodies, pace, row, 1, Bounds(10.0, 2.0, 0.1, 0.0), 0.2, 8)
     return total
 
 
@@ -157,10 +159,11 @@ def run_table(centers, jacobian, lever, slope_error, table, bodies, count):
     pace = np.zeros((1, 3))
     for k in range(count):
         i, row = k % centers.shape[0], k % bodies.shape[0]
-        total += table_contact_time(
-            centers[i, 0], centers[i, 1], centers[i, 2], jacobian, lever[i], slope_error[i], table,
-            bodies[row], pace, 1, 10.0, 2.0, 0.1, 0.0, 0.2, 0.0,
-        )  # fmt: skip
+        sphere = ArmSphere(
+            centers[i, 0], centers[i, 1], centers[i, 2], jacobian, lever[i], slope_error[i]
+        )
+        hull = Hull(bodies[row], pace, 1, Bounds(10.0, 2.0, 0.1, 0.0))
+        total += table_contact_time(sphere, table, hull, 0.2, 0.0)
     return total
 
 

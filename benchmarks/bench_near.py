@@ -27,9 +27,11 @@ from typing import Any
 import numpy as np
 
 from armguard.contact.advancement import row_contact_time
+from armguard.contact.bodies import Ball, Bounds
 from armguard.jit.kernels import kernel
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
+from armguard.pairs.contact_time import bounds_of
 from armguard.robot import Robot
 from armguard.verdict import Level
 from scene.beside import PIECE, RATE, UPDATE_RATE, Setting, Swing, make_settings
@@ -60,13 +62,14 @@ def loop_over_all(handle: Any, now: float, age: float) -> float:
                 continue
             distance = tree.radius[node] + arm.position_error[node]
             distance += bodies.radius[row] + bodies.position_error[row]
-            found = row_contact_time(
+            sphere = Ball(
                 arm.centers[node, 0], arm.centers[node, 1], arm.centers[node, 2],
                 arm.velocities[node, 0], arm.velocities[node, 1], arm.velocities[node, 2],
-                arm.accel[node], arm.speed[node], arm.velocity_error[node], age,
-                bodies.points, bodies.velocities, row, bodies.point_count[row],
-                bodies.accel[row], bodies.speed[row], bodies.velocity_error[row],
-                now - bodies.stamp[row], distance, scene.settings.advances,
+                Bounds(arm.accel[node], arm.speed[node], arm.velocity_error[node], age),
+            )  # fmt: skip
+            found = row_contact_time(
+                sphere, bodies.points, bodies.velocities, row, bodies.point_count[row],
+                bounds_of(bodies, row, now - bodies.stamp[row]), distance, scene.settings.advances,
             )  # fmt: skip
             earliest = min(earliest, found)
     return earliest

@@ -39,6 +39,8 @@ from armguard.bounds import (
     check_plan,
     table_contact_time,
 )
+from armguard.bounds.table_time import ArmSphere
+from armguard.contact.bodies import Bounds, Hull
 from armguard.obstacles import Obstacles
 from armguard.robot import Kinematics, Robot
 
@@ -114,15 +116,14 @@ class JointAnswer:
         jacobian = pinocchio.computeJointJacobians(kinematics.model, kinematics.data, q)
         best = float(table.time[-1])
         for row in np.flatnonzero(obstacles.table.alive):
+            bounds = Bounds(body.accel[row], body.speed[row], body.velocity_error[row], 0.0)
+            hull = Hull(body.points[row], body.velocities[row], body.point_count[row], bounds)
             for leaf in self.leaves:
                 reach = kinematics.spheres.radius[leaf] + body.radius[row]
-                contact = table_contact_time(
-                    *kinematics.centers[leaf], jacobian, motion.lever[leaf],
-                    motion.slope_error[leaf], table, body.points[row], body.velocities[row],
-                    body.point_count[row], body.accel[row], body.speed[row],
-                    body.velocity_error[row], 0.0, reach + motion.position_error[leaf], 0.0,
-                )  # fmt: skip
-                best = min(best, contact)
+                reach += motion.position_error[leaf]
+                lever, slope_error = motion.lever[leaf], motion.slope_error[leaf]
+                sphere = ArmSphere(*kinematics.centers[leaf], jacobian, lever, slope_error)
+                best = min(best, table_contact_time(sphere, table, hull, reach, 0.0))
         return best
 
 

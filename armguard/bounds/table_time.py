@@ -16,6 +16,7 @@ intervals and directions it took.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from armguard.bounds.free_body import (
     displacement_at,
@@ -24,6 +25,7 @@ from armguard.bounds.free_body import (
     top_speed,
 )
 from armguard.bounds.joint_table import JointTable, displacement_in_span, set_columns, set_span
+from armguard.contact.bodies import Hull
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
@@ -35,24 +37,40 @@ HALVINGS = 3
 """How often the step of the table in which it ends is halved."""
 
 
+Vector = tuple[float, float, float]
+"""In the world."""
+
+
+class ArmSphere(NamedTuple):
+    """A sphere of the arm whose joints are bounded, at the arm's stamp."""
+
+    x: float
+    """Of its centre in the world, in [m]; y and z likewise."""
+    y: float
+    z: float
+    jacobian: FloatArray
+    """Pinocchio's `data.J`, in the world. Shape (6, nv)."""
+    lever: FloatArray
+    """The sphere's row of the motion's `lever`. Shape (nv,)."""
+    slope_error: FloatArray
+    """The sphere's row of the motion's `slope_error`. Shape (nv,)."""
+
+
 @kernel
-def obstacle_room(
-    nx: float,
-    ny: float,
-    nz: float,
-    px: float,
-    py: float,
-    pz: float,
-    points: FloatArray,
-    velocities: FloatArray,
-    count: int,
-    accel: float,
-    speed: float,
-    velocity_error: float,
-    start: float,
-    end: float,
-) -> float:
-    """Least n.x over the hull at any time from `start` to `end`, counted from its stamp."""
+def obstacle_room(normal: Vector, place: Vector, hull: Hull, start: float, end: float) -> float:
+    """Least n.x over a hull at any time from `start` to `end`, counted from its stamp.
+
+    Args:
+        normal: The direction n, of length 1.
+        place: From where x counts, in [m].
+        hull: The obstacle's.
+        start: In [s].
+        end: In [s].
+    """
+    nx, ny, nz = normal
+    px, py, pz = place
+    points, velocities, count, bounds = hull
+    accel, speed, velocity_error, _ = bounds
     least = math.inf
     # The bound of a free body is convex in time, so the ends of the interval decide.
     for k in range(count):
@@ -72,22 +90,9 @@ def obstacle_room(
 
 
 @kernel
-def _aim(
-    px: float,
-    py: float,
-    pz: float,
-    lever: FloatArray,
-    table: JointTable,
-    node: int,
-    points: FloatArray,
-    velocities: FloatArray,
-    count: int,
-    accel: float,
-    speed: float,
-    age: float,
-) -> tuple[float, float, float]:
+def _aim(sphere: ArmSphere, table: JointTable, node: int, hull: Hull) -> Vector:
     """A separating direction for the time of a node, from the middle of where the sphere can be."""
-    x, y, z = px, py, pz
+    x, y, z, _, lever, _ = sphere
     for j in range(lever.shape[0]):
         if lever[j] > 0.0:
             high = min(table.high[node, j], table.highest[j])
@@ -96,31 +101,32 @@ def _aim(
             x += table.columns[0, j] * middle
             y += table.columns[1, j] * middle
             z += table.columns[2, j] * middle
+    points, velocities, count, bounds = hull
     ux, uy, uz = velocities[0, 0], velocities[0, 1], velocities[0, 2]
     # Beyond that time the obstacle may be headed anywhere.
-    ahead = min(age + table.time[node], saturation_time(ux, uy, uz, accel, speed))
+    saturation = saturation_time(ux, uy, uz, bounds.accel, bounds.speed)
+    ahead = min(bounds.age + table.time[node], saturation)
     x, y, z = nearest_on_hull(x, y, z, points, velocities, count, ahead)
     length = math.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
 
 
 @kernel
+def _is_usable(hull: Hull, contact_distance: float) -> bool:
+    accel, speed, velocity_error, age = hull.bounds
+    return (
+        hull.count >= 1
+        and contact_distance >= 0.0
+        and accel >= 0.0
+        and speed >= 0.0
+        and velocity_error >= 0.0
+        and abs(age) < math.inf
+    )
+
+
+@kernel
 def is_free_to_end(
-    px: float,
-    py: float,
-    pz: float,
-    jacobian: FloatArray,
-    lever: FloatArray,
-    slope_error: FloatArray,
-    table: JointTable,
-    points: FloatArray,
-    velocities: FloatArray,
-    count: int,
-    accel: float,
-    speed: float,
-    velocity_error: float,
-    age: float,
-    contact_distance: float,
+    sphere: ArmSphere, table: JointTable, hull: Hull, contact_distance: float
 ) -> bool:
     """Whether a sphere of the arm and a rounded hull surely do not touch before the table ends.
 
@@ -132,69 +138,37 @@ def is_free_to_end(
     proves is proved here.
 
     Args:
-        px: As for `table_contact_time`.
-        py: As px.
-        pz: As px.
-        jacobian: As for `table_contact_time`.
-        lever: As for `table_contact_time`.
-        slope_error: As for `table_contact_time`.
-        table: As for `table_contact_time`.
-        points: As for `table_contact_time`.
-        velocities: As for `table_contact_time`.
-        count: As for `table_contact_time`.
-        accel: As for `table_contact_time`.
-        speed: As for `table_contact_time`.
-        velocity_error: As for `table_contact_time`.
-        age: As for `table_contact_time`.
-        contact_distance: As for `table_contact_time`.
+        sphere: The one.
+        table: What the motion's `tabulate` filled for this tick.
+        hull: The other; speeds and accelerations may be infinite.
+        contact_distance: Both radii, margin and position errors, the arm's included, in [m].
     """
+    x, y, z, jacobian, lever, slope_error = sphere
+    age = hull.bounds.age
     nodes = table.time.shape[0] - 1
-    set_columns(px, py, pz, jacobian, table)
-    usable = (
-        count >= 1
-        and contact_distance >= 0.0
-        and accel >= 0.0
-        and speed >= 0.0
-        and velocity_error >= 0.0
-        and abs(age) < math.inf
-        and abs(table.columns.sum()) < math.inf
-    )
-    if not usable:
+    set_columns(x, y, z, jacobian, table)
+    if not (_is_usable(hull, contact_distance) and abs(table.columns.sum()) < math.inf):
         return False
-    nx, ny, nz = _aim(px, py, pz, lever, table, nodes, points, velocities, count, accel, speed, age)
+    normal = _aim(sphere, table, nodes, hull)
+    nx, ny, nz = normal
     for first in (0, nodes - 1):
         set_span(table, first, nodes, 1.0)
         room = obstacle_room(
-            nx, ny, nz, px, py, pz, points, velocities, count,
-            accel, speed, velocity_error, age + table.time[first], age + table.time[nodes],
-        )  # fmt: skip
+            normal, (x, y, z), hull, age + table.time[first], age + table.time[nodes]
+        )
         room -= contact_distance * (1.0 + SUM_ROUNDING)
         is_free = room > displacement_in_span(nx, ny, nz, jacobian, lever, slope_error, table)
         if is_free == (first == 0):
             return is_free
-    reached = table_contact_time(
-        px, py, pz, jacobian, lever, slope_error, table, points, velocities, count,
-        accel, speed, velocity_error, age, contact_distance, 0.0,
-    )  # fmt: skip
+    reached = table_contact_time(sphere, table, hull, contact_distance, 0.0)
     return reached >= table.time[nodes] * (1.0 - TABLE_END_SLACK)
 
 
 @kernel
 def table_contact_time(
-    px: float,
-    py: float,
-    pz: float,
-    jacobian: FloatArray,
-    lever: FloatArray,
-    slope_error: FloatArray,
+    sphere: ArmSphere,
     table: JointTable,
-    points: FloatArray,
-    velocities: FloatArray,
-    count: int,
-    accel: float,
-    speed: float,
-    velocity_error: float,
-    age: float,
+    hull: Hull,
     contact_distance: float,
     free_until: float,
     enough: float = math.inf,
@@ -202,20 +176,9 @@ def table_contact_time(
     """Earliest time at which a sphere of the arm and a rounded hull could touch.
 
     Args:
-        px: Centre of the sphere at the arm's stamp, in the world, in [m].
-        py: As px.
-        pz: As px.
-        jacobian: Pinocchio's `data.J` at the arm's stamp, in the world. Shape (6, nv).
-        lever: The sphere's row of the motion's `lever`. Shape (nv,).
-        slope_error: The sphere's row of the motion's `slope_error`. Shape (nv,).
+        sphere: The one.
         table: What the motion's `tabulate` filled for this tick.
-        points: Corners of the obstacle's hull at its stamp, in [m]. Shape (k, 3).
-        velocities: Their velocities, in [m]/[s]. Shape (k, 3).
-        count: How many of the corners count.
-        accel: Bound on each corner's acceleration, in [m]/[s²]; may be inf.
-        speed: Bound on each corner's speed, in [m]/[s]; may be inf.
-        velocity_error: What their velocities may be off by, in [m]/[s].
-        age: Now minus the obstacle's stamp, in [s].
+        hull: The other; speeds and accelerations may be infinite.
         contact_distance: Both radii, margin and position errors, the arm's included, in [m].
         free_until: Time in [s] that another proof has shown free of contact; 0: none.
         enough: Time in [s] beyond which the search may stop.
@@ -224,31 +187,25 @@ def table_contact_time(
         Time from now in [s], no earlier than `free_until`, before which there is no contact. The
         end of the table is the most that it can say by itself.
     """
+    x, y, z, jacobian, lever, slope_error = sphere
+    age = hull.bounds.age
     time = table.time
     nodes = time.shape[0] - 1
     reached = free_until if free_until > 0.0 else 0.0
-    usable = (
-        count >= 1
-        and contact_distance >= 0.0
-        and accel >= 0.0
-        and speed >= 0.0
-        and velocity_error >= 0.0
-        and abs(age) < math.inf
-    )
-    if not usable or not reached < time[nodes]:
+    if not (_is_usable(hull, contact_distance) and reached < time[nodes]):
         return reached
     # Begin at the step of the table up to which another proof reaches.
     first = 0
     while time[first + 1] <= reached:
         first += 1
-    set_columns(px, py, pz, jacobian, table)
+    set_columns(x, y, z, jacobian, table)
     if not abs(table.columns.sum()) < math.inf:
         return reached
     stride = FIRST_STRIDE
     failing = nodes + 1  # the last node that failed; beyond the table: none
     part, proved, failed = 1.0, 0.0, 1.0
     halvings = 0
-    nx = ny = nz = math.nan
+    normal = (math.nan, math.nan, math.nan)
     # Invariant: there is no contact before `reached`, nor before the time of node `first`.
     while first < nodes and reached < enough:
         # Choose the interval, and what joints can do in it.
@@ -257,13 +214,9 @@ def table_contact_time(
         set_span(table, first, last, part)
         # Try to separate both: one direction an interval, kept where only its part is halved.
         if halvings == 0:
-            nx, ny, nz = _aim(
-                px, py, pz, lever, table, last, points, velocities, count, accel, speed, age
-            )
-        room = obstacle_room(
-            nx, ny, nz, px, py, pz, points, velocities, count,
-            accel, speed, velocity_error, age + time[first], age + end,
-        )  # fmt: skip
+            normal = _aim(sphere, table, last, hull)
+        nx, ny, nz = normal
+        room = obstacle_room(normal, (x, y, z), hull, age + time[first], age + end)
         room -= contact_distance * (1.0 + SUM_ROUNDING)
         room -= displacement_in_span(nx, ny, nz, jacobian, lever, slope_error, table)
         free = room > 0.0

@@ -14,11 +14,13 @@ import math
 
 import numpy as np
 
+from armguard.contact.bodies import Ball, Bounds, Hull
 from armguard.contact.gap import (
     LARGE,
     LONGEST,
     NO_BOUND,
     TINY,
+    Approach,
     are_bounds,
     direction,
     follow,
@@ -30,40 +32,51 @@ from armguard.contact.gap import (
 from armguard.contact.hull_advancement import (
     FAR,
     SETTLED,
+    Begin,
     carry_time,
     far_contact_time,
     hull_contact_time,
     turn_hull,
 )
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import GAP_ROUNDING
 
+Trace = FloatArray | None
+"""Takes separating directions: see `trace_contact_time`. None costs nothing."""
+
 
 @kernel(forceinline=True)
-def _turn(x, y, z, vx1, vy1, vz1, carry1, vx2, vy2, vz2, carry2):
+def _turn(
+    one: Ball, carry1: float, other: Ball, carry2: float
+) -> tuple[float, float, float, float]:
+    """The direction from one to the other, each carried along its velocity for a time in [s]."""
     return direction(
-        x + vx2 * carry2 - vx1 * carry1,
-        y + vy2 * carry2 - vy1 * carry1,
-        z + vz2 * carry2 - vz1 * carry1,
+        (other.x - one.x) + other.vx * carry2 - one.vx * carry1,
+        (other.y - one.y) + other.vy * carry2 - one.vy * carry1,
+        (other.z - one.z) + other.vz * carry2 - one.vz * carry1,
     )
 
 
 @kernel
 def _turn_aged(
-    x, y, z,
-    vx1, vy1, vz1, margin1, top1, accel1, age1,
-    vx2, vy2, vz2, margin2, top2, accel2, age2,
-):  # fmt: skip
+    one: Ball, approach1: Approach, other: Ball, approach2: Approach
+) -> tuple[float, float, float, float]:
     """The first direction where bodies have been carried on already.
 
     How far that is depends on the direction: first the one between their places at their stamps.
+    The approaches' closing speeds do not count.
     """
-    px, py, pz, inverse = direction(x, y, z)
-    closing1 = (px * vx1 + py * vy1 + pz * vz1) * inverse
-    closing2 = -(px * vx2 + py * vy2 + pz * vz2) * inverse
-    carry1 = carry_time(age1, motion(closing1, margin1, top1, accel1, age1, age1)[5])
-    carry2 = carry_time(age2, motion(closing2, margin2, top2, accel2, age2, age2)[5])
-    cx, cy, cz, turned = _turn(x, y, z, vx1, vy1, vz1, carry1, vx2, vy2, vz2, carry2)
+    px, py, pz, inverse = direction(other.x - one.x, other.y - one.y, other.z - one.z)
+    _, margin1, top1, accel1, inverse1, age1 = approach1
+    _, margin2, top2, accel2, inverse2, age2 = approach2
+    closing1 = (px * one.vx + py * one.vy + pz * one.vz) * inverse
+    closing2 = -(px * other.vx + py * other.vy + pz * other.vz) * inverse
+    approach1 = Approach(closing1, margin1, top1, accel1, inverse1, age1)
+    approach2 = Approach(closing2, margin2, top2, accel2, inverse2, age2)
+    carry1 = carry_time(age1, motion(approach1, age1)[5])
+    carry2 = carry_time(age2, motion(approach2, age2)[5])
+    cx, cy, cz, turned = _turn(one, carry1, other, carry2)
     if math.isnan(turned):
         return px, py, pz, inverse
     return cx, cy, cz, turned
@@ -71,32 +84,31 @@ def _turn_aged(
 
 @kernel
 def ball_contact_time(
-    x, y, z, contact_distance,
-    vx1, vy1, vz1, accel1, speed1, velocity_error1, age1,
-    vx2, vy2, vz2, accel2, speed2, velocity_error2, age2,
-    advances, trace,
-):  # fmt: skip
-    """`trace_contact_time` for a single point at (x, y, z) relative to the sphere's centre."""
+    one: Ball, other: Ball, contact_distance: float, advances: int, trace: Trace
+) -> float:
+    """`trace_contact_time` for two balls."""
+    x, y, z = other.x - one.x, other.y - one.y, other.z - one.z
     length = abs(x) + abs(y) + abs(z) + contact_distance
     if not (
-        are_bounds(accel1, speed1, velocity_error1, age1)
-        and are_bounds(accel2, speed2, velocity_error2, age2)
+        are_bounds(one.bounds)
+        and are_bounds(other.bounds)
         and TINY < length < LARGE
         and contact_distance >= 0.0
     ):
         return 0.0
-    top1, margin1 = limits(vx1, vy1, vz1, accel1, speed1, velocity_error1)
-    top2, margin2 = limits(vx2, vy2, vz2, accel2, speed2, velocity_error2)
-    a1 = usable_accel(accel1)
-    a2 = usable_accel(accel2)
+    age1, age2 = one.bounds.age, other.bounds.age
+    top1, margin1 = limits(one.vx, one.vy, one.vz, one.bounds)
+    top2, margin2 = limits(other.vx, other.vy, other.vz, other.bounds)
+    a1 = usable_accel(one.bounds.accel)
+    a2 = usable_accel(other.bounds.accel)
     inverse1 = 1.0 / a1
     inverse2 = 1.0 / a2
     if age1 == 0.0 and age2 == 0.0:
         px, py, pz, inverse = direction(x, y, z)
     else:
         px, py, pz, inverse = _turn_aged(
-            x, y, z, vx1, vy1, vz1, margin1, top1, a1, age1,
-            vx2, vy2, vz2, margin2, top2, a2, age2,
+            one, Approach(0.0, margin1, top1, a1, inverse1, age1),
+            other, Approach(0.0, margin2, top2, a2, inverse2, age2),
         )  # fmt: skip
     # Invariant: there is no contact before `t`, and p is the direction to try from there.
     t = 0.0
@@ -106,74 +118,55 @@ def ball_contact_time(
             trace[k, 1], trace[k, 2], trace[k, 3] = px * inverse, py * inverse, pz * inverse
         # Advance: follow the gap of this direction to its root.
         before = t
+        closing1 = (px * one.vx + py * one.vy + pz * one.vz) * inverse
+        closing2 = -(px * other.vx + py * other.vy + pz * other.vz) * inverse
         t, saturation1, saturation2 = follow(
             (px * x + py * y + pz * z) * inverse - contact_distance, length, t,
-            (px * vx1 + py * vy1 + pz * vz1) * inverse, margin1, inverse1, top1, a1, age1,
-            -(px * vx2 + py * vy2 + pz * vz2) * inverse, margin2, inverse2, top2, a2, age2,
+            Approach(closing1, margin1, top1, a1, inverse1, age1),
+            Approach(closing2, margin2, top2, a2, inverse2, age2),
         )  # fmt: skip
         # Turn: to where the bodies are carried by then.
         if not before * SETTLED < t < LONGEST:
             break
         px, py, pz, inverse = _turn(
-            x, y, z, vx1, vy1, vz1, carry_time(age1 + t, saturation1),
-            vx2, vy2, vz2, carry_time(age2 + t, saturation2),
-        )  # fmt: skip
+            one, carry_time(age1 + t, saturation1), other, carry_time(age2 + t, saturation2)
+        )
     # Go on in other units where products with the time would overflow.
     if FAR < t < LONGEST:
-        return _far_ball_contact_time(
-            x, y, z, contact_distance,
-            vx1, vy1, vz1, accel1, speed1, velocity_error1, age1,
-            vx2, vy2, vz2, accel2, speed2, velocity_error2, age2,
-            advances, trace, t,
-        )  # fmt: skip
+        return _far_ball_contact_time(one, other, contact_distance, advances, trace, t)
     return t
 
 
 @kernel
 def _far_ball_contact_time(
-    x, y, z, contact_distance,
-    vx1, vy1, vz1, accel1, speed1, velocity_error1, age1,
-    vx2, vy2, vz2, accel2, speed2, velocity_error2, age2,
-    advances, trace, t,
-):  # fmt: skip
+    one: Ball, other: Ball, contact_distance: float, advances: int, trace: Trace, t: float
+) -> float:
     # Every second row: of the layout that rows of states have, for which all this is compiled.
     points = np.zeros((2, 3))[::2]
     velocities = np.zeros((2, 3))[::2]
-    points[0, 0], points[0, 1], points[0, 2] = x, y, z
-    velocities[0, 0], velocities[0, 1], velocities[0, 2] = vx2, vy2, vz2
-    return far_contact_time(
-        0.0, 0.0, 0.0, vx1, vy1, vz1, accel1, speed1, velocity_error1, age1,
-        points, velocities, np.int64(1), accel2, speed2, velocity_error2, age2,
-        contact_distance, advances, trace, t,
-    )  # fmt: skip
+    points[0, 0], points[0, 1], points[0, 2] = other.x - one.x, other.y - one.y, other.z - one.z
+    velocities[0, 0], velocities[0, 1], velocities[0, 2] = other.vx, other.vy, other.vz
+    here = Ball(0.0, 0.0, 0.0, one.vx, one.vy, one.vz, one.bounds)
+    hull = Hull(points, velocities, np.int64(1), other.bounds)
+    return far_contact_time(here, hull, contact_distance, advances, trace, t)
 
 
 @kernel
 def _any_contact_time(
-    px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
-    points, velocities, count, accel2, speed2, velocity_error2, age2,
-    contact_distance, advances, trace,
-):  # fmt: skip
+    ball: Ball, hull: Hull, contact_distance: float, advances: int, trace: Trace
+) -> float:
     t = hull_contact_time(
-        px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
-        points, velocities, count, accel2, speed2, velocity_error2, age2,
-        contact_distance, advances, trace, np.int64(0), 0.0, 0.0, LONGEST,
-    )  # fmt: skip
+        ball, hull, contact_distance, advances, trace, Begin(np.int64(0), 0.0, 0.0, LONGEST)
+    )
     if FAR < t < LONGEST:
-        return far_contact_time(
-            px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
-            points, velocities, count, accel2, speed2, velocity_error2, age2,
-            contact_distance, advances, trace, t,
-        )  # fmt: skip
+        return far_contact_time(ball, hull, contact_distance, advances, trace, t)
     return t
 
 
 @kernel(forceinline=True)
 def trace_contact_time(
-    px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
-    points, velocities, count, accel2, speed2, velocity_error2, age2,
-    contact_distance, advances, trace,
-):  # fmt: skip
+    ball: Ball, hull: Hull, contact_distance: float, advances: int, trace: Trace
+) -> float:
     """`pair_contact_time` that leaves its separating directions behind.
 
     `trace` is None, which costs nothing, or has the shape (2 advances, 4): a row takes the time
@@ -181,114 +174,95 @@ def trace_contact_time(
     stay as they were; one of a direction that did not bring the time forward has the time of the
     next.
     """
-    if count == 1:
-        return ball_contact_time(
-            points[0, 0] - px, points[0, 1] - py, points[0, 2] - pz, contact_distance,
-            vx, vy, vz, accel1, speed1, velocity_error1, age1,
-            velocities[0, 0], velocities[0, 1], velocities[0, 2],
-            accel2, speed2, velocity_error2, age2, advances, trace,
+    points, velocities = hull.points, hull.velocities
+    if hull.count == 1:
+        other = Ball(
+            points[0, 0], points[0, 1], points[0, 2],
+            velocities[0, 0], velocities[0, 1], velocities[0, 2], hull.bounds,
         )  # fmt: skip
-    return _any_contact_time(
-        px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
-        points, velocities, count, accel2, speed2, velocity_error2, age2,
-        contact_distance, advances, trace,
-    )  # fmt: skip
+        return ball_contact_time(ball, other, contact_distance, advances, trace)
+    return _any_contact_time(ball, hull, contact_distance, advances, trace)
 
 
 @kernel(forceinline=True)
-def pair_contact_time(
-    px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
-    points, velocities, count, accel2, speed2, velocity_error2, age2,
-    contact_distance, advances,
-):  # fmt: skip
-    """Earliest time at which a sphere and the rounded hull of points[:count] could touch.
+def pair_contact_time(ball: Ball, hull: Hull, contact_distance: float, advances: int) -> float:
+    """Earliest time at which a ball and the rounded hull of moving points could touch.
 
-    (px, py, pz) is the centre of the sphere at its stamp in [m], (vx, vy, vz) its velocity in
-    [m/s]; accel1 [m/s^2] and speed1 [m/s] are its bounds, inf where there is none; velocity_error1
-    [m/s] is what the velocity may be off by; age1 [s] is now minus its stamp, negative where that
-    is newer than now. `points` and `velocities`, shape (k, 3), float64, [m] and [m/s], are the
-    corners of the hull: count 1 is a ball, 2 a capsule, 8 a box; their bounds, error and age hold
-    for each corner. contact_distance [m] is both radii, margin and position errors. `advances` is
-    the most advances: more come closer, and every number is safe.
+    Args:
+        ball: The one.
+        hull: The other.
+        contact_distance: Both radii, margin and position errors, in [m].
+        advances: The most advances: more come closer, and every number is safe.
 
     Returns:
         A time from now in [s] before which there is no contact; inf if never, 0 if contact is
         possible now or any input is NaN, negative or infinite where that means nothing.
     """
-    return trace_contact_time(
-        px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
-        points, velocities, count, accel2, speed2, velocity_error2, age2,
-        contact_distance, advances, None,
-    )  # fmt: skip
+    return trace_contact_time(ball, hull, contact_distance, advances, None)
 
 
 @kernel(inline="always")
 def row_contact_time(
-    px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
-    points, velocities, row, count, accel2, speed2, velocity_error2, age2,
-    contact_distance, advances,
-):  # fmt: skip
-    """`pair_contact_time` for one row of arrays of the shape (n, k, 3).
+    ball: Ball,
+    points: FloatArray,
+    velocities: FloatArray,
+    row: int,
+    count: int,
+    bounds: Bounds,
+    contact_distance: float,
+    advances: int,
+) -> float:
+    """`pair_contact_time` for the hull in one row of arrays of the shape (n, k, 3).
 
     Written out in its caller before that is compiled: to hand arrays over, and rows of them, takes
     as long, for counting references to them, as an advance of a ball.
     """
     if count == 1:
-        time = ball_contact_time(
-            points[row, 0, 0] - px, points[row, 0, 1] - py, points[row, 0, 2] - pz,
-            contact_distance, vx, vy, vz, accel1, speed1, velocity_error1, age1,
-            velocities[row, 0, 0], velocities[row, 0, 1], velocities[row, 0, 2],
-            accel2, speed2, velocity_error2, age2, advances, None,
+        other = Ball(
+            points[row, 0, 0], points[row, 0, 1], points[row, 0, 2],
+            velocities[row, 0, 0], velocities[row, 0, 1], velocities[row, 0, 2], bounds,
         )  # fmt: skip
+        time = ball_contact_time(ball, other, contact_distance, advances, None)
     else:
-        time = _any_contact_time(
-            px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
-            points[row], velocities[row], count, accel2, speed2, velocity_error2, age2,
-            contact_distance, advances, None,
-        )  # fmt: skip
+        hull = Hull(points[row], velocities[row], count, bounds)
+        time = _any_contact_time(ball, hull, contact_distance, advances, None)
     return time
 
 
 @kernel
-def pair_distance_time(
-    px, py, pz, vx, vy, vz, accel1, speed1, velocity_error1, age1,
-    points, velocities, count, accel2, speed2, velocity_error2, age2,
-    contact_distance,
-):  # fmt: skip
+def pair_distance_time(ball: Ball, hull: Hull, contact_distance: float) -> float:
     """The rung below the first advance: distance over the closing speed that bounds allow.
 
     Arguments and result as for `pair_contact_time`; the accelerations do not matter.
     """
+    points, velocities, count, bounds = hull
     if not (
-        count >= 1
-        and are_bounds(accel1, speed1, velocity_error1, age1)
-        and are_bounds(accel2, speed2, velocity_error2, age2)
-        and contact_distance >= 0.0
+        count >= 1 and are_bounds(ball.bounds) and are_bounds(bounds) and contact_distance >= 0.0
     ):
         return 0.0
     if count == 1:
-        nx, ny, nz, inverse = direction(points[0, 0] - px, points[0, 1] - py, points[0, 2] - pz)
-    else:
-        nx, ny, nz, inverse = turn_hull(
-            px, py, pz, 0.0, 0.0, 0.0, 0.0, points, velocities, count, 0.0
+        nx, ny, nz, inverse = direction(
+            points[0, 0] - ball.x, points[0, 1] - ball.y, points[0, 2] - ball.z
         )
-    top1 = limits(vx, vy, vz, accel1, speed1, velocity_error1)[0]
+    else:
+        still = Ball(ball.x, ball.y, ball.z, 0.0, 0.0, 0.0, ball.bounds)
+        nx, ny, nz, inverse = turn_hull(still, 0.0, hull, 0.0)
+    top1 = limits(ball.vx, ball.vy, ball.vz, ball.bounds)[0]
     distance = math.inf
     length = contact_distance
     top2 = 0.0
     for j in range(count):
-        x = points[j, 0] - px
-        y = points[j, 1] - py
-        z = points[j, 2] - pz
-        ux, uy, uz = velocities[j, 0], velocities[j, 1], velocities[j, 2]
-        top = limits(ux, uy, uz, accel2, speed2, velocity_error2)[0]
+        x = points[j, 0] - ball.x
+        y = points[j, 1] - ball.y
+        z = points[j, 2] - ball.z
+        top = limits(velocities[j, 0], velocities[j, 1], velocities[j, 2], bounds)[0]
         along = (nx * x + ny * y + nz * z) * inverse
         if not (along >= 0.0 and top >= 0.0):
             return 0.0
         distance = min(distance, along)
         length = max(length, abs(x) + abs(y) + abs(z))
         top2 = max(top2, top)
-    grown = top1 * abs(age1) + top2 * abs(age2)
+    grown = top1 * abs(ball.bounds.age) + top2 * abs(bounds.age)
     gap = distance - contact_distance - grown - GAP_ROUNDING * (2.0 * length + grown)
     if not (gap > 0.0 and TINY < length < LARGE and top1 + top2 < NO_BOUND):
         return 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -63,8 +63,40 @@ def give_shape(out: FloatArray, shape: tuple[int, ...]) -> Any:
     return out.reshape(shape) if shape else float(out[0])
 
 
-def read_pairs(*values: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
-    """The common shape, and the arrays checked, broadcast, flat and in the kernels' order."""
+class Rows(NamedTuple):
+    """One body of each of n pairs, as kernels see them."""
+
+    velocities: FloatArray
+    """[m/s]. Shape (n, 3), or (n, k, 3) for hulls."""
+    accel: FloatArray
+    """[m/s²]. Shape (n,)."""
+    speed: FloatArray
+    """[m/s]. Shape (n,)."""
+    velocity_error: FloatArray
+    """[m/s]. Shape (n,)."""
+    age: FloatArray
+    """[s]. Shape (n,)."""
+    clock_error: FloatArray
+    """What stamps may be off by, in [s]. Shape (n,)."""
+
+
+class Pairs(NamedTuple):
+    """A ball and a hull each."""
+
+    places: FloatArray
+    """Of the balls' centres, in [m]. Shape (n, 3)."""
+    one: Rows
+    """The balls."""
+    corners: FloatArray
+    """Of the hulls, in [m]. Shape (n, k, 3)."""
+    other: Rows
+    """The hulls."""
+    contact_distance: FloatArray
+    """[m]. Shape (n,)."""
+
+
+def read_pairs(*values: ArrayLike) -> tuple[tuple[int, ...], Pairs]:
+    """The common shape, and the arrays checked, broadcast and flat."""
     given = dict(zip(PAIR_ARGUMENTS, values, strict=True))
     vectors = {name: read_vectors(name, given[name]) for name in ("p1", "v1")}
     hulls = {name: read_vectors(name, given[name]) for name in ("p2", "v2")}
@@ -89,7 +121,8 @@ def read_pairs(*values: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
         | {name: array.shape[:-2] for name, array in hulls.items()}
         | {name: array.shape for name, array in scalars.items()}
     )
-    bodies = [spread(array, shape, (3,)) for array in vectors.values()]
-    corners = [spread(array, shape, (count, 3)) for array in hulls.values()]
+    places, velocities1 = (spread(array, shape, (3,)) for array in vectors.values())
+    corners, velocities2 = (spread(array, shape, (count, 3)) for array in hulls.values())
     numbers = [spread(array, shape, ()) for array in scalars.values()]
-    return shape, [*bodies, *numbers[:5], *corners, *numbers[5:]]
+    one, other = Rows(velocities1, *numbers[:5]), Rows(velocities2, *numbers[5:10])
+    return shape, Pairs(places, one, corners, other, numbers[10])

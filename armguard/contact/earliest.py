@@ -31,6 +31,8 @@ from armguard.contact.advancement import (
     trace_contact_time,
 )
 from armguard.contact.arguments import (
+    Pairs,
+    Rows,
     check_advances,
     find_common_shape,
     give_shape,
@@ -39,6 +41,7 @@ from armguard.contact.arguments import (
     read_vectors,
     spread,
 )
+from armguard.contact.bodies import Ball, Bounds, Hull
 from armguard.contact.gap import clock_drift
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
@@ -74,21 +77,26 @@ class Certificate(NamedTuple):
 
 
 @kernel
-def _reach(
-    v1, a1, s1, e1, clock1, velocities, a2, s2, e2, clock2, contact_distance
-):  # fmt: skip
-    """`contact_distance`, and how far the bodies get in the time that their stamps may be off by.
+def _bounds(rows: Rows, row: int) -> Bounds:
+    return Bounds(rows.accel[row], rows.speed[row], rows.velocity_error[row], rows.age[row])
+
+
+@kernel
+def _reach(pairs: Pairs, row: int) -> float:
+    """A contact distance, and how far bodies get in the time that their stamps may be off by.
 
     Whichever way a stamp is off, D of `gap` changes by no more than top speed times that time.
     """
+    one, other, contact_distance = pairs.one, pairs.other, pairs.contact_distance[row]
+    clock1, clock2 = one.clock_error[row], other.clock_error[row]
     if clock1 == 0.0 and clock2 == 0.0:
         return contact_distance
-    drift1 = clock_drift(v1[0], v1[1], v1[2], a1, s1, e1, clock1)
+    v1, velocities = one.velocities[row], other.velocities[row]
+    drift1 = clock_drift(v1[0], v1[1], v1[2], _bounds(one, row), clock1)
+    bounds = _bounds(other, row)
     drift2 = 0.0
     for j in range(velocities.shape[0]):
-        drift = clock_drift(
-            velocities[j, 0], velocities[j, 1], velocities[j, 2], a2, s2, e2, clock2
-        )
+        drift = clock_drift(velocities[j, 0], velocities[j, 1], velocities[j, 2], bounds, clock2)
         if not drift <= drift2:  # NaN stays: the sum is NaN with it
             drift2 = drift
             if math.isnan(drift):
@@ -97,48 +105,47 @@ def _reach(
 
 
 @kernel
-def _pair_loop(
-    p1, v1, a1, s1, e1, age1, clock1, points, velocities, a2, s2, e2, age2, clock2, distance,
-    advances, out,
-):  # fmt: skip
+def _ball(pairs: Pairs, row: int) -> Ball:
+    p, v = pairs.places, pairs.one.velocities
+    return Ball(
+        p[row, 0], p[row, 1], p[row, 2], v[row, 0], v[row, 1], v[row, 2], _bounds(pairs.one, row)
+    )
+
+
+@kernel
+def _pair_loop(pairs: Pairs, advances: int, out: FloatArray) -> None:
+    other = pairs.other
     for i in range(out.size):
         out[i] = row_contact_time(
-            p1[i, 0], p1[i, 1], p1[i, 2], v1[i, 0], v1[i, 1], v1[i, 2],
-            a1[i], s1[i], e1[i], age1[i],
-            points, velocities, i, points.shape[1], a2[i], s2[i], e2[i], age2[i],
-            _reach(
-                v1[i], a1[i], s1[i], e1[i], clock1[i],
-                velocities[i], a2[i], s2[i], e2[i], clock2[i], distance[i],
-            ),
-            advances,
+            _ball(pairs, i), pairs.corners, other.velocities, i, pairs.corners.shape[1],
+            _bounds(other, i), _reach(pairs, i), advances,
         )  # fmt: skip
 
 
 @kernel
-def _trace_pair(
-    p1, v1, a1, s1, e1, age1, clock1, points, velocities, a2, s2, e2, age2, clock2, distance,
-    advances, trace,
-):  # fmt: skip
-    return trace_contact_time(
-        p1[0, 0], p1[0, 1], p1[0, 2], v1[0, 0], v1[0, 1], v1[0, 2], a1[0], s1[0], e1[0], age1[0],
-        points[0], velocities[0], points.shape[1], a2[0], s2[0], e2[0], age2[0],
-        _reach(
-            v1[0], a1[0], s1[0], e1[0], clock1[0],
-            velocities[0], a2[0], s2[0], e2[0], clock2[0], distance[0],
-        ),
-        advances, trace,
-    )  # fmt: skip
+def _trace_pair(pairs: Pairs, advances: int, trace: FloatArray) -> float:
+    corners, other = pairs.corners, pairs.other
+    hull = Hull(corners[0], other.velocities[0], corners.shape[1], _bounds(other, 0))
+    return trace_contact_time(_ball(pairs, 0), hull, _reach(pairs, 0), advances, trace)
 
 
 @kernel
-def _relative_loop(position, velocity, distance, accel, speed, advances, out):
+def _relative_loop(
+    position: FloatArray,
+    velocity: FloatArray,
+    distance: FloatArray,
+    accel: FloatArray,
+    speed: FloatArray,
+    advances: int,
+    out: FloatArray,
+) -> None:
+    still = Ball(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, Bounds(0.0, 0.0, 0.0, 0.0))
     for i in range(out.size):
-        out[i] = ball_contact_time(
-            position[i, 0], position[i, 1], position[i, 2], distance[i],
-            0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-            velocity[i, 0], velocity[i, 1], velocity[i, 2], accel[i], speed[i], 0.0, 0.0,
-            advances, None,
+        body = Ball(
+            position[i, 0], position[i, 1], position[i, 2],
+            velocity[i, 0], velocity[i, 1], velocity[i, 2], Bounds(accel[i], speed[i], 0.0, 0.0),
         )  # fmt: skip
+        out[i] = ball_contact_time(still, body, distance[i], advances, None)
 
 
 def earliest_contact(
@@ -277,12 +284,12 @@ def earliest_contact_hull(
     2 a capsule, 8 a box. Bounds, age and error of body 2 hold for each of its points.
     """
     steps = check_advances(advances)
-    shape, arrays = read_pairs(
+    shape, pairs = read_pairs(
         p1, v1, a1, s1, p2, v2, a2, s2, contact_distance,
         age1, age2, velocity_error1, velocity_error2, clock_error1, clock_error2,
     )  # fmt: skip
     out = np.empty(math.prod(shape))
-    _pair_loop(*arrays, steps, out)
+    _pair_loop(pairs, steps, out)
     return give_shape(out, shape)
 
 
@@ -311,7 +318,7 @@ def certify(
     (3,), or (k, 3) for the rounded hull of up to eight points. The time is the same, to the bit.
     """
     steps = check_advances(advances)
-    shape, arrays = read_pairs(
+    shape, pairs = read_pairs(
         p1, v1, a1, s1,
         np.atleast_2d(read_vectors("p2", p2)), np.atleast_2d(read_vectors("v2", v2)), a2, s2,
         contact_distance, age1, age2, velocity_error1, velocity_error2, clock_error1, clock_error2,
@@ -319,7 +326,7 @@ def certify(
     if shape:
         raise ArmguardError("arguments", f"are {shape} pairs", expected="a single pair")
     trace = np.full((2 * steps, 4), math.nan)
-    contact_time = float(_trace_pair(*arrays, steps, trace))
+    contact_time = float(_trace_pair(pairs, steps, trace))
     used = trace[trace[:, 0] < contact_time]
     used = used[np.diff(used[:, 0], append=contact_time) > 0.0]
     return Certificate(contact_time, used[:, 0].copy(), used[:, 1:].copy())

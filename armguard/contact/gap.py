@@ -18,7 +18,7 @@ form. Whatever the direction, the time reached is proved; so it is in floating p
   `gap - slope h - accel h^2 / 2` stays positive is right to 10 e and shortened by 16 e, and so is
   its sum with the time so far. Slope and acceleration bound the gap between the two ends (Taylor's
   formula, not an approximation).
-- When a body is taken to reach its top speed does not matter to safety: see `_follow_forward`.
+- When a body is taken to reach its top speed does not matter to safety: see `follow_forward`.
 - Squares are used where they keep their bits; else the direction is rescaled by a power of two
   and the root taken by `hypot`. Non-zero accelerations below TINY count as TINY, lengths below it
   as contact, so that what underflows (2**-1074) is far below the GAP_ROUNDING of something present.
@@ -31,7 +31,9 @@ from __future__ import annotations
 
 import math
 import sys
+from typing import NamedTuple
 
+from armguard.contact.bodies import Bounds
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import GAP_ROUNDING
 
@@ -43,8 +45,40 @@ LONGEST = 1e305  # no step is longer, so that sums of times stay finite
 MAX_PIECES = 12  # seven, and a few for ends that rounding splits
 
 
+class Approach(NamedTuple):
+    """One body along a direction, on its side of it."""
+
+    closing: float
+    """Its measured speed along the direction at its stamp, in [m/s]."""
+    margin: float
+    """What is added to that, in [m/s]; see `limits`."""
+    top: float
+    """Its top speed, in [m/s]."""
+    accel: float
+    """Bound on its acceleration, in [m/s²], as `usable_accel` gives it."""
+    inverse: float
+    """1 / accel, in [s²/m]."""
+    age: float
+    """Now minus its stamp, in [s]."""
+
+
+class Forward(NamedTuple):
+    """One body along a direction, from its stamp on."""
+
+    start: float
+    """Its largest speed along the direction at its stamp, in [m/s]."""
+    top: float
+    """As that of `Approach`."""
+    accel: float
+    """As that of `Approach`."""
+    inverse: float
+    """As that of `Approach`."""
+    elapsed: float
+    """Since its stamp, in [s], not negative."""
+
+
 @kernel
-def _measured_speed(vx, vy, vz, speed, velocity_error):
+def _measured_speed(vx: float, vy: float, vz: float, speed: float, velocity_error: float) -> float:
     """The speed bound that holds: `speed`, or what was measured where that breaks it."""
     allowed = speed + velocity_error
     largest = max(abs(vx), abs(vy), abs(vz))
@@ -59,11 +93,12 @@ def _measured_speed(vx, vy, vz, speed, velocity_error):
 
 
 @kernel(forceinline=True)
-def limits(vx, vy, vz, accel, speed, velocity_error):
+def limits(vx: float, vy: float, vz: float, bounds: Bounds) -> tuple[float, float]:
     """Top speed, and what is added to a measured closing speed: its error, and a few ulp of |v|.
 
     Without a bound on acceleration a body has its top speed at once: its margin is infinite.
     """
+    accel, speed, velocity_error, _ = bounds
     size = abs(vx) + abs(vy) + abs(vz)
     top = speed
     if not size * (1.0 + GAP_ROUNDING) <= speed + velocity_error:  # `size` is no less than |v|
@@ -79,18 +114,18 @@ def limits(vx, vy, vz, accel, speed, velocity_error):
 
 
 @kernel
-def clock_drift(vx, vy, vz, accel, speed, velocity_error, clock_error):
+def clock_drift(vx: float, vy: float, vz: float, bounds: Bounds, clock_error: float) -> float:
     """How far a body can get in the time that its stamp may be off by, rounded up."""
     if clock_error == 0.0:
         return 0.0
-    top = limits(vx, vy, vz, accel, speed, velocity_error)[0]
-    if speed == math.inf:
-        return speed if clock_error > 0.0 else math.nan
+    top = limits(vx, vy, vz, bounds)[0]
+    if bounds.speed == math.inf:
+        return math.inf if clock_error > 0.0 else math.nan
     return top * clock_error * (1.0 + GAP_ROUNDING) + (TINY if top > 0.0 else 0.0)
 
 
 @kernel(forceinline=True)
-def usable_accel(accel):
+def usable_accel(accel: float) -> float:
     """The acceleration to reckon with: none where `limits` sees to it, never a vanishing one."""
     if accel == math.inf:
         return 0.0
@@ -98,8 +133,9 @@ def usable_accel(accel):
 
 
 @kernel(forceinline=True)
-def are_bounds(accel, speed, velocity_error, age):
+def are_bounds(bounds: Bounds) -> bool:
     """Whether bounds and age are usable, and hold the body back at all (NaN never does)."""
+    accel, speed, velocity_error, age = bounds
     return (
         accel >= 0.0
         and speed >= 0.0
@@ -110,7 +146,7 @@ def are_bounds(accel, speed, velocity_error, age):
 
 
 @kernel
-def _rescaled(x, y, z):
+def _rescaled(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     largest = max(abs(x), abs(y), abs(z))
     if not (0.0 < largest < math.inf):
         return math.nan, math.nan, math.nan, math.nan
@@ -120,7 +156,7 @@ def _rescaled(x, y, z):
 
 
 @kernel(forceinline=True)
-def direction(x, y, z):
+def direction(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """A vector along (x, y, z) and the inverse of its length; NaN for the zero vector.
 
     Kept apart so that products with the vector need not wait for the root and the quotient.
@@ -132,12 +168,12 @@ def direction(x, y, z):
 
 
 @kernel
-def _extreme_root(gap, slope, accel):
+def _extreme_root(gap: float, slope: float, accel: float) -> float:
     return math.hypot(slope, math.sqrt(accel) * math.sqrt(gap) * math.sqrt(2.0))
 
 
 @kernel(forceinline=True)
-def _step(gap, slope, accel):
+def _step(gap: float, slope: float, accel: float) -> float:
     """Largest h up to which gap - slope h - accel h^2 / 2 stays positive, for gap > 0."""
     square = slope * slope + 2.0 * accel * gap
     ordinary = 1e-280 < square < 1e300
@@ -156,7 +192,7 @@ def _step(gap, slope, accel):
 
 
 @kernel(forceinline=True)
-def later(t, step):
+def later(t: float, step: float) -> float:
     """The time `step` after `t`, rounded down, but never before `t`."""
     after = (t + step) * (1.0 - GAP_ROUNDING)
     return after if after > t + SHORTEST else t
@@ -164,16 +200,17 @@ def later(t, step):
 
 @kernel(forceinline=True)
 def follow_forward(
-    along, length, t, start1, inverse1, top1, accel1, s1, start2, inverse2, top2, accel2, s2
-):  # fmt: skip
+    along: float, length: float, t: float, one: Forward, other: Forward
+) -> tuple[float, float, float]:
     """`follow` where no stamp is newer than `t`: at most three pieces, chosen without branches.
 
-    start is the speed along the direction at the stamp, inverse that of the acceleration, s the
-    time since the stamp, and a body's saturation the time from its stamp to its top speed. A body
-    that gains speed until sigma and has its top speed from then on comes
+    A body's saturation is the time from its stamp to its top speed. With s the time since its
+    stamp, a body that gains speed until sigma and has its top speed from then on comes
     start sigma + accel sigma^2 / 2 + top (s - sigma) far: its advance is the least of these over
     all sigma, so that each of them bounds it, and the rounding of sigma costs nothing.
     """
+    start1, top1, accel1, inverse1, s1 = one
+    start2, top2, accel2, inverse2, s2 = other
     saturation1 = (top1 - start1) * inverse1 if start1 < top1 else 0.0
     saturation2 = (top2 - start2) * inverse2 if start2 < top2 else 0.0
     # The gap at `t`: each body gains speed until its saturation and cruises from then on.
@@ -205,9 +242,9 @@ def follow_forward(
     is_first = left1 < left2
     later_accel = accel2 if is_first else accel1
     capped = top1 if is_first else top2
-    other = slope2 if is_first else slope1
+    gaining = slope2 if is_first else slope1
     gained = later_accel * first
-    later_slope = capped + other + gained + GAP_ROUNDING * (capped + abs(other) + gained)
+    later_slope = capped + gaining + gained + GAP_ROUNDING * (capped + abs(gaining) + gained)
     later_gap = gap - first * (slope + 0.5 * accel * first)
     later_gap -= GAP_ROUNDING * (gap + first * (abs(slope) + accel * first))
     # The third piece: both have their top speeds, and the gap is linear.
@@ -230,13 +267,14 @@ def follow_forward(
 
 
 @kernel
-def motion(closing, margin, top, accel, age, s):
+def motion(approach: Approach, s: float) -> tuple[float, float, float, float, float, float]:
     """One body's advance along a direction, `s` seconds from its stamp, either way.
 
     Returns the advance; the largest speed in it; slope and curvature in time of what bounds it
     from here to the end of the piece; that end, counted from the stamp; and the saturation time,
     from the stamp to when the speed bound is reached, inf if that lies further out than `s`.
     """
+    closing, margin, top, accel, _, age = approach
     start = (closing if s >= 0.0 else -closing) + margin
     if start > top:
         start = top
@@ -259,36 +297,34 @@ def motion(closing, margin, top, accel, age, s):
     return advance, top, -advance / span, 0.0, 0.0, saturation
 
 
+@kernel(forceinline=True)
+def _go_forward(approach: Approach, elapsed: float) -> Forward:
+    """A body from its stamp on, of which `elapsed` has passed, in [s]."""
+    start = approach.closing + approach.margin
+    return Forward(
+        approach.top if start > approach.top else start,
+        approach.top, approach.accel, approach.inverse, elapsed,
+    )  # fmt: skip
+
+
 @kernel
 def follow_backward(
-    along, length, t,
-    closing1, margin1, inverse1, top1, accel1, age1,
-    closing2, margin2, inverse2, top2, accel2, age2,
-):  # fmt: skip
+    along: float, length: float, t: float, one: Approach, other: Approach
+) -> tuple[float, float, float]:
     """`follow` where a stamp is newer than `t`: piece by piece, each bounded anew.
 
     Invariant of the loop: the gap is positive from the first `t` up to the present one.
     """
+    age1, age2 = one.age, other.age
     saturation1 = 0.0
     saturation2 = 0.0
     for _ in range(MAX_PIECES):
         s1 = age1 + t
         s2 = age2 + t
         if s1 >= 0.0 and s2 >= 0.0:
-            start1 = closing1 + margin1
-            start2 = closing2 + margin2
-            start1 = top1 if start1 > top1 else start1
-            start2 = top2 if start2 > top2 else start2
-            return follow_forward(
-                along, length, t,
-                start1, inverse1, top1, accel1, s1, start2, inverse2, top2, accel2, s2,
-            )  # fmt: skip
-        advance1, fast1, slope1, curvature1, end1, saturation1 = motion(
-            closing1, margin1, top1, accel1, age1, s1
-        )
-        advance2, fast2, slope2, curvature2, end2, saturation2 = motion(
-            closing2, margin2, top2, accel2, age2, s2
-        )
+            return follow_forward(along, length, t, _go_forward(one, s1), _go_forward(other, s2))
+        advance1, fast1, slope1, curvature1, end1, saturation1 = motion(one, s1)
+        advance2, fast2, slope2, curvature2, end2, saturation2 = motion(other, s2)
         slack = GAP_ROUNDING * (length + fast1 * abs(s1) + fast2 * abs(s2))
         gap = along - advance1 - advance2 - slack
         if not gap > 0.0:
@@ -298,9 +334,9 @@ def follow_backward(
         end1 = -age1 if end1 == 0.0 else (end1 - age1) * (1.0 - GAP_ROUNDING)
         end2 = -age2 if end2 == 0.0 else (end2 - age2) * (1.0 - GAP_ROUNDING)
         if not end1 > t + SHORTEST:
-            slope1, curvature1, end1 = top1, 0.0, math.inf
+            slope1, curvature1, end1 = one.top, 0.0, math.inf
         if not end2 > t + SHORTEST:
-            slope2, curvature2, end2 = top2, 0.0, math.inf
+            slope2, curvature2, end2 = other.top, 0.0, math.inf
         slope = slope1 + slope2 + GAP_ROUNDING * (fast1 + fast2)
         step = _step(gap, slope, curvature1 + curvature2)
         end = min(end1, end2)
@@ -312,10 +348,8 @@ def follow_backward(
 
 @kernel(forceinline=True)
 def follow(
-    along, length, t,
-    closing1, margin1, inverse1, top1, accel1, age1,
-    closing2, margin2, inverse2, top2, accel2, age2,
-):  # fmt: skip
+    along: float, length: float, t: float, one: Approach, other: Approach
+) -> tuple[float, float, float]:
     """Follow the gap of one direction from `t` to its root.
 
     `along` is n.x - contact_distance, `length` the magnitude that its rounding goes by. Returns
@@ -323,18 +357,8 @@ def follow(
     than that from their stamps they are carried along their measured velocities when the next
     direction is chosen.
     """
-    s1 = age1 + t
-    s2 = age2 + t
+    s1 = one.age + t
+    s2 = other.age + t
     if s1 >= 0.0 and s2 >= 0.0:
-        start1 = closing1 + margin1
-        start2 = closing2 + margin2
-        start1 = top1 if start1 > top1 else start1
-        start2 = top2 if start2 > top2 else start2
-        return follow_forward(
-            along, length, t, start1, inverse1, top1, accel1, s1, start2, inverse2, top2, accel2, s2
-        )
-    return follow_backward(
-        along, length, t,
-        closing1, margin1, inverse1, top1, accel1, age1,
-        closing2, margin2, inverse2, top2, accel2, age2,
-    )  # fmt: skip
+        return follow_forward(along, length, t, _go_forward(one, s1), _go_forward(other, s2))
+    return follow_backward(along, length, t, one, other)

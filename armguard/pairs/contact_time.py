@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from armguard.bounds.table_time import is_free_to_end, table_contact_time
+from armguard.bounds.table_time import ArmSphere, is_free_to_end, table_contact_time
 from armguard.contact.advancement import pair_distance_time, row_contact_time
+from armguard.contact.bodies import Ball, Bounds, Hull
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import TERM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
@@ -29,6 +30,29 @@ REACH_ADVANCES = 2
 
 
 @kernel
+def bounds_of(bodies: States, row: int, age: float) -> Bounds:
+    """What holds a body back; its age in [s]."""
+    return Bounds(bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], age)
+
+
+@kernel
+def hull_of(bodies: States, row: int, age: float) -> Hull:
+    """A body with what holds it back; its age in [s]."""
+    bounds = bounds_of(bodies, row, age)
+    return Hull(bodies.points[row], bodies.velocities[row], bodies.point_count[row], bounds)
+
+
+@kernel
+def sphere_of(scene: Scene, node: int) -> ArmSphere:
+    """A sphere of the arm whose joints are bounded."""
+    arm = scene.arm
+    return ArmSphere(
+        arm.centers[node, 0], arm.centers[node, 1], arm.centers[node, 2],
+        scene.placement.jacobian, arm.lever[node], arm.slope_error[node],
+    )  # fmt: skip
+
+
+@kernel
 def reach_time(
     x: float, y: float, z: float, radius: float, bodies: States, row: int, age: float, margin: float
 ) -> float:
@@ -37,10 +61,9 @@ def reach_time(
         1.0 + TERM_ROUNDING
     )
     time: float = row_contact_time(
-        x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        Ball(x, y, z, 0.0, 0.0, 0.0, Bounds(0.0, 0.0, 0.0, 0.0)),
         bodies.points, bodies.velocities, row, bodies.point_count[row],
-        bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], age,
-        distance, np.int64(REACH_ADVANCES),
+        bounds_of(bodies, row, age), distance, np.int64(REACH_ADVANCES),
     )  # fmt: skip
     return time if time >= 0.0 else 0.0
 
@@ -59,22 +82,17 @@ def _free_time(
 ) -> float:
     """Contact time of a sphere as a free body, or by distance alone."""
     arm = scene.arm
+    sphere = Ball(
+        arm.centers[node, 0], arm.centers[node, 1], arm.centers[node, 2],
+        arm.velocities[node, 0], arm.velocities[node, 1], arm.velocities[node, 2],
+        Bounds(arm.accel[node], arm.speed[node], arm.velocity_error[node], arm_age),
+    )  # fmt: skip
     if scene.settings.by_distance:
-        time = pair_distance_time(
-            arm.centers[node, 0], arm.centers[node, 1], arm.centers[node, 2],
-            arm.velocities[node, 0], arm.velocities[node, 1], arm.velocities[node, 2],
-            arm.accel[node], arm.speed[node], arm.velocity_error[node], arm_age,
-            bodies.points[row], bodies.velocities[row], bodies.point_count[row],
-            bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], age, distance,
-        )  # fmt: skip
+        time = pair_distance_time(sphere, hull_of(bodies, row, age), distance)
     else:
         time = row_contact_time(
-            arm.centers[node, 0], arm.centers[node, 1], arm.centers[node, 2],
-            arm.velocities[node, 0], arm.velocities[node, 1], arm.velocities[node, 2],
-            arm.accel[node], arm.speed[node], arm.velocity_error[node], arm_age,
-            bodies.points, bodies.velocities, row, bodies.point_count[row],
-            bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], age,
-            distance, scene.settings.advances,
+            sphere, bodies.points, bodies.velocities, row, bodies.point_count[row],
+            bounds_of(bodies, row, age), distance, scene.settings.advances,
         )  # fmt: skip
     return time if time >= 0.0 else 0.0
 
@@ -133,13 +151,10 @@ def link_time(
             time, bound = free, DISTANCE if settings.by_distance else ISOTROPIC
         # Joints within their limits: dearer, and only where the time could still decide.
         if settings.with_joints and time < limit:
+            hull = hull_of(bodies, row, age)
             slower = table_contact_time(
-                scene.arm.centers[node, 0], scene.arm.centers[node, 1], scene.arm.centers[node, 2],
-                scene.placement.jacobian, scene.arm.lever[node], scene.arm.slope_error[node],
-                scene.table, bodies.points[row], bodies.velocities[row], bodies.point_count[row],
-                bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], age,
-                distance, time, limit,
-            )  # fmt: skip
+                sphere_of(scene, node), scene.table, hull, distance, time, limit
+            )
             evaluations += 1
             if slower > time:
                 time, bound = slower, JOINT
@@ -296,11 +311,8 @@ def rests_in_time(handle: Any, link: int, row: int, now: float, budget: int) -> 
                 return UNDECIDED, evaluations
             evaluations += 1
             is_free = is_free_to_end(
-                scene.arm.centers[node, 0], scene.arm.centers[node, 1], scene.arm.centers[node, 2],
-                scene.placement.jacobian, scene.arm.lever[node], scene.arm.slope_error[node],
-                scene.braking, bodies.points[place], bodies.velocities[place],
-                bodies.point_count[place], bodies.accel[place], bodies.speed[place],
-                bodies.velocity_error[place], age, contact_distance(scene, node, bodies, place),
+                sphere_of(scene, node), scene.braking, hull_of(bodies, place, age),
+                contact_distance(scene, node, bodies, place),
             )  # fmt: skip
             if is_free:
                 node = tree.skip[node]

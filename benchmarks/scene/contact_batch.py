@@ -15,6 +15,7 @@ import math
 import numpy as np
 
 from armguard.contact.advancement import ball_contact_time
+from armguard.contact.bodies import Ball, Bounds
 from armguard.contact.gap import NO_BOUND
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import GAP_ROUNDING
@@ -66,7 +67,7 @@ def _prepare(buffer):
 
 @kernel
 def _advance(buffer):
-    """One tangent advance of every pair of the block, as `witness.follow_forward` for one body."""
+    """One tangent advance of every pair of the block, as `gap.follow_forward` for one body."""
     for i in range(BLOCK):
         x, y, z = buffer[X + i], buffer[Y + i], buffer[Z + i]
         vx, vy, vz = buffer[VX + i], buffer[VY + i], buffer[VZ + i]
@@ -158,17 +159,15 @@ def finish_contact_times(
     The arguments are the same, with the times it gave; `advances` is the most for one pair.
     """
     finished = 0
+    still = Ball(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, Bounds(0.0, 0.0, 0.0, 0.0))
     for i in range(times.size):
         if times[i] > 0.0 and not times[i] - before[i] > GAIN * times[i]:
             continue
+        bounds = Bounds(accel[i], speed[i], 0.0, 0.0)
+        body = Ball(x[i], y[i], z[i], vx[i], vy[i], vz[i], bounds)
         times[i] = max(
             times[i],
-            ball_contact_time(
-                x[i], y[i], z[i], contact_distance[i],
-                0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-                vx[i], vy[i], vz[i], accel[i], speed[i], 0.0, 0.0,
-                advances, None,
-            ),
-        )  # fmt: skip
+            ball_contact_time(still, body, contact_distance[i], advances, None),
+        )
         finished += 1
     return finished

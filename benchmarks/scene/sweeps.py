@@ -30,6 +30,7 @@ from __future__ import annotations
 import math
 
 from armguard.contact.advancement import ball_contact_time
+from armguard.contact.bodies import Ball, Bounds
 from armguard.jit import kernel
 
 ADVANCES = 8  # as the monitor's
@@ -87,15 +88,16 @@ def _place_links(rotation, translation, jacobian, v, links):  # type: ignore[no-
 @kernel
 def _pair_time(links, i, bodies, j, now):  # type: ignore[no-untyped-def]
     """Exact contact time of a link's ball and an obstacle, isotropic; or of a workspace ball."""
-    return ball_contact_time(
-        bodies[X, j] - links[LX, i], bodies[Y, j] - links[LY, i], bodies[Z, j] - links[LZ, i],
-        (links[LSIZE, i] + bodies[SIZE, j]) * (1.0 + SLACK),
-        links[LVX, i], links[LVY, i], links[LVZ, i],
-        links[LACCEL, i], links[LSPEED, i], links[LERROR, i], 0.0,
-        bodies[VX, j], bodies[VY, j], bodies[VZ, j],
-        bodies[ACCEL, j], bodies[SPEED, j], 0.0, now - bodies[STAMP, j],
-        ADVANCES, None,
+    link = Ball(
+        links[LX, i], links[LY, i], links[LZ, i], links[LVX, i], links[LVY, i], links[LVZ, i],
+        Bounds(links[LACCEL, i], links[LSPEED, i], links[LERROR, i], 0.0),
     )  # fmt: skip
+    body = Ball(
+        bodies[X, j], bodies[Y, j], bodies[Z, j], bodies[VX, j], bodies[VY, j], bodies[VZ, j],
+        Bounds(bodies[ACCEL, j], bodies[SPEED, j], 0.0, now - bodies[STAMP, j]),
+    )  # fmt: skip
+    distance = (links[LSIZE, i] + bodies[SIZE, j]) * (1.0 + SLACK)
+    return ball_contact_time(link, body, distance, ADVANCES, None)
 
 
 @kernel

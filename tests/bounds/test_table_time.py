@@ -3,8 +3,9 @@ import pinocchio
 import pytest
 
 from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, table_contact_time
-from armguard.bounds.table_time import is_free_to_end, obstacle_room
+from armguard.bounds.table_time import ArmSphere, is_free_to_end, obstacle_room
 from armguard.contact.advancement import pair_contact_time
+from armguard.contact.bodies import Ball, Bounds, Hull
 from armguard.exceptions import ArmguardError
 from armguard.jit.numerics import TABLE_END_SLACK
 from armguard.robot import Kinematics
@@ -97,11 +98,16 @@ class Scene:
         self.place = data.oMi[joint].act(sphere[:3])
 
     def time(self, motion, table, free_until=0.0):
-        return table_contact_time(
-            *self.place, self.jacobian, motion.lever[self.row], motion.slope_error[self.row], table,
-            self.points, self.velocities, self.count, self.accel, self.speed, self.velocity_error,
-            self.age, self.distance, free_until,
-        )  # fmt: skip
+        sphere, hull = self.pair(motion)
+        return table_contact_time(sphere, table, hull, self.distance, free_until)
+
+    def pair(self, motion):
+        lever, slope_error = motion.lever[self.row], motion.slope_error[self.row]
+        bounds = Bounds(self.accel, self.speed, self.velocity_error, self.age)
+        return (
+            ArmSphere(*self.place, self.jacobian, lever, slope_error),
+            Hull(self.points, self.velocities, self.count, bounds),
+        )
 
 
 @pytest.mark.parametrize("name", ["panda", "tiago"])
@@ -156,15 +162,12 @@ def test_joint_bounds_are_later_than_those_of_a_free_point(robot, joint_motion):
         place, motion = kinematics.centers[i], kinematics.velocities[i]
         away = random.normal(size=3)
         points = pad([place + away * random.uniform(0.3, 0.8) / np.linalg.norm(away)])
-        body = points, np.zeros((8, 3)), 1, 10.0, 2.0, 0.0, 0.0
-        free = pair_contact_time(
-            *place, *motion, isotropic.accel[i], isotropic.speed[i], isotropic.velocity_error[i],
-            0.0, *body, 0.2, 8,
-        )  # fmt: skip
-        joint = table_contact_time(
-            *place, jacobian, joint_motion.lever[i], joint_motion.slope_error[i], table, *body,
-            0.2, 0.0,
-        )  # fmt: skip
+        hull = Hull(points, np.zeros((8, 3)), 1, Bounds(10.0, 2.0, 0.0, 0.0))
+        bounds = Bounds(isotropic.accel[i], isotropic.speed[i], isotropic.velocity_error[i], 0.0)
+        free = pair_contact_time(Ball(*place, *motion, bounds), hull, 0.2, 8)
+        lever, slope_error = joint_motion.lever[i], joint_motion.slope_error[i]
+        sphere = ArmSphere(*place, jacobian, lever, slope_error)
+        joint = table_contact_time(sphere, table, hull, 0.2, 0.0)
         later += joint > free
         ratio.append(joint / free)
     assert later > 290
@@ -184,10 +187,8 @@ def test_a_body_that_breaks_its_speed_bound_may_go_on_as_fast_as_it_was_seen(acc
         normal /= np.linalg.norm(normal)
         start = random.uniform(-0.5, 0.5)
         end = start + random.uniform(0.0, 1.0)
-        room = obstacle_room(
-            *normal, 0.0, 0.0, 0.0, pad([point]), pad([pace * heading]), 1,
-            accel, speed, error, start, end,
-        )  # fmt: skip
+        hull = Hull(pad([point]), pad([pace * heading]), 1, Bounds(accel, speed, error, 0.0))
+        room = obstacle_room(tuple(normal), (0.0, 0.0, 0.0), hull, start, end)
         for t in (start, 0.5 * (start + end), end):
             for truth in ((pace + error) * heading, pace * heading - error * normal):
                 along = normal @ (point + truth * t)
@@ -211,12 +212,12 @@ def far_question(robot, motion, **changes):
         "contact_distance": 0.1,
         "free_until": 0.0,
     } | changes
-    place = arguments.pop("place")
+    place, points, velocities, count, *bounds, distance, free_until = arguments.values()
     jacobian = pinocchio.computeJointJacobians(robot.model, data, q)
     table = motion.tabulate(q, np.zeros(7), 0.0)
-    return table_contact_time(
-        *place, jacobian, motion.lever[-1], motion.slope_error[-1], table, *arguments.values()
-    )
+    sphere = ArmSphere(*place, jacobian, motion.lever[-1], motion.slope_error[-1])
+    hull = Hull(points, velocities, count, Bounds(*bounds))
+    return table_contact_time(sphere, table, hull, distance, free_until)
 
 
 @pytest.mark.parametrize(
@@ -292,11 +293,8 @@ def test_whether_the_end_is_reached_is_what_the_search_says(name):
         table = motion.tabulate(scene.q, scene.v, scene.arm_age, HORIZON)
         end = float(table.time[-1]) * (1.0 - TABLE_END_SLACK)
         searched = scene.time(motion, table) >= end
-        answer = is_free_to_end(
-            *scene.place, scene.jacobian, motion.lever[scene.row], motion.slope_error[scene.row],
-            table, scene.points, scene.velocities, scene.count, scene.accel, scene.speed,
-            scene.velocity_error, scene.age, scene.distance,
-        )  # fmt: skip
+        sphere, hull = scene.pair(motion)
+        answer = is_free_to_end(sphere, table, hull, scene.distance)
         assert answer >= searched
         assert not answer or scene.contact >= end
         answers.append((answer, searched))

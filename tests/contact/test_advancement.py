@@ -6,6 +6,7 @@ import numpy as np
 
 from armguard.contact import earliest_contact_hull
 from armguard.contact.advancement import pair_contact_time, pair_distance_time
+from armguard.contact.bodies import Ball, Bounds, Hull
 from support.contact_cases import CONVERGED, mixed_case, ordinary_case
 
 
@@ -27,11 +28,12 @@ def test_cheaper_rung_is_below():
         corners = np.atleast_2d(case["p2"])
         count = len(corners)
         points[:count], velocities[:count] = corners, np.broadcast_to(case["v2"], corners.shape)
-        arguments = (
-            *case["p1"], *case["v1"], case["a1"], case["s1"], case["velocity_error1"], case["age1"],
-            points, velocities, count, case["a2"], case["s2"], case["velocity_error2"],
-            case["age2"], case["contact_distance"],
-        )  # fmt: skip
+        bounds1, bounds2 = (
+            Bounds(*(float(case[f"{name}{n}"]) for name in ("a", "s", "velocity_error", "age")))
+            for n in (1, 2)
+        )
+        ball = Ball(*case["p1"], *case["v1"], bounds1)
+        arguments = ball, Hull(points, velocities, count, bounds2), case["contact_distance"]
         cheap = pair_distance_time(*arguments)
         assert 0.0 <= cheap <= pair_contact_time(*arguments, CONVERGED) * (1.0 + 1e-9)
         positive += cheap > 0.0
@@ -42,5 +44,6 @@ def test_cheaper_rung_ends_at_0_where_speeds_overflow():
     points, velocities = np.zeros((8, 3)), np.zeros((8, 3))
     points[0], velocities[0] = 1.0, -1.7e308  # faster along the diagonal than a float can tell
     for speed in (1.0, math.inf):
-        body = (points, velocities, 1, 1.0, speed, 0.0, 0.0)
-        assert pair_distance_time(*[0.0] * 10, *body, 0.0) == 0.0
+        hull = Hull(points, velocities, 1, Bounds(1.0, speed, 0.0, 0.0))
+        still = Ball(*[0.0] * 6, Bounds(0.0, 0.0, 0.0, 0.0))
+        assert pair_distance_time(still, hull, 0.0) == 0.0

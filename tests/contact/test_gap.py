@@ -6,7 +6,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from armguard.contact.bodies import Bounds
 from armguard.contact.gap import (
+    Approach,
     _step,
     are_bounds,
     clock_drift,
@@ -43,12 +45,11 @@ def test_the_gap_is_open_up_to_the_time_reached_and_shut_after(aged):
         def gap(t, one=one, other=other, ages=ages, along=along):
             return along - advance(*one, ages[0], t) - advance(*other, ages[1], t)
 
-        arguments = [
-            part
+        approaches = [
+            Approach(closing, margin, top, accel, 1.0 / accel, age)
             for (closing, margin, top, accel), age in zip((one, other), ages, strict=True)
-            for part in (closing, margin, 1.0 / accel, top, accel, age)
         ]
-        time, _, _ = follow(along, along, 0.0, *arguments)
+        time, _, _ = follow(along, along, 0.0, *approaches)
         if gap(0.0) <= 0.0:
             assert time == 0.0
             continue
@@ -61,19 +62,21 @@ def test_the_gap_is_open_up_to_the_time_reached_and_shut_after(aged):
 
 
 def test_limits_hold_what_was_measured_to_be_faster():
-    assert limits(0.6, 0.0, 0.8, 5.0, 2.0, 0.1) == (2.0, pytest.approx(0.1))
-    top, _ = limits(3.0, 0.0, 4.0, 5.0, 2.0, 0.1)
+    bounds = Bounds(5.0, 2.0, 0.1, 0.0)
+    assert limits(0.6, 0.0, 0.8, bounds) == (2.0, pytest.approx(0.1))
+    top, _ = limits(3.0, 0.0, 4.0, bounds)
     assert 5.1 <= top < 5.1 * (1.0 + 1e-12)
-    assert limits(0.0, 0.0, 0.0, math.inf, 2.0, 0.0)[1] == math.inf
-    assert math.isnan(limits(math.nan, 0.0, 0.0, 5.0, 2.0, 0.1)[0])
+    assert limits(0.0, 0.0, 0.0, Bounds(math.inf, 2.0, 0.0, 0.0))[1] == math.inf
+    assert math.isnan(limits(math.nan, 0.0, 0.0, bounds)[0])
 
 
 def test_a_clock_that_is_off_lets_a_body_go_at_its_top_speed():
-    assert clock_drift(1.0, 0.0, 0.0, 5.0, 2.0, 0.0, 0.0) == 0.0
-    drift = clock_drift(1.0, 0.0, 0.0, 5.0, 2.0, 0.0, 0.01)
+    bounds, none = Bounds(5.0, 2.0, 0.0, 0.0), Bounds(5.0, math.inf, 0.0, 0.0)
+    assert clock_drift(1.0, 0.0, 0.0, bounds, 0.0) == 0.0
+    drift = clock_drift(1.0, 0.0, 0.0, bounds, 0.01)
     assert 0.02 <= drift < 0.02 * (1.0 + 1e-12)
-    assert clock_drift(1.0, 0.0, 0.0, 5.0, math.inf, 0.0, 0.01) == math.inf
-    assert math.isnan(clock_drift(1.0, 0.0, 0.0, 5.0, math.inf, 0.0, math.nan))
+    assert clock_drift(1.0, 0.0, 0.0, none, 0.01) == math.inf
+    assert math.isnan(clock_drift(1.0, 0.0, 0.0, none, math.nan))
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-160, 1.0, 1e160, 1e300])
@@ -100,10 +103,10 @@ def test_nothing_points_nowhere():
     ],
 )
 def test_what_does_not_hold_a_body_back_is_no_bound(bounds):
-    assert are_bounds(1.0, 1.0, 0.0, -0.1)
-    assert are_bounds(math.inf, 1.0, 0.0, 0.0)
-    assert are_bounds(1.0, math.inf, 0.0, 0.0)
-    assert not are_bounds(*bounds)
+    assert are_bounds(Bounds(1.0, 1.0, 0.0, -0.1))
+    assert are_bounds(Bounds(math.inf, 1.0, 0.0, 0.0))
+    assert are_bounds(Bounds(1.0, math.inf, 0.0, 0.0))
+    assert not are_bounds(Bounds(*bounds))
 
 
 def test_no_acceleration_vanishes_and_none_is_without_end():

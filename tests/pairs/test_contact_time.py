@@ -14,11 +14,13 @@ from armguard.pairs.contact_time import (
     RESTS,
     arm_reach_time,
     contact_distance,
+    hull_of,
     is_known,
     link_time,
     pair_time,
     rests_in_time,
     root_time,
+    sphere_of,
 )
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.hull_distance import HullDistance
@@ -71,12 +73,8 @@ def ask_joint(handle, node, row, age, brakes):
     scene = handle.content
     bodies = scene.bodies
     return table_contact_time(
-        scene.arm.centers[node, 0], scene.arm.centers[node, 1], scene.arm.centers[node, 2],
-        scene.placement.jacobian, scene.arm.lever[node], scene.arm.slope_error[node],
-        scene.braking if brakes else scene.table,
-        bodies.points[row], bodies.velocities[row], bodies.point_count[row],
-        bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], age,
-        contact_distance(scene, node, bodies, row), 0.0, np.inf,
+        sphere_of(scene, node), scene.braking if brakes else scene.table,
+        hull_of(bodies, row, age), contact_distance(scene, node, bodies, row), 0.0, np.inf,
     )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 from armguard.bounds.free_body import saturation_time
 from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, deviation_along
 from armguard.bounds.table_time import obstacle_room
+from armguard.contact.bodies import Bounds, Hull
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
@@ -49,18 +50,16 @@ def _find_room(
     px: float, py: float, pz: float, bodies: States, row: int, start: float, end: float
 ) -> tuple[float, float, float, float]:
     """Least n.x of a body from `start` to `end` after its stamp, and n, from p towards it."""
-    points, velocities, count = bodies.points[row], bodies.velocities[row], bodies.point_count[row]
-    accel, speed = bodies.accel[row], bodies.speed[row]
+    bounds = Bounds(bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], 0.0)
+    hull = Hull(bodies.points[row], bodies.velocities[row], bodies.point_count[row], bounds)
+    points, velocities, count, _ = hull
     ux, uy, uz = velocities[0, 0], velocities[0, 1], velocities[0, 2]
     # Beyond that time the obstacle may be headed anywhere.
-    ahead = min(end, saturation_time(ux, uy, uz, accel, speed))
+    ahead = min(end, saturation_time(ux, uy, uz, bounds.accel, bounds.speed))
     x, y, z = nearest_on_hull(px, py, pz, points, velocities, count, ahead)
     length = math.sqrt(x * x + y * y + z * z)
     nx, ny, nz = x / length, y / length, z / length
-    room = obstacle_room(
-        nx, ny, nz, px, py, pz, points, velocities, count,
-        accel, speed, bodies.velocity_error[row], start, end,
-    )  # fmt: skip
+    room = obstacle_room((nx, ny, nz), (px, py, pz), hull, start, end)
     return room, nx, ny, nz
 
 

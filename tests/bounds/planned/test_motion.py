@@ -11,6 +11,8 @@ from armguard.bounds import (
     check_plan,
     table_contact_time,
 )
+from armguard.bounds.table_time import ArmSphere
+from armguard.contact.bodies import Bounds, Hull
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
 from armguard.robot import Kinematics
@@ -111,19 +113,15 @@ def test_under_a_plan_contact_is_later_than_under_joint_bounds(robot, motion):
         obstacles = Obstacles()
         obstacles.update(["ball"], 0.0, [place], np.zeros((1, 3)), radius=0.1)
         body, row = obstacles.table.accepted, int(np.flatnonzero(obstacles.table.alive)[0])
+        hull = Hull(body.points[row], body.velocities[row], 1, Bounds(10.0, 2.0, 0.0, 0.0))
         free = np.inf
         for sphere in np.flatnonzero(motion._arm.child_count == 0):
             center = data.oMi[int(motion._kinematics.spheres.joint[sphere])].act(
                 motion._kinematics.spheres.local[sphere]
             )
             reach = motion._arm.radius[sphere] + 0.1 + joint.position_error[sphere]
-            free = min(
-                free,
-                table_contact_time(
-                    *center, jacobian, joint.lever[sphere], joint.slope_error[sphere], table,
-                    body.points[row], body.velocities[row], 1, 10.0, 2.0, 0.0, 0.0, reach, 0.0,
-                ),
-            )  # fmt: skip
+            bounded = ArmSphere(*center, jacobian, joint.lever[sphere], joint.slope_error[sphere])
+            free = min(free, table_contact_time(bounded, table, hull, reach, 0.0))
         planned = ask(motion, course, obstacles, len(robot.links), 0.0).time
         later += planned > free
         never += planned == np.inf
