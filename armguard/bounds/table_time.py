@@ -115,7 +115,7 @@ def _aim(sphere: ArmSphere, table: JointTable, node: int, hull: Hull) -> Vector:
 def _is_usable(hull: Hull, contact_distance: float) -> bool:
     accel, speed, velocity_error, age = hull.bounds
     return (
-        hull.count >= 1
+        hull.size >= 1
         and contact_distance >= 0.0
         and accel >= 0.0
         and speed >= 0.0

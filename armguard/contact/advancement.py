@@ -11,6 +11,7 @@ How the rounding is accounted for is told in `gap`.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -39,14 +40,14 @@ from armguard.contact.hull_advancement import (
     turn_hull,
 )
 from armguard.jit.arrays import FloatArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import GAP_ROUNDING
 
 Trace = FloatArray | None
 """Takes separating directions: see `trace_contact_time`. None costs nothing."""
 
 
-@kernel(forceinline=True)
+@merged_kernel
 def _turn(
     one: Ball, carry1: float, other: Ball, carry2: float
 ) -> tuple[float, float, float, float]:
@@ -147,7 +148,8 @@ def _far_ball_contact_time(
     points[0, 0], points[0, 1], points[0, 2] = other.x - one.x, other.y - one.y, other.z - one.z
     velocities[0, 0], velocities[0, 1], velocities[0, 2] = other.vx, other.vy, other.vz
     here = Ball(0.0, 0.0, 0.0, one.vx, one.vy, one.vz, one.bounds)
-    hull = Hull(points, velocities, np.int64(1), other.bounds)
+    size: Any = np.int64(1)  # a literal would make another kind of argument
+    hull = Hull(points, velocities, size, other.bounds)
     return far_contact_time(here, hull, contact_distance, advances, trace, t)
 
 
@@ -155,15 +157,15 @@ def _far_ball_contact_time(
 def _any_contact_time(
     ball: Ball, hull: Hull, contact_distance: float, advances: int, trace: Trace
 ) -> float:
-    t = hull_contact_time(
-        ball, hull, contact_distance, advances, trace, Begin(np.int64(0), 0.0, 0.0, LONGEST)
-    )
+    row: Any = np.int64(0)  # as above
+    begin = Begin(row, 0.0, 0.0, LONGEST)
+    t = hull_contact_time(ball, hull, contact_distance, advances, trace, begin)
     if FAR < t < LONGEST:
         return far_contact_time(ball, hull, contact_distance, advances, trace, t)
     return t
 
 
-@kernel(forceinline=True)
+@merged_kernel
 def trace_contact_time(
     ball: Ball, hull: Hull, contact_distance: float, advances: int, trace: Trace
 ) -> float:
@@ -175,7 +177,7 @@ def trace_contact_time(
     next.
     """
     points, velocities = hull.points, hull.velocities
-    if hull.count == 1:
+    if hull.size == 1:
         other = Ball(
             points[0, 0], points[0, 1], points[0, 2],
             velocities[0, 0], velocities[0, 1], velocities[0, 2], hull.bounds,
@@ -184,7 +186,7 @@ def trace_contact_time(
     return _any_contact_time(ball, hull, contact_distance, advances, trace)
 
 
-@kernel(forceinline=True)
+@merged_kernel
 def pair_contact_time(ball: Ball, hull: Hull, contact_distance: float, advances: int) -> float:
     """Earliest time at which a ball and the rounded hull of moving points could touch.
 
@@ -201,7 +203,7 @@ def pair_contact_time(ball: Ball, hull: Hull, contact_distance: float, advances:
     return trace_contact_time(ball, hull, contact_distance, advances, None)
 
 
-@kernel(inline="always")
+@kernel(inline="always")  # type: ignore[untyped-decorator]  # it has options
 def row_contact_time(
     ball: Ball,
     points: FloatArray,

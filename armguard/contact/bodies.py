@@ -41,7 +41,7 @@ class Hull(NamedTuple):
     """Where its corners are at its stamp, in [m]. Shape (k, 3)."""
     velocities: FloatArray
     """Of the corners, in [m/s]. Shape (k, 3)."""
-    count: int
+    size: int
     """How many of the corners count."""
     bounds: Bounds
     """Of each corner."""

@@ -34,7 +34,7 @@ import sys
 from typing import NamedTuple
 
 from armguard.contact.bodies import Bounds
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import GAP_ROUNDING
 
 TINY = 1e-270
@@ -92,7 +92,7 @@ def _measured_speed(vx: float, vy: float, vz: float, speed: float, velocity_erro
     return (norm + velocity_error) * (1.0 + GAP_ROUNDING)
 
 
-@kernel(forceinline=True)
+@merged_kernel
 def limits(vx: float, vy: float, vz: float, bounds: Bounds) -> tuple[float, float]:
     """Top speed, and what is added to a measured closing speed: its error, and a few ulp of |v|.
 
@@ -124,7 +124,7 @@ def clock_drift(vx: float, vy: float, vz: float, bounds: Bounds, clock_error: fl
     return top * clock_error * (1.0 + GAP_ROUNDING) + (TINY if top > 0.0 else 0.0)
 
 
-@kernel(forceinline=True)
+@merged_kernel
 def usable_accel(accel: float) -> float:
     """The acceleration to reckon with: none where `limits` sees to it, never a vanishing one."""
     if accel == math.inf:
@@ -132,7 +132,7 @@ def usable_accel(accel: float) -> float:
     return TINY if 0.0 < accel < TINY else abs(accel)  # -0.0 has no usable inverse
 
 
-@kernel(forceinline=True)
+@merged_kernel
 def are_bounds(bounds: Bounds) -> bool:
     """Whether bounds and age are usable, and hold the body back at all (NaN never does)."""
     accel, speed, velocity_error, age = bounds
@@ -155,7 +155,7 @@ def _rescaled(x: float, y: float, z: float) -> tuple[float, float, float, float]
     return x, y, z, 1.0 / math.sqrt(x * x + y * y + z * z)
 
 
-@kernel(forceinline=True)
+@merged_kernel
 def direction(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """A vector along (x, y, z) and the inverse of its length; NaN for the zero vector.
 
@@ -172,7 +172,7 @@ def _extreme_root(gap: float, slope: float, accel: float) -> float:
     return math.hypot(slope, math.sqrt(accel) * math.sqrt(gap) * math.sqrt(2.0))
 
 
-@kernel(forceinline=True)
+@merged_kernel
 def _step(gap: float, slope: float, accel: float) -> float:
     """Largest h up to which gap - slope h - accel h^2 / 2 stays positive, for gap > 0."""
     square = slope * slope + 2.0 * accel * gap
@@ -191,14 +191,14 @@ def _step(gap: float, slope: float, accel: float) -> float:
     return step
 
 
-@kernel(forceinline=True)
+@merged_kernel
 def later(t: float, step: float) -> float:
     """The time `step` after `t`, rounded down, but never before `t`."""
     after = (t + step) * (1.0 - GAP_ROUNDING)
     return after if after > t + SHORTEST else t
 
 
-@kernel(forceinline=True)
+@merged_kernel
 def follow_forward(
     along: float, length: float, t: float, one: Forward, other: Forward
 ) -> tuple[float, float, float]:
@@ -297,7 +297,7 @@ def motion(approach: Approach, s: float) -> tuple[float, float, float, float, fl
     return advance, top, -advance / span, 0.0, 0.0, saturation
 
 
-@kernel(forceinline=True)
+@merged_kernel
 def _go_forward(approach: Approach, elapsed: float) -> Forward:
     """A body from its stamp on, of which `elapsed` has passed, in [s]."""
     start = approach.closing + approach.margin
@@ -346,7 +346,7 @@ def follow_backward(
     return t, saturation1, saturation2
 
 
-@kernel(forceinline=True)
+@merged_kernel
 def follow(
     along: float, length: float, t: float, one: Approach, other: Approach
 ) -> tuple[float, float, float]:

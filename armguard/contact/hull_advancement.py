@@ -26,7 +26,7 @@ from armguard.contact.gap import (
 )
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 
 SETTLED = 1.0 + 2.0**-44  # a smaller gain is nothing but rounding
 FAR = 1e100  # beyond, in [s], products with time may overflow
@@ -45,20 +45,20 @@ class Begin(NamedTuple):
     """Beyond this, in [s], directions are not turned any more."""
 
 
-@kernel(forceinline=True)
+@merged_kernel
 def carry_time(s: float, saturation: float) -> float:
     """How long a body is carried along its velocity until `s`, but not past its saturation time."""
     return min(s, saturation) if s >= 0.0 else max(s, -saturation)
 
 
-@kernel(forceinline=True)
+@merged_kernel
 def turn_hull(
     ball: Ball, carry1: float, hull: Hull, carry2: float
 ) -> tuple[float, float, float, float]:
     """The direction from ball to hull, each carried along its velocities for a time in [s]."""
     x, y, z = nearest_on_hull(
         ball.x + ball.vx * carry1, ball.y + ball.vy * carry1, ball.z + ball.vz * carry1,
-        hull.points, hull.velocities, hull.count, carry2,
+        hull.points, hull.velocities, hull.size, carry2,
     )  # fmt: skip
     return direction(x, y, z)
 
