@@ -65,8 +65,10 @@ def run(*, carry: bool) -> int:
         complain(f"the kernels were not compiled: exit code {made.returncode}")
         return 1
     # What only kernels call is part of them; turns were for processes that compile here.
-    for needless in [*CARRIED.glob("*/parts"), *CARRIED.rglob("*.turn")]:
-        shutil.rmtree(needless) if needless.is_dir() else needless.unlink()
+    for parts in list(CARRIED.glob("*/parts")):
+        shutil.rmtree(parts)
+    for turn in list(CARRIED.rglob("*.turn")):
+        turn.unlink()
     size = sum(path.stat().st_size for path in CARRIED.rglob("*.nb[ic]"))
     _tell(f"kernels for {PROCESSOR} in {CARRIED}: {size / 1e6:.1f} MB")
     return 0
