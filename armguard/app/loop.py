@@ -249,6 +249,9 @@ class RunRecording:
         if self.recorder.lost and not self._is_gap_told:
             self._is_gap_told = True
             self._tell("the recording has a gap: what writes it does not keep up")
+        # A loop that never rests looks all the same.
+        if loop.clock.now() >= self._next_check + RECORDING_CHECK_INTERVAL:
+            self._check_writer(loop)
         if self._observe is not None:
             self._observe(loop, verdict)
 
@@ -257,13 +260,13 @@ class RunRecording:
         begin = loop.clock.now()
         self.recorder.write_pending()
         if begin >= self._next_check:
-            self._next_check = begin + RECORDING_CHECK_INTERVAL
-            self._check_writer()
+            self._check_writer(loop)
         if self._rest is not None:
             self._rest(loop, idle - (loop.clock.now() - begin))
 
-    def _check_writer(self) -> None:
+    def _check_writer(self, loop: RateLoop) -> None:
         """Tell, once, of what keeps the recording from being written, and when that is over."""
+        self._next_check = loop.clock.now() + RECORDING_CHECK_INTERVAL
         trouble = self.recorder.find_trouble()
         if bool(trouble) != bool(self._trouble):
             self._tell(
@@ -414,7 +417,10 @@ def run(
                     for line in granted.refusals:
                         complain(line)
                     report = loop.run(duration)._replace(realtime=granted)
-        return report if log is None else report._replace(lost=log.recorder.lost)
+        if log is None:
+            return report
+        log.recorder.write_pending()
+        return report._replace(lost=log.recorder.lost)
     finally:
         if log is not None:
             log.close()

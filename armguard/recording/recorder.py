@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 import warnings
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -120,7 +121,7 @@ class Recorder:
         self._clock_offset = time.time_ns() - time.monotonic_ns()
         self._stepping = False
         self._defers = False
-        self._pending: list[ToldState | ToldVerdict | ToldUpdate | bytes] = []
+        self._pending: deque[ToldState | ToldVerdict | ToldUpdate | bytes] = deque()
         """What is still to be written, in order."""
         self._is_tick_left = False
         """Whether a whole tick is among it."""
@@ -284,12 +285,16 @@ class Recorder:
     def write_pending(self) -> None:
         """Write what was left; the loop has time to spare."""
         self._is_tick_left = False
-        for told in self._pending:
+        while self._pending:
+            told = self._pending.popleft()
             try:
                 self._put(told if isinstance(told, bytes) else self._pack(told))
             except Exception:
                 self._lose()
-        self._pending.clear()
+            except BaseException:
+                # Ctrl-C: whether it is in the file is not known, and twice would be worse than not.
+                self._lose()
+                raise
 
     def note_plan(self, ask: Literal["commit", "follow"], plan: object) -> None:
         """As `MonitorJournal` says."""

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from armguard.app.cell import Cell
-from armguard.app.loop import LONGEST_SPELL, REST, Durations, RateLoop, run
+from armguard.app.loop import LONGEST_SPELL, REST, Durations, RateLoop, RunRecording, run
 from armguard.clock import ManualClock
 from armguard.exceptions import StreamError
 from armguard.recording import replay
@@ -464,6 +464,32 @@ def test_a_run_is_recorded_with_what_was_wrong_with_messages(tmp_path):
     report = replay(path)
     assert report.is_identical
     assert report.compared == judged
+
+
+class StuckRecorder:
+    """What writes it has ended."""
+
+    lost = 0
+
+    def defer(self):
+        pass
+
+    def note(self, line):
+        pass
+
+    def find_trouble(self):
+        return "the process that writes it has ended"
+
+
+def test_a_loop_that_never_rests_tells_as_well_that_its_recording_is_not_written():
+    clock, verdicts, lines = ManualClock(), [], []
+    loop = make_loop(Script([], []), clock, verdicts.append)
+    recording = RunRecording(StuckRecorder(), FaultLog(clock.now, print), None, lines.append)
+    loop.tick()
+    for _ in range(3):
+        recording.recorder.note_verdict = verdicts.append
+        recording.observe(loop, verdicts[0])
+    assert lines == ["the recording is not written: the process that writes it has ended"]
 
 
 def test_a_recording_that_is_not_written_any_more_is_told_at_once(tmp_path):

@@ -187,6 +187,28 @@ def test_what_a_loop_defers_is_written_in_order_when_it_says_so_or_in_its_next_t
     assert replay(path).is_identical
 
 
+def test_ctrl_c_while_what_was_left_is_written_writes_nothing_twice(tmp_path):
+    path = tmp_path / "run.mcap"
+    recorder, _, monitor = start(path)
+    recorder.defer()
+    stand(monitor, 3)
+    put, count = recorder._ring.write, []
+
+    def write(record):
+        count.append(record)
+        answer = put(record)
+        if len(count) == 2:
+            raise KeyboardInterrupt
+        return answer
+
+    recorder._ring.write = write
+    with pytest.raises(KeyboardInterrupt):
+        recorder.write_pending()
+    assert "not complete" in recorder.close() or recorder.lost == 1
+    told = [event for event in read_events(path) if isinstance(event, VerdictTold)]
+    assert len(told) == 3
+
+
 def test_what_is_deferred_is_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(recorder_module, "MOST_PENDING", 10)
     path = tmp_path / "run.mcap"
