@@ -32,7 +32,7 @@ except ModuleNotFoundError:
 
 Array = NDArray[np.float64]
 
-ROUNDING = 1e-9
+SPARE = 1e-9
 """What radii grow by, in [m]. Points of bodies within a kilometre are off by less: MuJoCo turns and
 moves them in float64, which is good to 1e-12 m there."""
 
@@ -339,7 +339,7 @@ def add_arm(spec: Any, robot: Robot) -> None:
 
 
 def _grow(points: Array, radius: float) -> GeomShape:
-    return GeomShape(points, float(radius) + ROUNDING)
+    return GeomShape(points, float(radius) + SPARE)
 
 
 def _enclose_points(points: Array) -> GeomShape:

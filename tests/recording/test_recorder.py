@@ -11,6 +11,7 @@ from pathlib import Path
 import coal
 import numpy as np
 import pytest
+from msgspec import UNSET
 
 import armguard
 from armguard.exceptions import ArmguardError
@@ -54,7 +55,9 @@ def test_every_input_and_every_verdict_is_in_the_file(tmp_path):
     ]
     assert kinds.count(JointState) == 200
     assert kinds.count(ObstacleUpdate) >= 40
-    assert kinds.count(StaticObstacle) == 2
+    statics = [event for event in events if isinstance(event, StaticObstacle)]
+    assert len(statics) == 3
+    assert sum(event.speed is not UNSET for event in statics) == 1, "an entrance"
     assert kinds.count(FaultsTaken) == 1, "what the monitor itself takes is not told"
     assert len(read_verdicts(path)) == len(verdicts)
 

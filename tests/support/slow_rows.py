@@ -6,7 +6,7 @@ from pathlib import Path
 
 from armguard.exceptions import ArmguardError
 
-PATIENCE = 900.0
+PATIENCE = 200.0
 """For another process, in [s]: more than any machine needs."""
 
 
