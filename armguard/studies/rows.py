@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -32,6 +31,12 @@ Tell = Callable[[str, float], None]
 
 FOLDER, STUDY_FILE = "rows", "study.json"
 """Below a report: where its rows are kept, and what they are of."""
+
+ROW_FILES = f"{'[0-9a-f]' * 16}.msgpack"
+"""Pattern of the files of rows, which are named by digests."""
+
+PART_PREFIX, PART_SUFFIX = "row-", ".part"
+"""Of the file in which a row is until it is whole."""
 
 
 class Place(Protocol):
@@ -68,14 +73,15 @@ class Rows:
         place: Where they are measured.
         folder: Of the report, in which they are kept; None: they are not.
         study: What they are of: whatever must be the same in a study that is gone on with.
-        resume: Whether rows of an earlier run are taken; else they are deleted.
+        resume: Whether rows of an earlier run are taken; else they are deleted, and they alone.
 
     Attributes:
         resumed: How many came from an earlier run.
         kept: How many are kept, those included.
 
     Raises:
-        ArmguardError: The rows that are there are of another study, or cannot be read.
+        ArmguardError: The rows that are there are of another study, or cannot be read, or what is
+            there is not rows.
     """
 
     def __init__(
@@ -130,13 +136,28 @@ class Rows:
                 self._check(file, study)
                 return
             if folder.is_dir():
-                shutil.rmtree(folder)
-            folder.mkdir(parents=True)
+                self._clear(folder)
+            folder.mkdir(parents=True, exist_ok=True)
             file.write_bytes(msgspec.json.encode(study))
         except OSError as error:
             raise ArmguardError(
                 str(folder), f"rows cannot be kept there: {error.strerror}"
             ) from None
+
+    def _clear(self, folder: Path) -> None:
+        """Delete the rows of an earlier run, and nothing that is not of this module's making."""
+        if not (folder / STUDY_FILE).is_file() and any(folder.iterdir()):
+            raise ArmguardError(
+                str(folder),
+                f"holds what is no study's: there is no {STUDY_FILE} in it",
+                expected="a folder that is empty or not there, to keep rows in",
+                remedy="move it away, or name another folder",
+            )
+        # The study's own file stays until it is written anew: without it what is left of an
+        # interrupted deletion would count as somebody else's.
+        for pattern in (ROW_FILES, f"{PART_PREFIX}*{PART_SUFFIX}"):
+            for path in folder.glob(pattern):
+                path.unlink(missing_ok=True)
 
     def _check(self, file: Path, study: dict[str, str]) -> None:
         """Make sure that rows which are there are of this study."""
@@ -171,7 +192,7 @@ class Rows:
     def _keep(self, name: str, row: Row) -> Row:
         content = msgspec.msgpack.encode({"name": name, "row": row})
         if self._folder is not None:
-            descriptor, temporary = tempfile.mkstemp(dir=self._folder)
+            descriptor, temporary = tempfile.mkstemp(PART_SUFFIX, PART_PREFIX, self._folder)
             try:
                 with open(descriptor, "wb") as file:
                     file.write(content)
