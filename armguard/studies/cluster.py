@@ -13,7 +13,6 @@ import functools
 import importlib.util
 import logging
 import pickle
-import platform
 import signal
 import threading
 import uuid
@@ -24,7 +23,7 @@ from typing import Any
 
 from armguard.exceptions import ArmguardError
 from armguard.recording.provenance import describe_software
-from armguard.studies.rows import Measure, Row
+from armguard.studies.rows import MACHINE, Measure, Row, name_machine
 
 LOCAL = "local"
 """Address that asks for a cluster on this machine."""
@@ -38,8 +37,8 @@ KEPT = "what was measured is kept; --resume goes on with it"
 PATIENCE = 30.0
 """For a scheduler to answer, in [s]."""
 
-MACHINE, MISTAKE = "machine", "mistake"
-"""Fields of a row that are added: where it was measured, and what it failed by."""
+MISTAKE = "mistake"
+"""Field of a row that is added: what it failed by."""
 
 _ALONE = threading.Lock()
 """Held while a row is measured: a process that measures two at once would time neither."""
@@ -169,7 +168,7 @@ def _measure(
 ) -> Row:
     """On a worker: measure a row, if the software is the same."""
     here = _describe_here()
-    machine = f"{platform.node()} ({here['processor']})"
+    machine = name_machine()
     for name, wanted in software.items():
         if here[name] != wanted:
             return {

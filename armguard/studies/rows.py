@@ -7,8 +7,10 @@ to the bit whether it comes from this process, from another machine, or from an 
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import os
+import platform
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -19,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
+from armguard.recording.provenance import describe_software
 
 Row = dict[str, Any]
 """What was measured, as plain data."""
@@ -28,6 +31,9 @@ Measure = Callable[..., Row]
 
 Tell = Callable[[str, float], None]
 """Is told what is done, and which share of that is done."""
+
+MACHINE = "machine"
+"""Field of a row that is added: where it was measured, as times of different places differ."""
 
 FOLDER, STUDY_FILE = "rows", "study.json"
 """Below a report: where its rows are kept, and what they are of."""
@@ -56,14 +62,17 @@ class Place(Protocol):
 
 
 class Here:
-    """This process, in which one row is measured after the other."""
+    """This process, in which one row is measured after the other.
+
+    Rows name their machine, as a study may be gone on with on another one.
+    """
 
     def run(
         self, measure: Measure, shared: Any, tasks: Mapping[str, tuple[Any, ...]]
     ) -> Iterator[tuple[str, Row]]:
         """Measure all, in their order."""
         for name, arguments in tasks.items():
-            yield name, measure(shared, *arguments)
+            yield name, {**measure(shared, *arguments), MACHINE: name_machine()}
 
 
 class Rows:
@@ -204,6 +213,12 @@ class Rows:
             self.kept += 1
         kept: Row = msgspec.msgpack.decode(content)["row"]
         return kept
+
+
+@functools.cache
+def name_machine() -> str:
+    """This machine, by name and processor."""
+    return f"{platform.node()} ({describe_software()['processor']})"
 
 
 def pack_array(values: NDArray[Any]) -> dict[str, Any]:

@@ -37,13 +37,26 @@ def test_rows_that_were_kept_are_not_measured_again(tmp_path):
     counted, rows = [], Rows(Here(), tmp_path, STUDY, resume=True)
     found, _ = measure(rows, function=count)
     assert counted == [0, 2, 3]
-    assert found["row 1"] == {"square": 10}
+    assert found["row 1"]["square"] == 10
     assert (rows.resumed, rows.kept) == (1, 4)
     # Without --resume all are.
     counted, rows = [], Rows(Here(), tmp_path, STUDY, resume=False)
     measure(rows, function=count)
     assert counted == [0, 1, 2, 3]
     assert rows.resumed == 0
+
+
+def test_each_row_names_the_machine_that_measured_it(tmp_path, monkeypatch):
+    def say(name):
+        monkeypatch.setattr("armguard.studies.rows.name_machine", lambda: name)
+
+    say("slow (a processor)")
+    measure(Rows(Here(), tmp_path, STUDY, resume=False), {"row 1": (1,)})
+    say("fast (another)")
+    found, _ = measure(Rows(Here(), tmp_path, STUDY, resume=True))
+    assert [row["machine"] for row in found.values()] == [
+        "fast (another)", "slow (a processor)", "fast (another)", "fast (another)",
+    ]  # fmt: skip
 
 
 def test_rows_of_another_study_are_not_taken(tmp_path):

@@ -63,7 +63,7 @@ class Outcome(NamedTuple):
     refused: str = ""
     """Why not."""
     machine: str = ""
-    """Where it was measured, if not in this process."""
+    """Where it was measured; empty where all is of this process."""
 
 
 class Study(NamedTuple):
