@@ -55,7 +55,7 @@ class Cluster:
         client: Dask's.
 
     Raises:
-        ArmguardError: Dask is not installed, or nothing answers at the address.
+        ArmguardError: Dask is not installed, or the address is none of its, or nothing answers there.
     """
 
     def __init__(self, address: str, workers: int | None = None) -> None:
@@ -73,6 +73,8 @@ class Cluster:
             )
         if workers is not None and not workers >= 1:
             raise ArmguardError("--workers", f"is {workers}", expected="1 or more")
+        if address != LOCAL:
+            _check_address(address)
         # What the client says of a lost scheduler is told as one error.
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         self._closing = contextlib.ExitStack()
@@ -148,6 +150,27 @@ class Cluster:
                 yield names[future], row
         finally:
             self.client.cancel([*names, common])
+
+
+def _check_address(address: str) -> None:
+    """Make sure that Dask can ask there at all; else its client would go on trying, and say so late.
+
+    Raises:
+        ArmguardError: The protocol is unknown or not installed, or there is no port.
+    """
+    from distributed.comm.addressing import parse_address
+    from distributed.comm.registry import get_backend
+
+    try:
+        scheme, place = parse_address(address)
+        backend = get_backend(scheme)
+        backend.get_connector()
+        backend.get_address_host(place)
+    except (ValueError, ImportError, TypeError) as error:
+        raise ArmguardError(
+            "--dask", f"no scheduler answers at {address!r} ({error})",
+            expected="an address such as tcp://10.0.0.5:8786",
+        ) from None  # fmt: skip
 
 
 def dask_setup(worker: object) -> None:

@@ -218,8 +218,13 @@ def test_where_nothing_answers_is_told(monkeypatch):
     monkeypatch.setattr(cluster, "PATIENCE", 0.2)
     with pytest.raises(ArmguardError, match=r"--dask: no scheduler answers at 'tcp://127.0.0.1:9'"):
         Cluster("tcp://127.0.0.1:9")
-    with pytest.raises(ArmguardError, match="no scheduler answers at 'no where'"):
-        Cluster("no where")
+
+
+@pytest.mark.parametrize("address", ["bogus://x", "tcp://", "tcp://x:abc", "no where", ""])
+def test_an_address_that_is_none_is_told_without_asking_anyone(address, monkeypatch):
+    monkeypatch.setattr("distributed.Client", None)
+    with pytest.raises(ArmguardError, match=f"no scheduler answers at '{address}' .*; expected an"):
+        Cluster(address)
 
 
 @pytest.mark.parametrize(

@@ -111,9 +111,8 @@ def test_a_folder_in_which_nothing_can_be_kept_is_an_error(tmp_path):
 def test_a_folder_of_somebody_else_is_refused_and_left_alone(resume, tmp_path):
     thesis = tmp_path / "rows" / "thesis.csv"
     thesis.parent.mkdir()
-    Rows(Here(), tmp_path / "another", STUDY, resume=resume)
+    thesis.write_text("years of work")
     with pytest.raises(ArmguardError, match=r"rows: holds what is no study's.*move it away"):
-        thesis.write_text("years of work")
         Rows(Here(), tmp_path, STUDY, resume=resume)
     assert thesis.read_text() == "years of work"
     assert list(thesis.parent.iterdir()) == [thesis]
@@ -125,8 +124,8 @@ def test_only_rows_are_deleted_and_what_was_left_of_them(tmp_path, monkeypatch):
 
     rows = Rows(Here(), tmp_path, STUDY, resume=False)
     measure(rows)
-    with monkeypatch.context() as patched, pytest.raises(ArmguardError, match="No space left"):
-        patched.setattr("armguard.studies.rows.os.replace", fail)
+    monkeypatch.setattr("armguard.studies.rows.os.replace", fail)
+    with pytest.raises(ArmguardError, match="No space left"):
         measure(rows, {"row 9": (9,)})
     mine = {tmp_path / "rows" / name for name in ("notes.txt", "mine.msgpack", "study.json")}
     for path in mine:
