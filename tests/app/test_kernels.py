@@ -32,7 +32,13 @@ class Child:
     def __call__(self, arguments, env, check):
         assert describe_environment().items() <= env.items()
         (self.folder / "kernels-a" / "parts").mkdir(parents=True)
-        for name in ("kernel.nbi", "kernel.1.nbc", "kernel.turn", "parts/part.nbi", "parts/part.turn"):
+        for name in (
+            "kernel.nbi",
+            "kernel.1.nbc",
+            "kernel.turn",
+            "parts/part.nbi",
+            "parts/part.turn",
+        ):
             (self.folder / "kernels-a" / name).write_bytes(500_000 * b" ")
         return subprocess.CompletedProcess(arguments, self.code)
 
