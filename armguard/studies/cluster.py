@@ -55,7 +55,7 @@ class Cluster:
         client: Dask's.
 
     Raises:
-        ArmguardError: Dask is not installed, or the address is none of its, or nothing answers there.
+        ArmguardError: Dask is not installed, the address is none, or nothing answers there.
     """
 
     def __init__(self, address: str, workers: int | None = None) -> None:
@@ -89,7 +89,7 @@ class Cluster:
             address = cluster.scheduler_address
         try:
             self.client = Client(address, timeout=PATIENCE, set_as_default=False)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, TypeError) as error:
             self._closing.close()
             raise ArmguardError(
                 "--dask", f"no scheduler answers at {address!r} ({error})",
@@ -153,7 +153,7 @@ class Cluster:
 
 
 def _check_address(address: str) -> None:
-    """Make sure that Dask can ask there at all; else its client would go on trying, and say so late.
+    """Make sure that Dask can ask there at all; else its client would go on trying.
 
     Raises:
         ArmguardError: The protocol is unknown or not installed, or there is no port.
