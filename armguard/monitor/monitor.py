@@ -275,7 +275,8 @@ class Monitor:
 
         Raises:
             ArmguardError: A setting is unusable, the table was told already, the trial is empty or
-                has something else than `TrialTick`, or a schedule other than "deadline" is given, of which there is nothing to choose.
+                has something else than `TrialTick`, or a schedule other than "deadline" is given,
+                of which there is nothing to choose.
         """
         choice = choose(cls, robot, obstacles, trial, settings, keeps_cover=keeps_cover)
         whole = robot.cover

@@ -417,7 +417,7 @@ def encode_verdict(verdict: Verdict, offset: float, *, as_json: bool = False) ->
     certificate = None
     if verdict.certificate is not None:
         contact_time, times, witnesses = verdict.certificate
-        instants = [tell(time) for time in times.tolist()]
+        instants: list[Figure] = [tell(time) for time in times.tolist()]
         certificate = CertificateMessage(tell(contact_time), instants, witnesses.tolist())
     separation = verdict.separation
     message = VerdictMessage(
