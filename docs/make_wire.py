@@ -36,7 +36,9 @@ TYPES = {
     "Literal['finish', 'brake'] | None": '`"finish"`, `"brake"` or nil',
     "list[ReasonMessage]": "list of reasons",
     "CertificateMessage | None": "certificate or nil",
-    "list[tuple[float, float, float]]": "rows of 3 numbers",
+    "Figure": "number",
+    "list[Figure]": "numbers",
+    "list[tuple[Figure, Figure, Figure]]": "rows of 3 numbers",
 }
 """What the types in the schemas are called; one that is not here has no name yet."""
 
@@ -62,7 +64,7 @@ Each message is one part: a msgpack map, or a JSON object with the same fields; 
 
 - `type` names the message. Unknown fields are refused, missing ones are named.
 - In msgpack, arrays of numbers may be lists, or packed little-endian float64 in a `bin`, row by row. A field that may be nil, null in JSON, may as well be left out.
-- JSON has no infinite numbers. In verdicts {messages.GREATEST!r}, the greatest that there is, stands for them, so that readers may compare as usual. Bounds that are infinite can be sent in msgpack only.
+- JSON has no infinite numbers. In verdicts {messages.GREATEST!r}, the greatest that there is, stands for them, so that readers may compare as usual. What is no number at all (NaN), such as the stamp of a verdict on a joint state whose stamp was none, is NaN in msgpack and null in JSON, and may be any number of a verdict or an answer. Obey the level first: a STOP is one whatever its numbers are, and a `valid_until` or `speed_scale` that is no number counts as over, and as 0. Bounds that are infinite can be sent in msgpack only.
 - Stamps are seconds of the machine's monotonic clock (`CLOCK_MONOTONIC`, Python's `time.monotonic()`, C++'s `std::chrono::steady_clock` on Linux), unless the cell file names another clock for the source: `unix`, or `arrival` for a sender without a clock that could be compared.
 - Lengths are metres, angles radians, times seconds. The rest follows: m/s, m/s², rad/s.
 - `seq` counts the messages of one source, by 1. A gap is counted as lost messages, a step back as a sender that started anew, and two tracks that both go on as two senders. None of it is a STOP by itself: obstacles that were not heard of grow with their bounds.

@@ -65,7 +65,7 @@ def run(out: Path | None, *, seed: int, is_small: bool, workers: Workers) -> int
     machines = collections.Counter(line.machine for line in lines if line.machine)
     if machines:
         counted = (f"{count} lines on {machine}" for machine, count in sorted(machines.items()))
-        facts.append(f"Measured by workers: {', '.join(counted)}")
+        facts.append(f"Measured: {', '.join(counted)}")
     page = write_page(lines, tell_command(), facts)
     if not is_whole:
         page = page.replace("\n##", "\nInterrupted: what is missing had not begun.\n\n##", 1)

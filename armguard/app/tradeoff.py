@@ -164,4 +164,4 @@ def _make_site(cell: Path | None, robot: str | None) -> Site:
         raise ArmguardError(
             f"{cell}: monitor.rate", f"is {rate:g}", expected="a multiple of 10 Hz for a study"
         )
-    return Site(arm, read.make_obstacles, settings, tuple(read.sources))
+    return Site(arm, read.make_obstacles, settings, tuple(read.sources), read.keeps_cover)

@@ -193,8 +193,8 @@ def choose(
     the cover, motion model, advances. Of settings that cost the same the finer one is chosen, but
     for advances, whose price no count of evaluations shows: there the fewest. The budget is what
     the dearest tick took, with room to spare. Where no setting is as good as the finest, the
-    nearest to it is chosen, and a reason says so; where the finest says nothing but STOP, a trial
-    shows nothing, and what is usual stays.
+    nearest to it is chosen, and a reason says so; where the finest says one level alone, nothing
+    but STOP or nothing but CLEAR, a trial shows nothing, and what is usual stays.
 
     Args:
         make: Makes a monitor of a robot, a table and settings.
@@ -206,11 +206,10 @@ def choose(
         keeps_cover: Whether all levels of the robot's cover stand as well.
 
     Raises:
-        ArmguardError: A setting is unusable, the table was told already, or the trial is empty.
+        ArmguardError: A setting is unusable, the table was told already, or the trial is empty or
+            has something else than ticks.
     """
-    ticks = list(trial)
-    if not ticks:
-        raise ArmguardError("trial", "has no ticks", expected="joint states to try settings on")
+    ticks = _list_ticks(trial)
     if not obstacles.is_untouched:
         raise ArmguardError(
             "obstacles",
@@ -240,7 +239,7 @@ def choose(
 
     best = attempt(_Rungs(usual))
     budget, story = None, []
-    shows = not (finest.levels == Level.STOP).all()
+    shows = len(np.unique(finest.levels)) >= 2
     if shows:
         for axis, candidates in _list_axes(robot, given, keeps_cover=keeps_cover):
             outcomes = [
@@ -253,6 +252,25 @@ def choose(
             budget = max(LEAST_BUDGET, 1 << max(ROOM * most - 1, 0).bit_length())
             story.append(f"budget {budget}: the dearest tick took {most} evaluations")
     return _conclude(robot, best, finest, given, budget, story, shows=shows)
+
+
+def _list_ticks(trial: Iterable[TrialTick]) -> list[TrialTick]:
+    expected = "joint states to try settings on, each a TrialTick"
+    if not isinstance(trial, Iterable):
+        raise ArmguardError("trial", f"is {trial!r}", expected=expected)
+    ticks = list(trial)
+    if not ticks:
+        raise ArmguardError("trial", "has no ticks", expected=expected)
+    for number, tick in enumerate(ticks):
+        if not isinstance(tick, TrialTick):
+            raise ArmguardError(
+                f"trial[{number}]", f"is a {type(tick).__name__}", expected=expected
+            )
+        if not (tick.tell is None or callable(tick.tell)):
+            raise ArmguardError(
+                f"trial[{number}].tell", f"is {tick.tell!r}", expected="a function, or None"
+            )
+    return ticks
 
 
 def _list_axes(
@@ -373,12 +391,14 @@ def _conclude(
     kept = [name for name in CHOSEN if name in given]
     stands = f"; {' and '.join(kept)} as given" if kept else ""
     nearness = "cannot be told from" if best.is_same else "is the nearest that was found to"
+    levels = " and ".join(Level(one).name for one in np.unique(finest.levels))
     near = (
-        f"{nearness} the finest: its level in {best.same_level:.1%} of {choice.ticks:,} ticks, at "
+        f"{nearness} the finest: its level in {best.same_level:.1%} of {choice.ticks:,} ticks of "
+        f"{levels}, at "
         f"{choice.price:.1%} of its evaluations ({best.price:.3g} of {finest.price:.4g} a tick)"
     )
     if not shows:
-        near = f"what is usual: the trial, of {choice.ticks:,} ticks, is nothing but STOP"
+        near = f"what is usual: the trial, of {choice.ticks:,} ticks, is nothing but {levels}"
     links = "all links are watched"
     if unreached:
         links += f"; nothing came within reach of {', '.join(choice.out_of_reach)}"

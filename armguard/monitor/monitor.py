@@ -255,11 +255,15 @@ class Monitor:
         watches every link, obstacle and source; a scene that is not like the trial is judged more
         cautiously than by the finest, never less safely.
 
+        A trial in which the finest says one level alone, nothing but STOP or nothing but CLEAR,
+        shows nothing: what is usual stays, and the choice says so.
+
         The trial takes as long as some twelve monitors and the finest take for its ticks; nothing
         of it is left in the monitor or its table.
 
         Args:
-            robot: The arm. Its cover is cut to the level that is chosen.
+            robot: The arm. Its cover is cut to the level that is chosen; after an error it is as
+                it was.
             obstacles: The table, in which nothing was told yet but obstacles that stand still.
             trial: Joint states, and what is told of obstacles between them; some seconds of the
                 motions and the people that are to be expected, nearest moments included.
@@ -270,13 +274,19 @@ class Monitor:
             The monitor; its `choice` says what was chosen and why.
 
         Raises:
-            ArmguardError: A setting is unusable, the table was told already, the trial is empty, or
-                a schedule other than "deadline" is given, of which there is nothing to choose.
+            ArmguardError: A setting is unusable, the table was told already, the trial is empty or
+                has something else than `TrialTick`, or a schedule other than "deadline" is given,
+                of which there is nothing to choose.
         """
         choice = choose(cls, robot, obstacles, trial, settings, keeps_cover=keeps_cover)
-        if choice.level is not None:
-            robot.cover = robot.cover.cut(choice.level)
-        monitor = cls(robot, obstacles, **{**settings, **choice.settings})
+        whole = robot.cover
+        try:
+            if choice.level is not None:
+                robot.cover = whole.cut(choice.level)
+            monitor = cls(robot, obstacles, **{**settings, **choice.settings})
+        except BaseException:
+            robot.cover = whole
+            raise
         monitor.choice = choice
         return monitor
 

@@ -42,6 +42,10 @@ Values = float | bytes | list[float]
 """One value for all, or one a row: a list, or packed little-endian float64."""
 
 
+Figure = float | None
+"""A number of an answer: nil stands in JSON for what is no number, as of a stamp that was none."""
+
+
 class MessageError(Exception):
     """A message that cannot be used: where, what was found, what was expected, and from whom."""
 
@@ -193,30 +197,30 @@ class ReasonMessage(msgspec.Struct):
 class CertificateMessage(msgspec.Struct):
     """A `Certificate`, its arrays as lists."""
 
-    contact_time: float
+    contact_time: Figure
     """no contact before this time, [s] from the tick"""
-    times: list[float]
+    times: list[Figure]
     """at which the separating directions follow each other, [s] from the tick"""
-    witnesses: list[tuple[float, float, float]]
+    witnesses: list[tuple[Figure, Figure, Figure]]
     """the separating directions, unit vectors from the arm to the obstacle, one a time"""
 
 
 class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     """A `Verdict` on the wire: times on the machine's monotonic clock, the level by name."""
 
-    stamp: float
+    stamp: Figure
     """of the joint state that was judged, [s] of the machine's monotonic clock"""
     sequence: int
     """number of the tick, from 1; 0 while no joint state could be judged, and at the end"""
     level: str
     """`STOP`, `SLOW`, `AWARE` or `CLEAR`"""
-    contact_time: float
+    contact_time: Figure
     """earliest possible contact, [s] from the tick; infinite where there is none, 0 where that is
     unknown"""
-    stop_time: float
+    stop_time: Figure
     """within which the arm surely rests if it is told to stop now, [s] from the tick; infinite
     where that is unknown"""
-    speed_scale: float
+    speed_scale: Figure
     """how fast the arm may go on, from 0 to 1, as a share of the joints' operating velocities, or
     of their velocity limits where none are stated; of an arm that follows a trajectory, of its
     clock"""
@@ -230,10 +234,10 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     """contact times that were computed in the tick, sphere against obstacle"""
     reasons: list[ReasonMessage]
     """what the verdict rests on, the weightiest first"""
-    valid_until: float
+    valid_until: Figure
     """silence beyond this means: brake; [s] of the machine's monotonic clock"""
     separation: float | None = None
-    """margin of the separation distance, [m], where the cell file asks for it"""
+    """margin of the separation distance, [m], where the cell file asks for it and it is known"""
     certificate: CertificateMessage | None = None
     """proof of the deciding pair; `armguard run` sends none"""
     stop: Literal["finish", "brake"] | None = None
@@ -248,7 +252,7 @@ class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
     """of the plan that is answered"""
     safe: bool
     """whether the arm may do it: then that is what the monitor takes it to do from now on"""
-    contact_time: float
+    contact_time: Figure
     """earliest possible contact on the way, [s] from the tick; infinite where there is none, 0
     where that is unknown"""
     link: str | None
@@ -413,7 +417,7 @@ def encode_verdict(verdict: Verdict, offset: float, *, as_json: bool = False) ->
     certificate = None
     if verdict.certificate is not None:
         contact_time, times, witnesses = verdict.certificate
-        instants = [tell(time) for time in times.tolist()]
+        instants: list[Figure] = [tell(time) for time in times.tolist()]
         certificate = CertificateMessage(tell(contact_time), instants, witnesses.tolist())
     separation = verdict.separation
     message = VerdictMessage(
@@ -455,19 +459,19 @@ def encode_plan_verdict(number: int, verdict: PlanVerdict, *, as_json: bool = Fa
 def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict]:
     """What a monitor publishes: a verdict, or the number of a plan and the answer to it.
 
-    Both encodings are read. Times of a verdict are on the machine's monotonic clock.
+    Both encodings are read. Times of a verdict are on the machine's monotonic clock. A verdict is
+    read whatever its numbers are, since it may be a STOP; those that are none are NaN.
 
     Raises:
         MessageError: If it is neither.
     """
     is_json = _is_json(data)
-    read = _read_json_number if is_json else float
     try:
         message = (_json_answer_decoder if is_json else _answer_decoder).decode(data)
         if isinstance(message, PlanVerdictMessage):
             return message.number, PlanVerdict(
                 message.safe,
-                read(message.contact_time),
+                _read_number(message.contact_time, is_json),
                 message.link,
                 message.obstacle,
                 _read_reasons(message.reasons),
@@ -475,13 +479,16 @@ def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict]:
         fields = {name: getattr(message, name) for name in message.__struct_fields__}
         fields["level"] = Level[message.level]
         fields["reasons"] = _read_reasons(message.reasons)
-        for name in ("contact_time", "stop_time", "separation"):
-            fields[name] = None if fields[name] is None else read(fields[name])
+        for name in ("stamp", "contact_time", "stop_time", "speed_scale", "valid_until"):
+            fields[name] = _read_number(fields[name], is_json)
+        if message.separation is not None:
+            fields["separation"] = _read_number(message.separation, is_json)
         proof = message.certificate
         if proof is not None:
-            times = np.array([read(time) for time in proof.times])
-            witnesses = np.array(proof.witnesses).reshape(-1, 3)
-            fields["certificate"] = Certificate(read(proof.contact_time), times, witnesses)
+            contact_time = _read_number(proof.contact_time, is_json)
+            times = np.array([_read_number(time, is_json) for time in proof.times])
+            witnesses = np.array(proof.witnesses, float).reshape(-1, 3)
+            fields["certificate"] = Certificate(contact_time, times, witnesses)
         return Verdict(**fields)
     except (ValueError, KeyError, RecursionError) as error:
         raise MessageError("verdict", f"unusable ({error})", "a verdict of this version") from None
@@ -490,13 +497,15 @@ def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict]:
 def _to_json_number(value: float) -> float:
     """A number for JSON, which has no infinite ones: the greatest that there is stands for those.
 
-    Readers can compare it as it is. What is no number is null, which readers refuse.
+    Readers can compare it as it is. What is no number becomes null.
     """
     return math.copysign(GREATEST, value) if math.isinf(value) else float(value)
 
 
-def _read_json_number(value: float) -> float:
-    return math.copysign(math.inf, value) if abs(value) >= GREATEST else value
+def _read_number(value: Figure, is_json: bool) -> float:
+    if value is None:
+        return math.nan
+    return math.copysign(math.inf, value) if is_json and abs(value) >= GREATEST else value
 
 
 def _tell_reasons(reasons: Iterable[Reason]) -> list[ReasonMessage]:

@@ -13,7 +13,6 @@ import functools
 import importlib.util
 import logging
 import pickle
-import platform
 import signal
 import threading
 import uuid
@@ -24,7 +23,7 @@ from typing import Any
 
 from armguard.exceptions import ArmguardError
 from armguard.recording.provenance import describe_software
-from armguard.studies.rows import Measure, Row
+from armguard.studies.rows import MACHINE, Measure, Row, name_machine
 
 LOCAL = "local"
 """Address that asks for a cluster on this machine."""
@@ -38,8 +37,8 @@ KEPT = "what was measured is kept; --resume goes on with it"
 PATIENCE = 30.0
 """For a scheduler to answer, in [s]."""
 
-MACHINE, MISTAKE = "machine", "mistake"
-"""Fields of a row that are added: where it was measured, and what it failed by."""
+MISTAKE = "mistake"
+"""Field of a row that is added: what it failed by."""
 
 _ALONE = threading.Lock()
 """Held while a row is measured: a process that measures two at once would time neither."""
@@ -56,7 +55,7 @@ class Cluster:
         client: Dask's.
 
     Raises:
-        ArmguardError: Dask is not installed, or nothing answers at the address.
+        ArmguardError: Dask is not installed, the address is none, or nothing answers there.
     """
 
     def __init__(self, address: str, workers: int | None = None) -> None:
@@ -74,6 +73,8 @@ class Cluster:
             )
         if workers is not None and not workers >= 1:
             raise ArmguardError("--workers", f"is {workers}", expected="1 or more")
+        if address != LOCAL:
+            _check_address(address)
         # What the client says of a lost scheduler is told as one error.
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         self._closing = contextlib.ExitStack()
@@ -88,7 +89,7 @@ class Cluster:
             address = cluster.scheduler_address
         try:
             self.client = Client(address, timeout=PATIENCE, set_as_default=False)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, TypeError) as error:
             self._closing.close()
             raise ArmguardError(
                 "--dask", f"no scheduler answers at {address!r} ({error})",
@@ -151,6 +152,27 @@ class Cluster:
             self.client.cancel([*names, common])
 
 
+def _check_address(address: str) -> None:
+    """Make sure that Dask can ask there at all; else its client would go on trying.
+
+    Raises:
+        ArmguardError: The protocol is unknown or not installed, or there is no port.
+    """
+    from distributed.comm.addressing import parse_address
+    from distributed.comm.registry import get_backend
+
+    try:
+        scheme, place = parse_address(address)
+        backend = get_backend(scheme)
+        backend.get_connector()
+        backend.get_address_host(place)
+    except (ValueError, ImportError, TypeError) as error:
+        raise ArmguardError(
+            "--dask", f"no scheduler answers at {address!r} ({error})",
+            expected="an address such as tcp://10.0.0.5:8786",
+        ) from None  # fmt: skip
+
+
 def dask_setup(worker: object) -> None:
     """Called by Dask in workers that are started here, since they preload this module.
 
@@ -169,7 +191,7 @@ def _measure(
 ) -> Row:
     """On a worker: measure a row, if the software is the same."""
     here = _describe_here()
-    machine = f"{platform.node()} ({here['processor']})"
+    machine = name_machine()
     for name, wanted in software.items():
         if here[name] != wanted:
             return {

@@ -7,9 +7,10 @@ to the bit whether it comes from this process, from another machine, or from an 
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import os
-import shutil
+import platform
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
+from armguard.recording.provenance import describe_software
 
 Row = dict[str, Any]
 """What was measured, as plain data."""
@@ -30,8 +32,17 @@ Measure = Callable[..., Row]
 Tell = Callable[[str, float], None]
 """Is told what is done, and which share of that is done."""
 
+MACHINE = "machine"
+"""Field of a row that is added: where it was measured, as times of different places differ."""
+
 FOLDER, STUDY_FILE = "rows", "study.json"
 """Below a report: where its rows are kept, and what they are of."""
+
+ROW_FILES = f"{'[0-9a-f]' * 16}.msgpack"
+"""Pattern of the files of rows, which are named by digests."""
+
+PART_PREFIX, PART_SUFFIX = "row-", ".part"
+"""Of the file in which a row is until it is whole."""
 
 
 class Place(Protocol):
@@ -51,14 +62,17 @@ class Place(Protocol):
 
 
 class Here:
-    """This process, in which one row is measured after the other."""
+    """This process, in which one row is measured after the other.
+
+    Rows name their machine, as a study may be gone on with on another one.
+    """
 
     def run(
         self, measure: Measure, shared: Any, tasks: Mapping[str, tuple[Any, ...]]
     ) -> Iterator[tuple[str, Row]]:
         """Measure all, in their order."""
         for name, arguments in tasks.items():
-            yield name, measure(shared, *arguments)
+            yield name, {**measure(shared, *arguments), MACHINE: name_machine()}
 
 
 class Rows:
@@ -68,14 +82,15 @@ class Rows:
         place: Where they are measured.
         folder: Of the report, in which they are kept; None: they are not.
         study: What they are of: whatever must be the same in a study that is gone on with.
-        resume: Whether rows of an earlier run are taken; else they are deleted.
+        resume: Whether rows of an earlier run are taken; else they are deleted, and they alone.
 
     Attributes:
         resumed: How many came from an earlier run.
         kept: How many are kept, those included.
 
     Raises:
-        ArmguardError: The rows that are there are of another study, or cannot be read.
+        ArmguardError: The rows that are there are of another study, or cannot be read, or what is
+            there is not rows.
     """
 
     def __init__(
@@ -130,13 +145,28 @@ class Rows:
                 self._check(file, study)
                 return
             if folder.is_dir():
-                shutil.rmtree(folder)
-            folder.mkdir(parents=True)
+                self._clear(folder)
+            folder.mkdir(parents=True, exist_ok=True)
             file.write_bytes(msgspec.json.encode(study))
         except OSError as error:
             raise ArmguardError(
                 str(folder), f"rows cannot be kept there: {error.strerror}"
             ) from None
+
+    def _clear(self, folder: Path) -> None:
+        """Delete the rows of an earlier run, and nothing that is not of this module's making."""
+        if not (folder / STUDY_FILE).is_file() and any(folder.iterdir()):
+            raise ArmguardError(
+                str(folder),
+                f"holds what is no study's: there is no {STUDY_FILE} in it",
+                expected="a folder that is empty or not there, to keep rows in",
+                remedy="move it away, or name another folder",
+            )
+        # The study's own file stays until it is written anew: without it what is left of an
+        # interrupted deletion would count as somebody else's.
+        for pattern in (ROW_FILES, f"{PART_PREFIX}*{PART_SUFFIX}"):
+            for path in folder.glob(pattern):
+                path.unlink(missing_ok=True)
 
     def _check(self, file: Path, study: dict[str, str]) -> None:
         """Make sure that rows which are there are of this study."""
@@ -171,7 +201,7 @@ class Rows:
     def _keep(self, name: str, row: Row) -> Row:
         content = msgspec.msgpack.encode({"name": name, "row": row})
         if self._folder is not None:
-            descriptor, temporary = tempfile.mkstemp(dir=self._folder)
+            descriptor, temporary = tempfile.mkstemp(PART_SUFFIX, PART_PREFIX, self._folder)
             try:
                 with open(descriptor, "wb") as file:
                     file.write(content)
@@ -183,6 +213,12 @@ class Rows:
             self.kept += 1
         kept: Row = msgspec.msgpack.decode(content)["row"]
         return kept
+
+
+@functools.cache
+def name_machine() -> str:
+    """This machine, by name and processor."""
+    return f"{platform.node()} ({describe_software()['processor']})"
 
 
 def pack_array(values: NDArray[Any]) -> dict[str, Any]:

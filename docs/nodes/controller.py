@@ -26,8 +26,8 @@ def main(joints: str = "tcp://127.0.0.1:5702", verdicts: str = "tcp://127.0.0.1:
         while reader.poll(0):
             told = json.loads(reader.recv())
             if told["type"] == "verdict":  # answers to plans come here as well
-                scale = 0.0 if told["level"] == "STOP" else told["speed_scale"]
-                valid_until = told["valid_until"]
+                scale = 0.0 if told["level"] == "STOP" else told["speed_scale"] or 0.0
+                valid_until = told["valid_until"] or 0.0  # null is no number: over
         allowed = scale if time.monotonic() <= valid_until else 0.0  # silence means brake
         direction = -direction if abs(q[0]) > 0.5 and q[0] * direction > 0.0 else direction
         wanted = direction * min(0.3, 2.0 * allowed)  # [rad/s]

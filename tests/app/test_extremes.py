@@ -66,7 +66,7 @@ def test_lines_by_rows_are_kept_beside_the_page(tmp_path, capsys, monkeypatch):
     assert main(["extremes", "--resume", "--out", str(tmp_path / "page.md")]) == 0
     assert "1 cases: 1 sound" in capsys.readouterr().out
     assert (tmp_path / "page.md.kept" / "rows" / "study.json").is_file()
-    assert "Measured by workers: 1 lines on a machine" in (tmp_path / "page.md").read_text()
+    assert "Measured: 1 lines on a machine" in (tmp_path / "page.md").read_text()
     assert main(["extremes", "--resume", "--seed", "1", "--out", str(tmp_path / "page.md")]) == 2
     assert "of another study: seed was 0, is 1" in capsys.readouterr().err
     assert main(["extremes", "--resume"]) == 2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armguard.exceptions import ArmguardError
-from armguard.monitor import Monitor, choice
+from armguard.monitor import Monitor, TrialTick, choice
 from armguard.obstacles import Obstacles
 from armguard.pairs.arm import ADVANCES
 from armguard.scheduling import DaaSchedule
@@ -41,17 +41,17 @@ def test_the_same_trial_gives_the_same_choice(near):
     assert make_auto().choice == near.choice
 
 
-def test_a_far_obstacle_requires_little_and_a_near_one_more(near):
-    far = make_auto(FAR()).choice
-    assert far.settings["max_staleness"] > near.choice.settings["max_staleness"]
-    assert far.settings["advances"] == 1
-    assert far.same_level == 1.0
-    assert far.scale_difference == 0.0
-    assert far.evaluated < 0.1 < 1.0 < near.choice.evaluated
-    # What costs nothing there stays as fine as it is.
-    assert (far.level, far.settings["motion"]) == (None, "joint")
-    assert near.choice.settings["motion"] == "joint"
-    assert far.settings["budget"] == choice.LEAST_BUDGET
+def test_a_farther_obstacle_requires_less(near):
+    farther = make_auto(make_trial(1.8)).choice
+    assert farther.settings["max_staleness"] > near.choice.settings["max_staleness"]
+    assert farther.evaluated < 0.5 * near.choice.evaluated
+    assert farther.is_same
+    assert farther.settings["advances"] == 1
+    assert farther.settings["budget"] == choice.LEAST_BUDGET
+
+
+def test_the_levels_that_occurred_are_told(near):
+    assert "ticks of SLOW and AWARE and CLEAR" in near.choice.summary[1]
 
 
 def test_every_link_is_watched_and_those_out_of_reach_are_told(near):
@@ -116,11 +116,14 @@ def test_nothing_of_the_trial_is_left():
     assert Monitor(robot, Obstacles()).choice is None
 
 
-def test_a_trial_that_is_one_long_stop_shows_nothing():
-    told = make_auto(obstacles=Obstacles(sources=["silent"])).choice
+@pytest.mark.parametrize(
+    ("trial", "sources", "level"), [(make_trial()[:60], ["silent"], "STOP"), (FAR(), None, "CLEAR")]
+)
+def test_a_trial_of_one_level_shows_nothing(trial, sources, level):
+    told = make_auto(trial, obstacles=Obstacles(sources=sources)).choice
     usual = {"motion": "joint", "max_staleness": 0.25, "advances": ADVANCES, "budget": None}
     assert (told.settings, told.level) == (usual, None)
-    assert "nothing but STOP" in told.summary[1]
+    assert told.summary[1].endswith(f"ticks, is nothing but {level}")
 
 
 def test_where_nothing_is_as_good_the_nearest_is_chosen(monkeypatch):
@@ -142,6 +145,10 @@ def test_a_scale_that_differs_is_told_from_the_finest(monkeypatch, near):
     ("changes", "words"),
     [
         ({"trial": []}, "trial: has no ticks"),
+        ({"trial": 5}, "trial: is 5; expected joint states"),
+        ({"trial": [None]}, r"trial\[0\]: is a NoneType; expected .* each a TrialTick"),
+        ({"trial": [(0.0, HOME, STILL)]}, r"trial\[0\]: is a tuple"),
+        ({"trial": [TrialTick(0.0, HOME, STILL, tell=5)]}, r"trial\[0\].tell: is 5"),
         ({"schedule": "full"}, "schedule: is 'full'; expected \"deadline\""),
         ({"schedule": DaaSchedule(0.005, "powers")}, "schedule: is one of the application's own"),
         ({"rate": -1.0}, "rate: is -1"),
@@ -160,10 +167,20 @@ def test_a_table_that_was_told_already_is_refused():
         make_auto(obstacles=obstacles)
 
 
-def test_without_obstacles_nothing_is_cheaper_than_nothing():
+def test_without_obstacles_what_is_usual_stays():
     told = make_auto(
         [tick._replace(tell=None) for tick in make_trial()[:20]],
         obstacles=Obstacles(sources=[]),
     ).choice
     assert (told.evaluated, told.price, told.same_level) == (0.0, 1.0, 1.0)
-    assert told.settings["max_staleness"] == 0.0
+    assert told.settings["max_staleness"] == choice.USUAL["max_staleness"]
+
+
+def test_a_robot_is_as_before_where_no_monitor_can_be_made(monkeypatch):
+    robot = make_robot()
+    cover = robot.cover
+    monkeypatch.setattr("armguard.monitor.monitor.choose", lambda *some, **more: chosen)
+    chosen = choice.Choice({"budget": -1}, 0, 1, 1.0, 0.0, 1.0, 1, 1.0, True, (), ())
+    with pytest.raises(ArmguardError, match="budget"):
+        make_auto(robot=robot)
+    assert robot.cover is cover

@@ -237,10 +237,41 @@ def test_json_has_the_same_fields_and_no_number_that_json_lacks():
     found = decode_answer(data)
     assert (found.contact_time, found.stop_time) == (math.inf, math.inf)
     assert found.separation == -math.inf
-    unknown = encode_verdict(VERDICT._replace(contact_time=math.nan), 0.0, as_json=True)
-    assert json.loads(unknown)["contact_time"] is None
+
+
+@ENCODINGS
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, 1e308, -1e308])
+def test_a_stop_is_read_whatever_its_numbers_are(number, as_json):
+    names = "stamp", "contact_time", "stop_time", "speed_scale"
+    proof = Certificate(number, np.array([number, 1.0]), np.array([[number, 0.0, 1.0]] * 2))
+    changes = dict.fromkeys([*names, "valid_until", "separation"], number)
+    stop = VERDICT._replace(level=Level.STOP, certificate=proof, **changes)
+    data = encode_verdict(stop, 1000.0, as_json=as_json)
+    if as_json:
+        told = json.loads(data, parse_constant=pytest.fail)
+        assert (told["stamp"] is None) == math.isnan(number)
+    found = decode_answer(data)
+    assert found.level is Level.STOP
+    assert found.reasons == stop.reasons
+    for name in names:
+        assert getattr(found, name) == pytest.approx(number, rel=1e-9, nan_ok=True)
+    assert math.isnan(found.valid_until) == math.isnan(number)  # others are rounded down
+    assert found.separation in (number, None) or math.isnan(found.separation)
+    assert (found.separation is None) == (as_json and math.isnan(number))
+    assert found.certificate.times == pytest.approx([number, 1.0], nan_ok=True)
+    number, answer = decode_answer(
+        encode_plan_verdict(7, PlanVerdict(False, number, None, None, ()), as_json=as_json)
+    )
+    assert (number, answer.safe) == (7, False)
+
+
+@pytest.mark.parametrize("field", ["stamp", "valid_until", "speed_scale"])
+def test_a_number_of_a_verdict_may_be_null_but_not_missing(field):
+    told = json.loads(encode_verdict(VERDICT, 0.0, as_json=True))
+    assert math.isnan(getattr(decode_answer(json.dumps(told | {field: None}).encode()), field))
+    del told[field]
     with pytest.raises(MessageError):
-        decode_answer(unknown)
+        decode_answer(json.dumps(told).encode())
 
 
 @ENCODINGS

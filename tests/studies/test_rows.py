@@ -37,13 +37,26 @@ def test_rows_that_were_kept_are_not_measured_again(tmp_path):
     counted, rows = [], Rows(Here(), tmp_path, STUDY, resume=True)
     found, _ = measure(rows, function=count)
     assert counted == [0, 2, 3]
-    assert found["row 1"] == {"square": 10}
+    assert found["row 1"]["square"] == 10
     assert (rows.resumed, rows.kept) == (1, 4)
     # Without --resume all are.
     counted, rows = [], Rows(Here(), tmp_path, STUDY, resume=False)
     measure(rows, function=count)
     assert counted == [0, 1, 2, 3]
     assert rows.resumed == 0
+
+
+def test_each_row_names_the_machine_that_measured_it(tmp_path, monkeypatch):
+    def say(name):
+        monkeypatch.setattr("armguard.studies.rows.name_machine", lambda: name)
+
+    say("slow (a processor)")
+    measure(Rows(Here(), tmp_path, STUDY, resume=False), {"row 1": (1,)})
+    say("fast (another)")
+    found, _ = measure(Rows(Here(), tmp_path, STUDY, resume=True))
+    assert [row["machine"] for row in found.values()] == [
+        "fast (another)", "slow (a processor)", "fast (another)", "fast (another)",
+    ]  # fmt: skip
 
 
 def test_rows_of_another_study_are_not_taken(tmp_path):
@@ -92,6 +105,34 @@ def test_a_folder_in_which_nothing_can_be_kept_is_an_error(tmp_path):
     (tmp_path / "rows" / "study.json").write_text("{")
     with pytest.raises(ArmguardError, match="cannot be read"):
         Rows(Here(), tmp_path, STUDY, resume=True)
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_folder_of_somebody_else_is_refused_and_left_alone(resume, tmp_path):
+    thesis = tmp_path / "rows" / "thesis.csv"
+    thesis.parent.mkdir()
+    thesis.write_text("years of work")
+    with pytest.raises(ArmguardError, match=r"rows: holds what is no study's.*move it away"):
+        Rows(Here(), tmp_path, STUDY, resume=resume)
+    assert thesis.read_text() == "years of work"
+    assert list(thesis.parent.iterdir()) == [thesis]
+
+
+def test_only_rows_are_deleted_and_what_was_left_of_them(tmp_path, monkeypatch):
+    def fail(*names):
+        raise OSError(28, "No space left on device")
+
+    rows = Rows(Here(), tmp_path, STUDY, resume=False)
+    measure(rows)
+    monkeypatch.setattr("armguard.studies.rows.os.replace", fail)
+    with pytest.raises(ArmguardError, match="No space left"):
+        measure(rows, {"row 9": (9,)})
+    mine = {tmp_path / "rows" / name for name in ("notes.txt", "mine.msgpack", "study.json")}
+    for path in mine:
+        path.touch()
+    assert len(list((tmp_path / "rows").iterdir())) == len(mine) + len(TASKS) + 1
+    Rows(Here(), tmp_path, STUDY, resume=False)
+    assert set((tmp_path / "rows").iterdir()) == mine
 
 
 @pytest.mark.parametrize(

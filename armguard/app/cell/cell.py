@@ -227,6 +227,11 @@ class Cell:
             for name, table in self.sources.items()
         }
 
+    @property
+    def keeps_cover(self) -> bool:
+        """Whether the file states how fine the arm's cover is, so that this is not chosen."""
+        return self.tables.robot.level is not None
+
     def make_monitor(self, robot: Robot, obstacles: Obstacles) -> Monitor:
         """The monitor, with the file's settings; what the file leaves out is as in `Monitor`.
 
@@ -239,8 +244,7 @@ class Cell:
             return self._attempt("", lambda: Monitor(robot, obstacles, **settings))
         key = "settings" if self.tables.settings_from is None else "settings_from"
         trial = self._attempt(key, self._make_trial, robot, settings)
-        keeps_cover = self.tables.robot.level is not None
-        choose = functools.partial(Monitor.auto, keeps_cover=keeps_cover, **settings)
+        choose = functools.partial(Monitor.auto, keeps_cover=self.keeps_cover, **settings)
         return self._attempt(key, choose, robot, obstacles, trial)
 
     def _make_trial(self, robot: Robot, settings: Mapping[str, Any]) -> list[TrialTick]:

@@ -25,4 +25,4 @@ class Line(NamedTuple):
     note: str = ""
     """Against what, or why refused."""
     machine: str = ""
-    """Where it was measured, if not in this process."""
+    """Where it was measured; empty where all is of this process."""

@@ -74,7 +74,7 @@ class Run(NamedTuple):
     memory: int
     """[bytes]."""
     machine: str = ""
-    """Where, if not in this process."""
+    """Where; empty where all is of this process."""
 
     def describe(self) -> Row:
         """All but the setting as plain data, for `restore`."""

@@ -257,7 +257,7 @@ def _list_facts(study: Study, about: About) -> list[str]:
         f"Command: `{about.command}`",
         f"Scene: {about.title}, {study.seconds:g} s of it, seed {about.seed}",
         f"Machine: {about.machine}",
-        *([f"Measured by workers: {_count_machines(study)}"] if _count_machines(study) else []),
+        *([f"Measured: {_count_machines(study)}"] if _count_machines(study) else []),
         f"Versions: {versions}",
     ]
 

@@ -65,6 +65,8 @@ class Site(NamedTuple):
     """Of the monitor, beside those that are varied."""
     sources: tuple[str, ...] = ()
     """Names of those that have to be heard; the first one tells all. None: as they are called."""
+    keeps_cover: bool = False
+    """Whether all levels of the arm's cover stand where settings are chosen."""
 
     @property
     def base(self) -> pinocchio.SE3:

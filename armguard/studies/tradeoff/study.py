@@ -63,7 +63,7 @@ class Outcome(NamedTuple):
     refused: str = ""
     """Why not."""
     machine: str = ""
-    """Where it was measured, if not in this process."""
+    """Where it was measured; empty where all is of this process."""
 
 
 class Study(NamedTuple):
@@ -195,8 +195,9 @@ def _choose(site: Site, trial: Scene, outcomes: list[Outcome]) -> Choice | None:
     ticks = list_ticks(trial, float(site.settings.get("rate", RATE)))
     try:
         return choose(
-            Monitor, site.robot, site.make_obstacles(), ticks, site.settings, keeps_cover=False
-        )
+            Monitor, site.robot, site.make_obstacles(), ticks, site.settings,
+            keeps_cover=site.keeps_cover,
+        )  # fmt: skip
     except ArmguardError as error:
         outcomes.append(Outcome(Setting(AUTO), None, str(error)))
         return None

@@ -1,5 +1,6 @@
 import pytest
 
+from armguard.app.tradeoff import _make_site
 from armguard.exceptions import ArmguardError
 from armguard.studies.tradeoff import growth
 from armguard.studies.tradeoff.covers import Covers
@@ -66,6 +67,19 @@ def test_what_a_trial_chooses_is_held_against_the_finest_on_another_scene(monkey
     assert found.find(AUTO).missed == 0.0
     assert found.find(AUTO).same_level > 0.9
     assert any(line.startswith("**auto** chose motion joint") for line in summarise(found))
+
+
+@pytest.mark.parametrize("keeps_cover", [False, True])
+def test_a_cover_that_a_cell_states_is_not_chosen(keeps_cover, tmp_path, monkeypatch):
+    given = []
+    monkeypatch.setattr(
+        "armguard.studies.tradeoff.study.choose",
+        lambda *some, **more: given.append(more["keeps_cover"]),
+    )
+    cell = tmp_path / "cell.toml"
+    cell.write_text('[robot]\nname = "panda"\n' + keeps_cover * "level = 1\n")
+    _choose(_make_site(cell, None), small_scene(0.4), [])
+    assert given == [keeps_cover]
 
 
 def test_a_site_that_leaves_no_choice_is_told():
