@@ -283,13 +283,17 @@ class JointStateReader:
             stamp: When it was measured, in [s].
 
         Raises:
-            ArmguardError: It has some watched joints and lacks others, or fields of other lengths,
-                or no velocities, and differences would be off by more than the joints' error.
+            ArmguardError: It has some watched joints and lacks others, or has one twice, or fields
+                of other lengths, or no velocities, and differences would be off by more than the
+                joints' error.
         """
         joints = self._robot.joints
         places = {name: place for place, name in enumerate(message.name)}
         if not places.keys() & set(joints):
             return None
+        twins = [joint for joint in joints if list(message.name).count(joint) > 1]
+        if twins:
+            raise ArmguardError(self._offender, f"has {twins[0]} twice", expected="each joint once")
         missing = [joint for joint in joints if joint not in places]
         if missing:
             raise ArmguardError(self._offender, f"lacks {', '.join(missing)} beside the others")
@@ -312,6 +316,9 @@ class JointStateReader:
 
     def _differentiate(self, q: Array, stamp: float, count: int) -> Array | None:
         self._check_error(self._least_error, count)
+        if self._past and not stamp >= self._past[-1][0]:
+            # A clock that began anew: what was before it has no time in common with what comes.
+            self._past.clear()
         past = [one for one in self._past if one[0] < stamp]
         self._past.append((stamp, q))
         if not past:
@@ -344,11 +351,16 @@ class JointStateReader:
 
 
 def read_pose(position: Any, orientation: Any) -> tuple[Array, Array]:
-    """Rotation and position; a quaternion of zeros, which many leave it at, turns nothing."""
+    """Rotation and position; a quaternion of zeros, which many leave it at, turns nothing.
+
+    One whose length is no number above 0 gives a rotation of NaN, which no table takes.
+    """
     w, x, y, z = (float(getattr(orientation, name)) for name in "wxyz")
-    norm = math.sqrt(w * w + x * x + y * y + z * z)
-    if norm == 0.0:
+    norm = read_length(orientation)
+    if not any((w, x, y, z)):
         return np.eye(3), _read_vector(position)
+    if not 0.0 < norm < math.inf:
+        return np.full((3, 3), np.nan), _read_vector(position)
     w, x, y, z = w / norm, x / norm, y / norm, z / norm
     rotation = np.array(
         [
@@ -358,6 +370,12 @@ def read_pose(position: Any, orientation: Any) -> tuple[Array, Array]:
         ]
     )
     return rotation, _read_vector(position)
+
+
+def read_length(orientation: Any) -> float:
+    """Length of a quaternion; inf or 0 also where its squares are too large or too small."""
+    w, x, y, z = (float(getattr(orientation, name)) for name in "wxyz")
+    return math.sqrt(w * w + x * x + y * y + z * z)
 
 
 def _read_nanoseconds(header: Any) -> int:

@@ -160,6 +160,13 @@ def test_a_quaternion_of_any_length_turns_and_one_of_zeros_does_not():
     assert (read_pose(place, zeros)[0] == np.eye(3)).all()
 
 
+@pytest.mark.parametrize("wrong", [1e200, 1e-200, np.inf, np.nan])
+def test_a_quaternion_without_a_length_gives_no_rotation(wrong):
+    place = types.SimpleNamespace(x=1.0, y=2.0, z=3.0)
+    turn = types.SimpleNamespace(x=0.0, y=0.0, z=wrong, w=0.0)
+    assert np.isnan(read_pose(place, turn)[0]).all()
+
+
 def test_joints_are_read_by_name(panda):
     reader = JointStateReader("/joint_states", panda)
     names, q = [*reversed(NAMES), "finger"], [*reversed(READY), 9.0]
@@ -169,6 +176,8 @@ def test_joints_are_read_by_name(panda):
     assert reader.read(joint_state(0.0, ["finger"], [1.0]), 0.0) is None
     with pytest.raises(ArmguardError, match="lacks panda_joint7"):
         reader.read(joint_state(0.0, NAMES[:6], READY[:6]), 0.0)
+    with pytest.raises(ArmguardError, match="has panda_joint1 twice"):
+        reader.read(joint_state(0.0, [*NAMES, NAMES[0]], [*READY, 2.0]), 0.0)
     with pytest.raises(ArmguardError, match="6 values of velocity for 7 joints"):
         reader.read(joint_state(0.0, v=[0.0] * 6), 0.0)
 
@@ -212,3 +221,17 @@ def test_differences_that_would_be_off_by_more_than_is_stated_are_refused(panda)
     assert reader.read(joint_state(0.0, ["a", "b"], [0.0, 0.0], []), 0.0) is None
     with pytest.raises(ArmguardError, match="off by up to 1"):  # 20 rad/s² for half of 0.1 s
         reader.read(joint_state(0.1, ["a", "b"], [0.0, 0.0], []), 0.1)
+
+
+def test_a_clock_that_goes_back_takes_nothing_of_before():
+    reader = JointStateReader("/joint_states", FineEncoders())
+    for stamp, q in ((10.0, 0.0), (10.001, 0.0)):
+        reader.read(joint_state(0.0, ["a", "b"], [q, q], []), stamp)
+    found = [
+        reader.read(joint_state(0.0, ["a", "b"], [1.0, 1.0], []), 9.9985 + 0.001 * k)
+        for k in range(6)
+    ]
+    assert found[0] is None
+    speeds = [state[1] for state in found if state is not None]
+    assert speeds
+    np.testing.assert_array_equal(speeds, 0.0)
