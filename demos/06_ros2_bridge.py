@@ -53,11 +53,46 @@ def make_speed_override(types: MessageTypes, verdict: Any) -> Any:
     return types.float64(data=read_speed_override(verdict))
 
 
+def read_topic(text: str) -> tuple[str, str]:
+    """A topic and its type, from `[SOURCE=]TOPIC:TYPE`."""
+    topic, _, kind = text.rpartition(":")
+    if not topic or not kind:
+        raise argparse.ArgumentTypeError(f"{text!r} is not [SOURCE=]TOPIC:TYPE")
+    return topic, kind
+
+
+def read_moving(text: str) -> tuple[str, FrameErrors]:
+    """A frame and how fast it moves at most, from `FRAME:SPEED:TURN_RATE`."""
+    try:
+        name, speed, turn_rate = text.rsplit(":", 2)
+        return name, FrameErrors(speed=float(speed), turn_rate=float(turn_rate))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not FRAME:SPEED:TURN_RATE, in m/s and rad/s"
+        ) from None
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """What the node takes beside the arguments of ROS."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cell", type=Path, default=CELL)
+    parser.add_argument("--joints", default="/joint_states")
+    parser.add_argument(
+        "--obstacles", nargs="*", type=read_topic, default=[], metavar="[SOURCE=]TOPIC:TYPE"
+    )
+    parser.add_argument(
+        "--moving", nargs="*", type=read_moving, default=[], metavar="FRAME:SPEED:TURN_RATE"
+    )
+    parser.add_argument("--radius", type=float)
+    parser.add_argument("--snapshot", action="store_true")
+    return parser
+
+
 def main(arguments: tuple[str, ...] = ()) -> None:
     """Run the node until it is told to end."""
     try:
         import rclpy
-        from rclpy.qos import DurabilityPolicy, QoSProfile
+        from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
         from rosidl_runtime_py.utilities import get_message
     except ModuleNotFoundError as error:
         raise ArmguardError(
@@ -65,18 +100,8 @@ def main(arguments: tuple[str, ...] = ()) -> None:
             f"is not there: {error}",
             remedy="source /opt/ros/<distribution>/setup.bash, and use the Python that it names",
         ) from None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cell", type=Path, default=CELL)
-    parser.add_argument("--joints", default="/joint_states")
-    parser.add_argument("--obstacles", nargs="*", default=[], metavar="[SOURCE=]TOPIC:TYPE")
-    parser.add_argument("--moving", nargs="*", default=[], metavar="FRAME:SPEED:TURN_RATE")
-    parser.add_argument("--radius", type=float)
-    parser.add_argument("--snapshot", action="store_true")
-    rclpy.init(args=list(arguments))
-    options = parser.parse_args(rclpy.utilities.remove_ros_args(["", *arguments])[1:])
-    topics = dict(one.rsplit(":", 1) for one in options.obstacles)
-    moving = (one.rsplit(":", 2) for one in options.moving)
-    errors = {name: FrameErrors(speed=float(v), turn_rate=float(w)) for name, v, w in moving}
+    options = make_parser().parse_args(rclpy.utilities.remove_ros_args(["", *arguments])[1:])
+    topics = dict(options.obstacles)
     robot, _, monitor = Cell.load(options.cell).build()
     cell = Ros2Cell(
         monitor,
@@ -84,7 +109,7 @@ def main(arguments: tuple[str, ...] = ()) -> None:
         topics,
         radius=options.radius,
         snapshot=options.snapshot,
-        errors=errors,
+        errors=dict(options.moving),
     )
     types = MessageTypes(
         get_message("diagnostic_msgs/msg/DiagnosticArray"),
@@ -94,6 +119,7 @@ def main(arguments: tuple[str, ...] = ()) -> None:
         get_message("std_msgs/msg/Header"),
         lambda level: bytes([level]),
     )
+    rclpy.init(args=list(arguments))
     node = rclpy.create_node("armguard")
     transform = get_message("tf2_msgs/msg/TFMessage")
     kept = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -110,10 +136,12 @@ def main(arguments: tuple[str, ...] = ()) -> None:
         return lambda message: cell.take_obstacles(topic, message)
 
     subscribe = node.create_subscription
-    subscribe(get_message("sensor_msgs/msg/JointState"), options.joints, cell.take_joints, 10)
+    # Best effort: it gets what publishers of either reliability send, as drivers of sensors do.
+    sensed = qos_profile_sensor_data
+    subscribe(get_message("sensor_msgs/msg/JointState"), options.joints, cell.take_joints, sensed)
     for name, kind in topics.items():
         topic = name.rpartition("=")[2]
-        subscribe(get_message(kind), topic, take(topic), 10)
+        subscribe(get_message(kind), topic, take(topic), sensed)
     subscribe(transform, "/tf", lambda one: cell.take_transforms(one, is_static=False), 100)
     subscribe(transform, "/tf_static", lambda one: cell.take_transforms(one, is_static=True), kept)
     node.create_timer(monitor.period, tick)
@@ -127,4 +155,8 @@ def main(arguments: tuple[str, ...] = ()) -> None:
 
 
 if __name__ == "__main__":
-    main(tuple(sys.argv[1:]))
+    try:
+        main(tuple(sys.argv[1:]))
+    except ArmguardError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)

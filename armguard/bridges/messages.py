@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
+from armguard.obstacles.obstacles import WORLD
 from armguard.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -104,13 +105,14 @@ class ObstacleReader:
         self.passed_over: dict[str, int] = {}
         self._kind, self._snapshot = kind, snapshot
         self._radius = 0.0 if radius is None else radius
-        self._known: set[str] = set()
+        self._known: dict[tuple[str, int], set[str]] = {}
 
     def read(self, message: Any) -> tuple[list[str], list[Shown]]:
         """What has gone, by its ids, and after that what is there.
 
         Raises:
-            ArmguardError: A marker's extent is not known, or a snapshot has several frames.
+            ArmguardError: A marker's extent is not known, or it is there twice, or a snapshot has
+                several frames.
         """
         if self._kind == MARKERS:
             return self._read_markers(message)
@@ -130,44 +132,72 @@ class ObstacleReader:
         return [], [Shown(message.header, balls)]
 
     def _read_markers(self, message: Any) -> tuple[list[str], list[Shown]]:
-        """Markers come and go by themselves, each with a header of its own."""
-        shown: dict[str, Shown] = {}
-        gone: list[str] = []
+        """Markers come and go by themselves, each with a header of its own.
+
+        What is refused leaves all that is known as it was.
+        """
+        known = dict(self._known)
+        there: dict[tuple[str, int], Shown] = {}
+        gone: set[str] = set()
+        passed_over: list[str] = []
         for marker in message.markers:
-            name = f"{marker.ns}/{marker.id}" if marker.ns else f"{marker.id}"
-            parts = [id for id in self._known if id.startswith(f"{name}/")]
-            if marker.action in (_DELETE, _DELETE_ALL):
-                leaving = set(self._known)
-                if marker.action == _DELETE:
-                    leaving &= {name, *parts}
-                for _, kept in shown.values():
-                    kept[:] = [body for body in kept if body.id not in leaving]
-                self._forget(leaving, gone)
+            key = str(marker.ns), int(marker.id)
+            if marker.action == _DELETE_ALL:
+                gone.update(*known.values())
+                known.clear()
+                there.clear()
+                continue
+            if marker.action == _DELETE:
+                gone |= known.pop(key, set())
+                there.pop(key, None)
                 continue
             kind = int(marker.type)
             if kind in _WITHOUT_BODY:
-                words = _WITHOUT_BODY[kind]
-                self.passed_over[words] = self.passed_over.get(words, 0) + 1
+                passed_over.append(_WITHOUT_BODY[kind])
                 continue
-            made = self._make_bodies(name, kind, marker)
-            # A marker takes the place of the one before, which may have had more bodies.
-            self._forget(set(parts) - {body.id for body in made}, gone)
-            frame = marker.header.frame_id
-            bodies = shown[frame].bodies if frame in shown else []
-            shown[frame] = Shown(marker.header, [*bodies, *made])
-            self._known.update(body.id for body in made)
-        if len(shown) > 1 and self._snapshot:
+            name = f"{key[0]}/{key[1]}" if key[0] else f"{key[1]}"
+            if key in there:
+                raise ArmguardError(
+                    self._offender,
+                    f"has the marker {name!r} twice in one message",
+                    expected="an id of its own for each of a namespace",
+                )
+            bodies = self._make_bodies(name, kind, marker)
+            # A marker takes the place of the one before, which may have had other bodies.
+            made = {body.id for body in bodies}
+            gone |= known.get(key, set()) - made
+            known[key] = made
+            there[key] = Shown(marker.header, bodies)
+        shown = self._group_markers(list(there.values()))
+        self._known = known
+        for words in passed_over:
+            self.passed_over[words] = self.passed_over.get(words, 0) + 1
+        return sorted(gone), shown
+
+    def _group_markers(self, markers: list[Shown]) -> list[Shown]:
+        """Those of one frame and stamp together, by stamp.
+
+        A snapshot is one sight, whose markers all count as seen at the oldest of their stamps: a
+        body that is taken for older than it is may be farther away, so that errs to the safe side.
+        """
+        markers = sorted(markers, key=lambda one: _read_nanoseconds(one.header))
+        groups: dict[tuple[str, int], Shown] = {}
+        for header, bodies in markers:
+            stamp = 0 if self._snapshot else _read_nanoseconds(header)
+            key = str(header.frame_id).strip("/") or WORLD, stamp
+            groups.setdefault(key, Shown(header, [])).bodies.extend(bodies)
+        if self._snapshot and len(groups) > 1:
             raise ArmguardError(
                 self._offender, "has several frames in one message", expected="one with snapshots"
             )
-        return gone, list(shown.values())
-
-    def _forget(self, ids: set[str], gone: list[str]) -> None:
-        self._known -= ids
-        gone += sorted(ids)
+        return list(groups.values())
 
     def _make_bodies(self, name: str, kind: int, marker: Any) -> list[Body]:
-        """The bodies of one marker; of several, each has the marker's name and a number."""
+        """The bodies of one marker; of several, each has the marker's name and a number.
+
+        What follows the last slash of a marker's name is a number, so `#` is in no name there, and
+        no part can be taken for another marker.
+        """
         scale = _read_vector(marker.scale)
         if kind == _SPHERE:
             return [Body(name, _read_vector(marker.pose.position)[None], 0.5 * float(scale.max()))]
@@ -181,14 +211,14 @@ class ObstacleReader:
             step = 1 if kind == _LINE_STRIP else 2
             ends = range(0, len(places) - 1, step)
             pairs = [places[k : k + 2] for k in ends]
-            return [Body(f"{name}/{k}", pair, 0.5 * scale[0]) for k, pair in enumerate(pairs)]
+            return [Body(f"{name}#{k}", pair, 0.5 * scale[0]) for k, pair in enumerate(pairs)]
         if kind == _CUBE_LIST:
             corners = _corners(scale) @ rotation.T
-            return [Body(f"{name}/{k}", place + corners, 0.0) for k, place in enumerate(places)]
+            return [Body(f"{name}#{k}", place + corners, 0.0) for k, place in enumerate(places)]
         if kind in (_SPHERE_LIST, _POINTS):
             # A point is drawn as a square, which the ball around it contains.
             radius = 0.5 * float(scale.max() if kind == _SPHERE_LIST else np.hypot(*scale[:2]))
-            return [Body(f"{name}/{k}", place[None], radius) for k, place in enumerate(places)]
+            return [Body(f"{name}#{k}", place[None], radius) for k, place in enumerate(places)]
         raise ArmguardError(
             self._offender,
             f"has the marker {name!r} of type {kind}, whose extent is not known",
@@ -253,13 +283,17 @@ class JointStateReader:
             stamp: When it was measured, in [s].
 
         Raises:
-            ArmguardError: It has some watched joints and lacks others, or fields of other lengths,
-                or no velocities, and differences would be off by more than the joints' error.
+            ArmguardError: It has some watched joints and lacks others, or has one twice, or fields
+                of other lengths, or no velocities, and differences would be off by more than the
+                joints' error.
         """
         joints = self._robot.joints
         places = {name: place for place, name in enumerate(message.name)}
         if not places.keys() & set(joints):
             return None
+        twins = [joint for joint in joints if list(message.name).count(joint) > 1]
+        if twins:
+            raise ArmguardError(self._offender, f"has {twins[0]} twice", expected="each joint once")
         missing = [joint for joint in joints if joint not in places]
         if missing:
             raise ArmguardError(self._offender, f"lacks {', '.join(missing)} beside the others")
@@ -282,6 +316,9 @@ class JointStateReader:
 
     def _differentiate(self, q: Array, stamp: float, count: int) -> Array | None:
         self._check_error(self._least_error, count)
+        if self._past and not stamp >= self._past[-1][0]:
+            # A clock that began anew: what was before it has no time in common with what comes.
+            self._past.clear()
         past = [one for one in self._past if one[0] < stamp]
         self._past.append((stamp, q))
         if not past:
@@ -314,11 +351,16 @@ class JointStateReader:
 
 
 def read_pose(position: Any, orientation: Any) -> tuple[Array, Array]:
-    """Rotation and position; a quaternion of zeros, which many leave it at, turns nothing."""
+    """Rotation and position; a quaternion of zeros, which many leave it at, turns nothing.
+
+    One whose length is no number above 0 gives a rotation of NaN, which no table takes.
+    """
     w, x, y, z = (float(getattr(orientation, name)) for name in "wxyz")
-    norm = math.sqrt(w * w + x * x + y * y + z * z)
-    if norm == 0.0:
+    norm = read_length(orientation)
+    if not any((w, x, y, z)):
         return np.eye(3), _read_vector(position)
+    if not 0.0 < norm < math.inf:
+        return np.full((3, 3), np.nan), _read_vector(position)
     w, x, y, z = w / norm, x / norm, y / norm, z / norm
     rotation = np.array(
         [
@@ -328,6 +370,16 @@ def read_pose(position: Any, orientation: Any) -> tuple[Array, Array]:
         ]
     )
     return rotation, _read_vector(position)
+
+
+def read_length(orientation: Any) -> float:
+    """Length of a quaternion; inf or 0 also where its squares are too large or too small."""
+    w, x, y, z = (float(getattr(orientation, name)) for name in "wxyz")
+    return math.sqrt(w * w + x * x + y * y + z * z)
+
+
+def _read_nanoseconds(header: Any) -> int:
+    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
 def _read_vector(vector: Any) -> Array:

@@ -36,6 +36,15 @@ SPARE = 1e-9
 """What radii grow by, in [m]. Points of bodies within a kilometre are off by less: MuJoCo turns and
 moves them in float64, which is good to 1e-12 m there."""
 
+AXIS_OFFSET = 1e-3
+"""How far the axis of a simulated joint may be from where the robot has it, in [m]."""
+
+AXIS_ANGLE = 1e-3
+"""How far the axis of a simulated joint may be turned from that of the robot, in [rad]."""
+
+_WIDEST = 3.0
+"""Joints without limits are tried within this of 0, in [rad] or [m]."""
+
 _SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
 _CAPSULE = int(mujoco.mjtGeom.mjGEOM_CAPSULE)
 _ELLIPSOID = int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
@@ -233,19 +242,34 @@ class _Group(NamedTuple):
 class MujocoJoints:
     """Joint states of a simulated arm in the order of `robot.joints`, by the joints' names.
 
+    The premise is that the simulated arm is where the monitor takes it to be. So axes of joints are
+    held against the robot's description, at a few configurations: on an arm whose base stands
+    elsewhere, whose links have other lengths, or whose joints count from another zero, some axis
+    lies elsewhere. Where the last joint has its zero, and what hangs on it, no axis tells.
+
     Args:
         model: An `mjModel`.
         robot: The arm that the monitor watches.
         held: Names of joints of the simulated arm that the robot's description takes as fixed, as
-            fingers, and that the simulation keeps where the description has them.
+            fingers, and that the simulation keeps at their `qpos0`, where the description has them.
+        base_placement: Placement of the robot's base in the world, as the monitor has it; None:
+            they coincide.
 
     Raises:
         ArmguardError: The model lacks a joint of the robot, has one of another kind under its name,
-            or has one on the arm that the robot lacks: links would be elsewhere than the monitor
-            takes them to be.
+            or has one on the arm that the robot lacks; or the arm hangs on a mocap body, or an axis
+            is off by more than `AXIS_OFFSET` or `AXIS_ANGLE`: links would be elsewhere than the
+            monitor takes them to be.
     """
 
-    def __init__(self, model: Any, robot: Robot, held: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        model: Any,
+        robot: Robot,
+        held: Sequence[str] = (),
+        *,
+        base_placement: pinocchio.SE3 | None = None,
+    ) -> None:
         kind_of = mujoco.mjtObj.mjOBJ_JOINT
         joints = [mujoco.mj_name2id(model, kind_of, name) for name in robot.joints]
         missing = [name for name, joint in zip(robot.joints, joints, strict=True) if joint < 0]
@@ -278,6 +302,15 @@ class MujocoJoints:
                     expected=f"no other joints than {', '.join(robot.joints)}",
                     remedy="watch it as well, or name it in `held` where it never moves",
                 )
+        for body in sorted(arm):
+            root = int(model.body_rootid[body])
+            if model.body_mocapid[root] >= 0:
+                raise ArmguardError(
+                    f"body {model.body(root).name or f'body {root}'!r}",
+                    "is a mocap body that the arm hangs on",
+                    expected="a base that stands",
+                )
+        _check_axes(model, robot, joints, base_placement or pinocchio.SE3.Identity())
         self._positions = model.jnt_qposadr[joints]
         self._velocities = model.jnt_dofadr[joints]
 
@@ -306,8 +339,6 @@ def add_arm(spec: Any, robot: Robot) -> None:
         ArmguardError: The robot's description has a moving link without a mass.
     """
     model = robot.model
-    data = model.createData()
-    pinocchio.computeJointJacobians(model, data, pinocchio.neutral(model))  # for the axes alone
     bodies = {0: spec.worldbody}
     for joint in range(1, model.njoints):
         name, place, inertia = (
@@ -323,10 +354,8 @@ def add_arm(spec: Any, robot: Robot) -> None:
         body = bodies[model.parents[joint]].add_body(
             name=name, pos=place.translation, quat=[w, x, y, z]
         )
-        column = pinocchio.getJointJacobian(model, data, joint, pinocchio.LOCAL)
-        along, about = column[:3, joint - 1], column[3:, joint - 1]
         kind = _choose_type(robot, joint)
-        body.add_joint(name=name, type=kind, axis=along if kind == _SLIDE else about)
+        body.add_joint(name=name, type=kind, axis=_find_axis(robot, joint))
         body.explicitinertial, body.mass, body.ipos = True, inertia.mass, inertia.lever
         i = inertia.inertia
         body.fullinertia = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
@@ -407,6 +436,48 @@ def _hangs_on(model: Any, body: int, top: int) -> bool:
 
 def _choose_type(robot: Robot, joint: int) -> Any:
     return _SLIDE if is_prismatic(robot.model, joint) else _HINGE
+
+
+def _find_axis(robot: Robot, joint: int) -> Array:
+    """Axis of a joint in its own frame, a unit vector."""
+    model = robot.model
+    data = model.createData()
+    pinocchio.computeJointJacobians(model, data, pinocchio.neutral(model))
+    column = pinocchio.getJointJacobian(model, data, joint, pinocchio.LOCAL)[:, joint - 1]
+    return np.array(column[:3] if is_prismatic(model, joint) else column[3:])
+
+
+def _check_axes(model: Any, robot: Robot, joints: list[int], base: pinocchio.SE3) -> None:
+    """Refuse an arm whose joints' axes are not where the robot has them.
+
+    Where a hinge has its anchor along its axis moves nothing, so distances across it count. The
+    anchor of a slide tells nothing but where its zero is drawn; those of the next joints count.
+    """
+    mirror, data = robot.model.createData(), mujoco.MjData(model)
+    low = np.maximum(robot.lower_position_limit, -_WIDEST)
+    high = np.minimum(robot.upper_position_limit, _WIDEST)
+    share = np.linspace(0.2, 0.8, len(joints))
+    for part in (share, share[::-1]):
+        q = low + part * (high - low)
+        data.qpos[model.jnt_qposadr[joints]] = q
+        mujoco.mj_kinematics(model, data)
+        pinocchio.forwardKinematics(robot.model, mirror, q)
+        for name, joint in zip(robot.joints, joints, strict=True):
+            number = robot.model.getJointId(name)
+            place = base * mirror.oMi[number]
+            axis, found = place.rotation @ _find_axis(robot, number), data.xaxis[joint]
+            angle = float(np.arctan2(np.linalg.norm(np.cross(axis, found)), axis @ found))
+            away = data.xanchor[joint] - place.translation
+            is_slide = is_prismatic(robot.model, number)
+            offset = 0.0 if is_slide else float(np.linalg.norm(np.cross(axis, away)))
+            if not (offset <= AXIS_OFFSET and angle <= AXIS_ANGLE):
+                raise ArmguardError(
+                    f"joint {name!r}",
+                    f"has its axis {offset:.3g} m and {angle:.3g} rad off in the model",
+                    expected=f"where {robot.name} has it, within {AXIS_OFFSET:g} m and "
+                    f"{AXIS_ANGLE:g} rad",
+                    remedy="give the base_placement that the monitor has, and a model of this arm",
+                )
 
 
 def _name_geom(model: Any, geom: int) -> str:

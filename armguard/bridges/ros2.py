@@ -2,7 +2,7 @@
 
 It needs no ROS: messages are anything with the fields of their types. All times are of one clock,
 the node's: system time, or that of a simulation with `use_sim_time`. They are counted from its
-first reading, so that nanoseconds are kept.
+first reading, so that nanoseconds are kept. A reading of 0 is none: so it stands before `/clock`.
 
 Frames that stand and frames that move come as transforms. A body that was seen from a moving frame
 is taken to the world by the transform that is nearest in time to its stamp. By how far the frame
@@ -25,6 +25,7 @@ from armguard.bridges.messages import (
     ObstacleReader,
     Shown,
     group_bodies,
+    read_length,
     read_pose,
 )
 from armguard.exceptions import ArmguardError
@@ -36,6 +37,9 @@ Array = NDArray[np.float64]
 
 OLDEST_TRANSFORM = 0.5
 """From a stamp to the nearest transform of a moving frame at most, in [s]."""
+
+LENGTH_TOLERANCE = 1e-3
+"""How far the length of a transform's quaternion may be from 1."""
 
 _KEPT = 1000
 """Transforms of a moving frame that are kept, at most."""
@@ -234,11 +238,25 @@ class Ros2Cell:
             self._state = (stamp, *state)
 
     def take_transforms(self, message: Any, *, is_static: bool) -> None:
-        """Take a TFMessage, of `/tf` or `/tf_static`."""
+        """Take a TFMessage, of `/tf` or `/tf_static`.
+
+        Of a transform whose quaternion is no rotation nothing is taken.
+        """
         for one in message.transforms:
-            pose = read_pose(one.transform.translation, one.transform.rotation)
-            stamp = None if is_static else self._read_stamp(one.header)
             child, parent = (name.strip("/") for name in (one.child_frame_id, one.header.frame_id))
+            length = read_length(one.transform.rotation)
+            try:
+                if not abs(length - 1.0) <= LENGTH_TOLERANCE:
+                    raise ArmguardError(
+                        f"frame {child!r}",
+                        f"has a quaternion of length {length:.6g}",
+                        expected=f"1, within {LENGTH_TOLERANCE:g}",
+                    )
+                stamp = None if is_static else self._read_stamp(one.header)
+            except ArmguardError as error:
+                self._refuse(error)
+                continue
+            pose = read_pose(one.transform.translation, one.transform.rotation)
             self._transforms.take(child, parent, pose, stamp)
 
     def take_obstacles(self, topic: str, message: Any) -> None:
@@ -260,8 +278,10 @@ class Ros2Cell:
         """One tick; None before the first joint state, which means STOP.
 
         Args:
-            now: The present, in [ns] of the node's clock.
+            now: The present, in [ns] of the node's clock; 0, before `/clock` has come, is no time.
         """
+        if now == 0:
+            return None
         self._now = self._to_seconds(now)
         if self._state is None:
             return None
@@ -284,7 +304,10 @@ class Ros2Cell:
             )
 
     def _read_stamp(self, header: Any) -> float:
-        return self._to_seconds(int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec))
+        nanoseconds = int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+        if nanoseconds == 0:
+            raise ArmguardError("stamp", "is 0, which is no time", expected="that of the sample")
+        return self._to_seconds(nanoseconds)
 
     def _to_seconds(self, nanoseconds: int) -> float:
         if self._start is None:

@@ -72,6 +72,61 @@ def test_what_has_gone_is_told_before_what_is_there():
     assert [body.id for body in shown[0].bodies] == ["2"]
 
 
+def balls(count):
+    return [(place, 0, 0) for place in range(count)]
+
+
+@pytest.mark.parametrize(
+    ("other", "one"),
+    [
+        (marker(0.0, 2, 0, ns="people/1"), marker(0.1, 2, 1, ns="people")),
+        (marker(0.0, 2, 0, ns="1"), marker(0.1, 7, 1, points=balls(2))),
+        (marker(0.0, 2, 0, ns="1"), marker(0.1, 2, 1, action=2)),
+        (marker(0.0, 7, 1, points=balls(1)), marker(0.1, 2, 0, ns="1", action=2)),
+    ],
+)
+def test_a_marker_removes_nothing_of_another(other, one):
+    reader = ObstacleReader("/things", MARKERS)
+    _, (before,) = reader.read(markers(other))
+    gone, after = reader.read(markers(one))
+    assert gone == []
+    assert not {body.id for body in before.bodies} & {body.id for s in after for body in s.bodies}
+    assert reader.read(markers(marker(0.2, 2, action=3)))[0]
+
+
+def test_a_marker_leaves_nothing_of_its_former_kind():
+    reader = ObstacleReader("/things", MARKERS)
+    single = marker(0.0, 2, 1, ns="a")
+    several = marker(0.0, 7, 1, ns="a", points=balls(2))
+    fewer = marker(0.0, 7, 1, ns="a", points=balls(1))
+    gone = [reader.read(markers(one))[0] for one in (single, several, fewer, single)]
+    assert gone == [[], ["a/1"], ["a/1#1"], ["a/1#0"]]
+
+
+def test_a_refused_message_of_markers_changes_nothing():
+    reader = ObstacleReader("/things", MARKERS)
+    reader.read(markers(marker(0.0, 2, 1)))
+    with pytest.raises(ArmguardError, match="type 10"):
+        reader.read(markers(marker(0.1, 0, action=3), marker(0.1, 10, 2)))
+    with pytest.raises(ArmguardError, match="'3' twice"):
+        reader.read(markers(marker(0.1, 2, 3), marker(0.1, 2, 3)))
+    assert reader.read(markers(marker(0.2, 0, action=3)))[0] == ["1"]
+
+
+def test_markers_keep_their_stamps_and_a_snapshot_has_the_oldest():
+    shown = markers(marker(2.0, 2, 1), marker(1.0, 2, 2, frame="/world"), marker(2.0, 2, 3))
+    _, parts = ObstacleReader("/things", MARKERS).read(shown)
+    told = {one.header.stamp.sec: [body.id for body in one.bodies] for one in parts}
+    start = parts[0].header.stamp.sec
+    assert told == {start: ["2"], start + 1: ["1", "3"]}
+    _, (whole,) = ObstacleReader("/things", MARKERS, snapshot=True).read(shown)
+    assert whole.header.stamp.sec == start
+    assert sorted(body.id for body in whole.bodies) == ["1", "2", "3"]
+    shown = markers(marker(2.0, 2, 1), marker(2.0, 2, 2, frame="eye"))
+    with pytest.raises(ArmguardError, match="several frames"):
+        ObstacleReader("/things", MARKERS, snapshot=True).read(shown)
+
+
 @pytest.mark.parametrize(
     ("kind", "radius", "words"),
     [
@@ -105,6 +160,13 @@ def test_a_quaternion_of_any_length_turns_and_one_of_zeros_does_not():
     assert (read_pose(place, zeros)[0] == np.eye(3)).all()
 
 
+@pytest.mark.parametrize("wrong", [1e200, 1e-200, np.inf, np.nan])
+def test_a_quaternion_without_a_length_gives_no_rotation(wrong):
+    place = types.SimpleNamespace(x=1.0, y=2.0, z=3.0)
+    turn = types.SimpleNamespace(x=0.0, y=0.0, z=wrong, w=0.0)
+    assert np.isnan(read_pose(place, turn)[0]).all()
+
+
 def test_joints_are_read_by_name(panda):
     reader = JointStateReader("/joint_states", panda)
     names, q = [*reversed(NAMES), "finger"], [*reversed(READY), 9.0]
@@ -114,6 +176,8 @@ def test_joints_are_read_by_name(panda):
     assert reader.read(joint_state(0.0, ["finger"], [1.0]), 0.0) is None
     with pytest.raises(ArmguardError, match="lacks panda_joint7"):
         reader.read(joint_state(0.0, NAMES[:6], READY[:6]), 0.0)
+    with pytest.raises(ArmguardError, match="has panda_joint1 twice"):
+        reader.read(joint_state(0.0, [*NAMES, NAMES[0]], [*READY, 2.0]), 0.0)
     with pytest.raises(ArmguardError, match="6 values of velocity for 7 joints"):
         reader.read(joint_state(0.0, v=[0.0] * 6), 0.0)
 
@@ -157,3 +221,17 @@ def test_differences_that_would_be_off_by_more_than_is_stated_are_refused(panda)
     assert reader.read(joint_state(0.0, ["a", "b"], [0.0, 0.0], []), 0.0) is None
     with pytest.raises(ArmguardError, match="off by up to 1"):  # 20 rad/s² for half of 0.1 s
         reader.read(joint_state(0.1, ["a", "b"], [0.0, 0.0], []), 0.1)
+
+
+def test_a_clock_that_goes_back_takes_nothing_of_before():
+    reader = JointStateReader("/joint_states", FineEncoders())
+    for stamp, q in ((10.0, 0.0), (10.001, 0.0)):
+        reader.read(joint_state(0.0, ["a", "b"], [q, q], []), stamp)
+    found = [
+        reader.read(joint_state(0.0, ["a", "b"], [1.0, 1.0], []), 9.9985 + 0.001 * k)
+        for k in range(6)
+    ]
+    assert found[0] is None
+    speeds = [state[1] for state in found if state is not None]
+    assert speeds
+    np.testing.assert_array_equal(speeds, 0.0)

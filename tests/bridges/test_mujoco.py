@@ -1,5 +1,7 @@
 """Geoms are contained and move as told, joints are read by name, and the arm is the same arm."""
 
+import types
+
 import numpy as np
 import pinocchio
 import pytest
@@ -238,6 +240,41 @@ def test_joints_that_do_not_fit_are_refused_by_name(panda):
     model = make_arm(panda, add_finger)
     q, v = MujocoJoints(model, panda, held=["finger"]).read(mujoco.MjData(model))
     assert q.shape == v.shape == (7,)
+
+
+def test_an_arm_that_is_elsewhere_is_refused_by_joint(panda):
+    def move(spec):
+        spec.body("panda_joint1").pos = [5.0, 0.0, 0.333]
+
+    def lengthen(spec):
+        spec.body("panda_joint4").pos[0] += 0.002
+
+    def count_from_elsewhere(spec):
+        spec.joint("panda_joint2").ref = 0.5  # in degrees
+
+    def turn_back(spec):
+        spec.joint("panda_joint7").axis = [0.0, 0.0, -1.0]
+
+    for change, words in (
+        (move, r"'panda_joint1'.*axis 5 m and 0 rad off"),
+        (lengthen, r"'panda_joint4'.*0.002 m"),
+        (count_from_elsewhere, r"'panda_joint3'.*0.00873 rad"),
+        (turn_back, r"'panda_joint7'.*3.14 rad"),
+    ):
+        with pytest.raises(ArmguardError, match=words):
+            MujocoJoints(make_arm(panda, change), panda)
+    placement = pinocchio.SE3(np.eye(3), np.array([5.0, 0.0, 0.0]))
+    MujocoJoints(make_arm(panda, move), panda, base_placement=placement)
+    with pytest.raises(ArmguardError, match=r"'panda_joint1'.*5 m"):
+        MujocoJoints(make_arm(panda, lambda spec: None), panda, base_placement=placement)
+
+
+def test_an_arm_on_a_mocap_body_is_refused(panda):
+    spec = mujoco.MjSpec()
+    cart = spec.worldbody.add_body(name="cart", mocap=True)
+    add_arm(types.SimpleNamespace(worldbody=cart, add_mesh=spec.add_mesh), panda)
+    with pytest.raises(ArmguardError, match=r"'cart'.*mocap"):
+        MujocoJoints(spec.compile(), panda)
 
 
 def test_bodies_beside_the_arm_are_no_joints_of_it(panda):

@@ -129,11 +129,12 @@ def send(cell, message, topic="/people"):
     cell.take_obstacles(topic, STORE.deserialize_cdr(STORE.serialize_cdr(message, kind), kind))
 
 
-@pytest.mark.parametrize("start", [START, 0])
+@pytest.mark.parametrize("start", [START, 10_000_000])
 def test_verdicts_on_the_clock_of_the_node(panda, start):
-    """That of the system, and that of a simulation, which begins at 0."""
+    """That of the system, and that of a simulation, which stands at 0 before it begins."""
     cell, _ = make_cell(panda)
-    offset = 0.0 if start else -START * 1e-9
+    assert cell.step(0) is None
+    offset = (start - START) * 1e-9
     assert cell.step(start) is None
     levels = []
     for k in range(300):
@@ -160,6 +161,37 @@ def test_a_moving_camera_widens_what_it_sees(panda):
     assert accepted.position_error[row] == pytest.approx(0.1 * (0.5 + 1.0 * 1.0))
     send(cell, pose_array(0.1, [(5.0, 0.0, 0.0)], "tilted"))  # of the cell file
     assert cell.refused == 0
+
+
+def test_a_reading_of_zero_is_no_time(panda):
+    """Clocks stand at 0 until `/clock` comes, and a stamp of 0 says nothing."""
+    cell, table = make_cell(panda)
+    cell.take_joints(joint_state(-START * 1e-9))
+    send(cell, pose_array(-START * 1e-9, [(3.0, 0.0, 0.0)]))
+    assert cell.refused == 2
+    assert not any(table.ids)
+    assert cell.step(0) is None
+    cell.take_joints(joint_state(0.0))
+    assert cell.step(0) is None
+    assert cell.step(START + 1).stamp == 0.0
+
+
+@pytest.mark.parametrize(
+    "turn", [(0, 0, 0, 0), (0, 0, 0, 1.01), (0, 0, 1e200, 0), (np.nan, 0, 0, 1)]
+)
+@pytest.mark.parametrize("is_static", [True, False])
+def test_a_transform_that_is_no_rotation_is_refused(panda, turn, is_static):
+    cell, table = make_cell(panda, errors={"eye": FrameErrors()})
+    cell.step(START)
+    message = transforms((0.0, "world", "eye", (2.0, 0.0, 0.0)))
+    rotation = message.transforms[0].transform.rotation
+    rotation.x, rotation.y, rotation.z, rotation.w = map(float, turn)
+    cell.take_transforms(message, is_static=is_static)
+    assert cell.refused == 1
+    assert "'eye': has a quaternion of length" in cell.last_refusal
+    send(cell, pose_array(0.0, [(1.0, 0.0, 0.0)], "eye"))
+    assert cell.refused == 2
+    assert not any(table.ids)
 
 
 def test_markers_go_when_they_are_deleted(panda):

@@ -87,11 +87,11 @@ SHAPES = {
     "cube": (1, {"scale": (2, 4, 6)}, {"0": (8, 0.0)}),
     "sphere": (2, {"scale": (0.2, 0.4, 0.3)}, {"0": (1, 0.2)}),
     "cylinder": (3, {"scale": (2, 2, 1)}, {"0": (8, 0.0)}),
-    "strip": (4, {"scale": (0.2, 0, 0), "points": 3}, {"0/0": (2, 0.1), "0/1": (2, 0.1)}),
-    "lines": (5, {"scale": (0.2, 0, 0), "points": 4}, {"0/0": (2, 0.1), "0/1": (2, 0.1)}),
-    "cubes": (6, {"scale": (1, 1, 1), "points": 2}, {"0/0": (8, 0.0), "0/1": (8, 0.0)}),
-    "spheres": (7, {"scale": (0.2, 0.2, 0.2), "points": 2}, {"0/0": (1, 0.1), "0/1": (1, 0.1)}),
-    "points": (8, {"scale": (0.6, 0.8, 0), "points": 1}, {"0/0": (1, 0.5)}),
+    "strip": (4, {"scale": (0.2, 0, 0), "points": 3}, {"0#0": (2, 0.1), "0#1": (2, 0.1)}),
+    "lines": (5, {"scale": (0.2, 0, 0), "points": 4}, {"0#0": (2, 0.1), "0#1": (2, 0.1)}),
+    "cubes": (6, {"scale": (1, 1, 1), "points": 2}, {"0#0": (8, 0.0), "0#1": (8, 0.0)}),
+    "spheres": (7, {"scale": (0.2, 0.2, 0.2), "points": 2}, {"0#0": (1, 0.1), "0#1": (1, 0.1)}),
+    "points": (8, {"scale": (0.6, 0.8, 0), "points": 1}, {"0#0": (1, 0.5)}),
 }
 
 
@@ -136,7 +136,7 @@ def test_markers_go_when_they_are_deleted_and_when_others_take_their_place(tmp_p
         path = write_bag(tmp_path / f"bag{count}", told)
         _, obstacles, _ = run(path, ["/joint_states", "/things"])
         left.append({id for id in obstacles.ids if id})
-    assert left == [{"a/1/0", "a/1/1", "2", "3"}, {"a/1/0", "3"}, {"4"}]
+    assert left == [{"a/1#0", "a/1#1", "2", "3"}, {"a/1#0", "3"}, {"4"}]
 
 
 def test_markers_without_a_body_are_passed_over_and_told(tmp_path):

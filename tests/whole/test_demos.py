@@ -3,6 +3,7 @@
 import importlib.util
 import inspect
 import re
+import subprocess
 import sys
 import types
 from pathlib import Path
@@ -156,6 +157,32 @@ def test_without_ros_the_bridge_says_so(bridge):
         bridge.main()
 
 
+def test_the_bridge_without_ros_ends_in_one_line():
+    if importlib.util.find_spec("rclpy"):
+        pytest.skip("ROS 2 is here")
+    path = next(path for path in DEMOS if path.stem == "06_ros2_bridge")
+    done = subprocess.run([sys.executable, path], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "ROS 2: is not there" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--obstacles", "/people"], r"'/people' is not \[SOURCE=\]TOPIC:TYPE"),
+        (["--moving", "wrist:fast:1"], "'wrist:fast:1' is not FRAME:SPEED:TURN_RATE"),
+        (["--moving", "wrist"], "'wrist' is not FRAME"),
+        (["--radius", "wide"], "invalid float value: 'wide'"),
+    ],
+)
+def test_bad_arguments_of_the_bridge_are_told(bridge, capsys, arguments, words):
+    with pytest.raises(SystemExit) as told:
+        bridge.make_parser().parse_args(arguments)
+    assert told.value.code == 2
+    assert re.search(words, capsys.readouterr().err)
+
+
 class StandInForRos:
     """Takes the places of rclpy and what belongs to it, for a node that ticks a few times."""
 
@@ -174,6 +201,7 @@ class StandInForRos:
         )
         qos = types.ModuleType("rclpy.qos")
         qos.DurabilityPolicy = types.SimpleNamespace(TRANSIENT_LOCAL=1)
+        qos.qos_profile_sensor_data = 5
         qos.QoSProfile = lambda depth, durability: depth
         utilities = types.ModuleType("rosidl_runtime_py.utilities")
         utilities.get_message = lambda name: STORE.types[name]
