@@ -4,14 +4,16 @@ A voxel is a cube of a lattice that is fixed in the world, so that its name is t
 message. What a cloud has points in becomes a ball around the cube. One that no point falls into any
 more may be hidden, so it stays; it goes where rays of one cloud have passed through it.
 
-The rule. A ray runs from the camera to a point. It has passed a voxel if it crosses the window, the
-square through the voxel's centre that faces the camera, and ends behind the voxel. The window is as
-wide as the voxel's edge, and wider by the error of points on either side, so that the true voxel is
-behind it. It is cut into 3 by 3 cells, and a voxel is empty if rays have passed in each of them. A
-disc that none of such rays has met holds no whole cell, so its radius is below the diagonal of one:
-sqrt(2) / 3 of the window's width, 0.47 of the edge where points are exact. What is larger across
-the line of sight cannot be in the voxel unseen. Where rays lie farther apart than a cell is wide,
-nothing is proved, and the voxel stays.
+The rule. A ray runs from the camera to a point. It has passed a voxel if it crosses the window, a
+square through the voxel's centre that faces the camera, and ends behind the voxel. The window holds
+the whole voxel as the camera sees it, from whatever side: half as wide as the ball around the voxel
+and the error of points, and wider by what the near half of that ball gains in perspective. It is
+cut into 5 by 5 cells, and a voxel is empty if rays have passed in each of them. A disc around a
+place in the window that none of such rays has met does not hold the cell of that place, so its
+radius is below the diagonal of a cell: sqrt(2) / 5 of the window's width, 0.49 of the edge where
+points are exact and the camera is far. What is larger across the line of sight cannot be in the
+voxel unseen. Where rays lie farther apart than a cell is wide, nothing is proved, and the voxel
+stays.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ _OFFSET = 1 << (_BITS - 1)
 
 _MASK = (1 << _BITS) - 1
 
-CELLS = 3
+CELLS = 5
 """Along each side of a window."""
 
 _ALL_CELLS = (1 << (CELLS * CELLS)) - 1
@@ -364,6 +366,23 @@ def sort_rays(
 
 
 @kernel
+def find_half_window(away: float, edge: float, error: float) -> float:
+    """Half the width of a voxel's window, in [m]; inf where the camera may be in the voxel.
+
+    What is `ball` aside of the line of sight and `ball` nearer than the centre is seen the widest.
+
+    Args:
+        away: From the camera to the voxel's centre, in [m].
+        edge: Of the voxel, in [m].
+        error: What points may be off by, in [m].
+    """
+    ball = HALF_DIAGONAL * edge + error
+    if not away > ball:
+        return math.inf
+    return ball * away / (away - ball)
+
+
+@kernel
 def find_passed(
     world: FloatArray,
     origin: FloatArray,
@@ -386,7 +405,6 @@ def find_passed(
         error: What points may be off by, in [m].
         empty: Is filled. Shape (m,).
     """
-    half = 0.5 * edge + error
     behind = HALF_DIAGONAL * edge + error
     corner = np.empty((4, 3))
     for voxel in range(centers.shape[0]):
@@ -397,7 +415,8 @@ def find_passed(
             centers[voxel, 2] - origin[2],
         )
         away = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if not away > behind:
+        half = find_half_window(away, edge, error)
+        if not half < math.inf:
             continue
         dx, dy, dz = dx / away, dy / away, dz / away
         # Two directions across the line of sight: any will do that are square to it.
