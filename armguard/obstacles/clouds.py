@@ -56,7 +56,7 @@ _ALL_CELLS = (1 << (CELLS * CELLS)) - 1
 BINS = 64
 """Of directions, along each side of each face of a cube around the camera."""
 
-_NAME = re.compile(r"voxel (-?\d{1,7}) (-?\d{1,7}) (-?\d{1,7})")
+_NAME = re.compile(r"voxel (-?[0-9]{1,7}) (-?[0-9]{1,7}) (-?[0-9]{1,7})")
 
 NAMES_KEPT = 100_000
 """Names of voxels that are remembered, by key; all are forgotten when there are more."""
@@ -72,7 +72,6 @@ class CloudReader:
     def __init__(self) -> None:
         self.edges: dict[str, float] = {}
         self._names: dict[int, str] = {}
-        self._keys: dict[str, int] = {}
         self._make_room(0)
         compile_clouds()
 
@@ -127,7 +126,7 @@ class CloudReader:
             edge: Of the voxels, in [m].
             error: What points may be off by, in [m].
         """
-        known = [(key, name) for name in names if (key := self._find_key(name)) is not None]
+        known = [(key, name) for name in names if (key := find_key(name)) is not None]
         if not known or not self._count:
             return []
         keys = np.array([key for key, _ in known], dtype=np.int64)
@@ -149,24 +148,13 @@ class CloudReader:
         known = self._names
         if len(known) > NAMES_KEPT:
             known.clear()
-            self._keys.clear()
         named = []
         for key in keys.tolist():
             name = known.get(key)
             if name is None:
-                x, y, z = ((key >> shift & _MASK) - _OFFSET for shift in (2 * _BITS, _BITS, 0))
-                name = known[key] = f"voxel {x} {y} {z}"
-                self._keys[name] = key
+                name = known[key] = make_name(key)
             named.append(name)
         return named
-
-    def _find_key(self, name: str) -> int | None:
-        """Key of the voxel of this name; None if it is that of none."""
-        key = self._keys.get(name)
-        if key is None and (match := _NAME.fullmatch(name)) is not None:
-            x, y, z = (int(number) + _OFFSET for number in match.groups())
-            key = x << 2 * _BITS | y << _BITS | z
-        return key
 
     def _make_room(self, count: int) -> None:
         """Make room for clouds of so many points."""
@@ -178,6 +166,24 @@ class CloudReader:
         self._first = np.zeros(6 * BINS * BINS + 1, dtype=np.int64)
         self._origin = np.zeros(3)
         self._count = 0
+
+
+def make_name(key: int) -> str:
+    """Name of the voxel of a key."""
+    x, y, z = ((key >> shift & _MASK) - _OFFSET for shift in (2 * _BITS, _BITS, 0))
+    return f"voxel {x} {y} {z}"
+
+
+def find_key(name: str) -> int | None:
+    """Key of the voxel of this name; None if it is that of none, as `make_name` makes them."""
+    match = _NAME.fullmatch(name)
+    if match is None:
+        return None
+    x, y, z = (int(number) + _OFFSET for number in match.groups())
+    if not all(0 <= number <= _MASK for number in (x, y, z)):
+        return None
+    key = x << 2 * _BITS | y << _BITS | z
+    return key if make_name(key) == name else None
 
 
 def read_rays(points: ArrayLike, origin: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -435,21 +441,24 @@ def find_passed(
             corner[k, 2] = away * dz + s * az + t * bz
         cells = 0
         for face in range(6):
-            # Where the window is seen on this face; one that is not all in front of it is left out.
+            # Where the window is seen on this face: anywhere if only a part is in front of it.
             axis, sign = face // 2, 1.0 if face % 2 == 0 else -1.0
             across, along_side = (1 if axis == 0 else 0), (1 if axis == 2 else 2)
             least_u = least_v = math.inf
             most_u = most_v = -math.inf
-            in_front = True
+            in_front = 0
             for k in range(4):
                 depth = sign * corner[k, axis]
                 if not depth > 0.0:
-                    in_front = False
-                    break
+                    continue
+                in_front += 1
                 u, v = corner[k, across] / depth, corner[k, along_side] / depth
                 least_u, most_u = min(least_u, u), max(most_u, u)
                 least_v, most_v = min(least_v, v), max(most_v, v)
-            if not in_front or least_u > 1.0 or most_u < -1.0 or least_v > 1.0 or most_v < -1.0:
+            if 0 < in_front < 4:
+                least_u = least_v = -1.0
+                most_u = most_v = 1.0
+            if in_front == 0 or least_u > 1.0 or most_u < -1.0 or least_v > 1.0 or most_v < -1.0:
                 continue
             for row in range(_find_bin(least_u), _find_bin(most_u) + 1):
                 start = (face * BINS + row) * BINS

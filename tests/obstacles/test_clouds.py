@@ -190,8 +190,8 @@ def test_which_voxels_are_empty_is_as_the_rule_says():
         centers = origin + random.normal(size=3) + random.normal(scale=0.5, size=(40, 3))
         obstacles.update_cloud("depth", 0.0, centers, origin, edge, position_error=error)
         before = voxels(obstacles)
-        towards = centers[random.integers(0, 40, 30000)] + random.normal(scale=0.1, size=(30000, 3))
-        ends = origin + (towards - origin) * random.uniform(0.5, 3.0, (30000, 1))
+        towards = centers[random.integers(0, 40, 15000)] + random.normal(scale=0.1, size=(15000, 3))
+        ends = origin + (towards - origin) * random.uniform(0.5, 3.0, (15000, 1))
         ends[random.random(len(ends)) < 0.05] = np.nan
         none = np.zeros(len(ends), dtype=bool)
         obstacles.update_cloud(
@@ -346,3 +346,22 @@ def test_copies_go_on_by_themselves():
     watch((1.5, 0.0, 2.0, 0.1), 1.0, copied)
     assert voxels(copied) == {}
     assert len(voxels(obstacles)) > 10
+
+
+def test_cameras_that_see_the_same_surface_are_no_fault():
+    obstacles = Obstacles()
+    for source in ("left", "right"):
+        obstacles.update_cloud(source, 0.0, [[1.0, 0.0, 0.0], [1.0, 0.2, 0.0]], [0, 0, 0])
+    assert len(voxels(obstacles, "left")) == len(voxels(obstacles, "right")) == 2
+    assert kinds(obstacles) == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["voxel 9999999 0 0", "voxel 1048576 0 0", "voxel 03 0 0", "voxel -0 0 0", "voxel \u0663 0 0"],
+)
+def test_names_that_only_look_like_those_of_voxels_are_left_alone(name):
+    obstacles = Obstacles()
+    obstacles.update([name], 0.0, [[1.0, 0.0, 0.0]], None, 0.1, source="depth")
+    obstacles.update_cloud("depth", 1.0, [[2.0, 0.0, 0.0]], [0, 0, 0])
+    assert name in obstacles.ids
