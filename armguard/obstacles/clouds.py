@@ -4,14 +4,16 @@ A voxel is a cube of a lattice that is fixed in the world, so that its name is t
 message. What a cloud has points in becomes a ball around the cube. One that no point falls into any
 more may be hidden, so it stays; it goes where rays of one cloud have passed through it.
 
-The rule. A ray runs from the camera to a point. It has passed a voxel if it crosses the window, the
-square through the voxel's centre that faces the camera, and ends behind the voxel. The window is as
-wide as the voxel's edge, and wider by the error of points on either side, so that the true voxel is
-behind it. It is cut into 3 by 3 cells, and a voxel is empty if rays have passed in each of them. A
-disc that none of such rays has met holds no whole cell, so its radius is below the diagonal of one:
-sqrt(2) / 3 of the window's width, 0.47 of the edge where points are exact. What is larger across
-the line of sight cannot be in the voxel unseen. Where rays lie farther apart than a cell is wide,
-nothing is proved, and the voxel stays.
+The rule. A ray runs from the camera to a point. It has passed a voxel if it crosses the window, a
+square through the voxel's centre that faces the camera, and ends behind the voxel. The window holds
+the whole voxel as the camera sees it, from whatever side: half as wide as the ball around the voxel
+and the error of points, and wider by what the near half of that ball gains in perspective. It is
+cut into 5 by 5 cells, and a voxel is empty if rays have passed in each of them. A disc around a
+place in the window that none of such rays has met does not hold the cell of that place, so its
+radius is below the diagonal of a cell: sqrt(2) / 5 of the window's width, 0.49 of the edge where
+points are exact and the camera is far. What is larger across the line of sight cannot be in the
+voxel unseen. Where rays lie farther apart than a cell is wide, nothing is proved, and the voxel
+stays.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ _OFFSET = 1 << (_BITS - 1)
 
 _MASK = (1 << _BITS) - 1
 
-CELLS = 3
+CELLS = 5
 """Along each side of a window."""
 
 _ALL_CELLS = (1 << (CELLS * CELLS)) - 1
@@ -54,7 +56,7 @@ _ALL_CELLS = (1 << (CELLS * CELLS)) - 1
 BINS = 64
 """Of directions, along each side of each face of a cube around the camera."""
 
-_NAME = re.compile(r"voxel (-?\d{1,7}) (-?\d{1,7}) (-?\d{1,7})")
+_NAME = re.compile(r"voxel (-?[0-9]{1,7}) (-?[0-9]{1,7}) (-?[0-9]{1,7})")
 
 NAMES_KEPT = 100_000
 """Names of voxels that are remembered, by key; all are forgotten when there are more."""
@@ -70,7 +72,6 @@ class CloudReader:
     def __init__(self) -> None:
         self.edges: dict[str, float] = {}
         self._names: dict[int, str] = {}
-        self._keys: dict[str, int] = {}
         self._make_room(0)
         compile_clouds()
 
@@ -125,7 +126,7 @@ class CloudReader:
             edge: Of the voxels, in [m].
             error: What points may be off by, in [m].
         """
-        known = [(key, name) for name in names if (key := self._find_key(name)) is not None]
+        known = [(key, name) for name in names if (key := find_key(name)) is not None]
         if not known or not self._count:
             return []
         keys = np.array([key for key, _ in known], dtype=np.int64)
@@ -147,24 +148,13 @@ class CloudReader:
         known = self._names
         if len(known) > NAMES_KEPT:
             known.clear()
-            self._keys.clear()
         named = []
         for key in keys.tolist():
             name = known.get(key)
             if name is None:
-                x, y, z = ((key >> shift & _MASK) - _OFFSET for shift in (2 * _BITS, _BITS, 0))
-                name = known[key] = f"voxel {x} {y} {z}"
-                self._keys[name] = key
+                name = known[key] = make_name(key)
             named.append(name)
         return named
-
-    def _find_key(self, name: str) -> int | None:
-        """Key of the voxel of this name; None if it is that of none."""
-        key = self._keys.get(name)
-        if key is None and (match := _NAME.fullmatch(name)) is not None:
-            x, y, z = (int(number) + _OFFSET for number in match.groups())
-            key = x << 2 * _BITS | y << _BITS | z
-        return key
 
     def _make_room(self, count: int) -> None:
         """Make room for clouds of so many points."""
@@ -176,6 +166,24 @@ class CloudReader:
         self._first = np.zeros(6 * BINS * BINS + 1, dtype=np.int64)
         self._origin = np.zeros(3)
         self._count = 0
+
+
+def make_name(key: int) -> str:
+    """Name of the voxel of a key."""
+    x, y, z = ((key >> shift & _MASK) - _OFFSET for shift in (2 * _BITS, _BITS, 0))
+    return f"voxel {x} {y} {z}"
+
+
+def find_key(name: str) -> int | None:
+    """Key of the voxel of this name; None if it is that of none, as `make_name` makes them."""
+    match = _NAME.fullmatch(name)
+    if match is None:
+        return None
+    x, y, z = (int(number) + _OFFSET for number in match.groups())
+    if not all(0 <= number <= _MASK for number in (x, y, z)):
+        return None
+    key = x << 2 * _BITS | y << _BITS | z
+    return key if make_name(key) == name else None
 
 
 def read_rays(points: ArrayLike, origin: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -364,6 +372,23 @@ def sort_rays(
 
 
 @kernel
+def find_half_window(away: float, edge: float, error: float) -> float:
+    """Half the width of a voxel's window, in [m]; inf where the camera may be in the voxel.
+
+    What is `ball` aside of the line of sight and `ball` nearer than the centre is seen the widest.
+
+    Args:
+        away: From the camera to the voxel's centre, in [m].
+        edge: Of the voxel, in [m].
+        error: What points may be off by, in [m].
+    """
+    ball = HALF_DIAGONAL * edge + error
+    if not away > ball:
+        return math.inf
+    return ball * away / (away - ball)
+
+
+@kernel
 def find_passed(
     world: FloatArray,
     origin: FloatArray,
@@ -386,7 +411,6 @@ def find_passed(
         error: What points may be off by, in [m].
         empty: Is filled. Shape (m,).
     """
-    half = 0.5 * edge + error
     behind = HALF_DIAGONAL * edge + error
     corner = np.empty((4, 3))
     for voxel in range(centers.shape[0]):
@@ -397,7 +421,8 @@ def find_passed(
             centers[voxel, 2] - origin[2],
         )
         away = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if not away > behind:
+        half = find_half_window(away, edge, error)
+        if not half < math.inf:
             continue
         dx, dy, dz = dx / away, dy / away, dz / away
         # Two directions across the line of sight: any will do that are square to it.
@@ -416,21 +441,24 @@ def find_passed(
             corner[k, 2] = away * dz + s * az + t * bz
         cells = 0
         for face in range(6):
-            # Where the window is seen on this face; one that is not all in front of it is left out.
+            # Where the window is seen on this face: anywhere if only a part is in front of it.
             axis, sign = face // 2, 1.0 if face % 2 == 0 else -1.0
             across, along_side = (1 if axis == 0 else 0), (1 if axis == 2 else 2)
             least_u = least_v = math.inf
             most_u = most_v = -math.inf
-            in_front = True
+            in_front = 0
             for k in range(4):
                 depth = sign * corner[k, axis]
                 if not depth > 0.0:
-                    in_front = False
-                    break
+                    continue
+                in_front += 1
                 u, v = corner[k, across] / depth, corner[k, along_side] / depth
                 least_u, most_u = min(least_u, u), max(most_u, u)
                 least_v, most_v = min(least_v, v), max(most_v, v)
-            if not in_front or least_u > 1.0 or most_u < -1.0 or least_v > 1.0 or most_v < -1.0:
+            if 0 < in_front < 4:
+                least_u = least_v = -1.0
+                most_u = most_v = 1.0
+            if in_front == 0 or least_u > 1.0 or most_u < -1.0 or least_v > 1.0 or most_v < -1.0:
                 continue
             for row in range(_find_bin(least_u), _find_bin(most_u) + 1):
                 start = (face * BINS + row) * BINS

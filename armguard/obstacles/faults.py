@@ -35,6 +35,10 @@ class FaultKind(enum.StrEnum):
     TABLE_FULL = "no room left in the table"
 
 
+_STOPPING = frozenset({FaultKind.MALFORMED, FaultKind.LATE})
+"""What the arm must stop for; the others are notes."""
+
+
 @dataclass(frozen=True, slots=True)
 class Fault:
     """One refused row or call, or one row that changed its track.
@@ -80,12 +84,16 @@ class FaultQueue:
         value: float | str,
         stamp: float,
     ) -> None:
-        """Adds a fault, or only counts it if the queue is full."""
+        """Adds a fault. If the queue is full, one that stops the arm takes a lesser one's place."""
         self.count += 1
-        if len(self.waiting) < CAPACITY:
-            self.waiting.append(Fault(kind, source, name, field, value, stamp))
-        else:
+        if len(self.waiting) >= CAPACITY:
             self.dropped += 1
+            lesser = (i for i, one in enumerate(self.waiting) if one.kind not in _STOPPING)
+            place = next(lesser, None) if kind in _STOPPING else None
+            if place is None:
+                return
+            del self.waiting[place]
+        self.waiting.append(Fault(kind, source, name, field, value, stamp))
 
     def take(self) -> list[Fault]:
         """The faults since the last call, oldest first; the queue is empty afterwards."""

@@ -34,6 +34,7 @@ from armguard.obstacles.arguments import (
 from armguard.obstacles.clouds import (
     CloudReader,
     enclosing_radius,
+    find_key,
     read_edge,
     read_mask,
     read_rays,
@@ -312,10 +313,10 @@ class Obstacles(ObstacleRegister):
         Each voxel with a point in it is an obstacle, "voxel 3 -2 14": a ball around a cube of a
         lattice fixed in the world, sqrt(3)/2 of its edge in radius, with a velocity that is not
         known. A voxel that no point falls into any more may be hidden, so it stays and grows with
-        its age; it goes where rays of one cloud passed through all of it, by the rule in `clouds`,
-        or by `snapshot`. What is behind what the source sees was never reported: where somebody may
-        hide there, `add_entrance` says so. A source sends clouds, or obstacles by `update`, and not
-        both with snapshots.
+        its age; it goes, however far it has grown, where rays of one cloud passed through its
+        cube, by the rule in `clouds`, or by `snapshot`. What is behind what the source sees was
+        never reported: where somebody may hide there, `add_entrance` says so. A source sends
+        clouds, or obstacles by `update`, and not both with snapshots.
 
         Points that are not finite, or beyond the table's extent, are left out, and a fault says how
         many. Where they are more than half of what came in a second, the source is not believed.
@@ -708,6 +709,9 @@ class Obstacles(ObstacleRegister):
             self._faults.leave(FaultKind.TABLE_FULL, source, name, "id", name, time)
             return row
         self._tombstones.lift(name, state.index)
+        # Cameras that see the same surface name the same voxels, and are meant to.
+        if find_key(name) is not None:
+            return row
         for other, rows in self._rows.items():
             if other != state.index and name in rows:
                 value = self.source_of(rows[name]) or "a static obstacle"

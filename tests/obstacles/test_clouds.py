@@ -6,7 +6,7 @@ import pytest
 
 from armguard.exceptions import ObstacleError
 from armguard.obstacles import FaultKind, Frame, Obstacles
-from armguard.obstacles.clouds import CELLS
+from armguard.obstacles.clouds import CELLS, find_half_window
 from support.depth_camera import DepthCamera
 from support.told_journal import Journal
 
@@ -190,9 +190,9 @@ def test_which_voxels_are_empty_is_as_the_rule_says():
         centers = origin + random.normal(size=3) + random.normal(scale=0.5, size=(40, 3))
         obstacles.update_cloud("depth", 0.0, centers, origin, edge, position_error=error)
         before = voxels(obstacles)
-        towards = centers[random.integers(0, 40, 6000)] + random.normal(scale=0.05, size=(6000, 3))
-        ends = origin + (towards - origin) * random.uniform(0.5, 3.0, (6000, 1))
-        ends[random.random(6000) < 0.05] = np.nan
+        towards = centers[random.integers(0, 40, 15000)] + random.normal(scale=0.1, size=(15000, 3))
+        ends = origin + (towards - origin) * random.uniform(0.5, 3.0, (15000, 1))
+        ends[random.random(len(ends)) < 0.05] = np.nan
         none = np.zeros(len(ends), dtype=bool)
         obstacles.update_cloud(
             "depth", 1.0, ends, origin, edge, occupied=none, position_error=error
@@ -206,7 +206,8 @@ def test_which_voxels_are_empty_is_as_the_rule_says():
             aside = [-axis[1], axis[0], 0.0] if abs(axis[2]) < 0.9 else [0.0, -axis[2], axis[1]]
             aside = np.array(aside) / np.linalg.norm(aside)
             along = (ends - origin) @ axis
-            half, behind = 0.5 * edge + error, math.sqrt(0.75) * edge + error
+            behind = math.sqrt(0.75) * edge + error
+            half = behind * away / (away - behind)
             passed = (ends - origin)[along > away + behind]
             passed = passed * (away / (passed @ axis))[:, None]
             across = np.column_stack([passed @ aside, passed @ np.cross(axis, aside)])
@@ -216,6 +217,38 @@ def test_which_voxels_are_empty_is_as_the_rule_says():
             assert (index not in left) == is_empty, (trial, index)
             cleared, kept = cleared + is_empty, kept + (not is_empty)
     assert min(cleared, kept) > 100
+
+
+def test_a_window_holds_the_whole_voxel_from_every_side():
+    random = np.random.default_rng(5)
+    for _ in range(300):
+        edge, error = random.uniform(0.01, 0.3), random.choice([0.0, 0.02])
+        axis = random.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        away = (math.sqrt(0.75) * edge + error) * random.uniform(1.01, 30.0)
+        matter = random.uniform(-0.5, 0.5, (500, 3))
+        matter[:300] = np.clip(3.0 * matter[:300], -0.5, 0.5)  # many at corners and edges
+        seen = away * axis + edge * matter
+        along = seen @ axis
+        across = seen * (away / along)[:, None] - away * axis
+        half = find_half_window(away, edge, error)
+        assert np.linalg.norm(across, axis=1).max() + error <= half
+    assert find_half_window(0.08, 0.1, 0.0) == find_half_window(math.nan, 0.1, 0.0) == math.inf
+
+
+@pytest.mark.parametrize("hidden", [0.0501, 0.053])
+def test_a_voxel_seen_obliquely_stays_while_a_side_of_it_is_hidden(hidden):
+    edge, center = 0.1, np.array([2.05, 2.05, 0.05])
+    aside, up = np.array([-1.0, 1.0, 0.0]) / math.sqrt(2.0), np.array([0.0, 0.0, 1.0])
+    s, t = (grid.reshape(-1, 1) for grid in np.meshgrid(*[np.arange(-0.12, 0.12, 0.003)] * 2))
+    through = center + s * aside + t * up
+    none = np.zeros(len(through), dtype=bool)
+    for post, left in (s < hidden, 1), (s < 1.0, 0):
+        obstacles = Obstacles()
+        obstacles.update_cloud("depth", 0.0, [center], [0, 0, 0], edge)
+        ends = np.where(post, 2.0, 0.2) * through
+        obstacles.update_cloud("depth", 1.0, ends, [0, 0, 0], edge, occupied=none)
+        assert len(voxels(obstacles)) == left
 
 
 def test_a_person_in_view_is_never_outside_the_voxels():
@@ -313,3 +346,22 @@ def test_copies_go_on_by_themselves():
     watch((1.5, 0.0, 2.0, 0.1), 1.0, copied)
     assert voxels(copied) == {}
     assert len(voxels(obstacles)) > 10
+
+
+def test_cameras_that_see_the_same_surface_are_no_fault():
+    obstacles = Obstacles()
+    for source in ("left", "right"):
+        obstacles.update_cloud(source, 0.0, [[1.0, 0.0, 0.0], [1.0, 0.2, 0.0]], [0, 0, 0])
+    assert len(voxels(obstacles, "left")) == len(voxels(obstacles, "right")) == 2
+    assert kinds(obstacles) == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["voxel 9999999 0 0", "voxel 1048576 0 0", "voxel 03 0 0", "voxel -0 0 0", "voxel \u0663 0 0"],
+)
+def test_names_that_only_look_like_those_of_voxels_are_left_alone(name):
+    obstacles = Obstacles()
+    obstacles.update([name], 0.0, [[1.0, 0.0, 0.0]], None, 0.1, source="depth")
+    obstacles.update_cloud("depth", 1.0, [[2.0, 0.0, 0.0]], [0, 0, 0])
+    assert name in obstacles.ids

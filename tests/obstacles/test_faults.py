@@ -21,6 +21,18 @@ def test_faults_beyond_the_capacity_are_counted():
     assert (queue.count, queue.dropped) == (CAPACITY + 3, 3)
 
 
+def test_notes_make_room_for_faults_that_stop_the_arm():
+    queue = FaultQueue()
+    for k in range(CAPACITY):
+        queue.leave(FaultKind.SHARED_ID, "camera", f"{k}", "id", "other", 0.0)
+    queue.leave(FaultKind.LATE, "camera", "box", "stamp", 2.0, 2.0)
+    queue.leave(FaultKind.NEGATIVE, "camera", "ball", "radius", -1.0, 2.0)
+    taken = queue.take()
+    assert len(taken) == CAPACITY
+    assert taken[-1].id == "box"
+    assert (queue.count, queue.dropped) == (CAPACITY + 2, 2)
+
+
 def test_the_unplaced_stay_until_their_source_discards_them():
     unplaced = Unplaced()
     unplaced.add("ball", source=1, stamp=2.0)
