@@ -1,4 +1,7 @@
-"""Rows of studies on real worker processes, of which one is killed while it measures."""
+"""Rows of studies on real worker processes, of which one is killed while it measures.
+
+ARMGUARD_CLUSTER=1 has those tests run that start workers: on two busy cores they may take minutes.
+"""
 
 import logging
 import os
@@ -24,6 +27,11 @@ pytest.importorskip("distributed", reason="Dask is not installed: the extra `clu
 
 PRICES = {"tick_p50", "tick_p99", "tick_max", "intake_p50", "core", "memory"}
 """Figures that are the machine's; all others are the same wherever they come from."""
+
+
+with_workers = pytest.mark.skipif(
+    not os.environ.get("ARMGUARD_CLUSTER"), reason="starts workers: for ARMGUARD_CLUSTER=1"
+)
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +78,7 @@ class Watched:
         return self.is_over or self.killed is not None
 
 
+@with_workers
 def test_a_killed_workers_rows_are_measured_by_another(workers, tmp_path):
     place = Watched(workers, tmp_path)
     found, is_whole = measure(place, wait_then_square, str(tmp_path), range(6))
@@ -82,6 +91,7 @@ def test_a_killed_workers_rows_are_measured_by_another(workers, tmp_path):
     assert len([number for number, _ in begun if number == again]) >= 2
 
 
+@with_workers
 def test_ctrl_c_in_a_terminal_is_not_for_the_workers(workers):
     handlers = workers.client.run(signal.getsignal, signal.SIGINT)
     assert set(handlers.values()) == {signal.SIG_IGN}
@@ -97,6 +107,7 @@ def compare(outcomes):
     }
 
 
+@with_workers
 def test_a_study_is_the_same_with_workers_of_which_one_is_killed(workers, tmp_path, monkeypatch):
     monkeypatch.setattr(study, "MOMENTS", 1)
     site, scene = make_site(rate=100.0), small_scene(0.2)
@@ -157,6 +168,7 @@ def wait_for_busy(workers):
     return found[0]
 
 
+@with_workers
 def test_lines_of_extremes_are_the_same(workers):
     extent, tell = Extent(2, 0, True), lambda *told: None
 
@@ -175,6 +187,7 @@ def test_lines_of_extremes_are_the_same(workers):
     assert all(line.machine for line in spread)
 
 
+@with_workers
 def test_a_row_that_takes_workers_down_is_named(workers):
     with pytest.raises(ArmguardError, match="row 'row 7': took several workers down"):
         measure(workers, die, 0, [7])
@@ -182,11 +195,13 @@ def test_a_row_that_takes_workers_down_is_named(workers):
     assert measure(workers, square, 1, [3])[0]["row 3"]["square"] == 9
 
 
+@with_workers
 def test_a_mistake_of_a_row_is_told_with_its_machine(workers):
     with pytest.raises(ArmguardError, match=r"worker on .+: the row: cannot be measured"):
         measure(workers, refuse, 0, [1])
 
 
+@with_workers
 def test_a_worker_with_other_software_measures_nothing(workers, monkeypatch):
     known = cluster.describe_software()
     monkeypatch.setattr(cluster, "describe_software", lambda: known | {"sources": "others"})
@@ -194,6 +209,7 @@ def test_a_worker_with_other_software_measures_nothing(workers, monkeypatch):
         measure(workers, square, 0, [1])
 
 
+@with_workers
 def test_a_scheduler_that_is_gone_is_told(tmp_path):
     from distributed import LocalCluster
 
