@@ -123,7 +123,7 @@ def test_a_study_is_the_same_with_workers_of_which_one_is_killed(workers, tmp_pa
             os.kill(killed[0], signal.SIGKILL)
 
     rows = rows_of(workers, tmp_path)
-    spread = run_study(site, scene, ("budget",), 0, Covers(site.robot), tell, rows)
+    spread = run_study(site, scene, ("budget",), 0, Covers(site.robot), tell, rows=rows)
     alone = run_study(site, scene, ("budget",), 0, Covers(site.robot), lambda *told: None)
     assert killed
     assert killed[0] in before
@@ -151,7 +151,9 @@ def test_a_study_is_the_same_with_workers_of_which_one_is_killed(workers, tmp_pa
             return iter(())
 
     rows = rows_of(Nowhere(), tmp_path, resume=True)
-    again = run_study(site, scene, ("budget",), 0, Covers(site.robot), lambda *told: None, rows)
+    again = run_study(
+        site, scene, ("budget",), 0, Covers(site.robot), lambda *told: None, rows=rows
+    )
     assert repr(again.outcomes) == repr(spread.outcomes)
     assert rows.resumed == len(spread.outcomes)
 
