@@ -3,8 +3,9 @@
     python benchmarks/bench_page.py [--seconds 10] [--pixels 1]
 
 Debian's Chromium draws without a screen and without a graphics card, so milliseconds are those of a
-processor; what counts is the ratio to the empty scene, taken in the same run, before and after. All
-scenes move, thirty times a second, and are drawn in a pane of the same size.
+processor; what counts is the ratio to the empty scene, taken in the same run, before and after, and
+how it compares with Meshcat's own page with the same arm in it, as Pinocchio shows it, and nothing
+else. All scenes move, thirty times a second, and are drawn in a pane of the same size.
 
 | column | what it is |
 |---|---|
@@ -19,17 +20,23 @@ scenes move, thirty times a second, and are drawn in a pane of the same size.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib.metadata
+import io
+import tempfile
 import threading
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio
+from pinocchio.visualize import MeshcatVisualizer
 from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
 
 from armguard.app.view_feed import PAIR_LIMIT, pack_cover
 from armguard.robot import Robot
+from armguard.robot.description import find_example_urdf
 from armguard.view import (
     FrameMessage,
     FramePublisher,
@@ -53,6 +60,7 @@ READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 PATIENCE = 300_000.0  # [ms]
 SETTLING = 5.0  # [s]: meshes come one by one, and the pace finds its pixels
 PICTURES = 20
+PANDA_PARTS = 11  # meshes of its visual model; some are drawn as several
 
 # Pictures one after the other, each until its last pixel is there.
 DRAW = """async (count) => {
@@ -72,6 +80,11 @@ LISTEN = """() => {
     viewer.render = () => { moments.push(performance.now()); draw(); };
 }"""
 KEEP_MOVING = "() => { setInterval(() => viewer.set_dirty(), 1000 / 30); }"
+HAS_PARTS = """(parts) => {
+    let count = 0;
+    viewer.scene.traverse((node) => { count += node.isMesh === true; });
+    return count >= parts;
+}"""
 IS_THERE = """(obstacles) => typeof shapes !== "undefined" && shapes.drawn.has("/armguard/cover")
     && shapes.drawn.get("/armguard/obstacles/balls")?.count === obstacles
     && Object.values(viewer.scene_tree.find(["armguard", "arm"]).children)
@@ -165,11 +178,26 @@ def _read_script(session: CDPSession) -> float:
     return float(sum(found[name] for name in names))
 
 
-def measure_empty(browser: Browser, session: CDPSession, seconds: float) -> dict[str, Any]:
-    """Meshcat's own page with nothing in it but its grid and axes."""
+def show_panda() -> str:
+    """Meshcat's page with a Panda in it, as `pinocchio.visualize` shows it: one HTML file."""
+    urdf, packages = find_example_urdf("panda_description/urdf/panda.urdf")
+    visualizer = MeshcatVisualizer(*pinocchio.buildModelsFromUrdf(str(urdf), str(packages)))
+    with contextlib.redirect_stdout(io.StringIO()):  # it tells its address
+        visualizer.initViewer(open=False)
+    visualizer.loadViewerModel()
+    visualizer.display(np.append(READY, [0.02, 0.02]))
+    return str(visualizer.viewer.static_html())
+
+
+def measure_meshcat(
+    browser: Browser, session: CDPSession, seconds: float, address: str, parts: int = 0
+) -> dict[str, Any]:
+    """Meshcat's own page, drawn anew thirty times a second once so many meshes are in it."""
     page = browser.new_page(viewport=PANE)
-    page.goto(MESHCAT.as_uri())
+    page.set_default_timeout(PATIENCE)
+    page.goto(address)
     page.wait_for_function("() => typeof viewer !== 'undefined'")
+    page.wait_for_function(HAS_PARTS, arg=parts)
     page.evaluate(KEEP_MOVING)
     try:
         return measure(page, session, seconds)
@@ -228,12 +256,23 @@ def main() -> None:
         playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS) as browser,
     ):
         session = browser.new_browser_cdp_session()
-        rows = [("Meshcat, empty", measure_empty(browser, session, arguments.seconds))]
+        empty_page = MESHCAT.as_uri()
+        with tempfile.TemporaryDirectory() as folder:
+            shown = Path(folder, "panda.html")
+            shown.write_text(show_panda(), encoding="utf-8")
+            rows = [
+                (name, measure_meshcat(browser, session, arguments.seconds, address, parts))
+                for name, address, parts in (
+                    ("Meshcat, empty", empty_page, 0),
+                    ("Meshcat, Panda", shown.as_uri(), PANDA_PARTS),
+                )
+            ]
         for count in COUNTS:
             name = f"Panda and {count} obstacles" if count else "Panda"
             found = measure_page(browser, session, count, arguments.seconds, arguments.pixels)
             rows.append((name, found))
-        rows.append(("Meshcat, empty, again", measure_empty(browser, session, arguments.seconds)))
+        again = measure_meshcat(browser, session, arguments.seconds, empty_page)
+        rows.append(("Meshcat, empty, again", again))
     empty = [found for name, found in rows if "empty" in name]
     print(f"{describe_machine()}; pane {PANE['width']} x {PANE['height']}\n")
     print("| scene | picture p50 / p99 / max [ms] | processor [ms] | ratio "
