@@ -38,6 +38,10 @@ from armguard.verdict import PlanVerdict, Reason, ReasonKind
 MOST_TRAJECTORIES = 16
 """Trajectories that the arm may be on at a time."""
 
+PROVING = 10e-3
+"""By how much later than it is asked a stop is proved to be in time, in [s]. Within that time a
+tick has nothing to lay out or to evaluate, while nothing new is seen; longer is proved of less."""
+
 
 class Trajectory(NamedTuple):
     """One that the arm may be on."""
@@ -100,6 +104,7 @@ class FollowedTrajectory:
         self._margin = margin
         self._on_path = on_path
         self._path_deceleration = path_deceleration
+        self._proving = PROVING if response_time < 0.5 * PROVING else 0.0
         self.reset()
 
     def reset(self) -> None:
@@ -107,6 +112,7 @@ class FollowedTrajectory:
         self._trajectories: list[Trajectory] = []
         self.is_on_time = True
         self._stamp = -math.inf
+        self._forget_proof()
 
     @property
     def is_followed(self) -> bool:
@@ -166,8 +172,9 @@ class FollowedTrajectory:
         since = max(now + self._latency, checked.stamp)
         new = Trajectory(checked, since, along, *stopping)
         self._trajectories.append(new)
+        self._forget_proof()
         self._stamp = max(self._stamp, stamp)
-        contact = self._find_contact(tick, self._response_time)
+        contact, _ = self._find_contact(tick, self._response_time)
         return PlanVerdict(True, contact.time, contact.link, contact.obstacle, ())
 
     def _check_velocities(self, plan: CheckedPlan) -> Refusal | None:
@@ -210,6 +217,7 @@ class FollowedTrajectory:
                 return Reason(ReasonKind.PLAN_VOID, "path_time", detail)
             if self.is_on_time:
                 self.is_on_time = False
+                self._forget_proof()
                 self._trajectories = [
                     one._replace(plan=self._free_clock(one.plan)) for one in self._trajectories
                 ]
@@ -242,7 +250,7 @@ class FollowedTrajectory:
 
     def rests(self, tick: Tick) -> bool:
         """Whether the arm surely rests before contact, told to stop only after the next tick."""
-        return self.is_followed and self._find_contact(tick, self._response_time).time == math.inf
+        return self.is_followed and self._is_free(tick, self._response_time)
 
     def is_braked(self, tick: Tick) -> bool:
         """Whether brakes are stated for every speed on the way, told to stop after the next tick.
@@ -263,22 +271,62 @@ class FollowedTrajectory:
             told_after: When the arm is told to stop, in [s] from now.
             pace: The greatest pace of its clock, in [0, 1]; of one that is time itself 1.
         """
-        return self._find_contact(tick, told_after, pace).time == math.inf
+        if pace == 1.0:
+            return self._is_free(tick, told_after)
+        return self._find_contact(tick, told_after, pace)[0].time == math.inf
 
-    def _find_contact(self, tick: Tick, told_after: float, pace: float = 1.0) -> CourseContact:
-        """What could touch an arm that is told to stop within some time, on its way to rest."""
+    def _is_free(self, tick: Tick, told_after: float) -> bool:
+        """Whether the arm surely rests before contact, told to stop only after some time, in [s].
+
+        That is proved of a later time first: an arm that can be told to stop then can be told to at
+        any time before. So the proof answers in ticks to come, too, while the arm is where it had
+        it be: on the trajectories that it was made of, no pace of their clocks above 1. Of one that
+        is held to a lower pace nothing is kept, for what it does in the ticks to come is not known.
+        """
+        told = tick.time + told_after
+        if (
+            told <= self._proved_until
+            and self._proved_of is self._planned_motion()
+            and self._scheduler.is_way_proved(told, self._proved_end)
+        ):
+            return True
+        if self._proving > 0.0 and not tick.time < self._prove_at:
+            contact, end = self._find_contact(tick, told_after + self._proving)
+            if contact.time == math.inf:
+                self._proved_until, self._proved_end = told + self._proving, tick.time + end
+                self._proved_of = self._planned_motion()
+                self._scheduler.keep_way_proof(self._proved_until, self._proved_end)
+                return True
+            # It can only be asked of this tick; and so it will be for the ones to come.
+            self._prove_at = tick.time + self._proving
+        return self._find_contact(tick, told_after)[0].time == math.inf
+
+    def _forget_proof(self) -> None:
+        """Forget what was proved of other trajectories, or another clock."""
+        self._proved_until = self._proved_end = self._prove_at = -math.inf
+        self._proved_of: PlannedMotion | None = None
+        self._scheduler.forget_way_proofs()
+
+    def _find_contact(
+        self, tick: Tick, told_after: float, pace: float = 1.0
+    ) -> tuple[CourseContact, float]:
+        """What could touch an arm that is told to stop within some time, on its way to rest.
+
+        And how long it takes to rest, in [s]; 0 where that is not known.
+        """
         motion, scheduler = self._planned_motion(), self._scheduler
-        first = CourseContact(math.inf, None, None, 0)
+        first, latest = CourseContact(math.inf, None, None, 0), 0.0
         for one in self._trajectories:
             course = self._lay_out(one, tick, told_after, pace)
             if course is None:
-                return CourseContact(0.0, None, None, 0)
+                return CourseContact(0.0, None, None, 0), 0.0
+            latest = max(latest, float(course.end[-1]))
             pairs = scheduler.near_pairs(tick, float(course.end[-1]))
             found = find_course_contact(scheduler, motion, course, pairs, tick, self._margin)
             self.evaluated += found.evaluated
             if not found.time >= first.time:
                 first = found
-        return first
+        return first, latest
 
     def _lay_out(
         self, one: Trajectory, tick: Tick, told_after: float, pace: float

@@ -46,6 +46,11 @@ class Certificates(NamedTuple):
     the arm is told to stop up to then, it rests before it touches the row. Shape (rows,)."""
     rests_revision: IntArray
     """The row's revision that this was proved with. Shape (rows,)."""
+    way_until: FloatArray
+    """Likewise for an arm that is on its trajectory until then: whenever it is told to stop up to
+    then. Shape (rows,)."""
+    way_revision: IntArray
+    """The row's revision that this was proved with. Shape (rows,)."""
     broken: IntArray
     """Rows whose changes broke the bounds behind their certificates. Shape (rows,)."""
     numbers: IntArray
@@ -67,6 +72,8 @@ def make_certificates(links: int) -> Certificates:
         **_make_rows(0, links),
         rests_until=np.zeros(0),
         rests_revision=np.zeros(0, dtype=np.int64),
+        way_until=np.zeros(0),
+        way_revision=np.zeros(0, dtype=np.int64),
         broken=np.zeros(0, dtype=np.int64),
         numbers=np.array([0, -1, 0, 0, 0, 0, -9]),
     )
@@ -104,6 +111,8 @@ def grow_certificates(
         **grown,
         rests_until=extend_rows(certificates.rests_until, rows),
         rests_revision=extend_rows(certificates.rests_revision, rows),
+        way_until=extend_rows(certificates.way_until, rows),
+        way_revision=extend_rows(certificates.way_revision, rows),
         broken=extend_rows(certificates.broken, rows),
     )
 
@@ -114,6 +123,7 @@ def invalidate(certificates: Certificates, row: int) -> None:
     for link in range(certificates.watched.shape[1]):
         certificates.pair_expiry[row, link] = -np.inf
     certificates.rests_until[row] = -np.inf
+    certificates.way_until[row] = -np.inf
     make_due(certificates.wheel, row, -np.inf)
     set_value(certificates.expiry_tree, row, -np.inf)
 

@@ -44,6 +44,8 @@ from armguard.scheduling.deadline_kernels import (
     find_near,
     find_unproved,
     find_unsafe,
+    is_way_proved,
+    keep_way_proof,
 )
 from armguard.scheduling.scheduler import (
     NOTHING_EVALUATED,
@@ -255,6 +257,18 @@ class DeadlineScheduler:
         row: int = self._find_unproved(self._tick_data, tick.time, tick.stop_time, self._candidates)
         return row == NOBODY
 
+    def is_way_proved(self, told: float, latest: float) -> bool:
+        """Whether earlier ticks have proved that the arm can be told to stop on its trajectory."""
+        return bool(is_way_proved(self._tick_data, told, latest, self._candidates))
+
+    def keep_way_proof(self, told: float, latest: float) -> None:
+        """Keep that nothing touches an arm that is told to stop on its trajectory by then."""
+        keep_way_proof(self._tick_data, told, latest, self._candidates)
+
+    def forget_way_proofs(self) -> None:
+        """Forget all of them: the arm is on another way."""
+        self.certificates.way_until.fill(-np.inf)
+
     def find_unsafe(
         self,
         tick: Tick,
@@ -395,6 +409,8 @@ class DeadlineScheduler:
         self.evaluate_due(tick)
         self.find_unsafe(tick, 0.0)
         self.near_pairs(tick, 0.0)
+        self.keep_way_proof(0.0, 0.0)
+        self.is_way_proved(0.0, 0.0)
         evaluate(self.arm.state, none, np.zeros(0), none, np.zeros(0, dtype=np.int8))
         self.arm.state.prepare_arm(zeros, zeros)
         find_most_imminent(self._handle, none)

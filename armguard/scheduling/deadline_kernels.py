@@ -710,6 +710,39 @@ def find_unproved(handle: Any, time: float, stop_time: float, rows: IntArray) ->
 
 
 @kernel
+def is_way_proved(handle: Any, told: float, latest: float, rows: IntArray) -> bool:
+    """Whether earlier ticks have proved that an arm on its trajectory can be told to stop by then.
+
+    Args:
+        handle: On a `TickData`.
+        told: When the arm is told to stop at the latest, in [s] since the epoch.
+        latest: When it surely rests, by that proof, in [s] since the epoch.
+        rows: Room to work in, for all rows of the obstacle table.
+    """
+    scene, certificates = handle.content.scene, handle.content.certificates
+    for row in rows[: find_below(certificates.expiry_tree, min(latest, LATEST), rows)]:
+        if (
+            not told <= certificates.way_until[row]
+            or certificates.way_revision[row] != scene.marks.revision[row]
+            or scene.marks.refused[row]
+        ):
+            return False
+    return True
+
+
+@kernel
+def keep_way_proof(handle: Any, told: float, latest: float, rows: IntArray) -> None:
+    """Keep such a proof for all rows that could be touched by its end; times as they are there.
+
+    It covers the others as well, and the links that were not asked: their certificates outlast it.
+    """
+    scene, certificates = handle.content.scene, handle.content.certificates
+    for row in rows[: find_below(certificates.expiry_tree, min(latest, LATEST), rows)]:
+        certificates.way_until[row] = told
+        certificates.way_revision[row] = scene.marks.revision[row]
+
+
+@kernel
 def find_near(handle: Any, latest: float, rows: IntArray) -> int:
     """Fill `rows`, which has room for all, with those whose certificates end by `latest`."""
     count: int = find_below(handle.content.certificates.expiry_tree, min(latest, LATEST), rows)

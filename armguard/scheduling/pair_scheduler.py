@@ -177,6 +177,16 @@ class PairScheduler:
         """Whether a STOP was proved to be in time: that is asked in every tick."""
         return False
 
+    def is_way_proved(self, told: float, latest: float) -> bool:
+        """Whether the arm can be told to stop on its trajectory: that is asked in every tick."""
+        return False
+
+    def keep_way_proof(self, told: float, latest: float) -> None:
+        """Keep nothing."""
+
+    def forget_way_proofs(self) -> None:
+        """Forget nothing."""
+
     def find_unsafe(
         self,
         tick: Tick,

@@ -201,6 +201,26 @@ class Scheduler(Protocol):
         """
         ...
 
+    def is_way_proved(self, told: float, latest: float) -> bool:
+        """Whether ticks before have proved that an arm on its trajectory can be told to stop then.
+
+        Args:
+            told: When it is told to at the latest, in [s] since the epoch.
+            latest: When it surely rests, by that proof, alike.
+
+        Returns:
+            False says nothing: there is news of an obstacle, or proofs are not kept.
+        """
+        ...
+
+    def keep_way_proof(self, told: float, latest: float) -> None:
+        """Keep that nothing touches such an arm, as `near_pairs` were all asked in this tick."""
+        ...
+
+    def forget_way_proofs(self) -> None:
+        """Forget all of them: the arm is on another way."""
+        ...
+
     def find_unsafe(
         self,
         tick: Tick,

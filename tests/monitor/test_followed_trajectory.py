@@ -1,15 +1,18 @@
 import math
 
+import coal
 import numpy as np
 import pytest
 
 from armguard.bounds import Plan
+from armguard.bounds.planned.motion import PlannedMotion
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
-from armguard.monitor.followed_trajectory import MOST_TRAJECTORIES, FollowedTrajectory
+from armguard.monitor.followed_trajectory import MOST_TRAJECTORIES, PROVING, FollowedTrajectory
 from armguard.obstacles import Obstacles
-from armguard.robot import Kinematics, OperatingLimits
+from armguard.robot import Kinematics, OperatingLimits, Robot
 from armguard.verdict import Level, ReasonKind
+from support.example_arms import hold_at_all_speeds
 from support.panda_monitor import (
     HOME,
     STILL,
@@ -393,15 +396,16 @@ def test_more_error_and_more_delay_never_let_an_arm_go_on():
 class Chase:
     """An arm on a trajectory, and a ball that drives at its hand as hard as it may."""
 
-    def __init__(self, seed, mode, late):
+    def __init__(self, seed, mode, late, period=PERIOD):
+        self.period = period
         self.random = np.random.default_rng(seed)
         self.mode, self.late = mode, late
         self.kinematics = Kinematics(panda())
         self.leaves = self.kinematics.spheres.child_count == 0
         self.obstacles = Obstacles(sources=["camera"])
-        self.reaction, self.latency = 0.1, 0.01
+        self.reaction, self.latency = 0.1, min(0.01, period)
         self.monitor = Monitor(
-            panda(), self.obstacles, rate=1.0 / PERIOD, motion="planned",
+            panda(), self.obstacles, rate=1.0 / period, motion="planned",
             reaction_time=self.reaction, latency=self.latency, rise_delay=0.0,
         )  # fmt: skip
         self.plan = make_plan(self.random.choice([-1.0, 1.0]) * 1.4 * TURNS)
@@ -414,10 +418,10 @@ class Chase:
         hand = self.kinematics.centers[self.kinematics.spheres.root[-1]]
         wanted = hand - self.ball
         wanted *= 2.0 / max(np.linalg.norm(wanted), 1e-9)
-        push = (wanted - self.pace) / PERIOD
+        push = (wanted - self.pace) / self.period
         push *= min(1.0, 10.0 / max(np.linalg.norm(push), 1e-9))
-        self.ball = self.ball + PERIOD * self.pace + 0.5 * PERIOD**2 * push
-        self.pace = self.pace + PERIOD * push
+        self.ball = self.ball + self.period * self.pace + 0.5 * self.period**2 * push
+        self.pace = self.pace + self.period * push
 
     def touches(self, q):
         self.kinematics.compute(q, STILL)
@@ -434,8 +438,8 @@ class Chase:
         braking = panda().braking_deceleration
         q, v, along, bite = HOME, STILL, 0.0, math.inf
         self.kinematics.compute(q, v)
-        for k in range(151):
-            now = k * PERIOD
+        for k in range(round(1.51 / self.period)):
+            now = k * self.period
             if v.any() and self.touches(q):
                 return True
             self.obstacles.update(
@@ -448,13 +452,13 @@ class Chase:
             if verdict.level is Level.STOP and bite == math.inf:
                 bite = now + self.latency + self.reaction + self.late
             self.drive()
-            if now + PERIOD <= bite + 1e-9:
-                along += PERIOD
+            if now + self.period <= bite + 1e-9:
+                along += self.period
                 q, v = self.at(along)
             else:
-                until = np.minimum(PERIOD, np.abs(v) / braking)
+                until = np.minimum(self.period, np.abs(v) / braking)
                 q = q + np.sign(v) * until * (np.abs(v) - 0.5 * braking * until)
-                v = np.sign(v) * np.maximum(np.abs(v) - braking * PERIOD, 0.0)
+                v = np.sign(v) * np.maximum(np.abs(v) - braking * self.period, 0.0)
         return False
 
 
@@ -484,6 +488,110 @@ def test_a_ball_that_drives_at_an_arm_touches_only_one_that_brakes_later_than_to
     hits = {late: sum(Chase(seed, mode, late).run() for seed in range(12)) for late in (0.0, 0.5)}
     assert hits[0.0] == 0
     assert hits[0.5] > 3
+
+
+@pytest.mark.parametrize("mode", ["on time", "with a clock"])
+def test_such_a_ball_touches_nothing_where_one_proof_answers_many_ticks(mode):
+    """As above, ticks being short beside what is proved at a time."""
+    period = 2e-3
+    assert 2.0 * period < 0.5 * PROVING
+    hits = {
+        late: sum(Chase(seed, mode, late, period).run() for seed in range(4)) for late in (0.0, 0.5)
+    }
+    assert hits[0.0] == 0
+    assert hits[0.5] > 0
+
+
+@pytest.fixture
+def laid_out(monkeypatch):
+    """Grows by one whenever the way of an arm that is stopped is laid out."""
+    calls = []
+    lay_out = PlannedMotion.lay_out_stop
+
+    def count(*arguments, **named):
+        calls.append(None)
+        return lay_out(*arguments, **named)
+
+    monkeypatch.setattr(PlannedMotion, "lay_out_stop", count)
+    return calls
+
+
+def follow_slowly(ticks=60):
+    """An arm on a trajectory at 1 kHz, in SLOW beside a ball, and how its next tick is made."""
+    robot = Robot.load("panda")  # of its own: a test attaches a tool to it
+    hold_at_all_speeds(robot)
+    obstacles = Obstacles(sources=["camera"])
+    monitor = Monitor(
+        robot, obstacles, rate=1000.0, reaction_time=0.1, rise_delay=0.0, motion="planned"
+    )  # fmt: skip
+    plan = make_plan(0.2 * TURNS)
+    number = 0
+
+    def step(ball=POST):
+        nonlocal number
+        now = 1e-3 * number
+        if number % 10 == 0 or ball is not POST:
+            obstacles.update(
+                ["ball"], now, [ball], [[0.0, 0.0, 0.0]], radius=0.05, position_error=0.01,
+                velocity_error=0.1, source="camera",
+            )  # fmt: skip
+        q, v = (
+            np.array([np.interp(now, TIMES, samples[:, j]) for j in range(7)])
+            for samples in (plan.q, plan.v)
+        )
+        verdict = monitor.step(now, q, v)
+        if number == 0:
+            assert monitor.follow(plan).safe
+        number += 1
+        return verdict
+
+    for _ in range(ticks):
+        verdict = step()
+    assert verdict.level is Level.SLOW
+    return robot, obstacles, monitor, plan, step
+
+
+def test_one_proof_answers_the_ticks_to_come(laid_out):
+    *_, step = follow_slowly()
+    laid_out.clear()
+    verdicts = [step() for _ in range(100)]
+    assert {verdict.level for verdict in verdicts} == {Level.SLOW}
+    assert {verdict.speed_scale for verdict in verdicts} == {1.0}
+    assert 5 < len(laid_out) < 40
+
+
+NEWS = {
+    "a state of the obstacle": lambda robot, obstacles, monitor, plan: None,
+    "an obstacle": lambda robot, obstacles, monitor, plan: obstacles.add_static(
+        "post", [0.75 * np.cos(0.3), -0.75 * np.sin(0.3), 0.55], 0.05
+    ),
+    "a tool": lambda robot, obstacles, monitor, plan: robot.attach(
+        "tool", "panda_hand", coal.Sphere(0.03)
+    ),
+    "a trajectory": lambda robot, obstacles, monitor, plan: monitor.follow(plan),
+}
+
+
+@pytest.mark.parametrize("news", NEWS)
+def test_any_news_is_asked_in_its_own_tick(news, laid_out):
+    robot, obstacles, monitor, plan, step = follow_slowly()
+    step()
+    laid_out.clear()
+    assert step().level is Level.SLOW
+    assert not laid_out, "the tick before has proved this one"
+    NEWS[news](robot, obstacles, monitor, plan)
+    laid_out.clear()
+    step([*POST[:2], POST[2] + 1e-3] if news == "a state of the obstacle" else POST)
+    assert laid_out
+
+
+def test_what_stands_in_the_way_all_at_once_is_a_stop_in_its_own_tick():
+    _, obstacles, _, plan, step = follow_slowly()
+    kinematics = Kinematics(panda())
+    kinematics.compute(plan.q[40], STILL)
+    hand = kinematics.centers[kinematics.spheres.root[-1]]
+    obstacles.add_static("post", hand, 0.05)
+    assert step().level is Level.STOP
 
 
 def test_a_trajectory_that_is_faster_than_brakes_are_stated_for_is_a_stop_before_it_is():
