@@ -385,6 +385,7 @@ def run(
         joint_timeout=monitor.settings.joint_timeout,
         reset_token=reset_token,
         limits=cell.source_limits,
+        own_points=cell.make_own_points(robot),
         drain_time=DRAIN_SHARE * monitor.period,
         speed=_read_bound(cell, "speed"),
         accel=_read_bound(cell, "accel"),
