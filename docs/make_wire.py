@@ -29,6 +29,9 @@ TYPES = {
     "bytes | list[float]": "numbers",
     "Points": f"n rows of 3 numbers, or of 1 to {messages.POINT_LIMIT} such points",
     "Points | None": "as of `position`, or nil",
+    "Cloud": "rows of 3 numbers",
+    "tuple[float, float, float]": "3 numbers",
+    "bytes | list[bool] | None": "booleans, one a point, or nil",
     "Rows": "rows of numbers",
     "Values": "number, or one a row",
     "Values | None": "number, or one a row, or nil",
@@ -69,7 +72,7 @@ Each message is one part: a msgpack map, or a JSON object with the same fields; 
 - Lengths are metres, angles radians, times seconds. The rest follows: m/s, m/s², rad/s.
 - `seq` counts the messages of one source, by 1. A gap is counted as lost messages, a step back as a sender that started anew, and two tracks that both go on as two senders. None of it is a STOP by itself: obstacles that were not heard of grow with their bounds.
 
-Whatever is refused is counted by its kind and source, told on standard error, and is in the summary of the run; where obstacles may be missing because of it, the verdict says so too. One source may send {limits.SourceLimits().message_rate:g} messages a second of {limits.SourceLimits().message_size} bytes and have {limits.SourceLimits().obstacles} obstacles, unless the cell file says less.
+Whatever is refused is counted by its kind and source, told on standard error, and is in the summary of the run; where obstacles may be missing because of it, the verdict says so too. One source may send {limits.SourceLimits().message_rate:g} messages a second of {limits.SourceLimits().message_size} bytes and have {limits.SourceLimits().obstacles} obstacles, and a cloud {limits.SourceLimits().points} points, unless the cell file says less.
 
 Complete nodes without armguard's library lie beside this page, and the tests run them: [perception.py](nodes/perception.py) and [controller.py](nodes/controller.py) (pyzmq), [perception.cpp](nodes/perception.cpp) (cppzmq), and [lines.cpp](nodes/lines.cpp), which needs no socket. In Python with armguard, `armguard.streams.Publisher` and `VerdictReader` send and receive all of it.
 """
@@ -88,6 +91,21 @@ AFTER_OBSTACLES = """- *Heartbeat*: a message with `ids` empty says that the sou
 {"type": "obstacles", "source": "camera", "seq": 17, "stamp": 12.345, "ids": ["ball"],
  "position": [[2.0, 0.3, 0.5]], "velocity": [[-0.8, 0.0, 0.0]], "radius": 0.1, "position_error": 0.01}
 {"type": "obstacles", "source": "camera", "seq": 18, "stamp": 12.355, "ids": []}
+```
+"""
+
+CLOUD = """## Clouds
+
+`{"type": "cloud", …}`: what a depth camera measured, as `Obstacles.update_cloud` takes it. The cell file needs `[clouds]`. [What is not seen](sensors.md) says what becomes of points and what that costs.
+"""
+
+AFTER_CLOUD = """- The points of the arm are taken out by the monitor, by the joint state that is nearest to the cloud in time. Where none of the last thousand is within `time_error` of it (`[clouds]`, 5 ms), all points count, and the arm stops before its own picture.
+- Points that are no numbers are left out, counted and said.
+- A source sends clouds, or obstacles: one that does both uses no ids of the form `voxel 3 -2 14`, which are refused.
+
+```json
+{"type": "cloud", "source": "depth", "seq": 4, "stamp": 12.345, "origin": [2.4, -1.2, 1.3],
+ "points": [[0.3, -0.7, 0.2], [0.31, -0.7, 0.2]], "position_error": 0.02}
 ```
 """
 
@@ -186,6 +204,9 @@ def write_page() -> str:
         OBSTACLES,
         write_table(messages.ObstaclesMessage),
         AFTER_OBSTACLES,
+        CLOUD,
+        write_table(messages.CloudMessage),
+        AFTER_CLOUD,
         REMOVE,
         write_table(messages.RemoveMessage),
         JOINTS,

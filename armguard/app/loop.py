@@ -72,6 +72,16 @@ class LoopReport(NamedTuple):
     """Events that the recording lacks; None: nothing was recorded."""
 
 
+class Resets(NamedTuple):
+    """How many of the resets that came were obeyed, and how many were refused."""
+
+    obeyed: int = 0
+    refused: int = 0
+
+
+NO_RESETS = Resets()
+
+
 class RateLoop:
     """Steps a monitor at its rate from an edge and its inputs.
 
@@ -117,11 +127,12 @@ class RateLoop:
         self._ticks = 0
         self.late = 0
         self.missed = 0
+        self._obeyed_resets = 0
 
     @property
-    def refused_resets(self) -> int:
-        """Resets so far that were not obeyed."""
-        return self._edge.faults.count("reset refused")
+    def resets(self) -> Resets:
+        """What became of resets so far."""
+        return Resets(self._obeyed_resets, self._edge.faults.count("reset refused"))
 
     def run(self, duration: float = math.inf) -> LoopReport:
         """Loop for `duration` [s], until Ctrl-C (KeyboardInterrupt), or the end of an input."""
@@ -173,6 +184,7 @@ class RateLoop:
         if edge.reset_requested:
             edge.reset_requested = False
             self.monitor.reset()
+            self._obeyed_resets += 1
         state = edge.joint_state
         if state is None:
             verdict = _wait_for_joints(now, edge.dropped_age)
@@ -373,6 +385,7 @@ def run(
         joint_timeout=monitor.settings.joint_timeout,
         reset_token=reset_token,
         limits=cell.source_limits,
+        own_points=cell.make_own_points(robot),
         drain_time=DRAIN_SHARE * monitor.period,
         speed=_read_bound(cell, "speed"),
         accel=_read_bound(cell, "accel"),

@@ -403,6 +403,6 @@ class _Observer:
                 loop.clock.now(),
                 loop.durations,
                 loop.late,
-                refused_resets=loop.refused_resets,
+                resets=loop.resets,
                 idle=idle,
             )

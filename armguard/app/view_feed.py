@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.app.heard import RateMeter
-from armguard.app.loop import Durations
+from armguard.app.loop import NO_RESETS, Durations, Resets
 from armguard.app.reachable import find_reachable
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.reports import Snapshot
@@ -122,7 +122,7 @@ class MonitorFeed:
         late: int,
         *,
         wall: float | None = None,
-        refused_resets: int = 0,
+        resets: Resets = NO_RESETS,
     ) -> None:
         """Note a verdict, and publish a frame if one is due.
 
@@ -132,10 +132,10 @@ class MonitorFeed:
             durations: How long ticks took so far.
             late: How many came late.
             wall: Time of day, in [s] since 1970; None: the present.
-            refused_resets: How many resets were refused so far.
+            resets: What became of those so far.
         """
         self.note(verdict, now)
-        self.publish(now, durations, late, wall=wall, refused_resets=refused_resets)
+        self.publish(now, durations, late, wall=wall, resets=resets)
 
     def note(self, verdict: Verdict, now: float) -> None:
         """Note the newest verdict, at a time of the monitor's clock, in [s]."""
@@ -158,7 +158,7 @@ class MonitorFeed:
         late: int,
         *,
         wall: float | None = None,
-        refused_resets: int = 0,
+        resets: Resets = NO_RESETS,
         idle: float = math.inf,
     ) -> None:
         """Publish a frame of the newest verdict if one is due.
@@ -168,7 +168,7 @@ class MonitorFeed:
             durations: How long ticks took so far.
             late: How many came late.
             wall: Time of day, in [s] since 1970; None: the present.
-            refused_resets: How many resets were refused so far.
+            resets: What became of those so far.
             idle: How much time there is, in [s]. A frame that took longer the last time waits for
                 a later call; but no longer than for another frame, or `LONGEST_WAIT` where there is
                 no time at all.
@@ -197,7 +197,8 @@ class MonitorFeed:
                 frame = msgspec.structs.replace(
                     frame,
                     wall=time.time() if wall is None else wall,
-                    refused_resets=refused_resets,
+                    refused_resets=resets.refused,
+                    obeyed_resets=resets.obeyed,
                 )
                 self._publisher.publish_frame(frame)
         self._worst = None
@@ -367,6 +368,7 @@ def _pack_obstacles(monitor: Monitor, snapshot: Snapshot) -> ObstacleShapes:
         refused=table.refused[rows],
         times=snapshot.row_times,
         statics=table.static[rows],
+        entrances=np.isin(rows, monitor.obstacles.entrance_rows),
     )
 
 

@@ -40,6 +40,9 @@ _DELETE, _DELETE_ALL = 2, 3
 _WITHOUT_BODY = {0: "arrows", 9: "texts"}
 """Markers that explain others."""
 
+MOST_BODIES = 20_000
+"""Bodies of markers that are remembered, at most, until they are deleted."""
+
 _HISTORY = 256
 """Joint states that are kept for differences, at most."""
 
@@ -111,8 +114,8 @@ class ObstacleReader:
         """What has gone, by its ids, and after that what is there.
 
         Raises:
-            ArmguardError: A marker's extent is not known, or it is there twice, or a snapshot has
-                several frames.
+            ArmguardError: A marker's extent is not known, or it is there twice, a snapshot has
+                several frames, or there are more than `MOST_BODIES` that were not deleted.
         """
         if self._kind == MARKERS:
             return self._read_markers(message)
@@ -168,6 +171,17 @@ class ObstacleReader:
             gone |= known.get(key, set()) - made
             known[key] = made
             there[key] = Shown(marker.header, bodies)
+        if self._snapshot:
+            # What is not in it is gone without a word.
+            known = {key: known[key] for key in there}
+        count = sum(map(len, known.values()))
+        if count > MOST_BODIES:
+            raise ArmguardError(
+                self._offender,
+                f"has shown {count} bodies that were not deleted",
+                expected=f"at most {MOST_BODIES}",
+                remedy="delete markers that have gone, or use their ids again",
+            )
         shown = self._group_markers(list(there.values()))
         self._known = known
         for words in passed_over:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,24 @@ from armguard.verdict import BRAKE, FINISH, Effect, Level, Reason, ReasonKind, V
 
 NO_NAMES = (None, None)
 """Of link and obstacle, where no pair decides."""
+
+
+class _Finding(NamedTuple):
+    """What was found of a tick, from which its verdict is made; named as the verdict's fields."""
+
+    level: Level
+    contact_time: float
+    speed_scale: float
+    names: tuple[str, str] | tuple[None, None]
+    """Of the link and the obstacle."""
+    complete: bool
+    evaluated: int
+    reasons: list[Reason]
+    """Beside what is latched."""
+    separation: float | None = None
+    certificate: Certificate | None = None
+    is_proved: bool = False
+    """Whether a piece of trajectory is proved that ends at rest."""
 
 
 class Judge:
@@ -175,9 +193,7 @@ class Judge:
             separation = self._measure_separation(tick, unplaced=unplaced)
         if self._certify:
             certificate = self._prove(tick, pair)
-        return self._make_verdict(
-            stamp,
-            tick,
+        finding = _Finding(
             level,
             contact_time,
             scale,
@@ -187,8 +203,9 @@ class Judge:
             reasons,
             separation,
             certificate,
-            is_proved=is_proved,
+            is_proved,
         )
+        return self._make_verdict(stamp, tick, finding)
 
     def refuse(self, stamp: float, tick: Tick, reason: Reason, since: str) -> Verdict:
         """The verdict of a tick whose joint state is not believed: the worst of everything.
@@ -204,47 +221,32 @@ class Judge:
         self.certificate_inputs = None
         self._rule.latch(reason, since)
         level, _ = self._rule.decide(tick.now, 0.0, tick.stop_time, complete=False, standing=True)
-        return self._make_verdict(stamp, tick, level, 0.0, 0.0, NO_NAMES, False, 0, [])
+        finding = _Finding(level, 0.0, 0.0, NO_NAMES, False, 0, [])
+        return self._make_verdict(stamp, tick, finding)
 
-    def _make_verdict(
-        self,
-        stamp: float,
-        tick: Tick,
-        level: Level,
-        contact_time: float,
-        speed_scale: float,
-        names: tuple[str, str] | tuple[None, None],
-        complete: bool,
-        evaluated: int,
-        reasons: list[Reason],
-        separation: float | None = None,
-        certificate: Certificate | None = None,
-        *,
-        is_proved: bool = False,
-    ) -> Verdict:
-        """The one place where a verdict is made; the arguments are named as its fields are."""
+    def _make_verdict(self, stamp: float, tick: Tick, finding: _Finding) -> Verdict:
+        """The one place where a verdict is made."""
         latched = self._rule.latched
         stop = None
-        if level is Level.STOP:
-            stop = FINISH if is_proved else BRAKE
+        if finding.level is Level.STOP:
+            stop = FINISH if finding.is_proved else BRAKE
         # A named tuple's own constructor takes twice as long.
         return tuple.__new__(
             Verdict,
             (
                 stamp,
                 tick.number,
-                level,
-                contact_time,
+                finding.level,
+                finding.contact_time,
                 tick.stop_time,
-                speed_scale,
-                names[0],
-                names[1],
-                complete,
-                evaluated,
-                (*latched.values(), *reasons) if latched or reasons else (),
+                finding.speed_scale,
+                *finding.names,
+                finding.complete,
+                finding.evaluated,
+                (*latched.values(), *finding.reasons) if latched or finding.reasons else (),
                 math.nextafter(tick.now + self._response_time, -math.inf),
-                separation,
-                certificate,
+                finding.separation,
+                finding.certificate,
                 stop,
             ),
         )

@@ -19,14 +19,15 @@ from typing import Any
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import ACCEPTANCE_SLACK, ALLOWED, SHAPE, VELOCITY_BY_ACCEL
-from armguard.obstacles.consistency import body_allows
-from armguard.obstacles.message import Frames, Samples
+from armguard.obstacles.consistency import body_allows, record_of
+from armguard.obstacles.message import Frames, MessageHead, MessageNumbers, Samples
 from armguard.obstacles.possible_states import (
     find_place,
     lose_sight,
     set_state_aside,
     widen_to_cover,
 )
+from armguard.obstacles.record import Record
 from armguard.obstacles.reference_states import allows_reference_state
 from armguard.obstacles.spread import follow_spread
 from armguard.obstacles.table import MOST_REFUSED, States, Told, note_row
@@ -186,6 +187,24 @@ def _widen(states: States, row: int, samples: Samples, i: int) -> bool:
 
 
 @merged_kernel
+def _record_of_sample(
+    samples: Samples, i: int, stamp: float, radius: float, accel: float, speed: float
+) -> Record:
+    """A sample, with a radius and bounds that may be others than those told with it."""
+    return Record(
+        samples.points[i],
+        samples.velocities[i],
+        samples.point_count,
+        radius,
+        accel,
+        speed,
+        samples.position_error[i],
+        samples.velocity_error[i],
+        stamp,
+    )
+
+
+@merged_kernel
 def _agrees(
     states: States, row: int, samples: Samples, i: int, stamp: float, accel: float, speed: float
 ) -> int:
@@ -203,45 +222,17 @@ def _agrees(
         accel: Bound on acceleration that was told of this body lately, in [m/s²].
         speed: Bound on speed that was told of this body lately, in [m/s].
     """
-    points, velocities = states.points[row], states.velocities[row]
-    told_points, told_velocities = samples.points[i], samples.velocities[i]
     radius = min(samples.radius[i], states.radius[row])
     if stamp >= states.stamp[row]:
+        accel, speed = max(accel, states.accel[row]), max(speed, states.speed[row])
         return body_allows(
-            points,
-            velocities,
-            states.point_count[row],
-            states.radius[row],
-            max(accel, states.accel[row]),
-            max(speed, states.speed[row]),
-            states.position_error[row],
-            states.velocity_error[row],
-            states.stamp[row],
-            told_points,
-            told_velocities,
-            samples.point_count,
-            radius,
-            samples.position_error[i],
-            samples.velocity_error[i],
-            stamp,
+            record_of(states, row, states.radius[row], accel, speed),
+            _record_of_sample(samples, i, stamp, radius, accel, speed),
         )
+    accel, speed = max(accel, samples.accel[i]), max(speed, samples.speed[i])
     return body_allows(
-        told_points,
-        told_velocities,
-        samples.point_count,
-        samples.radius[i],
-        max(accel, samples.accel[i]),
-        max(speed, samples.speed[i]),
-        samples.position_error[i],
-        samples.velocity_error[i],
-        stamp,
-        points,
-        velocities,
-        states.point_count[row],
-        radius,
-        states.position_error[row],
-        states.velocity_error[row],
-        states.stamp[row],
+        _record_of_sample(samples, i, stamp, samples.radius[i], accel, speed),
+        record_of(states, row, radius, accel, speed),
     )
 
 
@@ -360,20 +351,10 @@ def _let_stand(handle: Any, row: int, samples: Samples, i: int, stamp: float) ->
     table = handle.content
     refused, marks = table.refused, table.marks
     marks.refused[row] = True
+    radius, accel, speed = samples.radius[i], samples.accel[i], samples.speed[i]
+    sample = _record_of_sample(samples, i, stamp, radius, accel, speed)
     for place in range(row * MOST_REFUSED, row * MOST_REFUSED + marks.refused_count[row]):
-        covered = widen_to_cover(
-            refused,
-            place,
-            samples.points[i, : samples.point_count],
-            samples.velocities[i, : samples.point_count],
-            samples.radius[i],
-            samples.accel[i],
-            samples.speed[i],
-            samples.position_error[i],
-            samples.velocity_error[i],
-            stamp,
-        )
-        if covered:
+        if widen_to_cover(refused, place, sample):
             # As long as if it had come now.
             table.refusals.until[place] = math.inf
             table.refusals.covers_from[place] = max(table.refusals.covers_from[place], stamp)
@@ -440,17 +421,8 @@ def take_samples(
     handle: Any,
     message: Any,
     rows: IntArray,
-    points_each: int,
-    stamp: float,
-    extent: float,
-    frame: int,
-    is_velocity_known: bool,
-    each: int,
-    radius: float,
-    accel: float,
-    speed: float,
-    position_error: float,
-    velocity_error: float,
+    head: MessageHead,
+    numbers: MessageNumbers,
 ) -> tuple[int, int, bool]:
     """Take or refuse the samples of one message.
 
@@ -460,25 +432,16 @@ def take_samples(
         message: On `MessageData`: the samples, which are moved to the world frame in place. Its
             codes are filled with TAKEN, or why not, and its values with what a fault would show.
         rows: Row of each sample, -1 to leave it alone. Shape (n,).
-        points_each: Points of each sample.
-        stamp: Of all of them, in [s].
-        extent: How far from the world's origin a coordinate may be, in [m].
-        frame: Number of the samples' frame; 0 is the world.
-        is_velocity_known: Whether velocities were measured; else they are 0, with errors as large
-            as the bounds on speed, so that an error of inf is no flaw.
-        each: Sum of 2**i over those of the following five of which the message has one for each
-            sample; of the others it has one for all, which is:
-        radius: Around the hull, in [m].
-        accel: Bound on acceleration, in [m/s²].
-        speed: Bound on speed, in [m/s].
-        position_error: Of positions, in [m].
-        velocity_error: Of velocities, in [m/s].
+        head: What is said of the whole message.
+        numbers: What is said of all samples with one number.
 
     Returns:
         How many samples were accepted, how many have another code than TAKEN, and whether of any
         row a refused sample may be true.
     """
     table, data = handle.content, message.content
+    points_each, stamp, extent, frame, is_velocity_known = head
+    each, common_radius, common_accel, common_speed, position_error, velocity_error = numbers
     accepted, marks, told = table.accepted, table.marks, table.told
     changed_rows, reference_states = table.changed_rows, table.reference_states
     count = rows.shape[0]
@@ -500,11 +463,11 @@ def take_samples(
             data.codes[i] = TAKEN
             continue
         if not each & 1:
-            samples.radius[i] = radius
+            samples.radius[i] = common_radius
         if not each & 2:
-            samples.accel[i] = accel
+            samples.accel[i] = common_accel
         if not each & 4:
-            samples.speed[i] = speed
+            samples.speed[i] = common_speed
         if not each & 8:
             samples.position_error[i] = position_error
         if not is_velocity_known:
@@ -524,17 +487,9 @@ def take_samples(
         if code in (TAKEN, TOO_FAST):
             samples.position_error[i] = max(samples.position_error[i], RESOLUTION)
             samples.velocity_error[i] = max(samples.velocity_error[i], RESOLUTION)
-            follow_spread(
-                table.spreads,
-                row,
-                samples.points[i],
-                samples.velocities[i],
-                points_each,
-                stated_accel,
-                samples.position_error[i],
-                samples.velocity_error[i],
-                stamp,
-            )
+            radius, speed = samples.radius[i], samples.speed[i]
+            sample = _record_of_sample(samples, i, stamp, radius, stated_accel, speed)
+            follow_spread(table.spreads, row, sample)
         # Gate: does it agree with the accepted state, by all bounds that were told lately?
         if code == TAKEN and marks.has_state[row]:
             told_accel = max(told.accel[row], told.accel_before[row])

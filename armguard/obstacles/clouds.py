@@ -186,6 +186,24 @@ def find_key(name: str) -> int | None:
     return key if make_name(key) == name else None
 
 
+def check_names(names: list[str]) -> None:
+    """Check that none of some ids is that of a voxel, which would go as voxels do.
+
+    Raises:
+        ObstacleError: One of them is.
+    """
+    if "voxel " not in "".join(names):
+        return
+    for name in names:
+        if find_key(name) is not None:
+            raise ObstacleError(
+                "ids",
+                f"holds {show(name)}, as voxels of clouds are called",
+                expected="another name",
+                remedy="send clouds by `update_cloud`",
+            )
+
+
 def read_rays(points: ArrayLike, origin: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Where rays end, of shape (n, 3), and begin, of shape (3,), in [m].
 

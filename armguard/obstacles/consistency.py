@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 
-from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import merged_kernel
 from armguard.jit.numerics import (
     ACCEPTANCE_SLACK,
@@ -22,9 +21,27 @@ from armguard.jit.numerics import (
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
 )
+from armguard.obstacles.record import Record
+from armguard.obstacles.table import States
 
 SHRINKING = 1.0 - 2.0**-50
 """Factor of a square, below which its root is below that of the whole, however all is rounded."""
+
+
+@merged_kernel
+def record_of(states: States, row: int, radius: float, accel: float, speed: float) -> Record:
+    """A stored state, with a radius and bounds that may be others than those stored with it."""
+    return Record(
+        states.points[row],
+        states.velocities[row],
+        states.point_count[row],
+        radius,
+        accel,
+        speed,
+        states.position_error[row],
+        states.velocity_error[row],
+        states.stamp[row],
+    )
 
 
 @merged_kernel
@@ -41,24 +58,7 @@ def _keeps_bound(square: float, added: float, bound: float) -> bool:
 
 
 @merged_kernel
-def body_allows(
-    points0: FloatArray,
-    velocities0: FloatArray,
-    count0: int,
-    radius0: float,
-    accel0: float,
-    speed0: float,
-    position_error0: float,
-    velocity_error0: float,
-    stamp0: float,
-    points1: FloatArray,
-    velocities1: FloatArray,
-    count1: int,
-    radius1: float,
-    position_error1: float,
-    velocity_error1: float,
-    stamp1: float,
-) -> int:
+def body_allows(record0: Record, record1: Record) -> int:
     """Whether record 1 of a body can be true if record 0 and its bounds are.
 
     With h = stamp1 - stamp0, for every point of the hull:
@@ -66,26 +66,14 @@ def body_allows(
     + dp0 + dp1, |v1 - v0| <= A |h| + dv0 + dv1 and |v1| <= V + dv1, with A and V of record 0.
 
     Args:
-        points0: Points of the hull, in [m]; the first `count0` rows count. Shape (k, 3).
-        velocities0: Theirs, in [m]/[s]. Shape (k, 3).
-        count0: Number of points.
-        radius0: Radius around the hull, in [m].
-        accel0: Bound on acceleration, in [m]/[s]^2; inf for none.
-        speed0: Bound on speed, in [m]/[s]; inf for none.
-        position_error0: What positions may be off by, in [m].
-        velocity_error0: What velocities may be off by, in [m]/[s].
-        stamp0: Time of record 0, in [s].
-        points1: The same of record 1, which may be the older one. Shape (k, 3).
-        velocities1: The same of record 1. Shape (k, 3).
-        count1: The same of record 1.
-        radius1: The same of record 1.
-        position_error1: The same of record 1.
-        velocity_error1: The same of record 1.
-        stamp1: The same of record 1.
+        record0: The one whose bounds count.
+        record1: The other, which may be the older one; its bounds play no part.
 
     Returns:
         ALLOWED (0), or the code of the first bound that is broken.
     """
+    points0, velocities0, count0, radius0, accel0, speed0, _, velocity_error0, stamp0 = record0
+    points1, velocities1, count1, radius1, _, _, _, velocity_error1, stamp1 = record1
     if not (1 <= count1 == count0 <= points0.shape[0] and count1 <= points1.shape[0]):
         return SHAPE
     # What the bounds allow in the time between the records, whichever of them is older.
@@ -99,7 +87,7 @@ def body_allows(
         by_accel = math.inf
     else:
         by_accel = (0.5 * accel0 * duration + velocity_error0) * duration
-    room = radius0 + position_error0 + position_error1
+    room = radius0 + record0.position_error + record1.position_error
     velocity_change += velocity_error0 + velocity_error1
     top_speed = speed0 + velocity_error1
     # Each point by itself; the bounds hold for every one of them.

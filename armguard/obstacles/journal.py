@@ -88,7 +88,7 @@ class ObstacleJournal(Protocol):
         """Is told a call of which nothing was taken, stamped in [s], NaN where that was none."""
         ...
 
-    def note_dropped_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
+    def note_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
         """Is told how many of a cloud's points could not be used; its stamp in [s]."""
         ...
 

@@ -76,6 +76,40 @@ class Frames(NamedTuple):
     """What each may be off by, in [m]. Shape (frames,)."""
 
 
+class MessageHead(NamedTuple):
+    """What is said of all samples of a message."""
+
+    points_each: int
+    """Points of each sample."""
+    stamp: float
+    """Of all of them, in [s]."""
+    extent: float
+    """How far from the world's origin a coordinate may be, in [m]."""
+    frame: int
+    """Number of the samples' frame; 0 is the world."""
+    is_velocity_known: bool
+    """Whether velocities were measured; else they are 0, with errors as large as the bounds on
+    speed, so that an error of inf is no flaw."""
+
+
+class MessageNumbers(NamedTuple):
+    """What a message says of all of its samples with one number."""
+
+    each: int
+    """Sum of 2**i over those of `FIELDS` of which it has one for each sample instead; of these the
+    numbers here do not count."""
+    radius: float
+    """[m]."""
+    accel: float
+    """[m/s²]."""
+    speed: float
+    """[m/s]."""
+    position_error: float
+    """[m]."""
+    velocity_error: float
+    """[m/s]."""
+
+
 class MessageData(NamedTuple):
     """All of a message that compiled code reads and writes; of each array the beginning is used."""
 

@@ -33,6 +33,7 @@ from armguard.obstacles.arguments import (
 )
 from armguard.obstacles.clouds import (
     CloudReader,
+    check_names,
     enclosing_radius,
     find_key,
     read_edge,
@@ -42,7 +43,7 @@ from armguard.obstacles.clouds import (
 from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.journal import ObstacleSettings
-from armguard.obstacles.message import FIELDS, MessageMemory
+from armguard.obstacles.message import FIELDS, MessageHead, MessageMemory, MessageNumbers
 from armguard.obstacles.pattern_bounds import PatternBounds
 from armguard.obstacles.register import NO_ROWS, ObstacleRegister, ResolvedIds
 from armguard.obstacles.sources import NO_SOURCE, Source, SourceState
@@ -125,6 +126,12 @@ class Obstacles(ObstacleRegister):
         """Of obstacles whose messages give none."""
         self._extent = read_bound("extent", extent, math.inf, "m")
         for name, place in (frames or {}).items():
+            if not isinstance(name, str) or not name:
+                raise ObstacleError("frames", f"holds {show(name)}", expected="names")
+            if not is_writable(name):
+                raise ObstacleError(
+                    "frames", f"holds {show(name)}", expected="text that UTF-8 can hold"
+                )
             if not isinstance(place, Frame):
                 raise ObstacleError(f"frame {name!r}", f"is {show(place)}", expected="a Frame")
         world = Frame(np.eye(3), np.zeros(3))
@@ -133,6 +140,8 @@ class Obstacles(ObstacleRegister):
         self._told_frames = ToldFrames()
         self._memory = MessageMemory(list(places.values()))
         self._clouds: CloudReader | None = None
+        self.takes_voxels = False
+        """Whether messages may name voxels, as those of recorded clouds do."""
         self._bind()
 
     def __getstate__(self) -> dict[str, object]:
@@ -164,9 +173,10 @@ class Obstacles(ObstacleRegister):
 
     def _bind(self) -> None:
         """Have compiled what takes samples."""
-        message = NO_ROWS, 1, 0.0, self._extent, 0, True, 0, 0.0, 0.0, 0.0, 0.0, 0.0
+        head = MessageHead(1, 0.0, self._extent, 0, True)
+        numbers = MessageNumbers(0, 0.0, 0.0, 0.0, 0.0, 0.0)
         handles = self.table.handle, self._memory.handle
-        self._take_samples = machine_code(rule.take_samples, *handles, *message)
+        self._take_samples = machine_code(rule.take_samples, *handles, NO_ROWS, head, numbers)
 
     def update(
         self,
@@ -189,7 +199,8 @@ class Obstacles(ObstacleRegister):
         Fields may be one number for all obstacles or one for each.
 
         Args:
-            ids: Names of the obstacles, unique within their source. Length n.
+            ids: Names of the obstacles, unique within their source; none as "voxel 3 -2 14", which
+                is that of a cloud's voxel. Length n.
             stamp: When they were measured, in [s].
             position: Balls' centres, or up to eight points whose hull each obstacle is, in [m].
                 Shape (n, 3) or (n, k, 3).
@@ -213,6 +224,8 @@ class Obstacles(ObstacleRegister):
         try:
             if resolved is None:
                 resolved = ResolvedIds(read_ids(ids), None, 0.0, 0.0)
+                if not self.takes_voxels:
+                    check_names(resolved.names)
             time = read_time("stamp", stamp)
             self._check_source(source)
             self._check_frame(frame)
@@ -271,12 +284,11 @@ class Obstacles(ObstacleRegister):
             self.table.handle,
             self._memory.handle,
             rows,
-            points_each,
-            time,
-            self._extent,
-            number,
-            velocity is not None,
-            *numbers,
+            # A named tuple's own constructor takes twice as long.
+            tuple.__new__(
+                MessageHead, (points_each, time, self._extent, number, velocity is not None)
+            ),
+            tuple.__new__(MessageNumbers, numbers),
         )
         codes = self._memory.data.codes[: len(names)]
         if wrong:
@@ -347,8 +359,7 @@ class Obstacles(ObstacleRegister):
             ends, begin = read_rays(points, origin)
             mask = read_mask(occupied, len(ends))
             error = read_bound("position_error", position_error, self._extent, "m")
-            if self._clouds is None:
-                self._clouds = CloudReader()
+            self.prepare_clouds()
             edge = read_edge(voxel, self._clouds.edges.get(source), source)
             placed, number = self._memory.data.frames, self._frames[frame]
             error += float(placed.position_error[number])
@@ -365,25 +376,34 @@ class Obstacles(ObstacleRegister):
             )
         except ObstacleError as error_found:
             raise self._leave_malformed(error_found, source, stamp) from None
-        self.update(
-            names,
-            time,
-            centers,
-            None,
-            enclosing_radius(edge),
-            rate if accel is None else accel,
-            pace if speed is None else speed,
-            error,
-            source=source,
-            snapshot=snapshot,
-        )
+        takes_voxels, self.takes_voxels = self.takes_voxels, True
+        try:
+            self.update(
+                names,
+                time,
+                centers,
+                None,
+                enclosing_radius(edge),
+                rate if accel is None else accel,
+                pace if speed is None else speed,
+                error,
+                source=source,
+                snapshot=snapshot,
+            )
+        finally:
+            self.takes_voxels = takes_voxels
         self._clouds.edges[source] = edge
-        if dropped:
-            self.drop_points(source, time, len(ends), dropped)
+        if len(ends):
+            self.count_points(source, time, len(ends), dropped)
         if not snapshot:
             gone = self._clouds.find_empty(self._list_unseen(source, names, time), edge, error)
             if gone:
                 self.remove(gone, time, source)
+
+    def prepare_clouds(self) -> None:
+        """Compiles what clouds need, so that the first one is like any other."""
+        if self._clouds is None:
+            self._clouds = CloudReader()
 
     def _list_unseen(self, source: str, seen: list[str], time: float) -> list[str]:
         """Ids of a source that a message at a time in [s] does not show, and that are older."""
@@ -398,8 +418,8 @@ class Obstacles(ObstacleRegister):
             and table.stamp[rows[name]] < time
         ]
 
-    def drop_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
-        """Leaves the fault of points that could not be used, for those that have dropped them.
+    def count_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
+        """Counts the points of a cloud, and leaves a fault where some could not be used.
 
         Args:
             source: Whose cloud it was; one that has spoken.
@@ -408,10 +428,12 @@ class Obstacles(ObstacleRegister):
             dropped: How many of them were left out.
         """
         if self.journal is not None:
-            self.journal.note_dropped_points(source, stamp, points, dropped)
+            self.journal.note_points(source, stamp, points, dropped)
         state = self._sources.find(source)
         if state is not None:
-            self._sources.count(state, stamp, points, dropped)
+            self._sources.count_points(state, stamp, points, dropped)
+        if not dropped:
+            return
         found = f"without {dropped} of {points} points"
         self._faults.leave(FaultKind.POINTS_DROPPED, source, "", "cloud", found, stamp)
 
@@ -429,7 +451,7 @@ class Obstacles(ObstacleRegister):
         """Reads the samples of a message into its memory.
 
         Returns:
-            As `acceptance.take_samples` takes them: `each`, and one number for each field.
+            The values of `MessageNumbers`.
         """
         memory = self._memory
         points, velocities = read_points("position", position, count), None
@@ -463,6 +485,9 @@ class Obstacles(ObstacleRegister):
         """What was found of the same ids in the same order, in a message of this source before."""
         known = self._resolved.get(owner)
         if not known or type(ids) is not list or not ids or type(ids[0]) is not str:
+            return None
+        if not self.takes_voxels and ids[0].startswith("voxel "):
+            # They may be those of the last cloud.
             return None
         resolved = known.get((len(ids), ids[0]))
         return resolved if resolved is not None and is_same(ids, resolved.names) else None
@@ -533,16 +558,16 @@ class Obstacles(ObstacleRegister):
     ) -> None:
         """Adds a region out of which a body may come unseen, at any moment and at any velocity.
 
-        Such as a door, the edges of what a camera sees, the far side of a pillar. What nobody
-        reports is taken not to be there, except here: at every tick, a body that is not reported
-        may be anywhere in the region or, since finding it takes a moment, as far outside as its
-        speed carries it in that moment, and it may move at that speed from there. So an entrance is
-        widened once, by speed times `detection_time`; it never ages, no source tells of it, no
-        snapshot removes it, and it counts with its present region in every tick.
+        Doors are entrances, and so are the edges of what a camera sees and the far side of a
+        pillar. What no source reports is taken not to be there, except here: at every tick, a body
+        that is not reported may be anywhere in the region, or has left it for no longer than
+        `detection_time`, and may move on at its bound on speed. So the region is widened once, by
+        speed times `detection_time`. It never ages, no source tells of it, no snapshot removes it,
+        and it counts anew in every tick.
 
-        Its contact time is that of a body that walks already. One that stands there yet comes no
-        sooner, for whatever it does it is no faster; so its acceleration makes no difference, and
-        is kept for those who ask.
+        The contact time is that of a body that moves at its bound on speed from the beginning. A
+        body that stands in the region first comes no sooner, whatever its acceleration; so the
+        bound on acceleration makes no difference to contact times. The table keeps it.
 
         Args:
             id: Its name, unique among obstacles that stand still and entrances; verdicts name it.
@@ -550,8 +575,8 @@ class Obstacles(ObstacleRegister):
                 (k, 3).
             radius: Around the hull, in [m]. The region holds all of a body that is not seen, its
                 hands as well as its trunk.
-            detection_time: From leaving the region until a source has reported the body, at the
-                longest, in [s]: period of the source, missed messages and latency together.
+            detection_time: The longest time from leaving the region until a source has reported
+                the body, in [s]: period of the source, missed messages and latency together.
             speed: Bound on what comes out, in [m]/[s], finite and above 0; None: the table's for
                 this id.
             accel: Bound on what comes out, in [m]/[s]^2; None: the table's for this id.

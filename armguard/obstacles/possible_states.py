@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
+from armguard.obstacles.record import Record
 from armguard.obstacles.table import MOST_REFUSED, Marks, Refusals, States, copy_state, note_row
 
 
@@ -161,18 +161,7 @@ def distrust(handle: Any, row: int) -> None:
 
 
 @kernel
-def widen_to_cover(
-    refused: States,
-    place: int,
-    points: FloatArray,
-    velocities: FloatArray,
-    radius: float,
-    accel: float,
-    speed: float,
-    position_error: float,
-    velocity_error: float,
-    stamp: float,
-) -> bool:
+def widen_to_cover(refused: States, place: int, sample: Record) -> bool:
     """Widen a refused state until it covers a later sample's future too; whether that was done.
 
     Its future begins at its stamp; see `forget_expired` for the time before.
@@ -188,16 +177,9 @@ def widen_to_cover(
     Args:
         refused: Refused states; written.
         place: Of the state.
-        points: Of the sample, in [m]. Shape (k, 3).
-        velocities: Of the sample, in [m/s]. Shape (k, 3).
-        radius: Of the sample, in [m].
-        accel: Bound on the sample's acceleration, in [m/s²].
-        speed: Bound on the sample's speed that holds, in [m/s], whatever was measured.
-        position_error: Of the sample, in [m].
-        velocity_error: Of the sample, in [m/s].
-        stamp: Of the sample, in [s].
+        sample: The sample; its bound on speed is the one that holds, whatever was measured.
     """
-    count = points.shape[0]
+    points, velocities, count, radius, accel, speed, position_error, velocity_error, stamp = sample
     elapsed = stamp - refused.stamp[place]
     if count != refused.point_count[place] or not 0.0 <= elapsed < np.inf:
         return False

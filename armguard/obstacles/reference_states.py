@@ -11,7 +11,7 @@ import numpy as np
 
 from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import ALLOWED, TIME_ROUNDING
-from armguard.obstacles.consistency import body_allows
+from armguard.obstacles.consistency import body_allows, record_of
 from armguard.obstacles.table import Marks, States, copy_state
 
 
@@ -52,23 +52,11 @@ def allows_reference_state(
         or bodies.position_error[row] > reference_states.position_error[place]
         or bodies.velocity_error[row] > reference_states.velocity_error[place]
     )
+    # A larger radius is another description, no motion: it has been seen to above.
+    radius = min(bodies.radius[row], reference_states.radius[place])
+    accel, speed = reference_states.accel[place], reference_states.speed[place]
     code = body_allows(
-        reference_states.points[place],
-        reference_states.velocities[place],
-        reference_states.point_count[place],
-        reference_states.radius[place],
-        reference_states.accel[place],
-        reference_states.speed[place],
-        reference_states.position_error[place],
-        reference_states.velocity_error[place],
-        reference_states.stamp[place],
-        bodies.points[row],
-        bodies.velocities[row],
-        bodies.point_count[row],
-        # A larger radius is another description, no motion: it has been seen to above.
-        min(bodies.radius[row], reference_states.radius[place]),
-        bodies.position_error[row],
-        bodies.velocity_error[row],
-        bodies.stamp[row],
+        record_of(reference_states, place, reference_states.radius[place], accel, speed),
+        record_of(bodies, row, radius, bodies.accel[row], bodies.speed[row]),
     )
     return code == ALLOWED, grown

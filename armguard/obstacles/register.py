@@ -243,10 +243,10 @@ class ObstacleRegister:
         return owner != NO_SOURCE and self._sources.states[owner].source.on_refusal == "stop"
 
     def disbelieved_sources(self) -> list[tuple[str, str]]:
-        """Names of sources of which most rows were refused lately, with how many in words."""
+        """Names of sources of which most was refused lately, with how much in words."""
         if not self._sources.any_disbelieved:
             return []
-        return [(one.source.name, str(one.recent)) for one in self._sources.disbelieved()]
+        return [(one.source.name, one.describe_refusals()) for one in self._sources.disbelieved()]
 
     @property
     def has_wide_spreads(self) -> bool:

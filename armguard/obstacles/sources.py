@@ -24,7 +24,8 @@ _LATEST = 1e300
 """Latest tenth of a second that is told from others: dividing a finite stamp may overflow."""
 
 FEWEST_REFUSED = 5
-"""Rows refused within a second without which a source is believed, however few others there are."""
+"""Rows refused, or points dropped, within a second without which a source is believed, however few
+others there are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +104,10 @@ class RefusalCount:
         found = self._all_refused
         self.is_disbelieved = found >= FEWEST_REFUSED and 2 * found > self._all_rows
 
-    def __str__(self) -> str:
-        return f"{self._all_refused} of {self._all_rows} rows of a second were refused"
+    @property
+    def counts(self) -> tuple[int, int]:
+        """How many were refused, and how many came."""
+        return self._all_refused, self._all_rows
 
 
 @dataclass(slots=True)
@@ -119,6 +122,7 @@ class SourceState:
         newest: Latest of all such stamps, unless that was found to be ahead of the clock, in [s]:
             a late message does not make its source look silent.
         recent: How many of its rows were refused lately.
+        points: How many points of its clouds could not be used lately.
         messages: How many have come so far.
     """
 
@@ -129,6 +133,15 @@ class SourceState:
     newest: float = -math.inf
     recent: RefusalCount = field(default_factory=RefusalCount)
     messages: int = 0
+    points: RefusalCount = field(default_factory=RefusalCount)
+
+    def describe_refusals(self) -> str:
+        """How much was refused lately, in words."""
+        if self.recent.is_disbelieved:
+            refused, rows = self.recent.counts
+            return f"{refused} of {rows} rows of a second were refused"
+        refused, points = self.points.counts
+        return f"{refused} of {points} points of a second could not be used"
 
     @property
     def required(self) -> bool:
@@ -181,6 +194,13 @@ class Sources:
         if before or state.recent.is_disbelieved:
             self.any_disbelieved = bool(self.disbelieved())
 
+    def count_points(self, state: SourceState, stamp: float, points: int, dropped: int) -> None:
+        """Note how many points of a cloud could not be used; apart from rows, which are fewer."""
+        before = state.points.is_disbelieved
+        state.points.add(stamp, points, dropped)
+        if before or state.points.is_disbelieved:
+            self.any_disbelieved = bool(self.disbelieved())
+
     def check_room(self, name: str) -> None:
         """Raises where a new source of this name would be one too many."""
         if name not in self._by_name and len(self.states) >= MAXIMUM_SOURCES:
@@ -199,8 +219,12 @@ class Sources:
         return names
 
     def disbelieved(self) -> list[SourceState]:
-        """Sources of which most rows were refused lately."""
-        return [state for state in self.states if state.recent.is_disbelieved]
+        """Sources of which most rows were refused lately, or most points could not be used."""
+        return [
+            state
+            for state in self.states
+            if state.recent.is_disbelieved or state.points.is_disbelieved
+        ]
 
     def quiet_until(self, default_timeout: float) -> float:
         """When the first required source will have kept silent for its timeout, in [s]."""
@@ -223,6 +247,7 @@ class Sources:
             if not state.newest - now <= tolerance:
                 state.newest = now
                 state.recent.restart()
+                state.points.restart()
                 self.unsettled = True
         self.newest = max((state.stamp for state in self.states), default=-math.inf)
         self.any_disbelieved = bool(self.disbelieved())

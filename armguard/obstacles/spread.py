@@ -30,6 +30,7 @@ import numpy as np
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.kernels import merged_kernel
 from armguard.jit.layout import make_records
+from armguard.obstacles.record import Record
 
 STEP = 1.02
 """Factor by which a running median goes up and down."""
@@ -137,30 +138,15 @@ def _follow_median(median: float, value: float, known: int) -> float:
 
 
 @merged_kernel
-def follow_spread(
-    spreads: Spreads,
-    row: int,
-    points: FloatArray,
-    velocities: FloatArray,
-    count: int,
-    accel: float,
-    position_error: float,
-    velocity_error: float,
-    stamp: float,
-) -> None:
+def follow_spread(spreads: Spreads, row: int, sample: Record) -> None:
     """Take in a sample that can be reckoned with, believed or not; late ones tell nothing.
 
     Args:
         spreads: Written.
         row: Of the body.
-        points: Measured, in [m]. Shape (width, 3).
-        velocities: Measured, in [m/s]. Shape (width, 3).
-        count: How many of the points there are.
-        accel: Bound on its acceleration, in [m/s²].
-        position_error: Stated, in [m].
-        velocity_error: Stated, in [m/s].
-        stamp: In [s].
+        sample: The sample, with the bound on acceleration and the errors that its source states.
     """
+    points, velocities, count, _, accel, _, position_error, velocity_error, stamp = sample
     known = spreads.samples[row]
     later = stamp - spreads.last_stamp[row]
     if known > 0 and not later > 0.0 and -later <= FORGOTTEN_AFTER:

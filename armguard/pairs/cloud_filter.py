@@ -91,7 +91,10 @@ class CloudFilter:
         self.find_others(np.zeros((1, 3)), np.zeros(robot.model.nq))
 
     def find_others(self, points: ArrayLike, q: ArrayLike, frame: Frame | None = None) -> BoolArray:
-        """Which points of a cloud are not the arm's; those that are not finite are none of either.
+        """Finds the points of a cloud that are not the arm's.
+
+        Points that are not finite count as not the arm's: `update_cloud` leaves them out and says
+        so.
 
         Args:
             points: In [m]. Shape (n, 3).
@@ -100,7 +103,7 @@ class CloudFilter:
             frame: Of the points; None: the world.
 
         Returns:
-            For `Obstacles.update_cloud(…, occupied=…)`. Shape (n,).
+            Whether each is not the arm's, for `Obstacles.update_cloud(…, occupied=…)`. Shape (n,).
 
         Raises:
             ArmguardError: Points or positions have another shape, or positions are not finite: then

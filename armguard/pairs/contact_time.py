@@ -12,7 +12,7 @@ hundred of them, takes longer than most evaluations.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -97,14 +97,23 @@ def _free_time(
     return time if time >= 0.0 else 0.0
 
 
+class StatePlace(NamedTuple):
+    """Which of the states of a body is meant."""
+
+    place: int
+    """Where it stands among those."""
+    is_refused: bool
+    """Whether it is among the refused states; else the accepted ones."""
+    age: float
+    """Of the state, in [s]."""
+
+
 @kernel
 def link_time(
     handle: Any,
     link: int,
-    place: int,
-    is_refused: bool,
+    state: StatePlace,
     arm_age: float,
-    age: float,
     lower_bound: float,
     lower_bound_kind: int,
     refinement_threshold: float,
@@ -115,10 +124,8 @@ def link_time(
     Args:
         handle: On the tick's `Scene`.
         link: Of the arm.
-        place: Of the body's state among those.
-        is_refused: Whether it is among the refused states; else the accepted ones.
+        state: Of the body.
         arm_age: Age of the joint state, in [s].
-        age: Of the body's state, in [s].
         lower_bound: What is known of the whole link already, in [s].
         lower_bound_kind: What that rests on.
         refinement_threshold: Nodes that could be touched before this, in [s], are refined.
@@ -129,7 +136,8 @@ def link_time(
     """
     scene = handle.content
     tree, settings = scene.tree, scene.settings
-    bodies, row = scene.refused if is_refused else scene.bodies, place
+    row, is_refused, age = state
+    bodies = scene.refused if is_refused else scene.bodies
     node_time, node_bound = scene.node_time, scene.node_bound
     best = np.inf
     best_node = node = tree.root[link]
@@ -250,7 +258,7 @@ def pair_time(
         bound: Any = np.int64(REACH)
         if known < refinement_threshold and known < cut_off:
             time, node, bound, spent = link_time(
-                handle, link, place, number > 0, arm_age, age, known, bound,
+                handle, link, StatePlace(place, number > 0, age), arm_age, known, bound,
                 refinement_threshold, cut_off,
             )  # fmt: skip
             evaluations += spent

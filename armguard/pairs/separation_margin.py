@@ -44,6 +44,29 @@ class SeparationRule(NamedTuple):
     """Added to the sphere's position error, Zr, in [m]."""
 
 
+class _Terms(NamedTuple):
+    """What the rule says of a tick and all of its pairs."""
+
+    now: float
+    """Time of the tick on the obstacles' clock, in [s]."""
+    arm_age: float
+    """Age of the joint state, in [s]."""
+    braking: float
+    """How long braking takes, T_s, in [s]."""
+    response: float
+    """From the tick until its STOP brakes, T_r, in [s]."""
+    human_speed: float
+    """Of every obstacle that is not static, v_h, in [m/s]."""
+    own_speed: bool
+    """Whether its own speed bound counts instead."""
+    intrusion: float
+    """C, in [m]."""
+    human_uncertainty: float
+    """Zd, in [m]."""
+    robot_uncertainty: float
+    """Zr, in [m]."""
+
+
 class SeparationMargin:
     """The rule for one arm.
 
@@ -66,6 +89,14 @@ class SeparationMargin:
                 raise ArmguardError(name, f"is {value!r}", expected="a finite number, at least 0")
         self.rule = rule
         self.response_time = float(response_time)
+        self._numbers = (
+            self.response_time,
+            0.0 if rule.human_speed is None else float(rule.human_speed),
+            rule.human_speed is None,
+            float(rule.intrusion_distance),
+            float(rule.human_uncertainty),
+            float(rule.robot_uncertainty),
+        )
         self._every_pair: BoolArray = np.zeros(0, dtype=np.bool_)
 
     def compile(self, state: TickState) -> None:
@@ -86,22 +117,13 @@ class SeparationMargin:
             inf without pairs; -inf where an obstacle's whereabouts are unknown or a number is none.
             Obstacles for which the table had no room are not in it.
         """
-        rule = self.rule
         braking = stop_time - self.response_time
         if not stop_time < math.inf:
             return -math.inf
         least: float = _least_margin(
             state.handle,
-            state.now,
-            state.arm_age,
-            self.response_time,
-            max(braking, 0.0),
-            0.0 if rule.human_speed is None else float(rule.human_speed),
-            rule.human_speed is None,
-            float(rule.intrusion_distance),
-            float(rule.human_uncertainty),
-            float(rule.robot_uncertainty),
             self._every_pair if watched is None else watched,
+            _Terms(state.now, float(state.arm_age), max(braking, 0.0), *self._numbers),
         )
         return least
 
@@ -182,20 +204,14 @@ def _bodies_margin(
     tree: SphereTree,
     arm: ArmArrays,
     balls: FloatArray,
-    now: float,
-    arm_age: float,
-    response: float,
-    braking: float,
-    human_speed: float,
-    own_speed: bool,
-    intrusion: float,
-    human_uncertainty: float,
-    robot_uncertainty: float,
+    terms: _Terms,
 ) -> float:
     """The least margin of all states of bodies that may be true; inf without any.
 
     -inf where anything is no number.
     """
+    now, arm_age, braking, response, human_speed, own_speed, intrusion, _, _ = terms
+    human_uncertainty, robot_uncertainty = terms.human_uncertainty, terms.robot_uncertainty
     best = math.inf
     count = tree.root.shape[0]
     for row in range(marks.alive.shape[0]):
@@ -285,19 +301,7 @@ def _is_unknown(row: int, count: int, marks: Marks, watched: BoolArray) -> bool:
 
 
 @kernel
-def _least_margin(
-    handle: Any,
-    now: float,
-    arm_age: float,
-    response: float,
-    braking: float,
-    human_speed: float,
-    own_speed: bool,
-    intrusion: float,
-    human_uncertainty: float,
-    robot_uncertainty: float,
-    watched: BoolArray,
-) -> float:
+def _least_margin(handle: Any, watched: BoolArray, terms: _Terms) -> float:
     """Least margin over all rows of the scene that the handle holds."""
     scene = handle.content
     tree, arm, marks = scene.tree, scene.arm, scene.marks
@@ -306,8 +310,5 @@ def _least_margin(
         if _is_unknown(row, count, marks, watched):
             return -math.inf
     balls = np.empty((count + 1, 6))
-    _fill_balls(tree, arm, arm_age, balls)
-    return _bodies_margin(
-        scene.bodies, scene.refused, marks, watched, tree, arm, balls, now, arm_age, response,
-        braking, human_speed, own_speed, intrusion, human_uncertainty, robot_uncertainty,
-    )  # fmt: skip
+    _fill_balls(tree, arm, terms.arm_age, balls)
+    return _bodies_margin(scene.bodies, scene.refused, marks, watched, tree, arm, balls, terms)

@@ -114,7 +114,7 @@ class MalformedCall(Event, frozen=True, kw_only=True):
 
 
 class DroppedPoints(Event, frozen=True, kw_only=True):
-    """Points of a cloud that could not be used; its voxels stand in an update."""
+    """How many points of a cloud could not be used, or none; its voxels stand in an update."""
 
     source: str
     stamp: Number

@@ -376,7 +376,7 @@ class Recorder:
             )
         )
 
-    def note_dropped_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
+    def note_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
         """As `ObstacleJournal` says."""
         told = write_number(stamp)
         self._tell(DroppedPoints(source=source, stamp=told, points=points, dropped=dropped))

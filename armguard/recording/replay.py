@@ -290,7 +290,7 @@ def apply_event(monitor: Monitor, event: Event) -> None:
         obstacles.leave_malformed(event.source, event.offender, event.problem, stamp)
     elif isinstance(event, DroppedPoints):
         stamp = float(event.stamp)
-        obstacles.drop_points(event.source, stamp, event.points, event.dropped)
+        obstacles.count_points(event.source, stamp, event.points, event.dropped)
     elif isinstance(event, FaultsTaken):
         obstacles.take_faults()
     elif isinstance(event, Reset):
@@ -305,6 +305,8 @@ def apply_update(obstacles: Obstacles, event: ObstacleUpdate) -> None:
     def read(values: Any) -> Any:
         return read_field(values, count) if isinstance(values, list) else None
 
+    # The voxels of a recorded cloud stand in an update.
+    obstacles.takes_voxels = True
     obstacles.update(
         event.ids,
         float(event.stamp),

@@ -38,6 +38,8 @@ from armguard.scheduling.certificates import (
     remove,
 )
 from armguard.scheduling.deadline_kernels import (
+    Moment,
+    StopQuestion,
     TickData,
     advance,
     evaluate_due,
@@ -163,7 +165,7 @@ class DeadlineScheduler:
         """Accept a joint state, and evaluate what is due if nothing else needs to be done."""
         may_evaluate = may_evaluate and not (self._all_invalid or self._isotropic.is_widened)
         seen: AdvanceResult = self._advance(
-            self._tick_data, self.arm.state.handle, stamp, q, v, now, epoch, number, may_evaluate
+            self._tick_data, stamp, q, v, now, epoch, number, may_evaluate
         )
         return seen
 
@@ -193,15 +195,7 @@ class DeadlineScheduler:
 
     def _go_on(self, tick: Tick, spent: int) -> tuple[int, int, float, int, int, int, int]:
         found: tuple[int, int, float, int, int, int, int] = self._evaluate_due(
-            self._tick_data,
-            self.arm.state.handle,
-            self._placed == tick.number,
-            spent,
-            tick.now,
-            tick.time,
-            tick.number,
-            tick.arm_age,
-            tick.refinement_threshold,
+            self._tick_data, self._placed == tick.number, spent, _moment_of(tick)
         )
         return found
 
@@ -280,19 +274,9 @@ class DeadlineScheduler:
     ) -> Unsafe:
         """A pair that might touch before the arm rests, if there is one."""
         self._place(tick)
+        question = StopQuestion(stop_time, lasting, until, self._last_offender, self._budget)
         row, link, spent, left = self._find_unsafe(
-            self._tick_data,
-            self.arm.state.handle,
-            tick.now,
-            tick.time,
-            tick.number,
-            tick.arm_age,
-            stop_time,
-            lasting,
-            until,
-            self._last_offender,
-            self._budget,
-            self._candidates,
+            self._tick_data, _moment_of(tick), question, self._candidates
         )
         if row == NOBODY:
             return Unsafe(NOBODY, spent, 0)
@@ -387,15 +371,12 @@ class DeadlineScheduler:
 
     def _bind(self) -> None:
         """Have compiled what a tick runs, for the arrays that there are now."""
-        handle, scene = self._tick_data, self.arm.state.handle
+        handle = self._tick_data
+        moment, question = Moment(0.0, 0.0, 0, 0.0, 0.0), StopQuestion(0.0, 0.0, 0.0, 0, 0)
         some = np.zeros((len(self._states.q), 2))[:, 0]
-        self._advance = machine_code(advance, handle, scene, 0.0, some, some, 0.0, 0.0, 0, True)
-        self._evaluate_due = machine_code(
-            evaluate_due, handle, scene, True, 0, 0.0, 0.0, 0, 0.0, 0.0
-        )
-        self._find_unsafe = machine_code(
-            find_unsafe, handle, scene, 0.0, 0.0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, self._candidates
-        )
+        self._advance = machine_code(advance, handle, 0.0, some, some, 0.0, 0.0, 0, True)
+        self._evaluate_due = machine_code(evaluate_due, handle, True, 0, moment)
+        self._find_unsafe = machine_code(find_unsafe, handle, moment, question, self._candidates)
         self._find_unproved = machine_code(find_unproved, handle, 0.0, 0.0, self._candidates)
 
     def _compile(self) -> None:
@@ -414,6 +395,11 @@ class DeadlineScheduler:
         evaluate(self.arm.state, none, np.zeros(0), none, np.zeros(0, dtype=np.int8))
         self.arm.state.prepare_arm(zeros, zeros)
         find_most_imminent(self._handle, none)
+
+
+def _moment_of(tick: Tick) -> Moment:
+    """A tick, as compiled code is told of it."""
+    return Moment(tick.now, tick.time, tick.number, tick.arm_age, tick.refinement_threshold)
 
 
 def _find_first(values: FloatArray, count: int) -> IntArray:

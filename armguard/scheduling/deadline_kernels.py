@@ -46,6 +46,7 @@ from armguard.pairs.contact_time import (
     RESTS,
     TOUCHES,
     UNDECIDED,
+    StatePlace,
     arm_reach_time,
     link_time,
     pair_time,
@@ -93,6 +94,39 @@ MOST_DOUBTFUL = 2
 """Rows whose rest cannot be proved for longer than a tick, until no more of them are asked."""
 
 
+class Moment(NamedTuple):
+    """One tick, as compiled code is told of it."""
+
+    now: float
+    """On the obstacles' clock, in [s]."""
+    time: float
+    """The same since the monitor's epoch."""
+    number: int
+    """Of the tick."""
+    arm_age: float
+    """Age of the joint state, in [s]."""
+    refinement_threshold: float
+    """What could be touched before this, in [s], is refined."""
+
+
+class StopQuestion(NamedTuple):
+    """Whether the arm surely rests before it touches anything, by the scene's table of braking."""
+
+    stop_time: float
+    """When the table of braking ends, in [s]."""
+    lasting: float
+    """By how much later than in this tick the arm may be told to stop, as far as the table is
+    concerned, in [s]; -1 if the table is of something else, and no proof of a STOP answers it."""
+    until: float
+    """By how much later it is to be told, in [s], at most `lasting`: what was proved earlier of a
+    STOP that comes so late is not asked again."""
+    last_offender: int
+    """Pair to decide about first if it is as near, row × links + link: what was unsafe lately
+    likely is again."""
+    budget: int
+    """Evaluations that may be spent."""
+
+
 @kernel
 def _read_changes(scene: Scene, certificates: Certificates) -> int:
     """Invalidate the certificates that changes of their rows have overtaken; how many rows."""
@@ -117,17 +151,10 @@ def _read_changes(scene: Scene, certificates: Certificates) -> int:
 
 @kernel
 def _evaluate_links(
-    scene: Scene,
-    scene_handle: Any,
-    certificates: Certificates,
-    row: int,
-    now: float,
-    time: float,
-    arm_age: float,
-    refinement_threshold: float,
-    lower_bound: float,
+    scene: Scene, certificates: Certificates, row: int, moment: Moment, lower_bound: float
 ) -> tuple[float, int]:
     """Evaluate all watched links of one obstacle: soonest contact time in [s], and evaluations."""
+    now, time, _, arm_age, refinement_threshold = moment
     links = certificates.watched.shape[1]
     evaluations = 0
     best = np.inf
@@ -138,7 +165,7 @@ def _evaluate_links(
             if not certificates.watched[row, each]:
                 continue
             found, node, bound, spent = pair_time(
-                scene_handle, each, row, now, arm_age, lower_bound, refinement_threshold, best
+                scene, each, row, now, arm_age, lower_bound, refinement_threshold, best
             )
             evaluations += spent
             best = min(best, found)
@@ -167,17 +194,9 @@ def _evaluate_links(
         node = scene.tree.root[link]
         scene.link_time[link] = -1.0
         if found < best and found < refinement_threshold:
+            state = StatePlace(row, bool(0), age)
             found, node, bound, spent = link_time(
-                scene_handle,
-                link,
-                row,
-                False,
-                arm_age,
-                age,
-                found,
-                bound,
-                refinement_threshold,
-                best,
+                scene, link, state, arm_age, found, bound, refinement_threshold, best
             )
             evaluations += spent
         best = min(best, found)
@@ -190,22 +209,18 @@ def _evaluate_links(
 @kernel
 def _evaluate_obstacle(
     scene: Scene,
-    scene_handle: Any,
     certificates: Certificates,
     row: int,
     q: FloatArray,
     v: FloatArray,
     placed: bool,
-    now: float,
-    time: float,
-    tick: int,
-    arm_age: float,
-    refinement_threshold: float,
+    moment: Moment,
 ) -> tuple[float, int]:
     """Evaluate one obstacle: its soonest contact time in [s], and evaluations.
 
     The time is NaN, and nothing is entered, where the arm must be placed first.
     """
+    now, time, tick, arm_age, refinement_threshold = moment
     best, evaluations = 0.0, 0
     bound = UNKNOWN
     if is_known(scene.marks, row):
@@ -217,17 +232,7 @@ def _evaluate_obstacle(
             if certificates.numbers[PREPARED] != tick:
                 prepare_arm(scene, q, v, arm_age)
                 certificates.numbers[PREPARED] = tick
-            best, spent = _evaluate_links(
-                scene,
-                scene_handle,
-                certificates,
-                row,
-                now,
-                time,
-                arm_age,
-                refinement_threshold,
-                best,
-            )
+            best, spent = _evaluate_links(scene, certificates, row, moment, best)
             set_value(certificates.expiry_tree, row, expire(time, best))
             return best, evaluations + spent
     expiry = expire(time, best)
@@ -343,15 +348,7 @@ def _find_first(
 
 @kernel
 def evaluate_due(
-    handle: Any,
-    scene_handle: Any,
-    placed: bool,
-    spent_before: int,
-    now: float,
-    time: float,
-    tick: int,
-    arm_age: float,
-    refinement_threshold: float,
+    handle: Any, placed: bool, spent_before: int, moment: Moment
 ) -> tuple[int, int, float, int, int, int, int]:
     """Evaluate what is due in a tick, as far as the budget goes.
 
@@ -360,14 +357,9 @@ def evaluate_due(
 
     Args:
         handle: On a `TickData`.
-        scene_handle: On its scene.
         placed: Whether Pinocchio has placed the arm for this tick.
         spent_before: Evaluations of this tick before the arm was placed.
-        now: Time of the tick on the obstacles' clock, in [s].
-        time: The same since the monitor's epoch.
-        tick: Number of the tick.
-        arm_age: Age of the joint state, in [s].
-        refinement_threshold: What could be touched before this, in [s], is refined.
+        moment: The tick.
 
     Returns:
         Row whose certificate ends first (NOBODY without any, UNPLACED where the arm must be placed
@@ -376,7 +368,7 @@ def evaluate_due(
         have ended, which are overdue unless the stop decision is made about them.
     """
     certificates = handle.content.certificates
-    clock = tick_of(time, handle.content.period)
+    clock = tick_of(moment.time, handle.content.period)
     if certificates.news.changed_count[0] == 0 and is_idle(certificates.wheel, clock):
         turn(certificates.wheel, clock)
         row, link, expiry = _find_first(
@@ -388,28 +380,21 @@ def evaluate_due(
         lost = count_lost(certificates.numbers, certificates.wheel.numbers)
         return row, link, expiry, lost, spent_before, 0, 0
     found: tuple[int, int, float, int, int, int, int] = _evaluate_due(
-        handle, scene_handle, placed, spent_before, now, time, tick, arm_age, refinement_threshold
+        handle, placed, spent_before, moment
     )
     return found
 
 
 @kernel
 def _evaluate_due(
-    handle: Any,
-    scene_handle: Any,
-    placed: bool,
-    spent_before: int,
-    now: float,
-    time: float,
-    tick: int,
-    arm_age: float,
-    refinement_threshold: float,
+    handle: Any, placed: bool, spent_before: int, moment: Moment
 ) -> tuple[int, int, float, int, int, int, int]:
     """`evaluate_due` where there is something to be done: all arrays are taken in hand.
 
     Invariant: a watched row either waits, with a deadline, or stands in a slot of the wheel.
     """
     watching = handle.content
+    time, tick = moment.time, moment.number
     scene, certificates, q, v = (
         watching.scene,
         watching.certificates,
@@ -435,20 +420,7 @@ def _evaluate_due(
         row = most_urgent(wheel)
         if row == NOBODY:
             break
-        contact_time, spent = _evaluate_obstacle(
-            scene,
-            scene_handle,
-            certificates,
-            row,
-            q,
-            v,
-            placed,
-            now,
-            time,
-            tick,
-            arm_age,
-            refinement_threshold,
-        )
+        contact_time, spent = _evaluate_obstacle(scene, certificates, row, q, v, placed, moment)
         evaluated += spent
         if math.isnan(contact_time):
             # The row still waits: the next call begins with it.
@@ -461,7 +433,7 @@ def _evaluate_due(
         # Back into the wheel, for when its answer would look stale, or the row matter to a stop.
         wait, deadline = max_staleness * contact_time, expire(time, contact_time)
         if not decides:
-            spare = time_to_spare(scene, v, contact_time, arm_age, braking_delay)
+            spare = time_to_spare(scene, v, contact_time, moment.arm_age, braking_delay)
             if not is_known(scene.marks, row):
                 spare = 0.0
             wait, deadline = min(spare, wait), time + spare
@@ -493,7 +465,6 @@ def _evaluate_due(
 @kernel
 def advance(
     handle: Any,
-    scene_handle: Any,
     stamp: float,
     q: FloatArray,
     v: FloatArray,
@@ -506,7 +477,6 @@ def advance(
 
     Args:
         handle: On a `TickData`.
-        scene_handle: On its scene.
         stamp: When the state was measured, in [s].
         q: Joint positions, [rad] or [m]; any strides. Shape (nv,).
         v: Joint velocities, [rad/s] or [m/s]; any strides. Shape (nv,).
@@ -529,16 +499,9 @@ def advance(
     refinement_threshold = (stop_time + handle.content.aware_margin) / (
         1.0 - handle.content.max_staleness
     )
+    moment = Moment(now, now - epoch, number, now - stamp, refinement_threshold)
     row, link, expiry, overdue, evaluated, overtaken, ended = evaluate_due(
-        handle,
-        scene_handle,
-        bool(0),
-        np.int64(0),
-        now,
-        now - epoch,
-        number,
-        now - stamp,
-        refinement_threshold,
+        handle, bool(0), np.int64(0), moment
     )
     return (
         found,
@@ -571,36 +534,18 @@ def _is_proved(scene: Scene, certificates: Certificates, row: int, time: float) 
 
 @kernel
 def _outlasts(
-    scene: Scene,
-    scene_handle: Any,
-    link: int,
-    row: int,
-    now: float,
-    arm_age: float,
-    stop_time: float,
+    scene: Scene, link: int, row: int, moment: Moment, stop_time: float
 ) -> tuple[bool, int]:
     """Whether a pair cannot touch within the stop, by a fresh evaluation; and what that took."""
+    now, arm_age = moment.now, moment.arm_age
     lower_bound, evaluations = arm_reach_time(scene, row, now)
-    found, _, _, spent = pair_time(
-        scene_handle, link, row, now, arm_age, lower_bound, stop_time, np.inf
-    )
+    found, _, _, spent = pair_time(scene, link, row, now, arm_age, lower_bound, stop_time, np.inf)
     return found > stop_time, evaluations + spent
 
 
 @kernel
 def find_unsafe(
-    handle: Any,
-    scene_handle: Any,
-    now: float,
-    time: float,
-    tick: int,
-    arm_age: float,
-    stop_time: float,
-    lasting: float,
-    until: float,
-    last_offender: int,
-    budget: int,
-    rows: IntArray,
+    handle: Any, moment: Moment, question: StopQuestion, rows: IntArray
 ) -> tuple[int, int, int, int]:
     """The first pair that might touch before the arm rests, by the scene's table of braking.
 
@@ -614,20 +559,8 @@ def find_unsafe(
 
     Args:
         handle: On a `TickData`.
-        scene_handle: On its scene.
-        now: Time of the tick on the obstacles' clock, in [s].
-        time: The same since the monitor's epoch.
-        tick: Number of the tick.
-        arm_age: Age of the joint state, in [s].
-        stop_time: When the table of braking ends, in [s].
-        lasting: By how much later than in this tick the arm may be told to stop, as far as the
-            table is concerned, in [s]; -1 if the table is of something else, and no proof of a STOP
-            answers it.
-        until: By how much later it is to be told, in [s], at most `lasting`: what was proved
-            earlier of a STOP that comes so late is not asked again.
-        last_offender: Pair to decide about first if it is as near, row × links + link: what was
-            unsafe lately likely is again.
-        budget: Evaluations that may be spent.
+        moment: The tick.
+        question: What is asked of it.
         rows: Room to work in, for all rows of the obstacle table.
 
     Returns:
@@ -635,6 +568,8 @@ def find_unsafe(
         how many obstacles were not decided about when the budget was spent, 0 if it was not.
     """
     scene, certificates = handle.content.scene, handle.content.certificates
+    now, time, tick, arm_age, _ = moment
+    stop_time, lasting, until, last_offender, budget = question
     if certificates.numbers[PREPARED] != tick:
         prepare_arm(scene, handle.content.guard.q, handle.content.guard.v, arm_age)
         certificates.numbers[PREPARED] = tick
@@ -661,13 +596,13 @@ def find_unsafe(
                 link = (offending_link + number) % links
             if not certificates.watched[row, link] or certificates.pair_expiry[row, link] > latest:
                 continue
-            answer, spent = rests_in_time(scene_handle, link, row, now, budget - evaluations)
+            answer, spent = rests_in_time(scene, link, row, now, budget - evaluations)
             evaluations += spent
             if answer == RESTS:
                 continue
             is_stale = certificates.evaluated_at[row] != time and is_known(scene.marks, row)
             if answer == TOUCHES and is_stale and not lasting > 0.0:
-                outlasts, spent = _outlasts(scene, scene_handle, link, row, now, arm_age, stop_time)
+                outlasts, spent = _outlasts(scene, link, row, moment, stop_time)
                 evaluations += spent
                 if outlasts:
                     continue

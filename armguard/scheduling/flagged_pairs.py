@@ -41,6 +41,37 @@ class FlaggedData(NamedTuple):
     """What any point of each link may be off by, [m]. Shape (links,)."""
 
 
+class KeptCertificates(NamedTuple):
+    """What is kept of the certificates of all pairs, by pair."""
+
+    expiry: FloatArray
+    """When each ends, in [s] since the epoch."""
+    ticks: IntArray
+    """Tick of each pair's last evaluation."""
+    bound: NDArray[np.int8]
+    """What each rests on."""
+    revision: IntArray
+    """Of the state that each rests on."""
+    proved: FloatArray
+    """Room to work in: what is proved of each flagged pair in this tick, in [s] since the epoch.
+    NaN everywhere, and so it is left."""
+
+
+class CheckMoment(NamedTuple):
+    """The tick in which flagged pairs are checked."""
+
+    now: float
+    """On the obstacles' clock, in [s]."""
+    arm_age: float
+    """Age of the joint state, in [s]."""
+    time: float
+    """In [s] since the monitor's epoch."""
+    tick: int
+    """Its number."""
+    stop_time: float
+    """In [s]; what could be touched within is measured exactly."""
+
+
 class Body(NamedTuple):
     """One state of an obstacle, as far as distances from afar and closing speeds go."""
 
@@ -146,18 +177,16 @@ def _extend(
     pair: int,
     links: int,
     end: float,
-    expiry: FloatArray,
-    bound: NDArray[np.int8],
-    kept_revision: IntArray,
+    kept: KeptCertificates,
     reference_states: Any,
 ) -> None:
     """Enter a proof that ends later than the certificate that a pair has."""
-    expiry[pair] = end
-    bound[pair] = DISTANCE
+    kept.expiry[pair] = end
+    kept.bound[pair] = DISTANCE
     row = pair // links
     # It rests on the present state, no longer on the one behind the last evaluation.
-    if kept_revision[pair] != scene.marks.revision[row]:
-        kept_revision[pair] = scene.marks.revision[row]
+    if kept.revision[pair] != scene.marks.revision[row]:
+        kept.revision[pair] = scene.marks.revision[row]
         keep_reference_state(scene.bodies, States(*reference_states), scene.marks, row, pair)
 
 
@@ -168,16 +197,8 @@ def _check(
     flagged: IntArray,
     pairs: IntArray,
     links: int,
-    now: float,
-    arm_age: float,
-    time: float,
-    tick: int,
-    stop_time: float,
-    expiry: FloatArray,
-    ticks: IntArray,
-    bound: NDArray[np.int8],
-    kept_revision: IntArray,
-    proved: FloatArray,
+    moment: CheckMoment,
+    kept: KeptCertificates,
     *reference_states: Any,
 ) -> int:
     """Extend the certificates of flagged pairs by distance over closing speed.
@@ -188,17 +209,8 @@ def _check(
         flagged: Pairs that are flagged, row × links + link. Shape (f,).
         pairs: All pairs, ascending: obstacle by obstacle. Shape (m,).
         links: How many links there are.
-        now: Time of the tick on the obstacles' clock, in [s].
-        arm_age: Age of the joint state, in [s].
-        time: Of the tick, in [s] since the monitor's epoch.
-        tick: Its number.
-        stop_time: In [s]; what could be touched within is measured exactly.
-        expiry: Ends of all pairs' certificates, in [s] since the epoch; written.
-        ticks: Tick of each pair's last evaluation; written.
-        bound: What each certificate rests on; written.
-        kept_revision: Revision of the state that each certificate rests on; written.
-        proved: Room to work in: what is proved of each flagged pair in this tick, in [s] since the
-            epoch. NaN everywhere, and so it is left.
+        moment: The tick.
+        kept: What is kept of all pairs; written.
         reference_states: States that certificates rest on; written.
 
     Returns:
@@ -206,6 +218,8 @@ def _check(
     """
     scene, data = handle.content, data_handle.content
     marks = scene.marks
+    now, arm_age, time, tick, stop_time = moment
+    expiry, ticks, proved = kept.expiry, kept.ticks, kept.proved
     if flagged.shape[0] == 0:
         return 0
     for pair in flagged:
@@ -254,9 +268,7 @@ def _check(
             earliest = min(earliest, proved[pair])
         # A certificate that decides nothing is as good as a later one.
         if proved[pair] > expiry[pair] and not expiry[pair] > max(earliest, latest):
-            _extend(
-                scene, pair, links, proved[pair], expiry, bound, kept_revision, reference_states
-            )
+            _extend(scene, pair, links, proved[pair], kept, reference_states)
         proved[pair] = math.nan
     return measured
 
@@ -296,20 +308,30 @@ class FlaggedCheck:
         flagged: IntArray,
         pairs: IntArray,
         links: int,
-        time: float,
+        now: float,
         tick: int,
         stop_time: float,
-        expiry: FloatArray,
-        ticks: IntArray,
-        bound: NDArray[np.int8],
-        kept_revision: IntArray,
-        proved: FloatArray,
+        kept: KeptCertificates,
         reference_states: States,
     ) -> int:
-        """Check flagged pairs; see `_check`, whose arguments these are."""
+        """Check flagged pairs; see `_check`.
+
+        Args:
+            flagged: Pairs that are flagged. Shape (f,).
+            pairs: All pairs, ascending. Shape (m,).
+            links: How many links there are.
+            now: In [s] since the epoch.
+            tick: Number of the present tick.
+            stop_time: In [s]; what could be touched within is measured exactly.
+            kept: What is kept of all pairs; written.
+            reference_states: States that certificates rest on; written.
+
+        Returns:
+            How many pairs were measured exactly.
+        """
         state = self.state
+        moment = CheckMoment(state.now, float(state.arm_age), now, tick, stop_time)
         measured: int = _check(
-            state.handle, self._data, flagged, pairs, links, state.now, float(state.arm_age), time,
-            tick, stop_time, expiry, ticks, bound, kept_revision, proved, *reference_states,
-        )  # fmt: skip
+            state.handle, self._data, flagged, pairs, links, moment, kept, *reference_states
+        )
         return measured

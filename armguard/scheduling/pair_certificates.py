@@ -9,7 +9,7 @@ evaluate every pair in every tick need no reference states.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from armguard.jit.kernels import kernel
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
 from armguard.obstacles.table import States, extend_rows, make_states, resize_states
 from armguard.pairs.evaluate import TickState
-from armguard.scheduling.flagged_pairs import FlaggedCheck
+from armguard.scheduling.flagged_pairs import FlaggedCheck, KeptCertificates
 
 NEVER = -1
 """In place of a tick, for a pair that was never evaluated."""
@@ -120,8 +120,8 @@ class PairCertificates:
         state: TickState,
     ) -> None:
         """Enter evaluations made at `now`, in [s] since the epoch."""
-        kept = self.expiry, self.evaluated_at, self.tick, self.sphere, self.bound
-        _record(pairs, contact_times, spheres, bounds, now, tick, *kept)
+        kept = _KeptEvaluations(self.expiry, self.evaluated_at, self.tick, self.sphere, self.bound)
+        _record(pairs, contact_times, spheres, bounds, now, tick, kept)
         if self.keeps_certificates:
             self._keep_reference_states(pairs, state)
 
@@ -148,11 +148,7 @@ class PairCertificates:
             now,
             tick,
             stop_time,
-            self.expiry,
-            self.tick,
-            self.bound,
-            self._kept_revision,
-            self._proved,
+            KeptCertificates(self.expiry, self.tick, self.bound, self._kept_revision, self._proved),
             self._reference_states,
         )
 
@@ -254,6 +250,16 @@ class PairCertificates:
             self._proved = np.full(size, np.nan)
 
 
+class _KeptEvaluations(NamedTuple):
+    """What is kept of the last evaluation of each pair, by pair."""
+
+    expiry: FloatArray
+    evaluated_at: FloatArray
+    ticks: IntArray
+    spheres: IntArray
+    bounds: NDArray[np.int8]
+
+
 @kernel
 def _record(
     pairs: IntArray,
@@ -262,12 +268,9 @@ def _record(
     bounds: NDArray[np.int8],
     now: float,
     tick: int,
-    expiry: FloatArray,
-    evaluated_at: FloatArray,
-    ticks: IntArray,
-    deciding: IntArray,
-    resting_on: NDArray[np.int8],
+    kept: _KeptEvaluations,
 ) -> None:
+    expiry, evaluated_at, ticks, deciding, resting_on = kept
     for index in range(pairs.shape[0]):
         pair = pairs[index]
         expiry[pair] = expire(now, contact_times[index])

@@ -13,6 +13,7 @@ from __future__ import annotations
 import hmac
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -28,6 +29,7 @@ from armguard.streams.inputs import BYTE_LIMIT, Input, SocketInput
 from armguard.streams.limits import LimitError, MessageAllowance, SourceCountError, SourceLimits
 from armguard.streams.messages import (
     AnyMessage,
+    CloudMessage,
     Header,
     JointsMessage,
     MessageError,
@@ -35,8 +37,11 @@ from armguard.streams.messages import (
     PlanMessage,
     RemoveMessage,
     ResetMessage,
+    count_points,
     decode,
     read_header,
+    to_cloud,
+    to_mask,
     to_points,
     to_rows,
     to_values,
@@ -47,6 +52,9 @@ _MESSAGES_A_DRAIN = 64
 
 DRAIN_TIME = 5e-3
 """How long taking messages may last in one tick where nothing else is said, in [s]."""
+
+_PAST_STATES = 1000
+"""Joint states that are kept for clouds: of the last second, or somewhat more."""
 
 _SOURCES = 256
 """Most sources known at once, so that made-up names cannot fill the memory."""
@@ -60,6 +68,9 @@ HELD_UP = 50e-6
 
 _COMPARISONS = 8
 """How often two clocks are compared at most, before the best comparison must do."""
+
+_OF_SOURCES = ObstaclesMessage | CloudMessage | RemoveMessage
+"""Messages that say whose they are."""
 
 _FIELDS = (
     "position",
@@ -83,6 +94,16 @@ class StampClock(NamedTuple):
 
 
 MONOTONIC = StampClock()
+
+
+class OwnPoints(NamedTuple):
+    """How points of clouds that are the arm's are told from others."""
+
+    find_others: Callable[[NDArray[np.float64], NDArray[np.float64], str], NDArray[np.bool_]]
+    """Which of some points of shape (n, 3), in [m], are not the arm's; given its joint positions,
+    in the order of the watched joints, and the name of the points' frame."""
+    time_error: float
+    """How far apart in time joint state and cloud may be for that, in [s]."""
 
 
 class JointState(NamedTuple):
@@ -137,6 +158,7 @@ class Edge:
             fits, in [m/s²]; for sources without a clock.
         reset_token: What a reset message must carry; without one, none is obeyed.
         limits: How much sources may send; those not named here, as `SourceLimits` has it.
+        own_points: How points that are the arm's are told from others; None: no clouds are taken.
         drain_time: How long a drain may last, in [s], in equal parts for its inputs. One message
             of each is taken whatever it takes, and the one at which the time ends is finished.
         monotonic: Reads the clock of `monotonic` stamps, in [s].
@@ -157,6 +179,7 @@ class Edge:
         accel: float = math.inf,
         reset_token: str | None = None,
         limits: Mapping[str, SourceLimits] | None = None,
+        own_points: OwnPoints | None = None,
         drain_time: float = DRAIN_TIME,
         monotonic: Callable[[], float] = time.monotonic,
         unix: Callable[[], float] = time.time,
@@ -190,6 +213,10 @@ class Edge:
         self._accel = accel
         self._reset_token = reset_token
         self._limits = dict(limits or {})
+        self._own_points = own_points
+        self._past: deque[JointState] = deque(maxlen=_PAST_STATES)
+        if own_points is not None:
+            obstacles.prepare_clouds()
         self._drain_time = drain_time
         self._accounts: dict[str, SourceAccount] = {}
         self._joint_watch = SequenceWatch()
@@ -314,7 +341,7 @@ class Edge:
             authenticator: Knows what clients may do.
         """
         right: Right = "joints"
-        if isinstance(message, ObstaclesMessage | RemoveMessage):
+        if isinstance(message, _OF_SOURCES):
             right = "obstacles"
         elif isinstance(message, ResetMessage):
             right = "reset"
@@ -323,7 +350,7 @@ class Edge:
             raise SenderError(
                 "message", found, f"a client that may: {right!r}", sender or "unknown"
             )
-        if isinstance(message, ObstaclesMessage | RemoveMessage) and message.source != sender:
+        if isinstance(message, _OF_SOURCES) and message.source != sender:
             found = f"{message.source!r} in a message with the key of {sender!r}"
             error = SenderError("source", found, repr(sender), sender, message.seq)
             self._tell_verdict(error)
@@ -351,7 +378,7 @@ class Edge:
             header = Header("obstacles", sender)
         else:
             header = read_header(data)
-        if header is None or header.type not in ("obstacles", "remove"):
+        if header is None or header.type not in ("obstacles", "cloud", "remove"):
             return
         source = sender or header.source
         limits = self._limit(source)
@@ -381,6 +408,26 @@ class Edge:
             error = LimitError("message", found, expected, message.source, message.seq)
             self._tell_verdict(error)
             raise error
+
+    def _check_cloud(self, message: CloudMessage) -> None:
+        """Raise LimitError if a cloud takes its source beyond a limit, or none is taken here.
+
+        How many voxels it makes is not known yet: that is counted with the next one.
+        """
+        source, limits = message.source, self._limit(message.source)
+        points, count = count_points(message.points), self._obstacles.count_of(message.source)
+        if self._own_points is None:
+            found, expected = "a cloud", "obstacles: [clouds] in the cell file lets clouds be taken"
+        elif points > limits.points:
+            found, expected = f"one of {points} points", f"max_points, {limits.points} at most"
+        elif count > limits.obstacles and not message.snapshot:
+            found = f"one of {source!r}, which has {count} obstacles"
+            expected = f"max_obstacles, {limits.obstacles} at most"
+        else:
+            return
+        error = LimitError("message", found, expected, source, message.seq)
+        self._tell_verdict(error)
+        raise error
 
     def _limit(self, source: str) -> SourceLimits:
         """How much a source may send."""
@@ -418,12 +465,15 @@ class Edge:
             self._take_joints(message)
         elif isinstance(message, PlanMessage):
             self.plans.append(self._read_plan(message))
-        elif isinstance(message, ObstaclesMessage | RemoveMessage):
+        elif isinstance(message, _OF_SOURCES):
             account = self._find_account(message.source, message.seq)
             self._follow(account.watch, message.source, message.seq)
             if isinstance(message, ObstaclesMessage):
                 self._check_obstacles(message)
                 self._take_obstacles(message)
+            elif isinstance(message, CloudMessage):
+                self._check_cloud(message)
+                self._take_cloud(message)
             else:
                 self._take_removal(message)
         elif self._reset_token is not None and hmac.compare_digest(
@@ -466,6 +516,79 @@ class Edge:
             if not counted:
                 self.faults.add("refused", source, sequence, str(error))
 
+    def _take_cloud(self, message: CloudMessage) -> None:
+        source, sequence = message.source, message.seq
+        clock = self._stamp_clocks.get(source, MONOTONIC)
+        stamp, gap = self._to_monitor_time(message.stamp, clock)
+        window = clock.error + gap
+        try:
+            points = to_cloud("points", message.points)
+            occupied = None
+            if message.occupied is not None:
+                occupied = to_mask("occupied", message.occupied, len(points))
+        except MessageError as error:
+            self._tell_verdict(MessageError(error.field, error.value, error.expected, source))
+            self.faults.add("malformed", source, sequence, str(error))
+            return
+        named = {"stamp": message.stamp, "origin": message.origin, "points": points}
+        self._name_unusable(source, sequence, named)
+        fields: dict[str, Any] = {field: getattr(message, field, None) for field in _FIELDS}
+        fields["velocity_error"] = 0.0
+        if window > 0.0:
+            self._widen(fields, window, ["voxel"])
+        others = self._find_others(points, message, stamp, window)
+        if others is not None:
+            occupied = others if occupied is None else occupied & others
+        try:
+            self._obstacles.update_cloud(
+                source,
+                stamp,
+                points,
+                message.origin,
+                message.voxel,
+                occupied=occupied,
+                position_error=float(np.max(fields["position_error"])),
+                accel=message.accel,
+                speed=message.speed,
+                frame=message.frame,
+                snapshot=message.snapshot,
+            )
+        except ArmguardError as error:
+            self.faults.add("refused", source, sequence, str(error))
+
+    def _find_others(
+        self, points: NDArray[np.float64], message: CloudMessage, stamp: float, window: float
+    ) -> NDArray[np.bool_] | None:
+        """Which points are not the arm's; None where it is not known where the arm was: all count.
+
+        Args:
+            points: Of the cloud, in [m]. Shape (n, 3).
+            message: The cloud.
+            stamp: When it was measured, in [s] of the monitor's time.
+            window: What that may be off by, in [s].
+        """
+        own = self._own_points
+        assert own is not None, "clouds are taken"
+        if not len(points):
+            return None
+        problem = "no joint state has come; expected one, to tell the arm's points from others"
+        # A camera takes some time to hand over what it saw: the arm was elsewhere then.
+        state = min(self._past, key=lambda one: abs(one.stamp - stamp), default=None)
+        if state is not None:
+            apart = abs(state.stamp - stamp) + window
+            if apart <= own.time_error:
+                try:
+                    return own.find_others(points, state.q, message.frame)
+                except ArmguardError as error:
+                    problem = str(error)
+            else:
+                problem = (
+                    f"joint state is {apart:.3g} s away from the cloud, expected at most "
+                    f"{own.time_error:.3g} s; the arm's points count as others"
+                )
+        self.faults.add("arm not taken out", message.source, message.seq, problem)
+        return None
+
     def _take_removal(self, message: RemoveMessage) -> None:
         clock = self._stamp_clocks.get(message.source, MONOTONIC)
         # A removal that looks older than it is removes less.
@@ -503,6 +626,8 @@ class Edge:
             self.faults.add("stamp went back", "joints", message.seq, problem)
         if not self._keeps_joint_state:
             self._newest = JointState(stamp, q, v, message.path_time)
+        if usable and self._own_points is not None:
+            self._past.append(JointState(stamp, q, v))
         # An impossible state must be seen by the monitor, even if a good one follows at once.
         self._keeps_joint_state = self._keeps_joint_state or not usable
 

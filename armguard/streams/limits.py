@@ -20,7 +20,9 @@ class SourceLimits(NamedTuple):
     message_rate: float = 10_000.0
     """Messages in one second; so many may also come at once, as after a hold-up."""
     obstacles: int = 10_000
-    """Obstacles in the table."""
+    """Obstacles in the table; voxels are obstacles, too."""
+    points: int = 50_000
+    """Points of one cloud."""
 
 
 class LimitError(MessageError):

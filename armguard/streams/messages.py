@@ -32,6 +32,9 @@ GREATEST = sys.float_info.max
 Points = bytes | list[list[float | list[float]]]
 """Rows of points: (n, 3) or (n, k, 3) nested lists, or packed little-endian float64."""
 
+Cloud = bytes | list[list[float]]
+"""Points of a cloud: (n, 3) nested lists, or packed little-endian float64."""
+
 Rows = bytes | list[list[float]]
 """One row a sample: (k, n) nested lists, or packed little-endian float64."""
 
@@ -104,6 +107,36 @@ class ObstaclesMessage(Message, tag="obstacles"):
     """what positions may be off by, [m]"""
     velocity_error: Values = 0.0
     """what velocities may be off by, [m/s]"""
+
+
+class CloudMessage(Message, tag="cloud"):
+    """Points that one source measured at one time, as a depth camera does; without, a heartbeat."""
+
+    stamp: float
+    """when they were measured, [s] on the clock of the source"""
+    origin: tuple[float, float, float]
+    """where the rays to the points begin, the camera's centre, [m]"""
+    points: Cloud = []
+    """where the rays end, [m]"""
+    source: str = "default"
+    """name of the sender; one sender a source"""
+    seq: int | None = None
+    """counts the messages of the source, so that lost ones are told"""
+    frame: str = "world"
+    """of points and origin: `world`, `base`, or one of `[frames]` in the cell file"""
+    voxel: float = 0.05
+    """edge of the voxels that points become, [m]; the same in all clouds of the source"""
+    occupied: bytes | list[bool] | None = None
+    """whether each point is to be an obstacle; one byte each, 0 or 1, in a `bin`; left out: each is
+    that is not the arm's"""
+    position_error: float = 0.0
+    """what points may be off by, [m], half the distance between neighbouring rays included"""
+    accel: float | None = None
+    """bound on acceleration, [m/s²]; left out: the cell's for the id `voxel`"""
+    speed: float | None = None
+    """bound on speed, [m/s]; left out: the cell's for the id `voxel`"""
+    snapshot: bool = False
+    """whether the source sees the whole cell, so that all else of it is gone"""
 
 
 class JointsMessage(Message, tag="joints"):
@@ -180,7 +213,9 @@ class Header(msgspec.Struct):
     seq: int | None = None
 
 
-AnyMessage = ObstaclesMessage | JointsMessage | PlanMessage | RemoveMessage | ResetMessage
+AnyMessage = (
+    ObstaclesMessage | CloudMessage | JointsMessage | PlanMessage | RemoveMessage | ResetMessage
+)
 
 
 class ReasonMessage(msgspec.Struct):
@@ -387,6 +422,43 @@ def to_points(field: str, points: Points, count: int) -> NDArray[np.float64]:
     ):
         raise MessageError(field, f"an array of shape {array.shape}", expected)
     return array
+
+
+def count_points(points: Cloud) -> int:
+    """How many points a cloud has, whatever else is wrong with it."""
+    return len(points) // 24 if isinstance(points, bytes) else len(points)
+
+
+def to_cloud(field: str, points: Cloud) -> NDArray[np.float64]:
+    """Points as an array, of shape (n, 3).
+
+    Raises:
+        MessageError: They are no rows of three coordinates.
+    """
+    expected = "rows of 3 coordinates"
+    if isinstance(points, bytes):
+        if len(points) % 24:
+            raise MessageError(field, f"{len(points)} bytes", f"packed float64: {expected}")
+        return np.frombuffer(points, "<f8").reshape(-1, 3)
+    if any(len(point) != 3 for point in points):
+        raise MessageError(field, "with a point of other than 3 coordinates", expected)
+    return np.array(points, float).reshape(-1, 3)
+
+
+def to_mask(field: str, values: bytes | list[bool], count: int) -> NDArray[np.bool_]:
+    """One truth a point as an array, of shape (count,).
+
+    Raises:
+        MessageError: If there are more or fewer than `count`, or others than 0 and 1.
+    """
+    if len(values) != count:
+        raise MessageError(field, f"{len(values)} values", f"{count}, one for each point")
+    if not isinstance(values, bytes):
+        return np.array(values, np.bool_).reshape(count)
+    mask = np.frombuffer(values, np.uint8)
+    if count and mask.max() > 1:
+        raise MessageError(field, f"with a byte of {mask.max()}", "0 or 1 for each point")
+    return mask.astype(np.bool_)
 
 
 def to_rows(field: str, rows: Rows, count: int, width: int) -> NDArray[np.float64]:

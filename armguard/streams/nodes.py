@@ -24,6 +24,7 @@ from armguard.streams.inputs import FRAME_LIMIT, QUEUE_LIMIT
 from armguard.streams.keys import Keys, present
 from armguard.streams.messages import (
     AnyMessage,
+    CloudMessage,
     JointsMessage,
     MessageError,
     ObstaclesMessage,
@@ -153,6 +154,71 @@ class Publisher:
                 speed=_pack_values("speed", speed, count),
                 position_error=_pack_values("position_error", position_error, count) or 0.0,
                 velocity_error=_pack_values("velocity_error", velocity_error, count) or 0.0,
+            )
+        )
+
+    def cloud(
+        self,
+        points: ArrayLike,
+        stamp: float,
+        origin: ArrayLike,
+        voxel: float = 0.05,
+        *,
+        occupied: ArrayLike | None = None,
+        position_error: float = 0.0,
+        accel: float | None = None,
+        speed: float | None = None,
+        frame: str = "world",
+        snapshot: bool = False,
+    ) -> None:
+        """Send a cloud, as `Obstacles.update_cloud` takes it; one without points is a heartbeat.
+
+        The monitor takes out the points that are the arm's. Send the others all the same: their
+        rays tell what is empty.
+
+        Args:
+            points: Where rays end, in [m]. Shape (n, 3).
+            stamp: When they were measured, in [s].
+            origin: Where they begin, the camera's centre, in [m]. Shape (3,).
+            voxel: Edge of the voxels that they become, in [m], the same in all clouds.
+            occupied: Which points are to be obstacles; None: all. Bool, shape (n,).
+            position_error: What points may be off by, in [m].
+            accel: Bound on acceleration, in [m/s²]; None: the cell's for the id "voxel".
+            speed: Bound on speed, in [m/s]; None: the cell's for the id "voxel".
+            frame: Name of the frame that points and origin are given in.
+            snapshot: Whether this source sees the whole cell: all else of it is gone.
+
+        Raises:
+            StreamError: If shapes do not fit each other.
+        """
+        ends = np.ascontiguousarray(points, "<f8")
+        if ends.size == 0:
+            ends = np.zeros((0, 3))
+        begin = np.asarray(origin, float)
+        mask = None if occupied is None else np.asarray(occupied, np.bool_)
+        for field, array, shape in (
+            ("points", ends, (len(ends), 3)),
+            ("origin", begin, (3,)),
+            ("occupied", mask, (len(ends),)),
+        ):
+            if array is not None and array.shape != shape:
+                raise StreamError(field, f"has shape {array.shape}", expected=str(shape))
+        x, y, z = begin.tolist()
+        self._sequence += 1
+        self._send(
+            CloudMessage(
+                stamp=float(stamp),
+                origin=(x, y, z),
+                points=ends.tobytes(),
+                source=self.source,
+                seq=self._sequence,
+                frame=frame,
+                voxel=float(voxel),
+                occupied=None if mask is None else mask.tobytes(),
+                position_error=float(position_error),
+                accel=None if accel is None else float(accel),
+                speed=None if speed is None else float(speed),
+                snapshot=snapshot,
             )
         )
 

@@ -238,7 +238,7 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
         packed_radii: In [m]; float32.
         packed_refused: 1 where its latest state was refused; uint8.
         packed_times: Contact time of its most imminent pair, in [s]; float32.
-        packed_statics: 1 where it stands still for ever; uint8.
+        packed_statics: 1 where it stands still for ever, 2 where it is an entrance; uint8.
     """
 
     ids: tuple[str, ...] = ()
@@ -260,6 +260,7 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
         refused: ArrayLike | None = None,
         times: ArrayLike | None = None,
         statics: ArrayLike | None = None,
+        entrances: ArrayLike | None = None,
     ) -> ObstacleShapes:
         """Pack the obstacles of one frame.
 
@@ -272,8 +273,14 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
             refused: Whether its latest state was refused; None: none. Shape (n,).
             times: Contact time of its most imminent pair, in [s]; None: never. Shape (n,).
             statics: Whether it stands still for ever; None: none does. Shape (n,).
+            entrances: Whether it is a region out of which a body may come at any moment; None: none
+                is. Each stands still as well. Shape (n,).
         """
         number = len(ids)
+        stands = np.zeros(number, dtype="u1")
+        for value, chosen in ((1, statics), (2, entrances)):
+            if chosen is not None:
+                stands[np.asarray(chosen, dtype=np.bool_)] = value
         rows = np.asarray(points, dtype="<f4")
         width = rows.size // (3 * number) if number else 0
         rows = rows.reshape(number, width, 3)
@@ -285,7 +292,7 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
             _pack(radii, "<f4"),
             _pack(np.zeros(number) if refused is None else refused, "u1"),
             _pack(np.full(number, np.inf) if times is None else times, "<f4"),
-            _pack(np.zeros(number) if statics is None else statics, "u1"),
+            stands.tobytes(),
         )
 
     @property
@@ -315,8 +322,13 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
 
     @property
     def statics(self) -> NDArray[np.bool_]:
-        """Whether each stands still for ever. Shape (n,)."""
+        """Whether each stands still for ever, as entrances do. Shape (n,)."""
         return np.frombuffer(self.packed_statics, "u1").astype(np.bool_)
+
+    @property
+    def entrances(self) -> NDArray[np.bool_]:
+        """Whether each is an entrance. Shape (n,)."""
+        return np.frombuffer(self.packed_statics, "u1") == 2
 
 
 class Pairs(msgspec.Struct, frozen=True):
@@ -390,6 +402,7 @@ class FrameMessage(msgspec.Struct, frozen=True, tag="frame", kw_only=True):
         sources: How the sources of states are heard.
         latches: What holds a STOP until a reset.
         refused_resets: How many resets were refused so far.
+        obeyed_resets: How many resets were obeyed so far.
         reach: Where the most imminent obstacle can be when the arm has come to rest.
         plan: Where the arm is going as it was told: joint positions, float32, in rows of q.
         explanation: Why the verdict is as it is, in lines; empty where nothing was asked.
@@ -410,6 +423,7 @@ class FrameMessage(msgspec.Struct, frozen=True, tag="frame", kw_only=True):
     sources: tuple[SourceReport, ...] = ()
     latches: tuple[Latch, ...] = ()
     refused_resets: int = 0
+    obeyed_resets: int = 0
     reach: Balls = Balls()
     plan: bytes = b""
     explanation: tuple[str, ...] = ()

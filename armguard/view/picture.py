@@ -264,7 +264,8 @@ class Picture:
         obstacles = message.obstacles
         colours = self._colours(obstacles.times, message).astype(np.float64)
         grey = parse_colour(STATIC_GREY)
-        colours[obstacles.statics] += STATIC_SHARE * (grey - colours[obstacles.statics])
+        lifeless = obstacles.statics & ~obstacles.entrances
+        colours[lifeless] += STATIC_SHARE * (grey - colours[lifeless])
         colours[obstacles.refused] = parse_colour(REFUSED_COLOUR)
         counts, points, radii = obstacles.counts.astype(np.int64), obstacles.points, obstacles.radii
         ends = np.cumsum(counts)
@@ -274,10 +275,12 @@ class Picture:
         opacity = OBSTACLE_OPACITY if len(counts) <= SOME else 1.0
         look = Look(opacity, _count_segments(len(counts)))
 
+        stands = {0: "", 1: " (stands still)", 2: " (entrance: somebody may come in here)"}
+
         def label(rows: NDArray[np.int64]) -> Labels:
             names = [
                 obstacles.ids[row]
-                + (" (stands still)" if obstacles.statics[row] else "")
+                + stands[obstacles.packed_statics[row]]
                 + (" (refused)" if obstacles.refused[row] else "")
                 for row in rows
             ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import os
 import signal
@@ -38,8 +39,12 @@ PARENT_CHECK_INTERVAL = 0.25
 COMPLAINT_INTERVAL = 1.0
 NEWS_INTERVAL = 0.5
 """Between two tellings of news while no frames come, in [s]."""
-REACH_TIMEOUT = 2.0
-"""How long a reset waits for the monitor to listen, in [s]."""
+REACH_TIMEOUT = 10.0
+"""How long a reset waits for the monitor to listen, in [s]: it does from its first tick on."""
+ANSWER_TIMEOUT = 5.0
+"""How long a reset that was sent waits for the monitor to tell what became of it, in [s]."""
+REACH_INTERVAL = 0.02
+"""Between two looks whether the monitor listens, in [s]."""
 QUEUE_LIMIT = 64
 _logger = logging.getLogger("armguard.view")
 
@@ -102,6 +107,11 @@ class Watch:
             self._context.destroy(linger=0)
             raise
         self._picture = Picture(self._values.set, self._forget, floor)
+        self._resets: tuple[int, int] | None = None
+        """How many the monitor obeyed and refused, by its newest frame; None: there is none."""
+        self._is_resetting = False
+        self._has_told = asyncio.Event()
+        """Whether a frame has come since this was cleared."""
         self._complained = -COMPLAINT_INTERVAL
         self._complaints = 0
         self.url = self._server.url
@@ -172,6 +182,8 @@ class Watch:
                 self._station.film.add(message, payload)
         if frame is None:
             return
+        self._resets = frame.obeyed_resets, frame.refused_resets
+        self._has_told.set()
         self._station.note_frame()
         try:
             self._picture.draw_frame(frame, with_volume=self._server.wants_volume)
@@ -204,8 +216,10 @@ class Watch:
 
     async def _send_reset(self, token: str) -> str:
         scene = self._picture.scene
-        if scene is None:
-            return "there is no monitor to reset"
+        if scene is None or self._resets is None:
+            return "not sent: there is no monitor to reset"
+        if self._is_resetting:
+            return "not sent: the reset before this one is still under way"
         if not scene.obeys_reset:
             return "this run obeys no reset: start it with --reset-token TOKEN"
         if not scene.reset_address:
@@ -213,11 +227,43 @@ class Watch:
         address = find_reachable(scene.reset_address, self._address)
         if not address:
             return f"this run takes a reset on its own machine alone, at {scene.reset_address}"
-        loop = asyncio.get_running_loop()
+        self._is_resetting = True
         try:
-            return await loop.run_in_executor(None, _publish_reset, address, token, self._keys)
+            with Publisher(address, keys=self._keys) as publisher:
+                return await self._publish_reset(publisher, address, token)
         except ArmguardError as error:
-            return str(error)
+            return f"not sent: {error}"
+        finally:
+            self._is_resetting = False
+
+    async def _publish_reset(self, publisher: Publisher, address: str, token: str) -> str:
+        """Send a reset once the monitor listens, and tell what became of it.
+
+        It is sent once: a second one might release a STOP that was latched after the first, and
+        that no operator has seen. The publisher stays until there is an answer, for what a closing
+        one has not handed over yet is lost.
+        """
+        end = time.monotonic() + REACH_TIMEOUT
+        while not publisher.wait(0.0):
+            if time.monotonic() >= end:
+                return f"not sent: no monitor listens at {address}, or this client may not reset"
+            await asyncio.sleep(REACH_INTERVAL)
+        before = self._resets or (0, 0)
+        publisher.reset(token)
+        end = time.monotonic() + ANSWER_TIMEOUT
+        while (left := end - time.monotonic()) > 0.0:
+            obeyed, refused = self._resets or before
+            if obeyed > before[0]:
+                return "obeyed; a cause that persists has latched again"
+            if refused > before[1]:
+                return "refused: the token is not the one of this run"
+            self._has_told.clear()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._has_told.wait(), left)
+        return (
+            f"sent, and the monitor did not answer in {ANSWER_TIMEOUT:g} s: it may not have "
+            "arrived; reset again if the STOP is still latched"
+        )
 
     def _forget(self) -> None:
         self._values.clear(drawing.delete(ROOT))
@@ -229,14 +275,6 @@ class Watch:
         if now - self._complained >= COMPLAINT_INTERVAL:
             self._complained = now
             _logger.warning("feed: %s (%d so far)", problem, self._complaints)
-
-
-def _publish_reset(address: str, token: str, keys: Keys | None) -> str:
-    with Publisher(address, keys=keys) as publisher:
-        if not publisher.wait(REACH_TIMEOUT):
-            return f"no monitor listens at {address}, or this client may not reset"
-        publisher.reset(token)
-    return "sent; the monitor tells whether it obeys"
 
 
 async def watch(

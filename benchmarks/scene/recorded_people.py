@@ -20,6 +20,7 @@ import numpy as np
 from armguard.jit import kernel
 from armguard.obstacles import Obstacles
 from armguard.obstacles.consistency import body_allows
+from armguard.obstacles.record import Record
 from armguard.people import BOUNDS, find_bounds, measure_motion
 from armguard.simulation import Recording
 from armguard.simulation.bodies import BODIES, POINTS
@@ -241,11 +242,15 @@ def find_agreeing(  # type: ignore[no-untyped-def]
         first = max(0, min(i - memory, last))
         for j in range(i - 1, first - 1, -1):
             if fine and agrees[j]:
-                fine = body_allows(
+                told = Record(
                     points[j], velocities[j], corners, 0.0, accel, speed, position_error,
-                    errors[j], j / rate, points[i], velocities[i], corners, 0.0, position_error,
+                    errors[j], j / rate,
+                )  # fmt: skip
+                shown_now = Record(
+                    points[i], velocities[i], corners, 0.0, accel, speed, position_error,
                     errors[i], i / rate,
-                ) == 0  # fmt: skip
+                )  # fmt: skip
+                fine = body_allows(told, shown_now) == 0
         if fine:
             agrees[i] = True
             last = i

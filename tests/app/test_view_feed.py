@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from armguard import Monitor, Obstacles, Plan, Robot
-from armguard.app.loop import Durations
+from armguard.app.loop import Durations, Resets
 from armguard.app.view_feed import (
     INTERVAL,
     LONGEST_WAIT,
@@ -183,12 +183,12 @@ def test_a_latch_tells_since_when_and_a_source_how_it_is_heard(robot):
         now = 2e-3 * tick
         obstacles.update([], now, source="camera")
         q = READY * np.nan if tick == 100 else READY
-        feed.observe(monitor.step(now, q, np.zeros(7)), now, Durations(), 0, refused_resets=2)
+        feed.observe(monitor.step(now, q, np.zeros(7)), now, Durations(), 0, resets=Resets(1, 2))
     scene, frame = messages.all[0], messages.frames[-1]
     told = (scene.reset_address, scene.obeys_reset, scene.recording)
     assert told == ("ipc:///x", True, "/y")
     assert frame.latches[0].since == pytest.approx(0.2, abs=INTERVAL)
-    assert frame.refused_resets == 2
+    assert (frame.obeyed_resets, frame.refused_resets) == (1, 2)
     heard = {source.name: source for source in frame.sources}
     assert heard["camera"].rate == pytest.approx(500.0, rel=0.05)
     assert heard["robot"].rate == pytest.approx(500.0, rel=0.05)
@@ -215,6 +215,7 @@ def test_what_is_told_of_a_stop_in_a_recording_is_why(robot):
 def test_the_most_imminent_obstacle_has_its_reach_and_a_told_path_its_samples(robot):
     obstacles, messages = Obstacles(sources=[]), Messages()
     obstacles.add_static("wall", [5.0, 0.0, 1.0], 0.1)
+    obstacles.add_entrance("door", [6.0, 0.0, 1.0], 0.5, 0.1)
     monitor = Monitor(robot, obstacles, motion="planned")
     feed = MonitorFeed(monitor, messages)
     obstacles.update(["ball"], 0.0, [[2.0, 0.0, 1.0]], radius=0.1)
@@ -227,6 +228,8 @@ def test_the_most_imminent_obstacle_has_its_reach_and_a_told_path_its_samples(ro
     assert center == pytest.approx([2.0, 0.0, 1.0])
     assert radius > 0.1
     marks = dict(zip(frame.obstacles.ids, frame.obstacles.statics, strict=True))
-    assert marks == {"wall": True, "ball": False}
+    assert marks == {"wall": True, "door": True, "ball": False}
+    entrances = dict(zip(frame.obstacles.ids, frame.obstacles.entrances, strict=True))
+    assert entrances == {"wall": False, "door": True, "ball": False}
     rows = np.frombuffer(frame.plan, "<f4").reshape(-1, 7)
     assert np.allclose(rows, READY, atol=1e-5)

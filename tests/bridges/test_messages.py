@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from armguard import Robot
+from armguard.bridges import messages
 from armguard.bridges.messages import (
     DETECTIONS,
     MARKERS,
@@ -111,6 +112,24 @@ def test_a_refused_message_of_markers_changes_nothing():
     with pytest.raises(ArmguardError, match="'3' twice"):
         reader.read(markers(marker(0.1, 2, 3), marker(0.1, 2, 3)))
     assert reader.read(markers(marker(0.2, 0, action=3)))[0] == ["1"]
+
+
+def test_markers_that_are_never_deleted_are_not_remembered_without_end(monkeypatch):
+    monkeypatch.setattr(messages, "MOST_BODIES", 3)
+    reader = ObstacleReader("/things", MARKERS)
+    for number in range(3):
+        reader.read(markers(marker(0.0, 2, number)))
+    with pytest.raises(ArmguardError, match="4 bodies that were not deleted"):
+        reader.read(markers(marker(0.1, 2, 3)))
+    # It goes on with those that it knows, and with another for one that has gone.
+    reader.read(markers(marker(0.2, 2, 2)))
+    gone, (shown,) = reader.read(markers(marker(0.3, 2, 2, action=2), marker(0.3, 2, 3)))
+    assert (gone, [body.id for body in shown.bodies]) == (["2"], ["3"])
+    # What a snapshot does not show is gone, and forgotten.
+    reader = ObstacleReader("/things", MARKERS, snapshot=True)
+    for number in range(9):
+        reader.read(markers(marker(0.0, 2, number)))
+    assert reader.read(markers(marker(1.0, 0, 9, action=3)))[0] == ["8"]
 
 
 def test_markers_keep_their_stamps_and_a_snapshot_has_the_oldest():

@@ -331,11 +331,14 @@ def test_a_journal_is_told_voxels_removals_and_what_was_dropped():
     watch((1.5, 0.0, 2.0, 0.1), 2.0, obstacles)
     told = [name for name, _, _ in obstacles.journal.told]
     assert told == [
-        *("note_update", "note_update", "note_dropped_points", "note_update", "note_removal")
+        *("note_update", "note_points", "note_update", "note_points"),
+        *("note_update", "note_points", "note_removal"),
     ]
     other = Obstacles()
     other.update([], 1.0, source="depth")
-    other.drop_points(*obstacles.journal.told[2][1])
+    other.count_points(*obstacles.journal.told[1][1])
+    assert kinds(other) == []
+    other.count_points(*obstacles.journal.told[3][1])
     assert kinds(other) == [FaultKind.POINTS_DROPPED]
 
 
@@ -346,6 +349,39 @@ def test_copies_go_on_by_themselves():
     watch((1.5, 0.0, 2.0, 0.1), 1.0, copied)
     assert voxels(copied) == {}
     assert len(voxels(obstacles)) > 10
+
+
+def test_a_cloud_of_which_much_is_missing_counts_by_its_share_of_a_second():
+    """Whole clouds count as well, and voxels, which are fewer than points, do not."""
+    obstacles, whole = Obstacles(), np.tile([2.0, 0.0, 0.0], (100, 1))
+    for tick in range(10):
+        obstacles.update_cloud("depth", 0.05 * tick, whole, [0, 0, 0])
+    obstacles.update_cloud("depth", 0.5, np.full((100, 3), math.nan), [0, 0, 0])
+    assert obstacles.disbelieved_sources() == []
+    obstacles = Obstacles()
+    mostly = np.concatenate([np.full((51, 3), math.nan), np.arange(147).reshape(49, 3) / 2.0])
+    obstacles.update_cloud("depth", 0.0, mostly, [0, 0, 0])
+    assert len(voxels(obstacles)) > 40
+    assert obstacles.disbelieved_sources() == [
+        ("depth", "51 of 100 points of a second could not be used")
+    ]
+
+
+def test_no_body_is_called_as_a_voxel_is():
+    """It would go where rays pass, and share its name with a voxel of another source unnoticed."""
+    obstacles = Obstacles()
+    obstacles.update_cloud("depth", 0.0, [[2.01, 0.01, 0.01]], [0, 0, 0])
+    (name,) = (name for name in obstacles.ids if name)
+    for source in ("depth", "tracker"):
+        # The same list again, which is known by then, as well.
+        for _ in range(2):
+            with pytest.raises(ObstacleError, match="as voxels of clouds are called"):
+                obstacles.update([name], 1.0, [[0, 0, 0]], radius=0.1, source=source)
+    assert FaultKind.MALFORMED in kinds(obstacles)
+    obstacles.update(["voxel", "voxel 03 0 0"], 1.0, np.eye(2, 3), radius=0.1, source="tracker")
+    assert obstacles.count_of("tracker") == 2
+    obstacles.update_cloud("depth", 2.0, [[2.01, 0.01, 0.01]], [0, 0, 0])
+    assert kinds(obstacles) == []
 
 
 def test_cameras_that_see_the_same_surface_are_no_fault():

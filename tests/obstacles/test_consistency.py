@@ -17,6 +17,7 @@ from armguard.jit.numerics import (
     VELOCITY_BY_SPEED,
 )
 from armguard.obstacles.consistency import _keeps_bound, body_allows
+from armguard.obstacles.record import Record
 
 INF = math.inf
 
@@ -44,24 +45,7 @@ def record(
 
 
 def judge(old, new):
-    return body_allows(
-        old["points"],
-        old["velocities"],
-        len(old["points"]),
-        old["radius"],
-        old["accel"],
-        old["speed"],
-        old["position_error"],
-        old["velocity_error"],
-        old["stamp"],
-        new["points"],
-        new["velocities"],
-        len(new["points"]),
-        new["radius"],
-        new["position_error"],
-        new["velocity_error"],
-        new["stamp"],
-    )
+    return body_allows(*(Record(count=len(one["points"]), **one) for one in (old, new)))
 
 
 def judge_plainly(old, new):

@@ -31,7 +31,7 @@ def read_table(obstacles):
     # Those that are new are noted first.
     bits.append(np.sort(table.changed[: table.changed_count[0]]).tobytes())
     sources = [
-        (state.source.name, state.stamp, state.newest, str(state.recent))
+        (state.source.name, state.stamp, state.newest, state.describe_refusals())
         for state in obstacles._sources.states
     ]
     faults = [

@@ -8,6 +8,7 @@ import pytest
 from armguard.jit.kernels import kernel
 from armguard.obstacles import Obstacles
 from armguard.obstacles.possible_states import possible_states, state_at, widen_to_cover
+from armguard.obstacles.record import Record
 from armguard.obstacles.table import MOST_REFUSED, make_states
 from support.obstacle_samples import check_invariants, possible, refused, see
 
@@ -166,7 +167,7 @@ def test_a_state_that_covers_another_sample_bounds_all_that_becomes_of_it():
         x1 = states.points[0, :count] + moved
         before = [array[0].copy() for array in states]
         mine = 0.15, rng.choice([accel, 2.0 * accel]), speed, error, rate_error
-        done = widen_to_cover(states, 0, x1, v1, *mine, h)
+        done = widen_to_cover(states, 0, Record(x1, v1, count, *mine, h))
         if not done:
             refused_to += 1
             after = [array[0] for array in states]

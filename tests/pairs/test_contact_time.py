@@ -12,6 +12,7 @@ from armguard.jit import kernel
 from armguard.obstacles import Obstacles
 from armguard.pairs.contact_time import (
     RESTS,
+    StatePlace,
     arm_reach_time,
     contact_distance,
     hull_of,
@@ -37,9 +38,8 @@ ACCEL = 10.0
 
 @kernel
 def ask_link(handle, link, row, arm_age, age, floor, refinement_threshold, ceiling):
-    return link_time(
-        handle, link, row, False, arm_age, age, floor, REACH, refinement_threshold, ceiling
-    )
+    state = StatePlace(row, bool(0), age)
+    return link_time(handle, link, state, arm_age, floor, REACH, refinement_threshold, ceiling)
 
 
 @kernel

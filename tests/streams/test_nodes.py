@@ -9,7 +9,7 @@ import zmq
 
 from armguard.clock import MonotonicClock
 from armguard.exceptions import StreamError
-from armguard.obstacles import Obstacles
+from armguard.obstacles import FaultKind, Obstacles
 from armguard.streams import (
     Edge,
     FaultLog,
@@ -18,7 +18,7 @@ from armguard.streams import (
     VerdictPublisher,
     VerdictReader,
 )
-from armguard.streams.edge import StampClock
+from armguard.streams.edge import OwnPoints, StampClock
 from armguard.streams.messages import decode, encode_verdict
 from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, Verdict
 from support.stream_sockets import PATIENCE, attend
@@ -132,6 +132,45 @@ def bind_again(address):
         except StreamError:
             assert time.monotonic() < end
             time.sleep(0.01)
+
+
+def test_a_cloud_that_is_published_becomes_voxels_without_the_arm(address):
+    clock, obstacles = MonotonicClock(), Obstacles()
+    faults = FaultLog(clock.now)
+    seen = []
+
+    def find_others(points, q, frame):
+        seen.append((q.tolist(), frame))
+        return points[:, 0] > 1.0  # the arm is nearer than that
+
+    own = OwnPoints(find_others, 10.0)
+    edge = Edge(obstacles, ["a", "b"], clock, faults, own_points=own)
+    source = SocketInput(address)
+    points = np.array([[0.52, 0.0, 0.01], [2.02, 0.02, 0.02], [math.nan, 0, 0], [2.02, 1.02, 0.02]])
+    with Publisher(source.address, "depth") as publisher:
+        attend(source, lambda: publisher.wait(0.001))
+        stamp = time.monotonic()
+        publisher.joints(stamp, ["b", "a"], [1.0, 2.0], [0.0, 0.0])
+        mask = [True, True, True, False]
+        publisher.cloud(points, stamp, [0, 0, 0], occupied=mask, position_error=0.01, speed=1.5)
+        publisher.cloud([], stamp, [0, 0, 0])
+        with pytest.raises(StreamError, match="occupied"):
+            publisher.cloud(points, stamp, [0, 0, 0], occupied=[True])
+        end = time.monotonic() + PATIENCE
+        while edge.received < 3 and time.monotonic() < end:
+            edge.drain([source])
+    source.close()
+    assert seen == [([2.0, 1.0], "world")]
+    assert [name for name in obstacles.ids if name] == ["voxel 40 0 0"]
+    row = obstacles.row("voxel 40 0 0", "depth")
+    accepted = obstacles.table.accepted
+    assert accepted.stamp[row] == pytest.approx(stamp - edge.offset, abs=1e-9)
+    assert (accepted.speed[row], accepted.position_error[row]) == (1.5, 0.01)
+    # One point is no number: counted, left out, and no reason to refuse the others.
+    assert {(key.kind, key.source): count for key, count in faults.counts.items()} == {
+        ("not finite", "depth"): 1
+    }
+    assert [fault.kind for fault in obstacles.take_faults()] == [FaultKind.POINTS_DROPPED]
 
 
 def test_a_reset_is_sent_as_the_edge_expects_it(address):

@@ -186,6 +186,29 @@ def test_what_stands_still_is_greyer_and_apart(page):
     (ball,) = page["instances /armguard/obstacles/balls"]["colours"].reshape(-1, 3)
     assert np.ptp(wall) < 0.5 * np.ptp(ball)
     assert page["instances /armguard/statics/balls"]["names"] == ["wall (stands still)"]
+
+
+def test_an_entrance_says_what_it_is_and_is_as_bright_as_what_moves(page):
+    obstacles = ObstacleShapes.pack(
+        ["door", "wall", "ball"],
+        [[1, 0, 1], [2, 0, 1], [3, 0, 1]],
+        [0.1, 0.1, 0.1],
+        times=[0.3, 0.3, 0.3],
+        statics=[True, True, False],
+        entrances=[True, False, False],
+    )
+    assert obstacles.statics.tolist() == [True, True, False]
+    assert obstacles.entrances.tolist() == [True, False, False]
+    page.picture.draw_frame(make_frame(obstacles=obstacles))
+    standing = page["instances /armguard/statics/balls"]
+    assert standing["names"] == [
+        "door (entrance: somebody may come in here)",
+        "wall (stands still)",
+    ]
+    door, wall = standing["colours"].reshape(-1, 3)
+    (ball,) = page["instances /armguard/obstacles/balls"]["colours"].reshape(-1, 3)
+    assert np.allclose(door, ball)
+    assert not np.allclose(wall, ball)
     # The camera follows what moves.
     assert page["camera "]["bodies"].size == 4
 

@@ -144,20 +144,84 @@ def test_a_reset_from_the_page_reaches_the_monitor_with_its_token():
         time.sleep(1.1)
         show_scene(publisher, process.url, reset_address=monitor.address, obeys_reset=True)
         # A monitor hears of a publisher only while it reads, as it does in every tick.
-        heard, ended = [], threading.Event()
+        ended = threading.Event()
 
-        def listen():
+        def obey():
+            obeyed = 0
             while not ended.wait(0.005):
-                heard.append(monitor.receive() or b"")
+                obeyed += b"sesame" in (monitor.receive() or b"")
+                publisher.publish_frame(make_frame(obeyed_resets=obeyed))
 
-        listener = threading.Thread(target=listen)
+        listener = threading.Thread(target=obey)
         listener.start()
         try:
-            assert ask_for_reset(process.url, "sesame").startswith("sent")
-            wait_for(lambda: any(b"sesame" in message for message in heard))
+            assert ask_for_reset(process.url, "sesame").startswith("obeyed")
         finally:
             ended.set()
             listener.join()
+
+
+@pytest.fixture
+def watch(tmp_path):
+    """A view that was told of a monitor that does not listen yet."""
+    address = f"ipc://{tmp_path}/in"
+    with contextlib.closing(viewer.Watch("tcp://127.0.0.1:1")) as watch:
+        tell(watch, make_scene(reset_address=address, obeys_reset=True), make_frame())
+        watch.monitor_address = address
+        yield watch
+
+
+def tell(watch, *messages):
+    watch._draw_newest([encode_message(message) for message in messages])
+
+
+@pytest.mark.parametrize(
+    ("answer", "outcome"),
+    [({"obeyed_resets": 4}, "obeyed"), ({"obeyed_resets": 3, "refused_resets": 6}, "refused")],
+)
+def test_a_reset_waits_for_the_monitor_to_listen_and_for_its_answer(watch, answer, outcome):
+    async def play():
+        tell(watch, make_frame(obeyed_resets=3, refused_resets=5))
+        asking = asyncio.create_task(watch._send_reset("sesame"))
+        await asyncio.sleep(0)
+        assert "under way" in await watch._send_reset("sesame")
+        with contextlib.closing(SocketInput(watch.monitor_address)) as monitor:
+            heard = []
+            async with asyncio.timeout(TIMEOUT):
+                while not heard:
+                    # A monitor that says the same as before has not answered.
+                    tell(watch, make_frame(obeyed_resets=3, refused_resets=5))
+                    message = monitor.receive()
+                    heard += [] if message is None else [message]
+                    await asyncio.sleep(0.005)
+            assert b"sesame" in heard[0]
+            assert not asking.done()
+            tell(watch, make_frame(**answer))
+            told = await asyncio.wait_for(asking, TIMEOUT)
+            # Once: another one could release what was latched since.
+            assert monitor.receive() is None
+            return told
+
+    assert asyncio.run(play()).startswith(outcome)
+
+
+def test_a_reset_that_no_monitor_takes_or_answers_is_told(watch, monkeypatch):
+    async def play():
+        monkeypatch.setattr(viewer, "REACH_TIMEOUT", 0.0)
+        told = [await watch._send_reset("sesame")]
+        monkeypatch.setattr(viewer, "REACH_TIMEOUT", TIMEOUT)
+        monkeypatch.setattr(viewer, "ANSWER_TIMEOUT", 0.01)
+        with contextlib.closing(SocketInput(watch.monitor_address)) as monitor:
+            asking = asyncio.create_task(watch._send_reset("sesame"))
+            async with asyncio.timeout(TIMEOUT):
+                while not asking.done():
+                    monitor.receive()
+                    await asyncio.sleep(0.005)
+            return [*told, asking.result()]
+
+    unheard, unanswered = asyncio.run(play())
+    assert unheard.startswith("not sent: no monitor listens")
+    assert "may not have arrived" in unanswered
 
 
 @pytest.mark.parametrize(
@@ -171,11 +235,17 @@ def test_a_reset_from_the_page_reaches_the_monitor_with_its_token():
 def test_a_reset_goes_to_the_machine_of_the_feed(monkeypatch, told, sent_to):
     """The same address on this machine may be that of another monitor."""
     sent = []
-    monkeypatch.setattr(viewer, "_publish_reset", lambda address, *_: sent.append(address) or "ok")
+
+    async def publish(_, address, token):
+        sent.append(address)
+        return "ok"
+
+    monkeypatch.setattr(viewer, "Publisher", lambda *_, **keys: contextlib.nullcontext())
+    monkeypatch.setattr(viewer.Watch, "_publish_reset", lambda _, *given: publish(*given))
 
     async def ask():
         with contextlib.closing(viewer.Watch("tcp://192.0.2.10:5704")) as view:
-            view._draw_scene(make_scene(reset_address=told, obeys_reset=True))
+            tell(view, make_scene(reset_address=told, obeys_reset=True), make_frame())
             return await view._send_reset("sesame")
 
     outcome = asyncio.run(ask())

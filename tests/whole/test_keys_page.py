@@ -42,6 +42,7 @@ def test_the_snippet_runs():
 def test_every_right_and_every_default_is_told():
     told = re.findall(r"^\| `(\w+)` \|", PAGE, flags=re.MULTILINE)
     limits = SourceLimits()
-    assert told == [*get_args(Right), "max_message_size", "max_message_rate", "max_obstacles"]
-    for figure in (limits.message_size, round(limits.message_rate), limits.obstacles):
+    keys = ["max_message_size", "max_message_rate", "max_obstacles", "max_points"]
+    assert told == [*get_args(Right), *keys]
+    for figure in (*limits[:1], round(limits.message_rate), *limits[2:]):
         assert f"| {figure}" in PAGE

@@ -35,6 +35,7 @@ from armguard.monitor.monitor import Monitor
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
+from armguard.pairs.cloud_filter import CloudFilter
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.people import BOUNDS
 from armguard.recording.trial import read_trial
@@ -43,7 +44,7 @@ from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import DEADLINE
 from armguard.streams.authentication import Authenticator, Client
-from armguard.streams.edge import HELD_UP
+from armguard.streams.edge import HELD_UP, OwnPoints
 from armguard.streams.keys import KeyPair
 from armguard.streams.limits import SourceLimits
 from armguard.studies.tradeoff.contestant import RATE
@@ -223,9 +224,36 @@ class Cell:
                 usual.message_size if table.max_message_size is UNSET else table.max_message_size,
                 usual.message_rate if table.max_message_rate is UNSET else table.max_message_rate,
                 usual.obstacles if table.max_obstacles is UNSET else table.max_obstacles,
+                usual.points if table.max_points is UNSET else table.max_points,
             )
             for name, table in self.sources.items()
         }
+
+    def make_own_points(self, robot: Robot) -> OwnPoints | None:
+        """What tells the arm's points from others in clouds; None where `[clouds]` is missing."""
+        table = self.tables.clouds
+        if table is None:
+            return None
+        base = self.frames["base"]
+        own = CloudFilter(
+            robot,
+            pinocchio.SE3(base.rotation, base.translation),
+            shell=table.shell,
+            time_error=table.time_error,
+        )
+        frames = {
+            name: Frame(place.rotation, place.translation, place.calibration_error)
+            for name, place in self.frames.items()
+        }
+
+        def find_others(
+            points: NDArray[np.float64], q: NDArray[np.float64], frame: str
+        ) -> NDArray[np.bool_]:
+            if frame not in frames:
+                raise ArmguardError("frame", f"{frame!r} is unknown")
+            return own.find_others(points, q, frames[frame])
+
+        return OwnPoints(find_others, table.time_error)
 
     @property
     def keeps_cover(self) -> bool:

@@ -17,6 +17,7 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 from armguard.exceptions import CellError
+from armguard.pairs.cloud_filter import SHELL
 from armguard.streams.authentication import Right
 from armguard.streams.inputs import BYTE_LIMIT
 from armguard.streams.keys import KEY_LENGTH
@@ -97,6 +98,14 @@ class SourceTable(_Table, frozen=True, kw_only=True):
     max_message_size: Annotated[int, Meta(gt=0, le=BYTE_LIMIT)] | UnsetType = UNSET
     max_message_rate: Positive | UnsetType = UNSET
     max_obstacles: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
+    max_points: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
+
+
+class CloudsTable(_Table, frozen=True, kw_only=True):
+    """`[clouds]`: that clouds of depth cameras are taken, and how the arm is taken out of them."""
+
+    shell: NotNegative = SHELL
+    time_error: NotNegative = 0.005
 
 
 class StaticTable(_Table, frozen=True, kw_only=True):
@@ -217,6 +226,7 @@ class CellTables(_Table, frozen=True, kw_only=True):
     joint_state: StampTable = StampTable()
     frames: dict[Name, FrameTable] = {}
     sources: dict[Name, SourceTable] | UnsetType = UNSET
+    clouds: CloudsTable | None = None
     statics: dict[Name, StaticTable] = {}
     entrances: dict[Name, EntranceTable] = {}
     tool: ToolTable | None = None

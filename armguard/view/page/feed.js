@@ -10,6 +10,7 @@ export class Feed {
     this.take = take;
     this.parted = parted;
     this.wishes = {}; // what the server is to know again after a reconnection
+    this.isResetting = false; // whether a reset was asked for and its outcome is not known
     this.waiting = null; // { number, drawn } of the moment of the past that was asked for last
     this.connect();
   }
@@ -24,7 +25,10 @@ export class Feed {
     };
     socket.onmessage = ({ data }) => {
       const commands = decode(new Uint8Array(data));
-      if (commands[0].type === "outcome") return this.take(commands);
+      if (commands[0].type === "outcome") {
+        this.isResetting = false;
+        return this.take(commands);
+      }
       try {
         this.take(commands);
       } finally {
@@ -40,13 +44,18 @@ export class Feed {
     };
     socket.onclose = ({ reason }) => {
       if (this.socket === socket) this.socket = null;
+      if (this.isResetting) this.tell("the view went away: the reset may not have arrived; reset again if the STOP is still latched");
       this.parted(reason);
       setTimeout(() => this.connect(), RETRY);
     };
   }
 
+  get isOpen() {
+    return Boolean(this.socket) && this.socket.readyState === WebSocket.OPEN;
+  }
+
   say(words) {
-    if (this.socket && this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(words));
+    if (this.isOpen) this.socket.send(JSON.stringify(words));
   }
 
   seek(number, drawn) {
@@ -63,6 +72,14 @@ export class Feed {
   }
 
   reset(token) {
+    if (!this.isOpen) return this.tell("not sent: the view's server does not answer");
+    this.isResetting = true;
     this.say({ type: "reset", token });
+  }
+
+  // The outcome of a reset that the server does not tell.
+  tell(text) {
+    this.isResetting = false;
+    this.take([{ type: "outcome", text }]);
   }
 }

@@ -1,5 +1,6 @@
 // No picture is begun before the last one is finished, and where pictures take long they get fewer
-// pixels: a browser without a graphics card stays in time, and its panels stay quick.
+// pixels: a browser without a graphics card stays in time, and its panels stay quick. What a page in
+// the background takes, whose pictures the browser holds back, says nothing of that.
 import { readAddress } from "./words.js";
 
 const LONG = 60; // [ms] for a picture
@@ -20,6 +21,8 @@ export class Pace {
     const fixed = Number(readAddress().get("pixels"));
     this.isFixed = fixed > 0;
     if (this.isFixed) viewer.renderer.setPixelRatio(Math.min(fixed, 2));
+    this.isHeldBack = document.hidden; // whether the picture under way was, at any time
+    document.addEventListener("visibilitychange", () => { this.isHeldBack = true; });
   }
 
   // Draw, unless nothing has changed or the last picture is not finished.
@@ -30,10 +33,11 @@ export class Pace {
       gl.deleteSync(this.fence);
       this.fence = null;
       this.finished += 1;
-      this.count(performance.now() - this.begin);
+      if (!this.isHeldBack) this.count(performance.now() - this.begin);
     }
     if (!this.viewer.needs_render) return;
     this.begin = performance.now();
+    this.isHeldBack = document.hidden;
     this.begun += 1;
     this.viewer.render();
     this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);

@@ -9,7 +9,7 @@ from msgspec import UNSET
 
 from armguard.app.cell import Cell
 from armguard.app.cell.schema import SeparationTable
-from armguard.exceptions import CellError
+from armguard.exceptions import ArmguardError, CellError
 from armguard.monitor import Monitor
 from armguard.pairs import SeparationRule
 from armguard.pairs.separation import HUMAN_SPEED
@@ -169,6 +169,21 @@ def test_entrances_stand_in_their_frame_and_take_bounds_by_their_name():
     assert table.speed[:3].tolist() == [1.5, 3.0, 0.5]
     assert table.accel[:3].tolist() == [10.0, 4.0, 1.0]
     assert table.radius[:3] == pytest.approx(0.2 + error + 0.1 * np.array([1.5, 3.0, 0.5]))
+
+
+def test_the_arm_is_told_from_others_in_clouds_where_clouds_are_taken():
+    robot = Robot.load("panda")
+    assert Cell.from_text(ROBOT).make_own_points(robot) is None
+    cell = Cell.from_text(f"{FRAMES}[clouds]\ntime_error = 0.0\n")
+    own = cell.make_own_points(robot)
+    q = np.array([0.0, -0.8, 0.0, -2.4, 0.0, 1.6, 0.8])
+    points = np.array([[1.0, 0.0, 0.2], [0.0, 0.0, 0.2]])  # in the arm's column, and beside it
+    assert own.find_others(points, q, "world").tolist() == [False, True]
+    lens = cell.frames["lens"]
+    seen = (points - lens.translation) @ lens.rotation
+    assert own.find_others(seen, q, "lens").tolist() == [False, True]
+    with pytest.raises(ArmguardError, match="unknown"):
+        own.find_others(points, q, "moon")
 
 
 @pytest.mark.parametrize(
