@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.levers import bound_outlines, moving_joints
+from armguard.bounds.kept_results import keep_results
+from armguard.bounds.levers import MOST_KEPT, bound_outlines, moving_joints
 from armguard.bounds.limits import check_state, read_limits
 from armguard.bounds.model import check_question, read_only
 from armguard.bounds.sums import compute_levers, sum_levers, widened_ranges
@@ -117,6 +118,7 @@ class ReachMotion:
         return np.append(center, radius)
 
 
+@keep_results(MOST_KEPT)
 def _lowest_radius(outlines: FloatArray, radii: FloatArray) -> tuple[float, float]:
     """Height on the axis, and the radius there, of the smallest ball around spheres on outlines.
 
