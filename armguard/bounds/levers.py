@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armguard.bounds.kept_results import keep_results
+from armguard.jit.kept_results import keep_results
 from armguard.bounds.model import read_only
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray

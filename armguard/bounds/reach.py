@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.kept_results import keep_results
+from armguard.jit.kept_results import keep_results
 from armguard.bounds.levers import MOST_KEPT, bound_outlines, moving_joints
 from armguard.bounds.limits import check_state, read_limits
 from armguard.bounds.model import check_question, read_only

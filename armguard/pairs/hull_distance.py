@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.kept_results import keep_results
+from armguard.jit.kept_results import keep_results
 from armguard.bounds.levers import MOST_KEPT
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray

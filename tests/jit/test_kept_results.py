@@ -3,7 +3,7 @@ import threading
 import numpy as np
 import pytest
 
-from armguard.bounds.kept_results import keep_results
+from armguard.jit.kept_results import keep_results
 
 
 @pytest.fixture

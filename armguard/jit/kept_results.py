@@ -1,7 +1,7 @@
 """Results that are kept, under the very bytes of what they were computed from.
 
-Bounds of an arm's geometry are worked out anew for every monitor, and mostly for the same arm. What
-has changed has other bytes: nothing has to be told that it has.
+What is known of an arm's geometry is worked out anew for every monitor and every cover, and mostly
+of the same arm. What has changed has other bytes: nothing has to be told that it has.
 """
 
 from __future__ import annotations
