@@ -29,10 +29,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armguard.jit.kept_results import keep_results
 from armguard.bounds.model import read_only
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
+from armguard.jit.kept_results import keep_results
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.joints import is_prismatic

@@ -16,13 +16,13 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.jit.kept_results import keep_results
 from armguard.bounds.levers import MOST_KEPT, bound_outlines, moving_joints
 from armguard.bounds.limits import check_state, read_limits
 from armguard.bounds.model import check_question, read_only
 from armguard.bounds.sums import compute_levers, sum_levers, widened_ranges
 from armguard.cover.miniball import enclose_points
 from armguard.jit.arrays import FloatArray
+from armguard.jit.kept_results import keep_results
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot

@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.jit.kept_results import keep_results
 from armguard.bounds.levers import MOST_KEPT
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
+from armguard.jit.kept_results import keep_results
 from armguard.jit.numerics import HULL_ROUNDING
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.robot import Robot
