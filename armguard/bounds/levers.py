@@ -29,8 +29,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from armguard.bounds.model import read_only
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
+from armguard.jit.kept_results import keep_results
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.joints import is_prismatic
@@ -39,6 +41,8 @@ CORNERS = 64
 """Corners of the polygon around a circle; it sticks out of it by a factor 1.0012."""
 TANGENTS = 33
 """Tangents from -90 to 90 degrees; where two meet sticks out by a factor 1.0012."""
+MOST_KEPT = 256
+"""Results that are kept of each kind: those of the links of a dozen arms."""
 
 
 def bound_levers(model: Any, joint: int, points: FloatArray, travel: FloatArray) -> FloatArray:
@@ -112,17 +116,31 @@ def _walk(
         steps[k, :, :3] = frames[k - 1].T @ placement.rotation @ frames[k]
         steps[k, :, 3] = frames[k - 1].T @ placement.translation
 
+    local = np.ascontiguousarray(points @ frames[-1])
+    return _bound_places(local, steps, prismatic, travel[columns])
+
+
+@keep_results(MOST_KEPT)
+def _bound_places(
+    points: FloatArray, steps: FloatArray, prismatic: npt.NDArray[np.bool_], travel: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """As `_walk`, of points in the frame of the outermost axis; both read-only.
+
+    Args:
+        points: In [m]. Shape (n, 3).
+        steps: From the frame of each axis to that of the next one outwards. Shape (joints, 3, 4).
+        prismatic: Which joints are. Shape (joints,).
+        travel: Least and greatest joint positions. Shape (joints, 2).
+    """
     tangents = _tangents()
     turn = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
     around = (1.0 + SUM_ROUNDING) / np.cos(np.pi / CORNERS)
     corners = around * np.column_stack([np.cos(turn), np.sin(turn)])
     circles = np.empty((_most_circles(prismatic), 3, 3))
-    local, reach = np.ascontiguousarray(points @ frames[-1]), np.empty((len(points), len(chain)))
+    reach = np.empty((len(points), len(steps)))
     supports = np.full((len(points), TANGENTS), np.inf)
-    _walk_inwards(
-        local, steps, prismatic, travel[columns], tangents, corners, circles, reach, supports
-    )
-    return reach, supports
+    _walk_inwards(points, steps, prismatic, travel, tangents, corners, circles, reach, supports)
+    return read_only(reach), read_only(supports)
 
 
 def _tangents() -> FloatArray:
@@ -142,11 +160,16 @@ def moving_joints(model: Any, joint: int) -> list[int]:
 def _axis_frame(model: Any, joint: int) -> FloatArray:
     """A rotation whose third column is the joint's axis in the joint's own frame. Shape (3, 3)."""
     subspace = np.ravel(model.joints[joint].createData().S)
-    axis = subspace[:3] if is_prismatic(model, joint) else subspace[3:]
+    return _turn_upright(subspace[:3] if is_prismatic(model, joint) else subspace[3:])
+
+
+@keep_results(MOST_KEPT)
+def _turn_upright(axis: FloatArray) -> FloatArray:
+    """A rotation whose third column is along an axis; read-only. Shape (3, 3)."""
     axis = axis / np.linalg.norm(axis)
     first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(axis, first), axis])
+    return read_only(np.column_stack([first, np.cross(axis, first), axis]))
 
 
 def _most_circles(prismatic: npt.NDArray[np.bool_]) -> int:

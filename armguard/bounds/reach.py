@@ -16,12 +16,13 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.levers import bound_outlines, moving_joints
+from armguard.bounds.levers import MOST_KEPT, bound_outlines, moving_joints
 from armguard.bounds.limits import check_state, read_limits
 from armguard.bounds.model import check_question, read_only
 from armguard.bounds.sums import compute_levers, sum_levers, widened_ranges
 from armguard.cover.miniball import enclose_points
 from armguard.jit.arrays import FloatArray
+from armguard.jit.kept_results import keep_results
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
@@ -117,6 +118,7 @@ class ReachMotion:
         return np.append(center, radius)
 
 
+@keep_results(MOST_KEPT)
 def _lowest_radius(outlines: FloatArray, radii: FloatArray) -> tuple[float, float]:
     """Height on the axis, and the radius there, of the smallest ball around spheres on outlines.
 

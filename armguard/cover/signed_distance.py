@@ -16,12 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray
+from armguard.jit.kept_results import keep_results
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import PRUNING_SLACK
 
 _BLOCK = 16  # triangles at most
 _CELLS = 30_000  # about as many fill the box around a surface
 _FINEST = 1e-4  # side of a cell at least, in [m]
+
+MOST_KEPT = 64
+"""Surfaces that are kept as they were arranged: those of the links of a few arms."""
 
 
 class Surface(NamedTuple):
@@ -58,6 +62,7 @@ def compute_signed_distances(points: FloatArray, surface: FloatArray | Surface) 
     return distances
 
 
+@keep_results(MOST_KEPT)
 def arrange_surface(triangles: FloatArray) -> Surface:
     """Find cavities and leave out what can be touched from within only."""
     whole = _sort_into_blocks(triangles)

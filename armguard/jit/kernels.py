@@ -8,13 +8,12 @@ kernels are kept under a digest of its source and of all of armguard's sources t
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import functools
 import hashlib
 import os
+import re
 import shutil
-from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -151,17 +150,21 @@ def kernel(function: Any = None, **options: Any) -> Any:
 
     def compile_function(function: Any) -> Any:
         compiled = _make_dispatcher(function, TolerantCache(function), EntryCompiler, options)
-        # What C or Python would call a part by takes as long to compile as a short kernel.
-        bare = {"no_cpython_wrapper": True, **options}
-        part = _make_dispatcher(function, PartCache(function), PartCompiler, bare)
+
+        @functools.cache
+        def make_part() -> Any:
+            # What C or Python would call a part by takes as long to compile as a short kernel.
+            bare = {"no_cpython_wrapper": True, **options}
+            return _make_dispatcher(function, PartCache(function), PartCompiler, bare)
 
         def find_part(kinds: tuple[Any, ...], names: dict[str, Any]) -> Any:
             # A constant is a number like any other, and needs no part of its own.
             plain = {name: types.unliteral(kind) for name, kind in names.items()}
-            return part.get_call_template(tuple(map(types.unliteral, kinds)), plain)
+            return make_part().get_call_template(tuple(map(types.unliteral, kinds)), plain)
 
+        # Where all kernels are read from the cache, none is called by another one.
         compiled.get_call_template = find_part
-        compiled.get_overload = part.get_overload
+        compiled.get_overload = lambda kinds: make_part().get_overload(kinds)
         return compiled
 
     return compile_function if function is None else compile_function(function)
@@ -250,6 +253,18 @@ def digest_sources(source: Path, package: Path) -> str:
     return digest.hexdigest()[:16]
 
 
+WORD = re.compile(r"\w+")
+
+IMPORT = re.compile(r"import\b([\w., \t\f]*)")
+"""An import of modules; their names."""
+
+IMPORT_FROM = re.compile(
+    r"from\b([ \t\f.]*)([\w. \t\f]*?)\bimport\b"
+    r"(?=[ \t\f]*(?:\(((?:[^)#]|#.*)*)|([\w, \t\f]*)))"
+)
+"""An import from a module: dots, module, and what is taken, in brackets or not."""
+
+
 @functools.cache
 def find_imported(source: Path, content: bytes, package: Path) -> tuple[Path, ...]:
     """Files of the package that a module's imports could take anything from.
@@ -258,39 +273,30 @@ def find_imported(source: Path, content: bytes, package: Path) -> tuple[Path, ..
     count. The packages around a module, which Python imports along with it, do not: nothing of
     them gets into a kernel unless it is named.
 
+    All that looks like an import counts, in a string as well: a source too many does no harm, and
+    to parse all sources would take a third of a start's time.
+
     Args:
         source: The module's file.
         content: What stands in it.
         package: The folder of the package `armguard`.
     """
+    text = re.sub(r"\\\r?\n", " ", content.decode(errors="replace"))
     modules: list[Path] = []
-    for node in walk_statements(ast.parse(content).body):
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                name, *parts = alias.name.split(".")
-                if name == "armguard":
-                    # `import armguard.a.b` makes armguard and armguard.a accessible as well.
-                    modules += [package.joinpath(*parts[:k]) for k in range(len(parts) + 1)]
-        elif isinstance(node, ast.ImportFrom):
-            parts = node.module.split(".") if node.module else []
-            if node.level:
-                module = source.parents[node.level - 1].joinpath(*parts)
-            elif parts[0] == "armguard":
-                module = package.joinpath(*parts[1:])
-            else:
-                continue
-            modules += [module, *(module / alias.name for alias in node.names)]
+    for names in IMPORT.findall(text):
+        for name, *parts in filter(None, map(WORD.findall, names.split(","))):
+            if name == "armguard":
+                # An import of armguard.a.b makes armguard and armguard.a accessible as well.
+                modules += [package.joinpath(*parts[:k]) for k in range(len(parts) + 1)]
+    for dots, module, within, beside in IMPORT_FROM.findall(text):
+        parts = WORD.findall(module)
+        if 0 < (level := dots.count(".")) <= len(source.parents):
+            place = source.parents[level - 1].joinpath(*parts)
+        elif parts[:1] == ["armguard"]:
+            place = package.joinpath(*parts[1:])
+        else:
+            continue
+        taken = WORD.findall(re.sub("#.*", "", within)) + WORD.findall(beside)
+        modules += [place, *(place / name for name in taken)]
     files = [file for one in modules for file in (Path(f"{one}.py"), one / "__init__.py")]
-    return tuple(file for file in files if file.is_file())
-
-
-def walk_statements(statements: Iterable[Any]) -> Iterator[Any]:
-    """All statements, and those within them. Expressions hold none and take ten times as long.
-
-    Args:
-        statements: Of a module or block.
-    """
-    for statement in statements:
-        yield statement
-        for block in ("body", "orelse", "finalbody", "handlers", "cases"):
-            yield from walk_statements(getattr(statement, block, ()))
+    return tuple(file for file in dict.fromkeys(files) if file.is_file())

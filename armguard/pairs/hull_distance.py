@@ -18,8 +18,10 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
+from armguard.bounds.levers import MOST_KEPT
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
+from armguard.jit.kept_results import keep_results
 from armguard.jit.numerics import HULL_ROUNDING
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.robot import Robot
@@ -141,8 +143,9 @@ class HullDistance:
         return hull, coal.Transform3s.Identity()
 
 
+@keep_results(MOST_KEPT)
 def _build_hull(vertices: FloatArray) -> Any:
-    """Convex hull of a link's vertices."""
+    """Convex hull of a link's vertices, which Coal only reads."""
     centered = vertices - vertices.mean(axis=0)
     extents = np.ptp(centered @ np.linalg.svd(centered, full_matrices=False)[2].T, axis=0)
     if not (len(extents) == 3 and extents.min() > THINNEST * extents.max()):

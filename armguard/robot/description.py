@@ -7,6 +7,7 @@ a missing limit or one that is not finite is refused by name.
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 import math
 from collections.abc import Mapping
@@ -185,6 +186,7 @@ def find_robot(name: str) -> Path:
     return robots_directory() / name
 
 
+@functools.cache
 def find_example_urdf(path: str) -> tuple[Path, Path]:
     """A URDF of the example-robot-data distribution, and the folder that its packages lie in.
 

@@ -71,9 +71,11 @@ class Swing:
 
     def find_distance(self, places: Floats) -> Floats:
         """Distances of places, (n, 3), from all that the swing sweeps, in [m]. Shape (n,)."""
-        nearest = np.full(len(places), np.inf)
-        for center, radius in zip(self.centers, self.radii, strict=True):
-            away = np.linalg.norm(places - center, axis=1) - radius
+        nearest, lengths = np.full(len(places), np.inf), (places**2).sum(axis=1)
+        for radius in np.unique(self.radii):
+            centers = self.centers[self.radii == radius]
+            squared = (centers**2).sum(axis=1) - 2.0 * (places @ centers.T)
+            away = np.sqrt(np.maximum(lengths + squared.min(axis=1), 0.0)) - radius
             np.minimum(nearest, away, out=nearest)
         return nearest
 

@@ -16,6 +16,7 @@ CELL = '[robot]\nname = "panda"\n[sources.eye]\n[sources.ear]\n[monitor]\nrate =
 def _quick(monkeypatch):
     monkeypatch.setattr(growth, "COUNTS", (1,))
     monkeypatch.setattr(growth, "SECONDS", 0.02)
+    monkeypatch.setattr(study, "MOMENTS", 1)  # its own tests have all
 
 
 def run(tmp_path, *words):

@@ -1,3 +1,4 @@
+import ast
 from pathlib import Path
 
 import numba
@@ -6,7 +7,7 @@ import pytest
 
 import armguard
 from armguard.jit import kernel, kernels
-from armguard.jit.kernels import PACKAGE, digest_sources, find_cache
+from armguard.jit.kernels import PACKAGE, digest_sources, find_cache, find_imported
 from support.kernel_program import Program
 
 
@@ -54,6 +55,13 @@ def test_a_change_of_anything_imported_changes_the_digest(package, changed):
         "from .room.door import HANDLE",
         "from . import room",
         "from armguard import room",
+        "from armguard.room import (window,  # (a comment, from here\n    door)",
+        "# what follows is taken from here\nfrom armguard.room import door",
+        "# from armguard import (\nfrom armguard.room import door",
+        "one = '#'; from armguard.room import door",
+        "import numpy; import armguard . room\\\n . door",
+        "from . . armguard . room import door",
+        "from armguard.room import*",
     ],
 )
 def test_modules_of_packages_are_followed_however_they_are_imported(package, statement):
@@ -66,6 +74,27 @@ def test_modules_of_packages_are_followed_however_they_are_imported(package, sta
     for changed in ("room/door.py", "hinge.py"):
         assert is_followed(package, changed)
     assert not is_followed(package, "other.py")
+
+
+def find_parsed(source):
+    """Names of what a source imports, by Python's own parser."""
+    for node in ast.walk(ast.parse(source.read_bytes())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            module = node.module or ""
+            yield from (module, *(f"{module}.{alias.name}" for alias in node.names))
+
+
+def test_nothing_that_the_sources_import_is_missed():
+    for source in PACKAGE.rglob("*.py"):
+        found = find_imported(source, source.read_bytes(), PACKAGE)
+        for name in find_parsed(source):
+            first, *parts = name.split(".")
+            if first == "armguard":
+                place = PACKAGE.joinpath(*parts)
+                files = {place.with_name(f"{place.name}.py"), place / "__init__.py"}
+                assert {file for file in files if file.is_file()} <= set(found), (source, name)
 
 
 def test_the_face_of_a_package_counts_where_something_is_taken_from_it(package):

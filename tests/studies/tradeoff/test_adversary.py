@@ -5,6 +5,7 @@ import pytest
 
 from armguard.obstacles import Obstacles
 from armguard.studies.tradeoff.adversary import STEP, Adversary, Body
+from armguard.studies.tradeoff.truth import measure
 from support.panda_monitor import HOME, STILL, make_monitor, ranged_panda
 
 
@@ -50,6 +51,18 @@ def test_a_body_that_hunts_alone_takes_as_long_as_its_bounds_say():
     assert found == pytest.approx(0.1 + (gap - 0.05) / 1.0, abs=2 * STEP)
     assert adversary.find_contact(HOME, STILL, body(far, speed=1.0), horizon=0.3) == math.inf
     assert len(corners)
+
+
+def test_each_link_hunts_with_the_corner_that_is_nearest_at_the_start():
+    q, v = HOME + 0.2, STILL + 0.3
+    hunter = body([-1.0, 0.4, 0.6], (0.2, -0.4, 0.1))
+    alone = []
+    for link in range(len(ranged_panda().links)):
+        adversary = make()
+        adversary._arm.place(q)
+        corner = int(measure(adversary._arm.corners(link), hunter.ends).argmin())
+        alone.append(adversary._hunt(q, v, hunter, link, corner, 1.0))
+    assert make().find_contact(q, v, hunter) == min(alone) < math.inf
 
 
 def test_a_contact_at_once_is_at_once():

@@ -3,6 +3,7 @@ import pytest
 from armguard.app.tradeoff import _make_site
 from armguard.exceptions import ArmguardError
 from armguard.studies.tradeoff import growth
+from armguard.studies.tradeoff import study as study_module
 from armguard.studies.tradeoff.covers import Covers
 from armguard.studies.tradeoff.ladder import AUTO, DEFAULT, FINEST
 from armguard.studies.tradeoff.report import summarise
@@ -15,6 +16,7 @@ from support.tradeoff_cases import make_site, small_scene
 def _quick(monkeypatch):
     monkeypatch.setattr(growth, "COUNTS", (1,))
     monkeypatch.setattr(growth, "SECONDS", 0.02)
+    monkeypatch.setattr(study_module, "MOMENTS", 1)
 
 
 def study(tell=lambda text, share: None, axes=("schedule", "budget"), **settings):
@@ -35,9 +37,11 @@ def interrupt(where, times=1):
     return tell
 
 
-def test_all_settings_see_the_same_and_the_finest_is_the_measure():
+def test_all_settings_see_the_same_and_the_finest_is_the_measure(monkeypatch):
     told = []
-    found = study(lambda text, share: told.append(share))
+    with monkeypatch.context() as whole:
+        whole.setattr(study_module, "MOMENTS", 12)
+        found = study(lambda text, share: told.append(share))
     names = [one.setting.name for one in found.outcomes]
     assert names[:2] == [DEFAULT, FINEST]
     assert {name for name in names if name.startswith("budget") and "+" not in name} == {
@@ -56,8 +60,7 @@ def test_all_settings_see_the_same_and_the_finest_is_the_measure():
     assert all(one.figures.tight_adversary <= 1.0 for one in found.outcomes)
 
 
-def test_what_a_trial_chooses_is_held_against_the_finest_on_another_scene(monkeypatch):
-    monkeypatch.setattr("armguard.studies.tradeoff.study.MOMENTS", 1)
+def test_what_a_trial_chooses_is_held_against_the_finest_on_another_scene():
     site = make_site(rate=100.0)
     trial = make_scene(site, None, 3, 0.4, 7)[0]
     given = site, small_scene(0.4), [AUTO], 0, Covers(site.robot), lambda text, share: None
