@@ -16,7 +16,13 @@ import math
 from typing import NamedTuple
 
 from armguard.bounds.free_body import saturation_time
-from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, deviation_along
+from armguard.bounds.planned.course import (
+    BLOCK,
+    ArmShape,
+    PlannedCourse,
+    close_deviation_along,
+    deviation_along,
+)
 from armguard.bounds.table_time import obstacle_room
 from armguard.contact.bodies import Bounds, Hull
 from armguard.contact.gjk import nearest_on_hull
@@ -108,6 +114,13 @@ def _is_sphere_free(
     if not room > 0.0:
         return False
     deviation = deviation_along(
+        nx, ny, nz, px, py, pz,
+        course.jacobian[slab], course.half[slab], arm.lever[node], arm.turning,
+    )  # fmt: skip
+    if room > deviation or arm.child_count[node] > 0:
+        return room > deviation
+    # Children would see a sphere more closely, but a leaf has none.
+    deviation = close_deviation_along(
         nx, ny, nz, px, py, pz,
         course.jacobian[slab], course.half[slab], arm.lever[node], arm.turning,
     )  # fmt: skip
@@ -226,11 +239,12 @@ def find_planned_contact(
         # Each of its states that may be true: slab by slab, up to the first contact so far.
         for number in possible_states(marks, row):
             states, place, age = state_at(bodies, refused_bodies, marks, row, number, now)
+            until = min(limit, course.moving_slabs[link])
             slab, sphere, spent = _find_contact(
-                link, first, limit, offset, course, arm, states, place, age, margin
+                link, first, until, offset, course, arm, states, place, age, margin
             )
             evaluated += spent
-            if slab < limit:
+            if slab < until:
                 limit, deciding_pair, deciding_sphere = slab, pairs[index], sphere
     if limit == slabs:
         return math.inf, NONE, NONE, evaluated
