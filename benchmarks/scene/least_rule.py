@@ -172,6 +172,8 @@ class LeastRule(Rule):
                 leaves.centers, leaves.radius, moving[leaves.link], seen.ends, seen.velocities,
                 RADII, seen.ages + now, self._bounds, seen.error, seen.errors,
             )  # fmt: skip
+            if room <= 0.0:
+                return room, pull
             if room < least:
                 least = room
                 columns = leaves.kinematics.data.J
@@ -184,11 +186,11 @@ class LeastRule(Rule):
 def find_room(centers, radius, moving, ends, velocities, radii, ages, bounds, error, errors):  # type: ignore[no-untyped-def]
     """The least room of a moving sphere that bodies leave it, so long after they were seen.
 
-    With the sphere, and the way from there to the body. Below 0 the body can be where the sphere
-    is. Each of its ends, as far off and as much faster as errors allow, turns by its whole
-    acceleration to a velocity that its speed allows, and keeps that. Its velocity changes straight
-    towards the sphere, and so that is how far it gets from where it would have drifted to; by less,
-    if it likes, since its bounds are convex.
+    With the sphere, and the way from there to the body. At 0 or below the body can be where the
+    sphere is, and none is looked at after the first of these. Each of its ends, as far off and as
+    much faster as errors allow, turns by its whole acceleration to a velocity that its speed
+    allows, and keeps that. Its velocity changes straight towards the sphere, and so that is how far
+    it gets from where it would have drifted to; by less, if it likes, since its bounds are convex.
     """
     least, sphere = math.inf, 0
     wx = wy = wz = 0.0
@@ -218,4 +220,6 @@ def find_room(centers, radius, moving, ends, velocities, radii, ages, bounds, er
             if room < least:
                 least, sphere = room, i
                 wx, wy, wz = dx, dy, dz
+                if room <= 0.0:
+                    return least, sphere, wx, wy, wz
     return least, sphere, wx, wy, wz
