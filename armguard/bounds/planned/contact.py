@@ -239,12 +239,11 @@ def find_planned_contact(
         # Each of its states that may be true: slab by slab, up to the first contact so far.
         for number in possible_states(marks, row):
             states, place, age = state_at(bodies, refused_bodies, marks, row, number, now)
-            until = min(limit, course.moving_slabs[link])
             slab, sphere, spent = _find_contact(
-                link, first, until, offset, course, arm, states, place, age, margin
+                link, first, limit, offset, course, arm, states, place, age, margin
             )
             evaluated += spent
-            if slab < until:
+            if slab < limit:
                 limit, deciding_pair, deciding_sphere = slab, pairs[index], sphere
     if limit == slabs:
         return math.inf, NONE, NONE, evaluated

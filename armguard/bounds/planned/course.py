@@ -74,9 +74,6 @@ class PlannedCourse(NamedTuple):
     """Balls around all that links sweep in `BLOCK` slabs, in [m]. Shape (blocks, links, 4)."""
     arm_ball: FloatArray
     """A ball around those. Shape (4,)."""
-    moving_slabs: IntArray
-    """How many slabs begin before each link surely rests: what touches it in a later one is the
-    obstacle's doing. Shape (links,)."""
 
 
 @kernel

@@ -89,7 +89,6 @@ class PlannedMotion:
             turning=np.array([not is_prismatic(robot.model, number) for number in numbers]),
             stack=np.zeros(len(spheres), dtype=np.int64),
         )
-        self._moves = self._kinematics.placement.moves[spheres.joint[spheres.root]]
         self._still = np.zeros(len(robot.joints))
         self._chain = make_chain(self._kinematics)
         self._compile()
@@ -205,7 +204,7 @@ class PlannedMotion:
         slower = limits.velocity_error + delay * limits.operating_acceleration
         none = np.zeros(2)
         rests = [
-            float(find_rest(none, pace[None], limits.brakes).max())
+            float(find_rest(none, pace[None], limits.brakes))
             for pace in (speeds, np.minimum(speeds, slower))
         ]
         return rests[0] - rests[1]
@@ -223,13 +222,7 @@ class PlannedMotion:
         """The arm in the middle of each slab, and the balls around all that it sweeps."""
         centers, jacobian = place_all(self._chain, slabs.middle)
         block_balls, arm_ball = enclose(self._arm, centers, slabs.half)
-        start, end, middle, half, rest = slabs
-        # A link rests as soon as all joints that move it do, however long the others take.
-        link_rest = np.where(self._moves, rest, 0.0).max(axis=1)
-        moving = np.searchsorted(start, link_rest)
-        return PlannedCourse(
-            epoch, start, end, middle, half, centers, jacobian, block_balls, arm_ball, moving
-        )
+        return PlannedCourse(epoch, *slabs, centers, jacobian, block_balls, arm_ball)
 
     def contact_time(
         self,

@@ -57,8 +57,6 @@ class JointSlabs(NamedTuple):
     """Middles of the boxes, in [rad] or [m]. Shape (slabs, nv)."""
     half: FloatArray
     """Half their widths, in [rad] or [m]. Shape (slabs, nv)."""
-    rest: FloatArray
-    """From when on each joint surely rests, counted as `start`, in [s]. Shape (nv,)."""
 
 
 class PathClock(NamedTuple):
@@ -137,7 +135,9 @@ def make_left_piece_slabs(
     # The last moment is when it rests at the end; from then on nothing is left to brake.
     latest = max(float(plan.times[-1]) - begin, 0.0) + find_settling(plan, limits, math.inf)
     left = _leave(plan, limits, clock, latest)
-    return None if left is None else _join([*parts, left[0]], limits)
+    if left is None:
+        return None
+    return _join([*parts, left], limits)
 
 
 def _wait(
@@ -173,10 +173,7 @@ def make_stop_slabs(
     """
     if not on_path:
         left = _leave(plan, limits, clock, latest_bite)
-        if left is None:
-            return None
-        slabs, rest = left
-        return _join([slabs], limits)._replace(rest=rest)
+        return None if left is None else _join([left], limits)
     slowing = _find_slowing(plan, limits, clock, latest_bite)
     if not slowing > 0.0:
         return None
@@ -197,8 +194,8 @@ def _divide(latest_bite: float, rest: float) -> FloatArray:
 
 def _leave(
     plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float
-) -> tuple[tuple[FloatArray, FloatArray, FloatArray], FloatArray] | None:
-    """Nodes until all rest, least and greatest positions between them, and when each joint rests.
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Nodes until all rest, and least and greatest positions between them, of joints that leave.
 
     None where a joint may be faster than its brakes are stated for.
     """
@@ -219,13 +216,13 @@ def _leave(
     pace = np.minimum(np.maximum(-slowest, fastest), top)
     if not (pace.max(axis=0) <= limits.brakes.speed[:, -1]).all():
         return None
-    rest = find_rest(nodes, pace, limits.brakes)
-    leaving, nodes = nodes, _divide(latest_bite, max(float(rest.max()) - latest_bite, 1e-6))
+    rest = find_rest(nodes, pace, limits.brakes) - latest_bite
+    leaving, nodes = nodes, _divide(latest_bite, max(rest, 1e-6))
     reach = _reach(plan, limits._replace(velocity_error=error), clock, measured, leaving)
     low_on, high_on = _narrow((low - plan.deviation, high + plan.deviation), reach)
     low, high = np.empty((2, len(nodes) - 1, len(top)))
     _fill_leaving(nodes, low_on, high_on, slowest, fastest, top, limits, low, high)
-    return (nodes, low, high), rest
+    return nodes, low, high
 
 
 def find_settling(plan: CheckedPlan, limits: JointLimits, followed: float) -> float:
@@ -241,7 +238,7 @@ def find_settling(plan: CheckedPlan, limits: JointLimits, followed: float) -> fl
         plan.deviation, plan.acceleration, plan.velocity_deviation, followed, speed
     )
     pace = np.minimum(speed, limits.velocity + limits.velocity_error)
-    return float(find_rest(np.zeros(2), pace[None], limits.brakes).max())
+    return float(find_rest(np.zeros(2), pace[None], limits.brakes))
 
 
 def _find_slowing(
@@ -352,10 +349,7 @@ def _narrow(
 def _join(
     parts: list[tuple[FloatArray, FloatArray, FloatArray]], limits: JointLimits
 ) -> JointSlabs:
-    """Slabs of all parts, one after the other, no joint beyond where it can be at all.
-
-    Joints may move until the last one ends.
-    """
+    """Slabs of all parts, one after the other, no joint beyond where it can be at all."""
     starts, ends, offset = [], [], 0.0
     for nodes, _, _ in parts:
         starts.append(offset + nodes[:-1])
@@ -364,8 +358,7 @@ def _join(
     low = np.concatenate([low for _, low, _ in parts])
     high = np.concatenate([high for _, _, high in parts])
     _center(low, high, limits.lower, limits.upper, limits.position_error)
-    rest = np.full(low.shape[1], offset)
-    return JointSlabs(np.concatenate(starts), np.concatenate(ends), low, high, rest)
+    return JointSlabs(np.concatenate(starts), np.concatenate(ends), low, high)
 
 
 def _spread(
@@ -462,16 +455,16 @@ def _raise_to_fastest(v: FloatArray, top: FloatArray) -> None:
 
 
 @kernel
-def find_rest(nodes: FloatArray, pace: FloatArray, brakes: BrakeCurves) -> FloatArray:
-    """When each joint surely rests that leaves between nodes, from speeds of at most `pace`.
+def find_rest(nodes: FloatArray, pace: FloatArray, brakes: BrakeCurves) -> float:
+    """When all joints surely rest that leave between nodes, from speeds of at most `pace`.
 
-    The speeds are (nodes - 1, nv), from one node to the next; times are rounded up, (nv,).
+    The speeds are (nodes - 1, nv), from one node to the next; the time is rounded up.
     """
-    rest = np.zeros(pace.shape[1])
+    rest = 0.0
     for k in range(pace.shape[0]):
         for j in range(pace.shape[1]):
             lasting = rest_time(find_stop(brakes, j, pace[k, j]), pace[k, j])
-            rest[j] = max(rest[j], (nodes[k + 1] + lasting) * (1.0 + SUM_ROUNDING))
+            rest = max(rest, (nodes[k + 1] + lasting) * (1.0 + SUM_ROUNDING))
     return rest
 
 

@@ -64,7 +64,6 @@ def make_slide(along, center, radius, half):
     course = PlannedCourse(
         NOW, np.zeros(1), np.ones(1), np.zeros((1, 1)), np.full((1, 1), half),
         center.reshape(1, 1, 3).copy(), jacobian, ball.reshape(1, 1, 4).copy(), ball,
-        np.ones(1, dtype=np.int64),
     )  # fmt: skip
     return arm, course
 

@@ -190,9 +190,6 @@ def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders, pace
             assert slabs.end[-1] + STEP >= follower.resting[arm] - now
             time = follower.time - now
             most.append(find_most(slabs, time, follower.q[:, arm], slabs.end[-1]))
-            # No joint moves any more once it is said to rest.
-            assert slabs.rest.max() <= slabs.end[-1] * (1.0 + 1e-9)
-            assert not follower.v[:, arm][time[:, None] > slabs.rest + STEP].any()
     assert max(most) <= 1.0
     assert max(most) > (0.97 if pace == 1.0 else 0.9)
 
