@@ -65,8 +65,7 @@ class ArmMotion:
         )
         self.planned = None
         if with_plans:
-            brakes = None if in_force is None else in_force.brakes
-            self.planned = PlannedMotion(robot, base_placement, lever=lever, brakes=brakes)
+            self.planned = PlannedMotion(robot, base_placement, lever=lever, in_force=in_force)
         self.with_joints = with_joints
         self.table = self.joint.table
         self.braking_table = self.braking.table

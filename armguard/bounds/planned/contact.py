@@ -16,7 +16,13 @@ import math
 from typing import NamedTuple
 
 from armguard.bounds.free_body import saturation_time
-from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, deviation_along
+from armguard.bounds.planned.course import (
+    BLOCK,
+    ArmShape,
+    PlannedCourse,
+    close_deviation_along,
+    deviation_along,
+)
 from armguard.bounds.table_time import obstacle_room
 from armguard.contact.bodies import Bounds, Hull
 from armguard.contact.gjk import nearest_on_hull
@@ -108,6 +114,13 @@ def _is_sphere_free(
     if not room > 0.0:
         return False
     deviation = deviation_along(
+        nx, ny, nz, px, py, pz,
+        course.jacobian[slab], course.half[slab], arm.lever[node], arm.turning,
+    )  # fmt: skip
+    if room > deviation or arm.child_count[node] > 0:
+        return room > deviation
+    # Children would see a sphere more closely, but a leaf has none.
+    deviation = close_deviation_along(
         nx, ny, nz, px, py, pz,
         course.jacobian[slab], course.half[slab], arm.lever[node], arm.turning,
     )  # fmt: skip

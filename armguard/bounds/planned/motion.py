@@ -27,6 +27,7 @@ from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
 from armguard.bounds.planned.slabs import (
     JointSlabs,
     PathClock,
+    find_rest,
     find_settling,
     make_left_piece_slabs,
     make_piece_slabs,
@@ -40,14 +41,16 @@ from armguard.obstacles.table import Marks, States, make_states
 from armguard.robot.brakes import BrakeCurves, find_decelerations, find_gentlest_stop
 from armguard.robot.joints import is_prismatic
 from armguard.robot.kinematics import Kinematics
+from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 
 
 class PlannedMotion:
     """The arm follows a plan within its deviation, to rest at its end or until it is stopped.
 
-    Beside the plan itself it is the robot's own limits that count: operating limits may cease to be
-    in force, and what was proved of a piece is to stand until its end.
+    What was proved of a piece is to stand until its end, and operating limits may cease to be in
+    force before: beside the piece itself it is the robot's own limits that count. Of a stop on the
+    way it is the limits in force: it is asked for anew in every tick.
     """
 
     def __init__(
@@ -56,7 +59,7 @@ class PlannedMotion:
         base_placement: pinocchio.SE3 | None = None,
         *,
         lever: FloatArray | None = None,
-        brakes: BrakeCurves | None = None,
+        in_force: LimitsInForce | None = None,
     ) -> None:
         """Compute the levers of all spheres, and compile.
 
@@ -64,16 +67,16 @@ class PlannedMotion:
             robot: The arm.
             base_placement: Placement of the robot's base in the world; None: they coincide.
             lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
-            brakes: How joints stop under the payload in force, shared; None: under the heaviest.
+            in_force: What joints keep to while the arm works, and how they stop, shared; None: the
+                robot's limits, and its brakes under the heaviest payload.
 
         Raises:
             ArmguardError: The placement is no rigid motion, or a limit of the robot is missing or
                 unusable.
         """
         self._robot = robot
-        self._limits = read_limits(robot)
-        if brakes is not None:
-            self._limits = self._limits._replace(brakes=brakes)
+        self._limits_in_force = read_limits(robot, in_force)
+        self._limits = read_limits(robot)._replace(brakes=self._limits_in_force.brakes)
         self._kinematics = Kinematics(robot, base_placement)
         spheres = self._kinematics.spheres
         numbers = [robot.model.getJointId(joint) for joint in robot.joints]
@@ -155,7 +158,7 @@ class PlannedMotion:
         """
         self._check(plan)
         latest = check_duration("latest_bite", latest_bite)
-        slabs = make_stop_slabs(plan, self._limits, clock, latest, on_path=on_path)
+        slabs = make_stop_slabs(plan, self._limits_in_force, clock, latest, on_path=on_path)
         return None if slabs is None else self._place(plan.now, slabs)
 
     @property
@@ -187,6 +190,24 @@ class PlannedMotion:
         if not slowing > 0.0:
             return slowing, math.inf
         return slowing, 1.0 / slowing + find_settling(plan, self._limits, 0.0)
+
+    def find_gain(self, speeds: FloatArray, delay: float) -> float:
+        """How much sooner joints rest that stand still now than such as may be at full speed, [s].
+
+        Those that stand still speed up again from now on, as far as the limits in force allow.
+
+        Args:
+            speeds: What joints are not faster than on their way, in [rad]/[s] or [m]/[s]. (nv,).
+            delay: From now until brakes bite, in [s].
+        """
+        limits = self._limits_in_force
+        slower = limits.velocity_error + delay * limits.operating_acceleration
+        none = np.zeros(2)
+        rests = [
+            float(find_rest(none, pace[None], limits.brakes))
+            for pace in (speeds, np.minimum(speeds, slower))
+        ]
+        return rests[0] - rests[1]
 
     def _check(self, plan: object) -> None:
         joints = len(self._limits.lower)

@@ -21,9 +21,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armguard.bounds.displacement import brake, fill_displacements
+from armguard.bounds.displacement import brake, fill_displacements, operating_velocity
 from armguard.bounds.limits import JointLimits
-from armguard.bounds.planned.curve import curve_range, find_top_speeds, speed_range
+from armguard.bounds.planned.curve import (
+    curve_range,
+    evaluate_curve,
+    find_top_speeds,
+    speed_range,
+)
 from armguard.bounds.planned.following import fill_deviation_speed
 from armguard.bounds.planned.plan import CheckedPlan
 from armguard.bounds.planned.stop import bound_path_braking
@@ -31,6 +36,7 @@ from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.brakes import BrakeCurves, find_decelerations, find_stop, rest_time
+from armguard.robot.turns import align_turns, find_continuous
 
 SLAB = 5e-3
 """How long a slab of the curve is, in [s], unless there were too many."""
@@ -140,7 +146,8 @@ def _wait(
     """Nodes until a piece begins, and least and greatest positions between them."""
     nodes = np.linspace(0.0, lead, WAITING_SLABS + 1)
     if not before:
-        return nodes, *_spread(plan, limits, nodes)
+        age = plan.now - plan.measured_stamp
+        return nodes, *_spread(plan.measured_q, plan.measured_v, age, limits, nodes)
     boxes = [_follow(one, nodes + (plan.now - one.stamp)) for one in before]
     low = np.min([box[0] for box in boxes], axis=0)
     high = np.max([box[1] for box in boxes], axis=0)
@@ -198,16 +205,21 @@ def _leave(
     if not clock.is_on_time:
         slowest = np.minimum(0.0, slowest * clock.pace)
         fastest = np.maximum(0.0, fastest * clock.pace)
-    _widen_speeds(plan, limits, clock, nodes, slowest, fastest)
-    top = limits.velocity.copy()
+    measured, error = _believe(plan, limits, clock, slowest, fastest)
+    _widen_all(
+        plan.deviation, plan.acceleration, plan.velocity_deviation, measured, error,
+        limits.acceleration, limits.operating_acceleration, clock.followed, clock.age, nodes,
+        slowest, fastest,
+    )  # fmt: skip
+    top = np.maximum(limits.operating_velocity, np.abs(plan.measured_v))
     _raise_to_fastest(plan.v, top)
     pace = np.minimum(np.maximum(-slowest, fastest), top)
     if not (pace.max(axis=0) <= limits.brakes.speed[:, -1]).all():
         return None
-    rest = _slowest_rest(pace.max(axis=0), limits.brakes)
-    rest = max(rest, 1e-6) * (1.0 + SUM_ROUNDING)
-    nodes = _divide(latest_bite, rest)
-    low_on, high_on = low - plan.deviation, high + plan.deviation
+    rest = find_rest(nodes, pace, limits.brakes) - latest_bite
+    leaving, nodes = nodes, _divide(latest_bite, max(rest, 1e-6))
+    reach = _reach(plan, limits._replace(velocity_error=error), clock, measured, leaving)
+    low_on, high_on = _narrow((low - plan.deviation, high + plan.deviation), reach)
     low, high = np.empty((2, len(nodes) - 1, len(top)))
     _fill_leaving(nodes, low_on, high_on, slowest, fastest, top, limits, low, high)
     return nodes, low, high
@@ -226,7 +238,7 @@ def find_settling(plan: CheckedPlan, limits: JointLimits, followed: float) -> fl
         plan.deviation, plan.acceleration, plan.velocity_deviation, followed, speed
     )
     pace = np.minimum(speed, limits.velocity + limits.velocity_error)
-    return float(_slowest_rest(pace, limits.brakes)) * (1.0 + SUM_ROUNDING)
+    return float(find_rest(np.zeros(2), pace[None], limits.brakes))
 
 
 def _find_slowing(
@@ -284,36 +296,54 @@ def _fill(
     return low, high, slowest, fastest
 
 
-def _widen_speeds(
+def _believe(
     plan: CheckedPlan,
     limits: JointLimits,
     clock: PathClock,
-    nodes: FloatArray,
     slowest: FloatArray,
     fastest: FloatArray,
-) -> None:
-    """Widen ranges of velocities between nodes by what an arm on the curve may be off by.
+) -> tuple[FloatArray, FloatArray]:
+    """Measured velocities and their errors, of an arm whose clock keeps to its pace; (nv,) each.
 
-    The least of what is stated, what follows from staying within the deviation, and what follows
-    from the measured velocity.
+    Ranges of velocities right on the curve are (slabs, nv).
     """
     measured, error = plan.measured_v, limits.velocity_error
-    if clock.pace < 1.0:
-        # One that was measured to be faster than its pace counts as if it were so fast: for one
-        # that is not, the velocity nearest to the measured one is no farther from the true one.
-        off = np.empty_like(measured)
-        fill_deviation_speed(
-            plan.deviation, plan.acceleration, plan.velocity_deviation, clock.followed, off
-        )
-        kept = np.clip(measured, slowest[0] - off, fastest[0] + off)
-        if clock.age < 0.0:
-            # It was measured later than that, when it may have had any pace.
-            error = error + np.abs(measured - kept)
-        measured = kept
-    _widen_all(
-        plan.deviation, plan.acceleration, plan.velocity_deviation, measured, error,
-        limits.acceleration, clock.followed, clock.age, nodes, slowest, fastest,
-    )  # fmt: skip
+    if not clock.pace < 1.0:
+        return measured, error
+    # One that was measured to be faster than its pace counts as if it were so fast: for one
+    # that is not, the velocity nearest to the measured one is no farther from the true one.
+    off = np.empty_like(measured)
+    fill_deviation_speed(
+        plan.deviation, plan.acceleration, plan.velocity_deviation, clock.followed, off
+    )
+    kept = np.clip(measured, slowest[0] - off, fastest[0] + off)
+    if clock.age < 0.0:
+        # It was measured later than that, when it may have had any pace.
+        error = error + np.abs(measured - kept)
+    return kept, error
+
+
+def _reach(
+    plan: CheckedPlan,
+    limits: JointLimits,
+    clock: PathClock,
+    v: FloatArray,
+    nodes: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Where joints can get between neighbouring nodes from where they were measured, as at `v`."""
+    at, speed = np.empty_like(v), np.empty_like(v)
+    evaluate_curve(plan.times, plan.q, plan.v, clock.at, at, speed)
+    q = align_turns(plan.measured_q, at, find_continuous(limits.lower, limits.upper))
+    return _spread(q, v, clock.age, limits, nodes)
+
+
+def _narrow(
+    ranges: tuple[FloatArray, FloatArray], others: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest values by both; by the first alone where they have none in common."""
+    low, high = np.maximum(ranges[0], others[0]), np.minimum(ranges[1], others[1])
+    fits = low <= high
+    return np.where(fits, low, ranges[0]), np.where(fits, high, ranges[1])
 
 
 def _join(
@@ -332,10 +362,12 @@ def _join(
 
 
 def _spread(
-    plan: CheckedPlan, limits: JointLimits, nodes: FloatArray
+    q: FloatArray, v: FloatArray, age: float, limits: JointLimits, nodes: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest positions between neighbouring nodes of joints that are free."""
-    q, v, age = plan.measured_q, plan.measured_v, plan.now - plan.measured_stamp
+    """Least and greatest positions between neighbouring nodes of joints that are free.
+
+    They were measured `age` seconds before the first node, (nv,) each.
+    """
     high, low = np.empty((2, len(nodes), len(q)))
     highest, lowest = np.empty((2, len(q)))
     fill_displacements(q, v, age, math.inf, limits, nodes, high, low, highest, lowest)
@@ -372,22 +404,32 @@ def _widen_all(
     measured_v: FloatArray,
     velocity_error: FloatArray,
     acceleration_limit: FloatArray,
+    speeding: FloatArray,
     followed: float,
     age: float,
     nodes: FloatArray,
     slowest: FloatArray,
     fastest: FloatArray,
 ) -> None:
-    """`_widen_speeds`, field by field; `slowest` and `fastest` are (nodes - 1, nv)."""
+    """Widen ranges of velocities between nodes by what an arm on the curve may be off by.
+
+    The least of what is stated, what follows from staying within the deviation, and what follows
+    from the measured velocity: a joint speeds up from there by no more than `speeding`, and slows
+    down by no more than its acceleration limit. `slowest` and `fastest` are (nodes - 1, nv).
+    """
     off = np.empty_like(deviation)
     for k in range(slowest.shape[0]):
         fill_deviation_speed(deviation, acceleration, stated, followed + nodes[k], off)
-        # Either way between the stamp and a time of the slab.
-        away = max(abs(age + nodes[k]), abs(age + nodes[k + 1]))
+        # A slab may begin before the stamp, when a joint that slows down was faster.
+        before = max(-(age + nodes[k]), 0.0) * (1.0 + SUM_ROUNDING)
+        after = max(age + nodes[k + 1], 0.0) * (1.0 + SUM_ROUNDING)
         for j in range(off.shape[0]):
-            reach = velocity_error[j] + away * acceleration_limit[j] * (1.0 + SUM_ROUNDING)
-            slowest[k, j] = max(slowest[k, j] - off[j], measured_v[j] - reach)
-            fastest[k, j] = min(fastest[k, j] + off[j], measured_v[j] + reach)
+            up, down = measured_v[j] + velocity_error[j], -measured_v[j] + velocity_error[j]
+            limit = acceleration_limit[j]
+            most = operating_velocity(up, limit, speeding[j], math.inf, after)
+            least = -operating_velocity(down, limit, speeding[j], math.inf, after)
+            slowest[k, j] = max(slowest[k, j] - off[j], min(least, -down - before * limit))
+            fastest[k, j] = min(fastest[k, j] + off[j], max(most, up + before * limit))
 
 
 @kernel
@@ -413,12 +455,17 @@ def _raise_to_fastest(v: FloatArray, top: FloatArray) -> None:
 
 
 @kernel
-def _slowest_rest(pace: FloatArray, brakes: BrakeCurves) -> float:
-    """Time in which all joints rest that brake from speeds of at most `pace`, (nv,), in [s]."""
-    slowest = 0.0
-    for j in range(pace.shape[0]):
-        slowest = max(slowest, rest_time(find_stop(brakes, j, pace[j]), pace[j]))
-    return slowest
+def find_rest(nodes: FloatArray, pace: FloatArray, brakes: BrakeCurves) -> float:
+    """When all joints surely rest that leave between nodes, from speeds of at most `pace`.
+
+    The speeds are (nodes - 1, nv), from one node to the next; the time is rounded up.
+    """
+    rest = 0.0
+    for k in range(pace.shape[0]):
+        for j in range(pace.shape[1]):
+            lasting = rest_time(find_stop(brakes, j, pace[k, j]), pace[k, j])
+            rest = max(rest, (nodes[k + 1] + lasting) * (1.0 + SUM_ROUNDING))
+    return rest
 
 
 @kernel

@@ -3,6 +3,7 @@
 ARMGUARD_MOTIONS sets how many joint motions are tried in all; a million take an hour.
 """
 
+import copy
 import os
 
 import numpy as np
@@ -53,6 +54,15 @@ def check(robot, plan, now=0.0, q=None, v=None):
     checked = check_plan(plan, robot, now, q, v, now, longest_lag=np.inf)
     assert isinstance(checked, CheckedPlan), checked
     return checked
+
+
+def measure(checked, robot, random, q, v):
+    """The plan as checked against a joint state that is off by as much as it may."""
+    sides = random.choice([-1.0, 0.0, 1.0], (2, len(q)))
+    return checked._replace(
+        measured_q=q + sides[0] * robot.position_error,
+        measured_v=v + sides[1] * robot.velocity_error,
+    )
 
 
 def find_most(slabs, time, q, until):
@@ -114,8 +124,7 @@ def test_joints_that_leave_a_piece_when_they_like_stay_in_the_slabs(robot):
         seen = follower.index(now)
         checked = check(robot, plan, now)
         for arm in range(30):
-            off = random.choice([-1.0, 0.0, 1.0], len(limits.lower)) * robot.velocity_error
-            measured = checked._replace(measured_v=follower.v[seen, arm] + off)
+            measured = measure(checked, robot, random, follower.q[seen, arm], follower.v[seen, arm])
             slabs = make_left_piece_slabs(measured, limits)
             assert slabs.end[-1] + STEP >= follower.resting[arm] - now
             time = follower.time - now
@@ -150,16 +159,24 @@ def test_an_arm_that_leaves_while_it_waits_is_on_the_piece_before():
                 >= high - 1e-9).all()  # fmt: skip
 
 
-@pytest.mark.parametrize(("wanders", "pace"), [(False, 1.0), (True, 1.0), (True, 0.5), (True, 0.1)])
-def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders, pace):
+@pytest.mark.parametrize(
+    ("wanders", "pace", "share"),
+    [(False, 1.0, 1.0), (False, 1.0, 0.3), (True, 1.0, 1.0), (True, 0.5, 1.0), (True, 0.1, 1.0)],
+)
+def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders, pace, share):
+    """Until they brake they may keep to a share of their acceleration limits."""
     random, limits, most = np.random.default_rng(3), read_limits(robot), []
+    limits = limits._replace(operating_acceleration=share * robot.acceleration_limit)
+    working = copy.copy(robot)
+    working.acceleration_limit = limits.operating_acceleration
     for _ in range(15 * MORE):
-        waves, plan = draw_plan(robot, random)
+        waves, plan = draw_plan(working, random)
         now, age = STEP * random.integers(40, 80), STEP * random.integers(0, 10)
         now = min(now, float(plan.times[-1]) - STEP)
         follower = Follower(
-            robot, waves, plan, random, 30, now - 0.02, now, wanders=wanders, most=pace
+            working, waves, plan, random, 30, now - 0.02, now, wanders=wanders, most=pace
         )
+        follower.robot = robot
         follower.brake_joints(BITE)
         seen = min(follower.index(now - age), follower.index(now))
         age = now - follower.time[seen]
@@ -167,8 +184,7 @@ def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders, pace
         if wanders:
             checked = checked._replace(acceleration=2.0 * robot.acceleration_limit)
         for arm in range(30):
-            off = random.choice([-1.0, 0.0, 1.0], len(limits.lower)) * robot.velocity_error
-            measured = checked._replace(measured_v=follower.v[seen, arm] + off)
+            measured = measure(checked, robot, random, follower.q[seen, arm], follower.v[seen, arm])
             clock = PathClock(follower.along[seen, arm], age, not wanders, 0.0, pace)
             slabs = make_stop_slabs(measured, limits, clock, BITE, on_path=False)
             assert slabs.end[-1] + STEP >= follower.resting[arm] - now
