@@ -41,7 +41,8 @@ import time
 import numpy as np
 
 from armguard.obstacles import Obstacles
-from armguard.pairs.arm import IgnoredPairs, WatchedArm
+from armguard.pairs.arm import WatchedArm
+from armguard.pairs.ignored import IgnoredPairs
 from armguard.robot import Robot
 from armguard.scheduling import DaaSchedule, FullSchedule
 from armguard.scheduling.paper.partition import make_partition

@@ -135,9 +135,17 @@ class DeadlineScheduler:
         if len(removed):
             remove(self._handle, removed)
         if len(added):
-            masks = np.array([self.arm.watched_links(int(row)) for row in added])
-            insert(self._handle, added, masks)
+            self._insert(added)
         self._changes = changes
+
+    def watch_anew(self, rows: IntArray) -> None:
+        """Take in which links are watched against some obstacles now, after `follow`."""
+        remove(self._handle, rows)
+        self._insert(rows)
+
+    def _insert(self, rows: IntArray) -> None:
+        masks = np.array([self.arm.watched_links(int(row)) for row in rows])
+        insert(self._handle, rows, masks)
 
     def restart(self) -> None:
         """Start again with all obstacles that are there, whatever happened before."""

@@ -88,7 +88,13 @@ class PairScheduler:
             self._prepare()
         if not self._obstacles.has_membership_changes:
             return
-        added, removed = self._obstacles.drain_membership()
+        self._change(*self._obstacles.drain_membership())
+
+    def watch_anew(self, rows: IntArray) -> None:
+        """Take in which links are watched against some obstacles now, after `follow`."""
+        self._change(rows, rows)
+
+    def _change(self, added: IntArray, removed: IntArray) -> None:
         fresh, gone = self.certificates.change(added, removed, len(self._obstacles.table.alive))
         self.schedule.remove(gone)
         self.schedule.insert(fresh)

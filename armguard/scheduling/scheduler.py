@@ -142,6 +142,16 @@ class Scheduler(Protocol):
         """
         ...
 
+    def watch_anew(self, rows: IntArray) -> None:
+        """Take in which links are watched against some obstacles now, after `follow`.
+
+        All their pairs are evaluated in this tick, as those of obstacles that have just come.
+
+        Args:
+            rows: Of obstacles that are there. Shape (r,).
+        """
+        ...
+
     def restart(self) -> None:
         """Start again with all obstacles that are there, whatever happened before."""
         ...
