@@ -90,36 +90,29 @@ def fresh(cell):
 
 
 def test_contact_is_let_be_before_its_time_and_the_arm_rests_at_it(cell):
-    """By some times that end before, while, and after the arm would be at the fixture."""
-    _, monitor = fresh(cell)
-    watched = Swing(monitor)
-    assert distance(watched.angle, FIXTURE, RADIUS) > 0.1
-    for tick in range(900):
-        watched.step(tick)
-    assert watched.rate == 0.0
-    assert distance(watched.angle, FIXTURE, RADIUS) > 0.0
-    touched = 0
-    for until in (0.1, 0.55, 0.73, 0.9, 1.1, 1.4):
+    """By times before the arm would be at the fixture, while it would, and after."""
+    _, monitor = cell
+    found = []
+    for until in (0.0, 1.1, 1.6, 2.4):
         fresh(cell)
-        exempt_all(monitor, "fixture", until=until)
-        swing, touches_before = Swing(monitor), False
-        for tick in range(900):
-            at_rest = swing.rate == 0.0
-            if distance(swing.angle, FIXTURE, RADIUS) <= 0.0:
-                # Wanted before; after it, an arm that rests moves nothing.
-                assert tick * PERIOD < until or at_rest
-                touches_before = True
-            verdict = swing.step(tick)
+        if until > 0.0:
+            exempt_all(monitor, "fixture", until=until)
+        swing, touched = Swing(monitor), False
+        assert distance(swing.angle, FIXTURE, RADIUS) > 0.1
+        for tick in range(1100):
             now = tick * PERIOD
+            if swing.rate == 0.0:
+                # An arm that rests moves nothing, whatever it touches.
+                break
+            if distance(swing.angle, FIXTURE, RADIUS) <= 0.0:
+                assert now < until
+                touched = True
+            verdict = swing.step(tick)
             if now + verdict.stop_time > until:
-                # Watched: the level is not above that of a pair that is in contact, or near it.
                 assert ReasonKind.PAIR_IGNORED not in kinds(verdict)
-            if now >= until + PERIOD:
-                assert not kinds(verdict) & {ReasonKind.PAIR_IGNORED, ReasonKind.PAIR_WATCHED}
-        assert swing.rate == 0.0
-        touched += touches_before
-    # The last ones were long enough for the arm to be there.
-    assert touched >= 2
+            assert not any("JOINT" in kind.name for kind in kinds(verdict))
+        found.append((touched, swing.rate == 0.0))
+    assert found == [(False, True), (False, True), (True, True), (True, False)]
 
 
 def test_an_obstacle_that_leaves_its_zone_is_watched_before_it_can_be_touched(cell):
@@ -141,11 +134,10 @@ def test_an_obstacle_that_leaves_its_zone_is_watched_before_it_can_be_touched(ce
             way = goal - place if now >= leaves_at else np.zeros(3)
             step = min(pace * PERIOD, float(np.linalg.norm(way)))
             velocity = way / np.linalg.norm(way) * step / PERIOD if step > 0.0 else np.zeros(3)
-            if (
-                not ((place - 0.04 >= low) & (place + 0.04 <= high)).all()
-                and distance(swing.angle, place, 0.04) <= 0.0
-            ):
-                assert swing.rate == 0.0
+            if swing.rate == 0.0:
+                break
+            if not ((place - 0.04 >= low) & (place + 0.04 <= high)).all():
+                assert distance(swing.angle, place, 0.04) > 0.0
             obstacles.update(["cart"], now, [place], [velocity], 0.04, np.inf, pace, source="mover")
             verdict = swing.step(tick)
             ignored += any(
@@ -186,25 +178,25 @@ def test_a_pair_that_is_watched_again_is_judged_as_if_it_had_always_been(schedul
             assert exempt.contact_time >= never.contact_time
             continue
         assert exempt.complete
-        assert (exempt.link, exempt.obstacle) == (never.link, never.obstacle)
         if was:
             again += 1
             assert "part" in str(subjects(exempt, ReasonKind.PAIR_WATCHED))
         if schedule == "full":
-            assert exempt[:3] == never[:3]
-            assert exempt.contact_time == never.contact_time
-            assert exempt.speed_scale == never.speed_scale
+            assert exempt._replace(evaluated=0, reasons=()) == never._replace(
+                evaluated=0, reasons=()
+            )
         else:
-            # It was evaluated just now, the other one some ticks ago.
-            assert exempt.contact_time >= never.contact_time - 1e-9
+            # They were evaluated in other ticks, each of them lately.
+            assert 0.7 * never.contact_time <= exempt.contact_time <= never.contact_time / 0.7
     assert again == 2
 
 
 def test_what_begins_and_ends_is_told_in_verdicts_and_to_the_journal(cell):
     _, monitor = fresh(cell)
+    # What ended before is told in the next step.
+    monitor.step(0.0, HOME, STILL)
     monitor.journal = journal = Journal()
     number = monitor.ignore("panda_hand", "fixture", until=1.0)
-    monitor.step(0.0, HOME, STILL)
     verdict = monitor.step(PERIOD, HOME, STILL)
     assert subjects(verdict, ReasonKind.PAIR_IGNORED) == {"panda_hand and fixture"}
     (reason,) = (one for one in verdict.reasons if one.kind is ReasonKind.PAIR_IGNORED)
@@ -237,6 +229,7 @@ def test_a_pattern_that_fits_nothing_is_a_stop_until_its_time_is_over(cell):
 
 def test_what_is_refused_raises_in_the_call_and_changes_nothing(cell):
     _, monitor = fresh(cell)
+    monitor.reset()
     monitor.step(5.0, HOME, STILL)
     for wrong in ({}, {"until": 5.0}, {"until": np.nan}, {"zone": 0 * BOX}):
         with pytest.raises(ArmguardError):
