@@ -251,9 +251,9 @@ def make_scheduler(
     """
     schedule = settings.schedule
 
-    def make_arm() -> WatchedArm:
+    def make_arm(laid_out: Robot) -> WatchedArm:
         return WatchedArm(
-            robot,
+            laid_out,
             obstacles,
             ignored,
             settings.margin,

@@ -65,7 +65,7 @@ class WatchedArm:
         advances: int = ADVANCES,
     ) -> None:
         # What is attached meanwhile, in another thread, does not reach the copy.
-        robot = copy.copy(robot)
+        self._robot = robot = copy.copy(robot)
         self.revision = robot.revision
         self.links = robot.links
         self.obstacles = obstacles
@@ -88,9 +88,26 @@ class WatchedArm:
             advances=advances,
             by_distance=by_distance,
         )
-        ignored.follow(robot)
         self.hull_distance = HullDistance(robot, self.kinematics)
         # Compiled now: joints beyond their limits must not wait for it in their tick.
+        self.follow_limits(np.zeros(len(robot.joints)))
+
+    def fits(self, robot: Robot) -> bool:
+        """Whether it was laid out for all links that a robot has now, where and as they are."""
+        own = self._robot
+        return own.links == robot.links and all(
+            own.joint_index(link) == robot.joint_index(link)
+            and own.triangles(link) is robot.triangles(link)
+            and all(map(np.array_equal, own.cover.tree(link), robot.cover.tree(link)))
+            for link in own.links
+        )
+
+    def take_over(self, robot: Robot) -> None:
+        """Begin to be the arm, laid out some time ago for what the robot is now."""
+        self.revision = robot.revision
+        self.state.view_table()
+        self.state.sphere_time.fill(np.inf)
+        # Others may be in force by now.
         self.follow_limits(np.zeros(len(robot.joints)))
 
     def follow_limits(self, v: NDArray[np.float64]) -> bool:
@@ -104,7 +121,8 @@ class WatchedArm:
     def watched_links(self, row: int) -> NDArray[np.bool_]:
         """Which links are watched against the obstacle in `row`. Shape (links,)."""
         obstacles, exemptions = self.obstacles, self._exemptions
-        watched = self._ignored.watched_links(obstacles.ids[row], obstacles.source_of(row))
+        name, source = obstacles.ids[row], obstacles.source_of(row)
+        watched = self._ignored.watched_links(name, source, self.links)
         return watched if exemptions is None else exemptions.leave_out(row, watched, self.links)
 
     def names(self, pair: int) -> tuple[str, str]:

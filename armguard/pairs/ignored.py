@@ -65,7 +65,7 @@ class IgnoredPairs:
     def __init__(
         self, ignore: Iterable[Sequence[str]], robot: Robot, sources: Sequence[str] = ()
     ) -> None:
-        self._links = robot.links
+        self._robot = robot
         if not isinstance(ignore, Iterable):
             raise ArmguardError("ignore", f"is {ignore!r}", expected="a list of pairs")
         self._entries = [self._read_entry(entry, sources) for entry in ignore]
@@ -82,21 +82,23 @@ class IgnoredPairs:
             for one in self._entries
         )
 
-    def follow(self, robot: Robot) -> None:
-        """Take the links that the robot has now; what names a detached one waits for its return."""
-        self._links = robot.links
-
-    def watched_links(self, obstacle: str, source: str = "") -> NDArray[np.bool_]:
+    def watched_links(
+        self, obstacle: str, source: str = "", links: Sequence[str] | None = None
+    ) -> NDArray[np.bool_]:
         """Which links are watched against an obstacle. Shape (links,).
+
+        What names a link that is detached waits for its return.
 
         Args:
             obstacle: Its id.
             source: Name of its source; empty for one that never moves.
+            links: Of the arm, as it is laid out; None: those that the robot has now.
         """
         if self.unmatched:
             self.unmatched = [ids for ids in self.unmatched if not fnmatchcase(obstacle, ids)]
         ignored = {entry.link for entry in self._entries if entry.fits(obstacle, source)}
-        return np.array([not ignored & {link, ANY} for link in self._links])
+        links = self._robot.links if links is None else links
+        return np.array([not ignored & {link, ANY} for link in links])
 
     def read_further(
         self, entry: object, sources: Sequence[str], others: Iterable[IgnoredPair] | None
@@ -139,7 +141,7 @@ class IgnoredPairs:
         for entry in entries:
             if entry.source is None and _fits_all(entry.ids):
                 blind.add(entry.link)
-            if ANY in blind or blind >= set(self._links):
+            if ANY in blind or blind >= set(self._robot.links):
                 raise ArmguardError(
                     f"ignore: {[entry.link, entry.ids]}",
                     "leaves nothing to watch: each link is ignored against every obstacle",
@@ -159,11 +161,11 @@ class IgnoredPairs:
                 expected="pairs of a link and a pattern of obstacle ids, perhaps with a source",
             )
         link, ids, source = (*entry, None)[:3]
-        if link not in (ANY, *self._links):
+        if link not in (ANY, *self._robot.links):
             raise ArmguardError(
                 f"ignore: link {link!r}",
                 "is not watched",
-                expected=f'one of {", ".join(self._links)} or "{ANY}"',
+                expected=f'one of {", ".join(self._robot.links)} or "{ANY}"',
             )
         if source is not None and source not in sources:
             raise ArmguardError(
