@@ -187,6 +187,17 @@ class ReasonKind(enum.Enum):
         Effect.STANDING,
         "Correct the pattern, or name the source of what comes later: (link, pattern, source).",
     )
+    PAIR_IGNORED = (
+        "pair not watched for the time being",
+        Effect.NOTE,
+        "Nothing, where this contact is wanted; `monitor.watch(number)` ends it (docs/contact.md).",
+    )
+    PAIR_WATCHED = (
+        "exempt pair watched again",
+        Effect.NOTE,
+        "Nothing, if the exemption is over. If it is to hold, see what the detail says: give it "
+        "more time, or a zone that holds all that the obstacle may do until the arm rests.",
+    )
     JOINT_STOP_AHEAD = (
         "joint runs into its stop",
         Effect.STANDING,

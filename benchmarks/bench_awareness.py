@@ -41,7 +41,8 @@ import time
 import numpy as np
 
 from armguard.obstacles import Obstacles
-from armguard.pairs.arm import IgnoredPairs, WatchedArm
+from armguard.pairs.arm import WatchedArm
+from armguard.pairs.ignored import IgnoredPairs
 from armguard.robot import Robot
 from armguard.scheduling import DaaSchedule, FullSchedule
 from armguard.scheduling.paper.partition import make_partition
@@ -142,13 +143,13 @@ class Trial:
         self._obstacles = obstacles = Obstacles(sources=["crowd"])
         ignored = IgnoredPairs((), work.robot)
 
-        def make_arm() -> WatchedArm:
+        def make_arm(robot: Robot) -> WatchedArm:
             return WatchedArm(
-                work.robot, obstacles, ignored, 0.0, REACTION_TIME, None,
+                robot, obstacles, ignored, 0.0, REACTION_TIME, None,
                 with_joints=True, with_plans=False, by_distance=False,
             )  # fmt: skip
 
-        self._arm = arm = make_arm()
+        self._arm = arm = make_arm(work.robot)
         pairs = count * len(arm.links)
         self._full = Full(FullSchedule(), arm, pairs)
         contestants = {

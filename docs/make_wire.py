@@ -33,6 +33,7 @@ TYPES = {
     "tuple[float, float, float]": "3 numbers",
     "bytes | list[bool] | None": "booleans, one a point, or nil",
     "Rows": "rows of numbers",
+    "Rows | None": "rows of numbers, or nil",
     "Values": "number, or one a row",
     "Values | None": "number, or one a row, or nil",
     "Literal['commit', 'follow']": '`"commit"` or `"follow"`',
@@ -130,6 +131,24 @@ RESET = """## Reset
 AFTER_RESET = """A run without `--reset-token` obeys none. What was not obeyed is counted; there is no answer but the verdicts that follow.
 """
 
+IGNORE = """## Contact that is wanted
+
+`{"type": "ignore", …}`: from the next tick on, what fits is not watched for the time being, until a time, in a zone, or both; [Contact that is wanted](contact.md) says when it is watched all the same. One of `until` and `zone` must be there. It needs the token that `armguard run --reset-token` was given and, where there are keys, the right `joints`.
+"""
+
+WATCH = """`{"type": "watch", …}` ends it before its time, and needs no token.
+"""
+
+AFTER_WATCH = """There is no answer but the verdicts that follow: their notes (`pair_ignored`, `pair_watched`) say what is not watched, and why what was exempt is. What is refused, such as a time that is over or a link that there is not, is counted as `ignore refused` and told on standard error.
+
+```json
+{"type": "ignore", "number": 1, "token": "TOKEN", "link": "panda_hand", "ids": "part*", "until": 15.0,
+ "zone": [[0.4, -0.2, 0.0], [0.8, -0.2, 0.0], [0.4, 0.2, 0.0], [0.8, 0.2, 0.0],
+          [0.4, -0.2, 0.5], [0.8, -0.2, 0.5], [0.4, 0.2, 0.5], [0.8, 0.2, 0.5]]}
+{"type": "watch", "number": 1}
+```
+"""
+
 VERDICT = """## Verdicts
 
 `{"type": "verdict", …}`, once a tick. A controller obeys the newest one, and brakes where there is none that is still valid; when a run ends, its last verdict is a STOP.
@@ -215,6 +234,11 @@ def write_page() -> str:
         RESET,
         write_table(messages.ResetMessage),
         AFTER_RESET,
+        IGNORE,
+        write_table(messages.IgnoreMessage),
+        WATCH,
+        write_table(messages.WatchMessage),
+        AFTER_WATCH,
         VERDICT,
         write_table(messages.VerdictMessage),
         REASONS,

@@ -24,13 +24,14 @@ from armguard.app.realtime import IdleCollector, Realtime, request_realtime
 from armguard.bounds.arm import PLANNED
 from armguard.bounds.planned.plan import Plan
 from armguard.clock import Clock, MonotonicClock
+from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.plan_verdict import refuse_plan
 from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.recorder import Recorder
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 from armguard.streams.authentication import Authenticator
-from armguard.streams.edge import Edge, PlanRequest, StampClock
+from armguard.streams.edge import Edge, ExemptionRequest, PlanRequest, StampClock
 from armguard.streams.faults import FaultLog, logger
 from armguard.streams.inputs import Input, LineInput, SocketInput
 from armguard.streams.nodes import VerdictPublisher
@@ -128,6 +129,8 @@ class RateLoop:
         self.late = 0
         self.missed = 0
         self._obeyed_resets = 0
+        self._exemptions: dict[int, int] = {}
+        """Numbers that the monitor knows exemptions by, by those of their senders."""
 
     @property
     def resets(self) -> Resets:
@@ -185,6 +188,8 @@ class RateLoop:
             edge.reset_requested = False
             self.monitor.reset()
             self._obeyed_resets += 1
+        for exemption in edge.exemptions:
+            self._take_exemption(exemption)
         state = edge.joint_state
         if state is None:
             verdict = _wait_for_joints(now, edge.dropped_age)
@@ -197,6 +202,28 @@ class RateLoop:
         if self._observe is not None:
             self._observe(self, verdict)
         return verdict
+
+    def _take_exemption(self, request: ExemptionRequest) -> None:
+        """Begin or end an exemption that was asked for; what is refused is counted, and told."""
+        monitor, number = self.monitor, request.number
+        lasting = {one.number for one in monitor.exemptions}
+        self._exemptions = {
+            told: known for told, known in self._exemptions.items() if known in lasting
+        }
+        if request.is_end:
+            # One that has ended by itself needs no end.
+            known = self._exemptions.get(number)
+            if known is not None:
+                monitor.watch(known)
+            return
+        try:
+            if number in self._exemptions:
+                raise ArmguardError("number", f"{number} is in use", expected="one of its own")
+            self._exemptions[number] = monitor.ignore(
+                request.link, request.ids, request.source, until=request.until, zone=request.zone
+            )
+        except ArmguardError as error:
+            self._edge.faults.add("ignore refused", "exemptions", number, str(error))
 
     def report(self) -> LoopReport:
         """What the run was like so far."""

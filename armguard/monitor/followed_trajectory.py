@@ -105,6 +105,8 @@ class FollowedTrajectory:
         self._on_path = on_path
         self._path_deceleration = path_deceleration
         self._proving = PROVING if response_time < 0.5 * PROVING else 0.0
+        self._proved_until = self._proved_end = self._prove_at = -math.inf
+        self._proved_of: PlannedMotion | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -304,7 +306,7 @@ class FollowedTrajectory:
     def _forget_proof(self) -> None:
         """Forget what was proved of other trajectories, or another clock."""
         self._proved_until = self._proved_end = self._prove_at = -math.inf
-        self._proved_of: PlannedMotion | None = None
+        self._proved_of = None
         self._scheduler.forget_way_proofs()
 
     def _find_contact(

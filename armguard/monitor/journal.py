@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, Protocol
 
+from armguard.pairs.exemptions import Exemption
 from armguard.verdict import PlanVerdict, Verdict
 
 
@@ -31,6 +32,18 @@ class MonitorJournal(Protocol):
 
     def note_payload(self, payload: float) -> None:
         """Is told what the arm carries from the next step on, in [kg]."""
+        ...
+
+    def note_exemption(self, exemption: Exemption) -> None:
+        """Is told that pairs are not to be watched for the time being, from the next step on."""
+        ...
+
+    def note_exemption_end(self, number: int) -> None:
+        """Is told that an exemption is to end, by its number, with the next step."""
+        ...
+
+    def note(self, text: str) -> None:
+        """Is told in a line for people which pairs are watched no longer, or watched again."""
         ...
 
     def note_reset(self) -> None:

@@ -8,6 +8,7 @@ verdicts to the bit.
 
 from __future__ import annotations
 
+import copy
 import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -45,8 +46,11 @@ from armguard.monitor.queries import Queries
 from armguard.monitor.reports import PairReport, Snapshot
 from armguard.monitor.settings import make_scheduler, read_number, read_settings
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs.arm import ADVANCES, IgnoredPairs
+from armguard.pairs.arm import ADVANCES
+from armguard.pairs.exemptions import Exemption, Exemptions
+from armguard.pairs.ignored import IgnoredPairs
 from armguard.pairs.separation_margin import SeparationRule
+from armguard.robot.attachments import PreparedBody
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
@@ -204,11 +208,20 @@ class Monitor:
         )
         sources = obstacles.source_names
         self._ignored = IgnoredPairs(ignore, robot, sources)
+        self._exemptions = Exemptions(obstacles, self._ignored)
+        self._exempt_reasons: tuple[object, list[Reason]] = (), []
         self.settings = settings = settings._replace(
             rate=float(rate), ignore=self._ignored.entries, certify=certify, separation=separation
         )
         self._scheduler = make_scheduler(
-            robot, obstacles, settings, self._ignored, self._states, in_force, self._operating
+            robot,
+            obstacles,
+            settings,
+            self._ignored,
+            self._states,
+            in_force,
+            self._operating,
+            self._exemptions,
         )
         check_entrances(self._scheduler.arm)
         self._judge = Judge(
@@ -229,7 +242,7 @@ class Monitor:
         self._unplaced = self._no_sources = self._reloaded = False
         self._standing: Reason | None = None
         self._stopped_by_braking = False
-        self._unmatched: tuple[int, list[Reason]] = -1, []
+        self._unmatched: tuple[object, list[Reason]] = None, []
         self._sequence = 0
         self._disbelieved = 0
         self._faults_before = obstacles.fault_count
@@ -396,6 +409,7 @@ class Monitor:
         if self._operating is not None:
             self._operating.reset()
             self._scheduler.arm.follow_limits(self._states.v)
+        self._exemptions.reset()
         self._scheduler.restart()
         self._judge.reset()
         self._last = None, NOTHING_FOUND
@@ -404,6 +418,95 @@ class Monitor:
         self._quiet_until = -math.inf
         self._standing = None
         self._stopped_by_braking = False
+
+    def prepare(self, *bodies: PreparedBody) -> None:
+        """Lay out the arm as it will be with some bodies attached, so that no step waits for it.
+
+        For each set of bodies that may be attached at the same time, before the loop or where a
+        late step does no harm, for it takes a fifth of a second. Then `robot.attach_prepared` and
+        `robot.detach` between two steps are taken in by the next one in less than a millisecond,
+        and the obstacles evaluated anew. Nothing changes until then, and nothing is wrong without.
+
+        Args:
+            bodies: What `Robot.prepare` made, to be attached beside what is attached now.
+
+        Raises:
+            RobotError: A name is taken, or there is no such link.
+        """
+        robot = copy.copy(self.robot)
+        for body in bodies:
+            robot.attach_prepared(body)
+        self._scheduler.prepare_arm(robot)
+
+    def ignore(
+        self,
+        link: str,
+        ids: str,
+        source: str | None = None,
+        *,
+        until: float | None = None,
+        zone: ArrayLike | None = None,
+    ) -> int:
+        """Let a contact be wanted for the time being: not watched until a time, or in a zone.
+
+        From the next step on, a pair is not watched in steps in which nothing but wanted contact is
+        possible before the arm rests, should it be told to stop then. So a pair with a time is
+        watched again before it, by as long as the arm takes to rest; and one with a zone is not
+        watched only while the obstacle, whatever it does within its bounds, stays in the zone for
+        that long (the proofs are in `armguard.pairs.exemptions`). From the first step in which a
+        pair is watched again it is evaluated as though it always had been.
+
+        Verdicts tell in notes what is not watched, and why what is exempt is watched all the same;
+        recordings have a line about each beginning and end. While a plan is known the arm may run
+        it to its end, whatever verdicts say: then nothing is exempt, and no plan is judged by less
+        than all pairs. `reset` ends exemptions that have a time, for the clock may be another one.
+
+        Args:
+            link: Name of a link; "*" is any.
+            ids: Pattern of obstacle ids; one that has fitted no obstacle yet is a STOP that names
+                it, as in the argument `ignore`.
+            source: Name of a source whose obstacles alone are meant, and may come later; None:
+                those of all sources, and what stands still.
+            until: Contact is not wanted from this time on, in [s] of the monitor's clock; None: the
+                zone decides.
+            zone: Corners of a convex region in the world in which contact is wanted, in [m]; None:
+                anywhere. Shape (k, 3), 4 <= k <= 8.
+
+        Returns:
+            The number of the exemption, for `watch`.
+
+        Raises:
+            ArmguardError: Neither a time nor a zone is given, the time is none, not finite or over,
+                the zone encloses no room, the link or the source is unknown, or nothing would be
+                left to watch; then nothing has changed.
+        """
+        exemption = self._exemptions.add(link, ids, source, until=until, zone=zone, now=self._now)
+        if self.journal is not None:
+            self.journal.note_exemption(exemption)
+        return exemption.number
+
+    def watch(self, number: int) -> None:
+        """End what `ignore` began, from the next step on; harmless where it has ended already.
+
+        Args:
+            number: What `ignore` returned.
+
+        Raises:
+            ArmguardError: It returned no such number.
+        """
+        self._exemptions.end(number)
+        if self.journal is not None:
+            self.journal.note_exemption_end(int(number))
+
+    @property
+    def exemptions(self) -> tuple[Exemption, ...]:
+        """What `ignore` began and has not ended."""
+        return self._exemptions.listed
+
+    @property
+    def exemption_count(self) -> int:
+        """How often `ignore` began something so far."""
+        return self._exemptions.count
 
     def with_stop(self, plan: Plan) -> Plan:
         """A plan with a stop at its end, as hard as brakes guarantee, to be committed.
@@ -538,7 +641,9 @@ class Monitor:
             scheduler.arm.follow_limits(states.v)
         quiet = now < self._quiet_until and obstacles.is_quiet(now, self._source_timeout)
         # Under another payload nothing may be decided before all certificates are invalid.
-        usual = quiet and not self._reloaded
+        exemptions = self._exemptions
+        # What is exempt is decided by the stop time that this tick's joint state leaves.
+        usual = quiet and not self._reloaded and exemptions.is_idle
         seen = scheduler.advance(stamp, q, v, now, epoch, number, usual)
         found, joint, stop_time, late = seen[:4]
         if found < BELIEVED:
@@ -561,6 +666,9 @@ class Monitor:
             scheduler.invalidate_all()
         if not quiet:
             reasons += self._read_obstacles(now)
+        notes: list[Reason] = []
+        if not exemptions.is_idle:
+            notes = self._follow_exemptions(now, max(stop_time, late), unbraked)
         tick: Tick = tuple.__new__(
             Tick,
             (
@@ -595,9 +703,12 @@ class Monitor:
             reasons += describe_spreads(obstacles)
         if self._no_sources:
             reasons.append(describe_no_sources(obstacles))
-        if self._ignored.unmatched:
+        if self._ignored.unmatched or exemptions.unmatched:
             reasons += self._tell_unmatched()
         verdict = self._judge.judge(stamp, tick, result, reasons, unplaced=self._unplaced)
+        if notes:
+            # Last, since nothing rests on them.
+            verdict = verdict._replace(reasons=(*verdict.reasons, *notes))
         self._standing = None
         if reasons:
             standing = (one for one in reasons if one.kind.effect is Effect.STANDING)
@@ -628,6 +739,10 @@ class Monitor:
         """The answer to a plan, by what the last tick found."""
         if self.journal is not None:
             self.journal.note_plan(ask, plan)
+        # A plan is run to its end whatever verdicts say, so it is judged by all pairs.
+        rows = self._exemptions.suspend()
+        if len(rows):
+            self._scheduler.watch_anew(rows)
         tick = self._find_tick_to_plan()
         answer = tick if isinstance(tick, PlanVerdict) else judge(plan, tick)
         if self.journal is not None:
@@ -675,14 +790,52 @@ class Monitor:
         self._scheduler.invalidate_all()
         return [describe_break(self._states, operating.record)]
 
+    def _follow_exemptions(
+        self, now: float, horizon: float, unbraked: Reason | None
+    ) -> list[Reason]:
+        """Take in which pairs are exempt in this tick, and tell of it.
+
+        Args:
+            now: Time of the tick, in [s].
+            horizon: In which the arm surely rests that is told to stop by the next verdict, or at
+                the end of a speed scale, in [s].
+            unbraked: Why that is not known; None: it is.
+        """
+        path = self._judge.path
+        if unbraked is not None or (path is not None and (path.is_proved or path.is_followed)):
+            # A stop on a known path takes its own time, and a piece is run to its end unheard.
+            horizon = math.inf
+        exemptions = self._exemptions
+        change = exemptions.update(now, horizon)
+        if len(change.rows):
+            self._scheduler.watch_anew(change.rows)
+        if self.journal is not None:
+            for line in change.lines:
+                self.journal.note(line)
+        states = exemptions.states
+        if self._exempt_reasons[0] is not states:
+            self._exempt_reasons = (
+                states,
+                [
+                    Reason(
+                        ReasonKind.PAIR_IGNORED if one.count else ReasonKind.PAIR_WATCHED,
+                        str(one.exemption),
+                        one.detail,
+                    )
+                    for one in states
+                ],
+            )
+        ended = [Reason(ReasonKind.PAIR_WATCHED, str(one), "it has ended") for one in change.ended]
+        return ended + self._exempt_reasons[1]
+
     def _tell_unmatched(self) -> list[Reason]:
         """Reasons about patterns to ignore that have fitted no obstacle; only news change them."""
-        changes = self.obstacles.table.changes
-        if self._unmatched[0] != changes:
+        unmatched = [*self._ignored.unmatched, *self._exemptions.unmatched]
+        news = self.obstacles.table.changes, unmatched
+        if self._unmatched[0] != news:
             detail = self._ignored.describe_unmatched(self.obstacles.ids)
             kind = ReasonKind.IGNORE_UNMATCHED
-            named = [Reason(kind, repr(ids), detail) for ids in self._ignored.unmatched]
-            self._unmatched = changes, named
+            self._unmatched = news, [Reason(kind, repr(ids), detail) for ids in unmatched]
         return self._unmatched[1]
 
     def _read_obstacles(self, now: float) -> list[Reason]:

@@ -12,7 +12,9 @@ from armguard.bounds.arm import MOTIONS, PLANNED
 from armguard.bounds.operating_history import OperatingHistory
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs.arm import ADVANCES, IgnoredPairs, WatchedArm
+from armguard.pairs.arm import ADVANCES, WatchedArm
+from armguard.pairs.exemptions import Exemptions
+from armguard.pairs.ignored import IgnoredPairs
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, read_operating
@@ -233,6 +235,7 @@ def make_scheduler(
     states: JointStates,
     in_force: LimitsInForce,
     operating: OperatingHistory | None = None,
+    exemptions: Exemptions | None = None,
 ) -> Scheduler:
     """A scheduler over the pairs of an arm and obstacles, compiled and ready.
 
@@ -244,12 +247,13 @@ def make_scheduler(
         states: Where joint positions and velocities of each tick stand.
         in_force: What joints keep to while the arm works, and how they stop, shared.
         operating: What tests joint states against operating limits; None: there are none.
+        exemptions: Pairs that are not watched for the time being; None: there are none.
     """
     schedule = settings.schedule
 
-    def make_arm() -> WatchedArm:
+    def make_arm(laid_out: Robot) -> WatchedArm:
         return WatchedArm(
-            robot,
+            laid_out,
             obstacles,
             ignored,
             settings.margin,
@@ -259,6 +263,7 @@ def make_scheduler(
             with_plans=settings.motion == PLANNED,
             by_distance=schedule is not None and schedule.measure == "distance",
             in_force=in_force,
+            exemptions=exemptions,
             advances=settings.advances,
         )
 

@@ -18,6 +18,7 @@ from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
 from armguard.contact.earliest import Certificate
+from armguard.pairs.exemptions import Exemption
 from armguard.robot.portable import read_numbers, write_number, write_numbers
 from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, Verdict
 
@@ -132,6 +133,28 @@ class Payload(Event, frozen=True, kw_only=True):
     payload: Number
 
 
+class PairIgnored(Event, frozen=True, kw_only=True):
+    """Contact of a link and some obstacles is wanted for the time being, from the next step on."""
+
+    number: int
+    """By which it is ended; they count from 1."""
+    link: str
+    ids: str
+    """Pattern of obstacle ids."""
+    source: str | UnsetType = UNSET
+    """Whose obstacles alone are meant."""
+    until: Number | UnsetType = UNSET
+    """[s]."""
+    zone: Numbers | UnsetType = UNSET
+    """x, y, z of each corner, one after another, in [m]."""
+
+
+class PairWatched(Event, frozen=True, kw_only=True):
+    """Contact is not wanted any more, from the next step on; by the number of what began it."""
+
+    number: int
+
+
 class Reset(Event, frozen=True, kw_only=True):
     """Past joint states and latched faults are forgotten."""
 
@@ -244,6 +267,8 @@ TOPICS: dict[type[Event], str] = {
     DroppedPoints: "dropped_points",
     FaultsTaken: "faults_taken",
     Payload: "payload",
+    PairIgnored: "ignored_pairs",
+    PairWatched: "watched_pairs",
     Reset: "resets",
     PlanAsked: "plans",
     PlanAnswered: "plan_verdicts",
@@ -364,6 +389,20 @@ def read_verdict(told: VerdictTold) -> Verdict:
         separation=None if told.separation is UNSET else float(told.separation),
         certificate=certificate,
         stop=None if told.stop is UNSET else ("finish" if told.stop == "finish" else "brake"),
+    )
+
+
+def tell_exemption(exemption: Exemption) -> PairIgnored:
+    """An exemption as it stands in a recording."""
+    link, ids, source = exemption.pair
+    zone = exemption.zone
+    return PairIgnored(
+        number=exemption.number,
+        link=link,
+        ids=ids,
+        source=UNSET if source is None else source,
+        until=UNSET if exemption.until == math.inf else spell(exemption.until),
+        zone=UNSET if zone is None else write_numbers(np.ravel(zone.points)),
     )
 
 

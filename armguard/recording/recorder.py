@@ -29,6 +29,7 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.message import ToldSamples
+from armguard.pairs.exemptions import Exemption
 from armguard.recording.events import (
     FORMAT,
     BodiesChanged,
@@ -39,6 +40,7 @@ from armguard.recording.events import (
     LinkTold,
     Log,
     MalformedCall,
+    PairWatched,
     Payload,
     Removal,
     Reset,
@@ -46,6 +48,7 @@ from armguard.recording.events import (
     Time,
     encode,
     tell_answer,
+    tell_exemption,
 )
 from armguard.recording.inputs import tell_plan, tell_state
 from armguard.recording.packing import (
@@ -165,6 +168,8 @@ class Recorder:
             self._tell(event)
         if monitor.payload != monitor.settings.payload:
             self.note_payload(monitor.payload)
+        for exemption in monitor.exemptions:
+            self.note_exemption(exemption)
         monitor.journal = monitor.obstacles.journal = self
 
     def note(self, text: str) -> None:
@@ -310,6 +315,14 @@ class Recorder:
     def note_payload(self, payload: float) -> None:
         """As `MonitorJournal` says."""
         self._tell(Payload(payload=write_number(payload)))
+
+    def note_exemption(self, exemption: Exemption) -> None:
+        """As `MonitorJournal` says."""
+        self._tell(tell_exemption(exemption))
+
+    def note_exemption_end(self, number: int) -> None:
+        """As `MonitorJournal` says."""
+        self._tell(PairWatched(number=number))
 
     def note_reset(self) -> None:
         """As `MonitorJournal` says."""
@@ -574,6 +587,13 @@ def _check_untouched(monitor: Monitor) -> None:
             f"has judged {monitor.ticks} joint states already",
             expected="none: a replay needs them all",
             remedy="make the recorder before the first step",
+        )
+    if monitor.exemption_count != len(monitor.exemptions):
+        raise ArmguardError(
+            "monitor",
+            "was told to watch pairs again already",
+            expected="none of its exemptions ended: a replay begins with all of them",
+            remedy="make the recorder before the first `watch`",
         )
     if not obstacles.is_untouched:
         raise ArmguardError(

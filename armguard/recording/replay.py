@@ -28,6 +28,8 @@ from armguard.recording.events import (
     JointState,
     MalformedCall,
     ObstacleUpdate,
+    PairIgnored,
+    PairWatched,
     Payload,
     PlanAnswered,
     PlanAsked,
@@ -293,6 +295,16 @@ def apply_event(monitor: Monitor, event: Event) -> None:
         obstacles.count_points(event.source, stamp, event.points, event.dropped)
     elif isinstance(event, FaultsTaken):
         obstacles.take_faults()
+    elif isinstance(event, PairIgnored):
+        monitor.ignore(
+            event.link,
+            event.ids,
+            event.source if isinstance(event.source, str) else None,
+            until=float(event.until) if isinstance(event.until, float | str) else None,
+            zone=read_numbers(event.zone).reshape(-1, 3) if isinstance(event.zone, list) else None,
+        )
+    elif isinstance(event, PairWatched):
+        monitor.watch(event.number)
     elif isinstance(event, Reset):
         monitor.reset()
 

@@ -23,6 +23,8 @@ from armguard.recording.events import (
     BodiesChanged,
     Event,
     JointState,
+    PairIgnored,
+    PairWatched,
     Payload,
     PlanAsked,
     StaticObstacle,
@@ -124,7 +126,10 @@ def _collect(recording: Recording, rate: float, begin: int, end: int) -> list[Tr
             number += is_tick
             if number == end:
                 break
-        elif not isinstance(event, VerdictTold | StaticObstacle | BodiesChanged):
+        # All pairs are tried, so that no choice rests on contact that was wanted then.
+        elif not isinstance(
+            event, VerdictTold | StaticObstacle | BodiesChanged | PairIgnored | PairWatched
+        ):
             told.append((nanoseconds, event))
             while number < begin and nanoseconds - told[0][0] > 1e9 * BEFORE:
                 told.popleft()

@@ -6,13 +6,14 @@ checked here: kind, sizes, placement, and that metres were meant.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike
 
+from armguard.cover.cover import Cover
 from armguard.cover.patches import drop_nothing, place_patches, swell_nothing
 from armguard.cover.triangulation import make_patches, triangulate
 from armguard.exceptions import RobotError
@@ -68,6 +69,21 @@ class AttachedBody:
         """Pieces of its surface, as `patches` has them, in the frame of its joint, in [m]."""
         assert link in self.links
         return self._pieces
+
+
+class PreparedBody(NamedTuple):
+    """A body that can be attached at once: its cover is fitted and proved."""
+
+    link: str
+    """The link that it is fixed to, whose joint moves it."""
+    body: AttachedBody
+    cover: Cover
+    """Of this body alone."""
+
+    @property
+    def name(self) -> str:
+        """What the new link is to be called."""
+        return self.body.links[0]
 
 
 def _read_geometry(offender: str, geometry: Any) -> tuple[FloatArray, FloatArray]:

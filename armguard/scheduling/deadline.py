@@ -7,7 +7,9 @@ arrays are made, grown and handed over.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,7 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.obstacles.obstacles import Obstacles
+from armguard.obstacles.table import States
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.evaluate import evaluate
 from armguard.robot.joint_states import JointStates
@@ -30,6 +33,7 @@ from armguard.scheduling.certificates import (
     STALE,
     UNPLACED,
     UNSEEN,
+    Certificates,
     find_most_imminent,
     grow_certificates,
     insert,
@@ -49,6 +53,7 @@ from armguard.scheduling.deadline_kernels import (
     is_way_proved,
     keep_way_proof,
 )
+from armguard.scheduling.layouts import Layouts
 from armguard.scheduling.scheduler import (
     NOTHING_EVALUATED,
     AdvanceResult,
@@ -64,13 +69,36 @@ UNLIMITED = 2**62
 """A budget that nothing exceeds."""
 
 
+class _Desk(NamedTuple):
+    """What ticks work on and run for one arm; to make it takes a millisecond."""
+
+    bodies: States
+    """The accepted states of the obstacle table that it was made for."""
+    certificates: Certificates
+    fresh: list[NDArray[Any]]
+    """What was in the certificates' arrays at first; empty where that is not known any more."""
+    candidates: IntArray
+    handle: Any
+    """On the certificates."""
+    tick_data: Any
+    codes: tuple[Any, Any, Any, Any]
+    """Machine code of `advance`, `evaluate_due`, `find_unsafe` and `find_unproved`."""
+
+
+def _list_own(certificates: Certificates) -> list[NDArray[Any]]:
+    """The arrays of certificates that are not the obstacle table's."""
+    own = certificates._asdict()
+    del own["reference_states"], own["news"]
+    return [*own.pop("wheel"), *own.values()]
+
+
 class DeadlineScheduler:
     """Evaluates obstacles by their deadlines; see `Scheduler`.
 
     Args:
         robot: The arm.
         obstacles: The table; this scheduler is the one that follows its rows from now on.
-        make_arm: Lays out the arm as it is now.
+        make_arm: Lays out an arm as it is.
         states: Where joint positions and velocities of each tick stand.
         braking_delay: From a tick until its STOP brakes: period, latency and reaction time, in [s].
         max_staleness: How stale an answer may look, as a fraction of itself.
@@ -85,7 +113,7 @@ class DeadlineScheduler:
         self,
         robot: Robot,
         obstacles: Obstacles,
-        make_arm: Callable[[], WatchedArm],
+        make_arm: Callable[[Robot], WatchedArm],
         states: JointStates,
         braking_delay: float,
         max_staleness: float,
@@ -96,7 +124,9 @@ class DeadlineScheduler:
     ) -> None:
         self._robot = robot
         self._obstacles = obstacles
-        self._make_arm = make_arm
+        self._layouts = Layouts(make_arm)
+        self._desks: weakref.WeakKeyDictionary[WatchedArm, _Desk] = weakref.WeakKeyDictionary()
+        """Of arms that are laid out ahead."""
         self._states = states
         self._record = make_empty_record() if operating is None else operating.record
         self._max_staleness, self._period = max_staleness, period
@@ -131,6 +161,9 @@ class DeadlineScheduler:
                 remedy="give each monitor obstacles of its own",
             )
         if self._robot.revision != self.arm.revision:
+            self._layouts.keep(self.arm)
+            if self._desk.fresh:
+                self._desks[self.arm] = self._desk
             self._prepare()
             self._all_invalid = True
         if self.arm.state.view_table():
@@ -139,9 +172,26 @@ class DeadlineScheduler:
         if len(removed):
             remove(self._handle, removed)
         if len(added):
-            masks = np.array([self.arm.watched_links(int(row)) for row in added])
-            insert(self._handle, added, masks)
+            self._insert(added)
         self._changes = changes
+
+    def prepare_arm(self, robot: Robot) -> None:
+        """Lay out an arm ahead, for a later tick in which the robot has become like this one."""
+        arm = self._layouts.prepare(robot)
+        arm.state.view_table()
+        desk = self._desks.get(arm)
+        if desk is None or desk.bodies is not self._obstacles.table.accepted:
+            certificates = make_certificates(len(arm.links))
+            self._desks[arm] = self._lay_desk(arm, certificates, is_fresh=True)
+
+    def watch_anew(self, rows: IntArray) -> None:
+        """Take in which links are watched against some obstacles now, after `follow`."""
+        remove(self._handle, rows)
+        self._insert(rows)
+
+    def _insert(self, rows: IntArray) -> None:
+        masks = np.array([self.arm.watched_links(int(row)) for row in rows])
+        insert(self._handle, rows, masks)
 
     def restart(self) -> None:
         """Start again with all obstacles that are there, whatever happened before."""
@@ -338,46 +388,68 @@ class DeadlineScheduler:
 
     def _prepare(self) -> None:
         """Lay out everything for the links that the robot has now."""
-        self.arm = self._make_arm()
+        self.arm, is_prepared = self._layouts.find(self._robot)
         self._isotropic = self.arm.motion.isotropic
         self._links = len(self.arm.links)
         self._placed = -2
         self._watcher = self._obstacles.start_watching()
         self._seen_expiry = np.full(len(self.arm.state.tree.radius), -np.inf)
-        self._make_certificates()
-        self._compile()
+        desk = self._desks.pop(self.arm, None)
+        table = self._obstacles.table
+        if desk is not None and desk.bodies is table.accepted:
+            for array, fresh in zip(_list_own(desk.certificates), desk.fresh, strict=True):
+                array[...] = fresh
+            table.reference_states.point_count.fill(0)
+            self._use(desk)
+        else:
+            self._make_certificates()
+        if not is_prepared:
+            self._compile()
 
     def _make_certificates(self) -> None:
-        self.certificates = make_certificates(len(self.arm.links))
         # What the certificates of another scheduler rested on is of no use here.
         self._obstacles.table.reference_states.point_count.fill(0)
-        self._fit()
+        self._use(self._lay_desk(self.arm, make_certificates(len(self.arm.links)), is_fresh=True))
 
     def _fit(self) -> None:
         """Follow the obstacle table's size."""
+        self._use(self._lay_desk(self.arm, self.certificates, is_fresh=False))
+
+    def _use(self, desk: _Desk) -> None:
+        self._desk = desk
+        self.certificates, self._candidates = desk.certificates, desk.candidates
+        self._handle, self._tick_data = desk.handle, desk.tick_data
+        self._advance, self._evaluate_due, self._find_unsafe, self._find_unproved = desk.codes
+
+    def _lay_desk(self, arm: WatchedArm, certificates: Certificates, *, is_fresh: bool) -> _Desk:
+        """Certificates that have the obstacle table's size, and what ticks run on them."""
         table = self._obstacles.table
-        self.certificates = grow_certificates(
-            self.certificates, table.changed_rows, table.reference_states
-        )
-        self._candidates = np.zeros(len(self.certificates.watched), dtype=np.int64)
-        self._handle = pack(self.certificates)
-        scene = self.arm.state.scene
+        certificates = grow_certificates(certificates, table.changed_rows, table.reference_states)
+        candidates = np.zeros(len(certificates.watched), dtype=np.int64)
+        scene = arm.state.scene
         guard, record = self._states.guard, self._record
         decides = scene.settings.with_joints
-        self._tick_data = pack(
-            TickData(scene, self.certificates, guard, record, *self._pace, decides)
+        tick_data = pack(TickData(scene, certificates, guard, record, *self._pace, decides))
+        return _Desk(
+            table.accepted,
+            certificates,
+            [array.copy() for array in _list_own(certificates)] if is_fresh else [],
+            candidates,
+            pack(certificates),
+            tick_data,
+            self._bind(tick_data, candidates),
         )
-        self._bind()
 
-    def _bind(self) -> None:
+    def _bind(self, handle: Any, candidates: IntArray) -> tuple[Any, Any, Any, Any]:
         """Have compiled what a tick runs, for the arrays that there are now."""
-        handle = self._tick_data
         moment, question = Moment(0.0, 0.0, 0, 0.0, 0.0), StopQuestion(0.0, 0.0, 0.0, 0, 0)
         some = np.zeros((len(self._states.q), 2))[:, 0]
-        self._advance = machine_code(advance, handle, 0.0, some, some, 0.0, 0.0, 0, True)
-        self._evaluate_due = machine_code(evaluate_due, handle, True, 0, moment)
-        self._find_unsafe = machine_code(find_unsafe, handle, moment, question, self._candidates)
-        self._find_unproved = machine_code(find_unproved, handle, 0.0, 0.0, self._candidates)
+        return (
+            machine_code(advance, handle, 0.0, some, some, 0.0, 0.0, 0, True),
+            machine_code(evaluate_due, handle, True, 0, moment),
+            machine_code(find_unsafe, handle, moment, question, candidates),
+            machine_code(find_unproved, handle, 0.0, 0.0, candidates),
+        )
 
     def _compile(self) -> None:
         """Run every kernel once on nothing, so that none is compiled in a tick."""

@@ -24,6 +24,7 @@ from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.scheduling.flagged_pairs import FlaggedCheck
+from armguard.scheduling.layouts import Layouts
 from armguard.scheduling.pair_certificates import PairCertificates
 from armguard.scheduling.schedule import Schedule
 from armguard.scheduling.scheduler import (
@@ -44,7 +45,7 @@ class PairScheduler:
         robot: The arm.
         obstacles: The table; this scheduler is the one that follows its rows from now on.
         schedule: Says which pairs to evaluate.
-        make_arm: Lays out the arm as it is now.
+        make_arm: Lays out an arm as it is.
         states: Where joint positions and velocities of each tick stand.
         operating: What tests joint states against operating limits; None: there are none.
     """
@@ -54,14 +55,14 @@ class PairScheduler:
         robot: Robot,
         obstacles: Obstacles,
         schedule: Schedule,
-        make_arm: Callable[[], WatchedArm],
+        make_arm: Callable[[Robot], WatchedArm],
         states: JointStates,
         operating: OperatingHistory | None = None,
     ) -> None:
         self._robot = robot
         self._obstacles = obstacles
         self.schedule = schedule
-        self._make_arm = make_arm
+        self._layouts = Layouts(make_arm)
         self._states = states
         self._operating = operating
         self._prepare()
@@ -85,10 +86,21 @@ class PairScheduler:
             )
         if self._robot.revision != self.arm.revision:
             self.schedule.remove(self.schedule.ranking())
+            self._layouts.keep(self.arm)
             self._prepare()
         if not self._obstacles.has_membership_changes:
             return
-        added, removed = self._obstacles.drain_membership()
+        self._change(*self._obstacles.drain_membership())
+
+    def prepare_arm(self, robot: Robot) -> None:
+        """Lay out an arm ahead, for a later tick in which the robot has become like this one."""
+        self._layouts.prepare(robot)
+
+    def watch_anew(self, rows: IntArray) -> None:
+        """Take in which links are watched against some obstacles now, after `follow`."""
+        self._change(rows, rows)
+
+    def _change(self, added: IntArray, removed: IntArray) -> None:
         fresh, gone = self.certificates.change(added, removed, len(self._obstacles.table.alive))
         self.schedule.remove(gone)
         self.schedule.insert(fresh)
@@ -254,7 +266,8 @@ class PairScheduler:
 
     def _prepare(self) -> None:
         """Lay out everything for the links that the robot has now."""
-        self.arm = arm = self._make_arm()
+        self.arm, is_prepared = self._layouts.find(self._robot)
+        arm = self.arm
         self.certificates = PairCertificates(
             len(arm.links),
             arm.watched_links,
@@ -264,7 +277,8 @@ class PairScheduler:
         self._flagged = FlaggedCheck(hulls, arm.motion.isotropic, arm.state)
         self._evaluated = 0
         self._make_room(0)
-        self._compile()
+        if not is_prepared:
+            self._compile()
         self._watcher = self._obstacles.start_watching()
 
     def _make_room(self, pairs: int) -> None:

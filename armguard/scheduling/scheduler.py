@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.pairs.arm import WatchedArm
 from armguard.robot.joint_acceptance import BELIEVED, NO_JOINT
+from armguard.robot.robot import Robot
 from armguard.scheduling.certificates import UNSEEN
 from armguard.scheduling.timing_wheel import NOBODY
 
@@ -139,6 +140,24 @@ class Scheduler(Protocol):
 
         Raises:
             ArmguardError: Another scheduler follows the table, so that news of it is lost.
+        """
+        ...
+
+    def prepare_arm(self, robot: Robot) -> None:
+        """Lay out an arm ahead, for a later tick in which the robot has become like this one.
+
+        Args:
+            robot: The arm with other bodies attached.
+        """
+        ...
+
+    def watch_anew(self, rows: IntArray) -> None:
+        """Take in which links are watched against some obstacles now, after `follow`.
+
+        All their pairs are evaluated in this tick, as those of obstacles that have just come.
+
+        Args:
+            rows: Of obstacles that are there. Shape (r,).
         """
         ...
 

@@ -31,12 +31,14 @@ from armguard.streams.messages import (
     AnyMessage,
     CloudMessage,
     Header,
+    IgnoreMessage,
     JointsMessage,
     MessageError,
     ObstaclesMessage,
     PlanMessage,
     RemoveMessage,
     ResetMessage,
+    WatchMessage,
     count_points,
     decode,
     read_header,
@@ -140,6 +142,25 @@ class PlanRequest(NamedTuple):
     """[rad] or [m]. Shape (nv,); None where the sender does not say."""
 
 
+class ExemptionRequest(NamedTuple):
+    """What a sender asks about contact that it wants for the time being."""
+
+    number: int
+    """Of the exemption, as its sender counts."""
+    is_end: bool
+    """Whether it is to end; then nothing else is said."""
+    link: str = ""
+    """Name of a link; "*" is any."""
+    ids: str = ""
+    """Pattern of obstacle ids."""
+    source: str | None = None
+    """Whose obstacles alone are meant."""
+    until: float | None = None
+    """Until when, in [s] of the monitor's time, never too late; None: the zone decides."""
+    zone: NDArray[np.float64] | None = None
+    """Where, as corners in [m], shape (k, 3); None: anywhere."""
+
+
 class Edge:
     """Takes messages from inputs and hands what they say to the obstacle table.
 
@@ -156,7 +177,8 @@ class Edge:
             [m/s]; for sources without a clock.
         accel: Acceleration bound of obstacles that bring none and that no pattern of the table's
             fits, in [m/s²]; for sources without a clock.
-        reset_token: What a reset message must carry; without one, none is obeyed.
+        reset_token: What a message must carry that asks for a reset, or for contact to be wanted;
+            without one, none is obeyed.
         limits: How much sources may send; those not named here, as `SourceLimits` has it.
         own_points: How points that are the arm's are told from others; None: no clouds are taken.
         drain_time: How long a drain may last, in [s], in equal parts for its inputs. One message
@@ -195,6 +217,8 @@ class Edge:
         """How old the last joint state was that was dropped as a backlog, in [s]; nan: none was."""
         self.plans: list[PlanRequest] = []
         """Plans that came in the last drain, oldest first."""
+        self.exemptions: list[ExemptionRequest] = []
+        """What was asked in the last drain about contact that is wanted, oldest first."""
         self.reset_requested = False
         """Whether a reset with the right token came; the loop that obeys it sets it back."""
         start, machine, gap = _compare(clock, monotonic, 0.0)
@@ -247,6 +271,7 @@ class Edge:
         now = self._now = self._clock.now()
         self._keeps_joint_state = False
         self.plans = []
+        self.exemptions = []
         self._admit_clients(inputs)
         for source in inputs:
             # Whatever is taken now arrived since this input was last found empty.
@@ -476,12 +501,48 @@ class Edge:
                 self._take_cloud(message)
             else:
                 self._take_removal(message)
-        elif self._reset_token is not None and hmac.compare_digest(
-            message.token.encode(), self._reset_token.encode()
-        ):
+        elif isinstance(message, IgnoreMessage):
+            self._take_exemption(message)
+        elif isinstance(message, WatchMessage):
+            self.exemptions.append(ExemptionRequest(message.number, is_end=True))
+        elif self._is_token(message.token):
             self.reset_requested = True
         else:
             self.faults.add("reset refused", "unknown", None, "token is not the one of this run")
+
+    def _is_token(self, token: str) -> bool:
+        known = self._reset_token
+        return known is not None and hmac.compare_digest(token.encode(), known.encode())
+
+    def _take_exemption(self, message: IgnoreMessage) -> None:
+        """Hand on what is asked; what cannot be read, or has no token, is counted."""
+        if not self._is_token(message.token):
+            problem = "token is not the one of this run"
+            self.faults.add("ignore refused", "exemptions", message.number, problem)
+            return
+        zone, until = None, message.until
+        if message.zone is not None:
+            size = len(message.zone)
+            size = size // 24 if isinstance(message.zone, bytes) else size
+            try:
+                zone = to_rows("zone", message.zone, size, 3)
+            except MessageError as error:
+                self.faults.add("malformed", "exemptions", message.number, str(error))
+                return
+        if until is not None:
+            # As that of a plan: a time to come, which no latency has made old.
+            until, _ = self._to_monitor_time(until, self._joint_clock._replace(latency=0.0))
+        self.exemptions.append(
+            ExemptionRequest(
+                message.number,
+                is_end=False,
+                link=message.link,
+                ids=message.ids,
+                source=message.source,
+                until=until,
+                zone=zone,
+            )
+        )
 
     def _follow(self, watch: SequenceWatch, source: str, sequence: int | None) -> None:
         for kind, times, problem in watch.follow(sequence):

@@ -198,6 +198,34 @@ class RemoveMessage(Message, tag="remove"):
     """counts the messages of the source, `obstacles` among them"""
 
 
+class IgnoreMessage(Message, tag="ignore"):
+    """Asks that contact be wanted for the time being; only with the token of the run."""
+
+    number: Number
+    """of the exemption, by which `watch` ends it; use none that has not ended"""
+    token: str
+    """what `armguard run --reset-token` was given"""
+    link: str
+    """name of a link of the arm; `*` is any"""
+    ids: str
+    """pattern of obstacle ids; one that fits no obstacle yet is a STOP, unless `source` is there"""
+    source: str | None = None
+    """whose obstacles alone are meant, and may come later"""
+    until: float | None = None
+    """contact is not wanted from then on, [s] on the clock of the joint states; left out: the zone
+    decides"""
+    zone: Rows | None = None
+    """corners of a convex region of the world in which contact is wanted, x, y, z in [m], 4 to 8 of
+    them; left out: anywhere"""
+
+
+class WatchMessage(Message, tag="watch"):
+    """Ends what an `ignore` began."""
+
+    number: Number
+    """of the exemption"""
+
+
 class ResetMessage(Message, tag="reset"):
     """Asks to release a latched STOP; only with the token that the run was started with."""
 
@@ -214,7 +242,14 @@ class Header(msgspec.Struct):
 
 
 AnyMessage = (
-    ObstaclesMessage | CloudMessage | JointsMessage | PlanMessage | RemoveMessage | ResetMessage
+    ObstaclesMessage
+    | CloudMessage
+    | JointsMessage
+    | PlanMessage
+    | RemoveMessage
+    | IgnoreMessage
+    | WatchMessage
+    | ResetMessage
 )
 
 

@@ -25,6 +25,7 @@ from armguard.streams.keys import Keys, present
 from armguard.streams.messages import (
     AnyMessage,
     CloudMessage,
+    IgnoreMessage,
     JointsMessage,
     MessageError,
     ObstaclesMessage,
@@ -32,6 +33,7 @@ from armguard.streams.messages import (
     RemoveMessage,
     ResetMessage,
     Values,
+    WatchMessage,
     decode_answer,
     encode,
     encode_plan_verdict,
@@ -90,6 +92,7 @@ class Publisher:
         self._joints_sequence = 0
         # All readers see all answers: no number is another publisher's, or that of an earlier life.
         self._plans = time.monotonic_ns()
+        self._exemptions = self._plans
         self._connected = False
         # XPUB publishes as PUB does, and tells when a monitor begins to listen.
         self._socket = _connect(address, zmq.XPUB, keys)
@@ -309,6 +312,48 @@ class Publisher:
             )
         )
         return self._plans
+
+    def ignore(
+        self,
+        token: str,
+        link: str,
+        ids: str,
+        source: str | None = None,
+        *,
+        until: float | None = None,
+        zone: ArrayLike | None = None,
+    ) -> int:
+        """Ask that contact be wanted for the time being, as `Monitor.ignore` takes it.
+
+        Verdicts tell in a note what is not watched; what is refused is counted by the run and told
+        on its standard error.
+
+        Args:
+            token: Of the run, as for a reset.
+            link: Name of a link; "*" is any.
+            ids: Pattern of obstacle ids.
+            source: Whose obstacles alone are meant; None: those of all sources.
+            until: When contact is not wanted any more, in [s] on the clock of the joint states.
+            zone: Corners of the region in which it is wanted, in [m]. Shape (k, 3).
+
+        Returns:
+            The exemption's number, for `watch`.
+
+        Raises:
+            StreamError: If the zone is not of that shape.
+        """
+        corners = None
+        if zone is not None:
+            count = len(np.atleast_1d(np.asarray(zone, float)))
+            corners = _pack("zone", zone, (count, 3))
+        self._exemptions += 1
+        time = None if until is None else float(until)
+        self._send(IgnoreMessage(self._exemptions, token, link, ids, source, time, corners))
+        return self._exemptions
+
+    def watch(self, number: int) -> None:
+        """Ask that an exemption end, by the number that `ignore` returned."""
+        self._send(WatchMessage(number))
 
     def reset(self, token: str) -> None:
         """Ask the monitor to release a latched STOP; it obeys only the token of its run.

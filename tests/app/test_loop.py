@@ -594,3 +594,23 @@ def test_durations_are_kept_to_a_percent_and_the_longest_exactly():
     durations.add(0.0)
     durations.add(1e6)
     assert durations.percentile(100.0) == 1e6
+
+
+def test_contact_that_is_wanted_is_asked_for_and_ended_over_the_wire():
+    verdicts = []
+    near = [[joints(0.001 * n), ball(0.001 * n, x=1.0)] for n in range(40)]
+    asked = {"type": "ignore", "token": "sesame", "link": "*", "ids": "ball", "until": 9.0}
+    near[10] = [{**asked, "number": 5}, {**asked, "number": 5}, *near[10]]
+    near[12].insert(0, {**asked, "number": 6, "link": "thumb"})
+    near[14].insert(0, {**asked, "number": 7, "until": 0.001})
+    near[20] = [{"type": "watch", "number": 5}, {"type": "watch", "number": 5}, *near[20]]
+    text = '[robot]\nname = "panda"\n[sources.camera]\n[thresholds]\nrise_delay = 0.0\n'
+    loop = make_loop(Script(*near), ManualClock(), verdicts.append, text, reset_token="sesame")
+    report = loop.run()
+    ignored = [
+        any(one.kind is ReasonKind.PAIR_IGNORED for one in verdict.reasons) for verdict in verdicts
+    ]
+    assert ignored[:40] == [False] * 10 + [True] * 10 + [False] * 20
+    for verdict, one in zip(verdicts[:40], ignored, strict=False):
+        assert verdict.obstacle == (None if one else "ball")
+    assert report.faults == {"ignore refused: exemptions": 3}

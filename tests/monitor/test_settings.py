@@ -10,7 +10,7 @@ from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
 from armguard.monitor.settings import make_scheduler, read_limit, read_number, read_settings
 from armguard.obstacles import Obstacles
-from armguard.pairs.arm import IgnoredPairs
+from armguard.pairs.ignored import IgnoredPairs
 from armguard.robot import JointStates, Robot
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.scheduling import SCHEDULES, make_schedule

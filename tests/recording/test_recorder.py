@@ -25,6 +25,8 @@ from armguard.recording.events import (
     JointState,
     Log,
     ObstacleUpdate,
+    PairIgnored,
+    PairWatched,
     Payload,
     StaticObstacle,
     VerdictTold,
@@ -33,6 +35,7 @@ from armguard.recording.events import (
 )
 from armguard.recording.recorder import check_new
 from armguard.scheduling import FullSchedule
+from armguard.verdict import ReasonKind
 from support import eventful_runs
 from support.eventful_runs import PERIOD, stand
 from support.panda_monitor import HOME, STILL, make_monitor
@@ -120,6 +123,40 @@ def test_a_payload_that_was_told_before_is_recorded_too(tmp_path):
     assert [event.payload for event in read_events(path) if isinstance(event, Payload)] == [1.0]
     report = replay(path)
     assert report.is_identical, report.difference
+
+
+def test_exemptions_that_were_told_before_are_recorded_too(tmp_path):
+    """Their beginnings and ends as well, in lines for people."""
+    path, zone = tmp_path / "run.mcap", np.vstack([np.zeros(3), np.eye(3)])
+    obstacles, monitor = make_monitor(rate=1.0 / PERIOD)
+    obstacles.add_static("post", [0.2, 0.2, 0.2], 0.05)
+    first = monitor.ignore("panda_hand", "post", zone=zone)
+    with Recorder(path, monitor):
+        stand(monitor, 5)
+        monitor.watch(first)
+        monitor.ignore("*", "post", until=3 * PERIOD + 0.5)
+        verdicts = stand(monitor, 5, 5)
+    assert any(one.kind is ReasonKind.PAIR_IGNORED for one in verdicts[-1].reasons)
+    events = read_events(path)
+    told = [event for event in events if isinstance(event, PairIgnored)]
+    assert [(one.number, one.link, one.ids) for one in told] == [
+        (1, "panda_hand", "post"),
+        (2, "*", "post"),
+    ]
+    assert [event.number for event in events if isinstance(event, PairWatched)] == [1]
+    lines = [event.message for event in events if isinstance(event, Log)]
+    assert len(lines) == 3
+    assert all("and post" in line for line in lines)
+    report = replay(path)
+    assert report.is_identical, report.difference
+    with pytest.raises(ArmguardError, match="watch pairs again"):
+        Recorder(tmp_path / "late.mcap", ended(make_monitor()[1]))
+
+
+def ended(monitor):
+    """A monitor with an exemption that has ended already."""
+    monitor.watch(monitor.ignore("*", "post", until=1.0))
+    return monitor
 
 
 def test_lines_for_people_are_recorded(tmp_path):

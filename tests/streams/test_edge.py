@@ -645,3 +645,34 @@ def test_two_publishers_of_one_source_are_told(numbers):
 
 def test_huge_numbers_do_no_harm():
     assert follow(-(2**63), 2**63 - 1) == [("lost", 2**64 - 2)]
+
+
+ZONE = [[x, y, z] for x in (0.4, 0.8) for y in (-0.2, 0.2) for z in (0.0, 0.5)]
+
+
+def test_contact_that_is_wanted_needs_the_token_and_its_end_does_not():
+    world = World(reset_token="sesame")
+    asked = {"type": "ignore", "number": 7, "token": "sesame", "link": "hand", "ids": "part*"}
+    world.send(
+        {**asked, "until": MONOTONIC + 9.0, "source": "eye"},
+        {**asked, "number": 8, "zone": ZONE},
+        {**asked, "number": 9, "zone": np.array(ZONE).tobytes()},
+        {"type": "watch", "number": 7},
+    )
+    until, listed, packed, end = world.edge.exemptions
+    assert until[:5] == (7, False, "hand", "part*", "eye")
+    # Never later than was meant.
+    assert 9.0 - 1e-9 <= until.until <= 9.0
+    assert until.zone is None
+    for one in (listed, packed):
+        assert one.until is None
+        assert np.array_equal(one.zone, ZONE)
+    assert (end.number, end.is_end) == (7, True)
+    world.send({**asked, "token": "open", "until": 9.0}, {**asked, "zone": [[1.0, 2.0]]})
+    assert world.edge.exemptions == []
+    assert world.faults.count("ignore refused") == 1
+    assert world.faults.count("malformed") == 1
+    closed = World()
+    closed.send({**asked, "until": 9.0})
+    assert closed.edge.exemptions == []
+    assert closed.faults.count("ignore refused") == 1

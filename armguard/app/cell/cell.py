@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from armguard.app.cell.frames import place_bodies, read_rotation, resolve_frames
 from armguard.app.cell.schema import (
     CellTables,
+    IgnoreTable,
     PatternTable,
     SourceTable,
     ToolTable,
@@ -267,6 +268,15 @@ class Cell:
         the recording that the file names, or of a person who comes up to the arm at work. The
         robot's cover is cut to the level that is chosen, unless the file states one.
         """
+        monitor = self._make_monitor(robot, obstacles)
+        for number, entry in enumerate(self.tables.ignore):
+            if isinstance(entry, IgnoreTable):
+                for link in self._find_links(robot, number, entry.link):
+                    ignore = functools.partial(monitor.ignore, zone=entry.zone)
+                    self._attempt(f"ignore[{number}]", ignore, link, entry.ids, entry.source)
+        return monitor
+
+    def _make_monitor(self, robot: Robot, obstacles: Obstacles) -> Monitor:
         settings = self.monitor_settings(robot)
         if self.tables.settings != AUTO:
             return self._attempt("", lambda: Monitor(robot, obstacles, **settings))
@@ -433,17 +443,23 @@ class Cell:
             )
 
     def _expand_ignore(self, robot: Robot) -> list[tuple[str, ...]]:
-        pairs = []
-        for number, (pattern, *rest) in enumerate(self.tables.ignore):
-            links = [link for link in robot.links if fnmatchcase(link, pattern)]
-            if not links:
-                raise self._error(
-                    f"ignore[{number}]",
-                    f"names the link {pattern!r}",
-                    f"a pattern that fits one of {', '.join(robot.links)}",
-                )
-            pairs += [(link, *rest) for link in links]
-        return pairs
+        """What is never watched; what is exempt within a zone is not among it."""
+        return [
+            (link, *entry[1:])
+            for number, entry in enumerate(self.tables.ignore)
+            if not isinstance(entry, IgnoreTable)
+            for link in self._find_links(robot, number, entry[0])
+        ]
+
+    def _find_links(self, robot: Robot, number: int, pattern: str) -> list[str]:
+        links = [link for link in robot.links if fnmatchcase(link, pattern)]
+        if not links:
+            raise self._error(
+                f"ignore[{number}]",
+                f"names the link {pattern!r}",
+                f"a pattern that fits one of {', '.join(robot.links)}",
+            )
+        return links
 
     def _attempt(self, key: str, make: Callable[..., _T], *arguments: object) -> _T:
         """Make something, its errors becoming ones of this file."""

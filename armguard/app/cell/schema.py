@@ -36,6 +36,15 @@ class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Refuses keys that it does not know."""
 
 
+class IgnoreTable(_Table, frozen=True, kw_only=True):
+    """An entry of `ignore` that holds within a zone alone: a hull of points, in the world."""
+
+    link: Name
+    ids: Name
+    source: Name | None = None
+    zone: Annotated[list[Vector], Meta(min_length=4, max_length=8)]
+
+
 class BaseTable(_Table, frozen=True, kw_only=True):
     """`[robot.base]`: where the robot stands in the world."""
 
@@ -230,7 +239,7 @@ class CellTables(_Table, frozen=True, kw_only=True):
     statics: dict[Name, StaticTable] = {}
     entrances: dict[Name, EntranceTable] = {}
     tool: ToolTable | None = None
-    ignore: list[IgnoreEntry] = []
+    ignore: list[IgnoreEntry | IgnoreTable] = []
     bounds: BoundsTable = BoundsTable()
     monitor: MonitorTable = MonitorTable()
     thresholds: ThresholdsTable = ThresholdsTable()

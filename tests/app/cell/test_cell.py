@@ -264,6 +264,27 @@ def test_settings_reach_obstacles_and_monitor():
     assert obstacles.table.accepted.accel[row] == 7.0
 
 
+def test_pairs_are_ignored_within_a_zone_alone():
+    corners = [[x, y, z] for x in (0.4, 0.8) for y in (-0.2, 0.2) for z in (0.0, 0.5)]
+    text = (
+        f'ignore = [["*", "post"], {{ link = "panda_link[67]", ids = "bin", zone = {corners} }}]\n'
+        + ROBOT
+        + "[statics.post]\nposition = [2.0, 0, 0]\nradius = 0.1\n"
+        "[statics.bin]\nposition = [0.6, 0, 0.2]\nradius = 0.1\n"
+    )
+    _, _, monitor = Cell.from_text(text).build()
+    assert monitor.settings.ignore == tuple((link, "post") for link in monitor.robot.links)
+    assert [one.pair.link for one in monitor.exemptions] == ["panda_link6", "panda_link7"]
+    for one in monitor.exemptions:
+        assert one.until == math.inf
+        assert np.array_equal(one.zone.points, corners)
+    with pytest.raises(CellError, match=r"zone.*no room") as caught:
+        Cell.from_text(text.replace("0.5]", "0.0]")).build()
+    assert caught.value.offender == "cell: ignore[1]"
+    with pytest.raises(CellError, match="length >= 4"):
+        Cell.from_text(text.replace(str(corners), str(corners[:3])))
+
+
 def test_ids_have_the_bounds_of_their_first_pattern():
     text = (
         '[robot]\nname = "panda"\n[bounds]\nspeed = 3.0\n[bounds.of]\n"*_hand" = "hand"\n'
