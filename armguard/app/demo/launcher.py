@@ -11,6 +11,7 @@ Nothing here is a short cut: `armguard run` gets a cell file and addresses, as i
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import secrets
 import subprocess
@@ -30,7 +31,13 @@ from armguard.app.processes import COMPLAINT, complain
 from armguard.app.summary import draw_summary
 from armguard.exceptions import ArmguardError
 from armguard.recording.recorder import check_new
-from armguard.robot.description import find_robot
+from armguard.robot.description import (
+    DESCRIPTION,
+    find_robot,
+    is_known,
+    locate_urdf,
+    read_description,
+)
 from armguard.view.export import check_export
 from armguard.view.listening import listen
 from armguard.view.process import ViewProcess, launch
@@ -44,10 +51,12 @@ EXPORT_TIMEOUT = 120.0
 FLOOR = -0.75
 """Height of the floor that is drawn, in [m]: the arm of the demo stands on a table."""
 
+OPERATING = 'operating = "published" # the simulated controller keeps to these'
+
 CELL = """\
 [robot]
-name = "{robot}"
-operating = "published" # the simulated controller keeps to these
+name = {robot}
+{operating}
 
 [robot.base]
 xyz = {base}
@@ -92,7 +101,7 @@ def run_demo(
     """Run the demo and print its summary.
 
     Args:
-        robot: Which arm; one that armguard knows.
+        robot: Which arm: one that armguard knows, or the folder of one of your own.
         duration: How long, in [s]; a recording may end it sooner.
         person: Vicon CSV of a person; None: a simulated one.
         obstacle_count: Wandering balls besides.
@@ -117,7 +126,12 @@ def run_demo(
         raise ArmguardError("--obstacles", f"is {obstacle_count}", expected="at least 0")
     if not seed >= 0:
         raise ArmguardError("--seed", f"is {seed}", expected="at least 0")
-    find_robot(robot)
+    directory = find_robot(robot)
+    description = read_description(directory / DESCRIPTION)
+    if not is_known(robot):
+        locate_urdf(directory, description)
+        robot = str(directory.resolve())
+    has_published = description.operating.published is not None
     if record is not None:
         check_new(record)
     if export is not None:
@@ -139,7 +153,11 @@ def run_demo(
         tables = "".join(f"[sources.{source.name}]\nrate = {source.rate}\n" for source in sources)
         cell.write_text(
             CELL.format(
-                robot=robot, base=list(find_place(robot).base), sources=tables, schedule=schedule
+                robot=json.dumps(robot),
+                operating=OPERATING if has_published else "",
+                base=list(find_place(robot).base),
+                sources=tables,
+                schedule=schedule,
             )
         )
         errors = resources.enter_context(log.open("ab"))
