@@ -475,9 +475,11 @@ class NewRobot:
         from armguard.app.new_robot.command import Wishes, run_new
 
         said = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        protrusion = None if self.protrusion is None else 1e-3 * self.protrusion
         del said["action"]
-        return run_new(Wishes(**{**said, "protrusion": protrusion, "takes_usual": said.pop("yes")}))
+        said["takes_usual"] = said.pop("yes")
+        if self.protrusion is not None:
+            said["protrusion"] = 1e-3 * self.protrusion
+        return run_new(Wishes(**said))
 
 
 @dataclasses.dataclass(frozen=True)

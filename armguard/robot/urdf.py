@@ -7,6 +7,7 @@ right first, and afterwards every collision element and every axis is accounted 
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -168,12 +169,30 @@ def _prepare_joints(
             limit = ElementTree.SubElement(joint, "limit")
         for key in ("effort", "velocity"):
             limit.set(key, limit.get(key, "0"))
+        _check_limit(name, limit)
         if joint.get("type") == "continuous":
             continuous.append(name)
             joint.set("type", "revolute")
             limit.set("lower", str(-FREE_RANGE))
             limit.set("upper", str(FREE_RANGE))
     return continuous, mimics
+
+
+def _check_limit(joint: str, limit: ElementTree.Element) -> None:
+    """Refuse by name what the reader of the format would only say it cannot read."""
+    for key, text in limit.attrib.items():
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        is_size = key in ("effort", "velocity")
+        if not (0.0 <= value < math.inf if is_size else math.isfinite(value)):
+            raise RobotError(
+                f"joint {joint!r}",
+                f"has {key}={text!r} in its limit element",
+                expected="a finite number, at least 0" if is_size else "a finite number",
+                remedy="correct the URDF",
+            )
 
 
 def _check_collisions(

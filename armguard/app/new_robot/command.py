@@ -27,10 +27,11 @@ from armguard.app.new_robot.questions import (
     read_number,
     read_range,
 )
-from armguard.app.new_robot.sources import UrdfSource, find_urdf
+from armguard.app.new_robot.sources import URDF, UrdfSource, find_urdf
 from armguard.app.new_robot.text import NewRobot, list_choices, write_text
 from armguard.app.processes import complain
 from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
+from armguard.cover.report import CoverReport
 from armguard.exceptions import ArmguardError, RobotError
 from armguard.jit.progress import following
 from armguard.robot.description import (
@@ -82,33 +83,18 @@ def run_new(wishes: Wishes) -> int:
     Raises:
         ArmguardError: Something is missing, unusable or contradictory; nothing is written then.
     """
-    check_new_folder(wishes.out)
-    planning = None if wishes.joint_limits is None else read_planning_limits(wishes.joint_limits)
     is_terminal = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
     asker = Asker(ask_on_terminal if is_terminal else None, takes_usual=wishes.takes_usual)
-    with tempfile.TemporaryDirectory(prefix="armguard-") as scratch:
-        source = find_urdf(wishes.urdf, wishes.out, wishes.package_dirs, Path(scratch))
-        new = describe(wishes, source, planning, asker)
-        text = write_text(new)
-        description = read_description(tomllib.loads(text))
-        urdf = read_described(source.path, source.folders, description)
-        name = wishes.out.resolve().name
-        robot = Robot(name, urdf, description, list(description.joints))
-        cover = fit_with_bar(robot, wishes.spheres, wishes.protrusion)
-    report = cover.check(robot)
-    if show_report(report) != 0:
+    planning = None if wishes.joint_limits is None else read_planning_limits(wishes.joint_limits)
+    made = make_folder(wishes, planning, asker)
+    if show_report(made.report) != 0:
         return UNPROVED
     limit = wishes.protrusion or DEFAULT_PROTRUSION
-    coarse = [
-        link
-        for link, entry in report.links.items()
-        if wishes.spheres is None and not entry.max_protrusion <= limit + TOLERANCE
-    ]
-    if coarse:
-        _print(f"sticks out by more than {1e3 * limit:g} mm: {', '.join(coarse)}")
-    write_folder(wishes.out, text, cover, source.text)
+    for link, entry in made.report.links.items():
+        if wishes.spheres is None and not entry.max_protrusion <= limit + TOLERANCE:
+            _print(f"{link}: sticks out by more than {1e3 * limit:g} mm")
     _print(f"wrote {wishes.out / DESCRIPTION} and {wishes.out / COVER}")
-    for line in list_choices(new):
+    for line in list_choices(made.description):
         _print(f"- {line}")
     if planning is not None and planning.unused:
         _print(f"not used of {wishes.joint_limits}: {', '.join(planning.unused)}")
@@ -119,6 +105,41 @@ def run_new(wishes: Wishes) -> int:
         f'[robot] name = "{wishes.out}" (relative to its folder)'
     )
     return 0
+
+
+class Made(NamedTuple):
+    """What was made of a URDF."""
+
+    description: NewRobot
+    report: CoverReport
+    """Nothing was written where it says that a link is not inside its spheres."""
+
+
+def make_folder(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Made:
+    """Describe a robot, fit and prove its cover, and write both.
+
+    Args:
+        wishes: What the command line says.
+        planning: What MoveIt's limits say.
+        asker: Answers what is missing.
+
+    Raises:
+        ArmguardError: Something is missing, unusable or contradictory; nothing is written then.
+    """
+    check_new_folder(wishes.out)
+    with tempfile.TemporaryDirectory(prefix="armguard-") as scratch:
+        source = find_urdf(wishes.urdf, wishes.out, wishes.package_dirs, Path(scratch))
+        new = describe(wishes, source, planning, asker)
+        text = write_text(new)
+        description = read_description(tomllib.loads(text))
+        urdf = read_described(source.path, source.folders, description)
+        name = wishes.out.resolve().name
+        robot = Robot(name, urdf, description, list(description.joints))
+        cover = fit_with_bar(robot, wishes.spheres, wishes.protrusion)
+    report = cover.check(robot)
+    if report.proved:
+        write_folder(wishes.out, text, cover, source.text)
+    return Made(new, report)
 
 
 def check_new_folder(folder: Path) -> None:
@@ -172,7 +193,7 @@ def describe(
     joints = facts.joints
     if planning is not None:
         _check_planning(wishes.joint_limits, planning, urdf)
-    facts.refuse_unusable("--position", wishes.position)
+    facts.refuse_ranges(wishes.position)
     position = asker.answer(
         Question(
             "--position",
@@ -185,7 +206,6 @@ def describe(
         [joint for joint in joints if joint not in facts.continuous],
         wishes.position,
     )
-    facts.refuse_unusable("--velocity", wishes.velocity)
     velocity = asker.answer(
         Question(
             "--velocity",
@@ -506,7 +526,7 @@ def write_folder(folder: Path, text: str, cover: Cover, urdf: str | None) -> Non
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if urdf is not None:
-            put("robot.urdf", lambda path: path.write_text(urdf, encoding="utf-8"))
+            put(URDF, lambda path: path.write_text(urdf, encoding="utf-8"))
         put(COVER, cover.save)
         put(DESCRIPTION, lambda path: path.write_text(text, encoding="utf-8"))
     except OSError as error:

@@ -105,7 +105,7 @@ class JointFacts:
         self.continuous = [joint for joint in self.joints if joint in urdf.continuous]
         self.positions: dict[str, Figure[Range]] = {}
         self.velocities: dict[str, Figure[float]] = {}
-        self._unusable: dict[str, tuple[str, str]] = {}
+        self._no_ranges: dict[str, Range] = {}
         for i, joint in enumerate(self.joints):
             lower, upper = (
                 float(limit[i])
@@ -114,27 +114,24 @@ class JointFacts:
             if -math.inf < lower < upper < math.inf:
                 self.positions[joint] = Figure((lower, upper), origin)
             elif joint not in self.continuous and not lower == upper == 0.0:
-                self._unusable[f"--position {joint}"] = f"position = [{lower:g}, {upper:g}]", joint
+                self._no_ranges[joint] = lower, upper
             velocity = float(self.model.velocityLimit[i])
-            if 0.0 < velocity < math.inf:
+            if velocity > 0.0:
                 self.velocities[joint] = Figure(velocity, origin)
-            elif velocity != 0.0:
-                self._unusable[f"--velocity {joint}"] = f"velocity = {velocity:g}", joint
 
-    def refuse_unusable(self, option: str, given: Sequence[str]) -> None:
-        """Refuse what the URDF says where nobody has said anything else by an option.
+    def refuse_ranges(self, given: Sequence[str]) -> None:
+        """Refuse ranges of the URDF that are none, where no `--position` names their joint.
 
         Raises:
-            RobotError: A limit is negative, no number, infinite, or a range is none.
+            RobotError: There is one.
         """
-        for key, (problem, joint) in self._unusable.items():
-            asked, _, _ = key.partition(" ")
-            said = [item.rpartition("=")[0] for item in given]
-            if asked == option and joint not in said:
+        said = [item.rpartition("=")[0] for item in given]
+        for joint, (lower, upper) in self._no_ranges.items():
+            if joint not in said:
                 raise RobotError(
                     f"joint {joint!r}",
-                    f"has {problem} in the URDF",
-                    remedy=f"correct it there, or give {option} {joint}=…",
+                    f"has position = [{lower:g}, {upper:g}] in the URDF",
+                    remedy=f"correct it there, or give --position {joint}=LOWER:UPPER",
                 )
 
     @property
