@@ -15,12 +15,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-from armguard.app.new_robot.command import Wishes, make_folder
+from armguard.app.new_robot.command import Wishes, make_folder, prepare
 from armguard.app.new_robot.questions import Asker
-from armguard.cover import Cover
 from armguard.exceptions import ArmguardError
 from armguard.robot import Robot
-from armguard.robot.description import read_description
 
 FOLDER = Path(__file__).resolve().parent
 PAGE, ROWS = FOLDER / "arms.md", FOLDER / "arms.json"
@@ -50,6 +48,9 @@ WITHOUT_ARMS = {
 SPHERES = 4
 """At most so many a link, so that a trial is about loading more than about fitting."""
 
+MOST_LINKS = 14
+"""Robots with more are described and read, and not fitted: each would take many minutes."""
+
 HEAD = f"""# Arms that were tried
 
 <!-- written by docs/make_arms.py from docs/arms.json, which a run of it makes: change it there -->
@@ -58,7 +59,7 @@ Every URDF of [example-robot-data](https://pypi.org/project/example-robot-data/)
 
     armguard robot new FILE.urdf --out DIR --yes --spheres {SPHERES}
 
-as it is, without any other option: what loads, with how many watched joints, links and spheres, and what is refused and why. Seconds are processor time on a shared machine: reading, deriving, fitting, proving, and loading it again. With `--yes` much is CHOSEN or DERIVED, so a row says that an arm loads, not that its description is right. At most {SPHERES} spheres a link keep the trial short; seven of these arms have covers of 20 mm in [covers](covers.md).
+as it is, without any other option: what loads, with how many joints watched and locked, how many links, how many of them as they are drawn, and how many spheres; and what is refused and why. Seconds are processor time on a shared machine, of reading and describing, and of fitting, proving and loading again. Robots of more than {MOST_LINKS} links were described and read, and not fitted: nothing is refused any more there, but it takes many minutes. With `--yes` much is CHOSEN or DERIVED, so a row says that an arm loads, not that its description is right. At most {SPHERES} spheres a link keep the trial short; seven of these arms have covers of 20 mm in [covers](covers.md).
 """
 
 
@@ -76,34 +77,42 @@ def list_arms() -> list[str]:
     return [path for path in list_urdfs() if Path(path).name not in WITHOUT_ARMS]
 
 
-def try_arm(path: str) -> dict[str, Any]:
-    """What comes of one URDF."""
-    asker = Asker(None, takes_usual=True)
+def read_arm(path: str) -> dict[str, Any]:
+    """What comes of one URDF until its cover would be fitted."""
     begun = time.process_time()
     with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) / "arm"
         try:
-            wishes = Wishes(Path(path), folder, spheres=SPHERES, takes_usual=True)
-            made = make_folder(wishes, None, asker)
+            prepared = prepare(make_wishes(path, scratch), None, Asker(None, takes_usual=True))
+        except ArmguardError as error:
+            return {"refused": str(error)}
+    return {
+        "joints": len(prepared.robot.joints),
+        "locked": len(prepared.description.locked),
+        "links": len(prepared.robot.links),
+        "drawn": len(prepared.description.collision_from_visual),
+        "described": round(time.process_time() - begun, 1),
+    }
+
+
+def fit_arm(path: str) -> dict[str, Any]:
+    """What comes of its cover."""
+    begun = time.process_time()
+    with tempfile.TemporaryDirectory() as scratch:
+        wishes = make_wishes(path, scratch)
+        try:
+            made = make_folder(wishes, None, Asker(None, takes_usual=True))
         except ArmguardError as error:
             return {"refused": str(error)}
         if not made.report.proved:
             return {"refused": "its cover could not be proved"}
-        Robot.load(folder)
-        return read_folder(folder) | {"seconds": round(time.process_time() - begun, 1)}
+        robot = Robot.load(wishes.out)
+    spheres = sum(len(robot.cover.spheres(link)) for link in robot.links)
+    return {"spheres": spheres, "fitted": round(time.process_time() - begun, 1)}
 
 
-def read_folder(folder: Path) -> dict[str, Any]:
-    """What a folder that was written has."""
-    description = read_description(folder / "robot.toml")
-    cover = Cover.load(folder / "cover.json")
-    return {
-        "joints": len(description.joints),
-        "locked": len(description.locked),
-        "drawn": len(description.collision_from_visual),
-        "links": len(cover.links),
-        "spheres": sum(len(cover.spheres(link)) for link in cover.links),
-    }
+def make_wishes(path: str, scratch: str) -> Wishes:
+    """What the command line says in each trial."""
+    return Wishes(Path(path), Path(scratch) / "arm", spheres=SPHERES, takes_usual=True)
 
 
 def write_page(rows: dict[str, dict[str, Any]]) -> str:
@@ -113,11 +122,12 @@ def write_page(rows: dict[str, dict[str, Any]]) -> str:
     parts = [
         HEAD,
         f"## {len(loaded)} load\n",
-        "| URDF | joints | locked | links | of them as drawn | spheres | seconds |",
-        "|---|---|---|---|---|---|---|",
+        "| URDF | joints | locked | links | as drawn | spheres | described in, s | fitted in, s |",
+        "|---|---|---|---|---|---|---|---|",
         *(
             f"| `{path}` | {row['joints']} | {row['locked']} | {row['links']} | {row['drawn']} | "
-            f"{row['spheres']} | {row['seconds']:.0f} |"
+            f"{row.get('spheres', 'not fitted')} | {row['described']:.1f} | "
+            f"{row.get('fitted', '')} |"
             for path, row in sorted(loaded.items())
         ),
         f"\n## {len(refused)} are refused\n",
@@ -137,13 +147,24 @@ def main() -> None:
     """Try what has not been tried, or what is named, and write the page."""
     rows = json.loads(ROWS.read_text(encoding="utf-8")) if ROWS.is_file() else {}
     arms = list_arms()
-    wanted = [path for path in arms if Path(path).stem in sys.argv[1:]]
-    for path in wanted or [path for path in arms if path not in rows]:
-        rows[path] = try_arm(path)
+    named = [path for path in arms if Path(path).stem in sys.argv[1:]]
+    rows = {path: row for path, row in rows.items() if path in arms and path not in named}
+    for path in [path for path in arms if path not in rows]:
+        rows[path] = read_arm(path)
+        keep(rows)
         print(path, rows[path], flush=True)
-        rows = {path: rows[path] for path in arms if path in rows}
-        ROWS.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-        PAGE.write_text(write_page(rows), encoding="utf-8")
+    for path, row in rows.items():
+        if "refused" in row or "spheres" in row or row["links"] > MOST_LINKS:
+            continue
+        row |= fit_arm(path)
+        keep(rows)
+        print(path, row, flush=True)
+
+
+def keep(rows: dict[str, dict[str, Any]]) -> None:
+    """Write what is known so far."""
+    ROWS.write_text(json.dumps(dict(sorted(rows.items())), indent=1) + "\n", encoding="utf-8")
+    PAGE.write_text(write_page(rows), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -107,6 +107,18 @@ def run_new(wishes: Wishes) -> int:
     return 0
 
 
+class Prepared(NamedTuple):
+    """What is known of a robot before it has a cover."""
+
+    description: NewRobot
+    text: str
+    """Of robot.toml."""
+    robot: Robot
+    """Without a cover."""
+    urdf: str | None
+    """Text of a URDF that is to be written beside robot.toml."""
+
+
 class Made(NamedTuple):
     """What was made of a URDF."""
 
@@ -115,8 +127,8 @@ class Made(NamedTuple):
     """Nothing was written where it says that a link is not inside its spheres."""
 
 
-def make_folder(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Made:
-    """Describe a robot, fit and prove its cover, and write both.
+def prepare(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Prepared:
+    """Describe a robot, and read it by its description; nothing is written.
 
     Args:
         wishes: What the command line says.
@@ -124,7 +136,7 @@ def make_folder(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -
         asker: Answers what is missing.
 
     Raises:
-        ArmguardError: Something is missing, unusable or contradictory; nothing is written then.
+        ArmguardError: Something is missing, unusable or contradictory.
     """
     check_new_folder(wishes.out)
     with tempfile.TemporaryDirectory(prefix="armguard-") as scratch:
@@ -133,13 +145,22 @@ def make_folder(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -
         text = write_text(new)
         description = read_description(tomllib.loads(text))
         urdf = read_described(source.path, source.folders, description)
-        name = wishes.out.resolve().name
-        robot = Robot(name, urdf, description, list(description.joints))
-        cover = fit_with_bar(robot, wishes.spheres, wishes.protrusion)
-    report = cover.check(robot)
+    name = wishes.out.resolve().name
+    robot = Robot(name, urdf, description, list(description.joints))
+    return Prepared(new, text, robot, source.text)
+
+
+def make_folder(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Made:
+    """Describe a robot, fit and prove its cover, and write both.
+
+    Arguments and errors are those of `prepare`, and a folder that cannot be written.
+    """
+    prepared = prepare(wishes, planning, asker)
+    cover = fit_with_bar(prepared.robot, wishes.spheres, wishes.protrusion)
+    report = cover.check(prepared.robot)
     if report.proved:
-        write_folder(wishes.out, text, cover, source.text)
-    return Made(new, report)
+        write_folder(wishes.out, prepared.text, cover, prepared.urdf)
+    return Made(prepared.description, report)
 
 
 def check_new_folder(folder: Path) -> None:

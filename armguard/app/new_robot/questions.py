@@ -79,15 +79,17 @@ class Asker:
             found |= {joint: one for joint, one in question.usual.items() if joint in lacking}
         lacking = [joint for joint in joints if joint not in found]
         if lacking:
-            usual = all(joint in question.usual for joint in lacking)
-            remedy = f"--yes takes what is usual: {_list(question.usual, lacking)}"
+            remedy = ""
+            if all(joint in question.usual for joint in lacking):
+                remedy = f"--yes takes what is usual: {_list(question.usual, lacking)}"
+            is_number = question.read is not read_range
             raise RobotError(
                 question.option,
                 f"is missing: the URDF has no {question.what} of {', '.join(lacking)}",
                 expected="a number for all of them, or JOINT=NUMBER"
-                if question.read is read_number
+                if is_number
                 else "JOINT=LOWER:UPPER",
-                remedy=remedy if usual else "",
+                remedy=remedy,
             )
         return {joint: found[joint] for joint in joints}
 
