@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from armguard.app.covers import Target
+from armguard.app.covers import Target, fit_with_bar
 from armguard.app.processes import COMPLAINT, complain
-from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
+from armguard.cover.cover import Cover
 from armguard.robot.links import UrdfLinks
 from armguard.robot.robot import Robot
 from armguard.view.messages import FrameMessage, LinkCover, SceneMessage, VerdictSummary
@@ -44,8 +44,7 @@ def show_arm(
     target = Target(name, None, package_dirs)
     console = Console()
     if isinstance(target.robot, UrdfLinks):
-        with console.status("fitting spheres to the links"):
-            cover = Cover.fit(target.robot, protrusion=DEFAULT_PROTRUSION)
+        cover = fit_with_bar(target.robot, None, None)
     else:
         cover = target.robot.cover if target.cover is None else Cover.load(target.cover)
     scene = make_scene(target, cover)

@@ -262,8 +262,10 @@ def describe(
         f"{usual.LOAD:g}",
         wishes.load,
     )
-    load_source = GIVEN if wishes.load is not None else usual.LOAD_CHOSEN
-    load_figure = Figure(read_amount(f"--load {load}", load), load_source)
+    is_usual = wishes.load is None and load == f"{usual.LOAD:g}"
+    load_figure = Figure(
+        read_amount(f"--load {load}", load), usual.LOAD_CHOSEN if is_usual else GIVEN
+    )
     is_said = not _lacks(joints, wishes.deceleration)
     with following("deriving from efforts", 1) as begin:
         begin("decelerations")
@@ -410,8 +412,7 @@ def settle_joints(
     for joint in carried:
         if joint not in locked:
             locked[joint] = _travel(urdf, joint)
-    involved = {*carrying, *carried}
-    return watched, {joint: one for joint, one in locked.items() if joint in involved}
+    return watched, locked
 
 
 def read_signed(option: str, text: str) -> tuple[float]:
