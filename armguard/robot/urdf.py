@@ -154,6 +154,7 @@ def _prepare_joints(
     """Make continuous joints revolute; tell which they were, and which joint follows which."""
     continuous: list[str] = []
     mimics: dict[str, str] = {}
+    links = {link.get("name", "") for link in root.findall("link")}
     for joint in root.findall("joint"):
         name = joint.get("name", "")
         mimic = joint.find("mimic")
@@ -161,6 +162,9 @@ def _prepare_joints(
             mimics[name] = mimic.get("joint", "")
         if joint.get("type") == "fixed" and name in freed:
             joint.set("type", "revolute")
+        if joint.get("type") == "fixed" and name in links:
+            # Pinocchio finds neither frame by a name that is both a link's and a fixed joint's.
+            joint.set("name", f"{name} (fixed joint)")
         if joint.get("type") not in ("continuous", "revolute", "prismatic"):
             continue
         # The format wants limits that many files lack; 0 stands for none, and none is believed.

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from armguard.exceptions import ArmguardError
 from armguard.robot import triangulate
 from armguard.robot.description import DESCRIPTION, find_robot, locate_urdf, read_description
+from armguard.robot.joints import lock_joints
 from armguard.robot.urdf import read_urdf
 from armguard.view.drawing import Command, draw_collada, draw_triangles
 from armguard.view.messages import LinkCover, SceneMessage
@@ -57,12 +58,7 @@ class Arm:
         for name in locked:
             index = urdf.model.joints[urdf.model.getJointId(name)].idx_q
             configuration[index] = rest.get(name, 0.0)
-        self._model, self._geometry = pinocchio.buildReducedModel(
-            urdf.model,
-            geometry,
-            [urdf.model.getJointId(name) for name in locked],
-            configuration,
-        )
+        self._model, self._geometry = lock_joints(urdf.model, geometry, locked, configuration)
         self._data = self._model.createData()
         self._geometry_data = pinocchio.GeometryData(self._geometry)
         self._base = np.array(scene.base, dtype=np.float64).reshape(4, 4)

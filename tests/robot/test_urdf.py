@@ -182,3 +182,24 @@ def test_a_link_is_collided_with_as_it_is_drawn(tmp_path):
 def test_a_link_without_such_a_drawing_is_refused(tmp_path, link, words):
     with pytest.raises(RobotError, match=words):
         read_urdf(draw_hand(tmp_path), drawn=[link])
+
+
+def test_a_fixed_joint_may_have_the_name_of_a_link(tmp_path):
+    path = write_urdf(
+        tmp_path,
+        *(link_xml(name) for name in ("base", "upper", "hand")),
+        joint_xml("shoulder", "base", "upper"),
+        joint_xml("hand", "upper", "hand", "fixed"),
+    )
+    robot = Robot.from_urdf(path, limits=limits_for("shoulder"))
+    assert robot.links == ("upper", "hand")
+
+
+def test_a_joint_that_moves_may_have_the_name_of_a_link(tmp_path):
+    path = write_urdf(
+        tmp_path,
+        *(link_xml(name) for name in ("base", "upper", "hand")),
+        joint_xml("upper", "base", "upper"),
+        joint_xml("wrist", "upper", "hand"),
+    )
+    assert Robot.from_urdf(path, limits=limits_for("upper", "wrist")).joints == ("upper", "wrist")
