@@ -18,36 +18,8 @@ from __future__ import annotations
 
 import argparse
 
-import numpy as np
-import pinocchio
-from numpy.typing import NDArray
-
 from armguard.robot import Robot
-from scene.configurations import draw_configuration
-
-MARGIN = 1.25  # for what sampling misses
-
-
-def compute_accelerations(robot: Robot, samples: int) -> NDArray[np.float64]:
-    """Largest acceleration of each joint met, in [rad/s²] or [m/s²]. Shape (nv,)."""
-    model, data = robot.model, robot.model.createData()
-    random = np.random.default_rng(0)
-    largest = np.zeros(model.nv)
-    for _ in range(samples):
-        q = draw_configuration(robot, random)
-        v = random.choice([-1.0, 1.0], model.nv) * robot.velocity_limit
-        inverse = pinocchio.computeMinverse(model, data, q)
-        inverse = np.triu(inverse) + np.triu(inverse, 1).T
-        bias = pinocchio.rnea(model, data, q, v, np.zeros(model.nv))
-        pushed = np.abs(inverse) @ model.effortLimit + np.abs(inverse @ bias)
-        np.maximum(largest, pushed, out=largest)
-    return largest
-
-
-def round_up(value: float) -> float:
-    """To two digits."""
-    unit = 10.0 ** (np.floor(np.log10(value)) - 1.0)
-    return float(np.ceil(value / unit) * unit)
+from armguard.robot.efforts import HARDER, compute_accelerations, round_up
 
 
 def main() -> None:
@@ -58,9 +30,9 @@ def main() -> None:
     arguments = parser.parse_args()
     robot = Robot.load(arguments.robot)
     for joint, value in zip(
-        robot.joints, compute_accelerations(robot, arguments.samples), strict=True
+        robot.joints, compute_accelerations(robot.model, arguments.samples), strict=True
     ):
-        print(f"{joint:24s} {value:12.1f} {round_up(MARGIN * value):12.0f}")
+        print(f"{joint:24s} {value:12.1f} {round_up(HARDER * value):12.0f}")
 
 
 if __name__ == "__main__":

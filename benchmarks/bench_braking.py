@@ -27,53 +27,10 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-import pinocchio
 from numpy.typing import NDArray
 
 from armguard.robot import Robot
-from scene.configurations import draw_configuration
-
-
-def compute_supported_shares(
-    robot: Robot,
-    shape: NDArray[np.float64],
-    load: float,
-    tool_point: NDArray[np.float64],
-    speeds: NDArray[np.float64],
-    samples: int,
-    balanced: list[str],
-) -> NDArray[np.float64]:
-    """Least share of a deceleration that each joint's effort supports. Shape (nv,).
-
-    Args:
-        robot: Whose URDF states effort limits.
-        shape: Decelerations of which a share is sought. Shape (nv,).
-        load: Point mass at `tool_point` of each last joint, in [kg].
-        tool_point: In the frame of each last joint, in [m]. Shape (3,).
-        speeds: Of the joints, in [rad]/[s] or [m]/[s]. Shape (nv,).
-        samples: How many random configurations, each with a random velocity.
-        balanced: Joints whose gravity torque something else carries, such as springs.
-    """
-    model = robot.model.copy()
-    for joint in range(1, model.njoints):
-        if joint not in list(model.parents):
-            placement = pinocchio.SE3(np.eye(3), tool_point)
-            inertia = pinocchio.Inertia(load, np.zeros(3), np.zeros((3, 3)))
-            model.appendBodyToJoint(joint, inertia, placement)
-    data = model.createData()
-    random = np.random.default_rng(0)
-    shares = np.full(model.nv, np.inf)
-    at_rest = np.array([joint in balanced for joint in robot.joints])
-    for _ in range(samples):
-        q = draw_configuration(robot, random)
-        v = random.choice([-1.0, 1.0], model.nv) * speeds
-        mass = np.abs(pinocchio.crba(model, data, q, pinocchio.Convention.LOCAL))
-        mass = np.triu(mass) + np.triu(mass, 1).T
-        bias = pinocchio.rnea(model, data, q, v, np.zeros(model.nv))
-        gravity = pinocchio.computeGeneralizedGravity(model, data, q)
-        bias = np.abs(bias - np.where(at_rest, gravity, 0.0))
-        np.minimum(shares, (model.effortLimit - bias) / (mass @ shape), out=shares)
-    return shares
+from armguard.robot.efforts import compute_supported_shares
 
 
 def list_stated(
@@ -123,7 +80,7 @@ def main() -> None:
     print(f"{'':24s} {'all':>9s}  {'least':12s} {'each joint'}")
     for name, (load, speeds, slows) in zip(names, cases, strict=True):
         shares = compute_supported_shares(
-            robot,
+            robot.model,
             slows,
             load,
             np.array(arguments.tool),

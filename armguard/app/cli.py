@@ -51,7 +51,7 @@ class Demo:
     """
 
     robot: str = "panda"
-    """Which arm: one that `armguard robots` lists."""
+    """Which arm: one that `armguard robots` lists, or a folder that `robot new` has written."""
 
     duration: float = 20.0
     """How long to run, in seconds; a recording may end it sooner."""
@@ -350,7 +350,7 @@ class Show:
     """
 
     robot: Annotated[str, tyro.conf.Positional]
-    """A robot that armguard knows, or a URDF, to which a cover is fitted first."""
+    """A robot that armguard knows, the folder of one, or a URDF, to which a cover is fitted."""
     package_dirs: tuple[Path, ...] = ()
     """Folders in which the URDF's packages lie, besides those around it."""
     port: int = 0
@@ -375,7 +375,7 @@ class Cover:
     """
 
     robot: Annotated[str, tyro.conf.Positional]
-    """A URDF, or the name of a robot that armguard knows."""
+    """A URDF, a robot that armguard knows, or the folder of one of your own."""
     limits: Path | None = None
     """A robot.toml for that URDF, which says what moves; without it, every joint does."""
     package_dirs: tuple[Path, ...] = ()
@@ -414,6 +414,75 @@ class Cover:
 
 
 @dataclasses.dataclass(frozen=True)
+class NewRobot:
+    """Describe an arm of your own from its URDF: limits, brakes, and a cover that is proved.
+
+    Asks for what the URDF lacks. AMOUNT counts for all joints that lack one, JOINT=AMOUNT for that
+    joint, whatever the URDF says; JOINT may be a pattern.
+
+    Example: armguard robot new arm.urdf --joint-limits joint_limits.yaml --out my_arm
+    """
+
+    action: Annotated[Literal["new"], tyro.conf.Positional]
+    """Make a new one; `armguard robots` lists those that armguard knows."""
+    urdf: Annotated[Path, tyro.conf.Positional]
+    """A URDF, one below robots/ of example-robot-data, or YAML with robot_description."""
+    out: Path
+    """The folder to write robot.toml and cover.json into: new, or empty."""
+    yes: Flag = False
+    """Take what is usual for all that is missing; the file says what was CHOSEN."""
+    joint_limits: Path | None = None
+    """MoveIt's joint_limits.yaml: what the controller keeps to at work."""
+    package_dirs: tuple[Path, ...] = ()
+    """Folders in which the URDF's packages lie, besides those around it."""
+    title: str | None = None
+    """The robot's name for people; without it, that of the folder."""
+    joints: tuple[str, ...] = ()
+    """The joints to watch; without it, all but those that mimic or are mimicked."""
+    lock: tuple[str, ...] = ()
+    """Joints that stand still, as JOINT=POSITION, in rad or m."""
+    travel: tuple[str, ...] = ()
+    """Joints not to watch that may be anywhere in their range, such as fingers."""
+    collision_from_visual: tuple[str, ...] = ()
+    """Links without collision geometry that are collided with as they are drawn."""
+    bare_links: tuple[str, ...] = ()
+    """Links without collision geometry to leave uncovered."""
+    position: tuple[str, ...] = ()
+    """Position limits, as JOINT=LOWER:UPPER, in rad or m."""
+    velocity: tuple[str, ...] = ()
+    """Velocity limits, in rad/s or m/s."""
+    acceleration: tuple[str, ...] = ()
+    """Accelerations that are never exceeded, emergency stops included, in rad/s² or m/s²."""
+    load: str | None = None
+    """Up to which the decelerations hold, in kg."""
+    deceleration: tuple[str, ...] = ()
+    """What brakes guarantee at each instant, in rad/s² or m/s²."""
+    operating_velocity: tuple[str, ...] = ()
+    """What the controller keeps to at work, in rad/s or m/s."""
+    operating_acceleration: tuple[str, ...] = ()
+    """What the controller keeps to at work, in rad/s² or m/s²."""
+    position_error: tuple[str, ...] = ()
+    """What measured positions may be off by; without it, 0.001 rad or m."""
+    velocity_error: tuple[str, ...] = ()
+    """What measured velocities may be off by; without it, 0.02 rad/s or m/s."""
+    spheres: int | None = None
+    """At most so many spheres a link; or"""
+    protrusion: float | None = None
+    """how far they may stick out, in mm. Neither: 20 mm."""
+
+    def run(self) -> int:
+        """Ask, fit, write, and show what it costs."""
+        from armguard.app.new_robot.command import Wishes, run_new
+
+        said = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        del said["action"]
+        said["takes_usual"] = said.pop("yes")
+        if self.protrusion is not None:
+            said["protrusion"] = 1e-3 * self.protrusion
+        return run_new(Wishes(**said))
+
+
+@dataclasses.dataclass(frozen=True)
 class Faults:
     """Make faults on purpose in a simulated cell of real processes, and judge each.
 
@@ -446,7 +515,7 @@ class Tradeoff:
     person: Path | None = None
     """A Vicon CSV recording of a person; without it, a simulated one."""
     robot: str | None = None
-    """A robot that armguard knows; without it, Panda."""
+    """A robot that armguard knows, or the folder of one of your own; without it, Panda."""
     obstacles: int = 0
     """How many balls wander about the arm; without a recording, instead of the person."""
     touching: int = 0
@@ -629,6 +698,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
                     | Annotated[Extremes, tyro.conf.subcommand("extremes")]
                     | Annotated[Kernels, tyro.conf.subcommand("kernels")]
                     | Annotated[Paper, tyro.conf.subcommand("paper")]
+                    | Annotated[NewRobot, tyro.conf.subcommand("robot")]
                     | Annotated[Robots, tyro.conf.subcommand("robots")]
                 ],
                 prog="armguard",

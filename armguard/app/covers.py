@@ -26,12 +26,18 @@ from armguard.cover.interchange import (
 )
 from armguard.cover.report import CoverReport, LinkReport
 from armguard.exceptions import CoverError, RobotError
-from armguard.robot.description import find_example_urdf, find_robot, list_robots, read_description
+from armguard.robot.description import (
+    COVER,
+    DESCRIPTION,
+    find_robot,
+    is_known,
+    list_robots,
+    locate_urdf,
+    read_description,
+)
 from armguard.robot.links import UrdfLinks
-from armguard.robot.robot import Robot
-from armguard.robot.urdf import read_urdf
+from armguard.robot.robot import Robot, read_described
 
-FILE = "cover.json"
 TOLERANCE = 1e-4  # rounding and margins of radii stay below this, in [m]
 UNPROVED = 1
 """Exit code where something was asked to be covered and is not."""
@@ -41,7 +47,7 @@ class Target:
     """A robot as far as covers go, and where it comes from.
 
     Args:
-        name: A robot that armguard knows, or the path of a URDF.
+        name: A robot that armguard knows, the folder of one of your own, or the path of a URDF.
         limits: A robot.toml for that URDF: says which joints move. None: all do.
         package_dirs: Folders in which `package://` mesh names are looked up, besides those
             that the URDF lies in.
@@ -49,6 +55,8 @@ class Target:
     Attributes:
         robot: With links, surfaces and a model.
         urdf: Its URDF.
+        folders: In which its packages are looked up.
+        is_known: Whether it is one that armguard knows.
         cover: Where its proved cover is kept; None for a URDF.
     """
 
@@ -58,27 +66,32 @@ class Target:
         self, name: str, limits: Path | None = None, package_dirs: Sequence[Path] = ()
     ) -> None:
         self.cover: Path | None = None
+        self.is_known = is_known(name)
+        self.folders: list[Path]
         if Path(name).suffix != ".urdf" and not _is_file(name):
-            if name not in list_robots():
+            try:
+                directory = find_robot(name)
+            except RobotError as error:
                 raise RobotError(
                     name,
                     "is neither a URDF nor a robot that armguard knows",
-                    expected=f"a file or one of {', '.join(list_robots())}",
-                )
-            limits = find_robot(name) / "robot.toml"
-            self.cover = find_robot(name) / FILE
-            self.urdf, packages = find_example_urdf(read_description(limits).urdf)
-            folders = [packages]
+                    expected=error.expected and f"a file, or {error.expected}",
+                    remedy=error.remedy,
+                ) from error
+            description = read_description(directory / DESCRIPTION)
+            self.cover = directory / COVER
+            self.urdf, self.folders = locate_urdf(directory, description)
+            title = directory.resolve().name
         else:
             self.urdf = Path(name)
-            folders = [*package_dirs, *self.urdf.resolve().parents]
-        if limits is None:
-            self.robot = UrdfLinks(self.urdf, folders)
-        else:
+            self.folders = [*package_dirs, *self.urdf.resolve().parents]
+            if limits is None:
+                self.robot = UrdfLinks(self.urdf, self.folders)
+                return
             description = read_description(limits)
-            title = name if self.cover else self.urdf.stem
-            urdf = read_urdf(self.urdf, folders, description.travelling)
-            self.robot = Robot(title, urdf, description, list(description.joints))
+            title = self.urdf.stem
+        urdf = read_described(self.urdf, self.folders, description)
+        self.robot = Robot(title, urdf, description, list(description.joints))
 
 
 def run(
@@ -141,17 +154,7 @@ def fit(target: Target, spheres: int | None, protrusion: float | None, folder: P
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CoverError(str(folder), f"cannot be made: {error.strerror}") from error
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
-        bar = progress.add_task("reading", total=len(robot.links))
-        begun: list[str] = []
-
-        def show(link: str) -> None:
-            progress.update(bar, completed=len(begun), description=link)
-            begun.append(link)
-
-        cover = Cover.fit(robot, spheres=spheres, protrusion=protrusion, on_link=show)
-        progress.update(bar, completed=len(begun), description="fitted and proved")
+    cover = fit_with_bar(robot, spheres, protrusion)
     report = cover.check(robot)
     code = _finish(cover, report, folder)
     limit = protrusion or DEFAULT_PROTRUSION
@@ -163,13 +166,38 @@ def fit(target: Target, spheres: int | None, protrusion: float | None, folder: P
     return code
 
 
+def fit_with_bar(robot: Robot | UrdfLinks, spheres: int | None, protrusion: float | None) -> Cover:
+    """Fit and prove a cover, with a bar that shows how far it is.
+
+    Args:
+        robot: Whose links to cover.
+        spheres: At most so many leaves a link, or
+        protrusion: how far they may stick out, in [m]; neither: `DEFAULT_PROTRUSION`.
+
+    Raises:
+        CoverError: As `Cover.fit` does.
+    """
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
+        bar = progress.add_task("reading", total=len(robot.links))
+        begun: list[str] = []
+
+        def show(link: str) -> None:
+            progress.update(bar, completed=len(begun), description=link)
+            begun.append(link)
+
+        cover = Cover.fit(robot, spheres=spheres, protrusion=protrusion, on_link=show)
+        progress.update(bar, completed=len(begun), description="fitted and proved")
+    return cover
+
+
 def prove(target: Target) -> int:
     """Prove a known robot's cover again, and show it and its levers; the exit code."""
     if target.cover is None or not isinstance(target.robot, Robot):
         raise CoverError("--check", "needs a robot that armguard knows", expected="its name")
     cover = Cover.load(target.cover)
     cover.verify(target.robot)
-    code = _show(cover.check(target.robot))
+    code = show_report(cover.check(target.robot))
     _print(_tabulate_levers(compare_levers(target.robot, cover)))
     return code
 
@@ -203,7 +231,7 @@ def exchange(target: Target, file: Path, inflate: bool, folder: Path | None) -> 
         kept = {tuple(center) for center in cover.spheres(link)[:, :3].tolist()}
         if len(kept) < len(rows):
             _print(f"{link}: {len(rows) - len(kept)} of {len(rows)} spheres are not needed")
-    return _show(report) if folder is None else _finish(cover, report, folder)
+    return show_report(report) if folder is None else _finish(cover, report, folder)
 
 
 def write(target: Target, file: Path) -> int:
@@ -226,8 +254,8 @@ def list_known() -> int:
     """Show the robots that armguard knows, from their files alone; the exit code."""
     table = Table("robot", "joints", "links", "spheres", "title", box=None, pad_edge=False)
     for name in list_robots():
-        description = read_description(find_robot(name) / "robot.toml")
-        path = find_robot(name) / FILE
+        description = read_description(find_robot(name) / DESCRIPTION)
+        path = find_robot(name) / COVER
         links = spheres = "no cover"
         if path.is_file():
             cover = Cover.load(path)
@@ -248,18 +276,19 @@ def _is_file(name: str) -> bool:
 
 def _finish(cover: Cover, report: CoverReport, folder: Path) -> int:
     """Write what is proved, and only that."""
-    code = _show(report)
+    code = show_report(report)
     if code == 0:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            cover.save(folder / FILE)
+            cover.save(folder / COVER)
         except OSError as error:
-            raise CoverError(str(folder / FILE), f"cannot be written: {error.strerror}") from error
-        _print(f"wrote {folder / FILE}")
+            raise CoverError(str(folder / COVER), f"cannot be written: {error.strerror}") from error
+        _print(f"wrote {folder / COVER}")
     return code
 
 
-def _show(report: CoverReport) -> int:
+def show_report(report: CoverReport) -> int:
+    """Print what a cover is like; the exit code is `UNPROVED` where a link is not inside it."""
     _print(_tabulate(report))
     return 0 if report.proved else UNPROVED
 

@@ -25,7 +25,8 @@ from armguard.app.summary import VerdictCounts, draw_summary, summarise
 from armguard.app.view_feed import MonitorFeed, Origin
 from armguard.bounds.braking import BrakingMotion
 from armguard.exceptions import ArmguardError, StreamError
-from armguard.jit import Progress, telling
+from armguard.jit import Progress, Work, telling
+from armguard.jit.progress import PATIENCE
 from armguard.monitor.monitor import Monitor
 from armguard.recording.recorder import check_new
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
@@ -49,7 +50,7 @@ REACH_TIMEOUT = 3.0
 """How long `armguard reset` waits for the monitor to answer, in [s]."""
 
 PROGRESS_INTERVAL = 2.0
-"""Between two lines about the compilation of kernels where there is no terminal, in [s]."""
+"""Between two lines about the progress of long work where there is no terminal, in [s]."""
 
 PAGE_CHECK_INTERVAL = 0.25
 """Between two checks that the page is still served, in [s]."""
@@ -140,13 +141,15 @@ def supervise(
 
         is_auto = cell.tables.settings == AUTO
         waiting = console.status("choosing settings by a trial" if is_auto else "starting")
-        next_line = 0.0
+        next_line = PATIENCE
 
-        def tell_progress(progress: Progress | None) -> None:
+        def tell_progress(progress: Progress | Work | None) -> None:
             nonlocal next_line
             if progress is None:
                 return
-            text = f"{progress} (once; kept for the next start)"
+            text = (
+                f"{progress} (once; kept for the next start)" if progress.is_kept else f"{progress}"
+            )
             if publisher is not None:
                 publisher.publish_status(StatusMessage(text=text))
             if console.is_terminal:

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from armguard.app.covers import Target
+from armguard.app.covers import Target, fit_with_bar
 from armguard.app.processes import COMPLAINT, complain
-from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
+from armguard.cover.cover import Cover
 from armguard.robot.links import UrdfLinks
 from armguard.robot.robot import Robot
 from armguard.view.messages import FrameMessage, LinkCover, SceneMessage, VerdictSummary
@@ -32,7 +32,8 @@ def show_arm(
     """Serve a page that shows an arm until Ctrl-C; the exit code.
 
     Args:
-        name: A robot that armguard knows, or the path of a URDF. Of a URDF a cover is fitted first.
+        name: A robot that armguard knows, the folder of one of your own, or the path of a URDF, to
+            which a cover is fitted first.
         package_dirs: Folders in which the URDF's meshes are looked up, besides those around it.
         port: TCP port of the page on 127.0.0.1; 0: any that is free.
         open_browser: Open the page.
@@ -43,11 +44,10 @@ def show_arm(
     target = Target(name, None, package_dirs)
     console = Console()
     if isinstance(target.robot, UrdfLinks):
-        with console.status("fitting spheres to the links"):
-            cover = Cover.fit(target.robot, protrusion=DEFAULT_PROTRUSION)
+        cover = fit_with_bar(target.robot, None, None)
     else:
         cover = target.robot.cover if target.cover is None else Cover.load(target.cover)
-    scene = make_scene(target, cover, package_dirs)
+    scene = make_scene(target, cover)
     q = choose_posture(target.robot)
     spheres = sum(len(link.spheres) for link in scene.cover)
     frame = FrameMessage(
@@ -74,13 +74,12 @@ def show_arm(
     return 0
 
 
-def make_scene(target: Target, cover: Cover, package_dirs: Sequence[Path] = ()) -> SceneMessage:
+def make_scene(target: Target, cover: Cover) -> SceneMessage:
     """What a view is told of an arm that is alone.
 
     Args:
         target: The arm.
         cover: Its cover.
-        package_dirs: Folders in which meshes are looked up, besides those around its URDF.
     """
     robot = target.robot
     depth = max(int(measure_depths(cover, link).max()) for link in robot.links)
@@ -88,15 +87,13 @@ def make_scene(target: Target, cover: Cover, package_dirs: Sequence[Path] = ()) 
         tuple(_pack_level(robot, cover, link, level) for link in robot.links)
         for level in range(depth + 1)
     )
-    is_known = target.cover is not None
-    folders = [*package_dirs, *target.urdf.resolve().parents]
     return SceneMessage(
         robot=robot.name,
         joints=tuple(str(joint) for joint in robot.model.names)[1:],
         cover=levels[-1],
         period=1e-3,
-        urdf="" if is_known else str(target.urdf.resolve()),
-        package_dirs=() if is_known else tuple(map(str, folders)),
+        urdf="" if target.is_known else str(target.urdf.resolve()),
+        package_dirs=() if target.is_known else tuple(map(str, target.folders)),
         levels=levels,
     )
 

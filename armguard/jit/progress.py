@@ -1,7 +1,7 @@
-"""Tells how far the compilation of kernels is, where it takes more than a moment.
+"""Tells how far the compilation of kernels is, and other long work, where it takes its time.
 
-A first start compiles for many seconds. Who waits at a terminal is told there; an application may
-tell it in its own way, or not at all.
+A first start compiles for many seconds, and fitting spheres to a new arm takes minutes. Who waits
+at a terminal is told there; an application may tell it in its own way, or not at all.
 """
 
 from __future__ import annotations
@@ -40,16 +40,46 @@ class Progress(NamedTuple):
     def __str__(self) -> str:
         return f"{COMPILING} {self.number} of about {max(USUAL, self.number)}"
 
+    @property
+    def is_kept(self) -> bool:
+        """Whether the next start finds what is done."""
+        return True
 
-Tell = Callable[[Progress | None], None]
+
+class Work(NamedTuple):
+    """How far a long piece of work is that has parts."""
+
+    doing: str
+    """What is done to each part, the kind of part last."""
+    number: int
+    """Of the part that is worked at now, from 1 on."""
+    total: int
+    """How many parts there are."""
+    name: str
+    """The part's own."""
+    duration: float
+    """How long it was worked so far, in [s]."""
+
+    def __str__(self) -> str:
+        return f"{self.doing} {self.number} of {self.total}: {self.name}"
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the next start finds what is done."""
+        return False
+
+
+Tell = Callable[[Progress | Work | None], None]
 """Is told the progress, and None where there is nothing to wait for any more."""
 
 
-def show_on_terminal(progress: Progress | None) -> None:
+def show_on_terminal(progress: Progress | Work | None) -> None:
     """Show progress in one line of standard error, and remove it, where that is a terminal."""
     with contextlib.suppress(OSError, ValueError, AttributeError):  # it may be gone
         if sys.stderr.isatty():
-            text = "" if progress is None else f"armguard: {progress}, once"
+            text = "" if progress is None else f"armguard: {progress}"
+            if progress is not None and progress.is_kept:
+                text += ", once"
             sys.stderr.write(f"\r\x1b[K{text}")
             sys.stderr.flush()
 
@@ -114,9 +144,35 @@ event.register("numba:compile", compilation)
 
 @contextlib.contextmanager
 def telling(tell: Tell | None) -> Iterator[None]:
-    """Inside, `tell` is told how far the compilation of kernels is; None: nothing is told."""
+    """Inside, `tell` is told how far compilation and other long work is; None: nothing is told."""
     before, compilation.tell = compilation.tell, tell
     try:
         yield
     finally:
         compilation.tell = before
+
+
+@contextlib.contextmanager
+def following(
+    doing: str, total: int, clock: Callable[[], float] = time.perf_counter
+) -> Iterator[Callable[[str], None]]:
+    """Inside, the function that this hands out is called with each part's name before its turn.
+
+    Args:
+        doing: What is done to each part, the kind of part last.
+        total: How many parts there are.
+        clock: In [s].
+    """
+    start, number = clock(), 0
+
+    def begin(name: str) -> None:
+        nonlocal number
+        number += 1
+        if compilation.tell:
+            compilation.tell(Work(doing, number, total, name, clock() - start))
+
+    try:
+        yield begin
+    finally:
+        if number and compilation.tell:
+            compilation.tell(None)

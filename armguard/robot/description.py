@@ -20,6 +20,12 @@ import numpy as np
 from armguard.exceptions import RobotError
 from armguard.robot.brakes import RANGE_REMEDY, BrakeEntry, BrakeRow, read_rows
 
+DESCRIPTION = "robot.toml"
+"""The file that describes a robot, in a folder of its own."""
+
+COVER = "cover.json"
+"""The file beside it with the cover that was proved for the robot."""
+
 LIMITS = ("position", "velocity", "acceleration", "braking")
 
 
@@ -27,22 +33,33 @@ class LimitSources(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """Where each kind of limit comes from; the robot's, or one joint's own where it differs."""
 
     position: str = ""
+    """Of the position limits; needed for every joint that has them."""
     velocity: str = ""
+    """Of the velocity limits; needed for every joint."""
     acceleration: str = ""
+    """Of the acceleration limits; needed for every joint."""
     braking: str = ""
+    """Of the rows of `[[brakes]]` that name no source of their own."""
 
 
 class JointDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Limits of one watched joint, in [rad] or [m], [s]; `position` is absent if continuous."""
 
     velocity: float
+    """No joint is ever faster, in [rad/s] or [m/s]."""
     acceleration: float
+    """It never speeds up or slows down harder, emergency stops included, in [rad/s²] or [m/s²]."""
     braking: float | None = None
     """Refused by name: a deceleration without the load and speed up to which it holds."""
     position: tuple[float, float] | None = None
+    """Lowest and highest position, in [rad] or [m]; absent for a continuous joint, and only there.
+    """
     position_error: float = 1e-3
+    """What a measured position may be off by, in [rad] or [m]."""
     velocity_error: float = 0.02
+    """What a measured velocity may be off by, in [rad/s] or [m/s]."""
     sources: LimitSources = LimitSources()
+    """Where its own limits come from, where `[sources]` says something else."""
 
 
 class LockedJoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -53,14 +70,19 @@ class LockedJoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """
 
     position: float | None = None
+    """Where it rests, in [rad] or [m]."""
     travel: tuple[float, float] | None = None
+    """Between where it may be, in [rad] or [m]; at most one turn, and it carries no watched joint.
+    """
 
 
 class OperatingSources(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Where published operating limits come from."""
 
     velocity: str
+    """Of the operating velocities."""
     acceleration: str
+    """Of the operating accelerations."""
 
 
 class OperatingDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -71,38 +93,47 @@ class OperatingDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
     """
 
     sources: OperatingSources
+    """Where they come from."""
     velocity: dict[str, float]
+    """Of every joint of `[joints]`, at most its velocity limit, in [rad/s] or [m/s]."""
     acceleration: dict[str, float]
+    """Of every joint, at most its acceleration limit, in [rad/s²] or [m/s²]."""
 
 
 class OperatingTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """`[operating]`: what is known of a robot at work."""
 
     published: OperatingDescription | None = None
+    """What is published of it; counts only for those who ask for it."""
 
 
 class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A parsed and checked robot.toml.
-
-    Attributes:
-        title: The robot's name for people.
-        urdf: Path below `robots/` of example-robot-data; empty where the caller brings the URDF.
-        sources: Where the limits come from.
-        joints: The watched joints by name.
-        brakes: What is known of their brakes, by load and speed.
-        locked: Unwatched joints that move links beyond, or carry, a watched one.
-        bare_links: Links that are drawn but have no collision geometry, and may go uncovered.
-        operating: What its controller keeps to at work, as far as that is published.
-    """
+    """A parsed and checked robot.toml."""
 
     sources: LimitSources
+    """Where the limits of all joints come from."""
     joints: dict[str, JointDescription]
+    """The watched joints, by their names in the URDF."""
     brakes: tuple[BrakeRow, ...] = ()
+    """What is known of their brakes; every joint needs a row."""
     title: str = ""
+    """The robot's name for people."""
     urdf: str = ""
+    """The URDF: relative to the folder of robot.toml, absolute, or below `robots/` of the package
+    example-robot-data; left out where the caller brings it.
+    """
+    package_dirs: tuple[str, ...] = ()
+    """Folders in which `package://` names are looked up, relative to the folder of robot.toml;
+    those around the URDF need not be named.
+    """
     locked: dict[str, LockedJoint] = {}
+    """Joints that are not watched, and carry a watched one or are carried by it."""
     bare_links: tuple[str, ...] = ()
+    """Links that are drawn and move, have no collision geometry, and may go uncovered."""
+    collision_from_visual: tuple[str, ...] = ()
+    """Links whose drawn geometry is taken as their collision geometry, of which they have none."""
     operating: OperatingTable = OperatingTable()
+    """What its controller keeps to at work, as far as that is known."""
 
     @property
     def travelling(self) -> list[str]:
@@ -174,16 +205,71 @@ def list_robots() -> list[str]:
     return sorted(path.parent.name for path in robots_directory().glob("*/robot.toml"))
 
 
-def find_robot(name: str) -> Path:
-    """The folder of one known robot.
+def is_known(name: str | Path) -> bool:
+    """Whether a name is that of a robot that armguard knows, and not the path of a folder."""
+    return isinstance(name, str) and name in list_robots()
+
+
+def find_robot(name: str | Path) -> Path:
+    """The folder of a robot.
+
+    Args:
+        name: One of `list_robots`, or the path of a folder with a robot.toml, as `armguard robot
+            new` writes it; a folder that has the name of a known robot is meant by "./name".
 
     Raises:
         RobotError: There is none of that name; the message lists those that exist.
     """
-    known = list_robots()
-    if name not in known:
-        raise RobotError(f"robot {name!r}", "is not known", expected=f"one of {', '.join(known)}")
-    return robots_directory() / name
+    if is_known(name):
+        return robots_directory() / name
+    try:
+        if (Path(name) / DESCRIPTION).is_file():
+            return Path(name)
+        is_folder = Path(name).is_dir()
+    except (OSError, ValueError):  # too long for a path, or with a zero byte
+        is_folder = False
+    if is_folder:
+        raise RobotError(
+            str(name),
+            f"has no {DESCRIPTION}",
+            remedy="`armguard robot new arm.urdf --out DIR` writes one",
+        )
+    known = ", ".join(list_robots())
+    raise RobotError(
+        f"robot {str(name)!r}",
+        "is not known",
+        expected=f"one of {known}, or a folder with a {DESCRIPTION}",
+    )
+
+
+def locate_urdf(directory: Path, description: RobotDescription) -> tuple[Path, list[Path]]:
+    """The URDF of a robot, and the folders in which its packages are looked up.
+
+    Args:
+        directory: The folder of its robot.toml.
+        description: What that says.
+
+    Raises:
+        RobotError: There is no such file.
+    """
+    place = directory / DESCRIPTION
+    if not description.urdf:
+        raise RobotError(f"{place}: urdf", "is missing", expected="the path of the robot's URDF")
+    own = directory / description.urdf
+    if own.is_file():
+        folders = [directory / folder for folder in description.package_dirs]
+        return own, [*folders, *own.resolve().parents]
+    try:
+        urdf, packages = find_example_urdf(description.urdf)
+    except RobotError as error:
+        if directory.parent == robots_directory():
+            raise
+        raise RobotError(
+            f"{place}: urdf",
+            f"is {description.urdf!r}, which is no file",
+            expected=f"a path from {directory}, or one below robots/ of example-robot-data",
+        ) from error
+    return urdf, [packages]
 
 
 @functools.cache

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio
+from numpy.typing import NDArray
 
 from armguard.exceptions import RobotError
 from armguard.robot.description import RobotDescription
@@ -129,16 +130,46 @@ def check_bare_links(
 def reduce_model(
     urdf: UrdfModel, description: RobotDescription, locked: Sequence[str]
 ) -> tuple[Any, Any]:
-    """The model and the collision model with joints locked, a travelling one at its start."""
+    """The model and the collision model with joints locked, a travelling one at its start.
+
+    Raises:
+        RobotError: Pinocchio cannot lock them.
+    """
     configuration = pinocchio.neutral(urdf.model)
-    numbers = [urdf.model.getJointId(joint) for joint in locked]
-    for joint, number in zip(locked, numbers, strict=True):
-        index = urdf.model.joints[number].idx_q
+    for joint in locked:
+        index = urdf.model.joints[urdf.model.getJointId(joint)].idx_q
         configuration[index] = get_rest_position(description.locked.get(joint))
-    model, collision_model = pinocchio.buildReducedModel(
-        urdf.model, urdf.collision_model, numbers, configuration
-    )
-    return model, collision_model
+    return lock_joints(urdf.model, urdf.collision_model, locked, configuration)
+
+
+def lock_joints(
+    model: Any, geometry: Any, locked: Sequence[str], configuration: NDArray[np.float64]
+) -> tuple[Any, Any]:
+    """A model and its geometry without the joints that are locked.
+
+    Args:
+        model: `pinocchio.Model`.
+        geometry: `pinocchio.GeometryModel` of it.
+        locked: Names of the joints.
+        configuration: Where they are locked, among the others. Shape (nq,).
+
+    Raises:
+        RobotError: Pinocchio cannot lock them.
+    """
+    if not locked:
+        # It would look up all frames by name alone, and fail where a link and a joint share one.
+        return model.copy(), geometry.copy()
+    try:
+        reduced, reduced_geometry = pinocchio.buildReducedModel(
+            model, geometry, [model.getJointId(joint) for joint in locked], configuration
+        )
+    except ValueError as error:
+        raise RobotError(
+            model.name,
+            f"its joints {', '.join(locked)} cannot be locked: {' '.join(str(error).split())}",
+            remedy="give links and joints names of their own",
+        ) from error
+    return reduced, reduced_geometry
 
 
 def is_prismatic(model: Any, joint: int) -> bool:

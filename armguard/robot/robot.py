@@ -20,14 +20,17 @@ from numpy.typing import ArrayLike
 from armguard.cover.cover import Cover
 from armguard.exceptions import RobotError
 from armguard.jit.arrays import FloatArray
+from armguard.jit.progress import following
 from armguard.robot.attachments import AttachedBody, PreparedBody
 from armguard.robot.brakes import Brakes
 from armguard.robot.description import (
+    COVER,
+    DESCRIPTION,
     LIMITS,
     OperatingDescription,
     RobotDescription,
-    find_example_urdf,
     find_robot,
+    locate_urdf,
     read_description,
 )
 from armguard.robot.joints import check_bare_links, check_joints, reduce_model
@@ -137,11 +140,14 @@ class Robot:
         self._bodies = _Bodies(dict(sorted(links.items(), key=lambda item: item[1].joint)), 0)
 
     @classmethod
-    def load(cls, name: str, *, cover: str | Path | None = None, level: int | None = None) -> Robot:
-        """Load a robot that armguard knows, with the cover that was proved for it.
+    def load(
+        cls, name: str | Path, *, cover: str | Path | None = None, level: int | None = None
+    ) -> Robot:
+        """Load a robot that armguard knows, or one of your own, with the cover proved for it.
 
         Args:
-            name: One of those that `armguard robots` lists.
+            name: One of those that `armguard robots` lists, or a folder that `armguard robot new`
+                has written; a folder that has the name of a known robot is meant by "./name".
             cover: A file that `Cover.save` or `armguard cover` wrote, in place of the robot's own;
                 it is proved again.
             level: Of the cover's tree, the finest to be used, from 0, one ball a link; fewer
@@ -153,12 +159,12 @@ class Robot:
                 no such level.
         """
         directory = find_robot(name)
-        description = read_description(directory / "robot.toml")
-        path, packages = find_example_urdf(description.urdf)
-        urdf = read_urdf(path, [packages], description.travelling)
-        robot = cls(name, urdf, description, list(description.joints))
+        description = read_description(directory / DESCRIPTION)
+        path, packages = locate_urdf(directory, description)
+        urdf = read_described(path, packages, description)
+        robot = cls(directory.resolve().name, urdf, description, list(description.joints))
         if cover is None:
-            own = Cover.load(directory / "cover.json")
+            own = Cover.load(directory / COVER)
             own.verify(robot)
         else:
             own = Cover.load(cover)
@@ -185,7 +191,8 @@ class Robot:
             joints: The joints to watch; None: all that `limits` names.
             package_dirs: Folders in which `package://` mesh names are looked up.
             cover: A file that `Cover.save` wrote, which is proved again; None: one is fitted,
-                which takes seconds a link.
+                which takes seconds a link; a terminal shows how far it is, as where kernels are
+                compiled.
             level: Of the cover's tree, as `load` takes it.
 
         Raises:
@@ -193,11 +200,12 @@ class Robot:
             CoverError: The cover is for other geometry, does not cover it, or has no such level.
         """
         description = read_description(limits)
-        urdf = read_urdf(path, package_dirs, description.travelling)
+        urdf = read_described(path, package_dirs, description)
         watched = list(description.joints) if joints is None else list(joints)
         robot = cls(Path(path).stem, urdf, description, watched)
         if cover is None:
-            whole = Cover.fit(robot)
+            with following("fitting spheres to link", len(robot.links)) as begin:
+                whole = Cover.fit(robot, on_link=begin)
         else:
             whole = Cover.load(cover)
             whole.prove(robot, str(cover))
@@ -385,6 +393,22 @@ class Robot:
         else:
             problem = f"is not a link of {self.name}"
         raise RobotError(f"link {link!r}", problem, expected=f"one of {', '.join(self.links)}")
+
+
+def read_described(
+    path: str | Path, package_dirs: Sequence[str | Path], description: RobotDescription
+) -> UrdfModel:
+    """Read a URDF as the description of its robot has it.
+
+    Args:
+        path: The URDF.
+        package_dirs: Folders in which `package://` names are looked up.
+        description: Says which fixed joints turn, and which links are collided with as drawn.
+
+    Raises:
+        RobotError: As `read_urdf` does.
+    """
+    return read_urdf(path, package_dirs, description.travelling, description.collision_from_visual)
 
 
 def _extend(cover: Cover, other: Cover) -> Cover:

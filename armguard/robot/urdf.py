@@ -7,6 +7,7 @@ right first, and afterwards every collision element and every axis is accounted 
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -18,6 +19,7 @@ import pinocchio
 from armguard.exceptions import RobotError
 
 UNIT = 1e-6  # an axis is off from unit length by rounding at most
+XACRO = "ros.org/wiki/xacro"  # in the name of its elements' namespace, with and without "www."
 FREE_RANGE = 1e9  # stands in for "none" where the URDF format wants a number, in [rad]
 
 
@@ -37,14 +39,18 @@ class UrdfModel(NamedTuple):
 
 
 def read_urdf(
-    path: str | Path, package_dirs: Sequence[str | Path] = (), freed: Collection[str] = ()
+    path: str | Path,
+    package_dirs: Sequence[str | Path] = (),
+    freed: Collection[str] = (),
+    drawn: Collection[str] = (),
 ) -> UrdfModel:
-    """Read the model and the collision geometry of a URDF; visual meshes are not opened.
+    """Read the model and the collision geometry of a URDF; other visual meshes are not opened.
 
     Args:
         path: The URDF file. Mesh names without a scheme are relative to its folder.
         package_dirs: Folders in which `package://` names are looked up.
         freed: Joints that are drawn fixed but do turn, about the axis that the file gives them.
+        drawn: Links without collision geometry whose visual geometry is taken for it.
 
     Raises:
         RobotError: The file is missing or malformed, a mesh cannot be read, a joint has more
@@ -57,6 +63,8 @@ def read_urdf(
         raise RobotError(str(path), f"cannot be read: {error.strerror}") from error
     except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise RobotError(str(path), f"is not XML: {error}") from error
+    _refuse_xacro(path, root)
+    _collide_as_drawn(root, drawn)
     continuous, mimics = _prepare_joints(root, freed)
     _prepare_meshes(root, path.resolve().parent)
     text = ElementTree.tostring(root, encoding="unicode")
@@ -99,17 +107,54 @@ def read_urdf(
         model.lowerPositionLimit[index] = -float("inf")
         model.upperPositionLimit[index] = float("inf")
     links = root.findall("link")
-    drawn = [link for link in links if link.find("visual") is not None]
-    bare = tuple(link.get("name", "") for link in drawn if link.find("collision") is None)
+    visible = [link for link in links if link.find("visual") is not None]
+    bare = tuple(link.get("name", "") for link in visible if link.find("collision") is None)
     return UrdfModel(model, collision_model, mimics, frozenset(continuous), bare)
+
+
+def _refuse_xacro(path: Path, root: ElementTree.Element) -> None:
+    """Refuse a file whose macros are yet to be expanded: what they stand for would be missing."""
+    for element in root.iter():
+        # A comment's tag is a function.
+        if isinstance(element.tag, str) and XACRO in element.tag.partition("}")[0]:
+            raise RobotError(
+                str(path),
+                f"is a xacro: it has <xacro:{element.tag.partition('}')[2]}>",
+                expected="a URDF",
+                remedy=f"expand it: `xacro {path.name} > arm.urdf`",
+            )
+
+
+def _collide_as_drawn(root: ElementTree.Element, drawn: Collection[str]) -> None:
+    """Give links the geometry that they are drawn with as their collision geometry."""
+    links = {link.get("name", ""): link for link in root.findall("link")}
+    for name in drawn:
+        if name not in links:
+            raise RobotError(
+                f"link {name!r}", "is not in the URDF", expected=f"one of {', '.join(links)}"
+            )
+        link = links[name]
+        if link.find("collision") is not None:
+            raise RobotError(
+                f"link {name!r}",
+                "has collision geometry of its own",
+                remedy="leave it out of collision_from_visual",
+            )
+        visuals = link.findall("visual")
+        if not visuals:
+            raise RobotError(f"link {name!r}", "is not drawn", expected="a visual element")
+        for visual in visuals:
+            collision = ElementTree.SubElement(link, "collision")
+            collision.extend([part for part in visual if part.tag in ("origin", "geometry")])
 
 
 def _prepare_joints(
     root: ElementTree.Element, freed: Collection[str]
 ) -> tuple[list[str], dict[str, str]]:
-    """Make continuous joints revolute; tell which they were, and who follows whom."""
+    """Make continuous joints revolute; tell which they were, and which joint follows which."""
     continuous: list[str] = []
     mimics: dict[str, str] = {}
+    links = {link.get("name", "") for link in root.findall("link")}
     for joint in root.findall("joint"):
         name = joint.get("name", "")
         mimic = joint.find("mimic")
@@ -117,18 +162,41 @@ def _prepare_joints(
             mimics[name] = mimic.get("joint", "")
         if joint.get("type") == "fixed" and name in freed:
             joint.set("type", "revolute")
-        if joint.get("type") != "continuous":
+        if joint.get("type") == "fixed" and name in links:
+            # Pinocchio finds neither frame by a name that is both a link's and a fixed joint's.
+            joint.set("name", f"{name} (fixed joint)")
+        if joint.get("type") not in ("continuous", "revolute", "prismatic"):
             continue
-        continuous.append(name)
-        joint.set("type", "revolute")
+        # The format wants limits that many files lack; 0 stands for none, and none is believed.
         limit = joint.find("limit")
         if limit is None:
             limit = ElementTree.SubElement(joint, "limit")
-        limit.set("lower", str(-FREE_RANGE))
-        limit.set("upper", str(FREE_RANGE))
         for key in ("effort", "velocity"):
             limit.set(key, limit.get(key, "0"))
+        _check_limit(name, limit)
+        if joint.get("type") == "continuous":
+            continuous.append(name)
+            joint.set("type", "revolute")
+            limit.set("lower", str(-FREE_RANGE))
+            limit.set("upper", str(FREE_RANGE))
     return continuous, mimics
+
+
+def _check_limit(joint: str, limit: ElementTree.Element) -> None:
+    """Refuse by name what the reader of the format would only say it cannot read."""
+    for key, text in limit.attrib.items():
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        is_size = key in ("effort", "velocity")
+        if not (0.0 <= value < math.inf if is_size else math.isfinite(value)):
+            raise RobotError(
+                f"joint {joint!r}",
+                f"has {key}={text!r} in its limit element",
+                expected="a finite number, at least 0" if is_size else "a finite number",
+                remedy="correct the URDF",
+            )
 
 
 def _check_collisions(

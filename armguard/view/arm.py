@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.robot import triangulate
-from armguard.robot.description import find_example_urdf, find_robot, read_description
+from armguard.robot.description import DESCRIPTION, find_robot, locate_urdf, read_description
+from armguard.robot.joints import lock_joints
 from armguard.robot.urdf import read_urdf
 from armguard.view.drawing import Command, draw_collada, draw_triangles
 from armguard.view.messages import LinkCover, SceneMessage
@@ -57,12 +58,7 @@ class Arm:
         for name in locked:
             index = urdf.model.joints[urdf.model.getJointId(name)].idx_q
             configuration[index] = rest.get(name, 0.0)
-        self._model, self._geometry = pinocchio.buildReducedModel(
-            urdf.model,
-            geometry,
-            [urdf.model.getJointId(name) for name in locked],
-            configuration,
-        )
+        self._model, self._geometry = lock_joints(urdf.model, geometry, locked, configuration)
         self._data = self._model.createData()
         self._geometry_data = pinocchio.GeometryData(self._geometry)
         self._base = np.array(scene.base, dtype=np.float64).reshape(4, 4)
@@ -170,13 +166,14 @@ def _locate(scene: SceneMessage) -> tuple[Path, list[str], dict[str, float]]:
     """URDF, package folders, and where the locked joints rest."""
     if scene.urdf:
         return Path(scene.urdf), list(scene.package_dirs), scene.locked
-    description = read_description(find_robot(scene.robot) / "robot.toml")
-    path, packages = find_example_urdf(description.urdf)
+    directory = find_robot(scene.robot)
+    description = read_description(directory / DESCRIPTION)
+    path, packages = locate_urdf(directory, description)
     rest = {}
     for name, entry in description.locked.items():
         # Fingers that may be anywhere are drawn half open.
         rest[name] = sum(entry.travel) / 2 if entry.travel else float(entry.position or 0.0)
-    return path, [str(packages)], rest | scene.locked
+    return path, [str(folder) for folder in packages], rest | scene.locked
 
 
 def _is_collada(path: str) -> bool:

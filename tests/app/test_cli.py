@@ -74,6 +74,10 @@ def test_help_of_each_command_has_an_example(capsys):
         (["demo", "--person", "/nowhere/person.csv"], "/nowhere/person.csv"),
         (["demo", "--person", "/"], "/"),
         (["robots", "panda"], "panda"),
+        (["demo", "--robot", "nobody"], "robot 'nobody': is not known"),
+        (["demo", "--robot", "/"], "/: has no robot.toml"),
+        (["robot", "new", "arm.urdf"], "--out"),
+        (["robot", "old", "arm.urdf", "--out", "x"], "old"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )

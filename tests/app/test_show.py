@@ -44,7 +44,7 @@ def test_a_urdf_is_shown_as_it_is():
     urdf, packages = find_example_urdf("panda_description/urdf/panda.urdf")
     target = Target(str(urdf), None, [packages])
     cover = Cover.fit(target.robot, spheres=2)
-    scene = make_scene(target, cover, [packages])
+    scene = make_scene(target, cover)
     arm = Arm(scene)
     q = choose_posture(target.robot)
     arm.place(tuple(q.tolist()))

@@ -3,7 +3,16 @@ from types import SimpleNamespace
 
 import pytest
 
-from armguard.jit.progress import INTERVAL, PATIENCE, USUAL, Compilation, Progress
+from armguard.jit.progress import (
+    INTERVAL,
+    PATIENCE,
+    USUAL,
+    Compilation,
+    Progress,
+    Work,
+    following,
+    telling,
+)
 from armguard.jit.progress import show_on_terminal as show
 
 
@@ -98,3 +107,34 @@ def test_it_is_shown_on_a_terminal_alone(capsys, monkeypatch):
     assert capsys.readouterr().err == "\r\x1b[K"
     monkeypatch.setattr(sys, "stderr", None)
     show(Progress(1, "", 2.0))
+
+
+def test_long_work_is_told_part_by_part_and_ends():
+    told, clock = [], Clock()
+    with telling(told.append), following("fitting spheres to link", 2, clock) as begin:
+        begin("upper")
+        clock.now += 5.0
+        begin("lower")
+    assert [str(one) for one in told[:2]] == [
+        "fitting spheres to link 1 of 2: upper", "fitting spheres to link 2 of 2: lower"
+    ]  # fmt: skip
+    assert (told[1].duration, told[2]) == (5.0, None)
+
+
+def test_long_work_ends_where_it_fails_and_is_silent_where_nobody_listens(capsys, monkeypatch):
+    told = []
+
+    def fail():
+        with telling(told.append), following("trying", 1) as begin:
+            begin("first")
+            raise ValueError("broken")
+
+    with pytest.raises(ValueError, match="broken"):
+        fail()
+    assert told[-1] is None
+    with telling(None), following("trying", 1) as begin:
+        begin("first")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    show(Work("fitting spheres to link", 1, 2, "upper", 0.0))
+    # Unlike compiled kernels, nothing of it is kept.
+    assert capsys.readouterr().err == "\r\x1b[Karmguard: fitting spheres to link 1 of 2: upper"

@@ -1,4 +1,6 @@
+import shutil
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pinocchio
@@ -56,6 +58,33 @@ def test_panda_agrees_with_its_urdf(panda):
 def test_unknown_robot_lists_those_that_exist():
     with pytest.raises(RobotError, match=r"'pandas'.* is not known.*panda"):
         Robot.load("pandas")
+
+
+def test_a_folder_with_a_description_and_a_cover_is_a_robot(panda, tmp_path, monkeypatch):
+    folder = tmp_path / "panda"
+    shutil.copytree(robots_directory() / "panda", folder)
+    text = (folder / "robot.toml").read_text()
+    (folder / "robot.toml").write_text(text.replace("velocity = 2.175", "velocity = 1.25"))
+    own = Robot.load(folder)
+    assert (own.name, own.joints) == ("panda", panda.joints)
+    assert own.velocity_limit[0] == 1.25
+    monkeypatch.chdir(tmp_path)
+    # A known name is that robot, wherever one is.
+    assert Robot.load("panda").velocity_limit[0] == 2.175
+    assert Robot.load("./panda").velocity_limit[0] == 1.25
+    assert Robot.load(Path("panda")).velocity_limit[0] == 1.25
+
+
+def test_a_folder_without_its_files_is_refused_with_what_makes_them(tmp_path):
+    with pytest.raises(RobotError, match=r"has no robot\.toml; `armguard robot new"):
+        Robot.load(tmp_path)
+    (tmp_path / "robot.toml").write_text(
+        (robots_directory() / "panda" / "robot.toml").read_text().replace("panda.urdf", "no.urdf")
+    )
+    with pytest.raises(
+        RobotError, match=r"urdf: is 'panda_description/urdf/no\.urdf', which is no"
+    ):
+        Robot.load(tmp_path)
 
 
 def test_unknown_link_lists_those_that_exist(panda):

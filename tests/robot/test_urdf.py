@@ -125,3 +125,81 @@ def test_unknown_encodings_are_refused(tmp_path):
 def test_a_collision_element_that_is_lost_is_refused_by_link(tmp_path, geometry):
     with pytest.raises(RobotError, match=r"link 'upper': only [01] of its [12] collision elem"):
         read_urdf(two_links(tmp_path, geometry))
+
+
+@pytest.mark.parametrize("site", ["www.ros.org", "ros.org"])
+def test_a_xacro_is_refused_with_what_expands_it(tmp_path, site):
+    path = tmp_path / "arm.urdf.xacro"
+    path.write_text(
+        f'<robot name="arm" xmlns:xacro="http://{site}/wiki/xacro"><!-- a comment -->'
+        '<xacro:include filename="other.xacro"/></robot>'
+    )
+    with pytest.raises(RobotError, match=r"is a xacro: it has <xacro:include>.*`xacro arm\.urdf"):
+        read_urdf(path)
+
+
+def test_what_is_left_of_an_expanded_xacro_is_a_urdf(tmp_path):
+    path = two_links(tmp_path)
+    path.write_text(
+        path.read_text().replace("<robot", '<robot xmlns:xacro="http://ros.org/wiki/xacro"')
+    )
+    assert read_urdf(path).model.njoints == 2
+
+
+@pytest.mark.parametrize("limit", ["", '<limit lower="-1" upper="2"/>'])
+@pytest.mark.parametrize("kind", ["revolute", "prismatic", "continuous"])
+def test_limits_that_are_not_relied_on_may_be_missing(tmp_path, kind, limit):
+    path = two_links(tmp_path, kind=kind)
+    path.write_text(
+        path.read_text().replace('<limit lower="-1" upper="2" effort="10" velocity="1"/>', limit)
+    )
+    model = read_urdf(path).model
+    assert (model.velocityLimit, model.effortLimit) == (0.0, 0.0)
+
+
+def draw_hand(folder, content=f'<origin xyz="0 0 1"/>{BOX}'):
+    return write_urdf(
+        folder,
+        link_xml("base"),
+        f'<link name="upper"><visual>{content}</visual></link>',
+        '<link name="tip"/>',
+        joint_xml("shoulder", "base", "upper"),
+        joint_xml("wrist", "upper", "tip"),
+    )
+
+
+def test_a_link_is_collided_with_as_it_is_drawn(tmp_path):
+    urdf = read_urdf(draw_hand(tmp_path), drawn=["upper"])
+    assert urdf.bare == ()
+    (drawn,) = (one for one in urdf.collision_model.geometryObjects if one.parentJoint == 1)
+    np.testing.assert_array_equal(drawn.placement.translation, [0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("link", "words"),
+    [("hand", "is not in the URDF"), ("base", "of its own"), ("tip", "is not drawn")],
+)
+def test_a_link_without_such_a_drawing_is_refused(tmp_path, link, words):
+    with pytest.raises(RobotError, match=words):
+        read_urdf(draw_hand(tmp_path), drawn=[link])
+
+
+def test_a_fixed_joint_may_have_the_name_of_a_link(tmp_path):
+    path = write_urdf(
+        tmp_path,
+        *(link_xml(name) for name in ("base", "upper", "hand")),
+        joint_xml("shoulder", "base", "upper"),
+        joint_xml("hand", "upper", "hand", "fixed"),
+    )
+    robot = Robot.from_urdf(path, limits=limits_for("shoulder"))
+    assert robot.links == ("upper", "hand")
+
+
+def test_a_joint_that_moves_may_have_the_name_of_a_link(tmp_path):
+    path = write_urdf(
+        tmp_path,
+        *(link_xml(name) for name in ("base", "upper", "hand")),
+        joint_xml("upper", "base", "upper"),
+        joint_xml("wrist", "upper", "hand"),
+    )
+    assert Robot.from_urdf(path, limits=limits_for("upper", "wrist")).joints == ("upper", "wrist")

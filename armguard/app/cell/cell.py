@@ -40,7 +40,13 @@ from armguard.pairs.cloud_filter import CloudFilter
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.people import BOUNDS
 from armguard.recording.trial import read_trial
-from armguard.robot.description import find_robot
+from armguard.robot.description import (
+    DESCRIPTION,
+    find_robot,
+    is_known,
+    locate_urdf,
+    read_description,
+)
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import DEADLINE
@@ -120,7 +126,12 @@ class Cell:
         """Path of the robot's own URDF and its package folders; empty for a known robot."""
         table = self.tables.robot
         if table.urdf is None:
-            return "", []
+            name = self._robot_name
+            if is_known(name):
+                return "", []
+            directory = find_robot(name)
+            urdf, packages = locate_urdf(directory, read_description(directory / DESCRIPTION))
+            return str(urdf), [str(package) for package in packages]
         folders = [str(self._folder / folder) for folder in table.package_dirs]
         return str(self._folder / table.urdf), folders
 
@@ -128,6 +139,12 @@ class Cell:
     def sources(self) -> dict[str, SourceTable]:
         """The sources that the file names."""
         return {} if self.tables.sources is UNSET else self.tables.sources
+
+    @property
+    def _robot_name(self) -> str | Path:
+        """The robot's name, or its folder, where the file names no URDF."""
+        name = self.tables.robot.name or ""
+        return name if is_known(name) else self._folder / name
 
     def make_robot(self) -> Robot:
         """The robot that the file names, with its tool and what its clock adds to its errors."""
@@ -147,10 +164,10 @@ class Cell:
         table = self.tables.robot
         cover = None if table.cover is None else self._folder / table.cover
         if table.name is not None:
-            self._attempt("robot.name", find_robot, table.name)
+            self._attempt("robot.name", find_robot, self._robot_name)
             key = "robot.name" if cover is None else "robot.cover"
             load = functools.partial(Robot.load, cover=cover, level=table.level)
-            return self._attempt(key, load, table.name)
+            return self._attempt(key, load, self._robot_name)
 
         def load_urdf() -> Robot:
             return Robot.from_urdf(

@@ -63,7 +63,7 @@ class OperatingTable(_Table, frozen=True, kw_only=True):
 
 
 class RobotTable(_Table, frozen=True, kw_only=True):
-    """`[robot]`: one that armguard knows, or any other URDF with a file of limits."""
+    """`[robot]`: one that armguard knows, a folder with one, or any URDF with a file of limits."""
 
     name: Name | None = None
     urdf: Name | None = None

@@ -11,13 +11,14 @@ Nothing here is a short cut: `armguard run` gets a cell file and addresses, as i
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import secrets
 import subprocess
 import sys
 import tempfile
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -30,7 +31,14 @@ from armguard.app.processes import COMPLAINT, complain
 from armguard.app.summary import draw_summary
 from armguard.exceptions import ArmguardError
 from armguard.recording.recorder import check_new
-from armguard.robot.description import find_robot
+from armguard.robot.description import (
+    DESCRIPTION,
+    find_robot,
+    is_known,
+    locate_urdf,
+    read_description,
+)
+from armguard.simulation.sources import ObstacleSource
 from armguard.view.export import check_export
 from armguard.view.listening import listen
 from armguard.view.process import ViewProcess, launch
@@ -44,10 +52,12 @@ EXPORT_TIMEOUT = 120.0
 FLOOR = -0.75
 """Height of the floor that is drawn, in [m]: the arm of the demo stands on a table."""
 
+OPERATING = 'operating = "published" # the simulated controller keeps to these'
+
 CELL = """\
 [robot]
-name = "{robot}"
-operating = "published" # the simulated controller keeps to these
+name = {robot}
+{operating}
 
 [robot.base]
 xyz = {base}
@@ -92,7 +102,7 @@ def run_demo(
     """Run the demo and print its summary.
 
     Args:
-        robot: Which arm; one that armguard knows.
+        robot: Which arm: one that armguard knows, or the folder of one of your own.
         duration: How long, in [s]; a recording may end it sooner.
         person: Vicon CSV of a person; None: a simulated one.
         obstacle_count: Wandering balls besides.
@@ -117,7 +127,9 @@ def run_demo(
         raise ArmguardError("--obstacles", f"is {obstacle_count}", expected="at least 0")
     if not seed >= 0:
         raise ArmguardError("--seed", f"is {seed}", expected="at least 0")
-    find_robot(robot)
+    if not is_known(robot):
+        robot = str(find_robot(robot).resolve())  # its processes may be in another folder
+    check_robot(robot)
     if record is not None:
         check_new(record)
     if export is not None:
@@ -136,12 +148,7 @@ def run_demo(
             f"ipc://{folder}/{name}" for name in ("obstacles", "joints", "verdicts", "frames")
         )
         cell, log = Path(folder) / "cell.toml", Path(folder) / "log"
-        tables = "".join(f"[sources.{source.name}]\nrate = {source.rate}\n" for source in sources)
-        cell.write_text(
-            CELL.format(
-                robot=robot, base=list(find_place(robot).base), sources=tables, schedule=schedule
-            )
-        )
+        cell.write_text(write_cell(robot, sources, schedule), encoding="utf-8")
         errors = resources.enter_context(log.open("ab"))
         command = [sys.executable, "-m", "armguard", "run", str(cell), "--json", "--no-realtime"]
         command += ["--quiet"]  # the table says what it would
@@ -196,6 +203,36 @@ def run_demo(
     if problem:
         complain(problem)
     return COMPLAINT if problem else 0
+
+
+def check_robot(robot: str) -> bool:
+    """Whether a controller of this robot is known to keep to something at work.
+
+    Raises:
+        RobotError: Its description or its URDF cannot be read.
+    """
+    directory = find_robot(robot)
+    description = read_description(directory / DESCRIPTION)
+    locate_urdf(directory, description)
+    return description.operating.published is not None
+
+
+def write_cell(robot: str, sources: Sequence[ObstacleSource], schedule: str) -> str:
+    """The cell file of the demo.
+
+    Args:
+        robot: One that armguard knows, or the whole path of the folder of one.
+        sources: What moves about the arm.
+        schedule: Name of the monitor's schedule.
+    """
+    tables = "".join(f"[sources.{source.name}]\nrate = {source.rate}\n" for source in sources)
+    return CELL.format(
+        robot=json.dumps(robot),
+        operating=OPERATING if check_robot(robot) else "",
+        base=list(find_place(robot).base),
+        sources=tables,
+        schedule=schedule,
+    )
 
 
 @contextlib.contextmanager

@@ -9,15 +9,16 @@ from __future__ import annotations
 import math
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import IO
 
 import msgspec
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from armguard.app.demo.places import find_place
+from armguard.app.demo.places import Place, find_place
 from armguard.app.processes import end_with
+from armguard.exceptions import ArmguardError
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.simulation.arm import SimulatedArm
@@ -26,7 +27,7 @@ from armguard.simulation.person import DURATIONS, ProceduralPerson
 from armguard.simulation.processes import read_device, start_device
 from armguard.simulation.recordings import Recording
 from armguard.simulation.sources import ObstacleSource
-from armguard.simulation.trajectory import keeps_within, random_trajectory
+from armguard.simulation.trajectory import JointTrajectory, keeps_within, random_trajectory
 from armguard.streams.nodes import Publisher, VerdictReader
 
 ROBOT_PERIOD = 0.001
@@ -119,17 +120,11 @@ class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
 
     def run(self) -> None:
         """Move until ended."""
-        robot, place = Robot.load(self.robot), find_place(self.robot)
+        robot = Robot.load(self.robot)
+        published = robot.published_operating_limits
         arm = SimulatedArm(
-            random_trajectory(
-                robot,
-                self.seed,
-                WORK_CYCLE,
-                speed_fraction=SPEED_FRACTION,
-                acceleration_fraction=choose_acceleration(robot),
-                accept=keeps_within(robot, place.lower, place.upper),
-            ),
-            OperatingLimits.published(robot),
+            make_trajectory(robot, find_place(self.robot), self.seed),
+            None if published is None else OperatingLimits.published(robot),
         )
         with Publisher(self.joints) as publisher, VerdictReader(self.verdicts) as reader:
             _wait_for_monitor(self.verdicts)
@@ -144,6 +139,26 @@ class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
                 publisher.joints(now, robot.joints, q, v)
                 tick = max(tick + 1, math.floor((now - start) / ROBOT_PERIOD))
                 time.sleep(max(0.0, start + tick * ROBOT_PERIOD - time.monotonic()))
+
+
+def make_trajectory(robot: Robot, place: Place, seed: int) -> JointTrajectory:
+    """What the arm does: ways through random postures, all of it in its place if that can be."""
+
+    def make(accept: Callable[[NDArray[np.float64]], bool] | None) -> JointTrajectory:
+        return random_trajectory(
+            robot,
+            seed,
+            WORK_CYCLE,
+            speed_fraction=SPEED_FRACTION,
+            acceleration_fraction=choose_acceleration(robot),
+            accept=accept,
+        )
+
+    try:
+        return make(keeps_within(robot, place.lower, place.upper))
+    except ArmguardError:
+        # An arm of somebody's own may be larger than the place that is meant for those on a table.
+        return make(None)
 
 
 def choose_acceleration(robot: Robot) -> float:

@@ -3,13 +3,17 @@
 import json
 import os
 import re
+import shutil
 import signal
 from pathlib import Path
 
 import pytest
 
-from armguard.app.demo.launcher import run_demo
+from armguard.app.cell import Cell
+from armguard.app.demo.launcher import run_demo, write_cell
+from armguard.app.demo.nodes import make_sources
 from armguard.exceptions import ArmguardError
+from armguard.robot.description import find_robot
 from support.demo_processes import SOON, RunningDemo, finish, listening_sockets
 
 RECORDINGS = Path(
@@ -55,6 +59,21 @@ def test_mistakes_are_raised_before_anything_is_started():
             run_demo(**mistake)
     with pytest.raises(ArmguardError, match="port"):
         run_demo(port=-1)
+    with pytest.raises(ArmguardError, match=r"has no robot\.toml"):
+        run_demo(robot="/")
+
+
+@pytest.mark.parametrize("has_published", [True, False])
+def test_an_arm_of_ones_own_is_named_by_its_folder(tmp_path, has_published):
+    folder = tmp_path / 'an "odd" arm'
+    shutil.copytree(find_robot("panda"), folder)
+    if not has_published:
+        text = (folder / "robot.toml").read_text().partition("[operating")[0]
+        (folder / "robot.toml").write_text(text)
+    cell = Cell.from_text(write_cell(str(folder), make_sources(5.0, "", 1, 0), "deadline"))
+    assert cell.make_robot().name == folder.name
+    assert (cell.tables.robot.operating == "published") == has_published
+    assert cell.urdf[0].endswith("panda.urdf")
 
 
 @pytest.mark.skipif(

@@ -81,3 +81,12 @@ def test_sources_are_those_that_were_asked_for():
     assert len(nodes.make_sources(20.0, "", 5, 0)) == 2
     with pytest.raises(ArmguardError, match="nowhere"):
         nodes.make_sources(20.0, "/nowhere.csv", 0, 0)
+
+
+def test_an_arm_that_does_not_fit_its_place_moves_all_the_same():
+    robot = Robot.load("panda")
+    far = find_place("panda")._replace(lower=(8.0, 8.0, 8.0), upper=(9.0, 9.0, 9.0))
+    trajectory = nodes.make_trajectory(robot, far, 0)
+    assert trajectory.duration >= nodes.WORK_CYCLE
+    assert (trajectory.waypoints >= robot.lower_position_limit).all()
+    assert (trajectory.waypoints <= robot.upper_position_limit).all()

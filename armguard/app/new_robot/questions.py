@@ -1,0 +1,224 @@
+"""Asks for what a URDF lacks: on a terminal, by options, or takes what is usual.
+
+An option comes first, then what the URDF has. What is still missing is asked for on a terminal,
+where Enter takes what is usual; elsewhere it is a mistake that names the option, unless the caller
+takes all that is usual.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import Generic, NamedTuple, TypeVar
+
+from armguard.exceptions import RobotError
+
+GIVEN = "GIVEN to `armguard robot new`: write here where it comes from"
+"""Source of what a user answers."""
+
+Range = tuple[float, float]
+Amount = TypeVar("Amount", float, Range)
+
+
+class Figure(NamedTuple, Generic[Amount]):
+    """One figure of one joint, and where it comes from."""
+
+    value: Amount
+    source: str
+
+
+class Question(NamedTuple, Generic[Amount]):
+    """What is asked of the joints of a robot."""
+
+    option: str
+    """With which it is answered on the command line."""
+    what: str
+    """What is asked for, with its unit."""
+    meaning: str
+    """What the answer is relied on for."""
+    read: Callable[[str, str], Amount]
+    """Reads an answer, named by its first argument, from text."""
+    known: Mapping[str, Figure[Amount]]
+    """By joint, what need not be asked for."""
+    usual: Mapping[str, Figure[Amount]]
+    """By joint, what is usual, where something is."""
+
+
+class Asker:
+    """Puts questions.
+
+    Args:
+        ask: Shows a text and returns the answer of somebody at a terminal; None: there is nobody.
+        takes_usual: Whether what is usual is taken without a question.
+    """
+
+    def __init__(self, ask: Callable[[str], str] | None, *, takes_usual: bool) -> None:
+        self._ask = None if takes_usual else ask
+        self._takes_usual = takes_usual
+
+    def answer(
+        self, question: Question[Amount], joints: Sequence[str], given: Sequence[str]
+    ) -> dict[str, Figure[Amount]]:
+        """A figure of each joint.
+
+        Args:
+            question: What is asked.
+            joints: All joints that need one.
+            given: What was said on the command line: AMOUNT for all joints that lack one, or
+                JOINT=AMOUNT, which goes before what is known; patterns as "wrist_*" are allowed.
+
+        Raises:
+            RobotError: An answer is unusable, or missing.
+        """
+        found = dict(question.known) | read_answers(question, joints, given)
+        lacking = [joint for joint in joints if joint not in found]
+        if lacking and self._ask is not None:
+            found |= self._put(question, joints, lacking)
+        elif lacking and self._takes_usual:
+            found |= {joint: one for joint, one in question.usual.items() if joint in lacking}
+        lacking = [joint for joint in joints if joint not in found]
+        if lacking:
+            remedy = ""
+            if all(joint in question.usual for joint in lacking):
+                remedy = f"--yes takes what is usual: {_list(question.usual, lacking)}"
+            is_number = question.read is not read_range
+            raise RobotError(
+                question.option,
+                f"is missing: the URDF has no {question.what} of {', '.join(lacking)}",
+                expected="a number for all of them, or JOINT=NUMBER"
+                if is_number
+                else "JOINT=LOWER:UPPER",
+                remedy=remedy,
+            )
+        return {joint: found[joint] for joint in joints}
+
+    def choose(self, option: str, what: str, usual: str, given: str | None) -> str:
+        """One answer that is no figure of joints; `usual` where Enter or `--yes` takes it.
+
+        Raises:
+            RobotError: It is missing.
+        """
+        if given is not None:
+            return given
+        if self._takes_usual:
+            return usual
+        if self._ask is None:
+            raise RobotError(
+                option, f"is missing: {what}", remedy=f"--yes takes what is usual: {usual}"
+            )
+        return self._ask(f"\n{what} ({option})\n  [{usual}] ").strip() or usual
+
+    def _put(
+        self, question: Question[Amount], joints: Sequence[str], lacking: Sequence[str]
+    ) -> dict[str, Figure[Amount]]:
+        """Ask on the terminal until all that is lacking is answered."""
+        assert self._ask is not None
+        text = f"\n{question.what} of {', '.join(lacking)}: {question.meaning} ({question.option})"
+        usual = {joint: question.usual[joint] for joint in lacking if joint in question.usual}
+        for source in dict.fromkeys(one.source for one in usual.values()):
+            members = [joint for joint, one in usual.items() if one.source == source]
+            text += f"\n  usual: {_list(usual, members)} ({source})"
+        found: dict[str, Figure[Amount]] = {}
+        while len(found) < len(lacking):
+            left = [joint for joint in lacking if joint not in found]
+            answer = self._ask(f"{text}\n  [{'usual' if usual else 'no default'}] ")
+            try:
+                read = read_answers(question, joints, answer.split())
+            except RobotError as error:
+                text = f"  {error}"
+                continue
+            # Enter, or an answer for some of them, leaves the others to what is usual.
+            found |= read | {j: usual[j] for j in left if j in usual and j not in read}
+            text = f"  still open: {', '.join(j for j in lacking if j not in found)}"
+        return found
+
+
+def read_answers(
+    question: Question[Amount], joints: Sequence[str], given: Sequence[str]
+) -> dict[str, Figure[Amount]]:
+    """What was said: AMOUNT, for joints that lack one, or JOINT=AMOUNT.
+
+    Raises:
+        RobotError: A joint is unknown, or an amount unusable.
+    """
+    found: dict[str, Figure[Amount]] = {}
+    for item in given:
+        pattern, has_joint, text = item.rpartition("=")
+        value = question.read(f"{question.option} {item}", text)
+        if has_joint:
+            members = match(f"{question.option} {item}", pattern, joints)
+        else:
+            members = [joint for joint in joints if joint not in question.known]
+        found |= {joint: Figure(value, GIVEN) for joint in members}
+    return found
+
+
+def match(option: str, pattern: str, names: Collection[str]) -> list[str]:
+    """The names that a pattern fits.
+
+    Raises:
+        RobotError: There is none.
+    """
+    members = [name for name in names if fnmatchcase(name, pattern)]
+    if not members:
+        raise RobotError(
+            option, f"names {pattern!r}", expected=f"one of {', '.join(names) or 'none'}"
+        )
+    return members
+
+
+def read_number(option: str, text: str) -> float:
+    """A finite number above 0.
+
+    Raises:
+        RobotError: It is none.
+    """
+    value = _read(text)
+    if not 0.0 < value < math.inf:
+        raise RobotError(option, f"is {text!r}", expected="a finite number above 0")
+    return value
+
+
+def read_amount(option: str, text: str) -> float:
+    """A finite number, at least 0.
+
+    Raises:
+        RobotError: It is none.
+    """
+    value = _read(text)
+    if not 0.0 <= value < math.inf:
+        raise RobotError(option, f"is {text!r}", expected="a finite number, at least 0")
+    return value
+
+
+def read_range(option: str, text: str) -> Range:
+    """A lower and an upper number, as "-1.5:2".
+
+    Raises:
+        RobotError: It is none.
+    """
+    lower, _, upper = text.partition(":")
+    value = _read(lower), _read(upper)
+    if not -math.inf < value[0] < value[1] < math.inf:
+        raise RobotError(option, f"is {text!r}", expected="LOWER:UPPER, finite, lower < upper")
+    return value
+
+
+def _read(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def _list(figures: Mapping[str, Figure[Amount]], joints: Sequence[str]) -> str:
+    """Figures of joints in one line, one number where all have the same."""
+    values = {joint: _spell(figures[joint].value) for joint in joints}
+    if len(set(values.values())) == 1:
+        return values[joints[0]]
+    return " ".join(f"{joint}={value}" for joint, value in values.items())
+
+
+def _spell(value: float | Range) -> str:
+    return ":".join(f"{one:g}" for one in value) if isinstance(value, tuple) else f"{value:g}"
