@@ -1,8 +1,8 @@
 """Another arm as an obstacle: its joint states become moving balls with bounds of their own.
 
 Two arms in one cell have a monitor each, and each is the other's obstacle. Nothing is agreed
-between the two: each counts on what the other's joints can do, and neither on what its monitor says,
-so that one that fails does not take the other's certificates with it.
+between the two: each counts on what the other's joints can do, and neither on what its monitor
+says, so that one that fails does not take the other's certificates with it.
 
 Every leaf of a link's cover, cut to a coarse level, is an obstacle: a ball whose centre p(q) is
 known from the joint state, and whose bounds are those of its own link. With R_j the reach of the
@@ -11,28 +11,29 @@ the errors of the joint state:
 
 - position error: sum_j R_j dq_j, and what the arm's placement is off by;
 - speed: V = sum_j R_j vmax_j;
-- by the robot's limits, the velocity is J(q) v, up to the sum over joints that `velocity_error_terms`
-  has, and the acceleration at most A = sum_j R_j amax_j + sum_ij R(i, j) vmax_i vmax_j.
+- by the robot's limits, the velocity is J(q) v, up to the sum over joints that
+  `velocity_error_terms` has, and the acceleration at most
+  A = sum_j R_j amax_j + sum_ij R(i, j) vmax_i vmax_j.
 
 Operating limits (v°, a°) say more. A joint speeds up by a° at most, but brakes as hard as it can,
 so a bound on the ball's acceleration would have to count with amax. A bound on its velocity
 need not. At a time t after the state the joint's velocity is between min(0, v) - dv - a° t and
-max(0, v) + dv + a° t, that is, v/2 up to |v|/2 + dv + a° t. The Jacobian's columns have turned by no
-more than sum_i R(i, j) (dq_i + v°_i t), and are no longer than R_j. Therefore along every direction m
+max(0, v) + dv + a° t, that is, v/2 up to |v|/2 + dv + a° t. The Jacobian's columns have changed by
+no more than sum_i R(i, j) (dq_i + v°_i t), and are no longer than R_j. So, along every direction m,
 
     m·(dp/dt) <= m·J(q) v/2 + sum_j R_j (|v_j|/2 + dv_j)
                  + sum_ij R(i, j) dq_i (|v_j| + dv_j + a°_j t)
                  + t (sum_j R_j a°_j + sum_ij R(i, j) v°_i v°_j).
 
-This is the law of a body with half the measured velocity, an error that contains the other half, and
-an acceleration in which amax does not occur. Integrated, and cut off at V, it is the displacement
-that every contact time in armguard rests on, so a braking arm keeps to it however hard it brakes. It
-looks forward only: the law says nothing of the time before the state, so a state must not be stamped
-later than the monitor's clock. Operating limits are a premise here as elsewhere. A joint measured
-above v° and its error has broken them: from then on, for `SUSPENDED_FOR`, the robot's limits
-count. An acceleration above a° is found by the table, as of every obstacle: the sample contradicts
-the one before, both are possible, and the bound that was broken counts with one and a half times
-what was seen.
+This is the law of a body with half the measured velocity, an error that contains the other half,
+and an acceleration in which amax does not occur. Integrated, and cut off at V, it is the
+displacement that every contact time in armguard rests on, so a braking arm keeps to it however hard
+it brakes. It looks forward only: it says nothing of the time before the state, so a state must not
+be stamped later than the monitor's clock. Operating limits are a premise here as elsewhere. A joint
+measured above v° and its error has broken them: from then on, for `SUSPENDED_FOR`, the robot's
+limits count. An acceleration above a° is found by the table, as of every obstacle: the sample
+contradicts the one before, both are possible, and the bound that was broken counts with one and a
+half times what was seen.
 
 Links that nothing moves (the base) stand still: `add_fixed` puts the box around each
 into the table. A plan of the other arm is not used, nor is it that its monitor would stop it.
@@ -238,18 +239,18 @@ class ArmObstacles:
             raise ObstacleError(
                 f"joint state of arm {self.name!r}", problem, expected=f"{count} values each"
             )
+        if not self._is_possible(position, np.abs(velocity)):
+            # Then its balls are nowhere, and the table refuses them.
+            position[:] = velocity[:] = math.nan
         kinematics, speeds = self._kinematics, np.abs(velocity)
         kinematics.compute(position, velocity)
-        centers = kinematics.centers[self._leaf]
-        if not self._is_possible(position, speeds):
-            centers[:] = math.nan
         if not (speeds <= self._operating_fastest).all():
             self._suspended_until = stamp + SUSPENDED_FOR
         bounds = self._usual if stamp > self._suspended_until else self._hardware
         obstacles.update(
             self.ids,
             stamp,
-            centers,
+            kinematics.centers[self._leaf],
             bounds.share * kinematics.velocities[self._leaf],
             self.radius,
             bounds.accel,
