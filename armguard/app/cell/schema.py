@@ -154,6 +154,7 @@ class ArmTable(_Table, frozen=True, kw_only=True):
     payload: NotNegative | UnsetType = UNSET
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
     tool: ToolTable | None = None
+    ignore: list[IgnoreEntry] = []
 
     def as_robot(self) -> RobotTable:
         """The same as `[robot]` of a cell in which there is no other arm."""
@@ -232,7 +233,11 @@ class KeysTable(_Table, frozen=True, kw_only=True):
 
 
 class CellTables(_Table, frozen=True, kw_only=True):
-    """A whole cell file; with `robots`, `robot` and `tool` are those of the arm that is watched."""
+    """A whole cell file.
+
+    With `robots`, `robot` and `tool` are those of the arm that is watched, and its own `ignore` is
+    behind that of the cell.
+    """
 
     settings: Literal["auto", "stated"] = "stated"
     settings_from: Name | None = None
@@ -328,7 +333,8 @@ def _choose_arm(
         problem = "has several arms, and none is chosen" if arm is None else f"has no arm {arm!r}"
         raise make_error(file, "robots", problem, f"--arm with one of {known}")
     chosen = tables.robots[names.index(arm)]
-    return msgspec.structs.replace(tables, robot=chosen.as_robot(), tool=chosen.tool)
+    ignore = [*tables.ignore, *chosen.ignore]
+    return msgspec.structs.replace(tables, robot=chosen.as_robot(), tool=chosen.tool, ignore=ignore)
 
 
 def _check_patterns(bounds: object, file: str) -> None:

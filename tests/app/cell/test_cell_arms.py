@@ -1,10 +1,15 @@
 """Cells with several arms, each with a monitor of its own."""
 
+import threading
+import time
+
 import numpy as np
 import pytest
 
 from armguard.app.cell import Cell
+from armguard.app.loop import run
 from armguard.exceptions import CellError
+from armguard.streams.nodes import Publisher
 from support.panda_monitor import HOME
 
 SOURCES = "[sources]\n"
@@ -61,6 +66,18 @@ def test_each_arm_is_in_the_table_of_the_other_where_it_stands():
         assert obstacles.table.accepted.position_error[row] > 0.002, "the bases' places, too"
 
 
+def test_each_arm_ignores_what_it_is_told_to():
+    own = 'ignore = [["panda_link1", "right panda_link1 *", "right"]]\n'
+    text = 'ignore = [["panda_link2", "table"]]\n' + LEFT + own + RIGHT + SOURCES
+    shared = ("panda_link2", "table")
+    ignored = {}
+    for arm in ("left", "right"):
+        cell = Cell.from_text(text, arm=arm)
+        ignored[arm] = cell.monitor_settings(cell.make_robot())["ignore"]
+    assert ignored["left"] == [shared, ("panda_link1", "right panda_link1 *", "right")]
+    assert ignored["right"] == [shared]
+
+
 def test_arms_on_one_body_do_not_take_it_for_the_other_s():
     arms = "".join(
         f'[[robots]]\nname = "{side}"\nrobot = "baxter"\njoints = ["{side}_*"]\n'
@@ -74,3 +91,32 @@ def test_arms_on_one_body_do_not_take_it_for_the_other_s():
     right.publish(obstacles, 0.0, np.zeros(7), np.zeros(7))
     assert obstacles.row("right right_wrist 0") >= 0
     assert not any("left_" in id for id in obstacles.ids)
+
+
+def test_a_run_watches_its_arm_against_the_other_one(tmp_path):
+    patient = "[monitor]\nrate = 100.0\n[thresholds]\njoint_timeout = 30.0\nsource_timeout = 30.0\n"
+    cell = Cell.from_text(ARMS + patient, arm="left")
+    obstacles, joints, verdicts = (f"ipc://{tmp_path}/{name}" for name in "ojv")
+    names, still = cell.make_robot().joints, np.zeros(7)
+    found, ended = [], threading.Event()
+
+    def send():
+        with Publisher(joints) as publisher:
+            while not ended.wait(0.005):
+                for arm in ("left", "right"):
+                    publisher.joints(time.monotonic(), names, HOME, still, arm=arm)
+
+    def observe(_, verdict):
+        if verdict.complete and verdict.obstacle is not None:
+            found.append(verdict)
+            raise KeyboardInterrupt
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        report = run(cell, obstacles, joints, verdicts, duration=60.0, observe=observe)
+    finally:
+        ended.set()
+        sender.join()
+    assert found[0].obstacle.startswith("right panda_")
+    assert not any("malformed" in kind for kind in report.faults)
