@@ -34,12 +34,13 @@ from armguard.monitor import (
     TrialTick,
 )
 from armguard.obstacles import Fault, Frame, Obstacles, Source
-from armguard.pairs import CloudFilter, SeparationRule
+from armguard.pairs import ArmObstacles, CloudFilter, SeparationRule
 from armguard.recording import Recorder
 from armguard.robot import OperatingLimits, Robot
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
 
 __all__ = [
+    "ArmObstacles",
     "ArmguardError",
     "Attention",
     "Certificate",

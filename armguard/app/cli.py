@@ -105,6 +105,8 @@ class Run:
 
     cell: Annotated[Path, tyro.conf.Positional]
     """The cell file."""
+    arm: str | None = None
+    """Which arm is watched, in a cell with several: one process for each."""
     obstacles: str | None = None
     """Address to bind for obstacles; "-" reads JSON lines, joint states among them, from stdin."""
     joints: str | None = None
@@ -138,6 +140,7 @@ class Run:
 
         return supervise(
             self.cell,
+            arm=self.arm,
             obstacles_address=self.obstacles,
             joints_address=self.joints,
             verdicts_address=self.verdicts,

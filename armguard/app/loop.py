@@ -9,6 +9,7 @@ in thirty late.
 from __future__ import annotations
 
 import contextlib
+import functools
 import inspect
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,7 +32,13 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.recorder import Recorder
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 from armguard.streams.authentication import Authenticator
-from armguard.streams.edge import Edge, ExemptionRequest, PlanRequest, StampClock
+from armguard.streams.edge import (
+    Edge,
+    ExemptionRequest,
+    OtherArm,
+    PlanRequest,
+    StampClock,
+)
 from armguard.streams.faults import FaultLog, logger
 from armguard.streams.inputs import Input, LineInput, SocketInput
 from armguard.streams.nodes import VerdictPublisher
@@ -394,6 +401,10 @@ def run(
         ArmguardError: If the cell cannot be made.
     """
     robot, obstacles, monitor = cell.build()
+    others = {
+        other.name: OtherArm(other.robot.joints, functools.partial(other.publish, obstacles))
+        for other in cell.make_other_arms()
+    }
     if prepared is not None:
         prepared(monitor)
     joint_state = cell.tables.joint_state
@@ -416,6 +427,8 @@ def run(
         drain_time=DRAIN_SHARE * monitor.period,
         speed=_read_bound(cell, "speed"),
         accel=_read_bound(cell, "accel"),
+        arm=cell.arm,
+        others=others,
     )
     opened: list[Input | VerdictPublisher] = []
     log: RunRecording | None = None

@@ -59,6 +59,7 @@ PAGE_CHECK_INTERVAL = 0.25
 def supervise(
     cell_file: Path,
     *,
+    arm: str | None = None,
     obstacles_address: str | None,
     joints_address: str | None,
     verdicts_address: str | None,
@@ -75,6 +76,7 @@ def supervise(
 
     Args:
         cell_file: The cell.
+        arm: Which of its arms is watched, if it has several.
         obstacles_address: Bound for obstacles; None: the default; "-": standard input.
         joints_address: Bound for joint states; None: the default, or standard input.
         verdicts_address: Bound for verdicts; None: the default.
@@ -95,7 +97,7 @@ def supervise(
     """
     if not duration > 0.0:
         raise ArmguardError("--duration", f"is {duration}", expected="seconds above 0")
-    cell = Cell.load(cell_file)
+    cell = Cell.load(cell_file, arm)
     if record is not None:
         check_new(record)
     obstacles_address = obstacles_address or OBSTACLES_ADDRESS

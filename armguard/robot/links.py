@@ -93,6 +93,40 @@ def collect_surfaces(
     return surfaces
 
 
+def collect_fixed_points(
+    urdf: UrdfModel, watched: Collection[str], description: RobotDescription
+) -> dict[str, FloatArray]:
+    """Points whose hull contains each link that nothing moves, in the frame of the base, in [m].
+
+    Between it and the base, all joints are locked at a position.
+
+    Args:
+        urdf: The whole robot.
+        watched: Names of the joints that move.
+        description: Says which others are locked, and where.
+
+    Returns:
+        By link. Shapes (n, 3).
+    """
+    parts: dict[str, list[FloatArray]] = {}
+    for geometry in urdf.collision_model.geometryObjects:
+        motion, number, is_fixed = geometry.placement, geometry.parentJoint, True
+        while number and is_fixed:
+            joint = str(urdf.model.names[number])
+            entry = description.locked.get(joint)
+            is_fixed = joint not in watched and entry is not None and entry.travel is None
+            motion = _carry(urdf.model, number, get_rest_position(entry)) * motion
+            number = urdf.model.parents[number]
+        if is_fixed:
+            link = str(urdf.model.frames[geometry.parentFrame].name)
+            corners = triangulate(f"link {link!r}", geometry.geometry)
+            parts.setdefault(link, []).append(place(motion, corners).reshape(-1, 3))
+    points = {link: np.unique(np.concatenate(found), axis=0) for link, found in parts.items()}
+    for corners in points.values():
+        corners.flags.writeable = False
+    return points
+
+
 def get_rest_position(entry: LockedJoint | None) -> float:
     """Where a locked joint is put in the model, in [rad] or [m]."""
     if entry is None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,7 +35,7 @@ from armguard.robot.description import (
     read_description,
 )
 from armguard.robot.joints import check_bare_links, check_joints, reduce_model
-from armguard.robot.links import collect_surfaces
+from armguard.robot.links import collect_fixed_points, collect_surfaces
 from armguard.robot.urdf import UrdfModel, read_urdf
 
 SPHERES = 12
@@ -101,6 +102,7 @@ class Robot:
     """
 
     cover: Cover
+    _fixed_points: Mapping[str, FloatArray] = {}
 
     def __init__(
         self, name: str, urdf: UrdfModel, description: RobotDescription, joints: Sequence[str]
@@ -138,23 +140,32 @@ class Robot:
             for link, (joint, triangles, pieces) in surfaces.items()
         }
         self._bodies = _Bodies(dict(sorted(links.items(), key=lambda item: item[1].joint)), 0)
+        self._fixed_points = collect_fixed_points(urdf, self.joints, description)
 
     @classmethod
     def load(
-        cls, name: str | Path, *, cover: str | Path | None = None, level: int | None = None
+        cls,
+        name: str | Path,
+        *,
+        joints: Sequence[str] | None = None,
+        cover: str | Path | None = None,
+        level: int | None = None,
     ) -> Robot:
         """Load a robot that armguard knows, or one of your own, with the cover proved for it.
 
         Args:
             name: One of those that `armguard robots` lists, or a folder that `armguard robot new`
                 has written; a folder that has the name of a known robot is meant by "./name".
+            joints: Which of its joints are watched, by name or by pattern as in `fnmatch`: of a
+                robot with two arms those of one, such as `["left_*"]`. None: all.
             cover: A file that `Cover.save` or `armguard cover` wrote, in place of the robot's own;
                 it is proved again.
             level: Of the cover's tree, the finest to be used, from 0, one ball a link; fewer
                 spheres are cheaper, and more cautious. None: all levels.
 
         Raises:
-            RobotError: There is no such robot, or its files are unusable.
+            RobotError: There is no such robot, its files are unusable, or a joint or a pattern is
+                none of its.
             CoverError: Its cover is damaged, was made for other geometry, does not cover it, or has
                 no such level.
         """
@@ -162,9 +173,12 @@ class Robot:
         description = read_description(directory / DESCRIPTION)
         path, packages = locate_urdf(directory, description)
         urdf = read_described(path, packages, description)
-        robot = cls(directory.resolve().name, urdf, description, list(description.joints))
+        watched = _choose_joints(description, joints)
+        robot = cls(directory.resolve().name, urdf, description, watched)
         if cover is None:
             own = Cover.load(directory / COVER)
+            if joints is not None:
+                own = _restrict(own, [link for link in own.links if link in robot.links])
             own.verify(robot)
         else:
             own = Cover.load(cover)
@@ -379,6 +393,17 @@ class Robot:
         """
         return np.unique(self.triangles(link).reshape(-1, 3), axis=0)
 
+    def fixed_points(self) -> Mapping[str, FloatArray]:
+        """Of each link that nothing moves, points whose convex hull contains it.
+
+        Links of a joint that is neither watched nor locked by name move by themselves, and are not
+        among these.
+
+        Returns:
+            By link: points in the frame of the robot's base, in [m]. Shape (n, 3).
+        """
+        return self._fixed_points
+
     def _check_new(self, name: str) -> None:
         if name in self.links or any(frame.name == name for frame in self.model.frames):
             raise RobotError(
@@ -409,6 +434,23 @@ def read_described(
         RobotError: As `read_urdf` does.
     """
     return read_urdf(path, package_dirs, description.travelling, description.collision_from_visual)
+
+
+def _choose_joints(description: RobotDescription, patterns: Sequence[str] | None) -> list[str]:
+    """The joints of a description that names or patterns fit, in its order; None: all."""
+    known = list(description.joints)
+    if patterns is None:
+        return known
+    if isinstance(patterns, str) or not patterns:
+        raise RobotError(
+            "joints", f"is {patterns!r}", expected='a list of names or patterns: ["left_*"]'
+        )
+    for pattern in patterns:
+        if not any(fnmatchcase(joint, pattern) for joint in known):
+            raise RobotError(
+                f"joint {pattern!r}", "fits none", expected=f"one of {', '.join(known)}"
+            )
+    return [one for one in known if any(fnmatchcase(one, pattern) for pattern in patterns)]
 
 
 def _extend(cover: Cover, other: Cover) -> Cover:

@@ -118,6 +118,15 @@ class JointState(NamedTuple):
     """Where on its trajectory the arm says that it was, in [s]."""
 
 
+class OtherArm(NamedTuple):
+    """Another arm of the cell, which is an obstacle of the watched one."""
+
+    joints: Sequence[str]
+    """Names of its joints, in the order that `publish` takes."""
+    publish: Callable[[float, NDArray[np.float64], NDArray[np.float64]], None]
+    """Tells the table of obstacles a stamp, in [s], with positions and velocities, each (nv,)."""
+
+
 class PlanRequest(NamedTuple):
     """What a controller asks about its plan, in the order of the watched joints."""
 
@@ -183,6 +192,9 @@ class Edge:
         own_points: How points that are the arm's are told from others; None: no clouds are taken.
         drain_time: How long a drain may last, in [s], in equal parts for its inputs. One message
             of each is taken whatever it takes, and the one at which the time ends is finished.
+        arm: Name of the watched arm, where a cell has several: then joint states have to say whose
+            they are.
+        others: By name, the other arms of the cell; their joint states are stamped as its own.
         monotonic: Reads the clock of `monotonic` stamps, in [s].
         unix: Reads the clock of `unix` stamps, in [s].
     """
@@ -203,6 +215,8 @@ class Edge:
         limits: Mapping[str, SourceLimits] | None = None,
         own_points: OwnPoints | None = None,
         drain_time: float = DRAIN_TIME,
+        arm: str = "",
+        others: Mapping[str, OtherArm] | None = None,
         monotonic: Callable[[], float] = time.monotonic,
         unix: Callable[[], float] = time.time,
     ) -> None:
@@ -228,7 +242,12 @@ class Edge:
         self.offset_error = gap if gap > HELD_UP else 0.0
         """What `offset` is too large by, in [s], where the process was held up at every try."""
         self._obstacles = obstacles
-        self._joints = list(joints)
+        self._joints = JointOrder(joints)
+        self._arm = arm
+        self._others = dict(others or {})
+        self._other_orders = {name: JointOrder(one.joints) for name, one in self._others.items()}
+        self._other_watches = {name: SequenceWatch() for name in self._others}
+        self._other_states: dict[str, JointState] = {}
         self._clock = clock
         self._unix = unix
         self._stamp_clocks = dict(stamp_clocks or {})
@@ -244,8 +263,6 @@ class Edge:
         self._drain_time = drain_time
         self._accounts: dict[str, SourceAccount] = {}
         self._joint_watch = SequenceWatch()
-        self._joint_names: list[str] | None = None
-        self._joint_order: NDArray[np.int64] = np.zeros(0, np.int64)
         self._start = start
         self._emptied: dict[Input, float] = {}
         self._arrived_after = start
@@ -300,6 +317,7 @@ class Edge:
             else:
                 self.cut_short += 1
             self._emptied[source] = self._arrived_after
+        self._publish_others()
         now = self._clock.now()
         self._settle_joint_state(now, is_emptied=is_emptied)
         return now
@@ -486,11 +504,16 @@ class Edge:
 
     def _take(self, message: AnyMessage) -> None:
         if isinstance(message, JointsMessage):
-            self._follow(self._joint_watch, "joints", message.seq)
-            self._take_joints(message)
+            if message.arm in self._others:
+                self._follow(self._other_watches[message.arm], message.arm, message.seq)
+                self._take_other_joints(message)
+            else:
+                self._follow(self._joint_watch, "joints", message.seq)
+                self._take_joints(message)
         elif isinstance(message, PlanMessage):
             self.plans.append(self._read_plan(message))
         elif isinstance(message, _OF_SOURCES):
+            self._check_not_arm(message)
             account = self._find_account(message.source, message.seq)
             self._follow(account.watch, message.source, message.seq)
             if isinstance(message, ObstaclesMessage):
@@ -661,7 +684,8 @@ class Edge:
 
     def _take_joints(self, message: JointsMessage) -> None:
         try:
-            order = self._find_joints(message.names)
+            self._check_arm(message)
+            order = self._joints.find(message.names)
             q = to_values("q", message.q, len(message.names))[order]
             v = to_values("v", message.v, len(message.names))[order]
         except MessageError as error:
@@ -696,7 +720,7 @@ class Edge:
         """A plan in the order of the watched joints; what cannot be read is said, and counted."""
         names, count = message.names, len(message.names)
         try:
-            order = self._find_joints(names)
+            order = self._joints.find(names)
             size = len(message.times)
             size = size // 8 if isinstance(message.times, bytes) else size
             times = to_values("times", message.times, size)
@@ -718,16 +742,62 @@ class Edge:
             self.faults.add("clocks held up", "plans", message.number, problem)
         return PlanRequest(message.ask, message.number, problem, stamp, times, q, v, **fields)
 
-    def _find_joints(self, names: list[str]) -> NDArray[np.int64]:
-        """Where each watched joint is in `names`; remembered, since senders keep their order."""
-        if names != self._joint_names:
-            missing = [joint for joint in self._joints if names.count(joint) != 1]
-            if missing:
-                found = "named twice" if missing[0] in names else "missing"
-                raise MessageError("names", f"without {missing[0]!r} ({found})", "each joint once")
-            self._joint_order = np.array([names.index(joint) for joint in self._joints])
-            self._joint_names = names
-        return self._joint_order
+    def _check_arm(self, message: JointsMessage) -> None:
+        """Raise MessageError if a joint state is that of no arm of the cell."""
+        if message.arm != self._arm:
+            found = repr(message.arm) if message.arm else "missing"
+            known = ", ".join(map(repr, (self._arm, *self._others)))
+            expected = f"one of {known}" if self._arm else "none: the cell has one arm"
+            raise MessageError("arm", found, expected)
+
+    def _check_not_arm(self, message: ObstaclesMessage | CloudMessage | RemoveMessage) -> None:
+        """Raise MessageError if obstacles come in the name of another arm."""
+        if message.source in self._others:
+            found, source = f"{message.source!r}, which is an arm", message.source
+            error = MessageError("source", found, "its joint states alone", source, message.seq)
+            self._tell_verdict(error)
+            raise error
+
+    def _take_other_joints(self, message: JointsMessage) -> None:
+        """Keep the newest joint state of another arm for the end of the drain."""
+        arm, size = message.arm, len(message.names)
+        try:
+            order = self._other_orders[arm].find(message.names)
+            q = to_values("q", message.q, size)[order]
+            v = to_values("v", message.v, size)[order]
+        except MessageError as error:
+            self.faults.add("malformed", arm, message.seq, str(error))
+            self._obstacles.leave_malformed(arm, "joint state", str(error), self._now)
+            return
+        named = {"stamp": message.stamp, "q": q, "v": v}
+        usable = self._name_unusable(arm, message.seq, named)
+        stamp, gap = self._to_monitor_time(message.stamp, self._joint_clock)
+        now = self._clock.now()
+        if stamp > now:
+            # A state bounds what follows it, not what was before: none is of the future.
+            problem = f"stamp is {stamp - now:.3g} s ahead; counted as measured now"
+            self.faults.add("stamp ahead", arm, message.seq, problem)
+            stamp = now
+        if not gap <= HELD_UP:
+            problem = f"clocks were compared within {gap:.3g} s; expected {HELD_UP:.3g} s at most"
+            self.faults.add("clocks held up", arm, message.seq, problem)
+            return
+        if not usable:
+            # The table must see it, even if a good one follows at once.
+            self._publish_other(arm, JointState(stamp, q, v))
+        else:
+            self._other_states[arm] = JointState(stamp, q, v)
+
+    def _publish_others(self) -> None:
+        """Tell the table the newest joint state that each other arm has sent in this drain."""
+        while self._other_states:
+            self._publish_other(*self._other_states.popitem())
+
+    def _publish_other(self, arm: str, state: JointState) -> None:
+        try:
+            self._others[arm].publish(state.stamp, state.q, state.v)
+        except ArmguardError as error:
+            self.faults.add("refused", arm, None, str(error))
 
     def _name_unusable(
         self, source: str, sequence: int | None, named: Mapping[str, object]
@@ -839,6 +909,34 @@ def _unpack(fields: Mapping[str, Any], count: int) -> dict[str, Any]:
         else:
             arrays[field] = to_values(field, value, count)
     return arrays
+
+
+class JointOrder:
+    """Where an arm's joints are among the names of a message.
+
+    Args:
+        joints: Names of the joints, in the order of `q` and `v`.
+    """
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        self._joints = list(joints)
+        self._names: list[str] | None = None
+        self._order: NDArray[np.int64] = np.zeros(0, np.int64)
+
+    def find(self, names: list[str]) -> NDArray[np.int64]:
+        """Where each joint is in `names`; remembered, since senders keep their order. (nv,).
+
+        Raises:
+            MessageError: A joint is missing, or named twice.
+        """
+        if names != self._names:
+            missing = [joint for joint in self._joints if names.count(joint) != 1]
+            if missing:
+                found = "named twice" if missing[0] in names else "missing"
+                raise MessageError("names", f"without {missing[0]!r} ({found})", "each joint once")
+            self._order = np.array([names.index(joint) for joint in self._joints])
+            self._names = names
+        return self._order
 
 
 class SequenceWatch:

@@ -155,6 +155,8 @@ class JointsMessage(Message, tag="joints"):
     path_time: float | None = None
     """where on the trajectory that it follows the arm was at `stamp`, [s] as in the plan's `times`;
     left out: the trajectory is followed on time"""
+    arm: str = ""
+    """whose state it is, by its name in a cell with several arms; left out where there is one"""
 
 
 class PlanMessage(Message, tag="plan"):

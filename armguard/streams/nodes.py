@@ -237,6 +237,7 @@ class Publisher:
         q: ArrayLike,
         v: ArrayLike,
         path_time: float | None = None,
+        arm: str = "",
     ) -> None:
         """Send a joint state.
 
@@ -247,6 +248,7 @@ class Publisher:
             v: Velocities, in [rad/s] or [m/s]. Shape (n,).
             path_time: Where on the trajectory that it follows the arm was then, in [s] as in the
                 plan's times; None: it is followed on time.
+            arm: Whose state it is, in a cell with several arms; empty where there is one.
 
         Raises:
             StreamError: If lengths do not fit the number of names.
@@ -256,7 +258,13 @@ class Publisher:
         velocities = _pack("v", v, (len(names),))
         self._send(
             JointsMessage(
-                float(stamp), list(names), positions, velocities, self._joints_sequence, path_time
+                float(stamp),
+                list(names),
+                positions,
+                velocities,
+                self._joints_sequence,
+                path_time,
+                arm,
             )
         )
 

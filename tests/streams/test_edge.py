@@ -8,7 +8,7 @@ from armguard.clock import ManualClock
 from armguard.exceptions import ObstacleError
 from armguard.obstacles import FaultKind, Obstacles
 from armguard.streams import SourceLimits, StampClock
-from armguard.streams.edge import OwnPoints, SequenceWatch
+from armguard.streams.edge import OtherArm, OwnPoints, SequenceWatch
 from support.stream_messages import (
     JOINTS,
     MONOTONIC,
@@ -676,3 +676,65 @@ def test_contact_that_is_wanted_needs_the_token_and_its_end_does_not():
     closed.send({**asked, "until": 9.0})
     assert closed.edge.exemptions == []
     assert closed.faults.count("ignore refused") == 1
+
+
+# Joint states of several arms
+
+
+def two_arms():
+    told = []
+    other = OtherArm(["base", "tip"], lambda *state: told.append(state))
+    return World(arm="left", others={"right": other}), told
+
+
+def test_joint_states_go_to_the_arm_that_they_name():
+    world, told = two_arms()
+    state = {"names": ["tip", "base"], "q": [0.2, 0.1], "v": [0.4, 0.3]}
+    world.send(joints(arm="left"), joints(arm="right", **state))
+    assert world.edge.joint_state.q.tolist() == [1.0, 2.0]
+    ((stamp, q, v),) = told
+    assert stamp == pytest.approx(5.0, abs=1e-6)
+    assert stamp <= world.clock.now()
+    assert (q.tolist(), v.tolist()) == ([0.1, 0.2], [0.3, 0.4])
+    assert world.faults.total == 0
+
+
+def test_of_several_states_of_another_arm_the_newest_is_told_and_each_that_cannot_be():
+    world, told = two_arms()
+    names = {"arm": "right", "names": ["base", "tip"], "v": [0.0, 0.0]}
+    states = [[0.1, 0.0], [math.nan, 0.0], [0.2, 0.0], [0.3, 0.0]]
+    world.send(*(joints(q=q, **names) for q in states))
+    assert [q[0] for _, q, _ in told] == [pytest.approx(math.nan, nan_ok=True), 0.3]
+    assert world.kinds() == ["not finite"]
+
+
+def test_a_state_of_another_arm_from_the_future_counts_as_of_now():
+    world, told = two_arms()
+    state = {"names": ["base", "tip"], "q": [0.0, 0.0], "v": [0.0, 0.0]}
+    world.send(joints(arm="right", stamp=MONOTONIC + 6.0, **state))
+    assert told[0][0] == 5.0
+    assert world.kinds() == ["stamp ahead"]
+
+
+@pytest.mark.parametrize("named", [{}, {"arm": "middle"}])
+def test_a_joint_state_of_no_arm_of_the_cell_moves_none(named):
+    world, told = two_arms()
+    world.send(joints(**named))
+    assert world.edge.joint_state is None
+    assert not told
+    assert world.kinds() == ["malformed"]
+
+
+def test_a_joint_state_that_names_an_arm_is_refused_where_there_is_one():
+    world = World()
+    world.send(joints(arm="left"))
+    assert world.edge.joint_state is None
+    assert world.kinds() == ["malformed"]
+
+
+def test_a_malformed_state_of_another_arm_and_obstacles_in_its_name_reach_the_verdict():
+    world, told = two_arms()
+    world.send(joints(arm="right"), obstacles(source="right"))
+    assert not told
+    assert len(world.obstacles) == 0
+    assert [fault.kind for fault in world.obstacles.take_faults()] == [FaultKind.MALFORMED] * 2

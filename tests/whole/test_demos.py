@@ -56,6 +56,15 @@ def test_in_mujoco_a_supervised_arm_touches_nothing_while_it_moves_and_another_d
     assert free.least_moving_distance < 0.0, "else there is nothing to be stopped for"
 
 
+def test_two_supervised_arms_keep_apart_and_others_do_not():
+    """Coal measures the distances between the hulls of their links."""
+    demo = load_demo(next(path for path in DEMOS if path.stem == "09_two_arms"))
+    supervised, free = (demo.main(5.0, is_obeying=one) for one in (True, False))
+    assert supervised.least_moving_distance > 0.0
+    assert "SLOW" in supervised.levels["left"]
+    assert free.least_moving_distance < 0.0, "else there is nothing to be stopped for"
+
+
 @pytest.fixture(scope="module")
 def paper():
     return load_demo(next(path for path in DEMOS if path.stem == "02_paper"))

@@ -16,14 +16,17 @@ from typing import Any, TypeVar
 import coal
 import numpy as np
 import pinocchio
-from msgspec import UNSET
+from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
-from armguard.app.cell.frames import place_bodies, read_rotation, resolve_frames
+from armguard.app.cell.frames import Placement, place_bodies, read_rotation, resolve_frames
 from armguard.app.cell.schema import (
+    ArmTable,
     CellTables,
     IgnoreTable,
+    OperatingTable,
     PatternTable,
+    RobotTable,
     SourceTable,
     ToolTable,
     given,
@@ -36,6 +39,7 @@ from armguard.monitor.monitor import Monitor
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
+from armguard.pairs.arm_obstacles import ArmObstacles
 from armguard.pairs.cloud_filter import CloudFilter
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.people import BOUNDS
@@ -69,27 +73,38 @@ class Cell:
 
     Attributes:
         file: Name of the file, for messages.
+        arm: Name of the arm that is watched, where there are several.
         tables: What it says, as read.
         frames: Placements in the world by name, "world" and "base" (the robot's) among them.
     """
 
-    def __init__(self, tables: CellTables, file: str, folder: Path) -> None:
+    def __init__(self, tables: CellTables, file: str, folder: Path, arm: str | None = None) -> None:
         self.file = file
         self.tables = tables
+        self.arm = arm or ""
         self._folder = folder
-        self._check_robot()
-        self._check_tool()
+        self._other_robots: dict[str, Robot] = {}
+        self._check_robot(tables.robot)
+        for other in self._other_arms:
+            self._check_robot(other.as_robot())
+            self._check_tool(other.tool)
+        self._check_tool(tables.tool)
         self._check_sources()
         self._check_clients()
         self._check_settings()
         self._patterns = self._list_bounds(tables.bounds.of)
         self.frames = resolve_frames(tables, file)
-        self._statics = place_bodies(tables.statics, "statics", self.frames, file)
-        self._entrances = place_bodies(tables.entrances, "entrances", self.frames, file)
+        frames = self._own_frames
+        self._statics = place_bodies(tables.statics, "statics", frames, file)
+        self._entrances = place_bodies(tables.entrances, "entrances", frames, file)
 
     @classmethod
-    def load(cls, path: str | Path) -> Cell:
+    def load(cls, path: str | Path, arm: str | None = None) -> Cell:
         """Read a cell file; paths inside it are relative to its folder.
+
+        Args:
+            path: The file.
+            arm: Which of several arms is watched; None: the file has one.
 
         Raises:
             CellError: If it cannot be read or says something impossible.
@@ -100,16 +115,16 @@ class Cell:
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
             raise CellError(str(path), f"cannot be read ({reason})") from None
-        return cls(parse_cell(text, str(path)), str(path), path.parent)
+        return cls(parse_cell(text, str(path), arm), str(path), path.parent, arm)
 
     @classmethod
-    def from_text(cls, text: str, folder: str | Path = ".") -> Cell:
+    def from_text(cls, text: str, folder: str | Path = ".", arm: str | None = None) -> Cell:
         """Read a cell from TOML text; paths inside it are relative to `folder`.
 
         Raises:
             CellError: If it says something impossible.
         """
-        return cls(parse_cell(text, "cell"), "cell", Path(folder))
+        return cls(parse_cell(text, "cell", arm), "cell", Path(folder), arm)
 
     def build(self) -> tuple[Robot, Obstacles, Monitor]:
         """Robot, obstacles and the monitor that watches them.
@@ -140,34 +155,67 @@ class Cell:
         """The sources that the file names."""
         return {} if self.tables.sources is UNSET else self.tables.sources
 
-    @property
-    def _robot_name(self) -> str | Path:
-        """The robot's name, or its folder, where the file names no URDF."""
-        name = self.tables.robot.name or ""
+    def _find_robot(self, table: RobotTable) -> str | Path:
+        """The name of a robot, or its folder, where a table names no URDF."""
+        name = table.name or ""
         return name if is_known(name) else self._folder / name
 
     def make_robot(self) -> Robot:
         """The robot that the file names, with its tool and what its clock adds to its errors."""
-        robot = self._make_bare_robot()
+        return self._make_robot(self.tables.robot, self.tables.tool)
+
+    def make_other_arms(self) -> list[ArmObstacles]:
+        """The other arms of the cell, as obstacles for one table.
+
+        Raises:
+            CellError: One of them cannot be made.
+        """
+        own_error = sum(one.calibration_error for one in self.tables.robots if one.name == self.arm)
+        made = []
+        for other in self._other_arms:
+            if other.name not in self._other_robots:
+                self._other_robots[other.name] = self._make_robot(other.as_robot(), other.tool)
+            robot, base = self._other_robots[other.name], self.frames[other.name]
+            make = functools.partial(
+                ArmObstacles,
+                base_placement=pinocchio.SE3(base.rotation, base.translation),
+                placement_error=own_error + other.calibration_error,
+                operating=self._make_operating(robot, other.operating),
+            )
+            made.append(self._attempt("robots", make, robot, other.name))
+        return made
+
+    @property
+    def _other_arms(self) -> list[ArmTable]:
+        return [one for one in self.tables.robots if one.name != self.arm]
+
+    @property
+    def _own_frames(self) -> dict[str, Placement]:
+        """Frames that the file and its sources can refer to."""
+        hidden = "base" if self.tables.robots else ""
+        return {name: frame for name, frame in self.frames.items() if name != hidden}
+
+    def _make_robot(self, table: RobotTable, tool: ToolTable | None) -> Robot:
+        robot = self._make_bare_robot(table)
         joint_state = self.tables.joint_state
         # Comparing two clocks takes a moment, within which a stamp may be off.
         clock_error = joint_state.clock_error + HELD_UP * (joint_state.clock == "unix")
         if clock_error > 0.0:
             _allow_clock_error(robot, clock_error)
-        tool = self.tables.tool
         if tool is not None:
             rotation = read_rotation("tool.quaternion", tool.quaternion, self.file)
             self._attempt("tool", attach_tool, robot, tool, rotation, self._folder)
         return robot
 
-    def _make_bare_robot(self) -> Robot:
-        table = self.tables.robot
+    def _make_bare_robot(self, table: RobotTable) -> Robot:
         cover = None if table.cover is None else self._folder / table.cover
         if table.name is not None:
-            self._attempt("robot.name", find_robot, self._robot_name)
+            self._attempt("robot.name", find_robot, self._find_robot(table))
             key = "robot.name" if cover is None else "robot.cover"
-            load = functools.partial(Robot.load, cover=cover, level=table.level)
-            return self._attempt(key, load, self._robot_name)
+            load = functools.partial(
+                Robot.load, joints=table.joints, cover=cover, level=table.level
+            )
+            return self._attempt(key, load, self._find_robot(table))
 
         def load_urdf() -> Robot:
             return Robot.from_urdf(
@@ -194,16 +242,20 @@ class Cell:
                 Source(name, table.timeout, table.required, table.on_refusal)
                 for name, table in self.sources.items()
             ]
+            sources += [Source(other.name) for other in self._other_arms]
         frames = {
             name: Frame(placement.rotation, placement.translation, placement.calibration_error)
-            for name, placement in self.frames.items()
+            for name, placement in self._own_frames.items()
             if name != "world"
         }
+        fixed = [other for other in self.make_other_arms() if not self._shares_base(other.name)]
 
         def make() -> Obstacles:
             obstacles = Obstacles(sources=sources, frames=frames, **bounds)
             for name, (points, radius) in self._statics.items():
                 obstacles.add_static(name, points, radius)
+            for other in fixed:
+                other.add_fixed(obstacles)
             return obstacles
 
         obstacles = self._attempt("bounds", make)
@@ -220,6 +272,14 @@ class Cell:
                 None if table.accel is UNSET else table.accel,
             )
         return obstacles
+
+    def _shares_base(self, other: str) -> bool:
+        """Whether what is fixed of another arm is fixed of the watched one, in the same place."""
+        own, its = (
+            next(one for one in self.tables.robots if one.name == name)
+            for name in (self.arm, other)
+        )
+        return (own.robot, own.urdf, own.base) == (its.robot, its.urdf, its.base)
 
     def make_authenticator(self) -> Authenticator | None:
         """What lets in the clients of `[keys]`; None where the file has none."""
@@ -325,7 +385,7 @@ class Cell:
             "ignore": self._expand_ignore(robot),
             "base_placement": pinocchio.SE3(base.rotation, base.translation),
             "separation": self._attempt("", self._make_rule),
-            "operating": self._make_operating(robot),
+            "operating": self._make_operating(robot, self.tables.robot.operating),
         }
 
     def _list_bounds(
@@ -353,9 +413,10 @@ class Cell:
             numbers["human_speed"] = None
         return SeparationRule(**numbers)
 
-    def _make_operating(self, robot: Robot) -> OperatingLimits | None:
-        """What the controller keeps to; None if the file does not say."""
-        table = self.tables.robot.operating
+    def _make_operating(
+        self, robot: Robot, table: OperatingTable | str | UnsetType
+    ) -> OperatingLimits | None:
+        """What a robot's controller keeps to; None if the file does not say."""
         if table is UNSET:
             return None
         if isinstance(table, str):
@@ -373,8 +434,7 @@ class Cell:
 
         return self._attempt("robot.operating", make)
 
-    def _check_robot(self) -> None:
-        table = self.tables.robot
+    def _check_robot(self, table: RobotTable) -> None:
         if (table.name is None) == (table.urdf is None):
             both = table.name is not None
             raise self._error(
@@ -385,7 +445,7 @@ class Cell:
         if table.urdf is not None and table.limits is None:
             raise self._error("robot.limits", "is missing", "a file of joint limits for the urdf")
         if table.name is not None:
-            for key in ("limits", "package_dirs", "joints"):
+            for key in ("limits", "package_dirs"):
                 value = getattr(table, key)
                 if value:
                     raise self._error(
@@ -396,8 +456,7 @@ class Cell:
         if table.joints is not None and (not table.joints or _repeats(table.joints)):
             raise self._error("robot.joints", f"is {table.joints!r}", "joint names, each once")
 
-    def _check_tool(self) -> None:
-        tool = self.tables.tool
+    def _check_tool(self, tool: ToolTable | None) -> None:
         if tool is None:
             return
         found = [shape for shape in SHAPES if getattr(tool, shape) is not None]
@@ -451,6 +510,8 @@ class Cell:
             if tables.settings_from is not None:
                 raise self._error("settings_from", "is given", f'settings = "{AUTO}" beside it')
             return
+        if tables.robots:
+            raise self._error("settings", f'is "{AUTO}" beside [[robots]]', '"stated"')
         schedule = given(tables.monitor).get("schedule", DEADLINE)
         if schedule != DEADLINE:
             raise self._error(

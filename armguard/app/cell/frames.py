@@ -34,6 +34,9 @@ class Placement(NamedTuple):
 def resolve_frames(tables: CellTables, file: str) -> dict[str, Placement]:
     """Place "world", "base" (the robot's) and all frames of the file in the world, by name.
 
+    In a cell with several arms the base of each is a frame of the arm's name, and "base", of the
+    one that is watched, is no frame that the file can refer to.
+
     Args:
         tables: What the file says.
         file: What to call it in errors.
@@ -46,14 +49,22 @@ def resolve_frames(tables: CellTables, file: str) -> dict[str, Placement]:
     rotation = read_rotation("robot.base.quaternion", base.quaternion, file)
     resolved = {
         "world": Placement(np.eye(3), np.zeros(3), 0.0),
-        "base": Placement(rotation, np.array(base.xyz), 0.0),
     }
+    own_base = Placement(rotation, np.array(base.xyz), 0.0)
+    if not tables.robots:
+        resolved["base"] = own_base
+    for number, arm in enumerate(tables.robots):
+        key = f"robots[{number}]"
+        if arm.name in ("world", "base"):
+            raise make_error(file, f"{key}.name", f"is {arm.name!r}", "another name")
+        rotation = read_rotation(f"{key}.base.quaternion", arm.base.quaternion, file)
+        resolved[arm.name] = Placement(rotation, np.array(arm.base.xyz), arm.calibration_error)
     for name in tables.frames:
-        if name in resolved:
+        if name in resolved or name == "base":
             raise make_error(file, f"frames.{name}", "is a frame of its own", "another name")
     for name in tables.frames:
         _resolve(name, tables, resolved, [], file)
-    return resolved
+    return {**resolved, "base": own_base}
 
 
 def _resolve(
@@ -63,7 +74,7 @@ def _resolve(
         return resolved[name]
     key = f"frames.{below[-1] if below else name}.parent"
     if name not in tables.frames:
-        known = ", ".join(["world", "base", *tables.frames])
+        known = ", ".join(dict.fromkeys([*resolved, *tables.frames]))
         raise make_error(file, key, f"is {name!r}", f"one of {known}")
     if name in below:
         chain = " in ".join([*below[below.index(name) :], name])

@@ -156,6 +156,30 @@ class ToolTable(_Table, frozen=True, kw_only=True):
     mesh_scale: Positive = 1.0
 
 
+class ArmTable(_Table, frozen=True, kw_only=True):
+    """`[[robots]]`: one of several arms; the monitor of each watches it against the others."""
+
+    name: Name
+    robot: Name | None = None
+    urdf: Name | None = None
+    limits: Name | None = None
+    package_dirs: list[Name] = []
+    joints: list[Name] | None = None
+    cover: Name | None = None
+    level: Annotated[int, Meta(ge=0)] | None = None
+    base: BaseTable = BaseTable()
+    calibration_error: NotNegative = 0.0
+    payload: NotNegative | UnsetType = UNSET
+    operating: OperatingTable | Literal["published"] | UnsetType = UNSET
+    tool: ToolTable | None = None
+    ignore: list[IgnoreEntry] = []
+
+    def as_robot(self) -> RobotTable:
+        """The same as `[robot]` of a cell in which there is no other arm."""
+        shared = {key: getattr(self, key) for key in RobotTable.__struct_fields__ if key != "name"}
+        return RobotTable(name=self.robot, **shared)
+
+
 class PatternTable(_Table, frozen=True, kw_only=True):
     """What the ids of one pattern can do, in `[bounds.of]`."""
 
@@ -227,11 +251,16 @@ class KeysTable(_Table, frozen=True, kw_only=True):
 
 
 class CellTables(_Table, frozen=True, kw_only=True):
-    """A whole cell file."""
+    """A whole cell file.
+
+    With `robots`, `robot` and `tool` are those of the arm that is watched, and its own `ignore` is
+    behind that of the cell.
+    """
 
     settings: Literal["auto", "stated"] = "stated"
     settings_from: Name | None = None
-    robot: RobotTable
+    robot: RobotTable = RobotTable()
+    robots: list[ArmTable] = []
     joint_state: StampTable = StampTable()
     frames: dict[Name, FrameTable] = {}
     sources: dict[Name, SourceTable] | UnsetType = UNSET
@@ -265,15 +294,16 @@ def make_error(file: str, key: str, problem: str, expected: str = "") -> CellErr
     return CellError(f"{file}: {key}" if key else file, problem, expected=expected)
 
 
-def parse_cell(text: str, file: str) -> CellTables:
+def parse_cell(text: str, file: str, arm: str | None = None) -> CellTables:
     """Read the text of a cell file.
 
     Args:
         text: TOML.
         file: What to call it in errors.
+        arm: Which of several arms is watched; None: the file has one.
 
     Raises:
-        CellError: If it is no TOML, or has a key or value that it must not have.
+        CellError: If it is no TOML, has a key or value that it must not have, or has no such arm.
     """
     try:
         raw = tomllib.loads(text)
@@ -288,7 +318,42 @@ def parse_cell(text: str, file: str) -> CellTables:
         for name, entry in entries.items() if isinstance(entries, dict) else ():
             _convert(entry, kind, f"{table}.{name}", file)
     _check_patterns(raw.get("bounds"), file)
-    return _convert(raw, CellTables, "", file)
+    tables = _convert(raw, CellTables, "", file)
+    if "robots" in raw:
+        return _choose_arm(tables, raw, arm, file)
+    if "robot" not in raw:
+        raise make_error(file, "robot", "is missing")
+    if arm is not None:
+        raise make_error(file, "robots", f"is missing, so there is no arm {arm!r}", "[[robots]]")
+    return tables
+
+
+def _choose_arm(
+    tables: CellTables, raw: Mapping[str, object], arm: str | None, file: str
+) -> CellTables:
+    """A cell of several arms as the monitor of one of them reads it."""
+    names = [one.name for one in tables.robots]
+    for number, name in enumerate(names):
+        key = f"robots[{number}].name"
+        if name in names[:number]:
+            raise make_error(file, key, f"is {name!r} again", "a name of its own for each arm")
+        if tables.sources is not UNSET and name in tables.sources:
+            raise make_error(file, key, f"is {name!r}, as a source", "a name that is free")
+    for key in ("robot", "tool"):
+        if key in raw:
+            raise make_error(file, key, "is given beside [[robots]]", "it in the arm's [[robots]]")
+    if tables.sources is UNSET:
+        # Else the other arms would do for sources of which nothing is known.
+        raise make_error(
+            file, "sources", "is missing beside [[robots]]", "[sources], empty if there are none"
+        )
+    if arm not in names:
+        known = ", ".join(names) if names else "at least one [[robots]]"
+        problem = "has several arms, and none is chosen" if arm is None else f"has no arm {arm!r}"
+        raise make_error(file, "robots", problem, f"--arm with one of {known}")
+    chosen = tables.robots[names.index(arm)]
+    ignore = [*tables.ignore, *chosen.ignore]
+    return msgspec.structs.replace(tables, robot=chosen.as_robot(), tool=chosen.tool, ignore=ignore)
 
 
 def _check_patterns(bounds: object, file: str) -> None:

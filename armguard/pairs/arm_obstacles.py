@@ -1,0 +1,312 @@
+"""Another arm as an obstacle: its joint states become moving balls with bounds of their own.
+
+Two arms in one cell have a monitor each, and each is the other's obstacle. Nothing is agreed
+between the two: each counts on what the other's joints can do, and neither on what its monitor
+says, so that one that fails does not take the other's certificates with it.
+
+Every leaf of a link's cover, cut to a coarse level, is an obstacle: a ball whose centre p(q) is
+known from the joint state, and whose bounds are those of its own link. With R_j the reach of the
+centre about joint j (`bounds.levers`), R(i, j) that about the more distal of two joints, and dq, dv
+the errors of the joint state:
+
+- position error: sum_j R_j dq_j, and what the arm's placement is off by;
+- speed: V = sum_j R_j vmax_j;
+- by the robot's limits, the velocity is J(q) v, up to the sum over joints that
+  `velocity_error_terms` has, and the acceleration at most
+  A = sum_j R_j amax_j + sum_ij R(i, j) vmax_i vmax_j.
+
+Operating limits (v°, a°) say more. A joint speeds up by a° at most, but brakes as hard as it can,
+so a bound on the ball's acceleration would have to count with amax. A bound on its velocity
+need not. At a time t after the state the joint's velocity is between min(0, v) - dv - a° t and
+max(0, v) + dv + a° t, that is, v/2 up to |v|/2 + dv + a° t. The Jacobian's columns have changed by
+no more than sum_i R(i, j) (dq_i + v°_i t), and are no longer than R_j. So, along every direction m,
+
+    m·(dp/dt) <= m·J(q) v/2 + sum_j R_j (|v_j|/2 + dv_j)
+                 + sum_ij R(i, j) dq_i (|v_j| + dv_j + a°_j t)
+                 + t (sum_j R_j a°_j + sum_ij R(i, j) v°_i v°_j).
+
+This is the law of a body with half the measured velocity, an error that contains the other half,
+and an acceleration in which amax does not occur. Integrated, and cut off at V, it is the
+displacement that every contact time in armguard rests on, so a braking arm keeps to it however hard
+it brakes. It looks forward only: it says nothing of the time before the state, so a state must not
+be stamped later than the monitor's clock. Operating limits are a premise here as elsewhere. A joint
+measured above v° and its error has broken them: from then on, for `SUSPENDED_FOR`, the robot's
+limits count. An acceleration above a° is found by the table, as of every obstacle: the sample
+contradicts the one before, both are possible, and the bound that was broken counts with one and a
+half times what was seen.
+
+Links that nothing moves (the base) stand still: `add_fixed` puts the box around each
+into the table. A plan of the other arm is not used, nor is it that its monitor would stop it.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio
+from numpy.typing import ArrayLike
+
+from armguard.bounds.sums import (
+    compute_levers,
+    sum_accelerations,
+    sum_levers,
+    velocity_error_terms,
+    widened_ranges,
+)
+from armguard.exceptions import ArmguardError, ObstacleError
+from armguard.jit.arrays import BoolArray, FloatArray
+from armguard.jit.numerics import SUM_ROUNDING
+from armguard.obstacles.acceptance import MAXIMUM_ACCEL, MAXIMUM_SPEED
+from armguard.obstacles.obstacles import Obstacles
+from armguard.robot.kinematics import Kinematics
+from armguard.robot.operating_limits import OperatingLimits, read_operating
+from armguard.robot.robot import Robot
+
+LEVEL = 1
+"""Of the cover, as far as it is used: some four balls a link."""
+
+SUSPENDED_FOR = 2.0
+"""How long the robot's limits count after a joint was faster than its operating limit, in [s]."""
+
+
+class _Bounds(NamedTuple):
+    """What the balls of an arm can do, one value a ball; the limits that they rest on are named."""
+
+    share: float
+    """Of the measured velocity that is stated."""
+    rate: FloatArray
+    """What velocity errors grow by with joint speeds, [m] or 1. Shape (n, nv)."""
+    at_rest: FloatArray
+    """Velocity errors at rest, [m/s]. Shape (n,)."""
+    accel: FloatArray
+    """[m/s²]. Shape (n,)."""
+    speed: FloatArray
+    """[m/s]. Shape (n,)."""
+
+
+class ArmObstacles:
+    """The links of an arm as obstacles of another one.
+
+    Belongs to the thread of the monitor whose table it writes. Make one for each arm that is
+    watched against this one.
+
+    Attributes:
+        robot: The arm.
+        name: Of the arm in its cell, and of the source that its obstacles come from.
+        ids: Of its obstacles: name of the arm, link, and number of the ball.
+        radius: Of its balls, in [m]. Shape (n,).
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        name: str | None = None,
+        *,
+        base_placement: pinocchio.SE3 | None = None,
+        placement_error: float = 0.0,
+        operating: OperatingLimits | str | None = None,
+        level: int = LEVEL,
+    ) -> None:
+        """Compute what the arm's links can do; some tens of milliseconds.
+
+        Bodies attached to the robot later are taken in with its next state.
+
+        Args:
+            robot: The arm.
+            name: Of the arm in its cell, no other's; None: the robot's name.
+            base_placement: Of its base in the world; None: they coincide.
+            placement_error: How far any of its points may be off, as the other arm sees it,
+                because of where the two bases stand, in [m].
+            operating: What its controller keeps to, and enforces; "published": what its
+                description has; None: the robot's limits alone count.
+            level: Of the cover, the finest that is used, from 0, one ball a link. Finer ones are
+                smaller, and cost more.
+
+        Raises:
+            ArmguardError: An argument is malformed, or the operating limits do not fit the robot.
+        """
+        name = robot.name if name is None else name
+        if not isinstance(name, str) or not name:
+            raise ArmguardError("name of an arm", f"is {name!r}", expected="a name")
+        if not 0.0 <= placement_error < math.inf:
+            raise ArmguardError(
+                "placement_error",
+                f"is {placement_error!r}",
+                expected="a finite length, at least 0, in [m]",
+            )
+        self.robot, self.name = robot, name
+        self._base, self._placement_error = base_placement, float(placement_error)
+        limits = read_operating(robot, operating)
+        self._operating = None if limits is None else limits.resolve(robot)
+        self._level = level
+        self._suspended_until = -math.inf
+        self._has_published = False
+        self._is_changed = False
+        self._read_links()
+
+    def _read_links(self) -> None:
+        """Take the links that the robot has now, and bound what their balls can do."""
+        robot = copy.copy(self.robot)
+        deepest = max(robot.cover.levels(link) for link in robot.links) - 1
+        level = self._level
+        if isinstance(level, bool) or not isinstance(level, int) or not level >= 0:
+            raise ArmguardError("level", f"is {level!r}", expected="a level of the cover, from 0")
+        robot.cover = robot.cover.cut(min(level, deepest))
+        self._revision = robot.revision
+        self._kinematics = Kinematics(robot, self._base)
+        spheres = self._kinematics.spheres
+        self._leaf = np.flatnonzero(spheres.child_count == 0)
+        link_of = spheres.link[self._leaf]
+        self.ids = [
+            f"{self.name} {link} {number}"
+            for place, link in enumerate(robot.links)
+            for number in range(int(np.count_nonzero(link_of == place)))
+        ]
+        self.radius: FloatArray = spheres.radius[self._leaf]
+        lever = np.concatenate(
+            [
+                compute_levers(robot, link, spheres.local[self._leaf][link_of == place])
+                for place, link in enumerate(robot.links)
+            ]
+        )
+        self._position_error = sum_levers(lever, robot.position_error) + self._placement_error
+        self._position_error *= 1.0 + SUM_ROUNDING
+        self._limits = widened_ranges(robot)
+        self._fastest = robot.velocity_limit + robot.velocity_error
+        self._hardware = self._usual = _bound_by_hardware(
+            robot, lever, robot.velocity_limit, robot.acceleration_limit
+        )
+        self._operating_fastest = self._fastest
+        if self._operating is not None:
+            velocity, acceleration = self._operating
+            self._operating_fastest = velocity + robot.velocity_error
+            if (acceleration < robot.acceleration_limit).any():
+                self._usual = _bound_by_operating(robot, lever, velocity, acceleration)
+            else:
+                self._usual = _bound_by_hardware(robot, lever, velocity, acceleration)
+
+    def add_fixed(self, obstacles: Obstacles) -> None:
+        """Put what of the arm nothing moves, such as its base, into a table, to stand there.
+
+        Each link is taken as the box around it, along the axes of the arm's base.
+
+        Args:
+            obstacles: The table of another arm's monitor.
+
+        Raises:
+            ObstacleError: An id is taken: it was put there before, or there are two arms of one
+                name.
+        """
+        base = pinocchio.SE3.Identity() if self._base is None else self._base
+        for link, points in self.robot.fixed_points().items():
+            low, high = points.min(axis=0), points.max(axis=0)
+            corners = np.array([np.where(_CORNERS[k], high, low) for k in range(8)])
+            corners = corners @ base.rotation.T + base.translation
+            obstacles.add_static(f"{self.name} {link}", corners, self._placement_error)
+
+    def publish(self, obstacles: Obstacles, stamp: float, q: ArrayLike, v: ArrayLike) -> None:
+        """Tell a table where the arm is; its source is the arm's name, and required from then on.
+
+        A state that cannot be (a value that is not finite, a joint beyond its limits and errors)
+        does not raise: its balls are refused by the table, and the monitor says STOP.
+
+        Args:
+            obstacles: The table of another arm's monitor, always the same.
+            stamp: When the state was measured, in [s]; not after the monitor's next step.
+            q: Joint positions in the order of `robot.joints`, in [rad] or [m]. Shape (nv,).
+            v: Their velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
+
+        Raises:
+            ObstacleError: The state has not one value a joint, or the name is another source's; a
+                fault is left, as of every malformed call.
+        """
+        if not self._has_published:
+            self._take_name(obstacles, stamp)
+        if self.robot.revision != self._revision:
+            self._read_links()
+            self._is_changed = True
+        count = len(self._fastest)
+        try:
+            position, velocity = np.array(q, dtype=np.float64), np.array(v, dtype=np.float64)
+        except (TypeError, ValueError):
+            position = velocity = np.zeros(0)
+        if position.shape != (count,) or velocity.shape != (count,):
+            problem = f"is q = {q!r}, v = {v!r}"
+            obstacles.leave_malformed(self.name, "joint state", problem, stamp)
+            raise ObstacleError(
+                f"joint state of arm {self.name!r}", problem, expected=f"{count} values each"
+            )
+        if not self._is_possible(position, np.abs(velocity)):
+            # Then its balls are nowhere, and the table refuses them.
+            position[:] = velocity[:] = math.nan
+        kinematics, speeds = self._kinematics, np.abs(velocity)
+        kinematics.compute(position, velocity)
+        if not (speeds <= self._operating_fastest).all():
+            self._suspended_until = stamp + SUSPENDED_FOR
+        bounds = self._usual if stamp > self._suspended_until else self._hardware
+        obstacles.update(
+            self.ids,
+            stamp,
+            kinematics.centers[self._leaf],
+            bounds.share * kinematics.velocities[self._leaf],
+            self.radius,
+            bounds.accel,
+            bounds.speed,
+            self._position_error,
+            (bounds.rate @ speeds + bounds.at_rest) * (1.0 + SUM_ROUNDING),
+            source=self.name,
+            snapshot=self._is_changed,
+        )
+        self._is_changed = False
+
+    def _is_possible(self, q: FloatArray, speeds: FloatArray) -> bool:
+        """Whether joints can be in such a state; what is not finite cannot."""
+        is_inside: BoolArray = (q >= self._limits[:, 0]) & (q <= self._limits[:, 1])
+        return bool((is_inside & (speeds <= self._fastest)).all())
+
+    def _take_name(self, obstacles: Obstacles, stamp: float) -> None:
+        """Refuse a name that another source of the table has."""
+        for name, messages, _, _ in obstacles.heard_sources:
+            if name == self.name and messages:
+                problem = "has the name of a source that has spoken already"
+                obstacles.leave_malformed(name, "name", problem, stamp)
+                raise ObstacleError(f"arm {name!r}", problem, expected="a name of its own")
+        self._has_published = True
+
+
+_CORNERS = np.array([[bool(k & 1), bool(k & 2), bool(k & 4)] for k in range(8)])
+
+
+def _bound_by_hardware(
+    robot: Robot, lever: FloatArray, velocity: FloatArray, acceleration: FloatArray
+) -> _Bounds:
+    """What balls do whose joints keep to a velocity, and to an acceleration in all they do."""
+    return _Bounds(
+        1.0,
+        *velocity_error_terms(lever, robot.position_error, robot.velocity_error),
+        _bounded(sum_accelerations(lever, velocity, acceleration), MAXIMUM_ACCEL),
+        _bounded(sum_levers(lever, velocity), MAXIMUM_SPEED),
+    )
+
+
+def _bound_by_operating(
+    robot: Robot, lever: FloatArray, velocity: FloatArray, acceleration: FloatArray
+) -> _Bounds:
+    """What balls do whose joints speed up by so much at most, and brake as hard as they can."""
+    rate, at_rest = velocity_error_terms(lever, robot.position_error, robot.velocity_error)
+    accel = sum_accelerations(lever, velocity, acceleration) + rate @ acceleration
+    return _Bounds(
+        0.5,
+        (rate + 0.5 * lever) * (1.0 + SUM_ROUNDING),
+        at_rest,
+        _bounded(accel * (1.0 + SUM_ROUNDING), MAXIMUM_ACCEL),
+        _bounded(sum_levers(lever, velocity), MAXIMUM_SPEED),
+    )
+
+
+def _bounded(bound: FloatArray, most: float) -> FloatArray:
+    """Bounds that a table takes: beyond the largest, there is none."""
+    return np.where(bound <= most, bound, np.inf)

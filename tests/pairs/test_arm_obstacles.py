@@ -1,0 +1,269 @@
+"""Another arm as obstacles: whatever it does within its limits, its balls contain it."""
+
+import functools
+
+import coal
+import numpy as np
+import pinocchio
+import pytest
+
+import armguard
+from armguard.exceptions import ArmguardError, ObstacleError, RobotError
+from armguard.verdict import Level
+from support.panda_monitor import HOME, STILL, panda
+from support.two_arms import TrueArm, measure
+
+FACING = pinocchio.SE3(pinocchio.utils.rotate("z", np.pi), np.array([1.25, 0.0, 0.0]))
+LEFT = np.array([0.6, 0.3, 0.0, -1.7, 0.0, 2.0, 0.8])
+RIGHT = np.array([0.6, 0.2, 0.0, -1.9, 0.0, 2.0, 0.8])
+
+
+@functools.cache
+def baxter_left():
+    return armguard.Robot.load("baxter", joints=["left_*"])
+
+
+def limits_of(robot, share):
+    return armguard.OperatingLimits(share * robot.velocity_limit, np.full(7, 1.0))
+
+
+class Told:
+    """What a table was told last; stands in for one."""
+
+    heard_sources = ()
+
+    def update(self, ids, stamp, *fields, source, snapshot):
+        self.ids, self.fields = list(ids), [np.array(field) for field in fields]
+
+
+def go_on(closing, accel, speed, time):
+    """How far a row's body gets along directions: the law that every contact time rests on."""
+    closing = np.minimum(closing, speed)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ramp = np.where(np.isinf(accel), 0.0, (speed - closing) / accel)
+        short = closing * time + 0.5 * np.where(np.isinf(accel), 0.0, accel) * time**2
+    return np.where(time < ramp, short, 0.5 * (closing + speed) * ramp + speed * (time - ramp))
+
+
+@pytest.mark.parametrize(
+    ("make_robot", "share"), [(panda, None), (panda, 0.3), (panda, 1.0), (baxter_left, 0.2)]
+)
+def test_no_ball_leaves_what_its_row_allows_however_the_joints_move(make_robot, share):
+    """Exact positions of the balls' centres along hostile motions, against the law of a row."""
+    robot, generator = make_robot(), np.random.default_rng(7)
+    operating = None if share is None else limits_of(robot, share)
+    other = armguard.ArmObstacles(robot, base_placement=FACING, operating=operating)
+    velocity, speeding = robot.velocity_limit, robot.acceleration_limit
+    if operating is not None:
+        velocity, speeding = operating.resolve(robot)
+    arm = TrueArm(robot, FACING, np.zeros(7), velocity, speeding)
+    spheres = [
+        (robot.joint_index(link), robot.cover.spheres(link, min(1, robot.cover.levels(link) - 1)))
+        for link in robot.links
+    ]
+    joint = np.concatenate([np.full(len(some), number) for number, some in spheres])
+    local = np.concatenate([some for _, some in spheres])[:, :3]
+    told, tightest = Told(), -np.inf
+    lower, upper = robot.lower_position_limit, robot.upper_position_limit
+    for _ in range(60):
+        arm.q = lower + generator.uniform(0.2, 0.8, 7) * (upper - lower)
+        arm.v = velocity * generator.choice([-1.0, -0.5, 0.0, 0.5, 1.0], 7)
+        wrong = generator.choice([-1.0, 1.0], (2, 7))
+        measured = arm.q + wrong[0] * robot.position_error, arm.v + wrong[1] * robot.velocity_error
+        other.publish(told, 0.0, *measured)
+        centers, velocities, _, accel, speed, error, velocity_error = told.fields
+        # Along the row's own velocity, against it, and anywhere: for a while, then another way.
+        directions = generator.normal(size=(40, 3))
+        directions /= np.linalg.norm(directions, axis=1)[:, None]
+        wanted = generator.choice([-1.0, 0.0, 1.0], (3, 7)) * velocity
+        for step in range(40):
+            arm.push(wanted[step // 14], 0.01)
+            time = 0.01 * (step + 1)
+            places = np.concatenate(
+                [
+                    arm.points_at(arm.q, int(one), local[joint == one])
+                    for one in dict.fromkeys(joint)
+                ]
+            )
+            moved = (places - centers) @ directions.T
+            closing = velocities @ directions.T + velocity_error[:, None]
+            allowed = go_on(closing, accel[:, None], speed[:, None], time) + error[:, None]
+            tightest = max(tightest, float((moved - allowed).max()))
+    assert tightest <= 1e-12
+
+
+def fight(*, is_obeying, both=False, seconds=2.0, rate=250.0):
+    """Two arms go for one another; what was told, and what happened.
+
+    Returns:
+        When they first touched, how fast the watched one moved then, and the first contact that any
+        verdict left possible minus when it happened.
+    """
+    robot, dt = panda(), 1.0 / rate
+    operating = limits_of(robot, 0.3)
+    velocity, speeding = operating.resolve(robot)
+    bases = {"left": pinocchio.SE3.Identity(), "right": FACING}
+    arms = {
+        name: TrueArm(robot, base, LEFT if name == "left" else RIGHT, velocity, speeding)
+        for name, base in bases.items()
+    }
+    others = {"left": "right", "right": "left"}
+    watched = list(arms) if both else ["left"]
+    tables, monitors, told = {}, {}, {}
+    for name in watched:
+        tables[name] = armguard.Obstacles(sources=[others[name]])
+        monitors[name] = armguard.Monitor(
+            robot, tables[name], rate=rate, operating=operating, base_placement=bases[name]
+        )
+        told[name] = armguard.ArmObstacles(
+            robot, others[name], base_placement=bases[others[name]], operating=operating
+        )
+        told[name].add_fixed(tables[name])
+    generator, latest, levels = np.random.default_rng(3), [], set()
+    for tick in range(round(seconds * rate)):
+        now = tick * dt
+        distance, i, k, here, there = measure(arms["left"], arms["right"])
+        if distance <= 0.0:
+            return now, {name: np.abs(arm.v).max() for name, arm in arms.items()}, latest, levels
+        along = (there - here) / distance
+        wanted = {
+            "left": arms["left"].towards(i, here, along),
+            "right": arms["right"].towards(k, there, -along),
+        }
+        scale = dict.fromkeys(arms, 1.0)
+        measured = {}
+        for name, arm in arms.items():
+            wrong = generator.choice([-1.0, 1.0], (2, 7))
+            measured[name] = (
+                arm.q + wrong[0] * robot.position_error,
+                arm.v + wrong[1] * robot.velocity_error,
+            )
+        for name in watched:
+            if tick % 2 == 0:
+                told[name].publish(tables[name], now, *measured[others[name]])
+            verdict = monitors[name].step(now, *measured[name])
+            levels.add(verdict.level)
+            latest.append((now, verdict.contact_time))
+            scale[name] = verdict.speed_scale if is_obeying else 1.0
+        for name, arm in arms.items():
+            if scale[name] > 0.0:
+                arm.push(scale[name] * wanted[name], dt)
+            else:
+                arm.brake(dt)
+    return None, {name: np.abs(arm.v).max() for name, arm in arms.items()}, latest, levels
+
+
+def test_an_arm_that_obeys_stands_before_an_attacking_one_touches_it_and_another_does_not():
+    touched, _, latest, _ = fight(is_obeying=False)
+    assert touched is not None, "else there is nothing to be stopped for"
+    told = max(at + contact_time for at, contact_time in latest)
+    assert told <= touched, "a contact came before it was told to be possible"
+    assert max(contact_time for _, contact_time in latest) > 0.1, "else nothing was promised"
+    touched, speeds, _, levels = fight(is_obeying=True)
+    assert touched is not None, "the other one does not obey"
+    assert speeds["left"] == 0.0
+    assert {Level.STOP} < levels
+
+
+def test_two_arms_that_obey_go_for_one_another_and_never_touch():
+    touched, speeds, _, levels = fight(is_obeying=True, both=True)
+    assert touched is None
+    assert Level.STOP in levels
+    assert min(speeds.values()) == 0.0
+
+
+def test_what_is_fixed_of_an_arm_stands_in_the_table_in_its_place():
+    robot = panda()
+    other = armguard.ArmObstacles(robot, "right", base_placement=FACING, placement_error=0.01)
+    obstacles = armguard.Obstacles(sources=[])
+    other.add_fixed(obstacles)
+    row = obstacles.row("right panda_link0")
+    corners = obstacles.table.points[row, :8]
+    points = robot.fixed_points()["panda_link0"] @ FACING.rotation.T + FACING.translation
+    assert (points >= corners.min(axis=0) - 1e-12).all()
+    assert (points <= corners.max(axis=0) + 1e-12).all()
+    assert obstacles.table.radius[row] == 0.01
+    with pytest.raises(ObstacleError, match="right panda_link0"):
+        other.add_fixed(obstacles)
+
+
+def test_two_arms_of_one_name_are_refused_by_it():
+    obstacles = armguard.Obstacles()
+    armguard.ArmObstacles(panda(), "left").publish(obstacles, 0.0, HOME, STILL)
+    with pytest.raises(ObstacleError, match="arm 'left': has the name of a source"):
+        armguard.ArmObstacles(panda(), "left").publish(obstacles, 0.0, HOME, STILL)
+    assert obstacles.fault_count == 1, "the verdict knows of it, too"
+
+
+@pytest.mark.parametrize(
+    ("q", "v"),
+    [
+        (np.where(np.arange(7) == 3, np.nan, HOME), STILL),
+        (HOME, np.where(np.arange(7) == 3, np.inf, STILL)),
+        (np.where(np.arange(7) == 3, 9.0, HOME), STILL),
+        (HOME, np.where(np.arange(7) == 3, 9.0, STILL)),
+    ],
+)
+def test_a_state_that_cannot_be_is_no_exception_and_no_place(q, v):
+    other = armguard.ArmObstacles(panda(), "left")
+    obstacles = armguard.Obstacles()
+    other.publish(obstacles, 0.0, HOME, STILL)
+    other.publish(obstacles, 0.001, q, v)
+    assert obstacles.fault_count == len(other.ids)
+    assert {fault.kind.name for fault in obstacles.take_faults()} == {"NOT_FINITE"}
+
+
+@pytest.mark.parametrize("state", [(HOME[:6], STILL), (HOME, STILL[:3]), ("here", STILL)])
+def test_a_state_of_another_length_is_refused_and_leaves_a_fault(state):
+    other, obstacles = armguard.ArmObstacles(panda(), "left"), armguard.Obstacles()
+    with pytest.raises(ObstacleError, match="joint state of arm 'left'"):
+        other.publish(obstacles, 0.0, *state)
+    assert obstacles.fault_count == 1
+
+
+def test_a_joint_above_its_operating_velocity_puts_the_limits_of_the_robot_in_force():
+    robot, told = panda(), Told()
+    other = armguard.ArmObstacles(robot, operating=limits_of(robot, 0.3))
+    for stamp, speed in ((0.0, 0.2), (0.1, 0.5), (0.2, 0.2), (2.2, 0.2)):
+        other.publish(told, stamp, HOME, speed * robot.velocity_limit)
+        fastest = told.fields[4].max()
+        assert (fastest > 5.0) == (0.1 <= stamp < 2.1), "in m/s: what the hardware can do"
+
+
+def test_a_body_that_is_attached_becomes_an_obstacle_and_goes_with_it():
+    robot = armguard.Robot.load("panda")
+    other, obstacles = armguard.ArmObstacles(robot, "left"), armguard.Obstacles()
+    other.publish(obstacles, 0.0, HOME, STILL)
+    before = len(obstacles)
+    robot.attach("gripper", "panda_hand", coal.Sphere(0.05))
+    other.publish(obstacles, 0.001, HOME, STILL)
+    assert any("gripper" in id for id in obstacles.ids)
+    robot.detach("gripper")
+    other.publish(obstacles, 0.002, HOME, STILL)
+    assert len(obstacles) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"name": ""}, "name of an arm"),
+        ({"placement_error": np.nan}, "placement_error"),
+        ({"level": -1}, "level"),
+        ({"operating": 0.3}, "operating"),
+    ],
+)
+def test_arguments_that_cannot_be_are_refused_by_name(arguments, words):
+    with pytest.raises(ArmguardError, match=words):
+        armguard.ArmObstacles(panda(), **arguments)
+
+
+def test_one_arm_of_two_is_loaded_by_the_names_of_its_joints():
+    left, right = baxter_left(), armguard.Robot.load("baxter", joints=["right_*"])
+    assert len(left.joints) == len(right.joints) == 7
+    assert not set(left.links) & set(right.links)
+    both = armguard.Robot.load("baxter")
+    assert set(left.links) | set(right.links) == set(both.links)
+    assert "torso" in left.fixed_points()
+    assert not set(left.fixed_points()) & set(both.links), "the other arm is not fixed"
+    with pytest.raises(RobotError, match="joint 'middle_\\*': fits none"):
+        armguard.Robot.load("baxter", joints=["middle_*"])
