@@ -118,7 +118,9 @@ def draw_levels() -> None:
     drawing.line([at(now, tau) for now, tau, _, _ in told[::20]], INK)
     drawing.line([at(now, stop) for now, _, stop, _ in told[::20]], COLOURS["STOP"], "5 4")
     drawing.text(left + 330, 75, "contact possible in", anchor="start")
-    drawing.text(left + 8, at(0.0, told[0][2])[1] - 8, "time to stop", anchor="start", fill=COLOURS["STOP"])
+    drawing.text(
+        left + 8, at(0.0, told[0][2])[1] - 8, "time to stop", anchor="start", fill=COLOURS["STOP"]
+    )
     for now in range(5):
         drawing.text(at(float(now), 0.0)[0], base + 40, f"{now} s")
     drawing.save("levels.svg", "Contact time falls towards the time to stop, and the level with it")

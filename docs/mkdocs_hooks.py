@@ -1,4 +1,4 @@
-"""What the documentation site needs beyond MkDocs, so that pages can be read as plain files as well.
+"""What the documentation site needs beyond MkDocs, so that pages can be read as files, too.
 
 - Links that leave `docs/` lead to pages that show those files: `source/…` in the site.
 - Formulas between dollar signs become MathML, which browsers draw without a script.
@@ -25,9 +25,8 @@ DRAWINGS = ROOT / "docs" / "pictures"
 SOURCE = "source/"
 LINK = re.compile(r"(?<!!)(\[(?:[^\[\]]|\[[^\]]*\])*\])\(([^)\s]+)\)")
 FENCE = re.compile(r"(^```+\w*\n.*?^```+$)", re.MULTILINE | re.DOTALL)
-FORMULA = re.compile(
-    r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL
-)
+FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
+BAR = "<mo>&#x0007C;</mo>"
 MERMAID = re.compile(r"^```mermaid\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LANGUAGES = {".py": "python", ".cpp": "cpp", ".toml": "toml", ".urdf": "xml", ".yml": "yaml"}
 
@@ -75,7 +74,10 @@ def on_page_content(content: str, page: Page, config: Any, files: Files) -> str:
 
     def write(match: re.Match[str]) -> str:
         display = "block" if match[2] == "[" else "inline"
-        return convert(html.unescape(match[3]), display=display)
+        formula = convert(html.unescape(match[3]), display=display)
+        # Bars and names of functions stand as close to what they belong to as brackets do.
+        formula = formula.replace(BAR, '<mo stretchy="false" lspace="0" rspace="0">|</mo>')
+        return re.sub(r"<mo>(min|max)</mo>", r"<mi>\1</mi>", formula)
 
     return FORMULA.sub(write, content)
 
