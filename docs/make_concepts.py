@@ -71,9 +71,9 @@ def draw_reach() -> None:
     one = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], accel[0], speed[0]
     other = [gap, 0.0, 0.0], [0.0, 0.0, 0.0], accel[1], speed[1]
     tau = float(earliest_contact_pair(*one, *other, sum(radius)))
-    drawing, scale = Drawing(780, 250), 130.0
+    drawing, scale = Drawing(780, 250), 120.0
     for panel, share in enumerate((0.0, 0.6, 1.0)):
-        left, y = 30 + 255 * panel, 120.0
+        left, y = 20 + 250 * panel, 120.0
         drawing.text(left + 98, 20, f"t = {1e3 * share * tau:.0f} ms")
         for body, (x, colour) in enumerate(((0.0, ARM), (gap, BODY))):
             reach = free_displacement(0.0, accel[body], speed[body], share * tau)
@@ -109,7 +109,7 @@ def draw_levels() -> None:
             x, name = at(told[begin][0], 0.0)[0], told[begin][3]
             width = at(told[number - 1][0], 0.0)[0] - x
             drawing.box(x, base + 6, width, 16, COLOURS[name])
-            if width > 45:
+            if width > 40:
                 drawing.text(x + width / 2, base + 19, name)
             begin = number
     for time in (0.0, 0.5, 1.0, 1.5, 2.0):
