@@ -14,7 +14,7 @@ def test_each_premise_is_a_line_and_has_an_explanation():
 def test_what_a_monitor_was_told_stands_beside_them():
     obstacles = Obstacles(accel=7.0, speed=1.5, sources=[])
     obstacles.add_entrance("door", [5.0, 0.0, 0.5], radius=0.3, detection_time=0.1)
-    monitor = make_monitor(obstacles=obstacles, payload=0.5, reaction_time=0.03, latency=0.004)
+    _, monitor = make_monitor(obstacles=obstacles, payload=0.5, reaction_time=0.03, latency=0.004)
     told = dict(zip(Premise, list_premises(monitor), strict=True))
     assert told[Premise.LIMITS] == list_premises()[0]
     assert told[Premise.PAYLOAD].endswith("(0.5 kg)")
