@@ -19,6 +19,7 @@ from rich.console import Console
 from armguard.app.announcer import Announcer
 from armguard.app.cell.cell import AUTO, Cell
 from armguard.app.loop import RateLoop, run
+from armguard.app.premises import list_premises
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.service import ServiceNotifier
 from armguard.app.summary import VerdictCounts, draw_summary, summarise
@@ -140,6 +141,8 @@ def supervise(
             missing = describe_missing_limits(monitor)
             if missing is not None and not quiet:
                 announcer.tell(missing)
+            for line in () if quiet else list_premises(monitor):
+                announcer.tell(line)
 
         is_auto = cell.tables.settings == AUTO
         waiting = console.status("choosing settings by a trial" if is_auto else "starting")

@@ -16,6 +16,7 @@ import zmq
 from armguard.app.cell import Cell
 from armguard.app.cli import main
 from armguard.app.loop import run
+from armguard.app.premises import Premise
 from armguard.app.run import describe_missing_limits, describe_remedy
 from armguard.jit.progress import Progress, compilation
 from armguard.recording import Recording
@@ -294,6 +295,8 @@ def test_a_run_tells_which_settings_a_trial_chose_and_why(cell, addresses, tmp_p
     for line in kept["reasons"][:3]:
         assert f"settings chosen: {line}\n" in told
     assert "cannot be told from the finest: its level in" in told
+    for premise in Premise:
+        assert f"premise: {premise.text}" in told
 
 
 def test_a_start_without_operating_limits_says_what_that_costs():

@@ -141,7 +141,7 @@ class Cell:
         """Path of the robot's own URDF and its package folders; empty for a known robot."""
         table = self.tables.robot
         if table.urdf is None:
-            name = self._robot_name
+            name = self._find_robot(table)
             if is_known(name):
                 return "", []
             directory = find_robot(name)

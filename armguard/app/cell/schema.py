@@ -40,16 +40,22 @@ class IgnoreTable(_Table, frozen=True, kw_only=True):
     """An entry of `ignore` that holds within a zone alone: a hull of points, in the world."""
 
     link: Name
+    """A link, or a pattern of links."""
     ids: Name
+    """A pattern of obstacle ids."""
     source: Name | None = None
+    """The source that reports these; then they may come later."""
     zone: Annotated[list[Vector], Meta(min_length=4, max_length=8)]
+    """Corners of the zone, in the world, in [m]."""
 
 
 class BaseTable(_Table, frozen=True, kw_only=True):
     """`[robot.base]`: where the robot stands in the world."""
 
     xyz: Vector = (0.0, 0.0, 0.0)
+    """Position of its base, in [m]."""
     quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    """Its turn: x, y, z, w, of length 1."""
 
 
 class OperatingTable(_Table, frozen=True, kw_only=True):
@@ -59,120 +65,197 @@ class OperatingTable(_Table, frozen=True, kw_only=True):
     """
 
     velocity: Fraction | list[Positive] | UnsetType = UNSET
+    """What no joint exceeds: one number is a fraction of each hardware limit, a list has one limit
+    for each joint, in [rad/s] or [m/s]."""
     acceleration: Fraction | list[Positive] | UnsetType = UNSET
+    """How a joint speeds up at most, in the same way, in [rad/s²] or [m/s²]. It may slow down as
+    hard as the hardware can."""
 
 
 class RobotTable(_Table, frozen=True, kw_only=True):
     """`[robot]`: one that armguard knows, a folder with one, or any URDF with a file of limits."""
 
     name: Name | None = None
+    """A robot that armguard knows, as `armguard robots` lists them. Either this or `urdf`."""
     urdf: Name | None = None
+    """Path of the URDF of any other robot: its geometry and joints."""
     limits: Name | None = None
+    """Path of its robot.toml: its limits, each with its source. Beside `urdf` alone, and needed
+    there."""
     package_dirs: list[Name] = []
+    """Folders in which `package://` names of meshes are looked up. Beside `urdf` alone."""
     joints: list[Name] | None = None
+    """The joints to be watched. Beside `urdf` alone."""
     cover: Name | None = None
+    """Path of a cover.json, as `armguard cover` writes it."""
     level: Annotated[int, Meta(ge=0)] | None = None
+    """The finest level of the cover to be used, from 0, which is one ball a link."""
     base: BaseTable = BaseTable()
+    """Where the robot stands."""
     payload: NotNegative | UnsetType = UNSET
+    """What it carries at most, tool included, in [kg]: how soon it stops."""
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
+    """What its controller keeps to: a table, or `"published"` for the figures that are published of
+    a robot that armguard knows."""
 
 
 class StampTable(_Table, frozen=True, kw_only=True):
     """`[joint_state]`: how the robot's states are stamped."""
 
     clock: Literal["monotonic", "unix"] = "monotonic"
+    """Which clock stamps: the machine's monotonic one, or seconds since 1970."""
     latency: NotNegative = 0.0
+    """How old a state is by the time of its stamp, in [s]."""
     clock_error: NotNegative = 0.0
+    """What stamps may be off by, either way, in [s]. It widens the errors of all joints."""
 
 
 class FrameTable(_Table, frozen=True, kw_only=True):
     """`[frames.<name>]`: where a sensor stands, and how well that is known."""
 
     parent: Name = "world"
+    """The frame that it stands in: `world`, `base`, or another of this file."""
     xyz: Vector = (0.0, 0.0, 0.0)
+    """Its origin in the parent, in [m]."""
     quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    """Its turn in the parent: x, y, z, w, of length 1."""
     calibration_error: NotNegative = 0.0
+    """How far a point may be off because of the frame, in [m]. It is added to the errors of what is
+    given in it, and along a chain of frames."""
 
 
 class SourceTable(_Table, frozen=True, kw_only=True):
     """`[sources.<name>]`: one that sends obstacles."""
 
     rate: Positive | None = None
+    """Messages a second that it means to send, in [Hz]. A `timeout` shorter than a period of it is
+    refused."""
     timeout: Positive | None = None
+    """Silence that it may keep before the arm has to stop, in [s]."""
     clock: Literal["monotonic", "unix", "arrival"] = "monotonic"
+    """Which clock stamps: the machine's monotonic one, seconds since 1970, or the time of arrival
+    for a source without a clock that could be compared."""
     latency: NotNegative = 0.0
+    """From the measurement to the stamp, in [s]. With `arrival`: from the measurement to the
+    arrival, at the longest, and above 0."""
     clock_error: NotNegative = 0.0
+    """What stamps may be off by, either way, in [s]. It widens errors by what bounds allow, so
+    `[bounds]` must state them."""
     required: bool = True
+    """Whether the arm stands until this source has spoken. Any source that has spoken must go on.
+    """
     on_refusal: Literal["bound", "stop"] = "bound"
+    """What a refused sample does: it may be true, and counts with its bounds, or it stops the arm.
+    """
     max_message_size: Annotated[int, Meta(gt=0, le=BYTE_LIMIT)] | UnsetType = UNSET
+    """Size of one message at most, in [bytes]."""
     max_message_rate: Positive | UnsetType = UNSET
+    """Messages a second at most, in [1/s]."""
     max_obstacles: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
+    """Obstacles in the table at once, at most."""
     max_points: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
+    """Points of one cloud at most."""
 
 
 class CloudsTable(_Table, frozen=True, kw_only=True):
     """`[clouds]`: that clouds of depth cameras are taken, and how the arm is taken out of them."""
 
     shell: NotNegative = SHELL
+    """How far from the arm's cover a point still counts as the arm's own, in [m]: what is nearer to
+    it than this is not seen."""
     time_error: NotNegative = 0.005
+    """What stamps of clouds and of joint states may be apart by, in [s]."""
 
 
 class StaticTable(_Table, frozen=True, kw_only=True):
     """`[statics.<id>]`: something that never moves, a ball or the rounded hull of 8 points."""
 
     frame: Name = "world"
+    """The frame that its points are given in."""
     position: Vector | None = None
+    """Its place, in [m]. Either this or `points`."""
     points: Annotated[list[Vector], Meta(min_length=1, max_length=8)] | None = None
+    """1 to 8 points, whose hull it is, in [m]."""
     radius: NotNegative
+    """By which the point or the hull is rounded, in [m]."""
 
 
 class EntranceTable(StaticTable, frozen=True, kw_only=True):
     """`[entrances.<id>]`: where a body may come out at any moment before it has been reported."""
 
     detection_time: NotNegative
+    """From leaving it until a source has reported the body, at the longest, in [s]."""
     speed: Positive | UnsetType = UNSET
+    """Of what may come out, in [m/s]."""
     accel: NotNegative | UnsetType = UNSET
+    """Of what may come out, in [m/s²]. It makes no difference to the time of contact."""
 
 
 class RoundTable(_Table, frozen=True, kw_only=True):
     """A capsule or cylinder along z: of a capsule, `length` is that between its balls' centres."""
 
     radius: Positive
+    """Of the round part, in [m]."""
     length: Positive
+    """Along z, in [m]; of a capsule, between the centres of its balls."""
 
 
 class ToolTable(_Table, frozen=True, kw_only=True):
     """`[tool]`: a body fixed to a link, placed in the frame of the link's joint; one geometry."""
 
     name: Name
+    """What verdicts call it."""
     link: Name
+    """The link that it is fixed to."""
     xyz: Vector = (0.0, 0.0, 0.0)
+    """Place of its geometry in the frame of the joint that moves the link, in [m]."""
     quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    """Turn of its geometry in that frame: x, y, z, w, of length 1."""
     sphere: Positive | None = None
+    """Radius of a ball, in [m]."""
     box: tuple[Positive, Positive, Positive] | None = None
+    """Lengths of its edges, in [m]."""
     capsule: RoundTable | None = None
+    """`{ radius = …, length = … }`, along z, in [m]; the length is between the balls' centres."""
     cylinder: RoundTable | None = None
+    """`{ radius = …, length = … }`, along z, in [m]."""
     mesh: Name | None = None
+    """Path of an STL, OBJ or DAE file."""
     mesh_scale: Positive = 1.0
+    """By which the lengths of the mesh are multiplied: 0.001 for millimetres."""
 
 
 class ArmTable(_Table, frozen=True, kw_only=True):
     """`[[robots]]`: one of several arms; the monitor of each watches it against the others."""
 
     name: Name
+    """What the cell calls it, and what its joint states carry as `arm`; no other has it."""
     robot: Name | None = None
+    """As `name` of `[robot]`. Either this or `urdf`."""
     urdf: Name | None = None
+    """As in `[robot]`."""
     limits: Name | None = None
+    """As in `[robot]`."""
     package_dirs: list[Name] = []
+    """As in `[robot]`."""
     joints: list[Name] | None = None
+    """The joints that are this arm's, by name or by pattern, such as `["left_*"]`."""
     cover: Name | None = None
+    """As in `[robot]`."""
     level: Annotated[int, Meta(ge=0)] | None = None
+    """As in `[robot]`."""
     base: BaseTable = BaseTable()
+    """Where it stands."""
     calibration_error: NotNegative = 0.0
+    """How far from there it may stand, in [m]; it counts where one arm is another's obstacle."""
     payload: NotNegative | UnsetType = UNSET
+    """As in `[robot]`."""
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
+    """As in `[robot]`."""
     tool: ToolTable | None = None
+    """What is fixed to one of its links."""
     ignore: list[IgnoreEntry] = []
+    """Pairs of its links that are not watched, beside those of the cell."""
 
     def as_robot(self) -> RobotTable:
         """The same as `[robot]` of a cell in which there is no other arm."""
@@ -184,7 +267,9 @@ class PatternTable(_Table, frozen=True, kw_only=True):
     """What the ids of one pattern can do, in `[bounds.of]`."""
 
     accel: NotNegative
+    """Bound on the acceleration, in [m/s²]; may be inf."""
     speed: NotNegative
+    """Bound on the speed, in [m/s]; may be inf."""
 
 
 class BoundsTable(_Table, frozen=True, kw_only=True):
@@ -195,59 +280,94 @@ class BoundsTable(_Table, frozen=True, kw_only=True):
     """
 
     accel: NotNegative | UnsetType = UNSET
+    """Bound on the acceleration of an obstacle that says nothing else, in [m/s²]: at most 1000, or
+    inf."""
     speed: NotNegative | UnsetType = UNSET
+    """Bound on its speed, in [m/s]: at most 100, or inf."""
     margin: NotNegative | UnsetType = UNSET
+    """A distance that counts as contact already, in [m]."""
     extent: Positive | UnsetType = UNSET
+    """How far from the origin of the world coordinates may be, in [m]."""
     of: dict[Name, Name | PatternTable] = {}
+    """By pattern of ids, the first that fits: a part of a body, such as `"hand"`, or a table of
+    `accel` and `speed`."""
 
 
 class MonitorTable(_Table, frozen=True, kw_only=True):
     """`[monitor]`: how often and how pairs are evaluated."""
 
     rate: Positive | UnsetType = UNSET
+    """Ticks a second, in [Hz]."""
     schedule: Name | UnsetType = UNSET
+    """What is evaluated in a tick: `"deadline"` (what falls due), `"full"` (everything),
+    `"distance"` or `"daa"` (the paper's)."""
     motion: Name | UnsetType = UNSET
+    """How the arm's possible motion is bounded: `"joint"`, `"planned"` (the controller tells its
+    path) or `"isotropic"` (far more cautious)."""
     stop: Name | UnsetType = UNSET
+    """How the arm stops on a plan: `"joints"` (each by itself) or `"path"` (all together)."""
     leave: Name | UnsetType = UNSET
+    """When joints may leave a committed piece and brake: `"never"`, or at `"any"` moment."""
     path_deceleration: Positive | UnsetType = UNSET
+    """How fast a stop on the path slows its clock down, in [1/s]."""
     max_staleness: Annotated[float, Meta(ge=0.0, lt=1.0)] | UnsetType = UNSET
+    """How stale an answer may look, as a fraction of itself, below 1."""
     budget: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
+    """Evaluations in a tick after which the rest waits."""
     advances: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
+    """Steps of an evaluation, at most."""
 
 
 class ThresholdsTable(_Table, frozen=True, kw_only=True):
     """`[thresholds]`: times in [s] that decide about levels and faults."""
 
     reaction_time: NotNegative | UnsetType = UNSET
+    """From a STOP to braking torque, in [s]."""
     latency: NotNegative | UnsetType = UNSET
+    """Of computing and transporting a verdict, in [s]."""
     slow_margin: NotNegative | UnsetType = UNSET
+    """SLOW when contact could come this soon after the arm could have stopped, in [s]."""
     aware_margin: NotNegative | UnsetType = UNSET
+    """AWARE within that time after the arm could have stopped, in [s]."""
     rise_delay: NotNegative | UnsetType = UNSET
+    """Evidence that is needed before a level rises, after a reset as well, in [s]."""
     source_timeout: Positive | UnsetType = UNSET
+    """Silence of sources that have no timeout of their own, in [s]."""
     joint_timeout: Positive | UnsetType = UNSET
+    """Longest step between two joint states, and oldest state that is believed, in [s]. What is
+    longer or older is a STOP until a reset."""
 
 
 class SeparationTable(_Table, frozen=True, kw_only=True):
     """`[separation]`: the usual rule's distance, whose margin each verdict is to carry."""
 
     human_speed: NotNegative | Literal["own"] | UnsetType = UNSET
+    """At which people walk, in [m/s]; `"own"`: the bound of each obstacle."""
     intrusion_distance: NotNegative | UnsetType = UNSET
+    """How far a person reaches before they are seen, in [m]."""
     human_uncertainty: NotNegative | UnsetType = UNSET
+    """Added to the errors of the positions of obstacles, in [m]."""
     robot_uncertainty: NotNegative | UnsetType = UNSET
+    """Added to those of the arm, in [m]."""
 
 
 class ClientTable(_Table, frozen=True, kw_only=True):
     """`[keys.clients.<name>]`: one that may connect, by its public key, and what it may do."""
 
     public: Annotated[str, Meta(min_length=KEY_LENGTH, max_length=KEY_LENGTH)]
+    """Its public key, 40 characters, as `armguard keys new` prints it."""
     may: Annotated[list[Right], Meta(min_length=1)]
+    """What it may do: `obstacles` (as the source of its own name), `joints` (and plans),
+    `verdicts`, `reset`, `view`."""
 
 
 class KeysTable(_Table, frozen=True, kw_only=True):
     """`[keys]`: the monitor's secret file, and all that may connect; nothing else may."""
 
     secret: Name
+    """Path of the secret file of the monitor, as `armguard keys new` writes it."""
     clients: dict[Name, ClientTable] = {}
+    """Who may connect, by name."""
 
 
 class CellTables(_Table, frozen=True, kw_only=True):
@@ -258,22 +378,43 @@ class CellTables(_Table, frozen=True, kw_only=True):
     """
 
     settings: Literal["auto", "stated"] = "stated"
+    """Whether a trial at the start chooses what `[monitor]` and `robot.level` leave out ([Choosing
+    settings](settings.md))."""
     settings_from: Name | None = None
+    """Path of the recording that the trial is taken from."""
     robot: RobotTable = RobotTable()
+    """The arm. Either this or `robots`."""
     robots: list[ArmTable] = []
+    """Several arms, each watched by a monitor of its own, and an obstacle for the others."""
     joint_state: StampTable = StampTable()
+    """How its states are stamped."""
     frames: dict[Name, FrameTable] = {}
+    """Where sensors stand."""
     sources: dict[Name, SourceTable] | UnsetType = UNSET
+    """What sends obstacles. An empty table says that nothing does; without it the arm stands until
+    something is sent."""
     clouds: CloudsTable | None = None
+    """How clouds of depth cameras are taken; without it none are."""
     statics: dict[Name, StaticTable] = {}
+    """What never moves."""
     entrances: dict[Name, EntranceTable] = {}
+    """Where bodies may come out."""
     tool: ToolTable | None = None
+    """What is fixed to a link."""
     ignore: list[IgnoreEntry | IgnoreTable] = []
+    """Pairs that are not watched: link or pattern of links, pattern of obstacle ids, and perhaps
+    the source that reports these. The arm stands while a pattern of ids has fitted nothing; with a
+    source it may come later. A table ignores them in a zone only."""
     bounds: BoundsTable = BoundsTable()
+    """What obstacles can do."""
     monitor: MonitorTable = MonitorTable()
+    """How often and how pairs are evaluated."""
     thresholds: ThresholdsTable = ThresholdsTable()
+    """Times that decide about levels and faults."""
     separation: SeparationTable | None = None
+    """The usual rule's distance."""
     keys: KeysTable | None = None
+    """Who may connect."""
 
 
 _MAY_BE_INFINITE = ("bounds.accel", "bounds.speed")

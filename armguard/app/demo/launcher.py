@@ -27,6 +27,7 @@ from rich.console import Console
 from armguard.app.demo import nodes
 from armguard.app.demo.places import find_place
 from armguard.app.demo.watcher import Watcher
+from armguard.app.premises import list_premises
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.summary import draw_summary
 from armguard.exceptions import ArmguardError
@@ -142,6 +143,8 @@ def run_demo(
     sources = nodes.make_sources(duration, recording, obstacle_count, seed)
     duration = min(duration, *(source.duration for source in sources))
     console = Console(stderr=as_json)
+    for line in list_premises():
+        console.print(line, soft_wrap=True, highlight=False)
     with contextlib.ExitStack() as resources:
         folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="armguard-"))
         obstacles, joints, verdicts, frames = (

@@ -1,0 +1,101 @@
+"""What every verdict rests on: the premises that a run prints, in a line each.
+
+A CLEAR is a proof, and a proof has premises. armguard checks what it can of them; the rest is up to
+whoever builds the cell. `docs/make_safety.py` writes the page of safety notes from the same texts.
+"""
+
+from __future__ import annotations
+
+import enum
+
+from armguard.monitor.monitor import Monitor
+
+
+class Premise(enum.Enum):
+    """Something that has to be true for verdicts to hold.
+
+    Attributes:
+        text: It, in one line.
+        explanation: What it means, and what armguard checks of it. Markdown, for the page.
+    """
+
+    LIMITS = (
+        "the arm's limits hold in every mode, emergency brakes included",
+        "No joint accelerates or brakes harder than its acceleration limit, and the arm surely "
+        "stops as `[[brakes]]` in `robot.toml` says for its payload and speed; while it brakes it "
+        "gets no faster and does not turn round. Joint states beyond a limit are a STOP. Panda's "
+        "figures are derived, not published, and hold up to 1 kg: read "
+        "[robots/panda/README.md](../robots/panda/README.md).",
+    )
+    PAYLOAD = (
+        "the arm carries no more than the payload that is stated",
+        "Without a `payload` that is the heaviest of the table of its brakes. armguard cannot see "
+        "what the arm holds.",
+    )
+    OPERATING = (
+        "the controller keeps to its operating limits, where any are stated",
+        "It enforces them; armguard tests every joint state against them, which finds a break "
+        "late ([the controller](controller.md#limits-that-the-controller-keeps-to)).",
+    )
+    OBEDIENCE = (
+        "the controller brakes on STOP, and where no verdict is valid any more",
+        "It does so within `reaction_time` of a STOP, and of `valid_until` of the last verdict "
+        "([what a controller must do](deploy.md#what-a-controller-must-do)).",
+    )
+    OBSTACLES = (
+        "obstacles keep to their bounds, and lie within the shapes and errors that are stated",
+        "The default bounds cover the trunk and the head of people at work, not their hands: "
+        "[People](people.md) has bounds for each part of a body, and how often people broke them. "
+        "A bound that is seen to break is counted with 1.5 times what was seen, and said.",
+    )
+    FIRST_SIGHT = (
+        "what no source reports is not there, except behind a named entrance",
+        "The guarantee for an obstacle begins when it is first reported. A depth camera sees "
+        "surfaces, not what is behind them ([What is not seen](sensors.md)).",
+    )
+    CLOCKS = (
+        "stamps are right within the stated clock errors, and latencies no longer than stated",
+        "Of each source and of the joint states, in the cell file. Silence and stamps from the "
+        "future are a STOP.",
+    )
+    PLACEMENT = (
+        "the arm is where its URDF and base placement say, with the tools that they say",
+        "A tool or a grasped part that armguard is not told of is not watched. Links that no "
+        "watched joint moves are not watched either.",
+    )
+
+    text: str
+    explanation: str
+
+    def __init__(self, text: str, explanation: str) -> None:
+        self.text = text
+        self.explanation = explanation
+
+
+def list_premises(monitor: Monitor | None = None) -> list[str]:
+    """All premises, a line each.
+
+    Args:
+        monitor: Whose figures stand beside them; None: none do.
+    """
+    figures = {} if monitor is None else _find_figures(monitor)
+    return [
+        f"premise: {premise.text}{f' ({figures[premise]})' if premise in figures else ''}"
+        for premise in Premise
+    ]
+
+
+def _find_figures(monitor: Monitor) -> dict[Premise, str]:
+    """What a monitor was told about premises, in words."""
+    settings, obstacles = monitor.settings, monitor.obstacles
+    table = obstacles.settings
+    names = [obstacles.ids[row] for row in obstacles.entrance_rows.tolist()]
+    return {
+        Premise.PAYLOAD: f"{monitor.payload:g} kg",
+        Premise.OPERATING: "none are" if settings.operating is None else "they are",
+        Premise.OBEDIENCE: f"within {1e3 * settings.reaction_time:g} ms; "
+        f"a verdict is valid for {1e3 * settings.response_time:g} ms",
+        Premise.OBSTACLES: f"{table.accel:g} m/s² and {table.speed:g} m/s, unless told otherwise",
+        Premise.FIRST_SIGHT: f"entrances: {', '.join(names) if names else 'none'}",
+        Premise.CLOCKS: f"verdicts: {1e3 * settings.latency:g} ms",
+    }

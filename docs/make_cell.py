@@ -1,0 +1,218 @@
+"""The reference of cell files: `python docs/make_cell.py` writes docs/cell.md.
+
+Tables are made of the classes in armguard/app/cell/schema.py: what a key is called, its type, and
+the text that stands below it. Defaults that the schema leaves to the classes which a table
+configures are read from their signatures.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import itertools
+import re
+from pathlib import Path
+from typing import Any, get_args
+
+import msgspec
+
+from armguard.app.cell import schema
+from armguard.monitor import Monitor
+from armguard.obstacles import Obstacles
+from armguard.pairs import SeparationRule
+from armguard.streams import SourceLimits
+
+PAGE = Path(__file__).resolve().parent / "cell.md"
+
+HEAD = """# Cell file
+
+<!-- written by docs/make_cell.py from armguard/app/cell/schema.py: change it there -->
+
+What a `cell.toml` may say. `armguard run`, `armguard tradeoff` and `armguard replay --cell` read it; [demos/cell.toml](../demos/cell.toml) is one with every table in it. The smallest one is
+
+```toml
+robot = { name = "panda" }
+```
+
+- Lengths are metres, times seconds, angles radians. Paths are relative to the file.
+- What is left out has the default that stands here; “needed” keys have none.
+- Reading is strict: an unknown key, a wrong type, a number out of range or one that is not finite is refused in one line, which names file, key, what was found and what was expected. Infinite numbers are accepted for bounds on acceleration and speed alone.
+- In Python: `armguard.app.cell.Cell.load(path).build()` gives robot, obstacles and monitor.
+"""
+
+TYPES = {
+    "Positive": "number above 0",
+    "NotNegative": "number from 0 on",
+    "NotNegative | Literal['own']": '`"own"`, or a number from 0 on',
+    "Fraction | list[Positive]": "fraction of 1, or numbers above 0",
+    "Annotated[float, Meta(ge=0.0, lt=1.0)]": "number from 0 to below 1",
+    "Annotated[int, Meta(ge=0)]": "integer from 0 on",
+    "Annotated[int, Meta(gt=0)]": "integer above 0",
+    "Annotated[int, Meta(gt=0, le=BYTE_LIMIT)]": "integer above 0",
+    "Vector": "3 numbers",
+    "Quaternion": "4 numbers",
+    "Annotated[list[Vector], Meta(min_length=1, max_length=8)]": "rows of 3 numbers",
+    "tuple[Positive, Positive, Positive]": "3 numbers above 0",
+    "Name": "string",
+    "list[Name]": "strings",
+    "list[IgnoreEntry]": "rows of 2 or 3 strings",
+    "Annotated[str, Meta(min_length=KEY_LENGTH, max_length=KEY_LENGTH)]": "string",
+    "Annotated[list[Right], Meta(min_length=1)]": "strings",
+    "bool": "boolean",
+    "OperatingTable | Literal['published']": 'table, or `"published"`',
+    "dict[Name, Name | PatternTable]": "table of strings or tables",
+}
+"""What the types in the schema are called; other tables are called so by `name_type`."""
+
+CONFIGURED = {
+    "SourceTable": (SourceLimits,),
+    "BoundsTable": (Obstacles, Monitor),
+    "MonitorTable": (Monitor,),
+    "ThresholdsTable": (Monitor,),
+    "SeparationTable": (SeparationRule,),
+}
+"""The classes whose arguments a table gives, which have the defaults."""
+
+RENAMED = {
+    "max_message_size": "message_size",
+    "max_message_rate": "message_rate",
+    "max_obstacles": "obstacles",
+}
+"""Arguments whose keys have other names."""
+
+WORDS = {
+    "RobotTable.joints": "all that have limits",
+    "RobotTable.cover": "the robot's own; fitted at each start to a URDF",
+    "RobotTable.level": "the finest",
+    "RobotTable.payload": "the heaviest that its brakes are stated for",
+    "RobotTable.operating": "the hardware's limits",
+    "OperatingTable.velocity": "the hardware's",
+    "OperatingTable.acceleration": "the hardware's",
+    "SourceTable.timeout": "`thresholds.source_timeout`",
+    "EntranceTable.speed": "as `[bounds]` has it",
+    "EntranceTable.accel": "as `[bounds]` has it",
+    "MonitorTable.path_deceleration": "what brakes guarantee",
+    "MonitorTable.budget": "no limit",
+    "ThresholdsTable.joint_timeout": "0.05, or 5 ticks where that is longer",
+    "CellTables.settings_from": "a simulated visit to the arm",
+}
+"""Defaults that are no values."""
+
+
+def read_texts() -> dict[str, dict[str, tuple[str, str | None, str]]]:
+    """By class and field: type, default and text, as the schema's source has them."""
+    tree = ast.parse(Path(schema.__file__).read_text(encoding="utf-8"))
+    classes: dict[str, dict[str, tuple[str, str | None, str]]] = {}
+    for node in (one for one in tree.body if isinstance(one, ast.ClassDef)):
+        fields = classes[node.name] = {}
+        for field, text in itertools.pairwise([*node.body, ast.Pass()]):
+            if not isinstance(field, ast.AnnAssign):
+                continue
+            name = field.target.id
+            if not (isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)):
+                raise ValueError(f"{node.name}.{name} has no text below it")
+            default = None if field.value is None else ast.unparse(field.value)
+            words = " ".join(str(text.value.value).split())
+            fields[name] = ast.unparse(field.annotation), default, words
+    return classes
+
+
+TEXTS = read_texts()
+
+
+def list_tables() -> list[type]:
+    """The classes of all tables, each before those within it."""
+    found: list[type] = []
+
+    def visit(table: type) -> None:
+        if table in found:
+            return
+        found.append(table)
+        for field in msgspec.structs.fields(table):
+            todo = [field.type]
+            while todo:
+                kind = todo.pop(0)
+                todo += get_args(kind)
+                if isinstance(kind, type) and issubclass(kind, schema.CellTables.__base__):
+                    visit(kind)
+
+    visit(schema.CellTables)
+    return [one for one in found if one is not schema.RoundTable]
+
+
+def name_type(annotation: str) -> str:
+    """A type in words."""
+    kind = re.sub(r" \| (UnsetType|None)\b", "", annotation)
+    if kind.startswith("Literal["):
+        return " or ".join(f'`"{choice}"`' for choice in re.findall(r"'(\w+)'", kind))
+    if kind in TYPES:
+        return TYPES[kind]
+    if re.fullmatch(r"\w+Table", kind):
+        return "table"
+    if re.fullmatch(r"dict\[Name, \w+Table\]", kind):
+        return "tables"
+    raise ValueError(f"the type {kind} has no name yet: give it one in TYPES of docs/make_cell.py")
+
+
+def name_default(owner: str, key: str, default: str | None) -> str:
+    """What stands for a key that is left out."""
+    if default is None:
+        return "needed"
+    words = WORDS.get(f"{owner}.{key}")
+    if words is not None:
+        return words
+    if default in ("UNSET", "None"):
+        for configured in CONFIGURED.get(owner, ()):
+            parameters: dict[str, Any] = dict(inspect.signature(configured).parameters)
+            parameter = parameters.get(RENAMED.get(key, key))
+            if parameter is not None and parameter.default is not None:
+                return _write_value(parameter.default)
+        return "none"
+    if re.fullmatch(r"\w+Table\(\)|\{\}|\[\]", default):
+        return "empty"
+    return _write_value(ast.literal_eval(default))
+
+
+def _write_value(value: object) -> str:
+    """A value as the page has it."""
+    if isinstance(value, tuple):
+        return ", ".join(_write_value(one) for one in value)
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'`"{value}"`' if isinstance(value, str) else f"{value:.7g}"
+
+
+def write_table(table: type) -> str:
+    """One table of the file, in Markdown: a heading, a sentence, and its keys."""
+    text = " ".join((table.__doc__ or "").split("\n\n")[0].split())
+    found = re.fullmatch(r"`(\[.*?\])`: (.*)", text)
+    heading, words = ("Keys at the top", text) if found is None else found.groups()
+    if table is schema.CellTables:
+        words = "Before any table."
+    elif table is schema.PatternTable:
+        heading, words = "[bounds.of]", "What the ids of one pattern can do, as a table:"
+    words = words[0].upper() + words[1:]
+    heading = heading if found is None and heading[0] != "[" else f"`{heading}`"
+    rows = ["| key | type | unit | left out | meaning |", "|---|---|---|---|---|"]
+    for owner in (base.__name__ for base in reversed(table.__mro__)):
+        for key, (annotation, default, text) in TEXTS.get(owner, {}).items():
+            unit, meaning = split_unit(text)
+            stands = name_default(owner, key, default)
+            row = " | ".join((f"`{key}`", name_type(annotation), unit, stands, meaning))
+            rows.append(f"| {row} |")
+    return f"## {heading}\n\n{words}\n\n" + "\n".join(rows) + "\n"
+
+
+def split_unit(meaning: str) -> tuple[str, str]:
+    """The units that a text names in brackets, and the text without them."""
+    units = re.findall(r"(?<!`)\[([^\]]+)\](?!\()", meaning)
+    return ", ".join(units), re.sub(r",? in \[[^\]]+\](?: or \[[^\]]+\])?", "", meaning)
+
+
+def write_page() -> str:
+    """The page, in Markdown."""
+    return "\n".join([HEAD, *(write_table(table) for table in list_tables())])
+
+
+if __name__ == "__main__":
+    PAGE.write_text(write_page(), encoding="utf-8")

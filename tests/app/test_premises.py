@@ -1,0 +1,25 @@
+from armguard.app.premises import Premise, list_premises
+from armguard.obstacles import Obstacles
+from support.panda_monitor import make_monitor
+
+
+def test_each_premise_is_a_line_and_has_an_explanation():
+    lines = list_premises()
+    assert lines == [f"premise: {premise.text}" for premise in Premise]
+    for premise in Premise:
+        assert "\n" not in premise.text
+        assert premise.explanation.endswith(".")
+
+
+def test_what_a_monitor_was_told_stands_beside_them():
+    obstacles = Obstacles(accel=7.0, speed=1.5, sources=[])
+    obstacles.add_entrance("door", [5.0, 0.0, 0.5], radius=0.3, detection_time=0.1)
+    _, monitor = make_monitor(obstacles=obstacles, payload=0.5, reaction_time=0.03, latency=0.004)
+    told = dict(zip(Premise, list_premises(monitor), strict=True))
+    assert told[Premise.LIMITS] == list_premises()[0]
+    assert told[Premise.PAYLOAD].endswith("(0.5 kg)")
+    assert told[Premise.OPERATING].endswith("(none are)")
+    assert "within 30 ms; a verdict is valid for 5 ms" in told[Premise.OBEDIENCE]
+    assert "7 m/s² and 1.5 m/s" in told[Premise.OBSTACLES]
+    assert told[Premise.FIRST_SIGHT].endswith("(entrances: door)")
+    assert told[Premise.CLOCKS].endswith("(verdicts: 4 ms)")
