@@ -7,24 +7,31 @@ from __future__ import annotations
 
 import base64
 import collections
-import csv
 import html
-import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
-
-from armguard.exceptions import ArmguardError
+from armguard.studies.pages import (
+    JSON_FILE,
+    PAGE,
+    Column,
+    make_plain,
+    round_off,
+    write_csv,
+    write_files,
+    write_json,
+    write_page,
+    write_table,
+)
 from armguard.studies.tradeoff.figures import Figures
 from armguard.studies.tradeoff.growth import FROM, fit_exponents
 from armguard.studies.tradeoff.ladder import AUTO, AXES, DEFAULT, FINEST
 from armguard.studies.tradeoff.study import CHEAPER, CLOSE, Outcome, Study
 
-JSON_FILE, CSV_FILE, PAGE, HTML_FILE = "report.json", "settings.csv", "README.md", "index.html"
-"""What is written, beside pictures."""
+CSV_FILE, HTML_FILE = "settings.csv", "index.html"
+"""The table for programs, and the page that needs nothing else."""
 
 
 class About(NamedTuple):
@@ -40,21 +47,21 @@ class About(NamedTuple):
     """How long it was to be, in [s] of the scene."""
 
 
-COLUMNS: tuple[tuple[str, str, str], ...] = (
-    ("tick p50, p99, max [µs]", "tick_p50 tick_p99 tick_max", "{:.0f}, {:.0f}, {:.0f}"),
-    ("message [µs]", "intake_p50", "{:.0f}"),
-    ("of a core", "core", "{:.1%}"),
-    ("evaluations, most", "evaluated evaluated_max", "{:.0f}, {:.0f}"),
-    ("÷ finest: p50, p5", "tight_finest tight_finest_p5", "{:.2f}, {:.2f}"),
-    ("÷ adversary", "tight_adversary", "{:.2f}"),
-    ("STOP", "stop", "{:.1%}"),
-    ("SLOW", "slow", "{:.1%}"),
-    ("work lost", "work_lost", "{:.1%}"),
-    ("same level", "same_level", "{:.1%}"),
-    ("late p50, max [ms]", "late_p50 late_max", "{:.0f}, {:.0f}"),
-    ("missed", "missed", "{:.0f}"),
-    ("flagged", "flagged", "{:.0%}"),
-    ("memory [kB]", "memory", "{:.0f}"),
+COLUMNS = (
+    Column("tick p50, p99, max [µs]", "tick_p50 tick_p99 tick_max", "{:.0f}, {:.0f}, {:.0f}"),
+    Column("message [µs]", "intake_p50", "{:.0f}"),
+    Column("of a core", "core", "{:.1%}"),
+    Column("evaluations, most", "evaluated evaluated_max", "{:.0f}, {:.0f}"),
+    Column("÷ finest: p50, p5", "tight_finest tight_finest_p5", "{:.2f}, {:.2f}"),
+    Column("÷ adversary", "tight_adversary", "{:.2f}"),
+    Column("STOP", "stop", "{:.1%}"),
+    Column("SLOW", "slow", "{:.1%}"),
+    Column("work lost", "work_lost", "{:.1%}"),
+    Column("same level", "same_level", "{:.1%}"),
+    Column("late p50, max [ms]", "late_p50 late_max", "{:.0f}, {:.0f}"),
+    Column("missed", "missed", "{:.0f}"),
+    Column("flagged", "flagged", "{:.0%}"),
+    Column("memory [kB]", "memory", "{:.0f}"),
 )
 """Of the table for people: head, figures, and how they are shown."""
 
@@ -72,6 +79,8 @@ LEGEND = (
     "the default without its stop decision: a STOP wherever contact could come before the arm "
     "rests; no monitor does that, and it is left out of what is recommended."
 )
+
+FRONT = "Settings with * are on the front: no other is both cheaper and no more cautious."
 
 
 def summarise(study: Study) -> list[str]:
@@ -148,20 +157,23 @@ def write_report(folder: Path, study: Study, about: About, pictures: Mapping[str
     Raises:
         ArmguardError: One of them cannot be written.
     """
-    files: dict[str, bytes] = {
-        JSON_FILE: msgspec.json.format(msgspec.json.encode(describe(study, about)), indent=1),
-        CSV_FILE: _write_csv(study).encode(),
-        PAGE: _write_page(study, about, sorted(pictures)).encode(),
+    heads, rows = tabulate(study)
+    body = ["## Settings", "", LEGEND, "", FRONT, "", *write_table(heads, rows)]
+    page = write_page(
+        f"What accuracy costs: {about.title}",
+        summarise(study),
+        body,
+        sorted(pictures),
+        _list_facts(study, about),
+        CSV_FILE,
+    )
+    files = {
+        JSON_FILE: write_json(describe(study, about)),
+        CSV_FILE: _write_csv(study),
+        PAGE: page,
         HTML_FILE: _write_html(study, about, pictures).encode(),
-        **pictures,
     }
-    for name, content in files.items():
-        try:
-            (folder / name).write_bytes(content)
-        except OSError as error:
-            raise ArmguardError(
-                str(folder / name), f"cannot be written: {error.strerror}"
-            ) from None
+    write_files(folder, {**files, **pictures})
 
 
 def describe(study: Study, about: About) -> dict[str, Any]:
@@ -179,18 +191,13 @@ def describe(study: Study, about: About) -> dict[str, Any]:
                 "axis": one.setting.axis,
                 "refused": one.refused,
                 **({"machine": one.machine} if one.machine else {}),
-                "figures": one.figures
-                and {
-                    name: float(f"{value:.6g}") if math.isfinite(value) else None
-                    for name, value in one.figures._asdict().items()
-                },
+                "figures": one.figures and make_plain(one.figures._asdict()),
             }
             for one in study.outcomes
         ],
         "contacts": None if study.contacts is None else [one._asdict() for one in study.contacts],
         "adversary": [
-            {"time": one.time, "contact": one.contact if math.isfinite(one.contact) else None}
-            for one in study.hunted
+            {"time": one.time, "contact": round_off(one.contact)} for one in study.hunted
         ],
         "growth": [one._asdict() for one in study.grown],
         "exponents": fit_exponents(study.grown),
@@ -214,22 +221,18 @@ def _tell_contacts(study: Study) -> str:
     return f"Contacts in the scene: {count}{aside}."
 
 
-def _write_csv(study: Study) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["setting", "axis", "on_front", *Figures._fields, "refused"])
+def _write_csv(study: Study) -> bytes:
+    rows = []
     for one in study.outcomes:
-        numbers = [""] * len(Figures._fields)
-        if one.figures is not None:
-            numbers = [f"{value:.6g}" if math.isfinite(value) else "" for value in one.figures]
-        is_on = one.setting.name in study.front
-        writer.writerow([one.setting.name, one.setting.axis, int(is_on), *numbers, one.refused])
-    return text.getvalue()
+        name, axis = one.setting.name, one.setting.axis
+        numbers = one.figures or [math.nan] * len(Figures._fields)
+        rows.append([name, axis, int(name in study.front), *numbers, one.refused])
+    return write_csv(["setting", "axis", "on_front", *Figures._fields, "refused"], rows)
 
 
 def tabulate(study: Study) -> tuple[list[str], list[list[str]]]:
     """The table for people: heads and rows, by axis; * marks settings on the front."""
-    heads = ["setting", *(head for head, _, _ in COLUMNS)]
+    heads = ["setting", *(column.head for column in COLUMNS)]
     order = {name: place for place, name in enumerate(["", *AXES, AUTO])}
     rows = []
     for one in sorted(study.outcomes, key=lambda one: _place(one, order)):
@@ -237,11 +240,7 @@ def tabulate(study: Study) -> tuple[list[str], list[list[str]]]:
         if one.figures is None:
             rows.append([name, f"refused: {one.refused}", *[""] * (len(COLUMNS) - 1)])
             continue
-        cells = []
-        for _, fields, form in COLUMNS:
-            values = [getattr(one.figures, field) for field in fields.split()]
-            cells.append(form.format(*values) if all(map(math.isfinite, values)) else "–")
-        rows.append([name, *cells])
+        rows.append([name, *(column.show(one.figures) for column in COLUMNS)])
     return heads, rows
 
 
@@ -266,25 +265,6 @@ def _count_machines(study: Study) -> str:
     """How many settings were measured on which machine; times of different ones do not compare."""
     counts = collections.Counter(one.machine for one in study.outcomes if one.machine)
     return ", ".join(f"{count} settings on {machine}" for machine, count in sorted(counts.items()))
-
-
-def _write_page(study: Study, about: About, pictures: Sequence[str]) -> str:
-    heads, rows = tabulate(study)
-    lines = [f"# What accuracy costs: {about.title}", ""]
-    lines += [f"- {line}" for line in summarise(study)]
-    lines += ["", "## Settings", "", LEGEND, "", "Settings with * are on the front.", ""]
-    lines.append(f"| {' | '.join(heads)} |")
-    lines.append(f"|---|{'---:|' * (len(heads) - 1)}")
-    for row in rows:
-        lines.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in row)} |")
-    lines.append("")
-    for name in pictures:
-        if name.endswith(".png"):
-            lines += [f"![{name.removesuffix('.png')}]({name})", ""]
-    lines += ["## How it was measured", ""]
-    lines += [f"- {fact}" for fact in _list_facts(study, about)]
-    lines += ["", f"All figures are in [{JSON_FILE}]({JSON_FILE}) and [{CSV_FILE}]({CSV_FILE})."]
-    return "\n".join(lines) + "\n"
 
 
 def _write_html(study: Study, about: About, pictures: Mapping[str, bytes]) -> str:
@@ -317,7 +297,7 @@ img {{ max-width: 100%; display: block; margin: 1em 0; }}
 {summary}</ul>
 {images}
 <h2>Settings</h2>
-<p>{html.escape(LEGEND)} Settings with * are on the front.</p>
+<p>{html.escape(LEGEND)} {FRONT}</p>
 <table>
 {table}</table>
 <h2>How it was measured</h2>

@@ -6,12 +6,11 @@ import re
 import pytest
 
 from armguard.exceptions import ArmguardError
+from armguard.studies.pages import JSON_FILE, PAGE
 from armguard.studies.tradeoff.figures import Figures
 from armguard.studies.tradeoff.report import (
     CSV_FILE,
     HTML_FILE,
-    JSON_FILE,
-    PAGE,
     About,
     describe,
     summarise,
@@ -39,7 +38,7 @@ def test_json_and_csv_have_the_same_figures(folder):
         assert row["on_front"] == str(int(one["name"] in data["front"]))
         for name in Figures._fields:
             number = None if one["figures"] is None else one["figures"][name]
-            assert row[name] == ("" if number is None else f"{number:.6g}")
+            assert row[name] == ("" if number is None else str(number))
     assert (data["seed"], data["machine"], data["versions"]) == (7, "a machine", {"numpy": "2"})
     assert data["exponents"] == {"full": pytest.approx(0.5)}
 
