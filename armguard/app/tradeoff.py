@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from armguard.app.cell.cell import Cell
 from armguard.app.processes import complain
@@ -16,16 +15,19 @@ from armguard.app.study_facts import (
     Workers,
     describe_machine,
     digest_file,
+    make_folder,
     open_rows,
+    show_progress,
     tell_command,
 )
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.provenance import describe_provenance
 from armguard.robot.robot import Robot
+from armguard.studies.pictures import check_plots
 from armguard.studies.tradeoff.covers import Covers
 from armguard.studies.tradeoff.ladder import AUTO, check_axes
-from armguard.studies.tradeoff.plots import check_plots, draw_pictures
+from armguard.studies.tradeoff.plots import draw_pictures
 from armguard.studies.tradeoff.report import HTML_FILE, About, summarise, write_report
 from armguard.studies.tradeoff.scene import Site, make_scene
 from armguard.studies.tradeoff.study import run_study
@@ -101,18 +103,7 @@ def run(
         "touching": str(touching),
         "seconds": f"{seconds!r}", "seed": str(seed),
     }  # fmt: skip
-    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
-    with (
-        open_rows(workers, out, study_of) as rows,
-        Progress(
-            *columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True
-        ) as progress,
-    ):
-        bar = progress.add_task("", total=1.0)
-
-        def tell(text: str, share: float) -> None:
-            progress.update(bar, description=text, completed=share)
-
+    with open_rows(workers, out, study_of) as rows, show_progress() as tell:
         try:
             study = run_study(site, scene, chosen, seed, Covers(site.robot), tell, trial, rows)
         except KeyboardInterrupt:
@@ -135,20 +126,6 @@ def run(
         console.print(f"- {line.replace('**', '')}", highlight=False, markup=False, soft_wrap=True)
     console.print(f"wrote {out / HTML_FILE}", highlight=False, markup=False, soft_wrap=True)
     return 0
-
-
-def make_folder(out: Path) -> None:
-    """Make the folder of a report.
-
-    Raises:
-        ArmguardError: It cannot be made, or is a file.
-    """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise ArmguardError("--out", f"{out} is a file", expected="a folder") from None
-    except OSError as error:
-        raise ArmguardError("--out", f"{out} cannot be made: {error.strerror}") from None
 
 
 def _make_site(cell: Path | None, robot: str | None) -> Site:
