@@ -29,7 +29,7 @@ from armguard.studies.tradeoff.covers import Covers
 from armguard.studies.tradeoff.ladder import AUTO, check_axes
 from armguard.studies.tradeoff.plots import draw_pictures
 from armguard.studies.tradeoff.report import HTML_FILE, About, summarise, write_report
-from armguard.studies.tradeoff.scene import Site, make_scene
+from armguard.studies.tradeoff.scene import Site, find_published, make_scene
 from armguard.studies.tradeoff.study import run_study
 from armguard.studies.tradeoff.touching import add_touching
 from armguard.studies.tradeoff.trial import SECONDS, make_visit
@@ -117,6 +117,7 @@ def run(
         {name: provenance[name] for name in VERSIONS},
         seed,
         seconds,
+        _tell_operating(cell, site),
     )
     write_report(out, study, about, draw_pictures(study) if plots else {})
     console = Console()
@@ -128,9 +129,17 @@ def run(
     return 0
 
 
+def _tell_operating(cell: Path | None, site: Site) -> str:
+    if site.settings.get("operating") is None:
+        return "none stated, so those of the hardware count"
+    return "those published of the arm" if cell is None else "as the cell file states them"
+
+
 def _make_site(cell: Path | None, robot: str | None) -> Site:
     if cell is None:
-        return Site(Robot.load(robot or ROBOT), Obstacles, {})
+        arm = Robot.load(robot or ROBOT)
+        published = find_published(arm)
+        return Site(arm, Obstacles, {} if published is None else {"operating": published})
     if robot is not None:
         raise ArmguardError("--robot", "is given beside a cell file", expected="one of them")
     read = Cell.load(cell)

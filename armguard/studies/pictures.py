@@ -12,7 +12,7 @@ from typing import Any
 
 from armguard.exceptions import ArmguardError
 
-MARKS = "osD^vPX"
+MARKS = "osD^vPXph<>"
 """Of points, by series."""
 
 DPI = 90

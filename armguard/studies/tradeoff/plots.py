@@ -10,7 +10,7 @@ import numpy as np
 
 from armguard.studies.pictures import MARKS, draw_figures
 from armguard.studies.tradeoff.growth import fit_exponents
-from armguard.studies.tradeoff.ladder import AXES, DEFAULT, FINEST
+from armguard.studies.tradeoff.ladder import AUTO, AXES, DEFAULT, FINEST
 from armguard.studies.tradeoff.study import Study
 from armguard.verdict import Level
 
@@ -33,7 +33,7 @@ def draw_pictures(study: Study) -> dict[str, bytes]:
 def _draw_price(figure: Any, study: Study) -> None:
     """One point a setting; the front is the line below which none was found."""
     axes = figure.subplots()
-    for axis, mark in zip(["", *AXES], itertools.cycle("*" + MARKS), strict=False):
+    for axis, mark in zip(["", *AXES, AUTO], itertools.cycle("*" + MARKS), strict=False):
         points = [
             (100.0 * one.figures.core, 100.0 * one.figures.stop)
             for one in study.outcomes

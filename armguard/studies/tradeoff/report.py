@@ -27,7 +27,7 @@ from armguard.studies.pages import (
 )
 from armguard.studies.tradeoff.figures import Figures
 from armguard.studies.tradeoff.growth import FROM, fit_exponents
-from armguard.studies.tradeoff.ladder import AUTO, AXES, DEFAULT, FINEST
+from armguard.studies.tradeoff.ladder import AUTO, AXES, DEFAULT, FINEST, OPERATING
 from armguard.studies.tradeoff.study import CHEAPER, CLOSE, Outcome, Study
 
 CSV_FILE, HTML_FILE = "settings.csv", "index.html"
@@ -45,6 +45,8 @@ class About(NamedTuple):
     seed: int
     asked: float
     """How long it was to be, in [s] of the scene."""
+    operating: str
+    """Which operating limits the default states."""
 
 
 COLUMNS = (
@@ -56,6 +58,7 @@ COLUMNS = (
     Column("÷ adversary", "tight_adversary", "{:.2f}"),
     Column("STOP", "stop", "{:.1%}"),
     Column("SLOW", "slow", "{:.1%}"),
+    Column("AWARE", "aware", "{:.1%}"),
     Column("work lost", "work_lost", "{:.1%}"),
     Column("same level", "same_level", "{:.1%}"),
     Column("late p50, max [ms]", "late_p50 late_max", "{:.0f}, {:.0f}"),
@@ -77,7 +80,9 @@ LEGEND = (
     "or without a STOP in time, those with bodies aside that broke their stated bounds. All "
     "settings judge the same states, of an arm that goes on whatever is said. “Joint by time” is "
     "the default without its stop decision: a STOP wherever contact could come before the arm "
-    "rests; no monitor does that, and it is left out of what is recommended."
+    "rests; no monitor does that, and it is left out of what is recommended. So is what differs in "
+    "“operating”, which is a premise, what the controller keeps to, and no choice; the arm here "
+    "keeps to both."
 )
 
 FRONT = "Settings with * are on the front: no other is both cheaper and no more cautious."
@@ -90,7 +95,7 @@ def summarise(study: Study) -> list[str]:
         return []
     known = [one for one in study.outcomes if one.figures is not None]
     sound = [one for one in known if not _figures(one).missed > 0.0]
-    offered = [one for one in sound if not one.setting.rule]
+    offered = [one for one in sound if one.setting.is_choice]
     lines = []
     if study.interrupted:
         lines.append(
@@ -98,7 +103,7 @@ def summarise(study: Study) -> list[str]:
             "the scene gave; what had not begun is left out."
         )
     bad = [one.setting.name for one in known if _figures(one).missed > 0.0]
-    lines.append(_tell_contacts(study))
+    lines += [_tell_levels(finest), _tell_contacts(study)]
     if bad:
         lines.append(f"MISSED contacts: {', '.join(bad)}. Use none of these, and report it.")
     for text, most in (
@@ -136,6 +141,7 @@ def summarise(study: Study) -> list[str]:
         f"setting's level in {usual.same_level:.1%} of the ticks, at "
         f"{usual.core / finest.core:.1%} of its price. {place}"
     )
+    lines += _tell_operating(study, usual)
     chosen = study.find(AUTO)
     if study.choice is not None and chosen is not None:
         settings, nearness, _ = study.choice.summary
@@ -199,7 +205,10 @@ def describe(study: Study, about: About) -> dict[str, Any]:
         "adversary": [
             {"time": one.time, "contact": round_off(one.contact)} for one in study.hunted
         ],
-        "growth": [one._asdict() for one in study.grown],
+        "growth": [
+            {name: value for name, value in one._asdict().items() if name != "machine" or value}
+            for one in study.grown
+        ],
         "exponents": fit_exponents(study.grown),
     }
 
@@ -207,6 +216,29 @@ def describe(study: Study, about: About) -> dict[str, Any]:
 def _figures(outcome: Outcome) -> Figures:
     assert outcome.figures is not None
     return outcome.figures
+
+
+def _tell_levels(finest: Figures) -> str:
+    """How much of each level there is to be told apart."""
+    shares = finest.stop, finest.slow, finest.aware
+    names = zip(("STOP", "SLOW", "AWARE", "CLEAR"), (*shares, 1.0 - sum(shares)), strict=True)
+    told = ", ".join(f"{name} {abs(share):.1%}" for name, share in names)
+    return f"The scene, as the finest setting judges it: {told}."
+
+
+def _tell_operating(study: Study, usual: Figures) -> list[str]:
+    """What it buys to state operating limits, where settings differ in that alone."""
+    lines = []
+    for one in study.outcomes:
+        if one.setting.axis == OPERATING and one.figures is not None:
+            figures = one.figures
+            lines.append(
+                f"What operating limits buy: with **{one.setting.name}** STOP is "
+                f"{figures.stop:.1%} instead of the default's {usual.stop:.1%}, work lost "
+                f"{figures.work_lost:.1%} instead of {usual.work_lost:.1%}. State those that the "
+                "controller enforces."
+            )
+    return lines
 
 
 def _tell_contacts(study: Study) -> str:
@@ -255,6 +287,7 @@ def _list_facts(study: Study, about: About) -> list[str]:
     return [
         f"Command: `{about.command}`",
         f"Scene: {about.title}, {study.seconds:g} s of it, seed {about.seed}",
+        f"Operating limits of the default: {about.operating}",
         f"Machine: {about.machine}",
         *([f"Measured: {_count_machines(study)}"] if _count_machines(study) else []),
         f"Versions: {versions}",
@@ -262,9 +295,12 @@ def _list_facts(study: Study, about: About) -> list[str]:
 
 
 def _count_machines(study: Study) -> str:
-    """How many settings were measured on which machine; times of different ones do not compare."""
-    counts = collections.Counter(one.machine for one in study.outcomes if one.machine)
-    return ", ".join(f"{count} settings on {machine}" for machine, count in sorted(counts.items()))
+    """How much was measured on which machine; times of different ones do not compare."""
+    told = []
+    for what, rows in (("settings", study.outcomes), ("sizes of the growth", study.grown)):
+        counts = collections.Counter(one.machine for one in rows if one.machine)
+        told += [f"{count} {what} on {machine}" for machine, count in sorted(counts.items())]
+    return ", ".join(told)
 
 
 def _write_html(study: Study, about: About, pictures: Mapping[str, bytes]) -> str:

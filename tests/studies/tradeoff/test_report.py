@@ -8,19 +8,24 @@ import pytest
 from armguard.exceptions import ArmguardError
 from armguard.studies.pages import JSON_FILE, PAGE
 from armguard.studies.tradeoff.figures import Figures
+from armguard.studies.tradeoff.ladder import AXES, OPERATING, Setting
 from armguard.studies.tradeoff.report import (
     CSV_FILE,
     HTML_FILE,
     About,
+    _list_facts,
     describe,
     summarise,
     tabulate,
     write_report,
 )
+from armguard.studies.tradeoff.study import Outcome
 from armguard.studies.tradeoff.truth import Contact
 from support.tradeoff_cases import make_figures, make_study
 
-ABOUT = About("an arm & <others>", "armguard tradeoff", "a machine", {"numpy": "2"}, 7, 20.0)
+ABOUT = About(
+    "an arm & <others>", "armguard tradeoff", "a machine", {"numpy": "2"}, 7, 20.0, "none stated"
+)
 
 
 @pytest.fixture
@@ -57,7 +62,7 @@ def test_the_markdown_shows_pictures_table_and_facts(folder):
     assert ".svg" not in page
     lengths = {line.count("|") for line in page.splitlines() if line.startswith("|")}
     assert len(lengths) == 1, "every row has every column"
-    for fact in ("`armguard tradeoff`", "seed 7", "a machine", "numpy 2"):
+    for fact in ("`armguard tradeoff`", "seed 7", "a machine", "numpy 2", "none stated"):
         assert fact in page
 
 
@@ -68,6 +73,38 @@ def test_a_user_can_choose_by_the_summary_alone():
     assert "Least STOP: **finest**" in text
     assert "Nothing here is both cheaper and no more cautious." in text
     assert "pairs^0.50 with schedule full" in text
+
+
+def test_the_summary_tells_which_levels_there_are_to_be_told_apart():
+    finest = make_figures(stop=0.25, slow=0.25, aware=0.125)
+    outcomes = [*make_study().outcomes]
+    outcomes[1] = outcomes[1]._replace(figures=finest)
+    told = "\n".join(summarise(make_study(outcomes=outcomes)))
+    assert "finest setting judges it: STOP 25.0%, SLOW 25.0%, AWARE 12.5%, CLEAR 37.5%." in told
+
+
+def test_other_operating_limits_are_told_of_and_not_recommended():
+    study = make_study()
+    rung = AXES[OPERATING][0]
+    cheap = make_figures(core=0.01, stop=0.0, work_lost=0.2)
+    lines = summarise(
+        study._replace(outcomes=[*study.outcomes, Outcome(Setting(str(rung), (rung,)), cheap)])
+    )
+    (told,) = (line for line in lines if "operating none" in line)
+    assert "STOP is 0.0% instead of the default's 10.5%, work lost 20.0% instead of" in told
+    assert "State those that the controller enforces." in told
+
+
+def test_what_was_measured_on_other_machines_names_them():
+    study = make_study()
+    outcomes = [one._replace(machine="a (x)") for one in study.outcomes]
+    grown = [one._replace(machine="b (y)") for one in study.grown]
+    spread = study._replace(outcomes=outcomes, grown=grown)
+    assert "Measured: 4 settings on a (x), 3 sizes of the growth on b (y)" in _list_facts(
+        spread, ABOUT
+    )
+    assert {one["machine"] for one in describe(spread, ABOUT)["growth"]} == {"b (y)"}
+    assert not any("machine" in one for one in describe(study, ABOUT)["growth"])
 
 
 def test_what_missed_is_named_and_never_recommended():
