@@ -84,7 +84,6 @@ def run(
         raise ArmguardError("--touching", f"is {touching}", expected="0 or more")
     if plots:
         check_plots()
-    make_folder(out)
     site = _make_site(cell, robot)
     recording = None if person is None else str(person)
     scene, what = make_scene(site, recording, balls, seconds, seed)
@@ -96,6 +95,7 @@ def run(
         trial = make_scene(site, recording, balls, SECONDS, seed + 1, 0.0)[0]
     elif AUTO in chosen:
         trial = make_visit(site, seed + 1)
+    make_folder(out)  # once nothing else can be a mistake: none leaves an empty folder
     provenance = describe_provenance(site.robot)
     study_of = {
         "study": "tradeoff", "cell": digest_file(cell), "robot": provenance["robot"],

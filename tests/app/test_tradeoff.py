@@ -43,6 +43,7 @@ def test_mistakes_are_one_line(words, pattern, tmp_path, capsys):
     assert out == ""
     assert re.fullmatch(r"armguard: [^\n]+\n", err)
     assert pattern in err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
