@@ -82,11 +82,22 @@ def write_table(
     return lines
 
 
+def list_pictures(captions: Mapping[str, str], files: Collection[str]) -> dict[str, str]:
+    """What pictures show, by name of their PNG files, of those that were drawn.
+
+    Args:
+        captions: By name of the picture, in the order in which they are shown.
+        files: That were drawn.
+    """
+    named = {f"{name}.png": caption for name, caption in captions.items()}
+    return {file: caption for file, caption in named.items() if file in files}
+
+
 def write_page(
     title: str,
     summary: Sequence[str],
     body: Sequence[str],
-    pictures: Iterable[str],
+    pictures: Mapping[str, str],
     facts: Sequence[str],
     table: str,
 ) -> bytes:
@@ -96,14 +107,13 @@ def write_page(
         title: Of the page.
         summary: What was found, a line each.
         body: Lines.
-        pictures: Names of files; those that are PNG are shown.
+        pictures: What each one shows, by name of its file.
         facts: Command, machine, versions and seed, a line each.
         table: Name of the file with the table for programs.
     """
     lines = [f"# {title}", "", *_list(summary), "", *body, ""]
-    for name in pictures:
-        if name.endswith(".png"):
-            lines += [f"![{name.removesuffix('.png')}]({name})", ""]
+    for name, caption in pictures.items():
+        lines += [f"![{caption}]({name})", ""]
     lines += ["## How it was measured", "", *_list(facts), ""]
     lines.append(f"All figures are in [{JSON_FILE}]({JSON_FILE}) and [{table}]({table}).")
     return ("\n".join(lines) + "\n").encode()

@@ -7,6 +7,7 @@ import pytest
 from armguard.exceptions import ArmguardError
 from armguard.studies.pages import (
     Column,
+    list_pictures,
     make_plain,
     write_csv,
     write_files,
@@ -45,11 +46,17 @@ def test_a_table_for_people_keeps_its_columns_whatever_cells_hold():
 
 
 def test_a_page_has_its_parts_in_order():
-    page = write_page(
-        "Title", ["one", "two"], ["## Body"], ["p.png", "p.svg"], ["Seed: 0"], "t.csv"
-    )
+    pictures = list_pictures({"p": "one", "q": "none"}, ["p.svg", "p.png"])
+    assert pictures == {"p.png": "one"}
+    page = write_page("Title", ["one", "two"], ["## Body"], pictures, ["Seed: 0"], "t.csv")
     text = page.decode()
-    parts = ["# Title\n\n- one\n- two\n\n", "## Body\n", "![p](p.png)\n", "- Seed: 0\n", "(t.csv)"]
+    parts = [
+        "# Title\n\n- one\n- two\n\n",
+        "## Body\n",
+        "![one](p.png)\n",
+        "- Seed: 0\n",
+        "(t.csv)",
+    ]
     places = [text.index(part) for part in parts]
     assert places == sorted(places)
     assert "svg" not in text

@@ -12,6 +12,12 @@ from armguard.studies.pictures import MARKS, draw_figures
 
 SIZE = 10.0, 4.5
 
+CAPTIONS = {
+    "cost": "What a tick costs, against the number of pairs",
+    "awareness": "How often the most imminent pair is named, and what is flagged, against pairs",
+}
+"""What the pictures show, by name."""
+
 
 def draw_pictures(rows: Sequence[Row]) -> dict[str, bytes]:
     """PNG and SVG files by name."""

@@ -14,6 +14,7 @@ from armguard.studies.pages import (
     JSON_FILE,
     PAGE,
     Column,
+    list_pictures,
     make_plain,
     write_csv,
     write_files,
@@ -30,6 +31,7 @@ from armguard.studies.paper.measure import (
     compute_claim,
     fit_exponent,
 )
+from armguard.studies.paper.plots import CAPTIONS
 
 CSV_FILE = "claims.csv"
 """The table for programs."""
@@ -190,7 +192,7 @@ def write_report(
         "What the paper claims of its schedules, measured",
         summarise(rows, interrupted),
         body,
-        sorted(pictures),
+        list_pictures(CAPTIONS, pictures),
         [f"{name.capitalize()}: {fact}" for name, fact in facts.items()],
         CSV_FILE,
     )

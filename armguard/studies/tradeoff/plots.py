@@ -15,6 +15,13 @@ from armguard.studies.tradeoff.study import Study
 from armguard.verdict import Level
 
 SIZE = 9.0, 5.0
+
+CAPTIONS = {
+    "price": "Price against caution: one point a setting; below the dotted line there was none",
+    "time": "Contact time, stop time and level over the scene, of the default and of the finest",
+    "growth": "What a tick takes against the number of pairs, by schedule",
+}
+"""What the pictures show, by name, in the order in which they are shown."""
 POINTS = 600
 """Of a line over time; between two of them the least of the times is drawn."""
 

@@ -9,14 +9,16 @@ import base64
 import collections
 import html
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from armguard.monitor.choice import SAME_LEVEL
 from armguard.studies.pages import (
     JSON_FILE,
     PAGE,
     Column,
+    list_pictures,
     make_plain,
     round_off,
     write_csv,
@@ -28,6 +30,7 @@ from armguard.studies.pages import (
 from armguard.studies.tradeoff.figures import Figures
 from armguard.studies.tradeoff.growth import FROM, fit_exponents
 from armguard.studies.tradeoff.ladder import AUTO, AXES, DEFAULT, FINEST, OPERATING
+from armguard.studies.tradeoff.plots import CAPTIONS
 from armguard.studies.tradeoff.study import CHEAPER, CLOSE, Outcome, Study
 
 CSV_FILE, HTML_FILE = "settings.csv", "index.html"
@@ -66,26 +69,28 @@ COLUMNS = (
     Column("flagged", "flagged", "{:.0%}"),
     Column("memory [kB]", "memory", "{:.0f}"),
 )
-"""Of the table for people: head, figures, and how they are shown."""
+"""Of the table for people."""
 
 LEGEND = (
     "Times are processor time of one thread; ticks come at the default's rate unless the setting "
-    "says otherwise. "
-    "“Of a core” is what steps and messages take of one core. “÷ finest” is the contact time over "
-    "that of the finest setting in the same tick, in the median and in the worst twentieth; "
-    "“÷ adversary” over the first contact that an arm and a body reached which did their worst "
-    "within their bounds. “Work lost” is the share of its way that an arm would not have done "
-    "that keeps to each verdict's speed scale. “Late” is how long after the finest setting's STOP "
-    "this one says STOP. “Missed” are contacts of the true surface that came sooner than was said, "
-    "or without a STOP in time, those with bodies aside that broke their stated bounds. All "
-    "settings judge the same states, of an arm that goes on whatever is said. “Joint by time” is "
-    "the default without its stop decision: a STOP wherever contact could come before the arm "
-    "rests; no monitor does that, and it is left out of what is recommended. So is what differs in "
-    "“operating”, which is a premise, what the controller keeps to, and no choice; the arm here "
-    "keeps to both."
+    "says otherwise.",
+    "“Of a core” is what steps and messages take of one core.",
+    "“÷ finest” is the contact time over that of the finest setting in the same tick, in the "
+    "median and in the worst twentieth; “÷ adversary” over the first contact that an arm and a "
+    "body reached which did their worst within their bounds.",
+    "“Work lost” is the share of its way that an arm would not have done that keeps to each "
+    "verdict's speed scale.",
+    "“Late” is how long after the finest setting's STOP this one says STOP.",
+    "“Missed” are contacts of the true surface that came sooner than was said, or without a STOP "
+    "in time, those with bodies aside that broke their stated bounds.",
+    "All settings judge the same states, of an arm that goes on whatever is said.",
+    "“Joint by time” is the default without its stop decision: a STOP wherever contact could come "
+    "before the arm rests. No monitor does that, and it is left out of what is recommended. So is "
+    "what differs in “operating”: what the controller keeps to is a premise, and no choice. The "
+    "arm here keeps to all of it.",
+    "Settings with * are on the front: no other is both cheaper and no more cautious.",
 )
-
-FRONT = "Settings with * are on the front: no other is both cheaper and no more cautious."
+"""How to read that table."""
 
 
 def summarise(study: Study) -> list[str]:
@@ -106,18 +111,19 @@ def summarise(study: Study) -> list[str]:
     lines += [_tell_levels(finest), _tell_contacts(study)]
     if bad:
         lines.append(f"MISSED contacts: {', '.join(bad)}. Use none of these, and report it.")
-    for text, most in (
-        ("within 1 percentage point of the finest's", finest.stop + CLOSE),
-        ("within 5 points", finest.stop + 5.0 * CLOSE),
+    near = [one for one in offered if _figures(one).stop <= finest.stop + CLOSE]
+    equal = [one for one in offered if _figures(one).same_level >= SAME_LEVEL]
+    for text, fit in (
+        ("whose STOP share is within 1 percentage point of the finest's", near),
+        (f"with the finest's level in at least {SAME_LEVEL:.0%} of the ticks", equal),
     ):
-        fit = [one for one in offered if _figures(one).stop <= most]
         if fit:
             best = min(fit, key=lambda one: _figures(one).core)
             figures = _figures(best)
             lines.append(
-                f"Cheapest setting whose STOP share is {text}: **{best.setting.name}**, "
-                f"{figures.core:.1%} of a core at STOP {figures.stop:.1%} (finest: "
-                f"{finest.core:.1%} at {finest.stop:.1%})."
+                f"Cheapest setting {text}: **{best.setting.name}**, {figures.core:.1%} of a core "
+                f"at STOP {figures.stop:.1%} and the same level in {figures.same_level:.1%} "
+                f"(finest: {finest.core:.1%} at STOP {finest.stop:.1%})."
             )
     if offered:
         best = min(offered, key=lambda one: (_figures(one).stop, _figures(one).core))
@@ -129,7 +135,7 @@ def summarise(study: Study) -> list[str]:
     better = [
         one.setting.name
         for one in offered
-        if _figures(one).core < CHEAPER * usual.core and _figures(one).stop <= usual.stop
+        if _figures(one).core < CHEAPER * usual.core and _is_as_free(_figures(one), usual)
     ]
     place = (
         "Nothing here is both cheaper and no more cautious."
@@ -164,12 +170,13 @@ def write_report(folder: Path, study: Study, about: About, pictures: Mapping[str
         ArmguardError: One of them cannot be written.
     """
     heads, rows = tabulate(study)
-    body = ["## Settings", "", LEGEND, "", FRONT, "", *write_table(heads, rows)]
+    legend = [f"- {line}" for line in LEGEND]
+    body = ["## Settings", "", *legend, "", *write_table(heads, rows)]
     page = write_page(
         f"What accuracy costs: {about.title}",
         summarise(study),
         body,
-        sorted(pictures),
+        list_pictures(CAPTIONS, pictures),
         _list_facts(study, about),
         CSV_FILE,
     )
@@ -218,6 +225,12 @@ def _figures(outcome: Outcome) -> Figures:
     return outcome.figures
 
 
+def _is_as_free(figures: Figures, usual: Figures) -> bool:
+    """Whether a setting is no more cautious than the default: no more STOP, nor SLOW beside it."""
+    beside = usual.stop + usual.slow + CLOSE
+    return figures.stop <= usual.stop and figures.stop + figures.slow <= beside
+
+
 def _tell_levels(finest: Figures) -> str:
     """How much of each level there is to be told apart."""
     shares = finest.stop, finest.slow, finest.aware
@@ -234,8 +247,9 @@ def _tell_operating(study: Study, usual: Figures) -> list[str]:
             figures = one.figures
             lines.append(
                 f"What operating limits buy: with **{one.setting.name}** STOP is "
-                f"{figures.stop:.1%} instead of the default's {usual.stop:.1%}, work lost "
-                f"{figures.work_lost:.1%} instead of {usual.work_lost:.1%}. State those that the "
+                f"{figures.stop:.1%} and SLOW {figures.slow:.1%} instead of the default's "
+                f"{usual.stop:.1%} and {usual.slow:.1%}, and {figures.work_lost:.1%} of the work "
+                f"are lost instead of {usual.work_lost:.1%}. State those limits that the "
                 "controller enforces."
             )
     return lines
@@ -306,43 +320,52 @@ def _count_machines(study: Study) -> str:
 def _write_html(study: Study, about: About, pictures: Mapping[str, bytes]) -> str:
     """One page that needs no other file, and no network."""
     heads, rows = tabulate(study)
-    table = "".join(f"<th>{html.escape(head)}</th>" for head in heads)
-    table = f"<tr>{table}</tr>"
+    table = f"<tr>{''.join(f'<th>{html.escape(head)}</th>' for head in heads)}</tr>\n"
     for row in rows:
         table += f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>\n"
     images = "".join(
-        f'<img alt="{html.escape(name)}" '
-        f'src="data:image/png;base64,{base64.b64encode(content).decode()}">\n'
-        for name, content in sorted(pictures.items())
-        if name.endswith(".png")
+        f'<figure><img alt="{html.escape(caption)}" src="data:image/png;base64,'
+        f'{base64.b64encode(pictures[name]).decode()}"><figcaption>{html.escape(caption)}'
+        "</figcaption></figure>\n"
+        for name, caption in list_pictures(CAPTIONS, pictures).items()
     )
     title = html.escape(f"What accuracy costs: {about.title}")
-    summary = "".join(f"<li>{_embolden(line)}</li>\n" for line in summarise(study))
-    facts = "".join(f"<li>{html.escape(one)}</li>\n" for one in _list_facts(study, about))
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title>
+<meta name="viewport" content="width=device-width">
 <style>
 body {{ font: 15px/1.5 sans-serif; max-width: 75em; margin: 2em auto; padding: 0 1em; }}
+.wide {{ overflow-x: auto; }}
 table {{ border-collapse: collapse; font-size: 12px; }}
-th, td {{ border-bottom: 1px solid #ccc; padding: .3em .6em; text-align: right; }}
-th:first-child, td:first-child {{ text-align: left; }}
-img {{ max-width: 100%; display: block; margin: 1em 0; }}
+th, td {{ border-bottom: 1px solid #ccc; padding: .3em .5em; text-align: right; }}
+td {{ white-space: nowrap; }}
+th:first-child, td:first-child {{ text-align: left; white-space: normal; min-width: 12em; }}
+figure {{ margin: 1.5em 0; }}
+img {{ max-width: 100%; display: block; }}
+figcaption {{ color: #555; }}
+code {{ overflow-wrap: anywhere; }}
 </style></head><body>
 <h1>{title}</h1>
-<ul>
-{summary}</ul>
+{_list(summarise(study))}
 {images}
 <h2>Settings</h2>
-<p>{html.escape(LEGEND)} {FRONT}</p>
-<table>
-{table}</table>
+{_list(LEGEND)}
+<div class="wide"><table>
+{table}</table></div>
 <h2>How it was measured</h2>
-<ul>
-{facts}</ul>
+{_list(_list_facts(study, about))}
 </body></html>
 """
 
 
-def _embolden(line: str) -> str:
-    parts = html.escape(line).split("**")
-    return "".join(f"<b>{part}</b>" if k % 2 else part for k, part in enumerate(parts))
+def _list(lines: Sequence[str]) -> str:
+    """A list in HTML, of lines in Markdown: what is bold there, or code, is so here."""
+    items = []
+    for line in map(html.escape, lines):
+        for mark, tag in (("**", "b"), ("`", "code")):
+            parts = line.split(mark)
+            line = "".join(
+                f"<{tag}>{part}</{tag}>" if place % 2 else part for place, part in enumerate(parts)
+            )
+        items.append(f"<li>{line}</li>\n")
+    return f"<ul>\n{''.join(items)}</ul>"

@@ -54,11 +54,12 @@ def test_the_page_needs_nothing_else(folder):
     assert not re.search(r"https?:|src=\"(?!data:)|<link|<script|url\(", page)
     assert "an arm &amp; &lt;others&gt;" in page
     assert page.count("<tr>") == 1 + 4
+    assert "<code>armguard tradeoff</code>" in page
 
 
 def test_the_markdown_shows_pictures_table_and_facts(folder):
     page = (folder / PAGE).read_text()
-    assert "![price](price.png)" in page
+    assert "![Price against caution" in page
     assert ".svg" not in page
     lengths = {line.count("|") for line in page.splitlines() if line.startswith("|")}
     assert len(lengths) == 1, "every row has every column"
@@ -70,6 +71,7 @@ def test_a_user_can_choose_by_the_summary_alone():
     text = "\n".join(summarise(make_study()))
     assert "Contacts in the scene: 0. Nothing was there to be missed." in text
     assert "within 1 percentage point of the finest's: **default**, 10.0% of a core" in text
+    assert "in at least 99% of the ticks: **budget 16**, 5.0% of a core at STOP 30.0%" in text
     assert "Least STOP: **finest**" in text
     assert "Nothing here is both cheaper and no more cautious." in text
     assert "pairs^0.50 with schedule full" in text
@@ -83,6 +85,15 @@ def test_the_summary_tells_which_levels_there_are_to_be_told_apart():
     assert "finest setting judges it: STOP 25.0%, SLOW 25.0%, AWARE 12.5%, CLEAR 37.5%." in told
 
 
+def test_a_setting_that_slows_down_more_is_no_better():
+    study = make_study()
+    for slow, told in ((1.0, "no more cautious here: budget 16."), (1.2, "Nothing here is both")):
+        outcomes = [*study.outcomes]
+        figures = make_figures(core=0.05, stop=0.1, slow=slow)
+        outcomes[2] = outcomes[2]._replace(figures=figures)
+        assert told in "\n".join(summarise(study._replace(outcomes=outcomes)))
+
+
 def test_other_operating_limits_are_told_of_and_not_recommended():
     study = make_study()
     rung = AXES[OPERATING][0]
@@ -91,8 +102,9 @@ def test_other_operating_limits_are_told_of_and_not_recommended():
         study._replace(outcomes=[*study.outcomes, Outcome(Setting(str(rung), (rung,)), cheap)])
     )
     (told,) = (line for line in lines if "operating none" in line)
-    assert "STOP is 0.0% instead of the default's 10.5%, work lost 20.0% instead of" in told
-    assert "State those that the controller enforces." in told
+    assert "STOP is 0.0% and SLOW 100.0% instead of the default's 10.5% and 100.0%" in told
+    assert "20.0% of the work are lost instead of 100.0%" in told
+    assert "State those limits that the controller enforces." in told
 
 
 def test_what_was_measured_on_other_machines_names_them():
