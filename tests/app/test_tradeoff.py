@@ -26,7 +26,7 @@ def run(tmp_path, *words):
 @pytest.mark.parametrize(
     ("words", "pattern"),
     [
-        (["--axis", "colour"], "--axis: 'colour' is no axis; expected some of cover"),
+        (["--axis", "colour"], "--axis: 'colour' is no axis; expected some of operating, cover"),
         (["--person", "/no/where.csv"], "/no/where.csv"),
         (["--person", "README.md"], "README.md"),
         (["--robot", "nobody"], "robot 'nobody': is not known"),

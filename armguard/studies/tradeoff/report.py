@@ -334,7 +334,7 @@ def _write_html(study: Study, about: About, pictures: Mapping[str, bytes]) -> st
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title>
 <meta name="viewport" content="width=device-width">
 <style>
-body {{ font: 15px/1.5 sans-serif; max-width: 75em; margin: 2em auto; padding: 0 1em; }}
+body {{ font: 15px/1.5 sans-serif; max-width: 90em; margin: 2em auto; padding: 0 1em; }}
 .wide {{ overflow-x: auto; }}
 table {{ border-collapse: collapse; font-size: 12px; }}
 th, td {{ border-bottom: 1px solid #ccc; padding: .3em .5em; text-align: right; }}
