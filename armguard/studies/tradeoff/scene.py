@@ -35,8 +35,8 @@ Array = NDArray[np.float64]
 SPEED_FRACTION = 0.2
 """Share of its velocity limits that the arm works at, at most."""
 
-ACCELERATION_FRACTION = 0.5
-"""Share of its acceleration limits, at most."""
+ACCELERATION_FRACTION = 0.225
+"""Share of the accelerations that its joints and brakes can, at most."""
 
 WITHIN = 0.9
 """Share of its operating limits, at most, of those stated and of those published: settings that
@@ -261,14 +261,15 @@ def _plan_work(site: Site, seed: int, duration: float) -> JointTrajectory:
     """A way above the table, off the side that people come from, if the arm can keep to that."""
     robot = site.robot
     speed, acceleration = SPEED_FRACTION, ACCELERATION_FRACTION
+    gentlest = robot.brakes.gentlest_stop(np.zeros(len(robot.joints)))
+    able = np.minimum(robot.acceleration_limit, gentlest)
     kept = [site.settings.get("operating"), find_published(robot)]
     for operating in kept:
         if operating is None:
             continue
         velocities, accelerations = operating.resolve(robot)
         speed = min(speed, WITHIN * float((velocities / robot.velocity_limit).min()))
-        share = float((accelerations / robot.acceleration_limit).min())
-        acceleration = min(acceleration, WITHIN * share)
+        acceleration = min(acceleration, WITHIN * float((accelerations / able).min()))
     plan = functools.partial(
         random_trajectory,
         robot,

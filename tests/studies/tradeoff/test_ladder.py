@@ -27,7 +27,9 @@ def test_axes_are_checked_and_put_in_order():
     assert check_axes([]) == [*AXES, AUTO]
     assert check_axes([AUTO, "cover"]) == ["cover", AUTO]
     assert check_axes(["budget", "cover"]) == ["cover", "budget"]
-    with pytest.raises(ArmguardError, match=r"--axis: 'colour' is no axis; expected some of operating, cover"):
+    with pytest.raises(
+        ArmguardError, match=r"--axis: 'colour' is no axis; expected some of operating, cover"
+    ):
         check_axes(["cover", "colour"])
 
 

@@ -6,9 +6,9 @@ import pytest
 
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
-from armguard.robot import Kinematics
+from armguard.robot import Kinematics, Robot
 from armguard.robot.operating_limits import OperatingLimits
-from armguard.studies.tradeoff.scene import CLEARANCE, find_published, make_scene
+from armguard.studies.tradeoff.scene import CLEARANCE, Site, find_published, make_scene
 from support.tradeoff_cases import make_site
 
 
@@ -93,6 +93,14 @@ def test_the_arm_keeps_to_published_limits_and_to_stated_ones(stated):
         velocity, acceleration = limits.resolve(site.robot)
         assert (np.abs(v) <= velocity).all()
         assert (np.abs(np.diff(v, axis=0)) <= acceleration * 1e-3 * (1.0 + 1e-6)).all()
+
+
+@pytest.mark.parametrize("name", ["panda", "ur10"])
+def test_the_arm_is_at_work_whatever_its_limits_are(name):
+    site = Site(Robot.load(name), Obstacles, {})
+    scene, _ = make_scene(site, None, 1, 20.0, 0)
+    v = np.array([scene.sample(time)[1] for time in np.linspace(0.0, 20.0, 401)])
+    assert (np.abs(v) / site.robot.velocity_limit).max() > 0.1
 
 
 def test_an_arm_of_which_nothing_is_published_has_none():
