@@ -514,7 +514,8 @@ class Tradeoff:
     """
 
     cell: Annotated[Path | None, tyro.conf.Positional] = None
-    """A cell file, whose settings are the default; without it, a robot by itself."""
+    """A cell file, whose settings are the default; without it, a robot by itself that keeps to
+    its published operating limits."""
     person: Path | None = None
     """A Vicon CSV recording of a person; without it, a simulated one."""
     robot: str | None = None
@@ -526,7 +527,8 @@ class Tradeoff:
     out: Path = Path("tradeoff")
     """The folder to write the report into."""
     axis: tuple[str, ...] = ()
-    """Only these: cover, advances, motion, schedule, max_staleness, rate, budget, auto."""
+    """Only these: operating, cover, advances, motion, schedule, max_staleness, rate, budget,
+    auto."""
     seconds: float = 20.0
     """Of the scene."""
     seed: int = 0

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import collections
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import Progress, TextColumn, TimeElapsedColumn
-
 from armguard.app.processes import COMPLAINT, complain
-from armguard.app.study_facts import Workers, list_facts, open_rows, tell_command
+from armguard.app.study_facts import Workers, list_facts, open_rows, show_progress, tell_command
 from armguard.exceptions import ArmguardError
-from armguard.studies.extremes.evaluations import measure_evaluations
+from armguard.studies.extremes.evaluations import list_evaluations, measure_evaluations
 from armguard.studies.extremes.line import UNSOUND, Line
 from armguard.studies.extremes.report import summarise, write_page
 from armguard.studies.extremes.rows import Extent, measure_rows
-from armguard.studies.extremes.ticks import measure_ticks
+from armguard.studies.extremes.ticks import list_cases, measure_ticks
+from armguard.studies.rows import Tell
 
 CASES = 50
 """Of each line of single evaluations."""
@@ -46,15 +43,7 @@ def run(out: Path | None, *, seed: int, is_small: bool, workers: Workers) -> int
     if workers.is_by_rows and out is None:
         raise ArmguardError("--out", "is needed: lines are kept beside it", expected="a file")
     folder = None if out is None else out.with_name(f"{out.name}.kept")
-    with open_rows(workers, folder, study) as rows, Progress(
-        TextColumn("{task.description}"), TimeElapsedColumn(), console=Console(stderr=True),
-        transient=True,
-    ) as progress:  # fmt: skip
-        bar = progress.add_task("starting")
-
-        def tell(text: str, share: float = 0.0) -> None:
-            progress.update(bar, description=text)
-
+    with open_rows(workers, folder, study) as rows, show_progress() as tell:
         if rows is None:
             lines, is_whole = _measure_here(cases, seed, is_small, tell)
         else:
@@ -83,11 +72,10 @@ def run(out: Path | None, *, seed: int, is_small: bool, workers: Workers) -> int
     return 0
 
 
-def _measure_here(
-    cases: int, seed: int, is_small: bool, tell: Callable[[str], None]
-) -> tuple[list[Line], bool]:
+def _measure_here(cases: int, seed: int, is_small: bool, tell: Tell) -> tuple[list[Line], bool]:
     """Measure one line after the other; what Ctrl-C left of them, and whether none is missing."""
     lines: list[Line] = []
+    count = len(list_evaluations()) + len(list_cases(is_small=is_small))
     try:
         for part in (
             measure_evaluations(cases, seed),
@@ -95,7 +83,7 @@ def _measure_here(
         ):
             for line in part:
                 lines.append(line)
-                tell(f"{line.group}: {line.case}")
+                tell(f"{line.group}: {line.case}", len(lines) / count)
     except KeyboardInterrupt:
         return lines, False
     return lines, True

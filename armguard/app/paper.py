@@ -6,17 +6,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
-
 from armguard.app.processes import COMPLAINT, complain
-from armguard.app.study_facts import list_facts, tell_command
-from armguard.app.tradeoff import make_folder
+from armguard.app.study_facts import list_facts, make_folder, show_progress, tell_command
 from armguard.exceptions import ArmguardError
+from armguard.studies.pages import PAGE
 from armguard.studies.paper.measure import BALLS, MOST_EVALUATIONS, PERIODS, Row, measure_claims
 from armguard.studies.paper.plots import draw_pictures
-from armguard.studies.paper.report import PAGE, summarise, write_report
-from armguard.studies.tradeoff.plots import check_plots
+from armguard.studies.paper.report import summarise, write_report
+from armguard.studies.pictures import check_plots
 
 SMALL_BALLS, SMALL_EVALUATIONS = BALLS[:5], 30_000
 """Of a run that takes no time."""
@@ -48,15 +45,7 @@ def run(out: Path, *, periods: Sequence[float], seed: int, is_small: bool, plots
     make_folder(out)
     rows: list[Row] = []
     interrupted = False
-    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
-    with Progress(
-        *columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True
-    ) as progress:
-        bar = progress.add_task("", total=1.0)
-
-        def tell(text: str, share: float) -> None:
-            progress.update(bar, description=text, completed=share)
-
+    with show_progress() as tell:
         balls, most = (SMALL_BALLS, SMALL_EVALUATIONS) if is_small else (BALLS, MOST_EVALUATIONS)
         try:
             for found in measure_claims(periods or PERIODS, balls, most, seed, tell):

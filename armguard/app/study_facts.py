@@ -1,4 +1,4 @@
-"""What studies have in common at the command line: what they tell of their making, and where.
+"""What studies have in common at the command line: progress, where rows are measured, and facts.
 
 A study goes on, `--resume`, where all that its rows rest on is the same; processors may differ, as
 they do in a cluster.
@@ -15,11 +15,14 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
 from armguard.exceptions import ArmguardError
 from armguard.recording.provenance import describe_provenance, describe_software
 from armguard.robot.robot import Robot
 from armguard.studies.cluster import LOCAL, SOFTWARE, Cluster
-from armguard.studies.rows import Here, Rows
+from armguard.studies.rows import Here, Rows, Tell
 
 VERSIONS = ("armguard", "numpy", "numba", "llvm", "pinocchio", "python")
 """What a page names the versions of."""
@@ -47,6 +50,35 @@ def list_facts(seed: int) -> dict[str, str]:
         "versions": ", ".join(f"{name} {provenance[name]}" for name in VERSIONS),
         "seed": str(seed),
     }
+
+
+def make_folder(out: Path) -> None:
+    """Make the folder of a report.
+
+    Raises:
+        ArmguardError: It cannot be made, or is a file.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise ArmguardError("--out", f"{out} is a file", expected="a folder") from None
+    except OSError as error:
+        raise ArmguardError("--out", f"{out} cannot be made: {error.strerror}") from None
+
+
+@contextlib.contextmanager
+def show_progress() -> Iterator[Tell]:
+    """A bar on the terminal, gone at the end; what it is told is shown beside it."""
+    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
+    with Progress(
+        *columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True
+    ) as progress:
+        bar = progress.add_task("starting", total=1.0)
+
+        def tell(text: str, share: float) -> None:
+            progress.update(bar, description=text, completed=share)
+
+        yield tell
 
 
 class Workers(NamedTuple):

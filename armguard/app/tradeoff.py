@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from armguard.app.cell.cell import Cell
 from armguard.app.processes import complain
@@ -16,18 +15,21 @@ from armguard.app.study_facts import (
     Workers,
     describe_machine,
     digest_file,
+    make_folder,
     open_rows,
+    show_progress,
     tell_command,
 )
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.provenance import describe_provenance
 from armguard.robot.robot import Robot
+from armguard.studies.pictures import check_plots
 from armguard.studies.tradeoff.covers import Covers
 from armguard.studies.tradeoff.ladder import AUTO, check_axes
-from armguard.studies.tradeoff.plots import check_plots, draw_pictures
+from armguard.studies.tradeoff.plots import draw_pictures
 from armguard.studies.tradeoff.report import HTML_FILE, About, summarise, write_report
-from armguard.studies.tradeoff.scene import Site, make_scene
+from armguard.studies.tradeoff.scene import Site, find_published, make_scene
 from armguard.studies.tradeoff.study import run_study
 from armguard.studies.tradeoff.touching import add_touching
 from armguard.studies.tradeoff.trial import SECONDS, make_visit
@@ -82,7 +84,6 @@ def run(
         raise ArmguardError("--touching", f"is {touching}", expected="0 or more")
     if plots:
         check_plots()
-    make_folder(out)
     site = _make_site(cell, robot)
     recording = None if person is None else str(person)
     scene, what = make_scene(site, recording, balls, seconds, seed)
@@ -94,6 +95,7 @@ def run(
         trial = make_scene(site, recording, balls, SECONDS, seed + 1, 0.0)[0]
     elif AUTO in chosen:
         trial = make_visit(site, seed + 1)
+    make_folder(out)  # once nothing else can be a mistake: none leaves an empty folder
     provenance = describe_provenance(site.robot)
     study_of = {
         "study": "tradeoff", "cell": digest_file(cell), "robot": provenance["robot"],
@@ -101,18 +103,7 @@ def run(
         "touching": str(touching),
         "seconds": f"{seconds!r}", "seed": str(seed),
     }  # fmt: skip
-    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
-    with (
-        open_rows(workers, out, study_of) as rows,
-        Progress(
-            *columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True
-        ) as progress,
-    ):
-        bar = progress.add_task("", total=1.0)
-
-        def tell(text: str, share: float) -> None:
-            progress.update(bar, description=text, completed=share)
-
+    with open_rows(workers, out, study_of) as rows, show_progress() as tell:
         try:
             study = run_study(site, scene, chosen, seed, Covers(site.robot), tell, trial, rows)
         except KeyboardInterrupt:
@@ -126,6 +117,7 @@ def run(
         {name: provenance[name] for name in VERSIONS},
         seed,
         seconds,
+        _tell_operating(cell, site),
     )
     write_report(out, study, about, draw_pictures(study) if plots else {})
     console = Console()
@@ -137,23 +129,17 @@ def run(
     return 0
 
 
-def make_folder(out: Path) -> None:
-    """Make the folder of a report.
-
-    Raises:
-        ArmguardError: It cannot be made, or is a file.
-    """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise ArmguardError("--out", f"{out} is a file", expected="a folder") from None
-    except OSError as error:
-        raise ArmguardError("--out", f"{out} cannot be made: {error.strerror}") from None
+def _tell_operating(cell: Path | None, site: Site) -> str:
+    if site.settings.get("operating") is None:
+        return "none stated, so those of the hardware count"
+    return "those published of the arm" if cell is None else "as the cell file states them"
 
 
 def _make_site(cell: Path | None, robot: str | None) -> Site:
     if cell is None:
-        return Site(Robot.load(robot or ROBOT), Obstacles, {})
+        arm = Robot.load(robot or ROBOT)
+        published = find_published(arm)
+        return Site(arm, Obstacles, {} if published is None else {"operating": published})
     if robot is not None:
         raise ArmguardError("--robot", "is given beside a cell file", expected="one of them")
     read = Cell.load(cell)

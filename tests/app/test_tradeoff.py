@@ -27,7 +27,7 @@ def run(tmp_path, *words):
 @pytest.mark.parametrize(
     ("words", "pattern"),
     [
-        (["--axis", "colour"], "--axis: 'colour' is no axis; expected some of cover"),
+        (["--axis", "colour"], "--axis: 'colour' is no axis; expected some of operating, cover"),
         (["--person", "/no/where.csv"], "/no/where.csv"),
         (["--person", "README.md"], "README.md"),
         (["--robot", "nobody"], "robot 'nobody': is not known"),
@@ -44,6 +44,7 @@ def test_mistakes_are_one_line(words, pattern, tmp_path, capsys):
     assert out == ""
     assert re.fullmatch(r"armguard: [^\n]+\n", err)
     assert pattern in err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -80,7 +81,7 @@ def test_a_cell_is_a_scene(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "Cheapest setting whose STOP share is within 1 percentage point" in out
     data = json.loads((tmp_path / "out" / "report.json").read_text())
-    assert data["title"] == "panda and 2 balls from 1.2 m on"
+    assert data["title"] == "panda and 2 balls from 1 m on"
     # Both sources are heard, or all would be STOP.
     assert data["settings"][0]["figures"]["stop"] < 1.0
     assert data["interrupted"] == ""
@@ -152,7 +153,7 @@ def test_balls_that_touch_the_arm_are_told_of(tmp_path, capsys):
     words = ["--axis", "advances", "--obstacles", "1", "--touching", "1"]
     assert run(tmp_path, str(tmp_path / "cell.toml"), *words) == 0
     data = json.loads((tmp_path / "out" / "report.json").read_text())
-    assert data["title"] == "panda and 1 balls from 1.2 m on and 1 balls that touch it"
+    assert data["title"] == "panda and 1 balls from 1 m on and 1 balls that touch it"
     assert len(data["contacts"]) >= 1
     assert all(one["figures"]["missed"] == 0 for one in data["settings"])
     assert run(tmp_path, "--touching", "-1") == 2

@@ -1,9 +1,11 @@
 """Rows of studies on real worker processes, of which one is killed while it measures.
 
-ARMGUARD_CLUSTER=1 has those tests run that start workers: on two busy cores they may take minutes.
+ARMGUARD_CLUSTER=1 has a whole study run by workers too, and more of them killed: on two busy cores
+that may take minutes.
 """
 
 import logging
+import multiprocessing
 import os
 import re
 import signal
@@ -14,13 +16,21 @@ import pytest
 from armguard.exceptions import ArmguardError
 from armguard.studies import cluster
 from armguard.studies.cluster import LOCAL, Cluster
-from armguard.studies.extremes.rows import Extent, measure_rows
+from armguard.studies.extremes.rows import Extent, measure_line, measure_rows
 from armguard.studies.rows import Here, Rows
 from armguard.studies.tradeoff import study
 from armguard.studies.tradeoff.covers import Covers
 from armguard.studies.tradeoff.ladder import DEFAULT, FINEST
 from armguard.studies.tradeoff.study import run_study
-from support.slow_rows import die, refuse, square, wait_then_square, wait_until
+from support.slow_rows import (
+    die,
+    refuse,
+    square,
+    wait_then_measure,
+    wait_then_square,
+    wait_until,
+    within,
+)
 from support.tradeoff_cases import make_site, small_scene
 
 pytest.importorskip("distributed", reason="Dask is not installed: the extra `cluster`")
@@ -29,15 +39,24 @@ PRICES = {"tick_p50", "tick_p99", "tick_max", "intake_p50", "core", "memory"}
 """Figures that are the machine's; all others are the same wherever they come from."""
 
 
-with_workers = pytest.mark.skipif(
-    not os.environ.get("ARMGUARD_CLUSTER"), reason="starts workers: for ARMGUARD_CLUSTER=1"
+DEADLINE = 240.0
+"""For anything that workers do, in [s]: more than a slow machine needs, and than a row waits."""
+
+at_length = pytest.mark.skipif(
+    not os.environ.get("ARMGUARD_CLUSTER"), reason="takes long: for ARMGUARD_CLUSTER=1"
 )
 
 
 @pytest.fixture(scope="module")
 def workers():
-    with Cluster(LOCAL, 2) as made:
+    before = set(multiprocessing.active_children())
+    try:
+        made = within(DEADLINE, Cluster, LOCAL, 2)
         yield made
+        within(DEADLINE, made.close)
+    finally:
+        for process in set(multiprocessing.active_children()) - before:
+            process.kill()
 
 
 def rows_of(place, folder=None, *, resume=False):
@@ -46,7 +65,8 @@ def rows_of(place, folder=None, *, resume=False):
 
 def measure(place, function, shared, numbers, folder=None):
     tasks = {f"row {number}": (number,) for number in numbers}
-    return rows_of(place, folder).measure(function, shared, tasks, "rows", lambda *told: None)
+    rows = rows_of(place, folder)
+    return within(DEADLINE, rows.measure, function, shared, tasks, "rows", lambda *told: None)
 
 
 class Watched:
@@ -78,22 +98,26 @@ class Watched:
         return self.is_over or self.killed is not None
 
 
-@with_workers
-def test_a_killed_workers_rows_are_measured_by_another(workers, tmp_path):
-    place = Watched(workers, tmp_path)
-    found, is_whole = measure(place, wait_then_square, str(tmp_path), range(6))
+def test_a_killed_workers_rows_are_measured_by_another_and_are_the_same(workers, tmp_path):
+    extent, place = Extent(2, 0, True), Watched(workers, tmp_path)
+    alone = [measure_line(extent, "evaluation", number)["line"] for number in range(4)]
+    found, is_whole = measure(place, wait_then_measure, (str(tmp_path), extent), range(4))
     assert is_whole
-    assert [row["square"] for row in found.values()] == [0, 1, 4, 9, 16, 25]
+    lines = [row["line"] for row in found.values()]
+    # A price is the machine's.
+    plain = [[repr(line | {"price": None}) for line in some] for some in (lines, alone)]
+    assert plain[0] == plain[1]
+    assert place.killed is not None
     assert place.killed not in {row["process"] for row in found.values()}
+    assert all(row["machine"] for row in found.values())
     # What the killed one had begun was begun once more, by another process.
     begun = [path.name.split("-")[1:] for path in tmp_path.glob("begun-*")]
     (again,) = {number for number, process in begun if int(process) == place.killed}
     assert len([number for number, _ in begun if number == again]) >= 2
 
 
-@with_workers
 def test_ctrl_c_in_a_terminal_is_not_for_the_workers(workers):
-    handlers = workers.client.run(signal.getsignal, signal.SIGINT)
+    handlers = within(DEADLINE, workers.client.run, signal.getsignal, signal.SIGINT)
     assert set(handlers.values()) == {signal.SIG_IGN}
 
 
@@ -107,7 +131,7 @@ def compare(outcomes):
     }
 
 
-@with_workers
+@at_length
 def test_a_study_is_the_same_with_workers_of_which_one_is_killed(workers, tmp_path, monkeypatch):
     monkeypatch.setattr(study, "MOMENTS", 1)
     site, scene = make_site(rate=100.0), small_scene(0.2)
@@ -123,7 +147,8 @@ def test_a_study_is_the_same_with_workers_of_which_one_is_killed(workers, tmp_pa
             os.kill(killed[0], signal.SIGKILL)
 
     rows = rows_of(workers, tmp_path)
-    spread = run_study(site, scene, ("budget",), 0, Covers(site.robot), tell, rows=rows)
+    given = site, scene, ("budget",), 0, Covers(site.robot), tell
+    spread = within(3.0 * DEADLINE, run_study, *given, rows=rows)
     alone = run_study(site, scene, ("budget",), 0, Covers(site.robot), lambda *told: None)
     assert killed
     assert killed[0] in before
@@ -170,7 +195,7 @@ def wait_for_busy(workers):
     return found[0]
 
 
-@with_workers
+@at_length
 def test_lines_of_extremes_are_the_same(workers):
     extent, tell = Extent(2, 0, True), lambda *told: None
 
@@ -182,14 +207,14 @@ def test_lines_of_extremes_are_the_same(workers):
         )
         return rows
 
-    spread, _ = measure_rows(extent, only_few(rows_of(workers)), tell)
+    spread, _ = within(DEADLINE, measure_rows, extent, only_few(rows_of(workers)), tell)
     alone, _ = measure_rows(extent, only_few(rows_of(Here())), tell)
     plain = [[repr(line._replace(price=0.0)) for line in lines] for lines in (spread, alone)]
     assert plain[0] == plain[1]
     assert all(line.machine for line in spread)
 
 
-@with_workers
+@at_length
 def test_a_row_that_takes_workers_down_is_named(workers):
     with pytest.raises(ArmguardError, match="row 'row 7': took several workers down"):
         measure(workers, die, 0, [7])
@@ -197,13 +222,11 @@ def test_a_row_that_takes_workers_down_is_named(workers):
     assert measure(workers, square, 1, [3])[0]["row 3"]["square"] == 9
 
 
-@with_workers
 def test_a_mistake_of_a_row_is_told_with_its_machine(workers):
     with pytest.raises(ArmguardError, match=r"worker on .+: the row: cannot be measured"):
         measure(workers, refuse, 0, [1])
 
 
-@with_workers
 def test_a_worker_with_other_software_measures_nothing(workers, monkeypatch):
     known = cluster.describe_software()
     monkeypatch.setattr(cluster, "describe_software", lambda: known | {"sources": "others"})
@@ -211,7 +234,7 @@ def test_a_worker_with_other_software_measures_nothing(workers, monkeypatch):
         measure(workers, square, 0, [1])
 
 
-@with_workers
+@at_length
 def test_a_scheduler_that_is_gone_is_told(tmp_path):
     from distributed import LocalCluster
 

@@ -1,12 +1,18 @@
-"""Rows that say when they have begun and wait until they may end; workers import them by name."""
+"""Rows that say when they have begun and wait until they may go on; workers import them by name.
+
+Each wait ends, so that a test whose workers do not do what they should fails, and is over.
+"""
 
 import os
+import queue
+import threading
 import time
 from pathlib import Path
 
 from armguard.exceptions import ArmguardError
+from armguard.studies.extremes.rows import measure_line
 
-PATIENCE = 200.0
+PATIENCE = 120.0
 """For another process, in [s]: more than any machine needs."""
 
 
@@ -16,10 +22,20 @@ def square(shared, number):
 
 def wait_then_square(shared, number):
     """Begins by leaving its process's number in a folder, ends once the folder says `go`."""
-    folder = Path(shared)
+    begin_and_wait(Path(shared), number)
+    return {"square": number * number}
+
+
+def wait_then_measure(shared, number):
+    """A line of the study of extremes, once the folder says `go`, and who measured it."""
+    folder, extent = shared
+    begin_and_wait(Path(folder), number)
+    return measure_line(extent, "evaluation", number) | {"process": os.getpid()}
+
+
+def begin_and_wait(folder, number):
     (folder / f"begun-{number}-{os.getpid()}").touch()
     wait_until((folder / "go").exists)
-    return {"square": number * number, "process": os.getpid()}
 
 
 def refuse(shared, number):
@@ -35,3 +51,26 @@ def wait_until(is_so):
     while not is_so():
         assert time.monotonic() < end, "what was waited for did not come"
         time.sleep(0.02)
+
+
+def within(seconds, function, *arguments, **options):
+    """What a function returns, or fails with; fails as well if that takes longer.
+
+    A thread is left behind then, which keeps no process from ending.
+    """
+    ends = queue.SimpleQueue()
+
+    def run():
+        try:
+            ends.put((function(*arguments, **options), None))
+        except BaseException as error:
+            ends.put((None, error))
+
+    threading.Thread(target=run, daemon=True).start()
+    try:
+        found, error = ends.get(timeout=seconds)
+    except queue.Empty:
+        raise AssertionError(f"{function.__qualname__} has not ended after {seconds} s") from None
+    if error is not None:
+        raise error
+    return found

@@ -6,6 +6,10 @@ import math
 from collections.abc import Sequence
 
 from armguard.studies.extremes.line import REFUSED, UNSOUND, Line
+from armguard.studies.pages import UNKNOWN, write_table
+
+HEADS, WORDS = ("case", "outcome", "tight", "worst", "price, µs", ""), (0, 1, 5)
+"""Of the table, and which of its columns are of words."""
 
 HEAD = """# At the extremes
 
@@ -31,12 +35,8 @@ def write_page(lines: Sequence[Line], command: str, facts: Sequence[str]) -> str
     text = HEAD.format(command=command, summary=summarise(lines))
     for group in dict.fromkeys(line.group for line in lines):
         text += f"\n## {group.capitalize()}\n\n"
-        text += "| case | outcome | tight | worst | price, µs | |\n|---|---|---:|---:|---:|---|\n"
-        for line in lines:
-            if line.group == group:
-                cells = [line.case, line.outcome, _share(line.tight), _share(line.worst)]
-                cells += [f"{line.price:.3g}" if math.isfinite(line.price) else "–", line.note]
-                text += f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |\n"
+        rows = [_list_cells(line) for line in lines if line.group == group]
+        text += "\n".join(write_table(HEADS, rows, WORDS)) + "\n"
     return text + "\n" + "\n".join(f"- {fact}" for fact in facts) + "\n"
 
 
@@ -49,9 +49,14 @@ def summarise(lines: Sequence[Line]) -> str:
     return f"{text} UNSOUND: {', '.join(unsound)}." if unsound else text
 
 
+def _list_cells(line: Line) -> list[str]:
+    price = f"{line.price:.3g}" if math.isfinite(line.price) else UNKNOWN
+    return [line.case, line.outcome, _share(line.tight), _share(line.worst), price, line.note]
+
+
 def _share(value: float) -> str:
     """A ratio, as many digits as tell it from 1."""
     if not math.isfinite(value):
-        return "–"
+        return UNKNOWN
     missing = 1.0 - value
     return f"1 − {missing:.0e}" if 0.0 < missing < 1e-3 else f"{value:.3f}"

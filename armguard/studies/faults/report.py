@@ -14,6 +14,7 @@ from armguard.streams.faults import quote
 from armguard.studies.faults.campaign import CampaignReport
 from armguard.studies.faults.outcome import Outcome
 from armguard.studies.faults.scene import JOINT_TIMEOUT, LATENCY, SOURCE_TIMEOUT
+from armguard.studies.pages import write_table
 
 COLUMNS = (
     "fault",
@@ -70,8 +71,7 @@ def draw_table(report: CampaignReport) -> Table:
 
 def write_page(report: CampaignReport) -> str:
     """The page for docs/faults.md."""
-    rows = ["| " + " | ".join(list_cells(outcome)) + " |" for outcome in report.outcomes]
-    head = "| " + " | ".join(COLUMNS) + " |\n|" + "---|" * len(COLUMNS)
+    rows = [list_cells(outcome) for outcome in report.outcomes]
     replays = [
         f"- a recording of {one.compared} verdicts"
         + (", whose writer was killed, reads up to there and" if one.cut_off else "")
@@ -87,7 +87,7 @@ def write_page(report: CampaignReport) -> str:
     )
     return PAGE.read_text(encoding="utf-8").format(
         summary=f"{summarise(report)} {setting}",
-        table="\n".join([head, *rows]),
+        table="\n".join(write_table(COLUMNS, rows, range(len(COLUMNS)))),
         replays="\n".join(replays),
     )
 

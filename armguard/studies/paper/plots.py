@@ -1,36 +1,30 @@
-"""Pictures of the paper's claims: what a tick costs, and what is noticed for that.
-
-They need matplotlib, which is in the extra `plot`.
-"""
+"""Pictures of the paper's claims: what a tick costs, and what is noticed for that."""
 
 from __future__ import annotations
 
-import io
+import functools
 import itertools
 from collections.abc import Sequence
 from typing import Any
 
 from armguard.studies.paper.measure import DISTANCE, FULL, Row, compute_claim
+from armguard.studies.pictures import MARKS, draw_figures
 
-SIZE, DPI = (10.0, 4.5), 90
-MARKS = "osD^v"
+SIZE = 10.0, 4.5
+
+CAPTIONS = {
+    "cost": "What a tick costs, against the number of pairs",
+    "awareness": "How often the most imminent pair is named, and what is flagged, against pairs",
+}
+"""What the pictures show, by name."""
 
 
 def draw_pictures(rows: Sequence[Row]) -> dict[str, bytes]:
     """PNG and SVG files by name."""
-    import matplotlib.figure
-
-    pictures: dict[str, bytes] = {}
-    # Equal studies give equal files.
-    with matplotlib.rc_context({"svg.hashsalt": "armguard", "svg.fonttype": "none"}):
-        for name, draw in (("cost", _draw_cost), ("awareness", _draw_awareness)):
-            figure = matplotlib.figure.Figure(figsize=SIZE, layout="constrained")
-            draw(figure, rows)
-            for kind, options in (("png", {"dpi": DPI}), ("svg", {"metadata": {"Date": None}})):
-                file = io.BytesIO()
-                figure.savefig(file, format=kind, **options)
-                pictures[f"{name}.{kind}"] = file.getvalue()
-    return pictures
+    drawn = {"cost": _draw_cost, "awareness": _draw_awareness}
+    return draw_figures(
+        {name: functools.partial(draw, rows=rows) for name, draw in drawn.items()}, SIZE
+    )
 
 
 def _draw_cost(figure: Any, rows: Sequence[Row]) -> None:

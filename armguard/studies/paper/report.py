@@ -5,16 +5,23 @@ Every figure comes from the run, whose command, machine, versions and seed the r
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
-from armguard.exceptions import ArmguardError
+from armguard.studies.pages import (
+    JSON_FILE,
+    PAGE,
+    Column,
+    list_pictures,
+    make_plain,
+    write_csv,
+    write_files,
+    write_json,
+    write_page,
+    write_table,
+)
 from armguard.studies.paper.measure import (
     DAA,
     DISTANCE,
@@ -24,9 +31,10 @@ from armguard.studies.paper.measure import (
     compute_claim,
     fit_exponent,
 )
+from armguard.studies.paper.plots import CAPTIONS
 
-JSON_FILE, CSV_FILE, PAGE = "report.json", "claims.csv", "README.md"
-"""What is written, beside pictures."""
+CSV_FILE = "claims.csv"
+"""The table for programs."""
 
 FROM = 100
 """Pairs from which on exponents are fitted: below, what every tick costs hides the growth."""
@@ -34,23 +42,23 @@ FROM = 100
 COUNTED = ("evaluations", "comparisons", "tick")
 """Fields of a row whose growth is fitted."""
 
-COLUMNS: tuple[tuple[str, str, str], ...] = (
-    ("pairs", "pairs", "{:,}"),
-    ("balls", "balls", "{}"),
-    ("ticks", "ticks", "{}"),
-    ("rounds", "rounds", "{:.3g}"),
-    ("evaluations", "evaluations", "{:,.1f}"),
-    ("comparisons", "comparisons", "{:,.1f}"),
-    ("tick [µs]", "tick", "{:,.0f}"),
-    ("flagged", "flagged", "{:.1%}"),
-    ("agreement", "agreement", "{:.1%}"),
-    ("place: p50, max", "rank_p50 rank_max", "{:,.0f}, {:,.0f}"),
-    ("alarms", "alarms", "{}"),
-    ("late p50, max [ticks]", "late_p50 late_max", "{:.0f}, {:.0f}"),
-    ("unseen", "unseen", "{}"),
-    ("unwatched", "unwatched", "{}"),
+COLUMNS = (
+    Column("pairs", "pairs", "{:,}"),
+    Column("balls", "balls", "{}"),
+    Column("ticks", "ticks", "{}"),
+    Column("rounds", "rounds", "{:.3g}"),
+    Column("evaluations", "evaluations", "{:,.1f}"),
+    Column("comparisons", "comparisons", "{:,.1f}"),
+    Column("tick [µs]", "tick", "{:,.0f}"),
+    Column("flagged", "flagged", "{:.1%}"),
+    Column("agreement", "agreement", "{:.1%}"),
+    Column("place: p50, max", "rank_p50 rank_max", "{:,.0f}, {:,.0f}"),
+    Column("alarms", "alarms", "{}"),
+    Column("late p50, max [ticks]", "late_p50 late_max", "{:.0f}, {:.0f}"),
+    Column("unseen", "unseen", "{}"),
+    Column("unwatched", "unwatched", "{}"),
 )
-"""Of the table for people: head, fields, and how they are shown."""
+"""Of the table for people."""
 
 LEGEND = (
     "Balls fly about in a hall; every two of them are a pair. Means are over the ticks after the "
@@ -72,13 +80,7 @@ def describe(rows: Sequence[Row], interrupted: bool, facts: Mapping[str, str]) -
         **facts,
         "interrupted": interrupted,
         "summary": summarise(rows, interrupted),
-        "rows": [
-            {
-                name: round_off(value) if isinstance(value, float) else value
-                for name, value in row._asdict().items()
-            }
-            for row in rows
-        ],
+        "rows": [make_plain(row._asdict()) for row in rows],
         "exponents": fit_exponents(rows),
     }
 
@@ -176,72 +178,39 @@ def write_report(
     Raises:
         ArmguardError: One of them cannot be written.
     """
-    data = describe(rows, interrupted, facts)
-    files: dict[str, bytes] = {
-        JSON_FILE: msgspec.json.format(msgspec.json.encode(data), indent=1),
-        CSV_FILE: _write_csv(rows).encode(),
-        PAGE: _write_page(rows, interrupted, facts, sorted(pictures)).encode(),
-        **pictures,
-    }
-    for name, content in files.items():
-        try:
-            (folder / name).write_bytes(content)
-        except OSError as error:
-            raise ArmguardError(
-                str(folder / name), f"cannot be written: {error.strerror}"
-            ) from None
-
-
-def round_off(value: float) -> float | None:
-    """Six digits of a number; None for what is no number."""
-    return float(f"{value:.6g}") if math.isfinite(value) else None
-
-
-def _list_schedules(rows: Sequence[Row]) -> list[str]:
-    return list(dict.fromkeys(row.schedule for row in rows))
-
-
-def _write_csv(rows: Sequence[Row]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(Row._fields)
-    for row in rows:
-        writer.writerow(
-            "" if value is None else value
-            for value in (round_off(one) if isinstance(one, float) else one for one in row)
-        )
-    return text.getvalue()
-
-
-def _write_page(
-    rows: Sequence[Row], interrupted: bool, facts: Mapping[str, str], pictures: Sequence[str]
-) -> str:
-    lines = ["# What the paper claims of its schedules, measured", ""]
-    lines += [f"- {line}" for line in summarise(rows, interrupted)]
-    lines += ["", "## Worlds", "", LEGEND, ""]
+    heads = ["schedule", *(column.head for column in COLUMNS)]
+    order = _list_schedules(rows)
+    body = ["## Worlds", "", LEGEND]
     for period in dict.fromkeys(row.period for row in rows):
-        lines += [f"### A tick every {1e3 * period:g} ms", ""]
-        lines.append(f"| schedule | {' | '.join(head for head, _, _ in COLUMNS)} |")
-        lines.append(f"|---|{'---:|' * len(COLUMNS)}")
-        for row in sorted(
+        body += ["", f"### A tick every {1e3 * period:g} ms", ""]
+        some = sorted(
             (row for row in rows if row.period == period),
-            key=lambda row: _list_schedules(rows).index(row.schedule),
-        ):
-            lines.append(f"| {row.schedule} | {' | '.join(show(row))} |")
-        lines.append("")
-    for name in pictures:
-        if name.endswith(".png"):
-            lines += [f"![{name.removesuffix('.png')}]({name})", ""]
-    lines += ["## How it was measured", ""]
-    lines += [f"- {name.capitalize()}: {fact}" for name, fact in facts.items()]
-    lines += ["", f"All figures are in [{JSON_FILE}]({JSON_FILE}) and [{CSV_FILE}]({CSV_FILE})."]
-    return "\n".join(lines) + "\n"
+            key=lambda row: order.index(row.schedule),
+        )
+        body += write_table(heads, [[row.schedule, *show(row)] for row in some])
+    page = write_page(
+        "What the paper claims of its schedules, measured",
+        summarise(rows, interrupted),
+        body,
+        list_pictures(CAPTIONS, pictures),
+        [f"{name.capitalize()}: {fact}" for name, fact in facts.items()],
+        CSV_FILE,
+    )
+    write_files(
+        folder,
+        {
+            JSON_FILE: write_json(describe(rows, interrupted, facts)),
+            CSV_FILE: write_csv(Row._fields, rows),
+            PAGE: page,
+            **pictures,
+        },
+    )
 
 
 def show(row: Row) -> list[str]:
     """A row's cells for people."""
-    cells = []
-    for _, fields, form in COLUMNS:
-        values = [getattr(row, field) for field in fields.split()]
-        cells.append(form.format(*values) if all(map(math.isfinite, values)) else "–")
-    return cells
+    return [column.show(row) for column in COLUMNS]
+
+
+def _list_schedules(rows: Sequence[Row]) -> list[str]:
+    return list(dict.fromkeys(row.schedule for row in rows))

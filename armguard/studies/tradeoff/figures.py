@@ -44,6 +44,8 @@ class Figures(NamedTuple):
     """Share of STOP."""
     slow: float
     """Share of SLOW."""
+    aware: float
+    """Share of AWARE."""
     work_lost: float
     """Share of its way that an arm would not have done that keeps to the speed scale."""
     same_level: float
@@ -116,6 +118,7 @@ def compute_figures(
         tight_adversary=_median(hunts),
         stop=float((track.level == Level.STOP).mean()),
         slow=float((track.level == Level.SLOW).mean()),
+        aware=float((track.level == Level.AWARE).mean()),
         work_lost=float(1.0 - track.pace.mean()),
         same_level=float((track.level[own] == finest.level[other]).mean()),
         late_p50=1e3 * _median(late),

@@ -35,6 +35,8 @@ class Grown(NamedTuple):
     """Evaluations in a tick, on average."""
     flagged: float
     """Share of pairs that `daa` watches out of turn."""
+    machine: str = ""
+    """Where it was measured; empty where all is of this process."""
 
 
 def measure_growth(site: Site, seed: int) -> Iterator[Grown]:

@@ -12,12 +12,16 @@ from typing import Any, NamedTuple
 
 from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
 from armguard.exceptions import ArmguardError
+from armguard.robot.operating_limits import PUBLISHED
 
 DEFAULT, FINEST = "default", "finest"
 """Names of two settings: what a user has who chooses nothing, and what the rest is held against."""
 
 AUTO = "auto"
 """Name of another, and of its axis: what `Monitor.auto` chooses by a trial of its own."""
+
+OPERATING = "operating"
+"""Name of an axis of premises rather than of choices: what the controller is said to keep to."""
 
 BY_TIME = "by contact time alone"
 """A STOP wherever contact could come before the arm rests, whatever braking would do."""
@@ -65,6 +69,11 @@ class Setting(NamedTuple):
         return settings
 
     @property
+    def is_choice(self) -> bool:
+        """Whether it can be chosen: with no rule that monitors lack, and on the same premises."""
+        return not any(rung.rule or rung.axis == OPERATING for rung in self.rungs)
+
+    @property
     def rule(self) -> str:
         """How a STOP is found."""
         return next((rung.rule for rung in self.rungs if rung.rule), "")
@@ -83,6 +92,10 @@ def _daa(law: str) -> Rung:
 
 
 AXES: dict[str, list[Rung]] = {
+    OPERATING: [
+        Rung(OPERATING, "none", {"operating": None}),
+        Rung(OPERATING, "published", {"operating": PUBLISHED}),
+    ],
     "cover": [
         *(Rung("cover", f"level {level}", level=level) for level in range(4)),
         *(Rung("cover", f"{mm} mm", protrusion=1e-3 * mm) for mm in (80, 40, 10)),
@@ -141,11 +154,8 @@ def list_settings(axes: Iterable[str], cover: Cover, usual: Mapping[str, Any]) -
         rung
         for axis in axes
         for rung in AXES.get(axis, ())
-        if (rung.level is None or rung.level < levels - 1)
-        and not (rung.monitor and not rung.rule and all(
-            name in usual and usual[name] == value for name, value in rung.monitor.items()
-        ))
-    ]  # fmt: skip
+        if (rung.level is None or rung.level < levels - 1) and not _is_usual(rung, usual)
+    ]
     finest = [
         FULL, *(rung for rung in rungs if str(rung) in FINER and not takes_long(rung, cover))
     ]  # fmt: skip
@@ -156,6 +166,16 @@ def list_settings(axes: Iterable[str], cover: Cover, usual: Mapping[str, Any]) -
         Setting(FINEST, tuple(finest)),
         *(Setting(str(rung), (rung,)) for rung in rungs),
     ]
+
+
+def _is_usual(rung: Rung, usual: Mapping[str, Any]) -> bool:
+    """Whether a rung says what the default says anyway."""
+    if rung.axis == OPERATING:
+        # Limits that a cell states stand in the place of those that are published.
+        return (rung.monitor["operating"] is None) == (usual.get("operating") is None)
+    return bool(rung.monitor) and not rung.rule and all(
+        name in usual and usual[name] == value for name, value in rung.monitor.items()
+    )  # fmt: skip
 
 
 def takes_long(rung: Rung, cover: Cover) -> bool:

@@ -1,69 +1,46 @@
-"""Pictures of a study: price against caution, growth with pairs, and the scene over time.
-
-They need matplotlib, which is in the extra `plot`.
-"""
+"""Pictures of a study: price against caution, growth with pairs, and the scene over time."""
 
 from __future__ import annotations
 
-import importlib.util
-import io
 import itertools
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from armguard.exceptions import ArmguardError
+from armguard.studies.pictures import MARKS, draw_figures
 from armguard.studies.tradeoff.growth import fit_exponents
-from armguard.studies.tradeoff.ladder import AXES, DEFAULT, FINEST
+from armguard.studies.tradeoff.ladder import AUTO, AXES, DEFAULT, FINEST
 from armguard.studies.tradeoff.study import Study
 from armguard.verdict import Level
 
-SIZE, DPI = (9.0, 5.0), 90
-MARKS = "osD^vPX"
+SIZE = 9.0, 5.0
+
+CAPTIONS = {
+    "price": "Price against caution: one point a setting; below the dotted line there was none",
+    "time": "Contact time, stop time and level over the scene, of the default and of the finest",
+    "growth": "What a tick takes against the number of pairs, by schedule",
+}
+"""What the pictures show, by name, in the order in which they are shown."""
 POINTS = 600
 """Of a line over time; between two of them the least of the times is drawn."""
 
 
-def check_plots() -> None:
-    """Make sure that pictures can be drawn.
-
-    Raises:
-        ArmguardError: They cannot.
-    """
-    if importlib.util.find_spec("matplotlib") is None:
-        raise ArmguardError(
-            "pictures", "need matplotlib", remedy='pip install "armguard[plot]", or --no-plots'
-        )
-
-
 def draw_pictures(study: Study) -> dict[str, bytes]:
     """PNG and SVG files by name."""
-    import matplotlib.figure
-
-    pictures: dict[str, bytes] = {}
     drawn: dict[str, Callable[[Any], None]] = {
         "price": lambda axes: _draw_price(axes, study),
         "time": lambda axes: _draw_time(axes, study),
     }
     if study.grown:
         drawn["growth"] = lambda axes: _draw_growth(axes, study)
-    # Equal studies give equal files.
-    with matplotlib.rc_context({"svg.hashsalt": "armguard", "svg.fonttype": "none"}):
-        for name, draw in drawn.items():
-            figure = matplotlib.figure.Figure(figsize=SIZE, layout="constrained")
-            draw(figure)
-            for kind, options in (("png", {"dpi": DPI}), ("svg", {"metadata": {"Date": None}})):
-                file = io.BytesIO()
-                figure.savefig(file, format=kind, **options)
-                pictures[f"{name}.{kind}"] = file.getvalue()
-    return pictures
+    return draw_figures(drawn, SIZE)
 
 
 def _draw_price(figure: Any, study: Study) -> None:
     """One point a setting; the front is the line below which none was found."""
     axes = figure.subplots()
-    for axis, mark in zip(["", *AXES], itertools.cycle("*" + MARKS), strict=False):
+    for axis, mark in zip(["", *AXES, AUTO], itertools.cycle("*" + MARKS), strict=False):
         points = [
             (100.0 * one.figures.core, 100.0 * one.figures.stop)
             for one in study.outcomes

@@ -7,24 +7,34 @@ from __future__ import annotations
 
 import base64
 import collections
-import csv
 import html
-import io
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
-
-from armguard.exceptions import ArmguardError
+from armguard.monitor.choice import SAME_LEVEL
+from armguard.studies.pages import (
+    JSON_FILE,
+    PAGE,
+    Column,
+    list_pictures,
+    make_plain,
+    round_off,
+    write_csv,
+    write_files,
+    write_json,
+    write_page,
+    write_table,
+)
 from armguard.studies.tradeoff.figures import Figures
 from armguard.studies.tradeoff.growth import FROM, fit_exponents
-from armguard.studies.tradeoff.ladder import AUTO, AXES, DEFAULT, FINEST
+from armguard.studies.tradeoff.ladder import AUTO, AXES, DEFAULT, FINEST, OPERATING
+from armguard.studies.tradeoff.plots import CAPTIONS
 from armguard.studies.tradeoff.study import CHEAPER, CLOSE, Outcome, Study
 
-JSON_FILE, CSV_FILE, PAGE, HTML_FILE = "report.json", "settings.csv", "README.md", "index.html"
-"""What is written, beside pictures."""
+CSV_FILE, HTML_FILE = "settings.csv", "index.html"
+"""The table for programs, and the page that needs nothing else."""
 
 
 class About(NamedTuple):
@@ -38,40 +48,49 @@ class About(NamedTuple):
     seed: int
     asked: float
     """How long it was to be, in [s] of the scene."""
+    operating: str
+    """Which operating limits the default states."""
 
 
-COLUMNS: tuple[tuple[str, str, str], ...] = (
-    ("tick p50, p99, max [µs]", "tick_p50 tick_p99 tick_max", "{:.0f}, {:.0f}, {:.0f}"),
-    ("message [µs]", "intake_p50", "{:.0f}"),
-    ("of a core", "core", "{:.1%}"),
-    ("evaluations, most", "evaluated evaluated_max", "{:.0f}, {:.0f}"),
-    ("÷ finest: p50, p5", "tight_finest tight_finest_p5", "{:.2f}, {:.2f}"),
-    ("÷ adversary", "tight_adversary", "{:.2f}"),
-    ("STOP", "stop", "{:.1%}"),
-    ("SLOW", "slow", "{:.1%}"),
-    ("work lost", "work_lost", "{:.1%}"),
-    ("same level", "same_level", "{:.1%}"),
-    ("late p50, max [ms]", "late_p50 late_max", "{:.0f}, {:.0f}"),
-    ("missed", "missed", "{:.0f}"),
-    ("flagged", "flagged", "{:.0%}"),
-    ("memory [kB]", "memory", "{:.0f}"),
+COLUMNS = (
+    Column("tick p50, p99, max [µs]", "tick_p50 tick_p99 tick_max", "{:.0f}, {:.0f}, {:.0f}"),
+    Column("message [µs]", "intake_p50", "{:.0f}"),
+    Column("of a core", "core", "{:.1%}"),
+    Column("evaluations, most", "evaluated evaluated_max", "{:.0f}, {:.0f}"),
+    Column("÷ finest: p50, p5", "tight_finest tight_finest_p5", "{:.2f}, {:.2f}"),
+    Column("÷ adversary", "tight_adversary", "{:.2f}"),
+    Column("STOP", "stop", "{:.1%}"),
+    Column("SLOW", "slow", "{:.1%}"),
+    Column("AWARE", "aware", "{:.1%}"),
+    Column("work lost", "work_lost", "{:.1%}"),
+    Column("same level", "same_level", "{:.1%}"),
+    Column("late p50, max [ms]", "late_p50 late_max", "{:.0f}, {:.0f}"),
+    Column("missed", "missed", "{:.0f}"),
+    Column("flagged", "flagged", "{:.0%}"),
+    Column("memory [kB]", "memory", "{:.0f}"),
 )
-"""Of the table for people: head, figures, and how they are shown."""
+"""Of the table for people."""
 
 LEGEND = (
     "Times are processor time of one thread; ticks come at the default's rate unless the setting "
-    "says otherwise. "
-    "“Of a core” is what steps and messages take of one core. “÷ finest” is the contact time over "
-    "that of the finest setting in the same tick, in the median and in the worst twentieth; "
-    "“÷ adversary” over the first contact that an arm and a body reached which did their worst "
-    "within their bounds. “Work lost” is the share of its way that an arm would not have done "
-    "that keeps to each verdict's speed scale. “Late” is how long after the finest setting's STOP "
-    "this one says STOP. “Missed” are contacts of the true surface that came sooner than was said, "
-    "or without a STOP in time, those with bodies aside that broke their stated bounds. All "
-    "settings judge the same states, of an arm that goes on whatever is said. “Joint by time” is "
-    "the default without its stop decision: a STOP wherever contact could come before the arm "
-    "rests; no monitor does that, and it is left out of what is recommended."
+    "says otherwise.",
+    "“Of a core” is what steps and messages take of one core.",
+    "“÷ finest” is the contact time over that of the finest setting in the same tick, in the "
+    "median and in the worst twentieth; “÷ adversary” over the first contact that an arm and a "
+    "body reached which did their worst within their bounds.",
+    "“Work lost” is the share of its way that an arm would not have done that keeps to each "
+    "verdict's speed scale.",
+    "“Late” is how long after the finest setting's STOP this one says STOP.",
+    "“Missed” are contacts of the true surface that came sooner than was said, or without a STOP "
+    "in time, those with bodies aside that broke their stated bounds.",
+    "All settings judge the same states, of an arm that goes on whatever is said.",
+    "“Joint by time” is the default without its stop decision: a STOP wherever contact could come "
+    "before the arm rests. No monitor does that, and it is left out of what is recommended. So is "
+    "what differs in “operating”: what the controller keeps to is a premise, and no choice. The "
+    "arm here keeps to all of it.",
+    "Settings with * are on the front: no other is both cheaper and no more cautious.",
 )
+"""How to read that table."""
 
 
 def summarise(study: Study) -> list[str]:
@@ -81,7 +100,7 @@ def summarise(study: Study) -> list[str]:
         return []
     known = [one for one in study.outcomes if one.figures is not None]
     sound = [one for one in known if not _figures(one).missed > 0.0]
-    offered = [one for one in sound if not one.setting.rule]
+    offered = [one for one in sound if one.setting.is_choice]
     lines = []
     if study.interrupted:
         lines.append(
@@ -89,21 +108,22 @@ def summarise(study: Study) -> list[str]:
             "the scene gave; what had not begun is left out."
         )
     bad = [one.setting.name for one in known if _figures(one).missed > 0.0]
-    lines.append(_tell_contacts(study))
+    lines += [_tell_levels(finest), _tell_contacts(study)]
     if bad:
         lines.append(f"MISSED contacts: {', '.join(bad)}. Use none of these, and report it.")
-    for text, most in (
-        ("within 1 percentage point of the finest's", finest.stop + CLOSE),
-        ("within 5 points", finest.stop + 5.0 * CLOSE),
+    near = [one for one in offered if _figures(one).stop <= finest.stop + CLOSE]
+    equal = [one for one in offered if _figures(one).same_level >= SAME_LEVEL]
+    for text, fit in (
+        ("whose STOP share is within 1 percentage point of the finest's", near),
+        (f"with the finest's level in at least {SAME_LEVEL:.0%} of the ticks", equal),
     ):
-        fit = [one for one in offered if _figures(one).stop <= most]
         if fit:
             best = min(fit, key=lambda one: _figures(one).core)
             figures = _figures(best)
             lines.append(
-                f"Cheapest setting whose STOP share is {text}: **{best.setting.name}**, "
-                f"{figures.core:.1%} of a core at STOP {figures.stop:.1%} (finest: "
-                f"{finest.core:.1%} at {finest.stop:.1%})."
+                f"Cheapest setting {text}: **{best.setting.name}**, {figures.core:.1%} of a core "
+                f"at STOP {figures.stop:.1%} and the same level in {figures.same_level:.1%} "
+                f"(finest: {finest.core:.1%} at STOP {finest.stop:.1%})."
             )
     if offered:
         best = min(offered, key=lambda one: (_figures(one).stop, _figures(one).core))
@@ -115,7 +135,7 @@ def summarise(study: Study) -> list[str]:
     better = [
         one.setting.name
         for one in offered
-        if _figures(one).core < CHEAPER * usual.core and _figures(one).stop <= usual.stop
+        if _figures(one).core < CHEAPER * usual.core and _is_as_free(_figures(one), usual)
     ]
     place = (
         "Nothing here is both cheaper and no more cautious."
@@ -127,6 +147,7 @@ def summarise(study: Study) -> list[str]:
         f"setting's level in {usual.same_level:.1%} of the ticks, at "
         f"{usual.core / finest.core:.1%} of its price. {place}"
     )
+    lines += _tell_operating(study, usual)
     chosen = study.find(AUTO)
     if study.choice is not None and chosen is not None:
         settings, nearness, _ = study.choice.summary
@@ -148,20 +169,24 @@ def write_report(folder: Path, study: Study, about: About, pictures: Mapping[str
     Raises:
         ArmguardError: One of them cannot be written.
     """
-    files: dict[str, bytes] = {
-        JSON_FILE: msgspec.json.format(msgspec.json.encode(describe(study, about)), indent=1),
-        CSV_FILE: _write_csv(study).encode(),
-        PAGE: _write_page(study, about, sorted(pictures)).encode(),
+    heads, rows = tabulate(study)
+    legend = [f"- {line}" for line in LEGEND]
+    body = ["## Settings", "", *legend, "", *write_table(heads, rows)]
+    page = write_page(
+        f"What accuracy costs: {about.title}",
+        summarise(study),
+        body,
+        list_pictures(CAPTIONS, pictures),
+        _list_facts(study, about),
+        CSV_FILE,
+    )
+    files = {
+        JSON_FILE: write_json(describe(study, about)),
+        CSV_FILE: _write_csv(study),
+        PAGE: page,
         HTML_FILE: _write_html(study, about, pictures).encode(),
-        **pictures,
     }
-    for name, content in files.items():
-        try:
-            (folder / name).write_bytes(content)
-        except OSError as error:
-            raise ArmguardError(
-                str(folder / name), f"cannot be written: {error.strerror}"
-            ) from None
+    write_files(folder, {**files, **pictures})
 
 
 def describe(study: Study, about: About) -> dict[str, Any]:
@@ -179,20 +204,18 @@ def describe(study: Study, about: About) -> dict[str, Any]:
                 "axis": one.setting.axis,
                 "refused": one.refused,
                 **({"machine": one.machine} if one.machine else {}),
-                "figures": one.figures
-                and {
-                    name: float(f"{value:.6g}") if math.isfinite(value) else None
-                    for name, value in one.figures._asdict().items()
-                },
+                "figures": one.figures and make_plain(one.figures._asdict()),
             }
             for one in study.outcomes
         ],
         "contacts": None if study.contacts is None else [one._asdict() for one in study.contacts],
         "adversary": [
-            {"time": one.time, "contact": one.contact if math.isfinite(one.contact) else None}
-            for one in study.hunted
+            {"time": one.time, "contact": round_off(one.contact)} for one in study.hunted
         ],
-        "growth": [one._asdict() for one in study.grown],
+        "growth": [
+            {name: value for name, value in one._asdict().items() if name != "machine" or value}
+            for one in study.grown
+        ],
         "exponents": fit_exponents(study.grown),
     }
 
@@ -200,6 +223,36 @@ def describe(study: Study, about: About) -> dict[str, Any]:
 def _figures(outcome: Outcome) -> Figures:
     assert outcome.figures is not None
     return outcome.figures
+
+
+def _is_as_free(figures: Figures, usual: Figures) -> bool:
+    """Whether a setting is no more cautious than the default: no more STOP, nor SLOW beside it."""
+    beside = usual.stop + usual.slow + CLOSE
+    return figures.stop <= usual.stop and figures.stop + figures.slow <= beside
+
+
+def _tell_levels(finest: Figures) -> str:
+    """How much of each level there is to be told apart."""
+    shares = finest.stop, finest.slow, finest.aware
+    names = zip(("STOP", "SLOW", "AWARE", "CLEAR"), (*shares, 1.0 - sum(shares)), strict=True)
+    told = ", ".join(f"{name} {abs(share):.1%}" for name, share in names)
+    return f"The scene, as the finest setting judges it: {told}."
+
+
+def _tell_operating(study: Study, usual: Figures) -> list[str]:
+    """What it buys to state operating limits, where settings differ in that alone."""
+    lines = []
+    for one in study.outcomes:
+        if one.setting.axis == OPERATING and one.figures is not None:
+            figures = one.figures
+            lines.append(
+                f"What operating limits buy: with **{one.setting.name}** STOP is "
+                f"{figures.stop:.1%} and SLOW {figures.slow:.1%} instead of the default's "
+                f"{usual.stop:.1%} and {usual.slow:.1%}, and {figures.work_lost:.1%} of the work "
+                f"are lost instead of {usual.work_lost:.1%}. State those limits that the "
+                "controller enforces."
+            )
+    return lines
 
 
 def _tell_contacts(study: Study) -> str:
@@ -214,22 +267,18 @@ def _tell_contacts(study: Study) -> str:
     return f"Contacts in the scene: {count}{aside}."
 
 
-def _write_csv(study: Study) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["setting", "axis", "on_front", *Figures._fields, "refused"])
+def _write_csv(study: Study) -> bytes:
+    rows = []
     for one in study.outcomes:
-        numbers = [""] * len(Figures._fields)
-        if one.figures is not None:
-            numbers = [f"{value:.6g}" if math.isfinite(value) else "" for value in one.figures]
-        is_on = one.setting.name in study.front
-        writer.writerow([one.setting.name, one.setting.axis, int(is_on), *numbers, one.refused])
-    return text.getvalue()
+        name, axis = one.setting.name, one.setting.axis
+        numbers = one.figures or [math.nan] * len(Figures._fields)
+        rows.append([name, axis, int(name in study.front), *numbers, one.refused])
+    return write_csv(["setting", "axis", "on_front", *Figures._fields, "refused"], rows)
 
 
 def tabulate(study: Study) -> tuple[list[str], list[list[str]]]:
     """The table for people: heads and rows, by axis; * marks settings on the front."""
-    heads = ["setting", *(head for head, _, _ in COLUMNS)]
+    heads = ["setting", *(column.head for column in COLUMNS)]
     order = {name: place for place, name in enumerate(["", *AXES, AUTO])}
     rows = []
     for one in sorted(study.outcomes, key=lambda one: _place(one, order)):
@@ -237,11 +286,7 @@ def tabulate(study: Study) -> tuple[list[str], list[list[str]]]:
         if one.figures is None:
             rows.append([name, f"refused: {one.refused}", *[""] * (len(COLUMNS) - 1)])
             continue
-        cells = []
-        for _, fields, form in COLUMNS:
-            values = [getattr(one.figures, field) for field in fields.split()]
-            cells.append(form.format(*values) if all(map(math.isfinite, values)) else "–")
-        rows.append([name, *cells])
+        rows.append([name, *(column.show(one.figures) for column in COLUMNS)])
     return heads, rows
 
 
@@ -256,6 +301,7 @@ def _list_facts(study: Study, about: About) -> list[str]:
     return [
         f"Command: `{about.command}`",
         f"Scene: {about.title}, {study.seconds:g} s of it, seed {about.seed}",
+        f"Operating limits of the default: {about.operating}",
         f"Machine: {about.machine}",
         *([f"Measured: {_count_machines(study)}"] if _count_machines(study) else []),
         f"Versions: {versions}",
@@ -263,70 +309,63 @@ def _list_facts(study: Study, about: About) -> list[str]:
 
 
 def _count_machines(study: Study) -> str:
-    """How many settings were measured on which machine; times of different ones do not compare."""
-    counts = collections.Counter(one.machine for one in study.outcomes if one.machine)
-    return ", ".join(f"{count} settings on {machine}" for machine, count in sorted(counts.items()))
-
-
-def _write_page(study: Study, about: About, pictures: Sequence[str]) -> str:
-    heads, rows = tabulate(study)
-    lines = [f"# What accuracy costs: {about.title}", ""]
-    lines += [f"- {line}" for line in summarise(study)]
-    lines += ["", "## Settings", "", LEGEND, "", "Settings with * are on the front.", ""]
-    lines.append(f"| {' | '.join(heads)} |")
-    lines.append(f"|---|{'---:|' * (len(heads) - 1)}")
-    for row in rows:
-        lines.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in row)} |")
-    lines.append("")
-    for name in pictures:
-        if name.endswith(".png"):
-            lines += [f"![{name.removesuffix('.png')}]({name})", ""]
-    lines += ["## How it was measured", ""]
-    lines += [f"- {fact}" for fact in _list_facts(study, about)]
-    lines += ["", f"All figures are in [{JSON_FILE}]({JSON_FILE}) and [{CSV_FILE}]({CSV_FILE})."]
-    return "\n".join(lines) + "\n"
+    """How much was measured on which machine; times of different ones do not compare."""
+    told = []
+    for what, rows in (("settings", study.outcomes), ("sizes of the growth", study.grown)):
+        counts = collections.Counter(one.machine for one in rows if one.machine)
+        told += [f"{count} {what} on {machine}" for machine, count in sorted(counts.items())]
+    return ", ".join(told)
 
 
 def _write_html(study: Study, about: About, pictures: Mapping[str, bytes]) -> str:
     """One page that needs no other file, and no network."""
     heads, rows = tabulate(study)
-    table = "".join(f"<th>{html.escape(head)}</th>" for head in heads)
-    table = f"<tr>{table}</tr>"
+    table = f"<tr>{''.join(f'<th>{html.escape(head)}</th>' for head in heads)}</tr>\n"
     for row in rows:
         table += f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>\n"
     images = "".join(
-        f'<img alt="{html.escape(name)}" '
-        f'src="data:image/png;base64,{base64.b64encode(content).decode()}">\n'
-        for name, content in sorted(pictures.items())
-        if name.endswith(".png")
+        f'<figure><img alt="{html.escape(caption)}" src="data:image/png;base64,'
+        f'{base64.b64encode(pictures[name]).decode()}"><figcaption>{html.escape(caption)}'
+        "</figcaption></figure>\n"
+        for name, caption in list_pictures(CAPTIONS, pictures).items()
     )
     title = html.escape(f"What accuracy costs: {about.title}")
-    summary = "".join(f"<li>{_embolden(line)}</li>\n" for line in summarise(study))
-    facts = "".join(f"<li>{html.escape(one)}</li>\n" for one in _list_facts(study, about))
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title>
+<meta name="viewport" content="width=device-width">
 <style>
-body {{ font: 15px/1.5 sans-serif; max-width: 75em; margin: 2em auto; padding: 0 1em; }}
+body {{ font: 15px/1.5 sans-serif; max-width: 90em; margin: 2em auto; padding: 0 1em; }}
+.wide {{ overflow-x: auto; }}
 table {{ border-collapse: collapse; font-size: 12px; }}
-th, td {{ border-bottom: 1px solid #ccc; padding: .3em .6em; text-align: right; }}
-th:first-child, td:first-child {{ text-align: left; }}
-img {{ max-width: 100%; display: block; margin: 1em 0; }}
+th, td {{ border-bottom: 1px solid #ccc; padding: .3em .5em; text-align: right; }}
+td {{ white-space: nowrap; }}
+th:first-child, td:first-child {{ text-align: left; white-space: normal; min-width: 12em; }}
+figure {{ margin: 1.5em 0; }}
+img {{ max-width: 100%; display: block; }}
+figcaption {{ color: #555; }}
+code {{ overflow-wrap: anywhere; }}
 </style></head><body>
 <h1>{title}</h1>
-<ul>
-{summary}</ul>
+{_list(summarise(study))}
 {images}
 <h2>Settings</h2>
-<p>{html.escape(LEGEND)} Settings with * are on the front.</p>
-<table>
-{table}</table>
+{_list(LEGEND)}
+<div class="wide"><table>
+{table}</table></div>
 <h2>How it was measured</h2>
-<ul>
-{facts}</ul>
+{_list(_list_facts(study, about))}
 </body></html>
 """
 
 
-def _embolden(line: str) -> str:
-    parts = html.escape(line).split("**")
-    return "".join(f"<b>{part}</b>" if k % 2 else part for k, part in enumerate(parts))
+def _list(lines: Sequence[str]) -> str:
+    """A list in HTML, of lines in Markdown: what is bold there, or code, is so here."""
+    items = []
+    for line in map(html.escape, lines):
+        for mark, tag in (("**", "b"), ("`", "code")):
+            parts = line.split(mark)
+            line = "".join(
+                f"<{tag}>{part}</{tag}>" if place % 2 else part for place, part in enumerate(parts)
+            )
+        items.append(f"<li>{line}</li>\n")
+    return f"<ul>\n{''.join(items)}</ul>"

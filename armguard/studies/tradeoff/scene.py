@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
+from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.simulation import (
     JointTrajectory,
@@ -34,11 +35,12 @@ Array = NDArray[np.float64]
 SPEED_FRACTION = 0.2
 """Share of its velocity limits that the arm works at, at most."""
 
-ACCELERATION_FRACTION = 0.5
-"""Share of its acceleration limits, at most."""
+ACCELERATION_FRACTION = 0.225
+"""Share of the accelerations that its joints and brakes can, at most."""
 
 WITHIN = 0.9
-"""Share of the operating limits, where some are stated: the arm keeps to them."""
+"""Share of its operating limits, at most, of those stated and of those published: settings that
+count with the ones or the others judge the same arm."""
 
 LOWEST, NEAREST = 0.02, -0.13
 """The arm works above its table, and not far on the side that people come from (-y), in [m]."""
@@ -47,10 +49,14 @@ SETBACK = 0.4
 """People in recordings stood at a small table with the arm on it; here they stand this much farther
 away, along -y, in [m]: the arms differ, and so would the people's places."""
 
+TARGET = (0.0, -0.25, 0.35)
+"""Where a simulated person reaches, in the frame of the arm's base, in [m]: near enough to where
+the arm works that all levels occur, of an arm that keeps to its published operating limits too."""
+
 CYCLE = 30.0
 """Until the arm's motion repeats, at most, in [s]."""
 
-CLEARANCE, HALL, BALL = 1.2, 4.0, 0.1
+CLEARANCE, HALL, BALL = 1.0, 4.0, 0.1
 """Distance that balls keep from the arm's axis, half the width of where they are, and their radius,
 in [m]."""
 
@@ -174,7 +180,7 @@ def make_scene(
         shortest, longest = DURATIONS
         visit = min(max(seconds, shortest), longest)
         begin = part * max(visit - seconds, 0.0)
-        sources.append(ProceduralPerson(seed, visit))
+        sources.append(ProceduralPerson(seed, visit, target=TARGET))
         told.append("a simulated person")
     if balls:
         lower, upper = (-HALL, -HALL, 0.0), (HALL, HALL, 2.0)
@@ -244,17 +250,26 @@ def _heartbeat(stamp: float, source: str) -> Message:
     return Message(stamp, source, (), np.empty((0, 1, 3)), np.empty((0, 1, 3)), np.empty(0), {})
 
 
+def find_published(robot: Robot) -> OperatingLimits | None:
+    """The operating limits that are published of an arm; None where none are."""
+    if robot.published_operating_limits is None:
+        return None
+    return OperatingLimits.published(robot)
+
+
 def _plan_work(site: Site, seed: int, duration: float) -> JointTrajectory:
     """A way above the table, off the side that people come from, if the arm can keep to that."""
     robot = site.robot
     speed, acceleration = SPEED_FRACTION, ACCELERATION_FRACTION
-    operating = site.settings.get("operating")
-    if operating is not None:
-        limits = zip(
-            operating.resolve(robot), (robot.velocity_limit, robot.acceleration_limit), strict=True
-        )
-        shares = [WITHIN * float((own / hardware).min()) for own, hardware in limits]
-        speed, acceleration = min(speed, shares[0]), min(acceleration, shares[1])
+    gentlest = robot.brakes.gentlest_stop(np.zeros(len(robot.joints)))
+    able = np.minimum(robot.acceleration_limit, gentlest)
+    kept = [site.settings.get("operating"), find_published(robot)]
+    for operating in kept:
+        if operating is None:
+            continue
+        velocities, accelerations = operating.resolve(robot)
+        speed = min(speed, WITHIN * float((velocities / robot.velocity_limit).min()))
+        acceleration = min(acceleration, WITHIN * float((accelerations / able).min()))
     plan = functools.partial(
         random_trajectory,
         robot,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import gc
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from armguard.cover.cover import Cover
 from armguard.exceptions import ArmguardError
 from armguard.monitor.choice import Choice, choose
 from armguard.monitor.monitor import Monitor
-from armguard.studies.rows import Row, Rows
+from armguard.studies.rows import MACHINE, Row, Rows, Tell
 from armguard.studies.tradeoff.adversary import Adversary, Body
 from armguard.studies.tradeoff.contestant import RATE, Contestant, Run, Track
 from armguard.studies.tradeoff.covers import Covers
@@ -29,6 +29,7 @@ from armguard.studies.tradeoff.ladder import (
     AUTO,
     DEFAULT,
     FINEST,
+    OPERATING,
     Rung,
     Setting,
     combine,
@@ -49,9 +50,6 @@ CHEAPER = 0.95
 
 MOMENTS, HUNTERS = 12, 2
 """At which an adversary is let loose, and how many bodies of those that are nearest hunt."""
-
-Tell = Callable[[str, float], None]
-"""Is told what is done, and which share of that is done."""
 
 
 class Outcome(NamedTuple):
@@ -138,9 +136,11 @@ def run_study(
     def add(some: Sequence[Run]) -> None:
         for one in some:
             messages = [m.stamp <= seconds for m in scene.messages[: len(one.intake)]]
+            # The adversary keeps to what the default counts with.
+            is_hunted = one.setting.axis != OPERATING
             figures = compute_figures(
-                one.track.until(seconds), tracks[FINEST], one.intake[: sum(messages)], hunted,
-                contacts or [], one.response, one.memory,
+                one.track.until(seconds), tracks[FINEST], one.intake[: sum(messages)],
+                hunted if is_hunted else [], contacts or [], one.response, one.memory,
             )  # fmt: skip
             if contacts is None:
                 figures = figures._replace(missed=math.nan)
@@ -172,7 +172,7 @@ def run_study(
             interrupted = _grow(site, seed, grown, tell, rows)
     except KeyboardInterrupt:
         pass
-    counted = [one for one in outcomes if one.figures is not None and _is_sound(one)]
+    counted = [one for one in outcomes if one.setting.is_choice and _is_sound(one)]
     front = find_front(
         [one.figures.core for one in counted if one.figures],
         [one.figures.stop for one in counted if one.figures],
@@ -258,7 +258,11 @@ def measure_setting(shared: tuple[Site, Scene], setting: Setting, cover: Cover) 
 def measure_grown(shared: tuple[Site, int], count: int, setting: Setting) -> Row:
     """`measure_size` as a row."""
     grown = measure_size(*shared, count, setting)
-    return {"grown": None if grown is None else grown._asdict()}
+    if grown is None:
+        return {"grown": None}
+    fields = grown._asdict()
+    del fields["machine"]
+    return {"grown": fields}
 
 
 def _grow(site: Site, seed: int, grown: list[Grown], tell: Tell, rows: Rows | None) -> str:
@@ -271,7 +275,9 @@ def _grow(site: Site, seed: int, grown: list[Grown], tell: Tell, rows: Rows | No
         return ""
     tasks = {f"{setting.name} among {count}": (count, setting) for count, setting in list_sizes()}
     found, is_whole = rows.measure(measure_grown, (site, seed), tasks, part, tell)
-    grown += [Grown(**row["grown"]) for row in found.values() if row["grown"] is not None]
+    for row in found.values():
+        if row["grown"] is not None:
+            grown.append(Grown(**row["grown"], machine=row.get(MACHINE, "")))
     return "" if is_whole else part
 
 
@@ -329,8 +335,7 @@ def _choose_rungs(outcomes: Sequence[Outcome]) -> list[Rung]:
         if axis in ("", AUTO) or figures is None or usual is None or not _is_sound(one):
             continue
         is_better = figures.core < CHEAPER * usual.core and figures.stop <= usual.stop + CLOSE
-        # A rule that the monitor does not have cannot be chosen.
-        if is_better and not one.setting.rule and figures.core < best.get(axis, (np.inf,))[0]:
+        if is_better and one.setting.is_choice and figures.core < best.get(axis, (np.inf,))[0]:
             best[axis] = figures.core, one.setting.rungs[0]
     return [rung for _, rung in sorted(best.values(), key=lambda pair: pair[0])]
 

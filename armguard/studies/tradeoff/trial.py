@@ -14,7 +14,7 @@ from armguard.monitor.choice import Choice, TrialTick
 from armguard.simulation import ObstacleSource, ProceduralPerson
 from armguard.simulation.person import DURATIONS
 from armguard.studies.tradeoff.ladder import AUTO, Rung, Setting
-from armguard.studies.tradeoff.scene import Message, Scene, Site
+from armguard.studies.tradeoff.scene import TARGET, Message, Scene, Site
 
 SECONDS = 3.0
 """Of a scene that settings are chosen by, in [s]."""
@@ -39,7 +39,9 @@ def make_visit(site: Site, seed: int = SEED) -> Scene:
         ArmguardError: The arm cannot work here.
     """
     hears = site.make_obstacles().settings.sources != ()
-    people: list[ObstacleSource] = [ProceduralPerson(seed, DURATIONS[0])] if hears else []
+    people: list[ObstacleSource] = []
+    if hears:
+        people.append(ProceduralPerson(seed, DURATIONS[0], target=TARGET))
     return Scene(site, people, SECONDS, seed, BEGIN)
 
 

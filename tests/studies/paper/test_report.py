@@ -75,7 +75,7 @@ def test_files_are_written_and_hold_the_same(tmp_path):
     page = (tmp_path / "README.md").read_text()
     assert all(f"- {line}" in page for line in data["summary"])
     assert f"| daa, powers | {' | '.join(show(rows[-1]))} |" in page
-    assert "![cost](cost.png)" in page
+    assert "](cost.png)" in page
     assert "- Command: `armguard paper`" in page
 
 

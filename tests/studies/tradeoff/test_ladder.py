@@ -2,12 +2,14 @@ import pytest
 
 from armguard.exceptions import ArmguardError
 from armguard.robot import Robot
+from armguard.robot.operating_limits import OperatingLimits
 from armguard.studies.tradeoff.ladder import (
     AUTO,
     AXES,
     DEFAULT,
     FINEST,
     MOST_COMBINED,
+    OPERATING,
     Rung,
     Setting,
     check_axes,
@@ -25,7 +27,9 @@ def test_axes_are_checked_and_put_in_order():
     assert check_axes([]) == [*AXES, AUTO]
     assert check_axes([AUTO, "cover"]) == ["cover", AUTO]
     assert check_axes(["budget", "cover"]) == ["cover", "budget"]
-    with pytest.raises(ArmguardError, match=r"--axis: 'colour' is no axis; expected some of cover"):
+    with pytest.raises(
+        ArmguardError, match=r"--axis: 'colour' is no axis; expected some of operating, cover"
+    ):
         check_axes(["cover", "colour"])
 
 
@@ -35,6 +39,7 @@ def test_one_axis_at_a_time_around_the_default():
     assert settings[0].rungs == ()
     assert all(len(one.rungs) == 1 and one.axis == one.rungs[0].axis for one in settings[2:])
     assert {one.axis for one in settings[2:]} == set(AXES)
+    assert all(one.is_choice == (one.axis != OPERATING and not one.rule) for one in settings)
     assert settings[1].monitor({}) == {"schedule": "full", "advances": 16}
     assert len({one.name for one in settings}) == len(settings)
     assert "cover 10 mm" in map(str, settings[1].rungs)
@@ -50,6 +55,13 @@ def test_levels_beyond_the_tree_and_what_the_default_is_anyway_are_left_out():
     assert "motion planned" not in names(["motion"], motion="planned")
     # A rule of its own is a setting of its own, whatever the monitor's settings are.
     assert "motion joint by time" in names(["motion"], motion="joint")
+
+
+def test_operating_limits_are_stated_where_none_are_and_left_out_where_some_are():
+    assert names([OPERATING])[2:] == names([OPERATING], operating=None)[2:]
+    assert names([OPERATING])[2:] == ["operating published"]
+    stated = OperatingLimits(velocity=0.5)
+    assert names([OPERATING], operating=stated)[2:] == ["operating none"]
 
 
 def test_the_finest_has_no_budget():

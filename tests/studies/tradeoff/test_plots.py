@@ -1,9 +1,6 @@
-import sys
-
 import pytest
 
-from armguard.exceptions import ArmguardError
-from armguard.studies.tradeoff.plots import check_plots, draw_pictures
+from armguard.studies.tradeoff.plots import draw_pictures
 from support.tradeoff_cases import make_study
 
 
@@ -18,9 +15,3 @@ def test_pictures_are_drawn_of_whatever_was_found():
         assert len(content) < 200_000
     assert draw_pictures(make_study()) == pictures
     assert "growth.png" not in draw_pictures(make_study(grown=[]))
-
-
-def test_a_missing_library_is_named_with_its_remedy(monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(ArmguardError, match=r"need matplotlib.*armguard\[plot\].*--no-plots"):
-        check_plots()

@@ -6,22 +6,26 @@ import re
 import pytest
 
 from armguard.exceptions import ArmguardError
+from armguard.studies.pages import JSON_FILE, PAGE
 from armguard.studies.tradeoff.figures import Figures
+from armguard.studies.tradeoff.ladder import AXES, OPERATING, Setting
 from armguard.studies.tradeoff.report import (
     CSV_FILE,
     HTML_FILE,
-    JSON_FILE,
-    PAGE,
     About,
+    _list_facts,
     describe,
     summarise,
     tabulate,
     write_report,
 )
+from armguard.studies.tradeoff.study import Outcome
 from armguard.studies.tradeoff.truth import Contact
 from support.tradeoff_cases import make_figures, make_study
 
-ABOUT = About("an arm & <others>", "armguard tradeoff", "a machine", {"numpy": "2"}, 7, 20.0)
+ABOUT = About(
+    "an arm & <others>", "armguard tradeoff", "a machine", {"numpy": "2"}, 7, 20.0, "none stated"
+)
 
 
 @pytest.fixture
@@ -39,7 +43,7 @@ def test_json_and_csv_have_the_same_figures(folder):
         assert row["on_front"] == str(int(one["name"] in data["front"]))
         for name in Figures._fields:
             number = None if one["figures"] is None else one["figures"][name]
-            assert row[name] == ("" if number is None else f"{number:.6g}")
+            assert row[name] == ("" if number is None else str(number))
     assert (data["seed"], data["machine"], data["versions"]) == (7, "a machine", {"numpy": "2"})
     assert data["exponents"] == {"full": pytest.approx(0.5)}
 
@@ -50,15 +54,16 @@ def test_the_page_needs_nothing_else(folder):
     assert not re.search(r"https?:|src=\"(?!data:)|<link|<script|url\(", page)
     assert "an arm &amp; &lt;others&gt;" in page
     assert page.count("<tr>") == 1 + 4
+    assert "<code>armguard tradeoff</code>" in page
 
 
 def test_the_markdown_shows_pictures_table_and_facts(folder):
     page = (folder / PAGE).read_text()
-    assert "![price](price.png)" in page
+    assert "![Price against caution" in page
     assert ".svg" not in page
     lengths = {line.count("|") for line in page.splitlines() if line.startswith("|")}
     assert len(lengths) == 1, "every row has every column"
-    for fact in ("`armguard tradeoff`", "seed 7", "a machine", "numpy 2"):
+    for fact in ("`armguard tradeoff`", "seed 7", "a machine", "numpy 2", "none stated"):
         assert fact in page
 
 
@@ -66,9 +71,52 @@ def test_a_user_can_choose_by_the_summary_alone():
     text = "\n".join(summarise(make_study()))
     assert "Contacts in the scene: 0. Nothing was there to be missed." in text
     assert "within 1 percentage point of the finest's: **default**, 10.0% of a core" in text
+    assert "in at least 99% of the ticks: **budget 16**, 5.0% of a core at STOP 30.0%" in text
     assert "Least STOP: **finest**" in text
     assert "Nothing here is both cheaper and no more cautious." in text
     assert "pairs^0.50 with schedule full" in text
+
+
+def test_the_summary_tells_which_levels_there_are_to_be_told_apart():
+    finest = make_figures(stop=0.25, slow=0.25, aware=0.125)
+    outcomes = [*make_study().outcomes]
+    outcomes[1] = outcomes[1]._replace(figures=finest)
+    told = "\n".join(summarise(make_study(outcomes=outcomes)))
+    assert "finest setting judges it: STOP 25.0%, SLOW 25.0%, AWARE 12.5%, CLEAR 37.5%." in told
+
+
+def test_a_setting_that_slows_down_more_is_no_better():
+    study = make_study()
+    for slow, told in ((1.0, "no more cautious here: budget 16."), (1.2, "Nothing here is both")):
+        outcomes = [*study.outcomes]
+        figures = make_figures(core=0.05, stop=0.1, slow=slow)
+        outcomes[2] = outcomes[2]._replace(figures=figures)
+        assert told in "\n".join(summarise(study._replace(outcomes=outcomes)))
+
+
+def test_other_operating_limits_are_told_of_and_not_recommended():
+    study = make_study()
+    rung = AXES[OPERATING][0]
+    cheap = make_figures(core=0.01, stop=0.0, work_lost=0.2)
+    lines = summarise(
+        study._replace(outcomes=[*study.outcomes, Outcome(Setting(str(rung), (rung,)), cheap)])
+    )
+    (told,) = (line for line in lines if "operating none" in line)
+    assert "STOP is 0.0% and SLOW 100.0% instead of the default's 10.5% and 100.0%" in told
+    assert "20.0% of the work are lost instead of 100.0%" in told
+    assert "State those limits that the controller enforces." in told
+
+
+def test_what_was_measured_on_other_machines_names_them():
+    study = make_study()
+    outcomes = [one._replace(machine="a (x)") for one in study.outcomes]
+    grown = [one._replace(machine="b (y)") for one in study.grown]
+    spread = study._replace(outcomes=outcomes, grown=grown)
+    assert "Measured: 4 settings on a (x), 3 sizes of the growth on b (y)" in _list_facts(
+        spread, ABOUT
+    )
+    assert {one["machine"] for one in describe(spread, ABOUT)["growth"]} == {"b (y)"}
+    assert not any("machine" in one for one in describe(study, ABOUT)["growth"])
 
 
 def test_what_missed_is_named_and_never_recommended():

@@ -1,11 +1,14 @@
+import copy
+
 import numpy as np
 import pinocchio
 import pytest
 
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
-from armguard.robot import Kinematics
-from armguard.studies.tradeoff.scene import CLEARANCE, make_scene
+from armguard.robot import Kinematics, Robot
+from armguard.robot.operating_limits import OperatingLimits
+from armguard.studies.tradeoff.scene import CLEARANCE, Site, find_published, make_scene
 from support.tradeoff_cases import make_site
 
 
@@ -46,7 +49,7 @@ def test_balls_keep_their_distance_and_say_so():
     scene, what = make_scene(make_site(), None, 20, 1.0, 0)
     places = np.concatenate([message.position[:, 0] for message in scene.messages])
     assert np.hypot(*places.T[:2]).min() >= CLEARANCE
-    assert what == "20 balls from 1.2 m on"
+    assert what == "20 balls from 1 m on"
 
 
 def test_all_is_placed_as_the_base_is():
@@ -77,6 +80,33 @@ def test_the_arm_stays_above_its_table():
         q, v = scene.sample(time)
         kinematics.compute(q, v)
         assert (kinematics.centers[:, 2] > -0.3).all()
+
+
+@pytest.mark.parametrize("stated", [None, OperatingLimits(velocity=0.3, acceleration=1.0)])
+def test_the_arm_keeps_to_published_limits_and_to_stated_ones(stated):
+    site = make_site() if stated is None else make_site(operating=stated)
+    scene, _ = make_scene(site, None, 1, 4.0, 0)
+    kept = [find_published(site.robot), *([stated] if stated else [])]
+    times = np.linspace(0.0, 4.0, 4001)
+    v = np.array([scene.sample(time)[1] for time in times])
+    for limits in kept:
+        velocity, acceleration = limits.resolve(site.robot)
+        assert (np.abs(v) <= velocity).all()
+        assert (np.abs(np.diff(v, axis=0)) <= acceleration * 1e-3 * (1.0 + 1e-6)).all()
+
+
+@pytest.mark.parametrize("name", ["panda", "ur10"])
+def test_the_arm_is_at_work_whatever_its_limits_are(name):
+    site = Site(Robot.load(name), Obstacles, {})
+    scene, _ = make_scene(site, None, 1, 20.0, 0)
+    v = np.array([scene.sample(time)[1] for time in np.linspace(0.0, 20.0, 401)])
+    assert (np.abs(v) / site.robot.velocity_limit).max() > 0.1
+
+
+def test_an_arm_of_which_nothing_is_published_has_none():
+    robot = copy.copy(make_site().robot)
+    robot.published_operating_limits = None
+    assert find_published(robot) is None
 
 
 def test_a_recording_that_is_none_is_refused(tmp_path):
