@@ -172,6 +172,19 @@ def test_two_arms_that_obey_go_for_one_another_and_never_touch():
     assert min(speeds.values()) == 0.0
 
 
+def test_the_two_arms_of_baxter_watch_each_other_and_may_move():
+    arms = {"left": baxter_left(), "right": armguard.Robot.load("baxter", joints=["right_*"])}
+    for own, other in (("left", "right"), ("right", "left")):
+        obstacles = armguard.Obstacles(sources=[other])
+        monitor = armguard.Monitor(arms[own], obstacles, operating="published")
+        told = armguard.ArmObstacles(arms[other], other, operating="published")
+        told.publish(obstacles, 0.0, STILL, STILL)
+        verdict = monitor.step(0.0, STILL, STILL)
+        assert verdict.level > Level.STOP
+        assert verdict.obstacle.startswith(f"{other} ")
+        assert 0.0 < verdict.contact_time < np.inf
+
+
 def test_what_is_fixed_of_an_arm_stands_in_the_table_in_its_place():
     robot = panda()
     other = armguard.ArmObstacles(robot, "right", base_placement=FACING, placement_error=0.01)
