@@ -63,7 +63,8 @@ def test_no_ball_leaves_what_its_row_allows_however_the_joints_move(make_robot, 
     ]
     joint = np.concatenate([np.full(len(some), number) for number, some in spheres])
     local = np.concatenate([some for _, some in spheres])[:, :3]
-    told, tightest = Told(), -np.inf
+    free = armguard.ArmObstacles(robot, base_placement=FACING)
+    told, plain, tightest, naive = Told(), Told(), -np.inf, -np.inf
     lower, upper = robot.lower_position_limit, robot.upper_position_limit
     for _ in range(60):
         arm.q = lower + generator.uniform(0.2, 0.8, 7) * (upper - lower)
@@ -71,6 +72,7 @@ def test_no_ball_leaves_what_its_row_allows_however_the_joints_move(make_robot, 
         wrong = generator.choice([-1.0, 1.0], (2, 7))
         measured = arm.q + wrong[0] * robot.position_error, arm.v + wrong[1] * robot.velocity_error
         other.publish(told, 0.0, *measured)
+        free.publish(plain, 0.0, *measured)
         centers, velocities, _, accel, speed, error, velocity_error = told.fields
         # Along the row's own velocity, against it, and anywhere: for a while, then another way.
         directions = generator.normal(size=(40, 3))
@@ -89,7 +91,12 @@ def test_no_ball_leaves_what_its_row_allows_however_the_joints_move(make_robot, 
             closing = velocities @ directions.T + velocity_error[:, None]
             allowed = go_on(closing, accel[:, None], speed[:, None], time) + error[:, None]
             tightest = max(tightest, float((moved - allowed).max()))
+            closing = plain.fields[1] @ directions.T + plain.fields[6][:, None]
+            allowed = go_on(closing, accel[:, None], speed[:, None], time) + error[:, None]
+            naive = max(naive, float((moved - allowed).max()))
     assert tightest <= 1e-12
+    if share is not None and share < 1.0:
+        assert naive > 0.01, "a free body with these bounds would not brake so hard"
 
 
 def fight(*, is_obeying, both=False, seconds=2.0, rate=250.0):
