@@ -63,7 +63,8 @@ def test_no_ball_leaves_what_its_row_allows_however_the_joints_move(make_robot, 
     ]
     joint = np.concatenate([np.full(len(some), number) for number, some in spheres])
     local = np.concatenate([some for _, some in spheres])[:, :3]
-    told, tightest = Told(), -np.inf
+    free = armguard.ArmObstacles(robot, base_placement=FACING)
+    told, plain, tightest, naive = Told(), Told(), -np.inf, -np.inf
     lower, upper = robot.lower_position_limit, robot.upper_position_limit
     for _ in range(60):
         arm.q = lower + generator.uniform(0.2, 0.8, 7) * (upper - lower)
@@ -71,6 +72,7 @@ def test_no_ball_leaves_what_its_row_allows_however_the_joints_move(make_robot, 
         wrong = generator.choice([-1.0, 1.0], (2, 7))
         measured = arm.q + wrong[0] * robot.position_error, arm.v + wrong[1] * robot.velocity_error
         other.publish(told, 0.0, *measured)
+        free.publish(plain, 0.0, *measured)
         centers, velocities, _, accel, speed, error, velocity_error = told.fields
         # Along the row's own velocity, against it, and anywhere: for a while, then another way.
         directions = generator.normal(size=(40, 3))
@@ -89,7 +91,12 @@ def test_no_ball_leaves_what_its_row_allows_however_the_joints_move(make_robot, 
             closing = velocities @ directions.T + velocity_error[:, None]
             allowed = go_on(closing, accel[:, None], speed[:, None], time) + error[:, None]
             tightest = max(tightest, float((moved - allowed).max()))
+            closing = plain.fields[1] @ directions.T + plain.fields[6][:, None]
+            allowed = go_on(closing, accel[:, None], speed[:, None], time) + error[:, None]
+            naive = max(naive, float((moved - allowed).max()))
     assert tightest <= 1e-12
+    if share is not None and share < 1.0:
+        assert naive > 0.01, "a free body with these bounds would not brake so hard"
 
 
 def fight(*, is_obeying, both=False, seconds=2.0, rate=250.0):
@@ -170,6 +177,19 @@ def test_two_arms_that_obey_go_for_one_another_and_never_touch():
     assert touched is None
     assert Level.STOP in levels
     assert min(speeds.values()) == 0.0
+
+
+def test_the_two_arms_of_baxter_watch_each_other_and_may_move():
+    arms = {"left": baxter_left(), "right": armguard.Robot.load("baxter", joints=["right_*"])}
+    for own, other in (("left", "right"), ("right", "left")):
+        obstacles = armguard.Obstacles(sources=[other])
+        monitor = armguard.Monitor(arms[own], obstacles, operating="published")
+        told = armguard.ArmObstacles(arms[other], other, operating="published")
+        told.publish(obstacles, 0.0, STILL, STILL)
+        verdict = monitor.step(0.0, STILL, STILL)
+        assert verdict.level > Level.STOP
+        assert verdict.obstacle.startswith(f"{other} ")
+        assert 0.0 < verdict.contact_time < np.inf
 
 
 def test_what_is_fixed_of_an_arm_stands_in_the_table_in_its_place():

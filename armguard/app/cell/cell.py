@@ -180,7 +180,7 @@ class Cell:
                 ArmObstacles,
                 base_placement=pinocchio.SE3(base.rotation, base.translation),
                 placement_error=own_error + other.calibration_error,
-                operating=self._make_operating(robot, other.operating),
+                operating=self._read_operating(robot, other.operating),
             )
             made.append(self._attempt("robots", make, robot, other.name))
         return made
@@ -385,7 +385,7 @@ class Cell:
             "ignore": self._expand_ignore(robot),
             "base_placement": pinocchio.SE3(base.rotation, base.translation),
             "separation": self._attempt("", self._make_rule),
-            "operating": self._make_operating(robot, self.tables.robot.operating),
+            "operating": self._make_operating(robot),
         }
 
     def _list_bounds(
@@ -413,10 +413,13 @@ class Cell:
             numbers["human_speed"] = None
         return SeparationRule(**numbers)
 
-    def _make_operating(
+    def _make_operating(self, robot: Robot) -> OperatingLimits | None:
+        """What the controller keeps to; None if the file does not say."""
+        return self._read_operating(robot, self.tables.robot.operating)
+
+    def _read_operating(
         self, robot: Robot, table: OperatingTable | str | UnsetType
     ) -> OperatingLimits | None:
-        """What a robot's controller keeps to; None if the file does not say."""
         if table is UNSET:
             return None
         if isinstance(table, str):
