@@ -425,7 +425,7 @@ class Monitor:
         For each set of bodies that may be attached at the same time, before the loop or where a
         late step does no harm, for it takes some 100 ms. Then `robot.attach_prepared` and
         `robot.detach` between two steps are taken in by the next one in about half a millisecond,
-        the evaluation of all obstacles apart. Nothing changes until then, and nothing is wrong without.
+        in which all obstacles are evaluated anew. Nothing changes until then.
 
         Args:
             bodies: What `Robot.prepare` made, to be attached beside what is attached now.
