@@ -818,7 +818,7 @@ class Monitor:
                 states,
                 [
                     Reason(
-                        ReasonKind.PAIR_IGNORED if one.count else ReasonKind.PAIR_WATCHED,
+                        ReasonKind.PAIR_IGNORED if one.left_out else ReasonKind.PAIR_WATCHED,
                         str(one.exemption),
                         one.detail,
                     )
