@@ -423,9 +423,9 @@ class Monitor:
         """Lay out the arm as it will be with some bodies attached, so that no step waits for it.
 
         For each set of bodies that may be attached at the same time, before the loop or where a
-        late step does no harm, for it takes a fifth of a second. Then `robot.attach_prepared` and
-        `robot.detach` between two steps are taken in by the next one in less than a millisecond,
-        and the obstacles evaluated anew. Nothing changes until then, and nothing is wrong without.
+        late step does no harm, for it takes some 100 ms. Then `robot.attach_prepared` and
+        `robot.detach` between two steps are taken in by the next one in about half a millisecond,
+        in which all obstacles are evaluated anew. Nothing changes until then.
 
         Args:
             bodies: What `Robot.prepare` made, to be attached beside what is attached now.
@@ -818,7 +818,7 @@ class Monitor:
                 states,
                 [
                     Reason(
-                        ReasonKind.PAIR_IGNORED if one.count else ReasonKind.PAIR_WATCHED,
+                        ReasonKind.PAIR_IGNORED if one.left_out else ReasonKind.PAIR_WATCHED,
                         str(one.exemption),
                         one.detail,
                     )

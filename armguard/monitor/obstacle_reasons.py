@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.obstacles import Obstacles
-from armguard.verdict import Reason, ReasonKind
+from armguard.verdict import Effect, Reason, ReasonKind
 
 
 def take_obstacle_reasons(
@@ -35,6 +35,13 @@ def take_obstacle_reasons(
     for fault in obstacles.take_faults():
         named.add(fault.id)
         reasons.append(_as_reason(fault))
+    dropped = obstacles.take_dropped_faults()
+    if dropped:
+        # Those that stop the arm are kept first: of such there are more only where some are told.
+        stops = any(one.kind.effect is Effect.STANDING for one in reasons)
+        kind = ReasonKind.CALL_REFUSED if stops else ReasonKind.OBSTACLE_REFUSED
+        some = "1 fault" if dropped == 1 else f"{dropped} faults"
+        reasons.append(Reason(kind, "", f"and {some} more since the last step than are kept"))
     for name in obstacles.unplaced():
         if name not in named:
             reasons.append(Reason(ReasonKind.OBSTACLE_REFUSED, name, str(FaultKind.TABLE_FULL)))

@@ -73,6 +73,7 @@ class FaultQueue:
     def __init__(self) -> None:
         self.count = 0
         self.dropped = 0
+        self._dropped_before = 0
         self.waiting: list[Fault] = []
 
     def leave(
@@ -99,6 +100,11 @@ class FaultQueue:
         """The faults since the last call, oldest first; the queue is empty afterwards."""
         taken, self.waiting = self.waiting, []
         return taken
+
+    def take_dropped(self) -> int:
+        """How many faults were dropped since the last call."""
+        dropped, self._dropped_before = self.dropped - self._dropped_before, self.dropped
+        return dropped
 
 
 class Unplaced:

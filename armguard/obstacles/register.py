@@ -286,6 +286,10 @@ class ObstacleRegister:
             self.journal.note_faults_taken()
         return self._faults.take()
 
+    def take_dropped_faults(self) -> int:
+        """How many faults found no room since the last call: too many came between two steps."""
+        return self._faults.take_dropped()
+
     @property
     def fault_count(self) -> int:
         """Faults since construction, taken or not."""

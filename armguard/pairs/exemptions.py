@@ -65,7 +65,7 @@ class State(NamedTuple):
     """What an exemption does in a tick."""
 
     exemption: Exemption
-    count: int
+    left_out: int
     """How many obstacles it leaves out."""
     detail: str
     """That, and why not others, in words."""
@@ -266,15 +266,15 @@ class Exemptions:
                 self._follow_rows(entry)
         lines = [f"no longer exempt: {one}" for one in self._ended]
         for entry in self._entries:
-            before, grounds, count = entry.left_out, entry.grounds, entry.state.count
+            before, grounds, count = entry.left_out, entry.grounds, entry.state.left_out
             until = entry.exemption.until
             entry.grounds = horizon < math.inf, _rests_before(until, now, horizon)
             entry.left_out = self._find_left_out(entry, now, horizon)
             if is_changed or grounds != entry.grounds or not np.array_equal(before, entry.left_out):
                 is_changed = True
                 entry.state = _describe(entry)
-                if (entry.state.count > 0) is not (count > 0):
-                    word = "not watched" if entry.state.count else "watched again"
+                if (entry.state.left_out > 0) is not (count > 0):
+                    word = "not watched" if entry.state.left_out else "watched again"
                     lines.append(f"{word}: {entry.exemption} ({entry.state.detail})")
         ended, self._ended = tuple(self._ended), []
         if not (is_changed or ended):

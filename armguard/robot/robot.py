@@ -261,8 +261,8 @@ class Robot:
 
         A monitor that runs takes it in at its next step, and looks at all its pairs at once. The
         cover is fitted before that, in about half a second for a sphere or a box and several
-        seconds for a capsule or a fine mesh, and that step takes a fifth of a second more: where
-        steps must not wait, `prepare` does the first ahead, and `Monitor.prepare` the second.
+        seconds for a capsule or a fine mesh, and that step takes some 100 ms more: where steps
+        must not wait, `prepare` does the first ahead, and `Monitor.prepare` the second.
 
         Args:
             name: What the new link is to be called.
@@ -307,7 +307,7 @@ class Robot:
         return PreparedBody(link, body, Cover.fit(body, spheres=SPHERES))
 
     def attach_prepared(self, prepared: PreparedBody) -> None:
-        """Attach a body whose cover is fitted already, in some ten microseconds.
+        """Attach a body whose cover is fitted already, in less than a millisecond.
 
         Args:
             prepared: What `prepare` returned, of this robot or another one with such a link.

@@ -1,6 +1,6 @@
 """Arms that are laid out ahead: to attach a body must not take longer than a tick.
 
-To lay out an arm takes a fifth of a second, mostly for what bounds its motion in all postures. None
+To lay out an arm takes some 100 ms, mostly for what bounds its motion in all postures. None
 of that depends on the tick, so it is done before the body is attached, and kept when one is taken
 off, for it may come again.
 """

@@ -4,7 +4,8 @@ import pytest
 from armguard import Obstacles, Source
 from armguard.exceptions import ArmguardError
 from armguard.monitor.obstacle_reasons import take_obstacle_reasons
-from armguard.obstacles import sources
+from armguard.obstacles import FaultKind, sources
+from armguard.obstacles.faults import CAPACITY
 from armguard.verdict import Effect, ReasonKind
 
 STILL = [[0.0, 0.0, 0.0]]
@@ -146,3 +147,16 @@ def test_removals_of_what_is_not_there_are_told_and_stop_nothing(obstacles):
     assert told == [ReasonKind.REMOVAL_IGNORED] * 2
     assert ReasonKind.REMOVAL_IGNORED.effect is Effect.NOTE
     assert obstacles.row("ball") >= 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "effect"), [("MALFORMED", Effect.STANDING), ("SHARED_ID", Effect.NOTE)]
+)
+def test_what_found_no_room_in_the_queue_is_told_in_number(obstacles, kind, effect):
+    for number in range(CAPACITY + 5):
+        obstacles._faults.leave(FaultKind[kind], "camera", "", "ids", f"{number}", 1.0)
+    reasons = take_obstacle_reasons(obstacles, 1.0, 0.2, 0.3)
+    assert len(reasons) == CAPACITY + 1
+    assert "5 faults more" in reasons[-1].detail
+    assert {reason.kind.effect for reason in reasons} == {effect}
+    assert kinds(obstacles) == []

@@ -19,6 +19,7 @@ def test_faults_beyond_the_capacity_are_counted():
         queue.leave(FaultKind.NEGATIVE, "camera", f"{k}", "radius", -1.0, 0.0)
     assert len(queue.take()) == CAPACITY
     assert (queue.count, queue.dropped) == (CAPACITY + 3, 3)
+    assert (queue.take_dropped(), queue.take_dropped()) == (3, 0)
 
 
 def test_notes_make_room_for_faults_that_stop_the_arm():

@@ -35,7 +35,7 @@ def test_a_pair_is_left_out_until_the_arm_might_not_rest_before_the_end():
     assert change.rows.tolist() == [obstacles.row("fixture")]
     assert left_out(obstacles, exemptions, "fixture") == {"panda_hand"}
     (state,) = exemptions.states
-    assert state.count == 1
+    assert state.left_out == 1
     assert "until 2.000 s" in state.detail
     assert len(exemptions.update(1.69, 0.3).rows) == 0
     # 0.31 s before its end, with an arm that rests in 0.3 s, it still counts; then no more.
@@ -82,7 +82,7 @@ def test_a_zone_holds_those_that_stay_in_it():
     assert exemptions.update(0.0, 0.2).rows.tolist() == [obstacles.row("part1", "camera")]
     assert "2 of 3" not in exemptions.states[0].detail
     exemptions.update(30.0, 0.1)
-    assert exemptions.states[0].count == 0
+    assert exemptions.states[0].left_out == 0
 
 
 def test_both_a_time_and_a_zone_must_allow_it():

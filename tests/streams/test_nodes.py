@@ -227,6 +227,35 @@ def test_a_plan_arrives_in_the_order_of_the_watched_joints(address):
     assert edge.joint_state.path_time == 0.25
 
 
+def test_what_is_asked_of_contact_arrives(address):
+    clock = MonotonicClock()
+    faults = FaultLog(clock.now)
+    edge = Edge(Obstacles(), ["a"], clock, faults, reset_token="sesame")
+    source = SocketInput(address)
+    until, corners, found = time.monotonic() + 60.0, np.vstack([np.zeros(3), np.eye(3)]), []
+    with Publisher(source.address) as publisher:
+        attend(source, lambda: publisher.wait(0.001))
+        numbers = [
+            publisher.ignore("sesame", "hand", "part*", "camera", until=until),
+            publisher.ignore("sesame", "*", "bin", zone=corners),
+        ]
+        publisher.watch(numbers[0])
+        with pytest.raises(StreamError, match="zone: has shape"):
+            publisher.ignore("sesame", "*", "bin", zone=corners[:, :2])
+        end = time.monotonic() + PATIENCE
+        while len(found) < 3 and time.monotonic() < end:
+            edge.drain([source])
+            found += edge.exemptions
+    source.close()
+    assert faults.total == 0
+    timed, zoned, ended = found
+    assert timed[:5] == (numbers[0], False, "hand", "part*", "camera")
+    assert timed.until == pytest.approx(until - edge.offset, abs=1e-3)
+    assert zoned.number == numbers[1] != numbers[0]
+    assert np.array_equal(zoned.zone, corners)
+    assert ended[:2] == (numbers[0], True)
+
+
 def test_no_two_publishers_give_plans_the_same_number(tmp_path):
     """Nor does one that starts anew: an answer to the old plan would be taken for the new one's."""
     numbers = set()
