@@ -24,6 +24,7 @@ from armguard.cover.report import CoverReport, report_link
 from armguard.cover.sphere_tree import GRID, SphereTree
 from armguard.exceptions import CoverError
 from armguard.jit.arrays import FloatArray
+from armguard.jit.kept_results import keep_results
 
 CoverTree = SphereTree
 
@@ -35,6 +36,8 @@ FARTHEST = 100.0
 """How far a link may be from the origin of its joint, in [m]."""
 MOST_SPHERES = 500
 """More leaves a link would take hours to fit, and slow down each tick."""
+MOST_KEPT = 64
+"""Fitted trees that are kept: those of the links of a few arms and of what they hold."""
 
 
 class Surfaces(Protocol):
@@ -100,10 +103,10 @@ class Cover:
         for link, surface in surfaces.items():
             if on_link is not None:
                 on_link(link)
-            tree = fit_tree(surface, spheres=spheres, protrusion=protrusion)
-            if not is_contained(surface, tree):
+            tree = _fit_proved(surface, spheres, protrusion)
+            if tree is None:
                 raise CoverError(f"link {link!r}", "its fitted spheres could not be proved")
-            trees[link] = tighten(surface, tree)
+            trees[link] = tree
             geometry[link] = hash_surface(surface)
         return cls(trees, geometry)
 
@@ -306,6 +309,18 @@ def get_surface(robot: Surfaces, link: str) -> FloatArray:
             remedy="give lengths in metres",
         )
     return surface
+
+
+@keep_results(MOST_KEPT)
+def _fit_proved(
+    surface: FloatArray, spheres: int | None, protrusion: float | None
+) -> SphereTree | None:
+    """A tree that is proved to contain a surface, as small as that allows; None: no proof.
+
+    What is held again and again is fitted once.
+    """
+    tree = fit_tree(surface, spheres=spheres, protrusion=protrusion)
+    return tighten(surface, tree) if is_contained(surface, tree) else None
 
 
 def hash_surface(surface: FloatArray) -> str:

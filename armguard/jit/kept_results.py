@@ -11,11 +11,15 @@ import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import numpy as np
+
 Result = TypeVar("Result")
 
 
 def keep_results(most: int) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
-    """Decorate a function of arrays whose results depend on them alone, and are never changed.
+    """Decorate a function of arrays and numbers whose results depend on them alone.
+
+    They are shared by all who ask, and so must not be changed.
 
     What it raises is raised again each time. Any thread may call it.
 
@@ -28,13 +32,13 @@ def keep_results(most: int) -> Callable[[Callable[..., Result]], Callable[..., R
         lock = threading.Lock()
 
         @functools.wraps(function)
-        def find(*arrays: Any) -> Result:
-            key = tuple((array.dtype.str, array.shape, array.tobytes()) for array in arrays)
+        def find(*arguments: Any) -> Result:
+            key = tuple(map(_describe, arguments))
             with lock:
                 if key in kept:
                     kept[key] = kept.pop(key)  # now the youngest
                     return kept[key]
-            result = function(*arrays)
+            result = function(*arguments)
             with lock:
                 kept[key] = result
                 while len(kept) > most:
@@ -44,3 +48,10 @@ def keep_results(most: int) -> Callable[[Callable[..., Result]], Callable[..., R
         return find
 
     return decorate
+
+
+def _describe(argument: Any) -> tuple[Any, ...]:
+    """What tells an argument from all others."""
+    if isinstance(argument, np.ndarray):
+        return argument.dtype.str, argument.shape, argument.tobytes()
+    return type(argument), argument

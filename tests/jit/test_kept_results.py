@@ -44,6 +44,17 @@ def test_anything_else_is_computed_anew(add, calls, other):
     assert len(calls) == 3
 
 
+def test_numbers_count_with_their_kind():
+    @keep_results(4)
+    def describe(array, number):
+        return repr(number)
+
+    array = np.zeros(1)
+    asked = (1, 1.0, True, None)
+    for _ in range(2):
+        assert [describe(array, one) for one in asked] == [repr(one) for one in asked]
+
+
 def test_an_array_that_is_changed_in_place_is_another_one(add):
     array = np.array([1.0, 2.0])
     assert add(array, array) == 6.0
