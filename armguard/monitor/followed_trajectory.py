@@ -24,6 +24,7 @@ from armguard.bounds.planned.following import check_following, find_disagreement
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
 from armguard.bounds.planned.slabs import PathClock
+from armguard.jit.arrays import FloatArray
 from armguard.jit.numerics import LIMIT_SLACK
 from armguard.monitor.plan_verdict import (
     CourseContact,
@@ -55,6 +56,8 @@ class Trajectory(NamedTuple):
     """How fast its clock can surely be slowed down anywhere on it, in [1]/[s]; 0 or less: not."""
     stop_lasting: float
     """How long a stop on the path lasts once brakes bite, in [s]."""
+    top_speed: FloatArray
+    """The greatest speed of each joint on it, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
     is_told: bool = False
     """Whether the arm has said so; else it is on time, or was when it was taken."""
 
@@ -172,7 +175,8 @@ class FollowedTrajectory:
         # Until it begins, joints may be off it at any speed.
         stopping = motion.find_path_stop(checked, self._path_deceleration)
         since = max(now + self._latency, checked.stamp)
-        new = Trajectory(checked, since, along, *stopping)
+        top_speed = find_top_speeds(checked.times, checked.q, checked.v)
+        new = Trajectory(checked, since, along, *stopping, top_speed)
         self._trajectories.append(new)
         self._forget_proof()
         self._stamp = max(self._stamp, stamp)
@@ -276,6 +280,17 @@ class FollowedTrajectory:
         if pace == 1.0:
             return self._is_free(tick, told_after)
         return self._find_contact(tick, told_after, pace)[0].time == math.inf
+
+    def find_gain(self) -> float:
+        """How much sooner an arm rests whose clock stands still than one at full pace, in [s].
+
+        Both are told to stop after the next tick. Of a stop on the path nothing says that a slow
+        clock could not be at full pace again by then.
+        """
+        if self._on_path:
+            return 0.0
+        motion, delay = self._planned_motion(), self._response_time + self._reaction_time
+        return max(motion.find_gain(one.top_speed, delay) for one in self._trajectories)
 
     def _is_free(self, tick: Tick, told_after: float) -> bool:
         """Whether the arm surely rests before contact, told to stop only after some time, in [s].

@@ -289,12 +289,14 @@ class Judge:
         # Where brakes are not stated for what joints can do by then, there is no such time.
         is_late_known = not is_followed or stopping.covers(tick)
         if not (is_late_known and contact_time > tick.late_stop_time):
-            is_free = path.is_free if path is not None and is_followed else None
-            if path is not None and is_free is not None and path.is_on_time:
+            if path is None or not is_followed:
+                scale = stopping.find_scale(tick)
+            elif path.is_on_time:
                 # Its clock is time itself, so there is no search: it goes on, or it does not.
-                scale = 1.0 if is_free(tick, stopping.looks_ahead, 1.0) else 0.0
+                scale = 1.0 if path.is_free(tick, stopping.looks_ahead, 1.0) else 0.0
             else:
-                scale = stopping.find_scale(tick, is_free)
+                # What is looked at for longer than a slower clock could gain only costs work.
+                scale = stopping.find_scale(tick, path.is_free, path.find_gain())
         return min(scale, most)
 
     def _find_most_scale(self, stopping: StopDecision) -> float:

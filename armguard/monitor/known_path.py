@@ -155,6 +155,10 @@ class KnownPath:
         """Whether the arm surely rests if its clock keeps to a pace; see `FollowedTrajectory`."""
         return self._trajectory.is_free(tick, told_after, pace)
 
+    def find_gain(self) -> float:
+        """How much sooner an arm on a trajectory rests if its clock stands still, in [s]."""
+        return self._trajectory.find_gain()
+
     def compile(self, tick: Tick) -> None:
         """Run once what only some ticks need, so that nothing is compiled in a tick.
 

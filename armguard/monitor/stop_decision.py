@@ -62,6 +62,7 @@ class StopDecision:
     def reset(self) -> None:
         """Forget the speed scale that was found last."""
         self._found, self._asked_in = 1.0, -1
+        self._told_after = self.looks_ahead
         self._raise = STEP
         self._raise_at = -math.inf
 
@@ -92,10 +93,13 @@ class StopDecision:
         braking = self._scheduler.arm.motion.braking
         return braking.covers(tick.v, tick.arm_age, self.looks_ahead)
 
-    def find_scale(self, tick: Tick, is_free: IsFree | None = None) -> float:
+    def find_scale(
+        self, tick: Tick, is_free: IsFree | None = None, longest: float = math.inf
+    ) -> float:
         """The greatest fraction of their operating velocities at which joints may go on, in [0, 1].
 
-        Of an arm on a known path it is its clock that is scaled, and `is_free` that is asked.
+        Of an arm on a known path it is its clock that is scaled, and `is_free` that is asked; what
+        it promises lasts no longer than `longest`, in [s].
 
         An arm whose joints are no faster may go on so for as long as a STOP takes to reach the
         brakes, at most `LONGEST_PROMISE`, and surely rests before contact if the next verdict
@@ -107,6 +111,7 @@ class StopDecision:
         takes one question, and one more now and then whether a higher scale would do; only where
         the last scale is safe no more, it is a bisection.
         """
+        self._told_after = min(self.looks_ahead, self._response_time + longest)
         found = self._found
         if tick.number != self._asked_in + 1:
             # Nothing was slow in between, so the arm may go at full speed until something is found.
@@ -139,7 +144,7 @@ class StopDecision:
         if scale == 0.0:
             return True
         if is_free is not None:
-            return is_free(tick, self.looks_ahead, scale)
+            return is_free(tick, self._told_after, scale)
         if scale == 1.0:
             return self._is_whole_safe(tick)
         table = self._scheduler.arm.motion.braking.tabulate(

@@ -109,7 +109,8 @@ class Rule:
         stops_on_path: Whether the arm stops on its path; else each joint by itself.
         goes_at_once: Whether an arm that obeys goes on as soon as it may.
         has_scale: Whether it says how fast the arm may go on.
-        speed_limit: What joints are to keep to by its last judgement, in [rad]/[s]. Shape (nv,).
+        speed_limit: What joints are to keep to by its last judgement that let the arm go on, in
+            [rad]/[s]: a STOP is for the brakes, and takes as long for whoever obeys. Shape (nv,).
         pace_limit: The same of the arm's clock along its way.
         price: Time that the last judgement took, in [s].
     """
@@ -262,6 +263,7 @@ class MonitorRule(Rule):
         self._table.remove([name for name in self._table.ids if name])
         self.monitor.reset()
         self._next, self._begin = 0, begin
+        self.speed_limit, self.pace_limit = np.inf, 1.0
 
     def judge(self, moment: Moment) -> bool:
         """Whether the arm may go on."""
@@ -276,8 +278,10 @@ class MonitorRule(Rule):
 
     def _judge(self, moment: Moment) -> bool:
         self.verdict = self.monitor.step(moment.now, moment.arm.q, moment.arm.v)
+        if self.verdict.level is Level.STOP:
+            return False
         self.speed_limit = self.verdict.speed_scale * self._speeds
-        return self.verdict.level is not Level.STOP
+        return True
 
 
 class ContactTimeRule(MonitorRule):
@@ -313,11 +317,13 @@ class FollowingRule(MonitorRule):
             self._leg = None
         if self._leg != arm.legs and (arm.rests or not arm.braking):
             self._follow(moment)
+        if self.verdict.level is Level.STOP:
+            return False
         # Along a known path a scale is one of the arm's clock, and else one of its joints.
         scale, is_followed = self.verdict.speed_scale, self._leg is not None
         self.pace_limit = scale if is_followed else 1.0
         self.speed_limit = np.inf if is_followed else scale * self._speeds
-        return self.verdict.level is not Level.STOP
+        return True
 
     def _follow(self, moment: Moment) -> None:
         arm = moment.arm

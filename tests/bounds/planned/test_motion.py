@@ -15,7 +15,8 @@ from armguard.bounds.table_time import ArmSphere
 from armguard.contact.bodies import Bounds, Hull
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
-from armguard.robot import Kinematics
+from armguard.robot import Kinematics, OperatingLimits
+from armguard.robot.operating_limits import LimitsInForce
 from support.example_arms import load_holding
 from support.hostile_joints import STEP
 from support.motion_questions import HAND_POINT, unit
@@ -216,3 +217,16 @@ def test_a_stop_on_the_path_lasts_as_long_as_is_said(robot, motion):
         course = motion.lay_out_stop(checked, clock, 0.05, on_path=True)
         assert course.end[-1] <= 0.05 + lasting + 1e-9
     assert found > 5
+
+
+def test_what_slowing_down_gains_is_how_much_sooner_a_slow_arm_rests():
+    robot, delay = load_holding("panda"), 0.1
+    in_force = LimitsInForce(robot, OperatingLimits(acceleration=1.0))
+    motion, speeds = PlannedMotion(robot, in_force=in_force), np.full(7, 0.5)
+    again = robot.velocity_error + 1.0 * delay
+    assert (again < speeds).all()
+    rests = [(pace / robot.braking_deceleration).max() for pace in (speeds, again)]
+    assert motion.find_gain(speeds, delay) == pytest.approx(rests[0] - rests[1], rel=1e-6)
+    # By the hardware's limits joints are as fast again by then.
+    in_force.suspend()
+    assert motion.find_gain(speeds, delay) == 0.0
