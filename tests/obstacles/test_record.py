@@ -8,13 +8,13 @@ from armguard.obstacles.table import States, make_states
 
 
 def test_a_record_has_what_the_table_keeps_of_a_state():
-    assert set(Record._fields) - {"count"} == set(States._fields) - {"point_count"}
+    assert set(Record._fields) - {"size"} == set(States._fields) - {"point_count"}
     states = make_states(3, 2)
     for number, array in enumerate(states):
         array[1] = number + 1
     record = record_of.py_func(states, 1, 0.5, 2.0, 3.0)
     assert (record.radius, record.accel, record.speed) == (0.5, 2.0, 3.0)
-    assert record.count == states.point_count[1]
+    assert record.size == states.point_count[1]
     for field in ("points", "velocities", "position_error", "velocity_error", "stamp"):
         assert np.array_equal(getattr(record, field), getattr(states, field)[1])
 
