@@ -15,9 +15,10 @@ that all see the same motion:
 - snapshot: the same, all of them anew in each cloud;
 - voxels + door: with an entrance behind the person, 2 m from the arm's base.
 
-Printed: rows in the table, what a cloud takes to filter and to take in, what the tick after a
-message takes and the others, in milliseconds, and the share of ticks in STOP. Times are of one
-core.
+Printed: seconds of the scene that were supervised, rows in the table, what a cloud takes to filter
+and to take in, what the tick after a message takes and the others, in milliseconds, and the share
+of ticks in STOP. Times are of one core. A row ends when it has taken `--limit` seconds: its share
+of STOP is then that of the scene's beginning.
 """
 
 from __future__ import annotations
@@ -124,8 +125,11 @@ def run(way: str, robot: Robot, scene: Scene) -> list[str]:
     filtering, intake, after, others, rows = [], [], [], [], []
     gc.collect()
     gc.disable()
+    end = time.monotonic() + options.limit
     ticks = range(0, scene.ticks, round(RATE / options.rate))
     for tick in ticks:
+        if time.monotonic() > end:
+            break
         now, is_seen = tick / RATE, tick % EVERY == 0
         if is_seen and way in WAYS[:2]:
             position, velocity = scene.person.sample(now)
@@ -166,8 +170,9 @@ def run(way: str, robot: Robot, scene: Scene) -> list[str]:
         f"{1e3 * np.median(taken):.2f} / {1e3 * np.quantile(taken, 0.99):.2f}" if taken else "-"
         for taken in (filtering, intake, after, others)
     ]
-    share = f"{100.0 * stops / len(ticks):.1f} %"
-    return [f"{np.median(rows):.0f} / {max(rows)}", *spent, share]
+    share = f"{100.0 * stops / len(rows):.1f} %"
+    seconds = f"{len(rows) / options.rate:.2f}"
+    return [seconds, f"{np.median(rows):.0f} / {max(rows)}", *spent, share]
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -178,6 +183,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--rays", type=int, nargs=2, default=(160, 125), help="across and down")
     parser.add_argument("--voxel", type=float, default=0.05, help="edge, in [m]")
     parser.add_argument("--speed", type=float, default=0.1, help="share of the joints' limits")
+    parser.add_argument("--limit", type=float, default=120.0, help="seconds that a row may take")
     parser.add_argument("--ways", choices=WAYS, nargs="+", default=WAYS)
     options = parser.parse_args(arguments)
     robot = Robot.load("panda")
@@ -188,7 +194,7 @@ def main(arguments: list[str] | None = None) -> None:
         f"{across * down:,} points at {RATE / EVERY:.0f} Hz, voxels of {options.voxel:g} m, "
         f"errors of {1e3 * scene.error:.0f} mm; ms, median / p99"
     )
-    columns = ("rows, most", "filter", "intake", "tick after", "other ticks", "STOP")
+    columns = ("seconds", "rows, most", "filter", "intake", "tick after", "other ticks", "STOP")
     print(f"{'':<14}" + "".join(f"{title:>16}" for title in columns))
     for way in options.ways:
         cells = run(way, robot, scene)

@@ -359,13 +359,13 @@ class Obstacles(ObstacleRegister):
             ends, begin = read_rays(points, origin)
             mask = read_mask(occupied, len(ends))
             error = read_bound("position_error", position_error, self._extent, "m")
-            self.prepare_clouds()
-            edge = read_edge(voxel, self._clouds.edges.get(source), source)
+            clouds = self._open_clouds()
+            edge = read_edge(voxel, clouds.edges.get(source), source)
             placed, number = self._memory.data.frames, self._frames[frame]
             error += float(placed.position_error[number])
             bounds = self.bounds.find(["voxel"])
             rate, pace = (float(np.max(bound)) for bound in bounds)
-            names, centers, dropped = self._clouds.read(
+            names, centers, dropped = clouds.read(
                 ends,
                 mask,
                 begin,
@@ -392,18 +392,23 @@ class Obstacles(ObstacleRegister):
             )
         finally:
             self.takes_voxels = takes_voxels
-        self._clouds.edges[source] = edge
+        clouds.edges[source] = edge
         if len(ends):
             self.count_points(source, time, len(ends), dropped)
         if not snapshot:
-            gone = self._clouds.find_empty(self._list_unseen(source, names, time), edge, error)
+            gone = clouds.find_empty(self._list_unseen(source, names, time), edge, error)
             if gone:
                 self.remove(gone, time, source)
 
     def prepare_clouds(self) -> None:
         """Compiles what clouds need, so that the first one is like any other."""
+        self._open_clouds()
+
+    def _open_clouds(self) -> CloudReader:
+        """What reads clouds; made when it is wanted first."""
         if self._clouds is None:
             self._clouds = CloudReader()
+        return self._clouds
 
     def _list_unseen(self, source: str, seen: list[str], time: float) -> list[str]:
         """Ids of a source that a message at a time in [s] does not show, and that are older."""

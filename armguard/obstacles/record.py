@@ -11,10 +11,10 @@ class Record(NamedTuple):
     """One measured state of a body, and the bounds that were told with it."""
 
     points: FloatArray
-    """Of the hull, in [m]; the first `count` of them count. Shape (k, 3)."""
+    """Of the hull, in [m]; the first `size` of them count. Shape (k, 3)."""
     velocities: FloatArray
     """Of the points, in [m]/[s]. Shape (k, 3)."""
-    count: int
+    size: int
     """How many points the hull has."""
     radius: float
     """Around the hull, in [m]."""

@@ -45,7 +45,7 @@ def record(
 
 
 def judge(old, new):
-    return body_allows(*(Record(count=len(one["points"]), **one) for one in (old, new)))
+    return body_allows(*(Record(size=len(one["points"]), **one) for one in (old, new)))
 
 
 def judge_plainly(old, new):

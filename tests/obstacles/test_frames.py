@@ -29,6 +29,12 @@ def test_frames_are_checked(frame):
         Obstacles(frames={"cam": frame})
 
 
+@pytest.mark.parametrize("name", ["", "lens \ud800", 3])
+def test_names_of_frames_can_be_written(name):
+    with pytest.raises(ObstacleError, match=r"^frames"):
+        Obstacles(frames={name: Frame(np.eye(3), np.zeros(3))})
+
+
 def test_six_written_digits_are_a_rotation():
     angle = 1.0
     cosine, sine = math.cos(angle), math.sin(angle)
