@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+import re
 import sys
 import tempfile
 import time
@@ -59,7 +60,7 @@ Every URDF of [example-robot-data](https://pypi.org/project/example-robot-data/)
 
     armguard robot new FILE.urdf --out DIR --yes --spheres {SPHERES}
 
-as it is, without any other option: what loads, with how many joints watched and locked, how many links, how many of them as they are drawn, and how many spheres; and what is refused and why. Seconds are processor time on a shared machine, of reading and describing, and of fitting, proving and loading again. Robots of more than {MOST_LINKS} links were described and read, and not fitted: nothing is refused any more there, but it takes many minutes. With `--yes` much is CHOSEN or DERIVED, so a row says that an arm loads, not that its description is right. At most {SPHERES} spheres a link keep the trial short; seven of these arms have covers of 20 mm in [covers](covers.md).
+as it is, without any other option: what loads, with how many joints watched and locked, how many links, how many of them as they are drawn, and how many spheres; and what is refused and why. Seconds are processor time on a shared machine, of reading and describing, and of fitting, proving and loading again. What is "not fitted" was described and read, which is where refusals come from; fitting takes about a minute for an arm, many for the robots of more than {MOST_LINKS} links, which are left out. With `--yes` much is CHOSEN or DERIVED, so a row says that an arm loads, not that its description is right. At most {SPHERES} spheres a link keep the trial short; seven of these arms have covers of 20 mm in [covers](covers.md).
 """
 
 
@@ -84,7 +85,7 @@ def read_arm(path: str) -> dict[str, Any]:
         try:
             prepared = prepare(make_wishes(path, scratch), None, Asker(None, takes_usual=True))
         except ArmguardError as error:
-            return {"refused": str(error)}
+            return {"refused": describe_refusal(error)}
     return {
         "joints": len(prepared.robot.joints),
         "locked": len(prepared.description.locked),
@@ -102,12 +103,17 @@ def fit_arm(path: str) -> dict[str, Any]:
         try:
             made = make_folder(wishes, None, Asker(None, takes_usual=True))
         except ArmguardError as error:
-            return {"refused": str(error)}
+            return {"refused": describe_refusal(error)}
         if not made.report.proved:
             return {"refused": "its cover could not be proved"}
         robot = Robot.load(wishes.out)
     spheres = sum(len(robot.cover.spheres(link)) for link in robot.links)
     return {"spheres": spheres, "fitted": round(time.process_time() - begun, 1)}
+
+
+def describe_refusal(error: ArmguardError) -> str:
+    """What is wrong, with paths as the package has them."""
+    return re.sub(r"/\S*/example-robot-data/robots/", "", str(error))
 
 
 def make_wishes(path: str, scratch: str) -> Wishes:

@@ -64,6 +64,14 @@ def read_urdf(
     except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise RobotError(str(path), f"is not XML: {error}") from error
     _refuse_xacro(path, root)
+    if root.find("link") is None:
+        raise RobotError(
+            str(path),
+            f"has no links below its root <{root.tag}>",
+            expected="a URDF: <robot> of links",
+        )
+    if not root.get("name"):
+        root.set("name", path.stem)  # the reader wants one, and nothing depends on it
     _collide_as_drawn(root, drawn)
     continuous, mimics = _prepare_joints(root, freed)
     _prepare_meshes(root, path.resolve().parent)

@@ -203,3 +203,9 @@ def test_a_joint_that_moves_may_have_the_name_of_a_link(tmp_path):
         joint_xml("wrist", "upper", "hand"),
     )
     assert Robot.from_urdf(path, limits=limits_for("upper", "wrist")).joints == ("upper", "wrist")
+
+
+def test_a_robot_needs_no_name(tmp_path):
+    path = two_links(tmp_path)
+    path.write_text(path.read_text().replace('<robot name="arm">', "<robot>"))
+    assert read_urdf(path).model.name == "arm"
