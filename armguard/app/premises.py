@@ -92,10 +92,10 @@ def _find_figures(monitor: Monitor) -> dict[Premise, str]:
     names = [obstacles.ids[row] for row in obstacles.entrance_rows.tolist()]
     return {
         Premise.PAYLOAD: f"{monitor.payload:g} kg",
-        Premise.OPERATING: "none are" if settings.operating is None else "they are",
+        Premise.OPERATING: "none are stated" if settings.operating is None else "stated",
         Premise.OBEDIENCE: f"within {1e3 * settings.reaction_time:g} ms; "
         f"a verdict is valid for {1e3 * settings.response_time:g} ms",
         Premise.OBSTACLES: f"{table.accel:g} m/s² and {table.speed:g} m/s, unless told otherwise",
         Premise.FIRST_SIGHT: f"entrances: {', '.join(names) if names else 'none'}",
-        Premise.CLOCKS: f"verdicts: {1e3 * settings.latency:g} ms",
+        Premise.CLOCKS: f"latency of verdicts: {1e3 * settings.latency:g} ms",
     }

@@ -18,8 +18,8 @@ def test_what_a_monitor_was_told_stands_beside_them():
     told = dict(zip(Premise, list_premises(monitor), strict=True))
     assert told[Premise.LIMITS] == list_premises()[0]
     assert told[Premise.PAYLOAD].endswith("(0.5 kg)")
-    assert told[Premise.OPERATING].endswith("(none are)")
+    assert told[Premise.OPERATING].endswith("(none are stated)")
     assert "within 30 ms; a verdict is valid for 5 ms" in told[Premise.OBEDIENCE]
     assert "7 m/s² and 1.5 m/s" in told[Premise.OBSTACLES]
     assert told[Premise.FIRST_SIGHT].endswith("(entrances: door)")
-    assert told[Premise.CLOCKS].endswith("(verdicts: 4 ms)")
+    assert told[Premise.CLOCKS].endswith("(latency of verdicts: 4 ms)")
