@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import re
+import runpy
 from pathlib import Path
 
 import pytest
@@ -43,6 +44,23 @@ def test_there_are_contacts_to_be_missed():
     assert cut(page, "touches") == f"{count} contacts"
 
 
+def test_the_page_on_settings_is_filled_by_its_script():
+    fill_page = runpy.run_path(str(DOCS / "make_settings.py"))["fill_page"]
+    page = (DOCS / "settings.md").read_text(encoding="utf-8")
+    assert fill_page(page) == page
+    assert len(re.findall(r"<!-- figures: ", page)) == page.count("<!-- end of figures -->") > 10
+
+
+@pytest.mark.parametrize("name", ["panda", "ur10", "contacts"])
+def test_a_scene_has_all_that_settings_can_be_told_apart_by(name):
+    settings = {one["name"]: one["figures"] for one in read(DOCS / "tradeoff" / name)["settings"]}
+    finest = settings["finest"]
+    assert 0.1 < finest["stop"] < 0.7
+    assert finest["slow"] > 0.05
+    assert finest["aware"] > 0.05
+    assert settings["operating none"]["stop"] > settings["default"]["stop"]
+
+
 def cells(figures):
     """As docs/settings.md shows them."""
     tight = figures["tight_finest"]
@@ -50,6 +68,7 @@ def cells(figures):
         f"{figures['tick_p50']:.0f}",
         f"{figures['core']:.1%}",
         f"{figures['stop']:.1%}",
+        f"{figures['slow']:.1%}",
         f"{figures['work_lost']:.1%}",
         "–" if tight is None or math.isnan(tight) else f"{tight:.2f}",
     ]
