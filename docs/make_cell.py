@@ -56,6 +56,8 @@ TYPES = {
     "Name": "string",
     "list[Name]": "strings",
     "list[IgnoreEntry]": "rows of 2 or 3 strings",
+    "list[IgnoreEntry | IgnoreTable]": "rows of 2 or 3 strings, or tables",
+    "Annotated[list[Vector], Meta(min_length=4, max_length=8)]": "4 to 8 rows of 3 numbers",
     "Annotated[str, Meta(min_length=KEY_LENGTH, max_length=KEY_LENGTH)]": "string",
     "Annotated[list[Right], Meta(min_length=1)]": "strings",
     "bool": "boolean",
@@ -86,6 +88,13 @@ WORDS = {
     "RobotTable.level": "the finest",
     "RobotTable.payload": "the heaviest that its brakes are stated for",
     "RobotTable.operating": "the hardware's limits",
+    "CellTables.robot": "needed, unless there are `robots`",
+    "CellTables.clouds": "none are taken",
+    "ArmTable.joints": "all that have limits",
+    "ArmTable.cover": "as in `[robot]`",
+    "ArmTable.level": "the finest",
+    "ArmTable.payload": "as in `[robot]`",
+    "ArmTable.operating": "the hardware's limits",
     "OperatingTable.velocity": "the hardware's",
     "OperatingTable.acceleration": "the hardware's",
     "SourceTable.timeout": "`thresholds.source_timeout`",
@@ -149,7 +158,7 @@ def name_type(annotation: str) -> str:
         return TYPES[kind]
     if re.fullmatch(r"\w+Table", kind):
         return "table"
-    if re.fullmatch(r"dict\[Name, \w+Table\]", kind):
+    if re.fullmatch(r"(dict\[Name, |list\[)\w+Table\]", kind):
         return "tables"
     raise ValueError(f"the type {kind} has no name yet: give it one in TYPES of docs/make_cell.py")
 
@@ -170,7 +179,8 @@ def name_default(owner: str, key: str, default: str | None) -> str:
         return "none"
     if re.fullmatch(r"\w+Table\(\)|\{\}|\[\]", default):
         return "empty"
-    return _write_value(ast.literal_eval(default))
+    named = getattr(schema, default, None)
+    return _write_value(ast.literal_eval(default) if named is None else named)
 
 
 def _write_value(value: object) -> str:
@@ -191,8 +201,10 @@ def write_table(table: type) -> str:
         words = "Before any table."
     elif table is schema.PatternTable:
         heading, words = "[bounds.of]", "What the ids of one pattern can do, as a table:"
+    elif table is schema.IgnoreTable:
+        heading = "ignore = [{ … }]"
     words = words[0].upper() + words[1:]
-    heading = heading if found is None and heading[0] != "[" else f"`{heading}`"
+    heading = heading if heading == "Keys at the top" else f"`{heading}`"
     rows = ["| key | type | unit | left out | meaning |", "|---|---|---|---|---|"]
     for owner in (base.__name__ for base in reversed(table.__mro__)):
         for key, (annotation, default, text) in TEXTS.get(owner, {}).items():

@@ -24,7 +24,7 @@ LIMITS = """## What it does not do
 - **It slows and stops near people.** A person may do anything within 10 m/s² and 2 m/s unless you know better, and the arm anything within its limits unless it shares its plan. Right beside a working arm that is SLOW for much of the time and STOP for some: the faster the arm, the more. [Usefulness](usefulness.md) says how much, for each kind of bound, beside the separation distance at its best and a rule that knows the future; `python benchmarks/bench_recordings.py` measures it with recordings of your own. Bounds will not be softened to look better.
 - **A plan is taken at its word.** An arm that is told to follow one, and strays from it unseen between two joint states, is bounded only from the next joint state on. An arm that leaves a committed piece to brake joint by joint, at an emergency stop or without power, is not covered on the way, unless the monitor was made with `leave="any"`.
 - **Some pairs are out of scope.** Links that no watched joint moves (the base) are not watched. Contact of the arm with itself, and between obstacles, is not looked for.
-- **It knows no forces.** It stops on any contact, and knows none that is wanted.
+- **It knows no forces.** It stops on any contact but those that are named as wanted, for a time or in a zone ([Contact that is wanted](contact.md)).
 - **Python on a desktop kernel is no hard real time.** Late ticks are counted, and a verdict that comes late has expired: the arm brakes then ([what the kernel should be told](deploy.md#what-the-kernel-should-be-told)).
 
 ## What was tried against it
