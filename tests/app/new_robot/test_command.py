@@ -3,6 +3,7 @@
 import os
 import pty
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def run(arguments, capsys):
 def make(urdf, out, planning=None, ask=None, **wishes):
     wishes = {"takes_usual": ask is None, "spheres": 2} | wishes
     asker = Asker(ask, takes_usual=wishes["takes_usual"])
-    return make_folder(Wishes(urdf, out, **wishes), planning, asker)
+    return make_folder(Wishes(Path(urdf), out, **wishes), planning, asker)
 
 
 def read(folder):
