@@ -79,6 +79,7 @@ RENAMED = {
     "max_message_size": "message_size",
     "max_message_rate": "message_rate",
     "max_obstacles": "obstacles",
+    "max_points": "points",
 }
 """Arguments whose keys have other names."""
 

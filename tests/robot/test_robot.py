@@ -64,15 +64,15 @@ def test_a_folder_with_a_description_and_a_cover_is_a_robot(panda, tmp_path, mon
     folder = tmp_path / "panda"
     shutil.copytree(robots_directory() / "panda", folder)
     text = (folder / "robot.toml").read_text()
-    (folder / "robot.toml").write_text(text.replace("velocity = 2.175", "velocity = 1.25"))
+    (folder / "robot.toml").write_text(text.replace("acceleration = 15.0", "acceleration = 14.5"))
     own = Robot.load(folder)
     assert (own.name, own.joints) == ("panda", panda.joints)
-    assert own.velocity_limit[0] == 1.25
+    assert own.acceleration_limit[0] == 14.5
     monkeypatch.chdir(tmp_path)
     # A known name is that robot, wherever one is.
-    assert Robot.load("panda").velocity_limit[0] == 2.175
-    assert Robot.load("./panda").velocity_limit[0] == 1.25
-    assert Robot.load(Path("panda")).velocity_limit[0] == 1.25
+    assert Robot.load("panda").acceleration_limit[0] == 15.0
+    assert Robot.load("./panda").acceleration_limit[0] == 14.5
+    assert Robot.load(Path("panda")).acceleration_limit[0] == 14.5
 
 
 def test_a_folder_without_its_files_is_refused_with_what_makes_them(tmp_path):

@@ -11,11 +11,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rich.console import Console
-from rich.table import Table
 
 from armguard.app.covers import TOLERANCE, UNPROVED, fit_with_bar, show_report
 from armguard.app.new_robot import limits as usual
-from armguard.app.new_robot.costs import WALKING_SPEED, list_cases, measure
 from armguard.app.new_robot.limits import JointFacts, find_bare, find_coupled, find_travel
 from armguard.app.new_robot.questions import (
     GIVEN,
@@ -29,10 +27,9 @@ from armguard.app.new_robot.questions import (
 )
 from armguard.app.new_robot.sources import URDF, UrdfSource, find_urdf
 from armguard.app.new_robot.text import NewRobot, list_choices, write_text
-from armguard.app.processes import complain
 from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
 from armguard.cover.report import CoverReport
-from armguard.exceptions import ArmguardError, RobotError
+from armguard.exceptions import RobotError
 from armguard.jit.progress import following
 from armguard.robot.description import (
     COVER,
@@ -78,7 +75,7 @@ class Wishes(NamedTuple):
 
 
 def run_new(wishes: Wishes) -> int:
-    """Write the folder of a new robot, and print what its choices cost; the exit code.
+    """Write the folder of a new robot, and print what was chosen in it; the exit code.
 
     Raises:
         ArmguardError: Something is missing, unusable or contradictory; nothing is written then.
@@ -98,8 +95,14 @@ def run_new(wishes: Wishes) -> int:
         _print(f"- {line}")
     if planning is not None and planning.unused:
         _print(f"not used of {wishes.joint_limits}: {', '.join(planning.unused)}")
+    if planning is not None and min(planning.velocity_scaling, planning.acceleration_scaling) < 1.0:
+        _print(
+            f"not applied of {wishes.joint_limits}: default scaling factors "
+            f"{planning.velocity_scaling:g} (velocity) and {planning.acceleration_scaling:g} "
+            "(acceleration), since a request may name others"
+        )
     # Read back as every command reads it, so that nothing is promised that cannot be loaded.
-    show_costs(Robot.load(wishes.out.absolute()), planning)
+    Robot.load(wishes.out.absolute())
     _print(
         f"next: armguard show {wishes.out}; armguard demo --robot {wishes.out}; in a cell file "
         f'[robot] name = "{wishes.out}" (relative to its folder)'
@@ -556,39 +559,6 @@ def write_folder(folder: Path, text: str, cover: Cover, urdf: str | None) -> Non
             with contextlib.suppress(OSError):
                 path.unlink()
         raise RobotError(str(folder), f"cannot be written: {error.strerror}") from error
-
-
-def show_costs(robot: Robot, planning: PlanningLimits | None) -> None:
-    """Print what the monitor says of the arm as written, and with one choice at a time changed."""
-    table = Table("description", title="what each choice costs in STOP", title_justify="left")
-    for heading in ("rests within, ms", "moves on by, m", "STOP from, m"):
-        table.add_column(heading, justify="right")
-    table.caption = (
-        "The arm in the middle of its ranges, all joints at a fifth of their operating velocities, "
-        f"and a person at {WALKING_SPEED:g} m/s who comes straight at its farthest end: how long "
-        "it takes to rest, how far it may move towards them meanwhile, and the distance from which "
-        "on that is a STOP."
-    )
-    cases = list(list_cases(robot, planning))
-    with following("asking the monitor about case", len(cases)) as begin:
-        for case in cases:
-            begin(case.name)
-            try:
-                figures = measure(case)
-            except ArmguardError as error:
-                complain(f"{case.name}: {error}")
-                continue
-            table.add_row(
-                case.name,
-                _spell(1e3 * figures.stop_time, 0),
-                _spell(figures.reach, 2),
-                _spell(figures.approach, 2),
-            )
-    Console().print(table)
-
-
-def _spell(value: float, digits: int) -> str:
-    return "any" if value == float("inf") else f"{value:.{digits}f}"
 
 
 def _print(text: str) -> None:

@@ -3,6 +3,7 @@
 import os
 import pty
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def run(arguments, capsys):
 def make(urdf, out, planning=None, ask=None, **wishes):
     wishes = {"takes_usual": ask is None, "spheres": 2} | wishes
     asker = Asker(ask, takes_usual=wishes["takes_usual"])
-    return make_folder(Wishes(urdf, out, **wishes), planning, asker)
+    return make_folder(Wishes(Path(urdf), out, **wishes), planning, asker)
 
 
 def read(folder):
@@ -51,7 +52,7 @@ def fingered(folder):
     )
 
 
-def test_a_new_robot_loads_and_says_what_was_chosen_and_what_it_costs(tmp_path, capsys):
+def test_a_new_robot_loads_and_says_what_was_chosen(tmp_path, capsys):
     urdf, out = two_links(tmp_path), tmp_path / "mine"
     code, text, err = run([urdf, "--out", out, "--yes", "--spheres", 2], capsys)
     assert code == 0, err
@@ -65,8 +66,6 @@ def test_a_new_robot_loads_and_says_what_was_chosen_and_what_it_costs(tmp_path, 
         assert robot.source("shoulder", limit).startswith("CHOSEN")
     assert robot.published_operating_limits is not None
     assert "CHOSEN" in text
-    rows = [line.split() for line in text.splitlines() if "│" in line]
-    assert any(row[1:3] == ["as", "written"] for row in rows)
     # What was written goes wherever a robot is named.
     (tmp_path / "cell.toml").write_text('[robot]\nname = "mine"\n[sources.camera]\n')
     cell = Cell.load(tmp_path / "cell.toml")
