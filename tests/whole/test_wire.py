@@ -68,9 +68,11 @@ def test_addresses_are_the_usual_ones():
 
 
 def test_the_messages_that_are_shown_are_taken():
-    (block,) = re.findall(r"```json\n(.*?)```", PAGE, flags=re.DOTALL)
-    shown = block.replace("\n ", " ").splitlines()
-    assert [len(decode(line.encode()).ids) for line in shown] == [1, 0]
+    blocks = re.findall(r"```json\n(.*?)```", PAGE, flags=re.DOTALL)
+    shown = "".join(blocks).replace("\n ", " ").splitlines()
+    state, heartbeat, cloud = (decode(line.encode()) for line in shown)
+    assert [len(message.ids) for message in (state, heartbeat)] == [1, 0]
+    assert len(cloud.points) == 2
 
 
 def compile_node(name, folder, *libraries):
