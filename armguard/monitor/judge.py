@@ -26,6 +26,11 @@ from armguard.verdict import BRAKE, FINISH, Effect, Level, Reason, ReasonKind, V
 NO_NAMES = (None, None)
 """Of link and obstacle, where no pair decides."""
 
+PROMISED_SHARE = 0.125
+"""For how long the scale of a clock promises that the arm may go on, at most, as a share of what a
+slower clock could gain: while somebody lingers there the arm is slow, and a longer promise costs
+more work than stops do that it averts (docs/usefulness.md)."""
+
 
 class _Finding(NamedTuple):
     """What was found of a tick, from which its verdict is made; named as the verdict's fields."""
@@ -295,8 +300,9 @@ class Judge:
                 # Its clock is time itself, so there is no search: it goes on, or it does not.
                 scale = 1.0 if path.is_free(tick, stopping.looks_ahead, 1.0) else 0.0
             else:
-                # What is looked at for longer than a slower clock could gain only costs work.
-                scale = stopping.find_scale(tick, path.is_free, path.find_gain())
+                # A promise for longer costs more work than a slower clock could gain.
+                longest = PROMISED_SHARE * path.find_gain()
+                scale = stopping.find_scale(tick, path.is_free, longest)
         return min(scale, most)
 
     def _find_most_scale(self, stopping: StopDecision) -> float:

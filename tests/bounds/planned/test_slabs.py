@@ -231,9 +231,9 @@ def test_an_arm_that_stops_on_its_path_stays_in_the_slabs(robot, wanders):
 
 def lay_out_stop(robot, plan, clock=None, bite=BITE, *, on_path=False, v=None):
     clock = PathClock(0.05, 0.0, True, 0.0) if clock is None else clock
-    checked = check(robot, plan, 0.05)
-    if v is not None:
-        checked = checked._replace(measured_v=v)
+    curve = Hermite(plan.times, plan.q, plan.v)
+    measured = curve(clock.at), curve(clock.at, 1) if v is None else v
+    checked = check(robot, plan, 0.05)._replace(measured_q=measured[0], measured_v=measured[1])
     return make_stop_slabs(checked, read_limits(robot), clock, bite, on_path=on_path)
 
 
