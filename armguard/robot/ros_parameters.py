@@ -78,8 +78,14 @@ def read_planning_limits(path: Path) -> PlanningLimits:
         if not factor <= 1.0:
             raise RobotError(str(path), f"{key} is {factor}", expected="above 0, at most 1")
         scaling.append(factor)
+    velocity_scaling, acceleration_scaling = scaling
     return PlanningLimits(
-        tuple(map(str, table)), limits["velocity"], limits["acceleration"], *scaling, tuple(unused)
+        tuple(map(str, table)),
+        limits["velocity"],
+        limits["acceleration"],
+        velocity_scaling,
+        acceleration_scaling,
+        tuple(unused),
     )
 
 
