@@ -277,7 +277,7 @@ def find_example_urdf(path: str) -> tuple[Path, Path]:
     """A URDF of the example-robot-data distribution, and the folder that its packages lie in.
 
     The distribution ships data only, and its loader has wrong entries, so the file is looked up
-    in the list of installed files.
+    in the list of installed files, which takes long: once in a process.
 
     Args:
         path: Path below the distribution's `robots/` folder.
