@@ -79,7 +79,12 @@ def read_planning_limits(path: Path) -> PlanningLimits:
             raise RobotError(str(path), f"{key} is {factor}", expected="above 0, at most 1")
         scaling.append(factor)
     return PlanningLimits(
-        tuple(map(str, table)), limits["velocity"], limits["acceleration"], *scaling, tuple(unused)
+        joints=tuple(map(str, table)),
+        velocity=limits["velocity"],
+        acceleration=limits["acceleration"],
+        velocity_scaling=scaling[0],
+        acceleration_scaling=scaling[1],
+        unused=tuple(unused),
     )
 
 
