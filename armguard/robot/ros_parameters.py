@@ -78,14 +78,13 @@ def read_planning_limits(path: Path) -> PlanningLimits:
         if not factor <= 1.0:
             raise RobotError(str(path), f"{key} is {factor}", expected="above 0, at most 1")
         scaling.append(factor)
-    velocity_scaling, acceleration_scaling = scaling
     return PlanningLimits(
-        tuple(map(str, table)),
-        limits["velocity"],
-        limits["acceleration"],
-        velocity_scaling,
-        acceleration_scaling,
-        tuple(unused),
+        joints=tuple(map(str, table)),
+        velocity=limits["velocity"],
+        acceleration=limits["acceleration"],
+        velocity_scaling=scaling[0],
+        acceleration_scaling=scaling[1],
+        unused=tuple(unused),
     )
 
 
