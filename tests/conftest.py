@@ -4,6 +4,11 @@ import gc
 import signal
 
 import pytest
+from hypothesis import settings
+
+# How long an example takes is the machine's doing.
+settings.register_profile("armguard", deadline=None)
+settings.load_profile("armguard")
 
 # Where a script starts pytest in the background, all that it starts would ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)

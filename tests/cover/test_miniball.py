@@ -24,7 +24,7 @@ def enclose_by_trying_all(points):
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 9), st.sampled_from([1e-3, 1.0, 1e3]))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_it_is_the_smallest_ball(seed, count, scale):
     points = np.random.default_rng(seed).normal(size=(count, 3)) * scale
     center, radius = enclose_points(points)

@@ -110,7 +110,7 @@ def test_one_ball_is_proved_exactly_where_it_holds_the_shape(shape):
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.03, 0.09))
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 def test_whatever_is_proved_has_no_point_outside(seed, size):
     generator = np.random.default_rng(seed)
     shape = coal.Capsule(0.05, 0.1)

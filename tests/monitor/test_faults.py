@@ -479,7 +479,7 @@ garbage = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.lists(st.tuples(garbage, garbage, garbage, garbage), max_size=5))
 def test_step_never_raises(calls):
     obstacles, monitor = GARBAGE_SCENE

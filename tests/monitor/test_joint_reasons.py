@@ -3,7 +3,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from armguard.monitor.joint_reasons import describe_runaway
@@ -141,7 +141,6 @@ def plain_stopping(q, v):
                 yield robot.joints[j]
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.floats(0.0, 1.0), min_size=7, max_size=7),
     st.lists(st.floats(-1.0, 1.0), min_size=7, max_size=7),

@@ -1,7 +1,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from armguard.monitor.levels import VerdictRule
@@ -160,7 +160,6 @@ events = st.lists(
 )
 
 
-@settings(deadline=None)
 @given(events)
 def test_the_level_is_the_lowest_of_the_last_hold(history):
     """Against the definition: a list of all raw levels, and what a latch and a reset mean."""

@@ -355,7 +355,7 @@ def calls(draw):
 # Laws
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     st.lists(
         st.one_of(
@@ -387,7 +387,7 @@ def test_well_formed_calls_never_raise_whatever_their_numbers(actions):
         obstacles.take_faults()
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.tuples(*[anything | st.lists(anything, max_size=3)] * 12))
 def test_hostile_calls_raise_nothing_but_obstacle_errors(arguments):
     obstacles = Obstacles()

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
@@ -42,7 +42,6 @@ def random_bodies(seed, count=2):
 times = st.floats(0.0, 1e7)
 
 
-@settings(deadline=None)
 @given(times, st.one_of(times, st.floats(0.0, 1.0), st.just(5e-324)), times)
 def test_what_is_left_of_a_certificate_is_never_more_than_was_proved(now, contact_time, wait):
     """Whenever it is asked for, however the difference rounds."""

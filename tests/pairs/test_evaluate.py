@@ -250,7 +250,7 @@ def test_panda_against_many_witnesses(seed):
     assert (times[0] >= 0.9 * (expected - 4e-3)).all()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 2.0))
 def test_opening_later_never_lowers_a_time(seed, refinement_threshold):
     rng = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from armguard.exceptions import RobotError
@@ -174,7 +174,6 @@ entries = st.tuples(
 speed_values = st.floats(0.0, 4.0)
 
 
-@settings(deadline=None)
 @given(entries, speed_values, speed_values, st.floats(0.0, 3.0), st.floats(0.0, 3.0))
 def test_a_stop_is_monotone_in_time_and_speed_and_ends_with_rest(stop, one, other, s, later):
     slow, fast = sorted((one, other))
@@ -189,7 +188,6 @@ def test_a_stop_is_monotone_in_time_and_speed_and_ends_with_rest(stop, one, othe
         assert braked_displacement(fast, stop, rest + 1.0) <= at_rest * (1.0 + 1e-12)
 
 
-@settings(deadline=None)
 @given(
     st.floats(0.0, 5.0), st.floats(0.0, 5.0), st.floats(0.0, 2.0), st.floats(0.0, 2.0),
     st.floats(0.0, 3.0),
@@ -208,7 +206,6 @@ def test_less_load_and_less_speed_never_stop_later(load, other_load, one, other,
         assert braked_displacement(slow, easy, s) <= braked_displacement(fast, hard, s) * ROUNDED
 
 
-@settings(deadline=None)
 @given(st.floats(0.0, 5.0), st.floats(0.0, 1.5))
 def test_the_fastest_that_rests_in_time_does_and_a_faster_one_does_not(load, within):
     curves = table().make_curves(load)

@@ -258,7 +258,7 @@ def test_limits_must_be_limits(bad):
         make_history([bad], [1.0], [0.0], [0.0])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1.0, 30.0]), st.sampled_from([0.0, 1e-3]))
 def test_all_at_once_is_judged_as_one_by_one(seed, wildness, position_error):
     rng = np.random.default_rng(seed)

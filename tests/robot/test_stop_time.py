@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from armguard.robot.stop_time import compute_stop_time
@@ -26,7 +26,6 @@ joints = st.integers(1, 7).flatmap(
 )
 
 
-@settings(deadline=None)
 @given(joints, st.floats(0.0, 0.1), st.floats(1e-4, 0.1), st.floats(0.0, 0.1))
 def test_stop_time_is_the_formula(arm, age, horizon, reaction):
     arrays = [np.array(part) for part in arm]
@@ -34,7 +33,6 @@ def test_stop_time_is_the_formula(arm, age, horizon, reaction):
     assert found == pytest.approx(plain_stop_time(*arm, age, horizon, reaction), rel=1e-12)
 
 
-@settings(deadline=None)
 @given(joints, st.floats(-0.1, 0.1))
 def test_stop_time_outlasts_every_joint(arm, age):
     """No joint that speeds up as it may, from its stamp on, moves after the stop time."""
@@ -47,7 +45,6 @@ def test_stop_time_outlasts_every_joint(arm, age):
         assert (begin + speed / brakes <= stop_time * (1.0 + 1e-12)).all()
 
 
-@settings(deadline=None)
 @given(joints, st.floats(0.01, 1.0), st.floats(-0.1, 0.1))
 def test_with_operating_limits_joints_speed_up_gently_and_were_faster_before(arm, share, age):
     v, errors, limits, accels, brakes = (np.array(part) for part in arm)

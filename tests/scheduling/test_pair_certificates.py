@@ -3,7 +3,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from armguard.bounds.arm import ArmMotion
@@ -151,7 +151,6 @@ def test_a_clear_ledger_knows_nothing():
     assert scene.earliest(0.0, 1)[2] == LINKS
 
 
-@settings(deadline=None)
 @given(st.floats(0.0, 1e7), st.floats(0.0, 1e4), st.floats(0.0, 1e4))
 def test_deadlines_are_never_late(now, contact_time, wait):
     """Also where time is far from its epoch: what is left never exceeds what was proved."""

@@ -23,9 +23,7 @@ from armguard.view.messages import decode_message
 from support.stream_messages import World, joints, obstacles
 from support.verdict_samples import verdict
 
-EXAMPLES = settings(
-    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow], database=None
-)
+EXAMPLES = settings(max_examples=300, suppress_health_check=[HealthCheck.too_slow], database=None)
 PLAN = {
     "type": "plan",
     "ask": "commit",

@@ -90,7 +90,7 @@ def check_bookkeeping(schedule, members):
 times = st.sampled_from([0.0, 0.1, PERIOD, 0.3, 0.9, 1.0, 1.9, 2.0, 5.0, math.inf, math.nan])
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(law=st.sampled_from(LAWS), data=st.data())
 def test_it_does_what_the_plain_model_does_while_pairs_come_and_go(law, data):
     schedule, model = DaaSchedule(PERIOD, *law), PlainDaa(*law)
