@@ -366,9 +366,7 @@ VECTOR = st.tuples(EXTREME, EXTREME, EXTREME)
 BOUND = EXTREME.map(abs) | st.just(math.inf)
 
 
-@settings(
-    max_examples=int(os.environ.get("ARMGUARD_EXAMPLES", "300")), derandomize=True, deadline=None
-)
+@settings(max_examples=int(os.environ.get("ARMGUARD_EXAMPLES", "300")), derandomize=True)
 @given(
     case=st.fixed_dictionaries(
         {
