@@ -33,50 +33,67 @@ from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.pairs import CloudFilter
 from armguard.robot import Kinematics, Robot
+from armguard.simulation import JointTrajectory
 from armguard.simulation.bodies import BODIES, POINTS, publish_person
 from armguard.simulation.person import ProceduralPerson
 from armguard.verdict import Level
-from scene.crowds import RATE, Work
+from scene.crowds import WAYPOINTS
 from scene.machine import describe_machine
 
-EVERY = 32  # thousandths of a second between clouds
+CLOUD_RATE = 30.0  # or next to it, such that every cloud comes with a tick, [Hz]
 WAYS = ("bodies", "no velocities", "voxels", "snapshot", "voxels + door")
 CAMERA, TARGET = np.array([2.4, -1.2, 1.3]), np.array([0.0, -0.7, 0.3])
 BACKGROUND = 6.0  # along the camera's axis, [m]
 LINKS_A_CAPSULE = 7
 
 
-def make_rays(shape: tuple[int, int], view: float = 1.05) -> np.ndarray:
-    """Directions of a camera's rays, of length 1 along its axis. Shape (n, 3)."""
-    forward = (TARGET - CAMERA) / np.linalg.norm(TARGET - CAMERA)
-    aside = np.cross(forward, [0.0, 0.0, 1.0])
-    aside /= np.linalg.norm(aside)
-    half = np.tan(0.5 * view)
-    u, v = np.meshgrid(
-        np.linspace(-half, half, shape[0]),
-        np.linspace(-half, half, shape[1]) * shape[1] / shape[0],
-    )
-    return forward + u.reshape(-1, 1) * aside + v.reshape(-1, 1) * np.cross(aside, forward)
+class Camera:
+    """A pinhole camera whose rays are a grid in its image plane.
 
+    Attributes:
+        forward: Its axis, of length 1. Shape (3,).
+        rays: Directions, of length 1 along the axis, row by row. Shape (down * across, 3).
+        spacing: Between neighbouring rays, 1 m along the axis, in [m].
+    """
 
-def cast(rays: np.ndarray, balls: np.ndarray) -> np.ndarray:
-    """Where rays end among balls (n, 4) and before the background, in [m]. Shape (n, 3)."""
-    depth, forward = np.full(len(rays), BACKGROUND), TARGET - CAMERA
-    forward = forward / np.linalg.norm(forward)
-    square = (rays**2).sum(axis=1)
-    for *center, radius in balls:
-        offset = np.array(center) - CAMERA
-        axial = offset @ forward
-        if not axial > 2.0 * radius:
-            continue
-        # Of length 1 along the axis, rays that may meet it pass this near its centre there.
-        near = np.abs(rays - offset / axial).max(axis=1) <= 2.0 * radius / (axial - radius)
-        near = np.flatnonzero(near)
-        along = rays[near] @ offset
-        root = along**2 - square[near] * (offset @ offset - radius**2)
-        hit = np.where(root > 0.0, (along - np.sqrt(np.maximum(root, 0.0))) / square[near], np.inf)
-        depth[near] = np.minimum(depth[near], hit)
-    return CAMERA + depth[:, None] * rays
+    def __init__(self, across: int, down: int, view: float = 1.05) -> None:
+        self.forward = (TARGET - CAMERA) / np.linalg.norm(TARGET - CAMERA)
+        aside = np.cross(self.forward, [0.0, 0.0, 1.0])
+        aside /= np.linalg.norm(aside)
+        self._axes = np.array([aside, np.cross(aside, self.forward)])
+        half = np.tan(0.5 * view)
+        self._slopes = (
+            np.linspace(-half, half, across),
+            np.linspace(-half, half, down) * down / across,
+        )
+        u, v = np.meshgrid(*self._slopes)
+        self.rays = self.forward + u.reshape(-1, 1) * aside + v.reshape(-1, 1) * self._axes[1]
+        self.spacing = float(2.0 * half / (across - 1))
+        self._square = 1.0 + u**2 + v**2
+
+    def cast(self, balls: np.ndarray) -> np.ndarray:
+        """Where rays end among balls (n, 4) and before the background, in [m]. Shape (n, 3)."""
+        depth = np.full(self._square.shape, BACKGROUND)
+        for *center, radius in balls:
+            offset = np.array(center) - CAMERA
+            axial, sides = offset @ self.forward, self._axes @ offset
+            if not axial > 2.0 * radius:
+                continue
+            # What is in the ball, at (side + a) / (axial + b) with a² + b² ≤ radius², is no
+            # farther from its centre's slope than this.
+            slopes = sides / axial
+            reach = radius * np.sqrt(1.0 + slopes**2) / (axial - radius)
+            (left, right), (top, bottom) = (
+                np.searchsorted(grid, [slope - width, slope + width])
+                for grid, slope, width in zip(self._slopes, slopes, reach, strict=True)
+            )
+            window = np.s_[top:bottom, left:right]
+            across, down = self._slopes[0][left:right], self._slopes[1][top:bottom, None]
+            along, square = axial + sides[0] * across + sides[1] * down, self._square[window]
+            root = along**2 - square * (offset @ offset - radius**2)
+            hit = (along - np.sqrt(np.maximum(root, 0.0))) / square
+            depth[window] = np.minimum(depth[window], np.where(root > 0.0, hit, np.inf))
+        return CAMERA + depth.reshape(-1, 1) * self.rays
 
 
 def fill_bodies(position: np.ndarray) -> np.ndarray:
@@ -90,30 +107,34 @@ def fill_bodies(position: np.ndarray) -> np.ndarray:
 
 
 class Scene:
-    """The arm's states, and what the camera sees every `EVERY` ticks."""
+    """The arm's states in the monitor's ticks, and what the camera sees in every few of them."""
 
     def __init__(self, robot: Robot, options: argparse.Namespace) -> None:
-        self.ticks = round(RATE * options.seconds)
-        self.work = Work(robot, self.ticks, options.speed)
-        self.person = ProceduralPerson(1, options.seconds)
         self.options = options
+        self.ticks = round(options.rate * options.seconds)
+        self.every = max(1, round(options.rate / CLOUD_RATE))
+        trajectory = JointTrajectory(
+            robot, WAYPOINTS, speed_fraction=options.speed, acceleration_fraction=0.5, loop=True
+        )
+        self.states = [trajectory.sample(tick / options.rate) for tick in range(self.ticks)]
+        self.person = ProceduralPerson(1, options.seconds)
         kinematics = Kinematics(robot)
         leaves = kinematics.spheres.child_count == 0
-        rays = make_rays(tuple(options.rays))
+        camera = Camera(*options.rays)
         self.clouds = []
-        for tick in range(0, self.ticks, EVERY):
-            kinematics.compute(self.work.q[tick], self.work.v[tick])
+        for tick in range(0, self.ticks, self.every):
+            kinematics.compute(*self.states[tick])
             arm = np.column_stack([kinematics.centers, kinematics.spheres.radius])[leaves]
-            body = fill_bodies(self.person.sample(tick / RATE)[0])
-            self.clouds.append(cast(rays, np.concatenate([arm, body])))
-        spacing = np.linalg.norm(rays[1] - rays[0]) * np.linalg.norm(TARGET - CAMERA)
+            body = fill_bodies(self.person.sample(tick / options.rate)[0])
+            self.clouds.append(camera.cast(np.concatenate([arm, body])))
+        spacing = camera.spacing * np.linalg.norm(TARGET - CAMERA)
         # Half a diagonal between four rays.
         self.error = float(spacing / np.sqrt(2.0))
 
 
 def run(way: str, robot: Robot, scene: Scene) -> list[str]:
     """The cells of one row of the table."""
-    options, work = scene.options, scene.work
+    options = scene.options
     obstacles = Obstacles(sources=["camera"])
     if way == "voxels + door":
         obstacles.add_entrance("door", [[-0.6, -2.0, 0.0], [0.6, -2.0, 0.0]], 0.3, 0.1)
@@ -126,11 +147,10 @@ def run(way: str, robot: Robot, scene: Scene) -> list[str]:
     gc.collect()
     gc.disable()
     end = time.monotonic() + options.limit
-    ticks = range(0, scene.ticks, round(RATE / options.rate))
-    for tick in ticks:
+    for tick, (q, v) in enumerate(scene.states):
         if time.monotonic() > end:
             break
-        now, is_seen = tick / RATE, tick % EVERY == 0
+        now, is_seen = tick / options.rate, tick % scene.every == 0
         if is_seen and way in WAYS[:2]:
             position, velocity = scene.person.sample(now)
             error = np.zeros(len(POINTS))
@@ -140,9 +160,9 @@ def run(way: str, robot: Robot, scene: Scene) -> list[str]:
             publish_person(obstacles, "camera", now, position, velocity, error)
             intake.append(time.perf_counter() - begin)
         elif is_seen:
-            points = scene.clouds[tick // EVERY]
+            points = scene.clouds[tick // scene.every]
             begin = time.perf_counter()
-            occupied = own.find_others(points, work.q[tick])
+            occupied = own.find_others(points, q)
             # A user's own background model; here what is as far as nothing is.
             occupied &= (points - CAMERA) @ (TARGET - CAMERA) < (
                 0.999 * BACKGROUND * np.linalg.norm(TARGET - CAMERA)
@@ -161,7 +181,7 @@ def run(way: str, robot: Robot, scene: Scene) -> list[str]:
             )
             intake.append(time.perf_counter() - begin)
         begin = time.perf_counter()
-        verdict = monitor.step(now, work.q[tick], work.v[tick])
+        verdict = monitor.step(now, q, v)
         (after if is_seen else others).append(time.perf_counter() - begin)
         stops += verdict.level is Level.STOP
         rows.append(len(obstacles))
@@ -191,8 +211,8 @@ def main(arguments: list[str] | None = None) -> None:
     scene = Scene(robot, options)
     across, down = options.rays
     print(
-        f"{across * down:,} points at {RATE / EVERY:.0f} Hz, voxels of {options.voxel:g} m, "
-        f"errors of {1e3 * scene.error:.0f} mm; ms, median / p99"
+        f"{across * down:,} points at {options.rate / scene.every:.1f} Hz, voxels of "
+        f"{options.voxel:g} m, errors of {1e3 * scene.error:.0f} mm; ms, median / p99"
     )
     columns = ("seconds", "rows, most", "filter", "intake", "tick after", "other ticks", "STOP")
     print(f"{'':<14}" + "".join(f"{title:>16}" for title in columns))
