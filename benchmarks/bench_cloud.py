@@ -1,6 +1,6 @@
 """What point clouds cost: to take in, in ticks, and in STOP beside a person.
 
-    python benchmarks/bench_cloud.py [--seconds 8] [--rays 160 125] [--voxel 0.05] …
+    python benchmarks/bench_cloud.py [--seconds 8] [--rays 160 125] [--voxel 0.08] …
 
 A Panda works, supervised at 250 Hz unless told otherwise, while a person comes, reaches into the
 cell and leaves. A camera beside them casts rays at 30 Hz among the person's bodies, the arm and a
@@ -11,14 +11,16 @@ that all see the same motion:
 
 - bodies: balls and capsules with their velocities;
 - no velocities: the same, whose velocities are not known;
-- voxels: those of the camera, which go where rays have passed;
-- snapshot: the same, all of them anew in each cloud;
-- voxels + door: with an entrance behind the person, 2 m from the arm's base.
+- snapshot: voxels of a camera that sees the whole visit, all of them anew in each cloud;
+- voxels: the same, which go where rays have passed;
+- voxels + door: with an entrance behind the person, 2 m from the arm's base;
+- edge of view: voxels of a camera into whose view the person walks from aside, and out of it.
 
 Printed: seconds of the scene that were supervised, rows in the table, what a cloud takes to filter
-and to take in, what the tick after a message takes and the others, in milliseconds, and the share
-of ticks in STOP. Times are of one core. A row ends when it has taken `--limit` seconds: its share
-of STOP is then that of the scene's beginning.
+and to take in, what the tick after a message takes and the others, in milliseconds, the share of
+ticks in STOP, and when the first STOP and the last one were. Times are of the thread on its core,
+without what other programs take meanwhile, or with `--wall` as they pass on the wall. A row ends
+when it has taken `--limit` seconds: its share of STOP is then that of the scene's beginning.
 """
 
 from __future__ import annotations
@@ -41,8 +43,11 @@ from scene.crowds import WAYPOINTS
 from scene.machine import describe_machine
 
 CLOUD_RATE = 30.0  # or next to it, such that every cloud comes with a tick, [Hz]
-WAYS = ("bodies", "no velocities", "voxels", "snapshot", "voxels + door")
-CAMERA, TARGET = np.array([2.4, -1.2, 1.3]), np.array([0.0, -0.7, 0.3])
+WAYS = ("bodies", "no velocities", "snapshot", "voxels", "voxels + door", "edge of view")
+CAMERAS = {  # place and target in [m], angle of view across in [rad]
+    "whole": ((3.2, -1.6, 1.2), (0.0, -1.6, 0.3), 1.22),
+    "edge of view": ((2.4, -1.2, 1.3), (0.0, -0.7, 0.3), 1.05),
+}
 BACKGROUND = 6.0  # along the camera's axis, [m]
 LINKS_A_CAPSULE = 7
 
@@ -51,13 +56,16 @@ class Camera:
     """A pinhole camera whose rays are a grid in its image plane.
 
     Attributes:
+        place: Where it is, in [m]. Shape (3,).
         forward: Its axis, of length 1. Shape (3,).
         rays: Directions, of length 1 along the axis, row by row. Shape (down * across, 3).
         spacing: Between neighbouring rays, 1 m along the axis, in [m].
     """
 
-    def __init__(self, across: int, down: int, view: float = 1.05) -> None:
-        self.forward = (TARGET - CAMERA) / np.linalg.norm(TARGET - CAMERA)
+    def __init__(self, place, target, view: float, across: int, down: int) -> None:
+        self.place = np.array(place)
+        self.forward = np.array(target) - self.place
+        self.forward /= np.linalg.norm(self.forward)
         aside = np.cross(self.forward, [0.0, 0.0, 1.0])
         aside /= np.linalg.norm(aside)
         self._axes = np.array([aside, np.cross(aside, self.forward)])
@@ -75,7 +83,7 @@ class Camera:
         """Where rays end among balls (n, 4) and before the background, in [m]. Shape (n, 3)."""
         depth = np.full(self._square.shape, BACKGROUND)
         for *center, radius in balls:
-            offset = np.array(center) - CAMERA
+            offset = np.array(center) - self.place
             axial, sides = offset @ self.forward, self._axes @ offset
             if not axial > 2.0 * radius:
                 continue
@@ -93,7 +101,11 @@ class Camera:
             root = along**2 - square * (offset @ offset - radius**2)
             hit = (along - np.sqrt(np.maximum(root, 0.0))) / square
             depth[window] = np.minimum(depth[window], np.where(root > 0.0, hit, np.inf))
-        return CAMERA + depth.reshape(-1, 1) * self.rays
+        return self.place + depth.reshape(-1, 1) * self.rays
+
+    def find_foreground(self, points: np.ndarray) -> np.ndarray:
+        """Which points are nearer than the background. Shape (n,)."""
+        return (points - self.place) @ self.forward < 0.999 * BACKGROUND
 
 
 def fill_bodies(position: np.ndarray) -> np.ndarray:
@@ -104,6 +116,20 @@ def fill_bodies(position: np.ndarray) -> np.ndarray:
         for share in np.linspace(0.0, 1.0, LINKS_A_CAPSULE if len(body.points) > 1 else 1):
             balls.append([*(ends[0] + share * (ends[1] - ends[0])), body.radius])
     return np.array(balls)
+
+
+class View:
+    """What a camera sees, cloud by cloud, and what its points may be off by, in [m]."""
+
+    def __init__(self, camera: Camera, bodies: list[np.ndarray]) -> None:
+        self.camera = camera
+        self.clouds = [camera.cast(balls) for balls in bodies]
+        self.farthest = max(
+            float(((points - camera.place) @ camera.forward)[camera.find_foreground(points)].max())
+            for points in self.clouds
+        )
+        # Half a diagonal between four rays, where they are farthest apart.
+        self.error = self.farthest * camera.spacing / np.sqrt(2.0)
 
 
 class Scene:
@@ -118,31 +144,37 @@ class Scene:
         )
         self.states = [trajectory.sample(tick / options.rate) for tick in range(self.ticks)]
         self.person = ProceduralPerson(1, options.seconds)
+        bodies = self._place_bodies(robot)
+        self.views = {
+            way: View(Camera(*place, *options.rays), bodies) for way, place in CAMERAS.items()
+        }
+
+    def _place_bodies(self, robot: Robot) -> list[np.ndarray]:
+        """Arm and person as balls, centre and radius in [m], for each cloud. Shapes (n, 4)."""
         kinematics = Kinematics(robot)
         leaves = kinematics.spheres.child_count == 0
-        camera = Camera(*options.rays)
-        self.clouds = []
+        bodies = []
         for tick in range(0, self.ticks, self.every):
             kinematics.compute(*self.states[tick])
             arm = np.column_stack([kinematics.centers, kinematics.spheres.radius])[leaves]
-            body = fill_bodies(self.person.sample(tick / options.rate)[0])
-            self.clouds.append(camera.cast(np.concatenate([arm, body])))
-        spacing = camera.spacing * np.linalg.norm(TARGET - CAMERA)
-        # Half a diagonal between four rays.
-        self.error = float(spacing / np.sqrt(2.0))
+            person = fill_bodies(self.person.sample(tick / self.options.rate)[0])
+            bodies.append(np.concatenate([arm, person]))
+        return bodies
 
 
 def run(way: str, robot: Robot, scene: Scene) -> list[str]:
     """The cells of one row of the table."""
     options = scene.options
+    view = scene.views.get(way, scene.views["whole"])
+    camera, clock = view.camera, time.perf_counter if options.wall else time.thread_time
     obstacles = Obstacles(sources=["camera"])
     if way == "voxels + door":
         obstacles.add_entrance("door", [[-0.6, -2.0, 0.0], [0.6, -2.0, 0.0]], 0.3, 0.1)
     monitor = Monitor(robot, obstacles, rate=options.rate, operating="published")
     own = CloudFilter(robot)
     # Compiled before the first tick.
-    obstacles.update_cloud("camera", 0.0, [], CAMERA, options.voxel)
-    stops = 0
+    obstacles.update_cloud("camera", 0.0, [], camera.place, options.voxel)
+    stops = []
     filtering, intake, after, others, rows = [], [], [], [], []
     gc.collect()
     gc.disable()
@@ -156,43 +188,43 @@ def run(way: str, robot: Robot, scene: Scene) -> list[str]:
             error = np.zeros(len(POINTS))
             if way == "no velocities":
                 velocity, error = np.zeros_like(velocity), np.full(len(POINTS), 2.0)
-            begin = time.perf_counter()
+            begin = clock()
             publish_person(obstacles, "camera", now, position, velocity, error)
-            intake.append(time.perf_counter() - begin)
+            intake.append(clock() - begin)
         elif is_seen:
-            points = scene.clouds[tick // scene.every]
-            begin = time.perf_counter()
+            points = view.clouds[tick // scene.every]
+            begin = clock()
             occupied = own.find_others(points, q)
             # A user's own background model; here what is as far as nothing is.
-            occupied &= (points - CAMERA) @ (TARGET - CAMERA) < (
-                0.999 * BACKGROUND * np.linalg.norm(TARGET - CAMERA)
-            )
-            filtering.append(time.perf_counter() - begin)
-            begin = time.perf_counter()
+            occupied &= camera.find_foreground(points)
+            filtering.append(clock() - begin)
+            begin = clock()
             obstacles.update_cloud(
                 "camera",
                 now,
                 points,
-                CAMERA,
+                camera.place,
                 options.voxel,
                 occupied=occupied,
-                position_error=scene.error,
+                position_error=view.error,
                 snapshot=way == "snapshot",
             )
-            intake.append(time.perf_counter() - begin)
-        begin = time.perf_counter()
+            intake.append(clock() - begin)
+        begin = clock()
         verdict = monitor.step(now, q, v)
-        (after if is_seen else others).append(time.perf_counter() - begin)
-        stops += verdict.level is Level.STOP
+        (after if is_seen else others).append(clock() - begin)
+        if verdict.level is Level.STOP:
+            stops.append(now)
         rows.append(len(obstacles))
     gc.enable()
     spent = [
         f"{1e3 * np.median(taken):.2f} / {1e3 * np.quantile(taken, 0.99):.2f}" if taken else "-"
         for taken in (filtering, intake, after, others)
     ]
-    share = f"{100.0 * stops / len(rows):.1f} %"
+    share = f"{100.0 * len(stops) / len(rows):.1f} %"
+    between = f"{stops[0]:.1f} to {stops[-1]:.1f} s" if stops else "-"
     seconds = f"{len(rows) / options.rate:.2f}"
-    return [seconds, f"{np.median(rows):.0f} / {max(rows)}", *spent, share]
+    return [seconds, f"{np.median(rows):.0f} / {max(rows)}", *spent, share, between]
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -201,20 +233,33 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seconds", type=float, default=8.0, help="of the person's visit")
     parser.add_argument("--rate", type=float, default=250.0, help="of the monitor, in [Hz]")
     parser.add_argument("--rays", type=int, nargs=2, default=(160, 125), help="across and down")
-    parser.add_argument("--voxel", type=float, default=0.05, help="edge, in [m]")
+    parser.add_argument("--voxel", type=float, default=0.08, help="edge, in [m]")
     parser.add_argument("--speed", type=float, default=0.1, help="share of the joints' limits")
     parser.add_argument("--limit", type=float, default=120.0, help="seconds that a row may take")
     parser.add_argument("--ways", choices=WAYS, nargs="+", default=WAYS)
+    parser.add_argument("--wall", action="store_true", help="times as they pass on the wall")
     options = parser.parse_args(arguments)
     robot = Robot.load("panda")
     print(describe_machine())
     scene = Scene(robot, options)
     across, down = options.rays
+    errors = ", ".join(f"{1e3 * view.error:.0f} mm ({way})" for way, view in scene.views.items())
     print(
         f"{across * down:,} points at {options.rate / scene.every:.1f} Hz, voxels of "
-        f"{options.voxel:g} m, errors of {1e3 * scene.error:.0f} mm; ms, median / p99"
+        f"{options.voxel:g} m, errors of points {errors}; monitor at {options.rate:g} Hz, arm at "
+        f"{options.speed:.0%} of its joints' speeds; {'wall' if options.wall else 'thread'} time "
+        "in ms, median / p99"
     )
-    columns = ("seconds", "rows, most", "filter", "intake", "tick after", "other ticks", "STOP")
+    columns = (
+        "seconds",
+        "rows, most",
+        "filter",
+        "intake",
+        "tick after",
+        "other ticks",
+        "STOP",
+        "first to last",
+    )
     print(f"{'':<14}" + "".join(f"{title:>16}" for title in columns))
     for way in options.ways:
         cells = run(way, robot, scene)
