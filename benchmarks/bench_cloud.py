@@ -230,12 +230,14 @@ def run(way: str, robot: Robot, scene: Scene) -> list[str]:
 def main(arguments: list[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=8.0, help="of the person's visit")
+    parser.add_argument(
+        "--seconds", type=float, default=8.0, help="of the person's visit, 8 or more"
+    )
     parser.add_argument("--rate", type=float, default=250.0, help="of the monitor, in [Hz]")
     parser.add_argument("--rays", type=int, nargs=2, default=(160, 125), help="across and down")
     parser.add_argument("--voxel", type=float, default=0.08, help="edge, in [m]")
     parser.add_argument("--speed", type=float, default=0.1, help="share of the joints' limits")
-    parser.add_argument("--limit", type=float, default=120.0, help="seconds that a row may take")
+    parser.add_argument("--limit", type=float, default=40.0, help="seconds that a row may take")
     parser.add_argument("--ways", choices=WAYS, nargs="+", default=WAYS)
     parser.add_argument("--wall", action="store_true", help="times as they pass on the wall")
     options = parser.parse_args(arguments)
