@@ -1,6 +1,6 @@
 """What point clouds cost: to take in, in ticks, and in STOP beside a person.
 
-    python benchmarks/bench_cloud.py [--seconds 8] [--rays 160 125] [--voxel 0.05] …
+    python benchmarks/bench_cloud.py [--seconds 8] [--rays 160 125] [--voxel 0.08] …
 
 A Panda works, supervised at 250 Hz unless told otherwise, while a person comes, reaches into the
 cell and leaves. A camera beside them casts rays at 30 Hz among the person's bodies, the arm and a
@@ -11,14 +11,16 @@ that all see the same motion:
 
 - bodies: balls and capsules with their velocities;
 - no velocities: the same, whose velocities are not known;
-- voxels: those of the camera, which go where rays have passed;
-- snapshot: the same, all of them anew in each cloud;
-- voxels + door: with an entrance behind the person, 2 m from the arm's base.
+- snapshot: voxels of a camera that sees the whole visit, all of them anew in each cloud;
+- voxels: the same, which go where rays have passed;
+- voxels + door: with an entrance behind the person, 2 m from the arm's base;
+- edge of view: voxels of a camera into whose view the person walks from aside, and out of it.
 
 Printed: seconds of the scene that were supervised, rows in the table, what a cloud takes to filter
-and to take in, what the tick after a message takes and the others, in milliseconds, and the share
-of ticks in STOP. Times are of one core. A row ends when it has taken `--limit` seconds: its share
-of STOP is then that of the scene's beginning.
+and to take in, what the tick after a message takes and the others, in milliseconds, the share of
+ticks in STOP, and when the first STOP and the last one were. Times are of the thread on its core,
+without what other programs take meanwhile, or with `--wall` as they pass on the wall. A row ends
+when it has taken `--limit` seconds: its share of STOP is then that of the scene's beginning.
 """
 
 from __future__ import annotations
@@ -33,50 +35,77 @@ from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.pairs import CloudFilter
 from armguard.robot import Kinematics, Robot
+from armguard.simulation import JointTrajectory
 from armguard.simulation.bodies import BODIES, POINTS, publish_person
 from armguard.simulation.person import ProceduralPerson
 from armguard.verdict import Level
-from scene.crowds import RATE, Work
+from scene.crowds import WAYPOINTS
 from scene.machine import describe_machine
 
-EVERY = 32  # thousandths of a second between clouds
-WAYS = ("bodies", "no velocities", "voxels", "snapshot", "voxels + door")
-CAMERA, TARGET = np.array([2.4, -1.2, 1.3]), np.array([0.0, -0.7, 0.3])
+CLOUD_RATE = 30.0  # or next to it, such that every cloud comes with a tick, [Hz]
+WAYS = ("bodies", "no velocities", "snapshot", "voxels", "voxels + door", "edge of view")
+CAMERAS = {  # place and target in [m], angle of view across in [rad]
+    "whole": ((3.2, -1.6, 1.2), (0.0, -1.6, 0.3), 1.22),
+    "edge of view": ((2.4, -1.2, 1.3), (0.0, -0.7, 0.3), 1.05),
+}
 BACKGROUND = 6.0  # along the camera's axis, [m]
 LINKS_A_CAPSULE = 7
 
 
-def make_rays(shape: tuple[int, int], view: float = 1.05) -> np.ndarray:
-    """Directions of a camera's rays, of length 1 along its axis. Shape (n, 3)."""
-    forward = (TARGET - CAMERA) / np.linalg.norm(TARGET - CAMERA)
-    aside = np.cross(forward, [0.0, 0.0, 1.0])
-    aside /= np.linalg.norm(aside)
-    half = np.tan(0.5 * view)
-    u, v = np.meshgrid(
-        np.linspace(-half, half, shape[0]),
-        np.linspace(-half, half, shape[1]) * shape[1] / shape[0],
-    )
-    return forward + u.reshape(-1, 1) * aside + v.reshape(-1, 1) * np.cross(aside, forward)
+class Camera:
+    """A pinhole camera whose rays are a grid in its image plane.
 
+    Attributes:
+        place: Where it is, in [m]. Shape (3,).
+        forward: Its axis, of length 1. Shape (3,).
+        rays: Directions, of length 1 along the axis, row by row. Shape (down * across, 3).
+        spacing: Between neighbouring rays, 1 m along the axis, in [m].
+    """
 
-def cast(rays: np.ndarray, balls: np.ndarray) -> np.ndarray:
-    """Where rays end among balls (n, 4) and before the background, in [m]. Shape (n, 3)."""
-    depth, forward = np.full(len(rays), BACKGROUND), TARGET - CAMERA
-    forward = forward / np.linalg.norm(forward)
-    square = (rays**2).sum(axis=1)
-    for *center, radius in balls:
-        offset = np.array(center) - CAMERA
-        axial = offset @ forward
-        if not axial > 2.0 * radius:
-            continue
-        # Of length 1 along the axis, rays that may meet it pass this near its centre there.
-        near = np.abs(rays - offset / axial).max(axis=1) <= 2.0 * radius / (axial - radius)
-        near = np.flatnonzero(near)
-        along = rays[near] @ offset
-        root = along**2 - square[near] * (offset @ offset - radius**2)
-        hit = np.where(root > 0.0, (along - np.sqrt(np.maximum(root, 0.0))) / square[near], np.inf)
-        depth[near] = np.minimum(depth[near], hit)
-    return CAMERA + depth[:, None] * rays
+    def __init__(self, place, target, view: float, across: int, down: int) -> None:
+        self.place = np.array(place)
+        self.forward = np.array(target) - self.place
+        self.forward /= np.linalg.norm(self.forward)
+        aside = np.cross(self.forward, [0.0, 0.0, 1.0])
+        aside /= np.linalg.norm(aside)
+        self._axes = np.array([aside, np.cross(aside, self.forward)])
+        half = np.tan(0.5 * view)
+        self._slopes = (
+            np.linspace(-half, half, across),
+            np.linspace(-half, half, down) * down / across,
+        )
+        u, v = np.meshgrid(*self._slopes)
+        self.rays = self.forward + u.reshape(-1, 1) * aside + v.reshape(-1, 1) * self._axes[1]
+        self.spacing = float(2.0 * half / (across - 1))
+        self._square = 1.0 + u**2 + v**2
+
+    def cast(self, balls: np.ndarray) -> np.ndarray:
+        """Where rays end among balls (n, 4) and before the background, in [m]. Shape (n, 3)."""
+        depth = np.full(self._square.shape, BACKGROUND)
+        for *center, radius in balls:
+            offset = np.array(center) - self.place
+            axial, sides = offset @ self.forward, self._axes @ offset
+            if not axial > 2.0 * radius:
+                continue
+            # What is in the ball, at (side + a) / (axial + b) with a² + b² ≤ radius², is no
+            # farther from its centre's slope than this.
+            slopes = sides / axial
+            reach = radius * np.sqrt(1.0 + slopes**2) / (axial - radius)
+            (left, right), (top, bottom) = (
+                np.searchsorted(grid, [slope - width, slope + width])
+                for grid, slope, width in zip(self._slopes, slopes, reach, strict=True)
+            )
+            window = np.s_[top:bottom, left:right]
+            across, down = self._slopes[0][left:right], self._slopes[1][top:bottom, None]
+            along, square = axial + sides[0] * across + sides[1] * down, self._square[window]
+            root = along**2 - square * (offset @ offset - radius**2)
+            hit = (along - np.sqrt(np.maximum(root, 0.0))) / square
+            depth[window] = np.minimum(depth[window], np.where(root > 0.0, hit, np.inf))
+        return self.place + depth.reshape(-1, 1) * self.rays
+
+    def find_foreground(self, points: np.ndarray) -> np.ndarray:
+        """Which points are nearer than the background. Shape (n,)."""
+        return (points - self.place) @ self.forward < 0.999 * BACKGROUND
 
 
 def fill_bodies(position: np.ndarray) -> np.ndarray:
@@ -89,112 +118,150 @@ def fill_bodies(position: np.ndarray) -> np.ndarray:
     return np.array(balls)
 
 
+class View:
+    """What a camera sees, cloud by cloud, and what its points may be off by, in [m]."""
+
+    def __init__(self, camera: Camera, bodies: list[np.ndarray]) -> None:
+        self.camera = camera
+        self.clouds = [camera.cast(balls) for balls in bodies]
+        self.farthest = max(
+            float(((points - camera.place) @ camera.forward)[camera.find_foreground(points)].max())
+            for points in self.clouds
+        )
+        # Half a diagonal between four rays, where they are farthest apart.
+        self.error = self.farthest * camera.spacing / np.sqrt(2.0)
+
+
 class Scene:
-    """The arm's states, and what the camera sees every `EVERY` ticks."""
+    """The arm's states in the monitor's ticks, and what the camera sees in every few of them."""
 
     def __init__(self, robot: Robot, options: argparse.Namespace) -> None:
-        self.ticks = round(RATE * options.seconds)
-        self.work = Work(robot, self.ticks, options.speed)
-        self.person = ProceduralPerson(1, options.seconds)
         self.options = options
+        self.ticks = round(options.rate * options.seconds)
+        self.every = max(1, round(options.rate / CLOUD_RATE))
+        trajectory = JointTrajectory(
+            robot, WAYPOINTS, speed_fraction=options.speed, acceleration_fraction=0.5, loop=True
+        )
+        self.states = [trajectory.sample(tick / options.rate) for tick in range(self.ticks)]
+        self.person = ProceduralPerson(1, options.seconds)
+        bodies = self._place_bodies(robot)
+        self.views = {
+            way: View(Camera(*place, *options.rays), bodies) for way, place in CAMERAS.items()
+        }
+
+    def _place_bodies(self, robot: Robot) -> list[np.ndarray]:
+        """Arm and person as balls, centre and radius in [m], for each cloud. Shapes (n, 4)."""
         kinematics = Kinematics(robot)
         leaves = kinematics.spheres.child_count == 0
-        rays = make_rays(tuple(options.rays))
-        self.clouds = []
-        for tick in range(0, self.ticks, EVERY):
-            kinematics.compute(self.work.q[tick], self.work.v[tick])
+        bodies = []
+        for tick in range(0, self.ticks, self.every):
+            kinematics.compute(*self.states[tick])
             arm = np.column_stack([kinematics.centers, kinematics.spheres.radius])[leaves]
-            body = fill_bodies(self.person.sample(tick / RATE)[0])
-            self.clouds.append(cast(rays, np.concatenate([arm, body])))
-        spacing = np.linalg.norm(rays[1] - rays[0]) * np.linalg.norm(TARGET - CAMERA)
-        # Half a diagonal between four rays.
-        self.error = float(spacing / np.sqrt(2.0))
+            person = fill_bodies(self.person.sample(tick / self.options.rate)[0])
+            bodies.append(np.concatenate([arm, person]))
+        return bodies
 
 
 def run(way: str, robot: Robot, scene: Scene) -> list[str]:
     """The cells of one row of the table."""
-    options, work = scene.options, scene.work
+    options = scene.options
+    view = scene.views.get(way, scene.views["whole"])
+    camera, clock = view.camera, time.perf_counter if options.wall else time.thread_time
     obstacles = Obstacles(sources=["camera"])
     if way == "voxels + door":
         obstacles.add_entrance("door", [[-0.6, -2.0, 0.0], [0.6, -2.0, 0.0]], 0.3, 0.1)
     monitor = Monitor(robot, obstacles, rate=options.rate, operating="published")
     own = CloudFilter(robot)
     # Compiled before the first tick.
-    obstacles.update_cloud("camera", 0.0, [], CAMERA, options.voxel)
-    stops = 0
+    obstacles.update_cloud("camera", 0.0, [], camera.place, options.voxel)
+    stops = []
     filtering, intake, after, others, rows = [], [], [], [], []
     gc.collect()
     gc.disable()
     end = time.monotonic() + options.limit
-    ticks = range(0, scene.ticks, round(RATE / options.rate))
-    for tick in ticks:
+    for tick, (q, v) in enumerate(scene.states):
         if time.monotonic() > end:
             break
-        now, is_seen = tick / RATE, tick % EVERY == 0
+        now, is_seen = tick / options.rate, tick % scene.every == 0
         if is_seen and way in WAYS[:2]:
             position, velocity = scene.person.sample(now)
             error = np.zeros(len(POINTS))
             if way == "no velocities":
                 velocity, error = np.zeros_like(velocity), np.full(len(POINTS), 2.0)
-            begin = time.perf_counter()
+            begin = clock()
             publish_person(obstacles, "camera", now, position, velocity, error)
-            intake.append(time.perf_counter() - begin)
+            intake.append(clock() - begin)
         elif is_seen:
-            points = scene.clouds[tick // EVERY]
-            begin = time.perf_counter()
-            occupied = own.find_others(points, work.q[tick])
+            points = view.clouds[tick // scene.every]
+            begin = clock()
+            occupied = own.find_others(points, q)
             # A user's own background model; here what is as far as nothing is.
-            occupied &= (points - CAMERA) @ (TARGET - CAMERA) < (
-                0.999 * BACKGROUND * np.linalg.norm(TARGET - CAMERA)
-            )
-            filtering.append(time.perf_counter() - begin)
-            begin = time.perf_counter()
+            occupied &= camera.find_foreground(points)
+            filtering.append(clock() - begin)
+            begin = clock()
             obstacles.update_cloud(
                 "camera",
                 now,
                 points,
-                CAMERA,
+                camera.place,
                 options.voxel,
                 occupied=occupied,
-                position_error=scene.error,
+                position_error=view.error,
                 snapshot=way == "snapshot",
             )
-            intake.append(time.perf_counter() - begin)
-        begin = time.perf_counter()
-        verdict = monitor.step(now, work.q[tick], work.v[tick])
-        (after if is_seen else others).append(time.perf_counter() - begin)
-        stops += verdict.level is Level.STOP
+            intake.append(clock() - begin)
+        begin = clock()
+        verdict = monitor.step(now, q, v)
+        (after if is_seen else others).append(clock() - begin)
+        if verdict.level is Level.STOP:
+            stops.append(now)
         rows.append(len(obstacles))
     gc.enable()
     spent = [
         f"{1e3 * np.median(taken):.2f} / {1e3 * np.quantile(taken, 0.99):.2f}" if taken else "-"
         for taken in (filtering, intake, after, others)
     ]
-    share = f"{100.0 * stops / len(rows):.1f} %"
+    share = f"{100.0 * len(stops) / len(rows):.1f} %"
+    between = f"{stops[0]:.1f} to {stops[-1]:.1f} s" if stops else "-"
     seconds = f"{len(rows) / options.rate:.2f}"
-    return [seconds, f"{np.median(rows):.0f} / {max(rows)}", *spent, share]
+    return [seconds, f"{np.median(rows):.0f} / {max(rows)}", *spent, share, between]
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=8.0, help="of the person's visit")
+    parser.add_argument(
+        "--seconds", type=float, default=8.0, help="of the person's visit, 8 or more"
+    )
     parser.add_argument("--rate", type=float, default=250.0, help="of the monitor, in [Hz]")
     parser.add_argument("--rays", type=int, nargs=2, default=(160, 125), help="across and down")
-    parser.add_argument("--voxel", type=float, default=0.05, help="edge, in [m]")
+    parser.add_argument("--voxel", type=float, default=0.08, help="edge, in [m]")
     parser.add_argument("--speed", type=float, default=0.1, help="share of the joints' limits")
-    parser.add_argument("--limit", type=float, default=120.0, help="seconds that a row may take")
+    parser.add_argument("--limit", type=float, default=40.0, help="seconds that a row may take")
     parser.add_argument("--ways", choices=WAYS, nargs="+", default=WAYS)
+    parser.add_argument("--wall", action="store_true", help="times as they pass on the wall")
     options = parser.parse_args(arguments)
     robot = Robot.load("panda")
     print(describe_machine())
     scene = Scene(robot, options)
     across, down = options.rays
+    errors = ", ".join(f"{1e3 * view.error:.0f} mm ({way})" for way, view in scene.views.items())
     print(
-        f"{across * down:,} points at {RATE / EVERY:.0f} Hz, voxels of {options.voxel:g} m, "
-        f"errors of {1e3 * scene.error:.0f} mm; ms, median / p99"
+        f"{across * down:,} points at {options.rate / scene.every:.1f} Hz, voxels of "
+        f"{options.voxel:g} m, errors of points {errors}; monitor at {options.rate:g} Hz, arm at "
+        f"{options.speed:.0%} of its joints' speeds; {'wall' if options.wall else 'thread'} time "
+        "in ms, median / p99"
     )
-    columns = ("seconds", "rows, most", "filter", "intake", "tick after", "other ticks", "STOP")
+    columns = (
+        "seconds",
+        "rows, most",
+        "filter",
+        "intake",
+        "tick after",
+        "other ticks",
+        "STOP",
+        "first to last",
+    )
     print(f"{'':<14}" + "".join(f"{title:>16}" for title in columns))
     for way in options.ways:
         cells = run(way, robot, scene)

@@ -281,3 +281,28 @@ def test_the_benchmark_beside_people_runs_and_nothing_in_it_is_refused(load, cap
     assert np.mean(crowd.evaluated) < 500
     table = capsys.readouterr().out
     assert all(run.name in table for run in runs)
+
+
+def test_rays_end_at_the_nearest_ball(load):
+    bench = load("bench_cloud")
+    camera = bench.Camera((1.0, -2.0, 0.5), (0.0, 0.3, 0.2), 1.2, 24, 18)
+    random = np.random.default_rng(3)
+    balls = np.column_stack(
+        [camera.place + 1.5 * random.normal(size=(60, 3)), random.uniform(0.02, 0.3, 60)]
+    )
+    expected, hits = [], 0
+    for ray in camera.rays:
+        depth = bench.BACKGROUND
+        for *center, radius in balls:
+            offset = np.array(center) - camera.place
+            if offset @ camera.forward <= 2.0 * radius:  # too near for the camera
+                continue
+            roots = np.roots([ray @ ray, -2.0 * ray @ offset, offset @ offset - radius**2])
+            if np.isreal(roots).all():
+                depth = min(depth, roots.min().real)
+        expected.append(camera.place + depth * ray)
+        hits += depth < bench.BACKGROUND
+    assert 0.2 < hits / len(camera.rays) < 0.9
+    points = camera.cast(balls)
+    assert np.abs(points - expected).max() < 1e-9
+    assert camera.find_foreground(points).sum() == hits
