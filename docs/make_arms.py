@@ -60,7 +60,7 @@ Every URDF of [example-robot-data](https://pypi.org/project/example-robot-data/)
 
     armguard robot new FILE.urdf --out DIR --yes --spheres {SPHERES}
 
-as it is, without any other option: what loads, with how many joints watched and locked, how many links, how many of them as they are drawn, and how many spheres; and what is refused and why. Seconds are processor time on a shared machine, of reading and describing, and of fitting, proving and loading again. What is "not fitted" was described and read, which is where refusals come from; fitting takes about a minute for an arm, many for the robots of more than {MOST_LINKS} links, which are left out. With `--yes` much is CHOSEN or DERIVED, so a row says that an arm loads, not that its description is right. At most {SPHERES} spheres a link keep the trial short; seven of these arms have covers of 20 mm in [covers](covers.md).
+as it is, without any other option: what loads, with how many joints watched and locked, how many links, how many of them as they are drawn, and how many spheres; and what is refused and why. Seconds are processor time on a shared machine, of reading and describing, and of fitting, proving and loading again. A link that an earlier row of the same run had is not fitted again, so of several descriptions of one arm the first says how long that takes; kernels were compiled before, or count for the first row. What is "not fitted" was described and read, which is where refusals come from: robots of more than {MOST_LINKS} links would take many minutes. With `--yes` much is CHOSEN or DERIVED, so a row says that an arm loads, not that its description is right. At most {SPHERES} spheres a link keep the trial short; seven of these arms have covers of 20 mm in [covers](covers.md).
 """
 
 
