@@ -2,7 +2,7 @@
 
 All figures come from the monitor itself, with its own defaults: the arm is in the middle of its
 ranges, every joint at a fifth of what its controller keeps to, and a person at walking speed comes
-straight at the sphere that is farthest from the base.
+straight at the point of the arm that is farthest from the axis of its base.
 """
 
 from __future__ import annotations
@@ -107,20 +107,22 @@ def choose_state(robot: Robot, operating: OperatingLimits | None) -> tuple[Float
 
 
 def choose_approach(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where the sphere that is farthest from the base ends, and the way out from there. (3,)."""
+    """Where the arm itself ends farthest from the base's axis, and the level way out. (3,) each.
+
+    Of the arm, not of its spheres: a sphere may end where a larger one says that no link is.
+    """
     data = robot.model.createData()
     pinocchio.forwardKinematics(robot.model, data, q)
-    farthest, end, way = -1.0, np.zeros(3), np.array([1.0, 0.0, 0.0])
+    farthest, end, way = 0.0, np.zeros(3), np.array([1.0, 0.0, 0.0])
     for link in robot.links:
         placement = data.oMi[robot.joint_index(link)]
-        for *center, radius in robot.cover.spheres(link).tolist():
-            point = placement.act(np.array(center))
-            flat = np.array([point[0], point[1], 0.0])
-            distance = float(np.linalg.norm(flat))
-            if distance + radius > farthest:
-                farthest = distance + radius
-                way = flat / distance if distance > 0.0 else way
-                end = point + radius * way
+        corners = robot.triangles(link).reshape(-1, 3) @ placement.rotation.T
+        corners += placement.translation
+        away = np.hypot(corners[:, 0], corners[:, 1])
+        most = int(away.argmax())
+        if away[most] > farthest:
+            farthest, end = float(away[most]), corners[most]
+            way = np.array([end[0], end[1], 0.0]) / farthest
     return end, way
 
 

@@ -1,6 +1,7 @@
 """Laws of what choices cost: the less is known of an arm, the sooner it stops for a person."""
 
 import numpy as np
+import pinocchio
 import pytest
 
 from armguard.app.new_robot.costs import (
@@ -68,6 +69,18 @@ def test_distances_are_those_of_the_walk_until_the_arm_rests(robot, figures):
         assert distance >= (WALKING_SPEED - end * v[0]) * stop_time
         assert distance <= (2.0 + end * robot.velocity_limit[0]) * stop_time + 0.05
         assert 0.0 < stop_time < 2.0
+
+
+def test_the_person_is_as_far_from_the_arm_as_is_said(robot):
+    q = np.array([0.5])
+    end, way = choose_approach(robot, q)
+    data = robot.model.createData()
+    pinocchio.forwardKinematics(robot.model, data, q)
+    corners = robot.triangles("upper").reshape(-1, 3)
+    corners = np.array([data.oMi[1].act(corner) for corner in corners])
+    gaps = np.linalg.norm(corners - (end + 0.3 * way), axis=1)
+    assert gaps.min() == pytest.approx(0.3)
+    assert way[2] == 0.0
 
 
 def test_less_is_needed_of_an_arm_of_which_more_is_known(figures):
