@@ -60,7 +60,7 @@ Every URDF of [example-robot-data](https://pypi.org/project/example-robot-data/)
 
     armguard robot new FILE.urdf --out DIR --yes --spheres {SPHERES}
 
-as it is, without any other option: what loads, with how many joints watched and locked, how many links, how many of them as they are drawn, and how many spheres; and what is refused and why. Seconds are processor time on a shared machine, of reading and describing, and of fitting, proving and loading again. What is "not fitted" was described and read, which is where refusals come from; fitting takes about a minute for an arm, many for the robots of more than {MOST_LINKS} links, which are left out. With `--yes` much is CHOSEN or DERIVED, so a row says that an arm loads, not that its description is right. At most {SPHERES} spheres a link keep the trial short; seven of these arms have covers of 20 mm in [covers](covers.md).
+as it is, without any other option: what loads, with how many joints watched and locked, how many links, how many of them as they are drawn, and how many spheres; and what is refused and why. Seconds are processor time on a shared machine, of reading and describing, and of fitting, proving and loading again. A link that an earlier row of the same run had is not fitted again, so of several descriptions of one arm the first says how long that takes; the first fitted row may include the compiling of kernels. What is "not fitted" was described and read, which is where refusals come from: robots of more than {MOST_LINKS} links would take many minutes. With `--yes` much is CHOSEN or DERIVED, so a row says what armguard makes of a URDF, not that its description is right. At most {SPHERES} spheres a link keep the trial short; seven of these arms have covers of 20 mm in [covers](covers.md).
 """
 
 
@@ -125,9 +125,10 @@ def write_page(rows: dict[str, dict[str, Any]]) -> str:
     """The page, in Markdown."""
     loaded = {path: row for path, row in rows.items() if "refused" not in row}
     refused = {path: row for path, row in rows.items() if "refused" in row}
+    covered = sum("spheres" in row for row in loaded.values())
     parts = [
         HEAD,
-        f"## {len(loaded)} load\n",
+        f"## {len(loaded)} are read, {covered} of them fitted, proved and loaded\n",
         "| URDF | joints | locked | links | as drawn | spheres | described in, s | fitted in, s |",
         "|---|---|---|---|---|---|---|---|",
         *(

@@ -474,7 +474,7 @@ class NewRobot:
     """how far they may stick out, in mm. Neither: 20 mm."""
 
     def run(self) -> int:
-        """Ask, fit, write, and show what was chosen."""
+        """Ask, fit, write, and show what it costs."""
         from armguard.app.new_robot.command import Wishes, run_new
 
         said = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}

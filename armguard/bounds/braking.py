@@ -181,6 +181,7 @@ class BrakingMotion(JointSpaceMotion):
         high, low, size = table.span
         middle, half = 0.5 * (high + low), 0.5 * (high - low)
         jacobian = pinocchio.computeJointJacobians(self._robot.model, self._data, position)
+        jacobian = jacobian.reshape(6, -1)  # Pinocchio makes a vector of a single joint's.
         volumes = np.empty((len(self.lever), 4))
         row = 0
         for link in self._robot.links:

@@ -101,6 +101,7 @@ class JointSpaceMotion(ABC):
         lever = compute_levers(robot, link, local[None])
         slope_error, _ = velocity_error_terms(lever, robot.position_error, robot.velocity_error)
         jacobian = pinocchio.computeJointJacobians(robot.model, self._data, position)
+        jacobian = jacobian.reshape(6, -1)  # Pinocchio makes a vector of a single joint's.
         place = self._data.oMi[robot.joint_index(link)].act(local)
         # Nodes that do not depend on t, and t: what is greatest over them never falls with t.
         nodes = grid(min(int(np.sqrt(t / GRID_STEP)) + 2, MOST_NODES))

@@ -2,13 +2,14 @@ import numpy as np
 import pinocchio
 import pytest
 
-from armguard.bounds import IsotropicMotion, JointMotion
+from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion
 from armguard.bounds.joint import GRID_STEP, grid
 from armguard.exceptions import ArmguardError
-from armguard.robot import Kinematics
+from armguard.robot import Kinematics, Robot
 from support.example_arms import load_arm
 from support.hostile_joints import random_state
 from support.motion_questions import HAND_POINT, altered, moderate_state, unit
+from support.urdf_arms import limits_for, two_links
 
 READY = np.array([0.0, 0.0, 0.0, -1.5, 0.0, 1.8, 0.0])
 
@@ -167,3 +168,25 @@ def test_tables_of_any_number_of_slices_tell_the_same_displacements(robot):
         np.testing.assert_allclose(many.time[shared], few.time, atol=1e-12)
         np.testing.assert_allclose(many.high[shared], few.high, atol=1e-9)
         np.testing.assert_allclose(many.low[shared], few.low, atol=1e-9)
+
+
+def test_an_arm_with_a_single_joint_is_bounded_as_any(tmp_path):
+    robot = Robot.from_urdf(two_links(tmp_path), limits=limits_for("shoulder"))
+    q, v, t = np.array([0.5]), np.array([0.6]), 0.1
+    placement = pinocchio.SE3(np.eye(3), np.array([0.0, 0.0, 1.0]))
+    point, data = np.array([0.2, 0.1, 0.3]), robot.model.createData()
+    for motion in (JointMotion(robot), BrakingMotion(robot, 0.05)):
+        pinocchio.forwardKinematics(robot.model, data, q)
+        before = data.oMi[1].act(point)
+        pinocchio.forwardKinematics(robot.model, data, q + 0.05 * v)
+        moved = data.oMi[1].act(point) - before
+        distance = np.linalg.norm(moved)
+        bound = motion.advance(q, v, "upper", point, moved / distance, t)
+        assert distance <= bound <= np.linalg.norm(point) * t * robot.velocity_limit[0] * 1.1
+    volumes = BrakingMotion(robot, 0.05, placement).stopping_volume(q, v, 0.0, 0.0)
+    spheres = robot.cover.tree("upper").spheres
+    for angle in q + np.array([0.0, 0.02, 0.05]) * v:
+        pinocchio.forwardKinematics(robot.model, data, np.array([angle]))
+        for (*center, radius), (x, y, z, reach) in zip(spheres.tolist(), volumes, strict=True):
+            gone = placement.act(data.oMi[1].act(np.array(center))) - [x, y, z]
+            assert np.linalg.norm(gone) + radius <= reach

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
 import tempfile
 import tomllib
@@ -11,9 +12,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rich.console import Console
+from rich.table import Table
 
 from armguard.app.covers import TOLERANCE, UNPROVED, fit_with_bar, show_report
 from armguard.app.new_robot import limits as usual
+from armguard.app.new_robot.costs import (
+    WALKING_SPEED,
+    WORKING_SHARE,
+    list_cases,
+    measure,
+)
 from armguard.app.new_robot.limits import JointFacts, find_bare, find_coupled, find_travel
 from armguard.app.new_robot.questions import (
     GIVEN,
@@ -27,10 +35,12 @@ from armguard.app.new_robot.questions import (
 )
 from armguard.app.new_robot.sources import URDF, UrdfSource, find_urdf
 from armguard.app.new_robot.text import NewRobot, list_choices, write_text
+from armguard.app.processes import complain
 from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
 from armguard.cover.report import CoverReport
-from armguard.exceptions import RobotError
+from armguard.exceptions import ArmguardError, RobotError
 from armguard.jit.progress import following
+from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.description import (
     COVER,
     DESCRIPTION,
@@ -75,7 +85,7 @@ class Wishes(NamedTuple):
 
 
 def run_new(wishes: Wishes) -> int:
-    """Write the folder of a new robot, and print what was chosen in it; the exit code.
+    """Write the folder of a new robot, and print what its choices cost; the exit code.
 
     Raises:
         ArmguardError: Something is missing, unusable or contradictory; nothing is written then.
@@ -95,17 +105,12 @@ def run_new(wishes: Wishes) -> int:
         _print(f"- {line}")
     if planning is not None and planning.unused:
         _print(f"not used of {wishes.joint_limits}: {', '.join(planning.unused)}")
-    if planning is not None and min(planning.velocity_scaling, planning.acceleration_scaling) < 1.0:
-        _print(
-            f"not applied of {wishes.joint_limits}: default scaling factors "
-            f"{planning.velocity_scaling:g} (velocity) and {planning.acceleration_scaling:g} "
-            "(acceleration), since a request may name others"
-        )
     # Read back as every command reads it, so that nothing is promised that cannot be loaded.
-    Robot.load(wishes.out.absolute())
+    show_costs(Robot.load(wishes.out.absolute()), planning)
     _print(
         f"next: armguard show {wishes.out}; armguard demo --robot {wishes.out}; in a cell file "
-        f'[robot] name = "{wishes.out}" (relative to its folder)'
+        f'[robot] name = "{wishes.out}" (relative to its folder), and operating = "published" if '
+        "your controller keeps to the operating limits: without it none are in force"
     )
     return 0
 
@@ -559,6 +564,39 @@ def write_folder(folder: Path, text: str, cover: Cover, urdf: str | None) -> Non
             with contextlib.suppress(OSError):
                 path.unlink()
         raise RobotError(str(folder), f"cannot be written: {error.strerror}") from error
+
+
+def show_costs(robot: Robot, planning: PlanningLimits | None) -> None:
+    """Print what the monitor says of the arm as written, and with one choice at a time changed."""
+    table = Table(
+        "description", title="what each choice costs in STOP", title_justify="left",
+        caption_justify="left",
+    )  # fmt: skip
+    table.add_column("rests within, ms", justify="right")
+    table.add_column("STOP within, m", justify="right")
+    most_accel, most_speed = Obstacles(sources=[]).bounds.others
+    table.caption = (
+        f"The arm is in the middle of its ranges, all joints at {WORKING_SHARE:.0%} of their "
+        f"operating velocities. A person walks straight at its farthest end at {WALKING_SPEED:g} "
+        f"m/s, and may speed up by {most_accel:g} m/s² to {most_speed:g} m/s: nearer than this is "
+        "a STOP."
+    )
+    cases = list(list_cases(robot, planning))
+    with following("asking the monitor about case", len(cases)) as begin:
+        for case in cases:
+            begin(case.name)
+            try:
+                figures = measure(case)
+            except ArmguardError as error:
+                complain(f"{case.name}: {error}")
+                continue
+            stop_time, distance = figures
+            table.add_row(
+                case.name,
+                f"{1e3 * stop_time:.0f}" if stop_time < math.inf else "not stated",
+                f"{distance:.2f}" if distance < math.inf else "anywhere",
+            )
+    Console().print(table)
 
 
 def _print(text: str) -> None:

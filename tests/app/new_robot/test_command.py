@@ -52,7 +52,7 @@ def fingered(folder):
     )
 
 
-def test_a_new_robot_loads_and_says_what_was_chosen(tmp_path, capsys):
+def test_a_new_robot_loads_and_says_what_was_chosen_and_what_it_costs(tmp_path, capsys):
     urdf, out = two_links(tmp_path), tmp_path / "mine"
     code, text, err = run([urdf, "--out", out, "--yes", "--spheres", 2], capsys)
     assert code == 0, err
@@ -66,6 +66,8 @@ def test_a_new_robot_loads_and_says_what_was_chosen(tmp_path, capsys):
         assert robot.source("shoulder", limit).startswith("CHOSEN")
     assert robot.published_operating_limits is not None
     assert "CHOSEN" in text
+    rows = [line.split() for line in text.splitlines() if "│" in line]
+    assert any(row[1:3] == ["as", "written"] for row in rows)
     # What was written goes wherever a robot is named.
     (tmp_path / "cell.toml").write_text('[robot]\nname = "mine"\n[sources.camera]\n')
     cell = Cell.load(tmp_path / "cell.toml")
