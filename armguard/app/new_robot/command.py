@@ -386,7 +386,7 @@ def settle_joints(
     for pattern in wishes.travel:
         for joint in match(f"--travel {pattern}", pattern, names):
             locked[joint] = _travel(urdf, joint)
-    coupled = set(urdf.mimics) | set(urdf.mimics.values())
+    coupled = set(urdf.mimics) | {mimic.leader for mimic in urdf.mimics.values()}
     if wishes.joints:
         watched = [
             joint
@@ -399,8 +399,8 @@ def settle_joints(
         if joint in locked:
             raise RobotError(f"joint {joint!r}", "is watched and locked", expected="one of both")
         if joint in coupled:
-            leader = urdf.mimics.get(joint)
-            problem = f"mimics joint {leader!r}" if leader else "is mimicked by another"
+            mimic = urdf.mimics.get(joint)
+            problem = f"mimics joint {mimic.leader!r}" if mimic else "is mimicked by another"
             raise RobotError(
                 f"joint {joint!r}", problem, expected="--joints that move independently"
             )

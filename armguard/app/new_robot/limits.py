@@ -248,14 +248,25 @@ def find_bare(urdf: UrdfModel, watched: Sequence[str]) -> list[str]:
 
 
 def find_travel(urdf: UrdfModel, joint: str) -> Range | None:
-    """The range of a joint that may be anywhere in it; None where no cover could have it."""
+    """The range of a joint that may be anywhere in it; None where no cover could have it.
+
+    A joint that mimics another may be in its own range and wherever the range of its leader takes
+    it: URDFs whose two ranges differ do not say which of them is wrong.
+    """
     model: Any = urdf.model
-    number = model.getJointId(joint)
-    index = model.joints[number].idx_q
-    lower = float(model.lowerPositionLimit[index])
-    upper = float(model.upperPositionLimit[index])
-    if not -math.inf < lower < upper < math.inf:
+    travel = urdf.read_range(joint)
+    if travel is None:
         return None
-    if not is_prismatic(model, number) and not upper - lower <= 2.0 * math.pi:
+    lower, upper = travel
+    if mimic := urdf.mimics.get(joint):
+        # How far a leader goes that follows a third joint is not said by its own range.
+        if mimic.leader in urdf.mimics or not model.existJointName(mimic.leader):
+            return None
+        leading = urdf.read_range(mimic.leader)
+        if leading is None:
+            return None
+        least, most = mimic.map_range(*leading)
+        lower, upper = min(lower, least), max(upper, most)
+    if not is_prismatic(model, model.getJointId(joint)) and not upper - lower <= 2.0 * math.pi:
         return None
     return lower, upper
