@@ -432,7 +432,7 @@ def read_signed(option: str, text: str) -> tuple[float]:
 
 
 def _settle_carrier(joint: str, coupled: set[str], urdf: UrdfModel, asker: Asker) -> LockedJoint:
-    """Where a joint stands still that carries watched ones."""
+    """Where a joint stands still that carries watched ones; nobody else can know it."""
     option = f"--lock {joint}=POSITION"
     if joint in coupled:
         raise RobotError(
@@ -448,6 +448,7 @@ def _settle_carrier(joint: str, coupled: set[str], urdf: UrdfModel, asker: Asker
         f"joint {joint} carries watched joints and is not watched: where it stands still",
         f"{nearest:g}",
         None,
+        is_guess=True,
     )
     return LockedJoint(position=read_signed(option, answer)[0])
 

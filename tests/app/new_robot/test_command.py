@@ -225,6 +225,29 @@ def test_limits_that_a_urdf_lacks_are_usual_or_given(tmp_path):
     assert read(tmp_path / "none")["sources"]["position"].startswith("CHOSEN")
 
 
+def lifted(folder):
+    """An arm on a lift."""
+    return write_urdf(
+        folder,
+        *(link_xml(name) for name in ("base", "lift", "upper")),
+        joint_xml("torso", "base", "lift", "prismatic"),
+        joint_xml("shoulder", "lift", "upper"),
+    )
+
+
+def test_a_joint_that_carries_the_arm_stands_where_somebody_says(tmp_path):
+    make(lifted(tmp_path), tmp_path / "mine", joints=["shoulder"], lock=["torso=0.25"])
+    assert read(tmp_path / "mine")["locked"] == {"torso": {"position": 0.25}}
+    answers = {"--lock torso=POSITION": "0.5"}
+    make(
+        lifted(tmp_path),
+        tmp_path / "asked",
+        joints=["shoulder"],
+        ask=lambda text: next((one for option, one in answers.items() if option in text), ""),
+    )
+    assert read(tmp_path / "asked")["locked"] == {"torso": {"position": 0.5}}
+
+
 def drop(folder):
     (folder / "taken").mkdir()
     (folder / "taken" / "file").write_text("mine")
@@ -256,6 +279,11 @@ def drop(folder):
         (two_links, ["--yes", "--package-dirs", "none"], "--package-dirs none: is not a folder"),
         (two_links, ["--yes", "--joint-limits", "none.yaml"], "none.yaml: cannot be read"),
         (fingered, ["--yes", "--joints", "*"], "mimic"),
+        (
+            lifted,
+            ["--yes", "--joints", "shoulder"],
+            "--lock torso=POSITION: is missing: joint torso carries watched joints",
+        ),
         (lambda folder: folder / "none.urdf", ["--yes"], "none.urdf: cannot be read"),
         (lambda folder: two_links(folder, kind="floating"), ["--yes"], "degrees of freedom"),
         (

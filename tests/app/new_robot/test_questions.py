@@ -75,6 +75,9 @@ def test_a_choice_is_given_usual_asked_or_missing():
     assert Asker(lambda _: " ", takes_usual=False).choose("--load", "load", "1", None) == "1"
     with pytest.raises(RobotError, match="--load: is missing: load; --yes takes what is usual: 1"):
         Asker(None, takes_usual=False).choose("--load", "load", "1", None)
+    for takes_usual in (True, False):
+        with pytest.raises(RobotError, match="--lock: is missing: place; measure it; --yes does"):
+            Asker(None, takes_usual=takes_usual).choose("--lock", "place", "0", None, is_guess=True)
 
 
 @pytest.mark.parametrize(
