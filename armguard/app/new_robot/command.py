@@ -21,6 +21,7 @@ from armguard.app.new_robot.questions import (
     Figure,
     Question,
     match,
+    put_general_first,
     read_amount,
     read_number,
     read_range,
@@ -324,7 +325,7 @@ def describe(
             ),
             joints,
             # One number counts for all, though all are known.
-            [item if "=" in item else f"*={item}" for item in given],
+            [item if "=" in item else f"*={item}" for item in put_general_first(given)],
         )
         for option, what, default, given in (
             (

@@ -155,7 +155,7 @@ def read_answers(
         RobotError: A joint is unknown, or an amount unusable.
     """
     found: dict[str, Figure[Amount]] = {}
-    for item in given:
+    for item in put_general_first(given):
         pattern, has_joint, text = item.rpartition("=")
         value = question.read(f"{question.option} {item}", text)
         if has_joint:
@@ -164,6 +164,11 @@ def read_answers(
             members = [joint for joint in joints if joint not in question.known]
         found |= {joint: Figure(value, GIVEN) for joint in members}
     return found
+
+
+def put_general_first(given: Sequence[str]) -> list[str]:
+    """Amounts for all joints before those of named ones, which they do not take away."""
+    return sorted(given, key=lambda item: "=" in item)
 
 
 def match(option: str, pattern: str, names: Collection[str]) -> list[str]:

@@ -102,6 +102,11 @@ def test_what_is_given_goes_before_the_urdf(tmp_path):
     assert said["sources"]["velocity"] == GIVEN
 
 
+def test_errors_of_named_joints_are_kept_beside_one_for_all(tmp_path):
+    make(fingered(tmp_path), tmp_path / "mine", position_error=["shoulder=0.005", "0.002"])
+    assert read(tmp_path / "mine")["joints"]["shoulder"]["position_error"] == 0.005
+
+
 def test_joints_that_mimic_are_anywhere_in_their_travel(tmp_path):
     make(fingered(tmp_path), tmp_path / "mine")
     said = read(tmp_path / "mine")

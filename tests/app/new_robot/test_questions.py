@@ -36,6 +36,12 @@ def test_a_number_is_for_joints_that_lack_one_and_a_name_goes_before_the_urdf():
     }
 
 
+def test_a_number_for_all_leaves_named_joints_alone_wherever_it_stands():
+    for given in (("elbow=40", "20"), ("20", "elbow=40")):
+        assert answer(*given)["elbow"] == (40.0, GIVEN)
+        assert answer(*given)["wrist"] == (20.0, GIVEN)
+
+
 def test_what_is_usual_is_taken_only_where_that_is_said():
     assert answer(takes_usual=True)["elbow"] == (3.0, "CHOSEN")
     with pytest.raises(RobotError) as caught:
