@@ -54,6 +54,10 @@ ACCELERATION_CHOSEN = (
     "CHOSEN: full speed within 20 ms, several times harder than arms are known to stop; the URDF's "
     "efforts and inertias do not tell"
 )
+ACCELERATION_FLOOR = (
+    "CHOSEN: full speed within 20 ms, several times harder than arms are known to stop; the URDF's "
+    "efforts would allow less"
+)
 BRAKES_CHOSEN = (
     "CHOSEN: at rest from full speed within 0.65 s, the longest that the UR10/CB3 user manual "
     "gives for a whole arm; the URDF's efforts and inertias do not tell"
@@ -159,21 +163,30 @@ class JointFacts:
         self.model.velocityLimit = np.array([velocities[joint].value for joint in self.joints])
 
     def derive_accelerations(self) -> dict[str, Figure[float]]:
-        """What is usual, in [rad/s²] or [m/s²]: derived where efforts and inertias tell."""
+        """What is usual, in [rad/s²] or [m/s²]: derived where efforts and inertias tell.
+
+        Efforts that do not even hold the links are none of this arm, and are not believed. Nor is
+        it believed that brakes grip no harder than weak motors push: what is chosen without efforts
+        is the least.
+        """
         speeds = self.model.velocityLimit
         chosen = {
             joint: Figure(round_up(speeds[i] / RISE_TIME), ACCELERATION_CHOSEN)
             for i, joint in enumerate(self.joints)
         }
-        if not self._has_efforts:
+        if not (self._has_efforts and self._find_least_share(0.0) > 0.0):
             return chosen
         found = compute_accelerations(self.model, SAMPLES)
-        return {
-            joint: Figure(round_up(HARDER * value), ACCELERATION_DERIVED)
-            if 0.0 < value < math.inf
-            else chosen[joint]
-            for joint, value in zip(self.joints, found.tolist(), strict=True)
-        }
+        figures = {}
+        for joint, value in zip(self.joints, found.tolist(), strict=True):
+            least = chosen[joint]
+            if not 0.0 < value < math.inf:
+                figures[joint] = least
+            elif (derived := round_up(HARDER * value)) >= least.value:
+                figures[joint] = Figure(derived, ACCELERATION_DERIVED)
+            else:
+                figures[joint] = Figure(least.value, ACCELERATION_FLOOR)
+        return figures
 
     def derive_decelerations(
         self, load: float, accelerations: Mapping[str, Figure[float]]
@@ -182,10 +195,7 @@ class JointFacts:
         speeds: FloatArray = self.model.velocityLimit
         share, source = 1.0 / REST_TIME, BRAKES_CHOSEN
         if self._has_efforts:
-            shares = compute_supported_shares(
-                self.model, speeds, load, np.zeros(3), SLOW * speeds, SAMPLES
-            )
-            least = HELD * float(np.min(shares))
+            least = HELD * self._find_least_share(load)
             if math.isfinite(least) and least > 0.0:
                 share = min(least, MOST_SHARE)
                 taken = "half of it" if share == least else f"no more than {MOST_SHARE:g}"
@@ -214,6 +224,14 @@ class JointFacts:
             )
             for joint in self.joints
         }
+
+    def _find_least_share(self, load: float) -> float:
+        """Share of the velocity limits that efforts take away per second under a load in [kg]."""
+        speeds: FloatArray = self.model.velocityLimit
+        shares = compute_supported_shares(
+            self.model, speeds, load, np.zeros(3), SLOW * speeds, SAMPLES
+        )
+        return float(np.min(shares))
 
     @property
     def _has_efforts(self) -> bool:
