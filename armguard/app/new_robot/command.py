@@ -320,7 +320,7 @@ def describe(
                 what,
                 "no measured state is off by more",
                 read_amount,
-                dict.fromkeys(joints, Figure(default, "armguard's default")),
+                dict.fromkeys(joints, Figure(default, usual.ERROR_CHOSEN)),
                 {},
             ),
             joints,

@@ -63,6 +63,7 @@ BRAKES_CHOSEN = (
     "gives for a whole arm; the URDF's efforts and inertias do not tell"
 )
 LOAD_CHOSEN = "CHOSEN: 1 kg at the tool"
+ERROR_CHOSEN = "CHOSEN: armguard's default; the URDF does not say how well joints are measured"
 WORK_SPEED_CHOSEN = "CHOSEN: the velocity limits"
 WORK_ACCELERATION_CHOSEN = (
     "CHOSEN: 5 rad/s², what Universal Robots' MoveIt configuration keeps its arms to, or 1 m/s²"

@@ -66,6 +66,8 @@ def test_a_new_robot_loads_and_says_what_was_chosen(tmp_path, capsys):
         assert robot.source("shoulder", limit).startswith("CHOSEN")
     assert robot.published_operating_limits is not None
     assert "CHOSEN" in text
+    for what in ("position", "velocity"):
+        assert f"- {what} errors: CHOSEN: armguard's default" in text
     # What was written goes wherever a robot is named.
     (tmp_path / "cell.toml").write_text('[robot]\nname = "mine"\n[sources.camera]\n')
     cell = Cell.load(tmp_path / "cell.toml")
