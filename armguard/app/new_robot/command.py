@@ -143,6 +143,7 @@ def prepare(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Pr
         ArmguardError: Something is missing, unusable or contradictory.
     """
     check_new_folder(wishes.out)
+    _check_title(wishes)
     with tempfile.TemporaryDirectory(prefix="armguard-") as scratch:
         source = find_urdf(wishes.urdf, wishes.out, wishes.package_dirs, Path(scratch))
         new = describe(wishes, source, planning, asker)
@@ -152,6 +153,19 @@ def prepare(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Pr
     name = wishes.out.resolve().name
     robot = Robot(name, urdf, description, list(description.joints))
     return Prepared(new, text, robot, source.text)
+
+
+def _check_title(wishes: Wishes) -> None:
+    """Refuse what would end the line of robot.toml that it stands in, or cannot be written."""
+    option = "--title" if wishes.title else "--out"
+    title = wishes.title or wishes.out.resolve().name
+    if not title.isprintable():
+        raise RobotError(
+            option,
+            f"gives the title {title!r}",
+            expected="printable characters",
+            remedy="" if wishes.title else "give --title, or another folder",
+        )
 
 
 def make_folder(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Made:

@@ -285,6 +285,7 @@ def drop(folder):
         (two_links, ["--yes", "--collision-from-visual", "upper"], "collision geometry of its own"),
         (two_links, ["--yes", "--package-dirs", "none"], "--package-dirs none: is not a folder"),
         (two_links, ["--yes", "--joint-limits", "none.yaml"], "none.yaml: cannot be read"),
+        (two_links, ["--yes", "--title", "x\ny = 1"], "--title: gives the title 'x\\ny = 1'"),
         (fingered, ["--yes", "--joints", "*"], "mimic"),
         (
             lifted,
@@ -341,6 +342,15 @@ def test_unusable_planning_limits_are_refused(tmp_path, capsys, limits, words):
     code, _, err = run([two_links(tmp_path), *options], capsys)
     assert code == 2
     assert words in err.splitlines()[-1]
+
+
+def test_a_folder_whose_name_is_no_line_needs_a_title(tmp_path, capsys):
+    urdf, out = two_links(tmp_path), tmp_path / "two\nlines"
+    code, _, err = run([urdf, "--out", out, "--yes"], capsys)
+    assert code == 2
+    assert r"--out: gives the title 'two\nlines'" in err
+    make(urdf, out, title="One line")
+    assert read(out)["title"] == "One line"
 
 
 def test_a_folder_that_has_something_in_it_is_left_alone(tmp_path, capsys):
