@@ -54,7 +54,7 @@ What a choice costs is told by the time until the working arm rests and by the d
 - `--joint-limits joint_limits.yaml` takes MoveIt's `max_velocity` and `max_acceleration` where `has_velocity_limits` and `has_acceleration_limits` say so: they are what plans keep to, so they become the operating limits, and never what the hardware can do at most. Default scaling factors are shown by what they would save, and not applied: a request may name others.
 - Meshes are found as `armguard cover` finds them: beside the URDF, in the folders above it, and in `--package-dirs`.
 - A link that is drawn and moves, but has no collision geometry, would never be seen to touch anything: `--collision-from-visual LINK` takes what is drawn, `--bare-links LINK` leaves it uncovered.
-- Joints that mimic others are not watched; they, and those of `--travel`, may be anywhere in their range. `--lock JOINT=POSITION` is for what stands still, `--joints` chooses what is watched.
+- Joints that mimic others are not watched; they, and those of `--travel`, may be anywhere in their range, and a mimic joint also wherever the range of its leader takes it. `--lock JOINT=POSITION` is for what stands still, `--joints` chooses what is watched. Where a joint stands that carries the arm, such as a lift, `--yes` does not guess.
 
 The folder is taken wherever a robot is: `armguard.Robot.load("./my_arm")`, `armguard demo --robot my_arm`, `armguard show my_arm`, `armguard cover --check my_arm`, and `name = "my_arm"` in `[robot]` of a cell file, relative to that file. [Arms that were tried](arms.md) lists those of example-robot-data.
 

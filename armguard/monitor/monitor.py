@@ -422,13 +422,16 @@ class Monitor:
     def prepare(self, *bodies: PreparedBody) -> None:
         """Lay out the arm as it will be with some bodies attached, so that no step waits for it.
 
-        For each set of bodies that may be attached at the same time, before the loop or where a
-        late step does no harm, for it takes some 100 ms. Then `robot.attach_prepared` and
+        For each sequence of bodies that may be attached at the same time, before the loop or where
+        a late step does no harm, for it takes some 100 ms. Then `robot.attach_prepared` and
         `robot.detach` between two steps are taken in by the next one in about half a millisecond,
-        in which all obstacles are evaluated anew. Nothing changes until then.
+        in which all obstacles are evaluated anew. Nothing changes until then. The order counts,
+        since links are numbered in it: bodies that are attached in another order than they were
+        prepared in are laid out in that step, as if nothing had been prepared.
 
         Args:
-            bodies: What `Robot.prepare` made, to be attached beside what is attached now.
+            bodies: What `Robot.prepare` made, to be attached beside what is attached now, in the
+                order in which they will be attached.
 
         Raises:
             RobotError: A name is taken, or there is no such link.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from armguard.bounds.arm import ArmMotion
 from armguard.contact.earliest import Certificate
+from armguard.jit.arrays import FloatArray
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.exemptions import Exemptions
@@ -93,11 +94,12 @@ class WatchedArm:
         self.follow_limits(np.zeros(len(robot.joints)))
 
     def fits(self, robot: Robot) -> bool:
-        """Whether it was laid out for all links that a robot has now, where and as they are."""
+        """Whether it was laid out for all links that a robot has now, in order, and as they are."""
         own = self._robot
         return own.links == robot.links and all(
             own.joint_index(link) == robot.joint_index(link)
-            and own.triangles(link) is robot.triangles(link)
+            and _is_same(own.triangles(link), robot.triangles(link))
+            and _is_same(own.surface(link), robot.surface(link))
             and all(map(np.array_equal, own.cover.tree(link), robot.cover.tree(link)))
             for link in own.links
         )
@@ -133,3 +135,8 @@ class WatchedArm:
     def prove(self, pair: int, sphere: int) -> tuple[Certificate, dict[str, Any]] | None:
         """A certificate of one pair in this tick and what it is about; see `prove_pair`."""
         return prove_pair(self.state, sphere, pair // len(self.links))
+
+
+def _is_same(one: FloatArray, other: FloatArray) -> bool:
+    """Whether two arrays are one, or equal: a body that came out of a pickle is another object."""
+    return one is other or np.array_equal(one, other)

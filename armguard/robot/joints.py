@@ -19,6 +19,9 @@ from armguard.robot.description import RobotDescription
 from armguard.robot.links import get_rest_position
 from armguard.robot.urdf import UrdfModel
 
+ROUNDING = 1e-9
+"""What a mimic joint may be off from where its leader takes it, in [rad] or [m]."""
+
 _REVOLUTE = ("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned")
 _PRISMATIC = ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned")
 
@@ -54,11 +57,11 @@ def check_joints(
                 "is continuous and has no range" if continuous else "has no position limit",
                 expected="no position" if continuous else "position = [lower, upper]",
             )
-    for joint, leader in urdf.mimics.items():
-        if joint in watched or leader in watched:
+    for joint, mimic in urdf.mimics.items():
+        if joint in watched or mimic.leader in watched:
             raise RobotError(
                 f"joint {joint!r}",
-                f"mimics joint {leader!r}",
+                f"mimics joint {mimic.leader!r}",
                 expected="joints that move independently",
                 remedy="lock both, or remove the mimic element",
             )
@@ -77,6 +80,7 @@ def check_joints(
     for joint, entry in description.locked.items():
         number = model.getJointId(joint)
         slides = np.any(model.joints[number].createData().S[:3])
+        _check_follower(urdf, description, joint)
         if entry.travel is None:
             continue
         if number in carriers:
@@ -93,6 +97,33 @@ def check_joints(
                 expected="at most one turn",
             )
     return [joint for joint in names if joint not in watched]
+
+
+def _check_follower(urdf: UrdfModel, description: RobotDescription, joint: str) -> None:
+    """Refuse a mimic joint that is locked elsewhere than where the joint that it follows takes it.
+
+    Raises:
+        RobotError: It may leave its place, or there is no telling how far it may go.
+    """
+    mimic = urdf.mimics.get(joint)
+    if mimic is None or not urdf.model.existJointName(mimic.leader):
+        return
+    entry, leading = description.locked[joint], description.locked.get(mimic.leader)
+    if leading is None:
+        lower, upper = urdf.read_range(mimic.leader) or (-np.inf, np.inf)
+    else:
+        lower, upper = leading.travel or (get_rest_position(leading),) * 2
+    least, most = mimic.map_range(lower, upper)
+    place = get_rest_position(entry)
+    allowed = entry.travel or (place, place)
+    if not (allowed[0] - ROUNDING <= least <= most <= allowed[1] + ROUNDING):
+        raise RobotError(
+            f"joint {joint!r}",
+            f"has travel = {list(allowed)}" if entry.travel else f"has position = {place!r}",
+            expected=f"where joint {mimic.leader!r} takes it: "
+            + (repr(least) if least == most else f"all of [{least!r}, {most!r}]"),
+            remedy=f"correct it, or the place of {mimic.leader!r}, in [locked]",
+        )
 
 
 def check_bare_links(

@@ -23,6 +23,20 @@ XACRO = "ros.org/wiki/xacro"  # in the name of its elements' namespace, with and
 FREE_RANGE = 1e9  # stands in for "none" where the URDF format wants a number, in [rad]
 
 
+class Mimic(NamedTuple):
+    """How a joint follows another: multiplier · position of the leader + offset."""
+
+    leader: str
+    multiplier: float
+    offset: float
+    """In [rad] or [m]."""
+
+    def map_range(self, lower: float, upper: float) -> tuple[float, float]:
+        """Where the joint may be while its leader is in a range, in [rad] or [m]."""
+        ends = [self.multiplier * end + self.offset for end in (lower, upper)]
+        return min(ends), max(ends)
+
+
 class UrdfModel(NamedTuple):
     """What a URDF says, in Pinocchio's terms: one degree of freedom a joint, so nq = nv."""
 
@@ -30,12 +44,19 @@ class UrdfModel(NamedTuple):
     """`pinocchio.Model` of every joint; continuous ones are revolute, their range ±inf."""
     collision_model: Any
     """`pinocchio.GeometryModel` of the collision geometry as read."""
-    mimics: dict[str, str]
-    """Which joint each mimic joint follows."""
+    mimics: dict[str, Mimic]
+    """Which joint each mimic joint follows, and how."""
     continuous: frozenset[str]
     """Names of the continuous joints."""
     bare: tuple[str, ...]
     """Links that are drawn, but have no collision geometry."""
+
+    def read_range(self, joint: str) -> tuple[float, float] | None:
+        """Position limits of a joint, in [rad] or [m]; None where the URDF has none of use."""
+        index = self.model.joints[self.model.getJointId(joint)].idx_q
+        lower = float(self.model.lowerPositionLimit[index])
+        upper = float(self.model.upperPositionLimit[index])
+        return (lower, upper) if -math.inf < lower < upper < math.inf else None
 
 
 def read_urdf(
@@ -158,16 +179,16 @@ def _collide_as_drawn(root: ElementTree.Element, drawn: Collection[str]) -> None
 
 def _prepare_joints(
     root: ElementTree.Element, freed: Collection[str]
-) -> tuple[list[str], dict[str, str]]:
+) -> tuple[list[str], dict[str, Mimic]]:
     """Make continuous joints revolute; tell which they were, and which joint follows which."""
     continuous: list[str] = []
-    mimics: dict[str, str] = {}
+    mimics: dict[str, Mimic] = {}
     links = {link.get("name", "") for link in root.findall("link")}
     for joint in root.findall("joint"):
         name = joint.get("name", "")
         mimic = joint.find("mimic")
         if mimic is not None:
-            mimics[name] = mimic.get("joint", "")
+            mimics[name] = _read_mimic(name, mimic)
         if joint.get("type") == "fixed" and name in freed:
             joint.set("type", "revolute")
         if joint.get("type") == "fixed" and name in links:
@@ -190,13 +211,34 @@ def _prepare_joints(
     return continuous, mimics
 
 
+def _read_mimic(joint: str, mimic: ElementTree.Element) -> Mimic:
+    """Read how a joint follows another; where nothing else is said, they move alike."""
+    found = {}
+    for key, default in (("multiplier", "1"), ("offset", "0")):
+        text = mimic.get(key, default)
+        found[key] = _read_number(text)
+        if not math.isfinite(found[key]):
+            raise RobotError(
+                f"joint {joint!r}",
+                f"has {key}={text!r} in its mimic element",
+                expected="a finite number",
+                remedy="correct the URDF",
+            )
+    return Mimic(mimic.get("joint", ""), **found)
+
+
+def _read_number(text: str) -> float:
+    """A number; NaN where it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
 def _check_limit(joint: str, limit: ElementTree.Element) -> None:
     """Refuse by name what the reader of the format would only say it cannot read."""
     for key, text in limit.attrib.items():
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
+        value = _read_number(text)
         is_size = key in ("effort", "velocity")
         if not (0.0 <= value < math.inf if is_size else math.isfinite(value)):
             raise RobotError(

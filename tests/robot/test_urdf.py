@@ -4,6 +4,8 @@ import pytest
 
 from armguard.exceptions import RobotError
 from armguard.robot import Robot
+from armguard.robot.description import read_description
+from armguard.robot.joints import check_joints
 from armguard.robot.urdf import read_urdf
 from support.urdf_arms import (
     BOX,
@@ -36,6 +38,43 @@ def test_mimic_joints_are_refused(tmp_path):
     )
     with pytest.raises(RobotError, match="'elbow': mimics joint 'shoulder'"):
         Robot.from_urdf(path, limits=limits_for("shoulder", locked={"elbow": {"position": 0.0}}))
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "words"),
+    [
+        ({"travel": [0.0, 0.1]}, {"travel": [-0.3, 0.0]}, None),
+        ({"travel": [0.0, 0.1]}, {"travel": [-0.3, -0.1]}, r"takes it: all of \[-0.22, -0.02\]"),
+        ({"travel": [0.0, 0.1]}, {"travel": [-0.2, 0.0]}, "has travel"),
+        ({"travel": [0.0, 0.1]}, {"position": -0.02}, "has position = -0.02; expected"),
+        ({"position": 0.1}, {"position": -0.22}, None),
+        ({"position": 0.1}, {"position": 0.1}, "has position = 0.1; expected"),
+        ({"position": 0.1}, {"travel": [-0.3, 0.0]}, None),
+        (None, {"travel": [-5.0, 2.0]}, "carried by"),
+    ],
+)
+def test_a_mimic_joint_is_locked_where_its_leader_takes_it(tmp_path, left, right, words):
+    path = write_urdf(
+        tmp_path,
+        *(link_xml(name) for name in ("base", "upper", "left", "right")),
+        joint_xml("shoulder", "base", "upper"),
+        joint_xml("left", "upper", "left", "prismatic"),
+        joint_xml(
+            "right",
+            "upper",
+            "right",
+            "prismatic",
+            '<mimic joint="left" multiplier="-2" offset="-0.02"/>',
+        ),
+    )
+    urdf = read_urdf(path)
+    locked = {name: entry for name, entry in (("left", left), ("right", right)) if entry}
+    description = read_description(limits_for("shoulder", locked=locked))
+    if words is None:
+        assert check_joints(urdf, description, ["shoulder"]) == ["left", "right"]
+        return
+    with pytest.raises(RobotError, match=words):
+        check_joints(urdf, description, ["shoulder"])
 
 
 @pytest.mark.parametrize(("kind", "freedoms"), [("floating", 6), ("planar", 3)])

@@ -1,5 +1,7 @@
 """Arms that are laid out ahead: found when the robot has become what they are for, and fresh."""
 
+import pickle
+
 import coal
 import pytest
 
@@ -88,6 +90,18 @@ def test_no_verdict_is_another_for_what_was_laid_out_ahead(schedule, rod):
             assert monitor._scheduler.arm is arms[0]
             assert monitor._scheduler.arm.links[-1] == "rod"
     assert repr(told[0]) == repr(told[1])
+
+
+def test_a_body_out_of_a_pickle_is_the_one_that_was_laid_out(rod):
+    robot = Robot.load("panda")
+    monitor = Monitor(robot, Obstacles(sources=[]))
+    monitor.prepare(pickle.loads(pickle.dumps(rod)))
+    (arm,) = monitor._scheduler._layouts._kept
+    robot.attach_prepared(pickle.loads(pickle.dumps(rod)))
+    assert arm.fits(robot)
+    robot.detach("rod")
+    robot.attach_prepared(robot.prepare("rod", "panda_hand", coal.Box(0.05, 0.05, 0.61)))
+    assert not arm.fits(robot)
 
 
 def test_a_body_that_does_not_fit_is_refused_when_it_is_prepared(rod):

@@ -29,6 +29,7 @@ from armguard.app.new_robot.questions import (
     Figure,
     Question,
     match,
+    put_general_first,
     read_amount,
     read_number,
     read_range,
@@ -147,6 +148,7 @@ def prepare(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Pr
         ArmguardError: Something is missing, unusable or contradictory.
     """
     check_new_folder(wishes.out)
+    _check_title(wishes)
     with tempfile.TemporaryDirectory(prefix="armguard-") as scratch:
         source = find_urdf(wishes.urdf, wishes.out, wishes.package_dirs, Path(scratch))
         new = describe(wishes, source, planning, asker)
@@ -156,6 +158,19 @@ def prepare(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Pr
     name = wishes.out.resolve().name
     robot = Robot(name, urdf, description, list(description.joints))
     return Prepared(new, text, robot, source.text)
+
+
+def _check_title(wishes: Wishes) -> None:
+    """Refuse what would end the line of robot.toml that it stands in, or cannot be written."""
+    option = "--title" if wishes.title else "--out"
+    title = wishes.title or wishes.out.resolve().name
+    if not title.isprintable():
+        raise RobotError(
+            option,
+            f"gives the title {title!r}",
+            expected="printable characters",
+            remedy="" if wishes.title else "give --title, or another folder",
+        )
 
 
 def make_folder(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Made:
@@ -324,12 +339,12 @@ def describe(
                 what,
                 "no measured state is off by more",
                 read_amount,
-                dict.fromkeys(joints, Figure(default, "armguard's default")),
+                dict.fromkeys(joints, Figure(default, usual.ERROR_CHOSEN)),
                 {},
             ),
             joints,
             # One number counts for all, though all are known.
-            [item if "=" in item else f"*={item}" for item in given],
+            [item if "=" in item else f"*={item}" for item in put_general_first(given)],
         )
         for option, what, default, given in (
             (
@@ -391,7 +406,7 @@ def settle_joints(
     for pattern in wishes.travel:
         for joint in match(f"--travel {pattern}", pattern, names):
             locked[joint] = _travel(urdf, joint)
-    coupled = set(urdf.mimics) | set(urdf.mimics.values())
+    coupled = set(urdf.mimics) | {mimic.leader for mimic in urdf.mimics.values()}
     if wishes.joints:
         watched = [
             joint
@@ -404,8 +419,8 @@ def settle_joints(
         if joint in locked:
             raise RobotError(f"joint {joint!r}", "is watched and locked", expected="one of both")
         if joint in coupled:
-            leader = urdf.mimics.get(joint)
-            problem = f"mimics joint {leader!r}" if leader else "is mimicked by another"
+            mimic = urdf.mimics.get(joint)
+            problem = f"mimics joint {mimic.leader!r}" if mimic else "is mimicked by another"
             raise RobotError(
                 f"joint {joint!r}", problem, expected="--joints that move independently"
             )
@@ -437,7 +452,7 @@ def read_signed(option: str, text: str) -> tuple[float]:
 
 
 def _settle_carrier(joint: str, coupled: set[str], urdf: UrdfModel, asker: Asker) -> LockedJoint:
-    """Where a joint stands still that carries watched ones."""
+    """Where a joint stands still that carries watched ones; nobody else can know it."""
     option = f"--lock {joint}=POSITION"
     if joint in coupled:
         raise RobotError(
@@ -453,6 +468,7 @@ def _settle_carrier(joint: str, coupled: set[str], urdf: UrdfModel, asker: Asker
         f"joint {joint} carries watched joints and is not watched: where it stands still",
         f"{nearest:g}",
         None,
+        is_guess=True,
     )
     return LockedJoint(position=read_signed(option, answer)[0])
 

@@ -54,11 +54,16 @@ ACCELERATION_CHOSEN = (
     "CHOSEN: full speed within 20 ms, several times harder than arms are known to stop; the URDF's "
     "efforts and inertias do not tell"
 )
+ACCELERATION_FLOOR = (
+    "CHOSEN: full speed within 20 ms, several times harder than arms are known to stop; the URDF's "
+    "efforts would allow less"
+)
 BRAKES_CHOSEN = (
     "CHOSEN: at rest from full speed within 0.65 s, the longest that the UR10/CB3 user manual "
     "gives for a whole arm; the URDF's efforts and inertias do not tell"
 )
 LOAD_CHOSEN = "CHOSEN: 1 kg at the tool"
+ERROR_CHOSEN = "CHOSEN: armguard's default; the URDF does not say how well joints are measured"
 WORK_SPEED_CHOSEN = "CHOSEN: the velocity limits"
 WORK_ACCELERATION_CHOSEN = (
     "CHOSEN: 5 rad/s², what Universal Robots' MoveIt configuration keeps its arms to, or 1 m/s²"
@@ -159,21 +164,30 @@ class JointFacts:
         self.model.velocityLimit = np.array([velocities[joint].value for joint in self.joints])
 
     def derive_accelerations(self) -> dict[str, Figure[float]]:
-        """What is usual, in [rad/s²] or [m/s²]: derived where efforts and inertias tell."""
+        """What is usual, in [rad/s²] or [m/s²]: derived where efforts and inertias tell.
+
+        Efforts that do not even hold the links are none of this arm, and are not believed. Nor is
+        it believed that brakes grip no harder than weak motors push: what is chosen without efforts
+        is the least.
+        """
         speeds = self.model.velocityLimit
         chosen = {
             joint: Figure(round_up(speeds[i] / RISE_TIME), ACCELERATION_CHOSEN)
             for i, joint in enumerate(self.joints)
         }
-        if not self._has_efforts:
+        if not (self._has_efforts and self._find_least_share(0.0) > 0.0):
             return chosen
         found = compute_accelerations(self.model, SAMPLES)
-        return {
-            joint: Figure(round_up(HARDER * value), ACCELERATION_DERIVED)
-            if 0.0 < value < math.inf
-            else chosen[joint]
-            for joint, value in zip(self.joints, found.tolist(), strict=True)
-        }
+        figures = {}
+        for joint, value in zip(self.joints, found.tolist(), strict=True):
+            least = chosen[joint]
+            if not 0.0 < value < math.inf:
+                figures[joint] = least
+            elif (derived := round_up(HARDER * value)) >= least.value:
+                figures[joint] = Figure(derived, ACCELERATION_DERIVED)
+            else:
+                figures[joint] = Figure(least.value, ACCELERATION_FLOOR)
+        return figures
 
     def derive_decelerations(
         self, load: float, accelerations: Mapping[str, Figure[float]]
@@ -182,10 +196,7 @@ class JointFacts:
         speeds: FloatArray = self.model.velocityLimit
         share, source = 1.0 / REST_TIME, BRAKES_CHOSEN
         if self._has_efforts:
-            shares = compute_supported_shares(
-                self.model, speeds, load, np.zeros(3), SLOW * speeds, SAMPLES
-            )
-            least = HELD * float(np.min(shares))
+            least = HELD * self._find_least_share(load)
             if math.isfinite(least) and least > 0.0:
                 share = min(least, MOST_SHARE)
                 taken = "half of it" if share == least else f"no more than {MOST_SHARE:g}"
@@ -214,6 +225,14 @@ class JointFacts:
             )
             for joint in self.joints
         }
+
+    def _find_least_share(self, load: float) -> float:
+        """Share of the velocity limits that efforts take away per second under a load in [kg]."""
+        speeds: FloatArray = self.model.velocityLimit
+        shares = compute_supported_shares(
+            self.model, speeds, load, np.zeros(3), SLOW * speeds, SAMPLES
+        )
+        return float(np.min(shares))
 
     @property
     def _has_efforts(self) -> bool:
@@ -248,14 +267,25 @@ def find_bare(urdf: UrdfModel, watched: Sequence[str]) -> list[str]:
 
 
 def find_travel(urdf: UrdfModel, joint: str) -> Range | None:
-    """The range of a joint that may be anywhere in it; None where no cover could have it."""
+    """The range of a joint that may be anywhere in it; None where no cover could have it.
+
+    A joint that mimics another may be in its own range and wherever the range of its leader takes
+    it: URDFs whose two ranges differ do not say which of them is wrong.
+    """
     model: Any = urdf.model
-    number = model.getJointId(joint)
-    index = model.joints[number].idx_q
-    lower = float(model.lowerPositionLimit[index])
-    upper = float(model.upperPositionLimit[index])
-    if not -math.inf < lower < upper < math.inf:
+    travel = urdf.read_range(joint)
+    if travel is None:
         return None
-    if not is_prismatic(model, number) and not upper - lower <= 2.0 * math.pi:
+    lower, upper = travel
+    if mimic := urdf.mimics.get(joint):
+        # How far a leader goes that follows a third joint is not said by its own range.
+        if mimic.leader in urdf.mimics or not model.existJointName(mimic.leader):
+            return None
+        leading = urdf.read_range(mimic.leader)
+        if leading is None:
+            return None
+        least, most = mimic.map_range(*leading)
+        lower, upper = min(lower, least), max(upper, most)
+    if not is_prismatic(model, model.getJointId(joint)) and not upper - lower <= 2.0 * math.pi:
         return None
     return lower, upper

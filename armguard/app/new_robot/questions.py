@@ -93,19 +93,31 @@ class Asker:
             )
         return {joint: found[joint] for joint in joints}
 
-    def choose(self, option: str, what: str, usual: str, given: str | None) -> str:
+    def choose(
+        self, option: str, what: str, usual: str, given: str | None, *, is_guess: bool = False
+    ) -> str:
         """One answer that is no figure of joints; `usual` where Enter or `--yes` takes it.
+
+        Args:
+            option: With which it is answered on the command line.
+            what: What is asked.
+            usual: What Enter takes.
+            given: What was said on the command line.
+            is_guess: Whether `usual` may be far from the truth, so that `--yes` does not take it.
 
         Raises:
             RobotError: It is missing.
         """
         if given is not None:
             return given
-        if self._takes_usual:
+        if self._takes_usual and not is_guess:
             return usual
         if self._ask is None:
+            remedy = "measure it; --yes does not guess it"
             raise RobotError(
-                option, f"is missing: {what}", remedy=f"--yes takes what is usual: {usual}"
+                option,
+                f"is missing: {what}",
+                remedy=remedy if is_guess else f"--yes takes what is usual: {usual}",
             )
         return self._ask(f"\n{what} ({option})\n  [{usual}] ").strip() or usual
 
@@ -143,7 +155,7 @@ def read_answers(
         RobotError: A joint is unknown, or an amount unusable.
     """
     found: dict[str, Figure[Amount]] = {}
-    for item in given:
+    for item in put_general_first(given):
         pattern, has_joint, text = item.rpartition("=")
         value = question.read(f"{question.option} {item}", text)
         if has_joint:
@@ -152,6 +164,11 @@ def read_answers(
             members = [joint for joint in joints if joint not in question.known]
         found |= {joint: Figure(value, GIVEN) for joint in members}
     return found
+
+
+def put_general_first(given: Sequence[str]) -> list[str]:
+    """Amounts for all joints before those of named ones, which they do not take away."""
+    return sorted(given, key=lambda item: "=" in item)
 
 
 def match(option: str, pattern: str, names: Collection[str]) -> list[str]:

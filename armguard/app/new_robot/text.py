@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from armguard.app.new_robot.questions import Figure, Range
 from armguard.recording.commission.lines import quote_key
-from armguard.robot.description import JointDescription, LockedJoint
+from armguard.robot.description import LockedJoint
 
 KINDS = ("position", "velocity", "acceleration")
 
@@ -89,8 +89,7 @@ def _write_joint(new: NewRobot, joint: str, general: Mapping[str, str]) -> list[
     lines.append(f"acceleration = {new.acceleration[joint].value!r}")
     for key in ("position_error", "velocity_error"):
         figure = getattr(new, key)[joint]
-        if figure.value != getattr(_DEFAULTS, key):
-            lines.append(f"{key} = {figure.value!r} # {figure.source}")
+        lines.append(f"{key} = {figure.value!r} # {figure.source}")
     own = {
         kind: figures[joint].source
         for kind in KINDS
@@ -100,9 +99,6 @@ def _write_joint(new: NewRobot, joint: str, general: Mapping[str, str]) -> list[
         entries = ", ".join(f"{kind} = {_quote(source)}" for kind, source in own.items())
         lines.append(f"sources = {{ {entries} }}")
     return lines
-
-
-_DEFAULTS = JointDescription(velocity=1.0, acceleration=1.0)
 
 
 def _write_brakes(new: NewRobot) -> list[str]:
@@ -164,6 +160,8 @@ def list_choices(new: NewRobot) -> list[str]:
         ("position limits", new.position),
         ("velocity limits", new.velocity),
         ("acceleration limits", new.acceleration),
+        ("position errors", new.position_error),
+        ("velocity errors", new.velocity_error),
         ("load of the brakes", {"": new.load}),
         ("decelerations of the brakes", new.deceleration),
         ("operating velocities", new.work_velocity),

@@ -68,6 +68,8 @@ def test_a_new_robot_loads_and_says_what_was_chosen_and_what_it_costs(tmp_path, 
     assert "CHOSEN" in text
     rows = [line.split() for line in text.splitlines() if "│" in line]
     assert any(row[1:3] == ["as", "written"] for row in rows)
+    for what in ("position", "velocity"):
+        assert f"- {what} errors: CHOSEN: armguard's default" in text
     # What was written goes wherever a robot is named.
     (tmp_path / "cell.toml").write_text('[robot]\nname = "mine"\n[sources.camera]\n')
     cell = Cell.load(tmp_path / "cell.toml")
@@ -104,6 +106,11 @@ def test_what_is_given_goes_before_the_urdf(tmp_path):
     assert said["sources"]["velocity"] == GIVEN
 
 
+def test_errors_of_named_joints_are_kept_beside_one_for_all(tmp_path):
+    make(fingered(tmp_path), tmp_path / "mine", position_error=["shoulder=0.005", "0.002"])
+    assert read(tmp_path / "mine")["joints"]["shoulder"]["position_error"] == 0.005
+
+
 def test_joints_that_mimic_are_anywhere_in_their_travel(tmp_path):
     make(fingered(tmp_path), tmp_path / "mine")
     said = read(tmp_path / "mine")
@@ -111,6 +118,21 @@ def test_joints_that_mimic_are_anywhere_in_their_travel(tmp_path):
     travel = {"travel": [-1.0, 2.0]}
     assert said["locked"] == {"left_finger": travel, "right_finger": travel}
     assert set(Robot.load(tmp_path / "mine").links) == {"upper", "left", "right"}
+
+
+def test_a_joint_that_mimics_goes_where_its_leader_takes_it(tmp_path):
+    urdf = fingered(tmp_path)
+    text = urdf.read_text()
+    follows = '<mimic joint="left_finger" multiplier="-2" offset="-0.5"/>'
+    urdf.write_text(text.replace('<mimic joint="left_finger"/>', follows))
+    make(urdf, tmp_path / "mine")
+    said = read(tmp_path / "mine")
+    # -2 · [-1, 2] - 0.5 reaches below its own range, which ends at 2.
+    assert said["locked"]["right_finger"] == {"travel": [-4.5, 2.0]}
+    for wrong in ('multiplier="nan"', 'offset="much"'):
+        urdf.write_text(text.replace('<mimic joint="left_finger"/>', f'<mimic joint="x" {wrong}/>'))
+        with pytest.raises(RobotError, match=r"joint 'right_finger': has .* in its mimic element"):
+            make(urdf, tmp_path / "wrong")
 
 
 def test_links_that_are_only_drawn_are_covered_as_drawn(tmp_path):
@@ -212,6 +234,29 @@ def test_limits_that_a_urdf_lacks_are_usual_or_given(tmp_path):
     assert read(tmp_path / "none")["sources"]["position"].startswith("CHOSEN")
 
 
+def lifted(folder):
+    """An arm on a lift."""
+    return write_urdf(
+        folder,
+        *(link_xml(name) for name in ("base", "lift", "upper")),
+        joint_xml("torso", "base", "lift", "prismatic"),
+        joint_xml("shoulder", "lift", "upper"),
+    )
+
+
+def test_a_joint_that_carries_the_arm_stands_where_somebody_says(tmp_path):
+    make(lifted(tmp_path), tmp_path / "mine", joints=["shoulder"], lock=["torso=0.25"])
+    assert read(tmp_path / "mine")["locked"] == {"torso": {"position": 0.25}}
+    answers = {"--lock torso=POSITION": "0.5"}
+    make(
+        lifted(tmp_path),
+        tmp_path / "asked",
+        joints=["shoulder"],
+        ask=lambda text: next((one for option, one in answers.items() if option in text), ""),
+    )
+    assert read(tmp_path / "asked")["locked"] == {"torso": {"position": 0.5}}
+
+
 def drop(folder):
     (folder / "taken").mkdir()
     (folder / "taken" / "file").write_text("mine")
@@ -242,7 +287,13 @@ def drop(folder):
         (two_links, ["--yes", "--collision-from-visual", "upper"], "collision geometry of its own"),
         (two_links, ["--yes", "--package-dirs", "none"], "--package-dirs none: is not a folder"),
         (two_links, ["--yes", "--joint-limits", "none.yaml"], "none.yaml: cannot be read"),
+        (two_links, ["--yes", "--title", "x\ny = 1"], "--title: gives the title 'x\\ny = 1'"),
         (fingered, ["--yes", "--joints", "*"], "mimic"),
+        (
+            lifted,
+            ["--yes", "--joints", "shoulder"],
+            "--lock torso=POSITION: is missing: joint torso carries watched joints",
+        ),
         (lambda folder: folder / "none.urdf", ["--yes"], "none.urdf: cannot be read"),
         (lambda folder: two_links(folder, kind="floating"), ["--yes"], "degrees of freedom"),
         (
@@ -293,6 +344,15 @@ def test_unusable_planning_limits_are_refused(tmp_path, capsys, limits, words):
     code, _, err = run([two_links(tmp_path), *options], capsys)
     assert code == 2
     assert words in err.splitlines()[-1]
+
+
+def test_a_folder_whose_name_is_no_line_needs_a_title(tmp_path, capsys):
+    urdf, out = two_links(tmp_path), tmp_path / "two\nlines"
+    code, _, err = run([urdf, "--out", out, "--yes"], capsys)
+    assert code == 2
+    assert r"--out: gives the title 'two\nlines'" in err
+    make(urdf, out, title="One line")
+    assert read(out)["title"] == "One line"
 
 
 def test_a_folder_that_has_something_in_it_is_left_alone(tmp_path, capsys):

@@ -62,13 +62,27 @@ def test_a_range_that_is_none_is_refused_unless_another_is_given(tmp_path):
 
 
 def test_figures_are_derived_where_efforts_and_inertias_tell(tmp_path):
-    found = facts(tmp_path, ["rise"])
+    strong = '<limit lower="-1" upper="2" effort="600" velocity="1"/>'
+    found = facts(tmp_path, ["rise"], limit=strong)
     (acceleration,) = found.derive_accelerations().values()
     assert acceleration.source.startswith("DERIVED")
-    # 10 N on all that it carries, 6 kg, at 37° to gravity, and a quarter more, rounded up.
-    assert 1.25 * (10.0 / 6.0) < acceleration.value < 1.25 * (10.0 / 6.0 + 9.81) * 1.1
+    # 600 N on all that it carries, 6 kg, at 37° to gravity, and a quarter more, rounded up.
+    assert 1.25 * (600.0 / 6.0) < acceleration.value < 1.25 * (600.0 / 6.0 + 9.81) * 1.1
     (deceleration,) = found.derive_decelerations(0.0, {"rise": acceleration}).values()
     assert 0.0 < deceleration.value <= acceleration.value
+
+
+def test_efforts_do_not_make_limits_lower_than_without_them(tmp_path):
+    """100 N hold 6 kg at 37° to gravity; 10 N do not, so that they are none of this arm."""
+    for effort, words in (("10", "do not tell"), ("100", "would allow less")):
+        limit = f'<limit lower="-1" upper="2" effort="{effort}" velocity="1"/>'
+        found = facts(tmp_path, ["rise"], limit=limit)
+        (acceleration,) = found.derive_accelerations().values()
+        assert acceleration.value == 50.0
+        assert acceleration.source.startswith("CHOSEN")
+        assert words in acceleration.source
+        (deceleration,) = found.derive_decelerations(0.0, {"rise": acceleration}).values()
+        assert deceleration.source.startswith("CHOSEN" if effort == "10" else "DERIVED")
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,12 @@ def test_a_number_is_for_joints_that_lack_one_and_a_name_goes_before_the_urdf():
     }
 
 
+def test_a_number_for_all_leaves_named_joints_alone_wherever_it_stands():
+    for given in (("elbow=40", "20"), ("20", "elbow=40")):
+        assert answer(*given)["elbow"] == (40.0, GIVEN)
+        assert answer(*given)["wrist"] == (20.0, GIVEN)
+
+
 def test_what_is_usual_is_taken_only_where_that_is_said():
     assert answer(takes_usual=True)["elbow"] == (3.0, "CHOSEN")
     with pytest.raises(RobotError) as caught:
@@ -75,6 +81,9 @@ def test_a_choice_is_given_usual_asked_or_missing():
     assert Asker(lambda _: " ", takes_usual=False).choose("--load", "load", "1", None) == "1"
     with pytest.raises(RobotError, match="--load: is missing: load; --yes takes what is usual: 1"):
         Asker(None, takes_usual=False).choose("--load", "load", "1", None)
+    for takes_usual in (True, False):
+        with pytest.raises(RobotError, match="--lock: is missing: place; measure it; --yes does"):
+            Asker(None, takes_usual=takes_usual).choose("--lock", "place", "0", None, is_guess=True)
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ def make_new(**changes):
         "position": {"a": Figure((-1.0, 2.0), "the URDF")},
         "velocity": each(1.5, "the URDF", "CHOSEN: fast"),
         "acceleration": each(9.0, "DERIVED: from efforts"),
-        "position_error": each(0.001, "default"),
+        "position_error": each(0.001, "CHOSEN: the default"),
         "velocity_error": each(0.03, "GIVEN"),
         "load": Figure(2.0, "CHOSEN: 2 kg"),
         "deceleration": each(3.0, "CHOSEN: soft", "measured"),
@@ -46,6 +46,7 @@ def test_what_was_written_is_read():
     assert list(read.joints) == JOINTS
     assert (read.joints["a"].position, read.joints[ODD].position) == ((-1.0, 2.0), None)
     assert read.joints[ODD].velocity_error == 0.03
+    assert write_text(make_new()).count("position_error = 0.001 # CHOSEN: the default\n") == 2
     assert read.source("a", "velocity") == "the URDF"
     assert read.source(ODD, "velocity") == "CHOSEN: fast"
     assert read.locked["finger"].travel == (0.0, 0.04)
@@ -70,6 +71,7 @@ def test_what_is_no_data_of_the_arm_is_listed():
     assert list_choices(make_new()) == [
         f"velocity limits of {ODD}: CHOSEN: fast",
         "acceleration limits: DERIVED: from efforts",
+        "position errors: CHOSEN: the default",
         "load of the brakes: CHOSEN: 2 kg",
         "decelerations of the brakes of a: CHOSEN: soft",
         f"operating accelerations of {ODD}: CHOSEN: gentle",
