@@ -270,16 +270,18 @@ def find_travel(urdf: UrdfModel, joint: str) -> Range | None:
     """The range of a joint that may be anywhere in it; None where no cover could have it.
 
     A joint that mimics another may be in its own range and wherever the range of its leader takes
-    it: URDFs whose two ranges differ do not say which of them is wrong.
+    it: URDFs whose two ranges differ do not say which of them is wrong. Where its leader is no
+    joint that moves, its own range is all that is said of it.
     """
     model: Any = urdf.model
     travel = urdf.read_range(joint)
     if travel is None:
         return None
     lower, upper = travel
-    if mimic := urdf.mimics.get(joint):
+    mimic = urdf.mimics.get(joint)
+    if mimic is not None and model.existJointName(mimic.leader):
         # How far a leader goes that follows a third joint is not said by its own range.
-        if mimic.leader in urdf.mimics or not model.existJointName(mimic.leader):
+        if mimic.leader in urdf.mimics:
             return None
         leading = urdf.read_range(mimic.leader)
         if leading is None:

@@ -108,6 +108,27 @@ def test_joints_that_have_to_do_with_watched_ones(tmp_path):
     assert find_travel(urdf, "turn") is None
 
 
+@pytest.mark.parametrize(
+    ("leader", "kind", "travel"),
+    [
+        ("turn", "revolute", (-4.0, 2.0)),
+        ("turn", "continuous", None),
+        ("nothing", "revolute", (-1.0, 2.0)),
+        ("grip", "revolute", None),
+    ],
+)
+def test_how_far_a_mimic_joint_travels(tmp_path, leader, kind, travel):
+    """No cover has what a leader without end, or one that itself follows, takes along."""
+    follows = f'<mimic joint="{leader}" multiplier="-2"/>'
+    path = write_urdf(
+        tmp_path,
+        *(link_xml(name) for name in ("base", "arm", "finger")),
+        joint_xml("turn", "base", "arm", kind),
+        joint_xml("grip", "arm", "finger", extra=follows),
+    )
+    assert find_travel(read_urdf(path), "grip") == travel
+
+
 def test_links_that_are_drawn_alone_matter_where_they_are_moved(tmp_path):
     hand = f'<link name="hand"><visual>{BOX}</visual></link>'
     path = write_urdf(tmp_path, link_xml("base"), hand, joint_xml("turn", "base", "hand"))
