@@ -92,7 +92,8 @@ class StampClock(NamedTuple):
     latency: float = 0.0
     """From measurement to stamp in [s]; for `arrival`, at most, from measurement to arrival."""
     error: float = 0.0
-    """What stamps may be off by, either way, in [s]; of sources of obstacles only."""
+    """What stamps may be off by, either way, in [s]. Obstacles are widened by it; of joint states
+    it has to be in the robot's joint errors already."""
 
 
 MONOTONIC = StampClock()
@@ -252,6 +253,7 @@ class Edge:
         self._unix = unix
         self._stamp_clocks = dict(stamp_clocks or {})
         self._joint_clock = joint_clock
+        self._clock_difference = joint_clock.error + HELD_UP
         self._speed = speed
         self._accel = accel
         self._reset_token = reset_token
@@ -774,9 +776,15 @@ class Edge:
         stamp, gap = self._to_monitor_time(message.stamp, self._joint_clock)
         now = self._clock.now()
         if stamp > now:
-            # A state bounds what follows it, not what was before: none is of the future.
-            problem = f"stamp is {stamp - now:.3g} s ahead; counted as measured now"
-            self.faults.add("stamp ahead", arm, message.seq, problem)
+            # A state bounds what follows it, not what was before: none is of the future. What the
+            # clocks are off by is in its errors; of more, nothing is known of when it was measured.
+            problem, allowed = f"stamp is {stamp - now:.3g} s ahead", self._clock_difference
+            if not stamp - now <= allowed:
+                problem += f", expected at most the clock error, {allowed:.3g} s"
+                self.faults.add("stamp ahead", arm, message.seq, problem)
+                self._obstacles.leave_malformed(arm, "joint state", problem, now)
+                return
+            self.faults.add("stamp ahead", arm, message.seq, f"{problem}; counted as measured now")
             stamp = now
         if not gap <= HELD_UP:
             problem = f"clocks were compared within {gap:.3g} s; expected {HELD_UP:.3g} s at most"

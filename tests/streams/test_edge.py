@@ -681,10 +681,10 @@ def test_contact_that_is_wanted_needs_the_token_and_its_end_does_not():
 # Joint states of several arms
 
 
-def two_arms():
+def two_arms(**options):
     told = []
     other = OtherArm(["base", "tip"], lambda *state: told.append(state))
-    return World(arm="left", others={"right": other}), told
+    return World(arm="left", others={"right": other}, **options), told
 
 
 def test_joint_states_go_to_the_arm_that_they_name():
@@ -708,12 +708,28 @@ def test_of_several_states_of_another_arm_the_newest_is_told_and_each_that_canno
     assert world.kinds() == ["not finite"]
 
 
-def test_a_state_of_another_arm_from_the_future_counts_as_of_now():
-    world, told = two_arms()
+def other_state(ahead):
     state = {"names": ["base", "tip"], "q": [0.0, 0.0], "v": [0.0, 0.0]}
-    world.send(joints(arm="right", stamp=MONOTONIC + 6.0, **state))
+    return joints(arm="right", stamp=MONOTONIC + 5.0 + ahead, **state)
+
+
+def test_a_state_of_another_arm_that_is_ahead_by_the_clock_error_counts_as_of_now():
+    world, told = two_arms(joint_clock=StampClock("monotonic", 0.0, 0.01))
+    world.send(other_state(0.009))
     assert told[0][0] == 5.0
     assert world.kinds() == ["stamp ahead"]
+    assert world.obstacles.fault_count == 0
+
+
+@pytest.mark.parametrize("ahead", [0.011, 3600.0, math.inf])
+def test_a_state_of_another_arm_from_the_future_is_none_and_reaches_the_verdict(ahead):
+    world, told = two_arms(joint_clock=StampClock("monotonic", 0.0, 0.01))
+    world.send(other_state(ahead))
+    assert told == []
+    assert "stamp ahead" in world.kinds()
+    (fault,) = world.obstacles.take_faults()
+    assert (fault.kind, fault.source) == (FaultKind.MALFORMED, "right")
+    assert f"{ahead:.3g} s ahead" in fault.value
 
 
 @pytest.mark.parametrize("named", [{}, {"arm": "middle"}])
