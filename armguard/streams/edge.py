@@ -532,6 +532,8 @@ class Edge:
             self.exemptions.append(ExemptionRequest(message.number, is_end=True))
         elif self._is_token(message.token):
             self.reset_requested = True
+            # A reset ends what was asked for a time, and is obeyed before all requests.
+            self.exemptions = [one for one in self.exemptions if one.until is None]
         else:
             self.faults.add("reset refused", "unknown", None, "token is not the one of this run")
 

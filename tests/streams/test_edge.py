@@ -678,6 +678,22 @@ def test_contact_that_is_wanted_needs_the_token_and_its_end_does_not():
     assert closed.faults.count("ignore refused") == 1
 
 
+def test_a_reset_ends_what_was_asked_for_a_time_before_it_in_the_same_drain():
+    world = World(reset_token="sesame")
+    asked = {"type": "ignore", "token": "sesame", "link": "hand", "ids": "part*"}
+    until = {"until": MONOTONIC + 9.0}
+    world.send(
+        {**asked, **until, "number": 1},
+        {**asked, "number": 2, "zone": ZONE},
+        {"type": "watch", "number": 7},
+        {"type": "reset", "token": "sesame"},
+        {**asked, **until, "number": 3},
+        {"type": "reset", "token": "guess"},
+    )
+    assert world.edge.reset_requested
+    assert [one.number for one in world.edge.exemptions] == [2, 7, 3]
+
+
 # Joint states of several arms
 
 
