@@ -559,6 +559,7 @@ class Edge:
         if until is not None:
             # As that of a plan: a time to come, which no latency has made old.
             until, _ = self._to_monitor_time(until, self._joint_clock._replace(latency=0.0))
+            until -= self._joint_clock.error
         self.exemptions.append(
             ExemptionRequest(
                 message.number,

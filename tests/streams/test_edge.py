@@ -678,6 +678,14 @@ def test_contact_that_is_wanted_needs_the_token_and_its_end_does_not():
     assert closed.faults.count("ignore refused") == 1
 
 
+def test_contact_is_not_wanted_for_longer_because_clocks_differ():
+    clock = StampClock("monotonic", 0.5, 0.02)
+    world = World(reset_token="sesame", joint_clock=clock)
+    asked = {"type": "ignore", "number": 7, "token": "sesame", "link": "hand", "ids": "part*"}
+    world.send({**asked, "until": MONOTONIC + 9.0})
+    assert 8.98 - 1e-9 <= world.edge.exemptions[0].until <= 8.98
+
+
 def test_a_reset_ends_what_was_asked_for_a_time_before_it_in_the_same_drain():
     world = World(reset_token="sesame")
     asked = {"type": "ignore", "token": "sesame", "link": "hand", "ids": "part*"}
