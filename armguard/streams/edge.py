@@ -248,7 +248,6 @@ class Edge:
         self._others = dict(others or {})
         self._other_orders = {name: JointOrder(one.joints) for name, one in self._others.items()}
         self._other_watches = {name: SequenceWatch() for name in self._others}
-        self._other_states: dict[str, JointState] = {}
         self._clock = clock
         self._unix = unix
         self._stamp_clocks = dict(stamp_clocks or {})
@@ -319,7 +318,6 @@ class Edge:
             else:
                 self.cut_short += 1
             self._emptied[source] = self._arrived_after
-        self._publish_others()
         now = self._clock.now()
         self._settle_joint_state(now, is_emptied=is_emptied)
         return now
@@ -764,7 +762,7 @@ class Edge:
             raise error
 
     def _take_other_joints(self, message: JointsMessage) -> None:
-        """Keep the newest joint state of another arm for the end of the drain."""
+        """Tell the table a joint state of another arm; the drain's bounds bound this work, too."""
         arm, size = message.arm, len(message.names)
         try:
             order = self._other_orders[arm].find(message.names)
@@ -775,7 +773,7 @@ class Edge:
             self._obstacles.leave_malformed(arm, "joint state", str(error), self._now)
             return
         named = {"stamp": message.stamp, "q": q, "v": v}
-        usable = self._name_unusable(arm, message.seq, named)
+        self._name_unusable(arm, message.seq, named)
         stamp, gap = self._to_monitor_time(message.stamp, self._joint_clock)
         now = self._clock.now()
         if stamp > now:
@@ -793,20 +791,9 @@ class Edge:
             problem = f"clocks were compared within {gap:.3g} s; expected {HELD_UP:.3g} s at most"
             self.faults.add("clocks held up", arm, message.seq, problem)
             return
-        if not usable:
-            # The table must see it, even if a good one follows at once.
-            self._publish_other(arm, JointState(stamp, q, v))
-        else:
-            self._other_states[arm] = JointState(stamp, q, v)
-
-    def _publish_others(self) -> None:
-        """Tell the table the newest joint state that each other arm has sent in this drain."""
-        while self._other_states:
-            self._publish_other(*self._other_states.popitem())
-
-    def _publish_other(self, arm: str, state: JointState) -> None:
+        # Each, not the newest alone: what one of them breaks, the next may hide.
         try:
-            self._others[arm].publish(state.stamp, state.q, state.v)
+            self._others[arm].publish(stamp, q, v)
         except ArmguardError as error:
             self.faults.add("refused", arm, None, str(error))
 
