@@ -316,6 +316,23 @@ def test_an_older_break_does_not_end_a_newer_one_s_time():
     assert told.fields[4].max() > 5.0, "in m/s: what the hardware can do"
 
 
+def test_what_telling_a_state_takes_is_made_ready_and_leaves_nothing_behind(monkeypatch):
+    ready, update = [], armguard.Obstacles.update
+
+    def note(self, ids, stamp, *fields, **options):
+        ready.append(len(ids))
+        return update(self, ids, stamp, *fields, **options)
+
+    monkeypatch.setattr(armguard.Obstacles, "update", note)
+    robot = panda()
+    other = armguard.ArmObstacles(robot, "left", operating=limits_of(robot, 0.3))
+    assert ready == [len(other.ids)]
+    table = armguard.Obstacles(sources=["left"])
+    other.publish(table, -1e3, HOME, 0.2 * robot.velocity_limit)
+    assert table.fault_count == 0
+    assert table.table.speed[table.row(other.ids[-1])] < 5.0, "in m/s: operating limits count"
+
+
 def test_a_body_that_is_attached_becomes_an_obstacle_and_goes_with_it():
     robot = armguard.Robot.load("panda")
     other, obstacles = armguard.ArmObstacles(robot, "left"), armguard.Obstacles()
