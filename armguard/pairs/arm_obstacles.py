@@ -210,7 +210,9 @@ class ArmObstacles:
     def add_fixed(self, obstacles: Obstacles) -> None:
         """Put what of the arm nothing moves, such as its base, into a table, to stand there.
 
-        Each link is taken as the box around it, along the axes of the arm's base.
+        Each link is taken as the box around it, along the axes of the arm's base. `fixed_points`
+        of the robot says which there are; one that is only drawn, without collision geometry, is
+        not put there: add it with `add_static`.
 
         Args:
             obstacles: The table of another arm's monitor.
