@@ -247,7 +247,9 @@ class ArmTable(_Table, frozen=True, kw_only=True):
     base: BaseTable = BaseTable()
     """Where it stands."""
     calibration_error: NotNegative = 0.0
-    """How far from there it may stand, in [m]; it counts where one arm is another's obstacle."""
+    """How far any of its points may be off because of where and how its base stands, in [m]; it
+    counts where one arm is another's obstacle. A base that is turned by an angle moves the hand by
+    that angle times the reach."""
     payload: NotNegative | UnsetType = UNSET
     """As in `[robot]`."""
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
