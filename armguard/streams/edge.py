@@ -193,8 +193,8 @@ class Edge:
         own_points: How points that are the arm's are told from others; None: no clouds are taken.
         drain_time: How long a drain may last, in [s], in equal parts for its inputs. One message
             of each is taken whatever it takes, and the one at which the time ends is finished.
-        arm: Name of the watched arm, where a cell has several: then joint states have to say whose
-            they are.
+        arm: Name of the watched arm, where a cell has several: then joint states, plans, and
+            requests that contact be wanted have to say whose they are.
         others: By name, the other arms of the cell; their joint states are stamped as its own.
         monotonic: Reads the clock of `monotonic` stamps, in [s].
         unix: Reads the clock of `unix` stamps, in [s].
@@ -510,6 +510,9 @@ class Edge:
             else:
                 self._follow(self._joint_watch, "joints", message.seq)
                 self._take_joints(message)
+        elif isinstance(message, PlanMessage | IgnoreMessage) and message.arm in self._others:
+            # Senders may tell all monitors of a cell; that of the other arm takes it.
+            pass
         elif isinstance(message, PlanMessage):
             self.plans.append(self._read_plan(message))
         elif isinstance(message, _OF_SOURCES):
@@ -546,14 +549,15 @@ class Edge:
             self.faults.add("ignore refused", "exemptions", message.number, problem)
             return
         zone, until = None, message.until
-        if message.zone is not None:
-            size = len(message.zone)
-            size = size // 24 if isinstance(message.zone, bytes) else size
-            try:
+        try:
+            self._check_arm(message)
+            if message.zone is not None:
+                size = len(message.zone)
+                size = size // 24 if isinstance(message.zone, bytes) else size
                 zone = to_rows("zone", message.zone, size, 3)
-            except MessageError as error:
-                self.faults.add("malformed", "exemptions", message.number, str(error))
-                return
+        except MessageError as error:
+            self.faults.add("malformed", "exemptions", message.number, str(error))
+            return
         if until is not None:
             # As that of a plan: a time to come, which no latency has made old.
             until, _ = self._to_monitor_time(until, self._joint_clock._replace(latency=0.0))
@@ -723,6 +727,7 @@ class Edge:
         """A plan in the order of the watched joints; what cannot be read is said, and counted."""
         names, count = message.names, len(message.names)
         try:
+            self._check_arm(message)
             order = self._joints.find(names)
             size = len(message.times)
             size = size // 8 if isinstance(message.times, bytes) else size
@@ -745,8 +750,8 @@ class Edge:
             self.faults.add("clocks held up", "plans", message.number, problem)
         return PlanRequest(message.ask, message.number, problem, stamp, times, q, v, **fields)
 
-    def _check_arm(self, message: JointsMessage) -> None:
-        """Raise MessageError if a joint state is that of no arm of the cell."""
+    def _check_arm(self, message: JointsMessage | PlanMessage | IgnoreMessage) -> None:
+        """Raise MessageError if a message does not name the watched arm as the cell has it."""
         if message.arm != self._arm:
             found = repr(message.arm) if message.arm else "missing"
             known = ", ".join(map(repr, (self._arm, *self._others)))

@@ -779,3 +779,31 @@ def test_a_malformed_state_of_another_arm_and_obstacles_in_its_name_reach_the_ve
     assert not told
     assert len(world.obstacles) == 0
     assert [fault.kind for fault in world.obstacles.take_faults()] == [FaultKind.MALFORMED] * 2
+
+
+def plan(**changes):
+    still = [[0.0, 0.0]] * 2
+    message = {"type": "plan", "ask": "commit", "number": 3, "stamp": MONOTONIC + 5.0}
+    message |= {"names": ["shoulder", "elbow"], "times": [0.0, 1.0], "q": still, "v": still}
+    return message | {"tracking_error": 0.01} | changes
+
+
+def test_plans_and_wanted_contact_go_to_the_arm_that_they_name():
+    world, _ = two_arms(reset_token="sesame")
+    asked = {"type": "ignore", "token": "sesame", "link": "hand", "ids": "part*", "zone": ZONE}
+    for arm, number in (("right", 1), ("left", 2)):
+        world.send(plan(arm=arm, number=number), {**asked, "arm": arm, "number": number})
+    assert [(one.number, one.problem) for one in world.edge.plans] == [(2, "")]
+    assert [one.number for one in world.edge.exemptions] == [2]
+    assert world.faults.total == 0
+
+
+@pytest.mark.parametrize("named", [{}, {"arm": "middle"}])
+def test_plans_and_wanted_contact_of_no_arm_of_the_cell_are_refused(named):
+    world, _ = two_arms(reset_token="sesame")
+    asked = {"type": "ignore", "token": "sesame", "link": "hand", "ids": "part*", "zone": ZONE}
+    world.send(plan(**named), {**asked, **named, "number": 2})
+    (request,) = world.edge.plans
+    assert "arm" in request.problem
+    assert world.edge.exemptions == []
+    assert world.faults.count("malformed") == 2
