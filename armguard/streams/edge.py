@@ -74,6 +74,9 @@ _COMPARISONS = 8
 _OF_SOURCES = ObstaclesMessage | CloudMessage | RemoveMessage
 """Messages that say whose they are."""
 
+_OF_ARMS = JointsMessage | PlanMessage | IgnoreMessage
+"""Messages that say which arm they are about, where there are several."""
+
 _FIELDS = (
     "position",
     "velocity",
@@ -393,6 +396,9 @@ class Edge:
             raise SenderError(
                 "message", found, f"a client that may: {right!r}", sender or "unknown"
             )
+        if isinstance(message, _OF_ARMS) and not authenticator.may_speak_for(sender, message.arm):
+            found = f"{message.arm!r} in a message with the key of {sender!r}"
+            raise SenderError("arm", found, f"one of the arms of {sender!r}", sender)
         if isinstance(message, _OF_SOURCES) and message.source != sender:
             found = f"{message.source!r} in a message with the key of {sender!r}"
             error = SenderError("source", found, repr(sender), sender, message.seq)

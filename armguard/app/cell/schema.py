@@ -359,8 +359,10 @@ class ClientTable(_Table, frozen=True, kw_only=True):
     public: Annotated[str, Meta(min_length=KEY_LENGTH, max_length=KEY_LENGTH)]
     """Its public key, 40 characters, as `armguard keys new` prints it."""
     may: Annotated[list[Right], Meta(min_length=1)]
-    """What it may do: `obstacles` (as the source of its own name), `joints` (and plans),
-    `verdicts`, `reset`, `view`."""
+    """What it may do: `obstacles` (as the source of its own name), `joints` (and plans, and contact
+    that is wanted), `verdicts`, `reset`, `view`."""
+    arms: list[Name] = []
+    """Beside `[[robots]]`, the arms that it speaks for with `joints`, by their names there."""
 
 
 class KeysTable(_Table, frozen=True, kw_only=True):
