@@ -419,7 +419,7 @@ def run(
             for name, source in cell.sources.items()
         },
         # What this clock is off by is in the robot's joint errors already.
-        joint_clock=StampClock(joint_state.clock, joint_state.latency),
+        joint_clock=StampClock(joint_state.clock, joint_state.latency, joint_state.clock_error),
         joint_timeout=monitor.settings.joint_timeout,
         reset_token=reset_token,
         limits=cell.source_limits,

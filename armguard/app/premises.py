@@ -37,6 +37,13 @@ class Premise(enum.Enum):
         "It enforces them; armguard tests every joint state against them, which finds a break "
         "late ([the controller](controller.md#limits-that-the-controller-keeps-to)).",
     )
+    OTHER_ARMS = (
+        "the other arms of the cell keep to the operating limits that are stated for them",
+        "Each is an obstacle by what its joints can do, by its hardware's limits where no "
+        "operating limits are stated, and stands where the cell says. Its joint states are tested "
+        "against both, which finds a break late ([Several "
+        "arms](several_arms.md#what-is-counted-on)).",
+    )
     OBEDIENCE = (
         "the controller brakes on STOP, and where no verdict is valid any more",
         "It does so within `reaction_time` of a STOP, and of `valid_until` of the last verdict "
@@ -52,6 +59,11 @@ class Premise(enum.Enum):
         "what no source reports is not there, except behind a named entrance",
         "The guarantee for an obstacle begins when it is first reported. A depth camera sees "
         "surfaces, not what is behind them ([What is not seen](sensors.md)).",
+    )
+    EXEMPTIONS = (
+        "contact that is ignored does no harm",
+        "What `ignore` names is not watched, for good or for as long as it was asked for; verdicts "
+        "tell what is left out for the time being. Who asks for it answers for it.",
     )
     CLOCKS = (
         "stamps are right within the stated clock errors, and latencies no longer than stated",

@@ -24,6 +24,7 @@ from armguard.bounds.displacement import operating_displacement, operating_veloc
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import ACCEPTANCE_SLACK
+from armguard.robot.joints import is_prismatic
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 
@@ -144,6 +145,7 @@ class OperatingHistory:
 
     def __init__(self, robot: Robot, in_force: LimitsInForce, rise_delay: float) -> None:
         joints = len(robot.joints)
+        self._robot = robot
         self.in_force = in_force
         self.record = OperatingRecord(
             in_force.operating_velocity.copy(),
@@ -176,6 +178,29 @@ class OperatingHistory:
             v: Joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,), float64.
         """
         return bool(keeps_operating_limits(self.record, stamp, q, v))
+
+    def describe_break(self, v: FloatArray) -> tuple[str, str]:
+        """Joint of the last break, and in words what it did.
+
+        Args:
+            v: Joint velocities of the state that broke the limits, in [rad]/[s] or [m]/[s].
+                Shape (nv,).
+        """
+        record = self.record
+        joint, code, amount = int(record.finding[0]), int(record.finding[1]), record.finding[2]
+        unit = "m" if is_prismatic(self._robot.model, 1 + joint) else "rad"
+        velocity = f"{record.velocity[joint]:.4g} {unit}/s"
+        acceleration = f"{record.acceleration[joint]:.4g} {unit}/s²"
+        measured = f"{v[joint]:.4g} {unit}/s"
+        detail = {
+            TOO_FAST: f"at {measured}, operating velocity is {velocity}: "
+            f"{amount:.3g} {unit}/s more than errors explain",
+            TOO_HARD: f"at {measured} sooner than the operating acceleration, "
+            f"{acceleration}, allows: {amount:.3g} {unit}/s more than errors explain",
+            TOO_FAR: f"further than operating velocity and acceleration, {velocity} "
+            f"and {acceleration}, allow: {amount:.3g} {unit} more than errors explain",
+        }[code]
+        return self._robot.joints[joint], detail
 
     def suspend(self, now: float) -> None:
         """Put the hardware's limits in force after a break.

@@ -10,8 +10,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armguard.bounds import operating_history
-from armguard.bounds.operating_history import OperatingRecord
 from armguard.jit.arrays import FloatArray
 from armguard.jit.numerics import (
     POSITION_BY_ACCEL,
@@ -153,29 +151,6 @@ def describe_runaway(states: JointStates) -> Reason | None:
         f"at {states.q[joint]:.6g} with velocity {states.v[joint]:.3g}, "
         f"between stops at {limits[0]:.6g} and {limits[1]:.6g}",
     )
-
-
-def describe_break(states: JointStates, record: OperatingRecord) -> Reason:
-    """How the joint state accepted last broke the operating limits.
-
-    Args:
-        states: What accepted it.
-        record: What tested it, and found the joint.
-    """
-    joint, code, amount = int(record.finding[0]), int(record.finding[1]), record.finding[2]
-    unit = "m" if is_prismatic(states.robot.model, 1 + joint) else "rad"
-    velocity = f"{record.velocity[joint]:.4g} {unit}/s"
-    acceleration = f"{record.acceleration[joint]:.4g} {unit}/s²"
-    measured = f"{states.v[joint]:.4g} {unit}/s"
-    detail = {
-        operating_history.TOO_FAST: f"at {measured}, operating velocity is {velocity}: "
-        f"{amount:.3g} {unit}/s more than errors explain",
-        operating_history.TOO_HARD: f"at {measured} sooner than the operating acceleration, "
-        f"{acceleration}, allows: {amount:.3g} {unit}/s more than errors explain",
-        operating_history.TOO_FAR: f"further than operating velocity and acceleration, {velocity} "
-        f"and {acceleration}, allow: {amount:.3g} {unit} more than errors explain",
-    }[code]
-    return Reason(ReasonKind.OPERATING_LIMITS_BROKEN, states.robot.joints[joint], detail)
 
 
 def _read_vector(name: str, values: ArrayLike, joints: int) -> FloatArray | Reason:

@@ -26,7 +26,6 @@ from armguard.monitor.entrances import check_entrances
 from armguard.monitor.explain import Explanation
 from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.joint_reasons import (
-    describe_break,
     describe_refusal,
     describe_runaway,
     describe_unbraked,
@@ -791,7 +790,8 @@ class Monitor:
         """
         operating.suspend(now)
         self._scheduler.invalidate_all()
-        return [describe_break(self._states, operating.record)]
+        found = operating.describe_break(self._states.v)
+        return [Reason(ReasonKind.OPERATING_LIMITS_BROKEN, *found)]
 
     def _follow_exemptions(
         self, now: float, horizon: float, unbraked: Reason | None

@@ -29,11 +29,16 @@ This is the law of a body with half the measured velocity, an error that contain
 and an acceleration in which amax does not occur. Integrated, and cut off at V, it is the
 displacement that every contact time in armguard rests on, so a braking arm keeps to it however hard
 it brakes. It looks forward only: it says nothing of the time before the state, so a state must not
-be stamped later than the monitor's clock. Operating limits are a premise here as elsewhere. A joint
-measured above v° and its error has broken them: from then on, for `SUSPENDED_FOR`, the robot's
-limits count. An acceleration above a° is found by the table, as of every obstacle: the sample
-contradicts the one before, both are possible, and the bound that was broken counts with one and a
-half times what was seen.
+be stamped later than the monitor's clock.
+
+Operating limits are a premise here as elsewhere, and every state is tested against them and all
+states before it, as those of the watched arm are (`bounds.operating_history`). A break is a fault
+of the arm's source, so a STOP, and from then on, for `SUSPENDED_FOR`, the robot's limits count.
+It is found late: a joint faster than v° with the first state that shows it by more than dv; one
+that speeds up by A > a° when it is faster than it could be by 2 dv, after 2 dv / (A - a°), or 4 dv
+/ (A - a°) where the error goes from one end to the other meanwhile. Until then the balls may leave
+what their rows allow. The table would not find it: with errors of |v|/2 hardly a sample contradicts
+the one before.
 
 Links that nothing moves (the base) stand still: `add_fixed` puts the box around each
 into the table. A plan of the other arm is not used, nor is it that its monitor would stop it.
@@ -49,6 +54,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike
 
+from armguard.bounds.operating_history import OperatingHistory
 from armguard.bounds.sums import (
     compute_levers,
     sum_accelerations,
@@ -62,14 +68,14 @@ from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.acceptance import MAXIMUM_ACCEL, MAXIMUM_SPEED
 from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.kinematics import Kinematics
-from armguard.robot.operating_limits import OperatingLimits, read_operating
+from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, read_operating
 from armguard.robot.robot import Robot
 
 LEVEL = 1
 """Of the cover, as far as it is used: some four balls a link."""
 
 SUSPENDED_FOR = 2.0
-"""How long the robot's limits count after a joint was faster than its operating limit, in [s]."""
+"""How long the robot's limits count after a joint broke its operating limits, in [s]."""
 
 
 class _Bounds(NamedTuple):
@@ -141,11 +147,16 @@ class ArmObstacles:
         self._base, self._placement_error = base_placement, float(placement_error)
         limits = read_operating(robot, operating)
         self._operating = None if limits is None else limits.resolve(robot)
+        self._history: OperatingHistory | None = None
+        if limits is not None:
+            in_force = LimitsInForce(robot, limits)
+            self._history = OperatingHistory(robot, in_force, SUSPENDED_FOR)
         self._level = level
-        self._suspended_until = -math.inf
+        self._last_stamp = self._suspended_until = -math.inf
         self._has_published = False
         self._is_changed = False
         self._read_links()
+        self._compile()
 
     def _read_links(self) -> None:
         """Take the links that the robot has now, and bound what their balls can do."""
@@ -179,19 +190,29 @@ class ArmObstacles:
         self._hardware = self._usual = _bound_by_hardware(
             robot, lever, robot.velocity_limit, robot.acceleration_limit
         )
-        self._operating_fastest = self._fastest
         if self._operating is not None:
             velocity, acceleration = self._operating
-            self._operating_fastest = velocity + robot.velocity_error
             if (acceleration < robot.acceleration_limit).any():
                 self._usual = _bound_by_operating(robot, lever, velocity, acceleration)
             else:
                 self._usual = _bound_by_hardware(robot, lever, velocity, acceleration)
 
+    def _compile(self) -> None:
+        """Tell a table of no one's a state, so that the first one in a loop takes no longer."""
+        joints = len(self._fastest)
+        middle = np.clip(0.0, self._limits[:, 0], self._limits[:, 1])
+        self.publish(Obstacles(sources=[self.name]), 0.0, middle, np.zeros(joints))
+        self._has_published = False
+        self._last_stamp = self._suspended_until = -math.inf
+        if self._history is not None:
+            self._history.reset()
+
     def add_fixed(self, obstacles: Obstacles) -> None:
         """Put what of the arm nothing moves, such as its base, into a table, to stand there.
 
-        Each link is taken as the box around it, along the axes of the arm's base.
+        Each link is taken as the box around it, along the axes of the arm's base. `fixed_points`
+        of the robot says which there are; one that is only drawn, without collision geometry, is
+        not put there: add it with `add_static`.
 
         Args:
             obstacles: The table of another arm's monitor.
@@ -211,7 +232,8 @@ class ArmObstacles:
         """Tell a table where the arm is; its source is the arm's name, and required from then on.
 
         A state that cannot be (a value that is not finite, a joint beyond its limits and errors)
-        does not raise: its balls are refused by the table, and the monitor says STOP.
+        does not raise: its balls are refused by the table, and the monitor says STOP. One that
+        breaks operating limits is taken, and the monitor says STOP, and which joint it was.
 
         Args:
             obstacles: The table of another arm's monitor, always the same.
@@ -242,10 +264,11 @@ class ArmObstacles:
         if not self._is_possible(position, np.abs(velocity)):
             # Then its balls are nowhere, and the table refuses them.
             position[:] = velocity[:] = math.nan
+        elif stamp >= self._last_stamp:
+            self._last_stamp = stamp
+            self._test(obstacles, stamp, position, velocity)
         kinematics, speeds = self._kinematics, np.abs(velocity)
         kinematics.compute(position, velocity)
-        if not (speeds <= self._operating_fastest).all():
-            self._suspended_until = stamp + SUSPENDED_FOR
         bounds = self._usual if stamp > self._suspended_until else self._hardware
         obstacles.update(
             self.ids,
@@ -261,6 +284,18 @@ class ArmObstacles:
             snapshot=self._is_changed,
         )
         self._is_changed = False
+
+    def _test(
+        self, obstacles: Obstacles, stamp: float, position: FloatArray, velocity: FloatArray
+    ) -> None:
+        """Put the hardware's limits in force, and leave a fault, if operating limits are broken."""
+        history = self._history
+        if history is None or history.accept(stamp, position, velocity):
+            return
+        self._suspended_until = max(self._suspended_until, stamp + SUSPENDED_FOR)
+        joint, detail = history.describe_break(velocity)
+        problem = f"{joint} breaks its operating limits: {detail}"
+        obstacles.leave_malformed(self.name, "joint state", problem, stamp)
 
     def _is_possible(self, q: FloatArray, speeds: FloatArray) -> bool:
         """Whether joints can be in such a state; what is not finite cannot."""

@@ -96,9 +96,10 @@ def collect_surfaces(
 def collect_fixed_points(
     urdf: UrdfModel, watched: Collection[str], description: RobotDescription
 ) -> dict[str, FloatArray]:
-    """Points whose hull contains each link that nothing moves, in the frame of the base, in [m].
+    """Points whose hull contains each link that no watched joint moves, in the base's frame [m].
 
-    Between it and the base, all joints are locked at a position.
+    Between it and the base, all joints are locked, at a position or in a travel; what is behind a
+    travel is taken as all that it can reach.
 
     Args:
         urdf: The whole robot.
@@ -106,21 +107,27 @@ def collect_fixed_points(
         description: Says which others are locked, and where.
 
     Returns:
-        By link. Shapes (n, 3).
+        By link, of those with collision geometry. Shapes (n, 3).
     """
     parts: dict[str, list[FloatArray]] = {}
     for geometry in urdf.collision_model.geometryObjects:
-        motion, number, is_fixed = geometry.placement, geometry.parentJoint, True
-        while number and is_fixed:
-            joint = str(urdf.model.names[number])
-            entry = description.locked.get(joint)
-            is_fixed = joint not in watched and entry is not None and entry.travel is None
-            motion = _carry(urdf.model, number, get_rest_position(entry)) * motion
+        number = geometry.parentJoint
+        between = []
+        while number:
+            between.append(str(urdf.model.names[number]))
             number = urdf.model.parents[number]
-        if is_fixed:
-            link = str(urdf.model.frames[geometry.parentFrame].name)
-            corners = triangulate(f"link {link!r}", geometry.geometry)
-            parts.setdefault(link, []).append(place(motion, corners).reshape(-1, 3))
+        if any(joint in watched or joint not in description.locked for joint in between):
+            continue
+        link = str(urdf.model.frames[geometry.parentFrame].name)
+        triangles = triangulate(f"link {link!r}", geometry.geometry)
+        triangles = place(geometry.placement, triangles)
+        for joint in between:
+            number, entry = urdf.model.getJointId(joint), description.locked[joint]
+            if entry.travel is not None:
+                span = entry.travel[1] - entry.travel[0]
+                triangles = _sweep(urdf.model.joints[number], span, f"link {link!r}", triangles)
+            triangles = place(_carry(urdf.model, number, get_rest_position(entry)), triangles)
+        parts.setdefault(link, []).append(triangles.reshape(-1, 3))
     points = {link: np.unique(np.concatenate(found), axis=0) for link, found in parts.items()}
     for corners in points.values():
         corners.flags.writeable = False

@@ -394,10 +394,11 @@ class Robot:
         return np.unique(self.triangles(link).reshape(-1, 3), axis=0)
 
     def fixed_points(self) -> Mapping[str, FloatArray]:
-        """Of each link that nothing moves, points whose convex hull contains it.
+        """Of each link that no watched joint moves, points whose convex hull contains it.
 
-        Links of a joint that is neither watched nor locked by name move by themselves, and are not
-        among these.
+        A link behind a joint that is locked with a travel is taken as all that it can reach. Two
+        kinds are not among these: links of a joint that is neither watched nor locked by name,
+        which move by themselves, and links that are only drawn, of whose shape nothing is known.
 
         Returns:
             By link: points in the frame of the robot's base, in [m]. Shape (n, 3).

@@ -19,8 +19,8 @@ from armguard.streams.keys import KeyPair, check_key
 from armguard.streams.messages import MessageError
 
 Right = Literal["obstacles", "joints", "verdicts", "reset", "view"]
-"""What a client may do: send obstacles in its own name, send joint states and plans, read
-verdicts, end a latched STOP, or attach a view."""
+"""What a client may do: send obstacles in its own name, send joint states, plans and requests that
+contact be wanted, read verdicts, end a latched STOP, or attach a view."""
 
 RIGHTS: tuple[Right, ...] = get_args(Right)
 
@@ -41,6 +41,8 @@ class Client(NamedTuple):
     public: str
     """Its key, in Z85."""
     may: frozenset[Right]
+    arms: frozenset[str] = frozenset()
+    """In a cell with several, the arms that it speaks for."""
 
 
 class ClientError(MessageError):
@@ -105,6 +107,11 @@ class Authenticator:
         """Whether a client is known and has a right."""
         client = self.clients.get(name)
         return client is not None and right in client.may
+
+    def may_speak_for(self, name: str, arm: str) -> bool:
+        """Whether a client is known and speaks for an arm; where there is one, it has no name."""
+        client = self.clients.get(name)
+        return client is not None and (not arm or arm in client.arms)
 
     def answer(self) -> None:
         """Answer the handshakes that wait, a few of them; never blocks."""

@@ -74,6 +74,9 @@ _COMPARISONS = 8
 _OF_SOURCES = ObstaclesMessage | CloudMessage | RemoveMessage
 """Messages that say whose they are."""
 
+_OF_ARMS = JointsMessage | PlanMessage | IgnoreMessage
+"""Messages that say which arm they are about, where there are several."""
+
 _FIELDS = (
     "position",
     "velocity",
@@ -92,7 +95,8 @@ class StampClock(NamedTuple):
     latency: float = 0.0
     """From measurement to stamp in [s]; for `arrival`, at most, from measurement to arrival."""
     error: float = 0.0
-    """What stamps may be off by, either way, in [s]; of sources of obstacles only."""
+    """What stamps may be off by, either way, in [s]. Obstacles are widened by it; of joint states
+    it has to be in the robot's joint errors already."""
 
 
 MONOTONIC = StampClock()
@@ -192,8 +196,8 @@ class Edge:
         own_points: How points that are the arm's are told from others; None: no clouds are taken.
         drain_time: How long a drain may last, in [s], in equal parts for its inputs. One message
             of each is taken whatever it takes, and the one at which the time ends is finished.
-        arm: Name of the watched arm, where a cell has several: then joint states have to say whose
-            they are.
+        arm: Name of the watched arm, where a cell has several: then joint states, plans, and
+            requests that contact be wanted have to say whose they are.
         others: By name, the other arms of the cell; their joint states are stamped as its own.
         monotonic: Reads the clock of `monotonic` stamps, in [s].
         unix: Reads the clock of `unix` stamps, in [s].
@@ -247,11 +251,11 @@ class Edge:
         self._others = dict(others or {})
         self._other_orders = {name: JointOrder(one.joints) for name, one in self._others.items()}
         self._other_watches = {name: SequenceWatch() for name in self._others}
-        self._other_states: dict[str, JointState] = {}
         self._clock = clock
         self._unix = unix
         self._stamp_clocks = dict(stamp_clocks or {})
         self._joint_clock = joint_clock
+        self._clock_difference = joint_clock.error + HELD_UP
         self._speed = speed
         self._accel = accel
         self._reset_token = reset_token
@@ -317,7 +321,6 @@ class Edge:
             else:
                 self.cut_short += 1
             self._emptied[source] = self._arrived_after
-        self._publish_others()
         now = self._clock.now()
         self._settle_joint_state(now, is_emptied=is_emptied)
         return now
@@ -393,6 +396,9 @@ class Edge:
             raise SenderError(
                 "message", found, f"a client that may: {right!r}", sender or "unknown"
             )
+        if isinstance(message, _OF_ARMS) and not authenticator.may_speak_for(sender, message.arm):
+            found = f"{message.arm!r} in a message with the key of {sender!r}"
+            raise SenderError("arm", found, f"one of the arms of {sender!r}", sender)
         if isinstance(message, _OF_SOURCES) and message.source != sender:
             found = f"{message.source!r} in a message with the key of {sender!r}"
             error = SenderError("source", found, repr(sender), sender, message.seq)
@@ -510,6 +516,9 @@ class Edge:
             else:
                 self._follow(self._joint_watch, "joints", message.seq)
                 self._take_joints(message)
+        elif isinstance(message, PlanMessage | IgnoreMessage) and message.arm in self._others:
+            # Senders may tell all monitors of a cell; that of the other arm takes it.
+            pass
         elif isinstance(message, PlanMessage):
             self.plans.append(self._read_plan(message))
         elif isinstance(message, _OF_SOURCES):
@@ -530,6 +539,8 @@ class Edge:
             self.exemptions.append(ExemptionRequest(message.number, is_end=True))
         elif self._is_token(message.token):
             self.reset_requested = True
+            # A reset ends what was asked for a time, and is obeyed before all requests.
+            self.exemptions = [one for one in self.exemptions if one.until is None]
         else:
             self.faults.add("reset refused", "unknown", None, "token is not the one of this run")
 
@@ -544,17 +555,19 @@ class Edge:
             self.faults.add("ignore refused", "exemptions", message.number, problem)
             return
         zone, until = None, message.until
-        if message.zone is not None:
-            size = len(message.zone)
-            size = size // 24 if isinstance(message.zone, bytes) else size
-            try:
+        try:
+            self._check_arm(message)
+            if message.zone is not None:
+                size = len(message.zone)
+                size = size // 24 if isinstance(message.zone, bytes) else size
                 zone = to_rows("zone", message.zone, size, 3)
-            except MessageError as error:
-                self.faults.add("malformed", "exemptions", message.number, str(error))
-                return
+        except MessageError as error:
+            self.faults.add("malformed", "exemptions", message.number, str(error))
+            return
         if until is not None:
             # As that of a plan: a time to come, which no latency has made old.
             until, _ = self._to_monitor_time(until, self._joint_clock._replace(latency=0.0))
+            until -= self._joint_clock.error
         self.exemptions.append(
             ExemptionRequest(
                 message.number,
@@ -720,6 +733,7 @@ class Edge:
         """A plan in the order of the watched joints; what cannot be read is said, and counted."""
         names, count = message.names, len(message.names)
         try:
+            self._check_arm(message)
             order = self._joints.find(names)
             size = len(message.times)
             size = size // 8 if isinstance(message.times, bytes) else size
@@ -742,8 +756,8 @@ class Edge:
             self.faults.add("clocks held up", "plans", message.number, problem)
         return PlanRequest(message.ask, message.number, problem, stamp, times, q, v, **fields)
 
-    def _check_arm(self, message: JointsMessage) -> None:
-        """Raise MessageError if a joint state is that of no arm of the cell."""
+    def _check_arm(self, message: JointsMessage | PlanMessage | IgnoreMessage) -> None:
+        """Raise MessageError if a message does not name the watched arm as the cell has it."""
         if message.arm != self._arm:
             found = repr(message.arm) if message.arm else "missing"
             known = ", ".join(map(repr, (self._arm, *self._others)))
@@ -759,7 +773,7 @@ class Edge:
             raise error
 
     def _take_other_joints(self, message: JointsMessage) -> None:
-        """Keep the newest joint state of another arm for the end of the drain."""
+        """Tell the table a joint state of another arm; the drain's bounds bound this work, too."""
         arm, size = message.arm, len(message.names)
         try:
             order = self._other_orders[arm].find(message.names)
@@ -770,32 +784,27 @@ class Edge:
             self._obstacles.leave_malformed(arm, "joint state", str(error), self._now)
             return
         named = {"stamp": message.stamp, "q": q, "v": v}
-        usable = self._name_unusable(arm, message.seq, named)
+        self._name_unusable(arm, message.seq, named)
         stamp, gap = self._to_monitor_time(message.stamp, self._joint_clock)
         now = self._clock.now()
         if stamp > now:
-            # A state bounds what follows it, not what was before: none is of the future.
-            problem = f"stamp is {stamp - now:.3g} s ahead; counted as measured now"
-            self.faults.add("stamp ahead", arm, message.seq, problem)
+            # A state bounds what follows it, not what was before: none is of the future. What the
+            # clocks are off by is in its errors; of more, nothing is known of when it was measured.
+            problem, allowed = f"stamp is {stamp - now:.3g} s ahead", self._clock_difference
+            if not stamp - now <= allowed:
+                problem += f", expected at most the clock error, {allowed:.3g} s"
+                self.faults.add("stamp ahead", arm, message.seq, problem)
+                self._obstacles.leave_malformed(arm, "joint state", problem, now)
+                return
+            self.faults.add("stamp ahead", arm, message.seq, f"{problem}; counted as measured now")
             stamp = now
         if not gap <= HELD_UP:
             problem = f"clocks were compared within {gap:.3g} s; expected {HELD_UP:.3g} s at most"
             self.faults.add("clocks held up", arm, message.seq, problem)
             return
-        if not usable:
-            # The table must see it, even if a good one follows at once.
-            self._publish_other(arm, JointState(stamp, q, v))
-        else:
-            self._other_states[arm] = JointState(stamp, q, v)
-
-    def _publish_others(self) -> None:
-        """Tell the table the newest joint state that each other arm has sent in this drain."""
-        while self._other_states:
-            self._publish_other(*self._other_states.popitem())
-
-    def _publish_other(self, arm: str, state: JointState) -> None:
+        # Each, not the newest alone: what one of them breaks, the next may hide.
         try:
-            self._others[arm].publish(state.stamp, state.q, state.v)
+            self._others[arm].publish(stamp, q, v)
         except ArmguardError as error:
             self.faults.add("refused", arm, None, str(error))
 

@@ -185,6 +185,8 @@ class PlanMessage(Message, tag="plan"):
     stop_tracking_error: Values | None = None
     """how far joints may be off while the arm stops on its path, [rad] or [m]; for
     `stop = "path"`"""
+    arm: str = ""
+    """whose plan it is, by its name in a cell with several arms; left out where there is one"""
 
 
 class RemoveMessage(Message, tag="remove"):
@@ -219,6 +221,8 @@ class IgnoreMessage(Message, tag="ignore"):
     zone: Rows | None = None
     """corners of a convex region of the world in which contact is wanted, x, y, z in [m], 4 to 8 of
     them; left out: anywhere"""
+    arm: str = ""
+    """whose link it is, by its name in a cell with several arms; left out where there is one"""
 
 
 class WatchMessage(Message, tag="watch"):

@@ -279,6 +279,7 @@ class Publisher:
         tracking_error: ArrayLike,
         velocity_tracking_error: ArrayLike | None = None,
         stop_tracking_error: ArrayLike | None = None,
+        arm: str = "",
     ) -> int:
         """Ask whether the arm may do what is planned; see `Plan`, `Monitor.commit` and `follow`.
 
@@ -295,6 +296,7 @@ class Publisher:
             velocity_tracking_error: How far velocities may be off, one or shape (n,).
             stop_tracking_error: How far joints may be off while the arm stops on its path, one or
                 shape (n,).
+            arm: Whose plan it is, in a cell with several arms; empty where there is one.
 
         Returns:
             The plan's number, by which it is answered.
@@ -317,6 +319,7 @@ class Publisher:
                 _pack_values("tracking_error", tracking_error, count) or 0.0,
                 _pack_values("velocity_tracking_error", velocity_tracking_error, count),
                 _pack_values("stop_tracking_error", stop_tracking_error, count),
+                arm,
             )
         )
         return self._plans
@@ -330,6 +333,7 @@ class Publisher:
         *,
         until: float | None = None,
         zone: ArrayLike | None = None,
+        arm: str = "",
     ) -> int:
         """Ask that contact be wanted for the time being, as `Monitor.ignore` takes it.
 
@@ -343,6 +347,7 @@ class Publisher:
             source: Whose obstacles alone are meant; None: those of all sources.
             until: When contact is not wanted any more, in [s] on the clock of the joint states.
             zone: Corners of the region in which it is wanted, in [m]. Shape (k, 3).
+            arm: Whose link it is, in a cell with several arms; empty where there is one.
 
         Returns:
             The exemption's number, for `watch`.
@@ -356,7 +361,7 @@ class Publisher:
             corners = _pack("zone", zone, (count, 3))
         self._exemptions += 1
         time = None if until is None else float(until)
-        self._send(IgnoreMessage(self._exemptions, token, link, ids, source, time, corners))
+        self._send(IgnoreMessage(self._exemptions, token, link, ids, source, time, corners, arm))
         return self._exemptions
 
     def watch(self, number: int) -> None:

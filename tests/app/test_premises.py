@@ -23,3 +23,9 @@ def test_what_a_monitor_was_told_stands_beside_them():
     assert "7 m/s² and 1.5 m/s" in told[Premise.OBSTACLES]
     assert told[Premise.FIRST_SIGHT].endswith("(entrances: door)")
     assert told[Premise.CLOCKS].endswith("(latency of verdicts: 4 ms)")
+
+
+def test_other_arms_and_contact_that_is_wanted_are_premises():
+    lines = list_premises()
+    assert any("other arms" in line and "operating limits" in line for line in lines)
+    assert any("contact that is ignored" in line for line in lines)

@@ -32,8 +32,14 @@ class Told:
 
     heard_sources = ()
 
+    def __init__(self):
+        self.problems = []
+
     def update(self, ids, stamp, *fields, source, snapshot):
         self.ids, self.fields = list(ids), [np.array(field) for field in fields]
+
+    def leave_malformed(self, source, offender, problem, stamp):
+        self.problems.append(problem)
 
 
 def go_on(closing, accel, speed, time):
@@ -66,13 +72,14 @@ def test_no_ball_leaves_what_its_row_allows_however_the_joints_move(make_robot, 
     free = armguard.ArmObstacles(robot, base_placement=FACING)
     told, plain, tightest, naive = Told(), Told(), -np.inf, -np.inf
     lower, upper = robot.lower_position_limit, robot.upper_position_limit
-    for _ in range(60):
+    for trial in range(60):
         arm.q = lower + generator.uniform(0.2, 0.8, 7) * (upper - lower)
         arm.v = velocity * generator.choice([-1.0, -0.5, 0.0, 0.5, 1.0], 7)
         wrong = generator.choice([-1.0, 1.0], (2, 7))
         measured = arm.q + wrong[0] * robot.position_error, arm.v + wrong[1] * robot.velocity_error
-        other.publish(told, 0.0, *measured)
-        free.publish(plain, 0.0, *measured)
+        # Within so long it can have got there.
+        other.publish(told, 1e3 * trial, *measured)
+        free.publish(plain, 1e3 * trial, *measured)
         centers, velocities, _, accel, speed, error, velocity_error = told.fields
         # Along the row's own velocity, against it, and anywhere: for a while, then another way.
         directions = generator.normal(size=(40, 3))
@@ -95,6 +102,7 @@ def test_no_ball_leaves_what_its_row_allows_however_the_joints_move(make_robot, 
             allowed = go_on(closing, accel[:, None], speed[:, None], time) + error[:, None]
             naive = max(naive, float((moved - allowed).max()))
     assert tightest <= 1e-12
+    assert not told.problems
     if share is not None and share < 1.0:
         assert naive > 0.01, "a free body with these bounds would not brake so hard"
 
@@ -244,10 +252,85 @@ def test_a_state_of_another_length_is_refused_and_leaves_a_fault(state):
 def test_a_joint_above_its_operating_velocity_puts_the_limits_of_the_robot_in_force():
     robot, told = panda(), Told()
     other = armguard.ArmObstacles(robot, operating=limits_of(robot, 0.3))
-    for stamp, speed in ((0.0, 0.2), (0.1, 0.5), (0.2, 0.2), (2.2, 0.2)):
+    for stamp, speed in ((0.0, 0.2), (1.0, 0.5), (1.5, 0.2), (3.2, 0.2)):
         other.publish(told, stamp, HOME, speed * robot.velocity_limit)
         fastest = told.fields[4].max()
-        assert (fastest > 5.0) == (0.1 <= stamp < 2.1), "in m/s: what the hardware can do"
+        assert (fastest > 5.0) == (1.0 <= stamp < 3.0), "in m/s: what the hardware can do"
+    (problem,) = told.problems
+    assert "panda_joint1 breaks its operating limits: at 1.087 rad/s" in problem
+
+
+def speed_up(robot, other, table, accel, errors):
+    """Joint 1 speeds up from rest; what it did wrong is told after a while, in [s]."""
+    generator = np.random.default_rng(5)
+    first = np.eye(7)[0]
+    top = 0.3 * robot.velocity_limit[0]
+    for tick in range(100):
+        time = 0.002 * tick
+        ramp = min(time, top / accel)
+        q = HOME + (0.5 * accel * ramp**2 + top * (time - ramp)) * first
+        wrong = errors * generator.choice([-1.0, 1.0], (2, 7))
+        v = accel * ramp * first + wrong[1] * robot.velocity_error
+        other.publish(table, time, q + wrong[0] * robot.position_error, v)
+        if table.take_faults():
+            return time
+    return None
+
+
+@pytest.mark.parametrize("errors", [0.0, 1.0])
+def test_a_joint_that_speeds_up_too_hard_is_told_and_the_hardware_s_limits_count(errors):
+    robot = panda()
+    hard = robot.acceleration_limit[0]
+    late = 4.0 * robot.velocity_error[0] / (hard - 1.0) + 0.002
+    operating = limits_of(robot, 0.3)
+    other, table = armguard.ArmObstacles(robot, operating=operating), armguard.Obstacles()
+    assert 0.0 < speed_up(robot, other, table, hard, errors) <= late + 1e-9
+    row = table.row(other.ids[-1])
+    assert table.table.speed[row] > 5.0, "in m/s: what the hardware can do"
+    other, table = armguard.ArmObstacles(robot, operating=operating), armguard.Obstacles()
+    assert speed_up(robot, other, table, 1.0, errors) is None
+
+
+def test_a_break_is_a_stop_that_names_arm_and_joint():
+    robot = panda()
+    other = armguard.ArmObstacles(robot, "right", operating=limits_of(robot, 0.3))
+    table = armguard.Obstacles(sources=["right"])
+    far = pinocchio.SE3(np.eye(3), np.array([0.0, 9.0, 0.0]))
+    monitor = armguard.Monitor(robot, table, base_placement=far, rise_delay=0.0)
+    levels, told = [], []
+    for stamp, speed in ((0.0, 0.0), (0.01, 0.1)):
+        other.publish(table, stamp, HOME, speed * np.eye(7)[1])
+        verdict = monitor.step(stamp, HOME, STILL)
+        levels.append(verdict.level)
+        told = [str(reason) for reason in verdict.reasons]
+    assert levels[0] > Level.STOP
+    assert levels[1] == Level.STOP
+    assert any("right" in one and "panda_joint2 breaks its operating" in one for one in told)
+
+
+def test_an_older_break_does_not_end_a_newer_one_s_time():
+    robot, told = panda(), Told()
+    other = armguard.ArmObstacles(robot, operating=limits_of(robot, 0.3))
+    for stamp, speed in ((10.0, 0.5), (7.9, 0.5), (10.5, 0.2)):
+        other.publish(told, stamp, HOME, speed * robot.velocity_limit)
+    assert told.fields[4].max() > 5.0, "in m/s: what the hardware can do"
+
+
+def test_what_telling_a_state_takes_is_made_ready_and_leaves_nothing_behind(monkeypatch):
+    ready, update = [], armguard.Obstacles.update
+
+    def note(self, ids, stamp, *fields, **options):
+        ready.append(len(ids))
+        return update(self, ids, stamp, *fields, **options)
+
+    monkeypatch.setattr(armguard.Obstacles, "update", note)
+    robot = panda()
+    other = armguard.ArmObstacles(robot, "left", operating=limits_of(robot, 0.3))
+    assert ready == [len(other.ids)]
+    table = armguard.Obstacles(sources=["left"])
+    other.publish(table, -1e3, HOME, 0.2 * robot.velocity_limit)
+    assert table.fault_count == 0
+    assert table.table.speed[table.row(other.ids[-1])] < 5.0, "in m/s: operating limits count"
 
 
 def test_a_body_that_is_attached_becomes_an_obstacle_and_goes_with_it():

@@ -89,6 +89,36 @@ def test_a_travelling_link_is_all_that_it_reaches(tmp_path, kind):
         assert distances.max() < 1e-9
 
 
+def test_what_travels_beside_the_arm_is_fixed_as_all_that_it_reaches(tmp_path):
+    path = write_urdf(
+        tmp_path,
+        *(link_xml(name) for name in ("base", "upper", "neck", "head", "hatch")),
+        joint_xml("shoulder", "base", "upper"),
+        joint_xml("nod", "base", "neck"),
+        joint_xml("turn", "neck", "head"),
+        joint_xml("hinge", "base", "hatch"),
+    )
+    travel = {"nod": [-0.4, 1.7], "turn": [0.2, 2.0]}
+    limits = limits_for("shoulder", locked={key: {"travel": ends} for key, ends in travel.items()})
+    description = read_description(limits)
+    robot = Robot("arm", read_urdf(path, (), description.travelling), description, ["shoulder"])
+    fixed = robot.fixed_points()
+    assert set(fixed) == {"base", "neck", "head"}, "nobody says where the hatch is"
+    full = pinocchio.buildModelFromUrdf(str(path))
+    data = full.createData()
+    corners = np.array(list(itertools.product((-0.05, 0.05), (-0.03, 0.03), (-0.02, 0.02))))
+    for shares in itertools.product(np.linspace(0.0, 1.0, 13), repeat=2):
+        q = np.zeros(full.nq)
+        for share, (joint, (lower, upper)) in zip(shares, travel.items(), strict=True):
+            q[full.joints[full.getJointId(joint)].idx_q] = lower + share * (upper - lower)
+        pinocchio.forwardKinematics(full, data, q)
+        for link, joint in (("neck", "nod"), ("head", "turn")):
+            place = data.oMi[full.getJointId(joint)]
+            points = corners @ place.rotation.T + place.translation
+            assert (points >= fixed[link].min(axis=0) - 1e-9).all()
+            assert (points <= fixed[link].max(axis=0) + 1e-9).all()
+
+
 def test_surfaces_are_those_of_a_robot_with_limits(tmp_path):
     path = two_links(tmp_path)
     bare, robot = UrdfLinks(path), Robot.from_urdf(path, limits=limits_for("shoulder"))

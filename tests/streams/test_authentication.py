@@ -18,6 +18,7 @@ from armguard.streams import (
     VerdictPublisher,
     VerdictReader,
 )
+from armguard.streams.edge import OtherArm
 from armguard.verdict import Level
 from support.key_rings import KeyRing
 from support.stream_sockets import PATIENCE
@@ -127,6 +128,27 @@ def test_each_client_may_send_what_the_cell_says_and_nothing_else(address, ring)
         with side.publisher("desk", ring.keys("desk")) as desk:
             desk.reset("sesame")
             side.drain(lambda: side.edge.reset_requested)
+
+
+def test_a_client_speaks_for_its_own_arms(address, ring):
+    told = []
+    others = {"right": OtherArm(["a"], lambda *state: told.append(state))}
+    with Side(address, ring, arm="left", others=others, reset_token="sesame") as side:
+        clients = side.authenticator.clients
+        clients["controller"] = clients["controller"]._replace(arms=frozenset(["left"]))
+        with side.publisher("controller", ring.keys("controller")) as controller:
+            still = ["a"], [0.0], [0.0]
+            piece = ["a"], [0.0, 1.0], [[0.0]] * 2, [[0.0]] * 2, 0.1
+            controller.joints(time.monotonic(), *still, arm="right")
+            controller.plan("commit", 0.0, *piece, arm="right")
+            controller.ignore("sesame", "*", "part", until=1.0, arm="right")
+            side.drain(lambda: side.faults.total == 3)
+            assert side.kinds() == {("sender refused", "controller")}
+            assert "'right'" in side.lines[0]
+            controller.joints(time.monotonic(), *still, arm="left")
+            side.drain(lambda: side.edge.joint_state is not None)
+        assert told == []
+        assert side.faults.total == 3
 
 
 def test_a_malformed_message_is_laid_to_the_key_that_it_came_with(address, ring):

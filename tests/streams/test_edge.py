@@ -678,13 +678,37 @@ def test_contact_that_is_wanted_needs_the_token_and_its_end_does_not():
     assert closed.faults.count("ignore refused") == 1
 
 
+def test_contact_is_not_wanted_for_longer_because_clocks_differ():
+    clock = StampClock("monotonic", 0.5, 0.02)
+    world = World(reset_token="sesame", joint_clock=clock)
+    asked = {"type": "ignore", "number": 7, "token": "sesame", "link": "hand", "ids": "part*"}
+    world.send({**asked, "until": MONOTONIC + 9.0})
+    assert 8.98 - 1e-9 <= world.edge.exemptions[0].until <= 8.98
+
+
+def test_a_reset_ends_what_was_asked_for_a_time_before_it_in_the_same_drain():
+    world = World(reset_token="sesame")
+    asked = {"type": "ignore", "token": "sesame", "link": "hand", "ids": "part*"}
+    until = {"until": MONOTONIC + 9.0}
+    world.send(
+        {**asked, **until, "number": 1},
+        {**asked, "number": 2, "zone": ZONE},
+        {"type": "watch", "number": 7},
+        {"type": "reset", "token": "sesame"},
+        {**asked, **until, "number": 3},
+        {"type": "reset", "token": "guess"},
+    )
+    assert world.edge.reset_requested
+    assert [one.number for one in world.edge.exemptions] == [2, 7, 3]
+
+
 # Joint states of several arms
 
 
-def two_arms():
+def two_arms(**options):
     told = []
     other = OtherArm(["base", "tip"], lambda *state: told.append(state))
-    return World(arm="left", others={"right": other}), told
+    return World(arm="left", others={"right": other}, **options), told
 
 
 def test_joint_states_go_to_the_arm_that_they_name():
@@ -699,21 +723,38 @@ def test_joint_states_go_to_the_arm_that_they_name():
     assert world.faults.total == 0
 
 
-def test_of_several_states_of_another_arm_the_newest_is_told_and_each_that_cannot_be():
+def test_of_several_states_of_another_arm_each_is_told():
     world, told = two_arms()
     names = {"arm": "right", "names": ["base", "tip"], "v": [0.0, 0.0]}
     states = [[0.1, 0.0], [math.nan, 0.0], [0.2, 0.0], [0.3, 0.0]]
     world.send(*(joints(q=q, **names) for q in states))
-    assert [q[0] for _, q, _ in told] == [pytest.approx(math.nan, nan_ok=True), 0.3]
+    nan = pytest.approx(math.nan, nan_ok=True)
+    assert [q[0] for _, q, _ in told] == [0.1, nan, 0.2, 0.3]
     assert world.kinds() == ["not finite"]
 
 
-def test_a_state_of_another_arm_from_the_future_counts_as_of_now():
-    world, told = two_arms()
+def other_state(ahead):
     state = {"names": ["base", "tip"], "q": [0.0, 0.0], "v": [0.0, 0.0]}
-    world.send(joints(arm="right", stamp=MONOTONIC + 6.0, **state))
+    return joints(arm="right", stamp=MONOTONIC + 5.0 + ahead, **state)
+
+
+def test_a_state_of_another_arm_that_is_ahead_by_the_clock_error_counts_as_of_now():
+    world, told = two_arms(joint_clock=StampClock("monotonic", 0.0, 0.01))
+    world.send(other_state(0.009))
     assert told[0][0] == 5.0
     assert world.kinds() == ["stamp ahead"]
+    assert world.obstacles.fault_count == 0
+
+
+@pytest.mark.parametrize("ahead", [0.011, 3600.0, math.inf])
+def test_a_state_of_another_arm_from_the_future_is_none_and_reaches_the_verdict(ahead):
+    world, told = two_arms(joint_clock=StampClock("monotonic", 0.0, 0.01))
+    world.send(other_state(ahead))
+    assert told == []
+    assert "stamp ahead" in world.kinds()
+    (fault,) = world.obstacles.take_faults()
+    assert (fault.kind, fault.source) == (FaultKind.MALFORMED, "right")
+    assert f"{ahead:.3g} s ahead" in fault.value
 
 
 @pytest.mark.parametrize("named", [{}, {"arm": "middle"}])
@@ -738,3 +779,31 @@ def test_a_malformed_state_of_another_arm_and_obstacles_in_its_name_reach_the_ve
     assert not told
     assert len(world.obstacles) == 0
     assert [fault.kind for fault in world.obstacles.take_faults()] == [FaultKind.MALFORMED] * 2
+
+
+def plan(**changes):
+    still = [[0.0, 0.0]] * 2
+    message = {"type": "plan", "ask": "commit", "number": 3, "stamp": MONOTONIC + 5.0}
+    message |= {"names": ["shoulder", "elbow"], "times": [0.0, 1.0], "q": still, "v": still}
+    return message | {"tracking_error": 0.01} | changes
+
+
+def test_plans_and_wanted_contact_go_to_the_arm_that_they_name():
+    world, _ = two_arms(reset_token="sesame")
+    asked = {"type": "ignore", "token": "sesame", "link": "hand", "ids": "part*", "zone": ZONE}
+    for arm, number in (("right", 1), ("left", 2)):
+        world.send(plan(arm=arm, number=number), {**asked, "arm": arm, "number": number})
+    assert [(one.number, one.problem) for one in world.edge.plans] == [(2, "")]
+    assert [one.number for one in world.edge.exemptions] == [2]
+    assert world.faults.total == 0
+
+
+@pytest.mark.parametrize("named", [{}, {"arm": "middle"}])
+def test_plans_and_wanted_contact_of_no_arm_of_the_cell_are_refused(named):
+    world, _ = two_arms(reset_token="sesame")
+    asked = {"type": "ignore", "token": "sesame", "link": "hand", "ids": "part*", "zone": ZONE}
+    world.send(plan(**named), {**asked, **named, "number": 2})
+    (request,) = world.edge.plans
+    assert "arm" in request.problem
+    assert world.edge.exemptions == []
+    assert world.faults.count("malformed") == 2

@@ -287,7 +287,7 @@ class Cell:
         if table is None:
             return None
         clients = {
-            name: Client(client.public, frozenset(client.may))
+            name: Client(client.public, frozenset(client.may), frozenset(client.arms))
             for name, client in table.clients.items()
         }
         pair = self._attempt("keys.secret", KeyPair.load, self._folder / table.secret)
@@ -506,6 +506,16 @@ class Cell:
                     "has no key, and so cannot speak",
                     f'[keys.clients.{name}] with may = ["obstacles"]',
                 )
+
+        arms = [one.name for one in self.tables.robots]
+        expected = f"names among {', '.join(arms)}" if arms else "none: the cell has one arm"
+        for name, client in keys.clients.items():
+            key = f"keys.clients.{name}.arms"
+            unknown = [arm for arm in client.arms if arm not in arms]
+            if unknown:
+                raise self._error(key, f"has {unknown[0]!r}", expected)
+            if arms and "joints" in client.may and not client.arms:
+                raise self._error(key, "is missing, so it could speak for no arm", expected)
 
     def _check_settings(self) -> None:
         tables = self.tables

@@ -247,7 +247,9 @@ class ArmTable(_Table, frozen=True, kw_only=True):
     base: BaseTable = BaseTable()
     """Where it stands."""
     calibration_error: NotNegative = 0.0
-    """How far from there it may stand, in [m]; it counts where one arm is another's obstacle."""
+    """How far any of its points may be off because of where and how its base stands, in [m]; it
+    counts where one arm is another's obstacle. A base that is turned by an angle moves the hand by
+    that angle times the reach."""
     payload: NotNegative | UnsetType = UNSET
     """As in `[robot]`."""
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
@@ -357,8 +359,10 @@ class ClientTable(_Table, frozen=True, kw_only=True):
     public: Annotated[str, Meta(min_length=KEY_LENGTH, max_length=KEY_LENGTH)]
     """Its public key, 40 characters, as `armguard keys new` prints it."""
     may: Annotated[list[Right], Meta(min_length=1)]
-    """What it may do: `obstacles` (as the source of its own name), `joints` (and plans),
-    `verdicts`, `reset`, `view`."""
+    """What it may do: `obstacles` (as the source of its own name), `joints` (and plans, and contact
+    that is wanted), `verdicts`, `reset`, `view`."""
+    arms: list[Name] = []
+    """Beside `[[robots]]`, the arms that it speaks for with `joints`, by their names there."""
 
 
 class KeysTable(_Table, frozen=True, kw_only=True):

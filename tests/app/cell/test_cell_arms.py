@@ -50,6 +50,27 @@ def test_which_arm_is_watched_has_to_be_said():
         Cell.from_text(ARMS)
 
 
+KEYS = '[keys]\nsecret = "monitor.secret"\n[keys.clients.driver]\nmay = ["joints"]\n'
+PUBLIC = f'public = "{"a" * 40}"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (ARMS + KEYS + PUBLIC, r"keys.clients.driver.arms: is missing.*left, right"),
+        (ARMS + KEYS + PUBLIC + 'arms = ["middle"]\n', "driver.arms: has 'middle'.*left, right"),
+    ],
+)
+def test_which_arms_a_client_speaks_for_has_to_be_said(text, words):
+    with pytest.raises(CellError, match=words):
+        Cell.from_text(text, arm="left")
+    Cell.from_text(ARMS + KEYS + PUBLIC + 'arms = ["right"]\n', arm="left")
+    alone = '[robot]\nname = "panda"\n' + KEYS + PUBLIC
+    Cell.from_text(alone)
+    with pytest.raises(CellError, match=r"driver.arms: has 'left'; expected none"):
+        Cell.from_text(alone + 'arms = ["left"]\n')
+
+
 def test_each_arm_is_in_the_table_of_the_other_where_it_stands():
     cells = {arm: Cell.from_text(ARMS, arm=arm) for arm in ("left", "right")}
     assert cells["left"].monitor_settings(cells["left"].make_robot())["operating"] is not None
