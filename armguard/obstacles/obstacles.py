@@ -33,6 +33,7 @@ from armguard.obstacles.arguments import (
 )
 from armguard.obstacles.clouds import (
     CloudReader,
+    VoxelCountError,
     check_names,
     enclosing_radius,
     find_key,
@@ -319,6 +320,7 @@ class Obstacles(ObstacleRegister):
         speed: float | None = None,
         frame: str = WORLD,
         snapshot: bool = False,
+        limit: int | None = None,
     ) -> None:
         """Takes a cloud of points of a source that measures depth; without points, a heartbeat.
 
@@ -348,9 +350,13 @@ class Obstacles(ObstacleRegister):
             speed: Bound on speed, in [m/s]; None: the table's for the id "voxel".
             frame: In which frame, one of the table's.
             snapshot: Whether this source sees the whole cell: all else of it is removed.
+            limit: How many obstacles the source may have after a cloud that adds some, those that
+                its rays clear left out. One that adds none is always taken: it may clear some.
+                None: as many as the table has room for.
 
         Raises:
-            ObstacleError: The call is malformed; nothing of it is taken, and a fault is left.
+            ObstacleError: The call is malformed, or goes beyond the limit; nothing of it is taken,
+                and a fault is left.
         """
         try:
             self._check_source(source)
@@ -374,6 +380,11 @@ class Obstacles(ObstacleRegister):
                 edge,
                 self._extent,
             )
+            gone: list[str] = []
+            if not snapshot:
+                gone = clouds.find_empty(self._list_unseen(source, names, time), edge, error)
+            if limit is not None:
+                self._check_voxels(source, names, len(gone), limit, snapshot=snapshot)
         except ObstacleError as error_found:
             raise self._leave_malformed(error_found, source, stamp) from None
         takes_voxels, self.takes_voxels = self.takes_voxels, True
@@ -395,10 +406,22 @@ class Obstacles(ObstacleRegister):
         clouds.edges[source] = edge
         if len(ends):
             self.count_points(source, time, len(ends), dropped)
-        if not snapshot:
-            gone = clouds.find_empty(self._list_unseen(source, names, time), edge, error)
-            if gone:
-                self.remove(gone, time, source)
+        if gone:
+            self.remove(gone, time, source)
+
+    def _check_voxels(
+        self, source: str, names: list[str], gone: int, limit: int, *, snapshot: bool
+    ) -> None:
+        """Raise VoxelCountError if voxels that a cloud adds take its source beyond a limit."""
+        known = self.count_of(source)
+        together = self.count_of(source, names)
+        count = len(names) if snapshot else together - gone
+        if together > known and count > limit:
+            raise VoxelCountError(
+                "message",
+                f"one by which {source!r} has {count} obstacles; "
+                f"expected max_obstacles, {limit} at most",
+            )
 
     def prepare_clouds(self) -> None:
         """Compiles what clouds need, so that the first one is like any other."""

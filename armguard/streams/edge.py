@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from armguard.clock import Clock
 from armguard.exceptions import ArmguardError
+from armguard.obstacles.clouds import VoxelCountError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.streams.authentication import Authenticator, Right, SenderError
 from armguard.streams.faults import FaultLog
@@ -459,19 +460,16 @@ class Edge:
             raise error
 
     def _check_cloud(self, message: CloudMessage) -> None:
-        """Raise LimitError if a cloud takes its source beyond a limit, or none is taken here.
+        """Raise LimitError if a cloud has too many points, or none is taken here.
 
-        How many voxels it makes is not known yet: that is counted with the next one.
+        How many voxels it makes is not known yet: the table counts them before it takes any.
         """
         source, limits = message.source, self._limit(message.source)
-        points, count = count_points(message.points), self._obstacles.count_of(message.source)
+        points = count_points(message.points)
         if self._own_points is None:
             found, expected = "a cloud", "obstacles: [clouds] in the cell file lets clouds be taken"
         elif points > limits.points:
             found, expected = f"one of {points} points", f"max_points, {limits.points} at most"
-        elif count > limits.obstacles and not message.snapshot:
-            found = f"one of {source!r}, which has {count} obstacles"
-            expected = f"max_obstacles, {limits.obstacles} at most"
         else:
             return
         error = LimitError("message", found, expected, source, message.seq)
@@ -649,9 +647,11 @@ class Edge:
                 speed=message.speed,
                 frame=message.frame,
                 snapshot=message.snapshot,
+                limit=self._limit(source).obstacles,
             )
         except ArmguardError as error:
-            self.faults.add("refused", source, sequence, str(error))
+            kind = LimitError.kind if isinstance(error, VoxelCountError) else "refused"
+            self.faults.add(kind, source, sequence, str(error))
 
     def _find_others(
         self, points: NDArray[np.float64], message: CloudMessage, stamp: float, window: float

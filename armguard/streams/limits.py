@@ -19,8 +19,9 @@ class SourceLimits(NamedTuple):
     """Of one message, in bytes; at most `BYTE_LIMIT`."""
     message_rate: float = 10_000.0
     """Messages in one second; so many may also come at once, as after a hold-up."""
-    obstacles: int = 10_000
-    """Obstacles in the table; voxels are obstacles, too."""
+    obstacles: int = 20_000
+    """Obstacles in the table; voxels are obstacles, too. What would add some beyond is refused. By
+    default as many as a usual cloud of a depth camera has points, so that it fits by itself."""
     points: int = 50_000
     """Points of one cloud."""
 

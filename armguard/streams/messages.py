@@ -206,7 +206,8 @@ class IgnoreMessage(Message, tag="ignore"):
     """Asks that contact be wanted for the time being; only with the token of the run."""
 
     number: Number
-    """of the exemption, by which `watch` ends it; use none that has not ended"""
+    """of the exemption, by which `watch` ends it, from whatever sender: numbers are one space for
+    all; use none that has not ended"""
     token: str
     """what `armguard run --reset-token` was given"""
     link: str
@@ -229,7 +230,7 @@ class WatchMessage(Message, tag="watch"):
     """Ends what an `ignore` began."""
 
     number: Number
-    """of the exemption"""
+    """of the exemption, whoever sent its `ignore`"""
 
 
 class ResetMessage(Message, tag="reset"):

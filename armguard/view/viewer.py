@@ -27,6 +27,7 @@ from armguard.view.listening import LOOPBACK
 from armguard.view.messages import (
     FeedVersionError,
     FrameMessage,
+    Latch,
     SceneMessage,
     StatusMessage,
     decode_message,
@@ -39,8 +40,8 @@ PARENT_CHECK_INTERVAL = 0.25
 COMPLAINT_INTERVAL = 1.0
 NEWS_INTERVAL = 0.5
 """Between two tellings of news while no frames come, in [s]."""
-REACH_TIMEOUT = 10.0
-"""How long a reset waits for the monitor to listen, in [s]: it does from its first tick on."""
+REACH_TIMEOUT = 2.0
+"""How long a reset waits for the monitor to listen, in [s]; short, for it was asked at a click."""
 ANSWER_TIMEOUT = 5.0
 """How long a reset that was sent waits for the monitor to tell what became of it, in [s]."""
 REACH_INTERVAL = 0.02
@@ -109,6 +110,10 @@ class Watch:
         self._picture = Picture(self._values.set, self._forget, floor)
         self._resets: tuple[int, int] | None = None
         """How many the monitor obeyed and refused, by its newest frame; None: there is none."""
+        self._latches: frozenset[Latch] = frozenset()
+        """What was latched by that frame."""
+        self._runs = 0
+        """How often another run may have begun: by its scene, or while the feed was away."""
         self._is_resetting = False
         self._has_told = asyncio.Event()
         """Whether a frame has come since this was cleared."""
@@ -154,6 +159,14 @@ class Watch:
         while True:
             event = await recv_monitor_message(self._connection)
             self._station.is_connected = event["event"] != zmq.EVENT_DISCONNECTED
+            if not self._station.is_connected:
+                self._forget_run()
+
+    def _forget_run(self) -> None:
+        """Forget what a run told of resets and latches: another one may follow, or has."""
+        self._runs += 1
+        self._resets, self._latches = None, frozenset()
+        self._has_told.set()
 
     async def _tell_news(self) -> None:
         while True:
@@ -183,6 +196,7 @@ class Watch:
         if frame is None:
             return
         self._resets = frame.obeyed_resets, frame.refused_resets
+        self._latches = frozenset(frame.latches)
         self._has_told.set()
         self._station.note_frame()
         try:
@@ -199,6 +213,7 @@ class Watch:
             self._complain(f"{type(error).__name__}: {error}")
             return
         if is_new:
+            self._forget_run()
             # What is past was of another scene, and cannot be drawn in this one.
             self._station.film.clear(is_recording=scene.is_recorded or self._keeps_all)
 
@@ -239,19 +254,29 @@ class Watch:
     async def _publish_reset(self, publisher: Publisher, address: str, token: str) -> str:
         """Send a reset once the monitor listens, and tell what became of it.
 
+        Until then the page goes on. A reset that waited is not sent to another run, nor where more
+        is latched than at the click: it might release a STOP that no operator has seen.
+
         It is sent once: a second one might release a STOP that was latched after the first, and
         that no operator has seen. The publisher stays until there is an answer, for what a closing
         one has not handed over yet is lost.
         """
+        run, latches = self._runs, self._latches
         end = time.monotonic() + REACH_TIMEOUT
         while not publisher.wait(0.0):
             if time.monotonic() >= end:
                 return f"not sent: no monitor listens at {address}, or this client may not reset"
             await asyncio.sleep(REACH_INTERVAL)
-        before = self._resets or (0, 0)
+        before = self._resets
+        if before is None or self._runs != run:
+            return "not sent: another run has begun since; look at it and ask again"
+        if not self._latches <= latches:
+            return "not sent: something else has latched since; look at it and ask again"
         publisher.reset(token)
         end = time.monotonic() + ANSWER_TIMEOUT
         while (left := end - time.monotonic()) > 0.0:
+            if self._runs != run:
+                return "sent, and another run has begun since: it may not have arrived"
             obeyed, refused = self._resets or before
             if obeyed > before[0]:
                 return "obeyed; a cause that persists has latched again"

@@ -107,11 +107,48 @@ def test_a_cloud_that_cannot_be_taken_is_counted_and_known_to_the_verdict(change
 
 def test_a_source_has_no_more_voxels_than_obstacles():
     world = make_cloud_world(limits={"cam0": SourceLimits(obstacles=3)})
-    world.send(cloud(points=[[2.0 + k, 0, 0] for k in range(4)]), cloud(seq=2))
+    world.send(cloud(points=[[2.0 + k, 0, 0] for k in range(4)]))
     assert world.kinds() == ["beyond limit"]
-    assert "max_obstacles, 3 at most" in world.lines[0]
-    world.send(cloud(seq=3, snapshot=True))
+    assert "has 4 obstacles; expected max_obstacles, 3 at most" in world.lines[0]
+    (fault,) = world.obstacles.take_faults()
+    assert (fault.kind, fault.source) == (FaultKind.MALFORMED, "cam0")
+    assert count_voxels(world) == 0
+    world.send(cloud(seq=2, points=[[2.0 + k, 0, 0] for k in range(3)]))
+    assert count_voxels(world) == 3
+    world.send(cloud(seq=3, points=[[9.0, 0, 0]]))
+    assert world.edge.faults.count("beyond limit") == 2
+    assert count_voxels(world) == 3
+
+
+def test_clouds_that_add_no_voxel_are_taken_at_the_limit_and_clear():
+    world = make_cloud_world(limits={"cam0": SourceLimits(obstacles=2)})
+    across = np.arange(-0.4, 0.4, 0.01).tolist()
+    behind = [[4.0, y, z] for y in across for z in across]
+    at = [{"points": [[2.01, 0.01, 0.01], [5.0, 3.0, 0.0]]}, {"points": []}]
+    at.append({"points": [[5.0, 3.0, 0.0]]})
+    at.append({"points": behind, "occupied": [False] * len(behind)})
+    stamp = MONOTONIC + 4.9
+    for seq, change in enumerate(at[:3]):
+        world.send(cloud(seq=seq, stamp=stamp + 0.01 * seq, **change))
+        assert count_voxels(world) == 2
+    world.send(cloud(seq=3, stamp=stamp + 0.03, **at[3]))
     assert count_voxels(world) == 1
+    # What a cloud clears makes room for what it adds.
+    world.send(cloud(seq=4, stamp=stamp + 0.04, points=[[2.01, 0.01, 0.01]]))
+    seen = [True] + [False] * len(behind)
+    world.send(cloud(seq=5, stamp=stamp + 0.05, points=[[3.9, 0.9, 0.0], *behind], occupied=seen))
+    assert count_voxels(world) == 2
+    assert "beyond limit" not in world.kinds()
+    world.send(cloud(seq=6, stamp=stamp + 0.06, points=[[3.0, 2.9, 0.0]], snapshot=True))
+    assert count_voxels(world) == 1
+
+
+def test_a_usual_cloud_fits_the_limits_that_hold_by_default():
+    world = make_cloud_world()
+    points = np.random.default_rng(0).uniform([1.0, -4.0, -2.0], [9.0, 4.0, 3.0], (20_000, 3))
+    world.send(cloud(points=points.tobytes(), voxel=0.05))
+    assert world.kinds() == []
+    assert count_voxels(world) > 10_000
 
 
 def test_a_source_without_a_clock_widens_its_cloud():

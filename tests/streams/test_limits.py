@@ -106,7 +106,7 @@ def test_obstacles_beyond_a_limit_are_refused_as_a_whole():
 
 def test_a_crowd_beyond_the_usual_limit_costs_no_room():
     world = World()
-    names = [str(i) for i in range(20_000)]
+    names = [str(i) for i in range(30_000)]
     world.send(crowd(names))
     assert world.faults.count("beyond limit") == 1
     assert len(world.obstacles) == 0

@@ -15,7 +15,7 @@ from tornado.websocket import websocket_connect
 
 from armguard.streams.inputs import SocketInput
 from armguard.view import FramePublisher, launch, viewer
-from armguard.view.messages import encode_message
+from armguard.view.messages import Latch, encode_message
 from support.view_samples import make_frame, make_scene
 
 TIMEOUT = 10.0
@@ -161,6 +161,9 @@ def test_a_reset_from_the_page_reaches_the_monitor_with_its_token():
             listener.join()
 
 
+SEEN = Latch(reason="a person was near", since=1.0)
+
+
 @pytest.fixture
 def watch(tmp_path):
     """A view that was told of a monitor that does not listen yet."""
@@ -222,6 +225,65 @@ def test_a_reset_that_no_monitor_takes_or_answers_is_told(watch, monkeypatch):
     unheard, unanswered = asyncio.run(play())
     assert unheard.startswith("not sent: no monitor listens")
     assert "may not have arrived" in unanswered
+
+
+def begin_anew(watch):
+    scene = make_scene(reset_address=watch.monitor_address, obeys_reset=True, period=0.004)
+    tell(watch, scene, make_frame())
+
+
+def latch_more(watch):
+    tell(watch, make_frame(latches=(SEEN, Latch(reason="arm: no joint state", since=2.0))))
+
+
+@pytest.mark.parametrize(
+    ("change", "outcome"),
+    [
+        (begin_anew, "another run has begun"),
+        (viewer.Watch._forget_run, "another run has begun"),
+        (latch_more, "something else has latched"),
+    ],
+)
+def test_a_reset_that_waited_is_not_sent_for_what_no_operator_saw(watch, change, outcome):
+    async def play():
+        tell(watch, make_frame(latches=(SEEN,)))
+        asking = asyncio.create_task(watch._send_reset("sesame"))
+        await asyncio.sleep(0)
+        change(watch)
+        with contextlib.closing(SocketInput(watch.monitor_address)) as monitor:
+            heard = []
+            async with asyncio.timeout(TIMEOUT):
+                while not asking.done():
+                    heard.append(monitor.receive())
+                    await asyncio.sleep(0.005)
+            heard += [monitor.receive() for _ in range(20)]
+            assert set(heard) == {None}
+            return asking.result()
+
+    told = asyncio.run(play())
+    assert told.startswith("not sent")
+    assert outcome in told
+
+
+def test_a_reset_is_not_answered_by_the_counts_of_another_run(watch):
+    async def play():
+        tell(watch, make_frame(obeyed_resets=3))
+        asking = asyncio.create_task(watch._send_reset("sesame"))
+        with contextlib.closing(SocketInput(watch.monitor_address)) as monitor:
+            async with asyncio.timeout(TIMEOUT):
+                while monitor.receive() is None:
+                    await asyncio.sleep(0.005)
+            begin_anew(watch)
+            tell(watch, make_frame(obeyed_resets=4))
+            return await asyncio.wait_for(asking, TIMEOUT)
+
+    assert "another run has begun" in asyncio.run(play())
+
+
+def test_nothing_is_sent_before_the_first_frame_of_another_run(watch):
+    scene = make_scene(reset_address=watch.monitor_address, obeys_reset=True, period=0.004)
+    tell(watch, scene)
+    assert asyncio.run(watch._send_reset("sesame")).startswith("not sent: there is no monitor")
 
 
 @pytest.mark.parametrize(

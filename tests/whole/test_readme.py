@@ -78,6 +78,18 @@ def test_figures_in_the_readme_stand_on_the_pages_that_they_name():
             assert found, f"{page} does not say {figure}: measured anew? Then say so in README.md"
 
 
+def test_figures_in_the_readme_among_many_are_the_default_ones_of_their_scene():
+    """The page has other scenes and settings, whose figures may be alike."""
+    (row,) = re.findall(r"^\| And among 1,000 obstacles\? .*$", README, re.MULTILINE)
+    page = (ROOT / "docs" / "settings.md").read_text(encoding="utf-8")
+    scene = page.split("<!-- figures: near-1000 -->")[1].split("<!-- end of figures -->")[0]
+    (default,) = re.findall(r"^\| default \| (\S+) \| (\S+) \|", scene, re.MULTILINE)
+    assert tuple(re.findall(r"\*\*(.*?)\*\*", row)) == default
+    report = (ROOT / "docs" / "tradeoff" / "near-1000" / "README.md").read_text(encoding="utf-8")
+    (command,) = re.findall(r"`(armguard tradeoff .*?)`", row)
+    assert f"`{command} --out near-1000`" in report
+
+
 def test_the_first_snippet_is_the_first_demo():
     source = (ROOT / "demos" / "01_hello.py").read_text(encoding="utf-8")
     (main,) = (node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef))
