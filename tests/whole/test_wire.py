@@ -69,10 +69,12 @@ def test_addresses_are_the_usual_ones():
 
 def test_the_messages_that_are_shown_are_taken():
     blocks = re.findall(r"```json\n(.*?)```", PAGE, flags=re.DOTALL)
-    shown = "".join(blocks).replace("\n ", " ").splitlines()
-    state, heartbeat, cloud = (decode(line.encode()) for line in shown)
+    shown = re.sub(r"\n +", " ", "".join(blocks)).splitlines()
+    state, heartbeat, cloud, ignore, watch = (decode(line.encode()) for line in shown)
     assert [len(message.ids) for message in (state, heartbeat)] == [1, 0]
     assert len(cloud.points) == 2
+    assert len(ignore.zone) == 8
+    assert watch.number == ignore.number
 
 
 def compile_node(name, folder, *libraries):
