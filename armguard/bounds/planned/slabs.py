@@ -218,7 +218,8 @@ def _leave(
         return None
     rest = find_rest(nodes, pace, limits.brakes) - latest_bite
     leaving, nodes = nodes, _divide(latest_bite, max(rest, 1e-6))
-    reach = _reach(plan, limits._replace(velocity_error=error), clock, measured, leaving)
+    # Since the stamp its clock may have been faster than its pace: that counts as measured.
+    reach = _reach(plan, limits, clock, plan.measured_v, leaving)
     low_on, high_on = _narrow((low - plan.deviation, high + plan.deviation), reach)
     low, high = np.empty((2, len(nodes) - 1, len(top)))
     _fill_leaving(nodes, low_on, high_on, slowest, fastest, top, limits, low, high)

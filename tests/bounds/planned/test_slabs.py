@@ -342,3 +342,29 @@ def test_an_arm_at_rest_stays_where_it_is():
         assert slabs.middle == pytest.approx(np.tile(q, (len(slabs.middle), 1)), abs=1e-3)
         # Off it, and swinging about it, by no more than it may.
         assert slabs.half.max() < 4e-3
+
+
+def test_a_clock_that_was_faster_until_now_got_as_far_as_it_was_measured_to_go():
+    robot = load_holding("panda")
+    nv, pace, age = len(robot.joints), 0.4, 0.04
+    times = np.linspace(0.0, 1.0, 201)
+    v = np.zeros((201, nv))
+    v[:, 0] = np.sin(np.pi * times)
+    q = np.tile(0.5 * (robot.lower_position_limit + robot.upper_position_limit), (201, 1))
+    q[:, 0] += 1.0 / np.pi * (1.0 - np.cos(np.pi * times))
+    plan = Plan(0.0, times, q, v, np.full(nv, 2e-3), np.full(nv, 2e-2))
+    checked = check(robot, plan, q=q[0], v=v[0])
+    checked = checked._replace(
+        now=0.5, measured_stamp=0.5 - age, measured_q=q[100], measured_v=v[100]
+    )
+    clock = PathClock(0.5, age, False, 1.0, pace, 0.0, False)
+    limits = read_limits(robot)
+    limits = limits._replace(operating_acceleration=0.1 * limits.acceleration)
+    slabs = make_stop_slabs(checked, limits, clock, 0.03, on_path=False)
+    slowed = (1.0 - pace) * v[100, 0]
+    lasting = slowed / robot.acceleration_limit[0]
+    assert lasting < 2.0 * age
+    # Slowing down at the hardware's rate from the stamp's velocity, to the pace if it can.
+    lasting = min(lasting, age)
+    reached = q[100, 0] + v[100, 0] * age - 0.5 * robot.acceleration_limit[0] * lasting**2
+    assert reached <= slabs.middle[0, 0] + slabs.half[0, 0]
