@@ -19,7 +19,7 @@ import numpy as np
 
 from armguard.bounds.planned.check import check_path_stop, check_plan
 from armguard.bounds.planned.course import PlannedCourse
-from armguard.bounds.planned.curve import find_top_speeds
+from armguard.bounds.planned.curve import find_top_speeds, find_top_speedups
 from armguard.bounds.planned.following import check_following, find_disagreement
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
@@ -148,7 +148,7 @@ class FollowedTrajectory:
         if isinstance(checked, Refusal):
             return refuse_plan(*checked)
         motion = self._planned_motion()
-        refusal = self._check_velocities(checked)
+        refusal = self._check_operating(checked)
         if refusal is None and self._on_path:
             if self._path_deceleration is None:
                 refusal = check_path_stop(checked, robot, motion.brakes)
@@ -183,21 +183,39 @@ class FollowedTrajectory:
         contact, _ = self._find_contact(tick, self._response_time)
         return PlanVerdict(True, contact.time, contact.link, contact.obstacle, ())
 
-    def _check_velocities(self, plan: CheckedPlan) -> Refusal | None:
-        """Why a plan breaks the velocities that the controller is said to keep to; None if not.
+    def find_excess(self) -> Refusal | None:
+        """Why the arm may be on a trajectory that breaks what the controller is said to keep to."""
+        found = (self._check_operating(one.plan) for one in self._trajectories)
+        return next((refusal for refusal in found if refusal is not None), None)
 
-        What may be near the arm is known by these, so an arm that is faster could meet what was
-        not asked for.
+    def _check_operating(self, plan: CheckedPlan) -> Refusal | None:
+        """Why a plan breaks the limits that the controller is said to keep to; None if not.
+
+        What may be near the arm is known by these velocities, and how far joints can be off where
+        they were measured by these accelerations.
         """
         limits = self._scheduler.arm.state.scene.limits
-        fastest = limits.operating_velocity + limits.velocity_error + LIMIT_SLACK
-        speeds = find_top_speeds(plan.times, plan.q, plan.v)
-        off = np.flatnonzero(~(speeds <= fastest))
-        if not len(off):
-            return None
-        j = int(off[0])
-        detail = f"goes at {speeds[j]:.4g}, velocity in force with error is {fastest[j]:.4g}"
-        return Refusal(self._robot.joints[j], detail)
+        curve = plan.times, plan.q, plan.v
+        for words, unit, found, most in (
+            (
+                "goes at",
+                "velocity in force with error",
+                find_top_speeds(*curve),
+                limits.operating_velocity + limits.velocity_error,
+            ),
+            (
+                "speeds up by",
+                "acceleration in force",
+                find_top_speedups(*curve),
+                limits.operating_acceleration * (1.0 + LIMIT_SLACK),
+            ),
+        ):
+            off = np.flatnonzero(~(found <= most + LIMIT_SLACK))
+            if len(off):
+                j = int(off[0])
+                detail = f"{words} {found[j]:.4g}, {unit} is {most[j]:.4g}"
+                return Refusal(self._robot.joints[j], detail)
+        return None
 
     def update(self, tick: Tick, stamp: float, path_time: object) -> Reason | None:
         """Take a tick's joint state; why the arm follows no trajectory any more, if so.

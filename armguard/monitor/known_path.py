@@ -155,6 +155,10 @@ class KnownPath:
         """Whether the arm surely rests if its clock keeps to a pace; see `FollowedTrajectory`."""
         return self._trajectory.is_free(tick, told_after, pace)
 
+    def find_excess(self) -> Refusal | None:
+        """Why a trajectory that is followed breaks the operating limits in force; None if not."""
+        return self._trajectory.find_excess()
+
     def find_gain(self) -> float:
         """How much sooner an arm on a trajectory rests if its clock stands still, in [s]."""
         return self._trajectory.find_gain()

@@ -638,7 +638,8 @@ class Monitor:
                 return self._refuse(stamp, read)
             q, v = read
         operating = self._operating
-        if operating is not None and operating.resumes(now):
+        resumes = operating is not None and operating.resumes(now)
+        if resumes:
             # What was proved with wider limits holds with these, too.
             scheduler.arm.follow_limits(states.v)
         quiet = now < self._quiet_until and obstacles.is_quiet(now, self._source_timeout)
@@ -693,6 +694,11 @@ class Monitor:
             told = path.update(tick, stamp, path_time, disturbed=disturbed, unplaced=self._unplaced)
             if told is not None:
                 reasons.append(told)
+            excess = path.find_excess() if resumes else None
+            if excess is not None:
+                # It was taken while the hardware's limits were in force.
+                reasons.append(Reason(ReasonKind.PLAN_VOID, *excess))
+                path.reset()
         # On a known path the arm gets no faster than that says, and its brakes are asked of that.
         if unbraked is not None and (path is None or not path.is_braked(tick)):
             reasons.append(unbraked)

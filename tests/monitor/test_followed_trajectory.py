@@ -75,6 +75,39 @@ def test_a_trajectory_faster_than_the_operating_velocity_is_refused_by_name():
             assert "velocity in force" in str(answer.reasons[0])
 
 
+def test_a_trajectory_that_speeds_up_harder_than_the_controller_is_refused_by_name():
+    plan = make_plan()
+    # From rest to rest by a cosine: it speeds up hardest in the beginning.
+    hardest = 0.5 * (np.pi / TIMES[-1]) ** 2 * np.abs(TURNS)
+    for share, is_taken in ((1.01, True), (0.9, False)):
+        _, monitor = start(operating=OperatingLimits(acceleration=np.maximum(share * hardest, 0.1)))
+        answer = monitor.follow(plan)
+        assert answer.safe is is_taken
+        if not is_taken:
+            assert "panda_joint1" in str(answer.reasons[0])
+            assert "acceleration in force" in str(answer.reasons[0])
+
+
+def test_a_trajectory_of_wider_limits_ends_where_the_stated_ones_come_into_force_again():
+    """What was taken while the hardware's limits were in force may not be kept to by then."""
+    plan = make_plan()
+    _, monitor = start(operating=OperatingLimits(acceleration=0.5), rise_delay=0.05)
+    turned, speeds, said = HOME.copy(), [0.1, 0.2, 0.1, 0.0], set()
+    for k, speed in enumerate(speeds, start=1):
+        before = speeds[k - 2] if k > 1 else 0.0
+        turned[0] += 0.5 * PERIOD * (speed + before)
+        said |= kinds(monitor.step(PERIOD * k, turned, speed * np.eye(7)[0]))
+    assert ReasonKind.OPERATING_LIMITS_BROKEN in said
+    late = plan._replace(stamp=PERIOD * len(speeds), q=plan.q + turned - HOME)
+    assert monitor.follow(late).safe
+    voided = []
+    for k in range(1, 120):
+        verdict = monitor.step(late.stamp + PERIOD * k, late.q[k], late.v[k])
+        voided += [one.detail for one in verdict.reasons if one.kind is ReasonKind.PLAN_VOID]
+    (why,) = voided
+    assert "acceleration in force is 0.5" in why
+
+
 POST = [0.75 * np.cos(0.3), 0.75 * np.sin(0.3), 0.55]
 
 

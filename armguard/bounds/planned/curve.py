@@ -17,7 +17,7 @@ import numpy as np
 
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
-from armguard.jit.numerics import TERM_ROUNDING
+from armguard.jit.numerics import LIMIT_SLACK, TERM_ROUNDING
 
 FINE, POSITION, VELOCITY, RATE, CURVE = 0, 1, 2, 3, 4
 """What `find_excess` can say: nothing, or what is beyond its limit."""
@@ -159,6 +159,36 @@ def find_top_speeds(times: FloatArray, q: FloatArray, v: FloatArray) -> FloatArr
     low, high = np.empty(q.shape[1]), np.empty(q.shape[1])
     speed_range(times, q, v, 0.0, times[-1], low, high)
     return np.maximum(high, -low)
+
+
+@kernel
+def find_top_speedups(times: FloatArray, q: FloatArray, v: FloatArray) -> FloatArray:
+    """The greatest acceleration of each joint anywhere on the curve where it speeds up. (nv,).
+
+    In [rad]/[s²] or [m]/[s²]. Acceleration is linear within an interval, so where a joint speeds up
+    it is greatest at an end of that part: at a sample, or where the velocity changes its sign.
+    """
+    speedups = np.zeros(q.shape[1])
+    for k in range(times.shape[0] - 1):
+        for j in range(q.shape[1]):
+            h, c, d = interval_coefficients(times, q, v, k, j)
+            first, last = 2.0 * c, 2.0 * c + 6.0 * d * h
+            if first * v[k, j] > 0.0 or v[k, j] == 0.0:
+                speedups[j] = max(speedups[j], abs(first))
+            if last * v[k + 1, j] > 0.0:
+                speedups[j] = max(speedups[j], abs(last))
+            # The roots of v + 2 c u + 3 d u², in the form that does not cancel.
+            square = c * c - 3.0 * d * v[k, j]
+            if square > 0.0:
+                pivot = -(c + math.copysign(math.sqrt(square), c))
+                for u in (
+                    pivot / (3.0 * d) if d != 0.0 else -1.0,
+                    v[k, j] / pivot if pivot != 0.0 else -1.0,
+                ):
+                    # As good as at its end is where it comes to rest there.
+                    if 0.0 < u < h * (1.0 - LIMIT_SLACK):
+                        speedups[j] = max(speedups[j], abs(2.0 * c + 6.0 * d * u))
+    return speedups
 
 
 @kernel
