@@ -25,8 +25,7 @@ import numpy as np
 import zmq
 
 from armguard.app.demo import nodes
-from armguard.app.demo.launcher import CELL
-from armguard.app.demo.places import find_place
+from armguard.app.demo.launcher import write_cell
 from armguard.streams import VerdictReader
 from armguard.view.messages import FrameMessage, decode_message
 
@@ -125,10 +124,8 @@ def run_cell(folder, duration, balls, record):
     names = ("obstacles", "joints", "verdicts", "view")
     addresses = {name: f"ipc://{folder}/{name}" for name in names}
     sources = nodes.make_sources(duration, "", balls, 0)
-    tables = "".join(f"[sources.{source.name}]\nrate = {source.rate}\n" for source in sources)
     cell = folder / "cell.toml"
-    base = list(find_place(ROBOT).base)
-    cell.write_text(CELL.format(robot=ROBOT, base=base, sources=tables, schedule="deadline"))
+    cell.write_text(write_cell(ROBOT, sources, "deadline"))
     command = [sys.executable, "-m", "armguard", "run", str(cell), "--json", "--quiet"]
     command += [word for name, one in addresses.items() for word in (f"--{name}", one)]
     command += ["--no-realtime"]

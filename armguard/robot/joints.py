@@ -15,12 +15,10 @@ import pinocchio
 from numpy.typing import NDArray
 
 from armguard.exceptions import RobotError
+from armguard.jit.numerics import LIMIT_SLACK
 from armguard.robot.description import RobotDescription
 from armguard.robot.links import get_rest_position
 from armguard.robot.urdf import UrdfModel
-
-ROUNDING = 1e-9
-"""What a mimic joint may be off from where its leader takes it, in [rad] or [m]."""
 
 _REVOLUTE = ("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned")
 _PRISMATIC = ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned")
@@ -116,7 +114,7 @@ def _check_follower(urdf: UrdfModel, description: RobotDescription, joint: str) 
     least, most = mimic.map_range(lower, upper)
     place = get_rest_position(entry)
     allowed = entry.travel or (place, place)
-    if not (allowed[0] - ROUNDING <= least <= most <= allowed[1] + ROUNDING):
+    if not (allowed[0] - LIMIT_SLACK <= least <= most <= allowed[1] + LIMIT_SLACK):
         raise RobotError(
             f"joint {joint!r}",
             f"has travel = {list(allowed)}" if entry.travel else f"has position = {place!r}",

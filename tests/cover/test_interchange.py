@@ -184,7 +184,7 @@ def test_a_spherized_urdf_is_a_urdf_of_the_same_arm(tmp_path, arm, arm_file, mon
     cover = Cover.fit(arm, spheres=2)
     write_spherized_urdf(path, arm, cover, arm_file)
     # How tightly the balls could be covered in turn is beside the point, and takes long.
-    monkeypatch.setattr(Cover, "fit", lambda robot: fit(robot, spheres=1))
+    monkeypatch.setattr(Cover, "fit", lambda robot, **named: fit(robot, spheres=1, **named))
     again = Robot.from_urdf(path, limits=limits_for("shoulder"), cover=None)
     assert again.links == arm.links
     assert again.joints == ("shoulder",)
