@@ -497,6 +497,51 @@ def test_buffers_do_not_grow_while_it_runs(feed, page):
     assert page.problems == []
 
 
+def test_a_page_in_the_background_is_not_taken_for_a_slow_one(page):
+    """Pictures that the browser holds back keep their pixels; those that it draws slowly do not."""
+    ratios = page.evaluate(
+        """async () => {
+            const { Pace } = await import("./pace.js");
+            let time = 0;
+            const draw = (states) => {
+                const ratios = [];
+                const gl = {
+                    TIMEOUT_EXPIRED: 1, fenceSync: () => ({}), flush() {}, deleteSync() {},
+                    clientWaitSync: () => 0,
+                };
+                const renderer = {
+                    getContext: () => gl, getPixelRatio: () => 1,
+                    setPixelRatio: (ratio) => ratios.push(ratio),
+                };
+                const made = new Pace(
+                    { renderer, needs_render: true, render() {}, set_dirty() {} }, () => {});
+                for (let picture = 0; picture < 20; ++picture) {
+                    for (const hidden of states) {
+                        if (hidden !== document.hidden) {
+                            Object.defineProperty(
+                                document, "hidden", { configurable: true, get: () => hidden });
+                            document.dispatchEvent(new Event("visibilitychange"));
+                        }
+                        made.draw();
+                        time += 500 / states.length;
+                    }
+                }
+                return ratios;
+            };
+            performance.now = () => time;
+            try {
+                // Always seen, always hidden, and hidden between begin and end of each.
+                return [[false], [true], [false, true]].map(draw);
+            } finally {
+                delete document.hidden;
+                delete performance.now;
+                document.dispatchEvent(new Event("visibilitychange"));
+            }
+        }"""
+    )
+    assert ratios == [[0.75], [], []]
+
+
 def test_a_browser_without_webgl_says_so_and_shows_the_rest(feed, view, browser):
     feed.show("SLOW")
     page = open_page(browser)
@@ -568,51 +613,6 @@ def test_a_reset_from_the_page_needs_the_token(browser):
             feed.close()
     assert page.problems == []
     page.close()
-
-
-def test_a_page_in_the_background_is_not_taken_for_a_slow_one(page):
-    """Pictures that the browser holds back keep their pixels; those that it draws slowly do not."""
-    ratios = page.evaluate(
-        """async () => {
-            const { Pace } = await import("./pace.js");
-            let time = 0;
-            const draw = (states) => {
-                const ratios = [];
-                const gl = {
-                    TIMEOUT_EXPIRED: 1, fenceSync: () => ({}), flush() {}, deleteSync() {},
-                    clientWaitSync: () => 0,
-                };
-                const renderer = {
-                    getContext: () => gl, getPixelRatio: () => 1,
-                    setPixelRatio: (ratio) => ratios.push(ratio),
-                };
-                const made = new Pace(
-                    { renderer, needs_render: true, render() {}, set_dirty() {} }, () => {});
-                for (let picture = 0; picture < 20; ++picture) {
-                    for (const hidden of states) {
-                        if (hidden !== document.hidden) {
-                            Object.defineProperty(
-                                document, "hidden", { configurable: true, get: () => hidden });
-                            document.dispatchEvent(new Event("visibilitychange"));
-                        }
-                        made.draw();
-                        time += 500 / states.length;
-                    }
-                }
-                return ratios;
-            };
-            performance.now = () => time;
-            try {
-                // Always seen, always hidden, and hidden between begin and end of each.
-                return [[false], [true], [false, true]].map(draw);
-            } finally {
-                delete document.hidden;
-                delete performance.now;
-                document.dispatchEvent(new Event("visibilitychange"));
-            }
-        }"""
-    )
-    assert ratios == [[0.75], [], []]
 
 
 def test_of_an_arm_alone_the_levels_of_its_tree_are_shown(browser):
