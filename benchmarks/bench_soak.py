@@ -40,8 +40,8 @@ LINE_PERIOD = 60.0
 WARMING = 0.2
 """Share of the run that is left out of the trend."""
 
-END_TIMEOUT = 30.0
-"""How long the run may take to end, in [s]."""
+END_TIMEOUT = 180.0
+"""How long the run may take to end, in [s]: the recording is written to its end first."""
 
 
 def read_memory(pid):
