@@ -32,16 +32,13 @@ from armguard.monitor.plan_verdict import (
     refuse_plan,
 )
 from armguard.monitor.settings import read_number
+from armguard.monitor.stop_decision import find_proving
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.verdict import PlanVerdict, Reason, ReasonKind
 
 MOST_TRAJECTORIES = 16
 """Trajectories that the arm may be on at a time."""
-
-PROVING = 10e-3
-"""By how much later than it is asked a stop is proved to be in time, in [s]. Within that time a
-tick has nothing to lay out or to evaluate, while nothing new is seen; longer is proved of less."""
 
 
 class Trajectory(NamedTuple):
@@ -107,7 +104,7 @@ class FollowedTrajectory:
         self._margin = margin
         self._on_path = on_path
         self._path_deceleration = path_deceleration
-        self._proving = PROVING if response_time < 0.5 * PROVING else 0.0
+        self._proving = find_proving(response_time)
         self._proved_until = self._proved_end = self._prove_at = -math.inf
         self._proved_of: PlannedMotion | None = None
         self.reset()

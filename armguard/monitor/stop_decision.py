@@ -32,6 +32,15 @@ PROVING = 10e-3
 """For how long the proof that a STOP is in time should last, [s]: longer is proved of less."""
 
 
+def find_proving(response_time: float) -> float:
+    """For how long a STOP is proved to be in time at once, in [s]; 0: for the tick at hand.
+
+    Args:
+        response_time: Until the verdict after the present one is obeyed, in [s].
+    """
+    return PROVING if response_time < 0.5 * PROVING else 0.0
+
+
 class StopDecision:
     """Asks a scheduler whether the arm rests in time, by its table of braking.
 
@@ -53,8 +62,7 @@ class StopDecision:
         self.evaluated = self.left = 0
         self._scheduler = scheduler
         self._response_time = response_time
-        self._proving = PROVING if response_time < 0.5 * PROVING else 0.0
-        """For how long a STOP is proved to be in time, in [s]; 0: for the tick at hand."""
+        self._proving = find_proving(response_time)
         self.braking_delay = response_time + reaction_time
         self.looks_ahead = response_time + min(self.braking_delay, LONGEST_PROMISE)
         self.reset()

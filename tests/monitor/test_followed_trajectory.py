@@ -8,7 +8,8 @@ from armguard.bounds import Plan
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
-from armguard.monitor.followed_trajectory import MOST_TRAJECTORIES, PROVING, FollowedTrajectory
+from armguard.monitor.followed_trajectory import MOST_TRAJECTORIES, FollowedTrajectory
+from armguard.monitor.stop_decision import PROVING
 from armguard.obstacles import Obstacles
 from armguard.robot import Kinematics, OperatingLimits, Robot
 from armguard.verdict import Level, ReasonKind
