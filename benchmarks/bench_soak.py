@@ -1,13 +1,14 @@
 """A long run of the real loop: memory over time, ticks that were late, bytes recorded.
 
-    python benchmarks/bench_soak.py --minutes 60 --record
+    python benchmarks/bench_soak.py --minutes 60 --record --realtime
 
 It is the demo without its page: `armguard run` at 1 kHz, a simulated arm that obeys it, a person
 and balls, each in a process of its own. Memory is what the system counts as resident of the loop's
 process, and of the one that writes the recording; its trend is that of a straight line through the
 samples after the first fifth of the run, in which caches fill. A line a minute tells what it has
 been like so far, so that a run that is interrupted tells something as well; it is read from the
-frames that the loop publishes for views.
+frames that the loop publishes for views. With --realtime the loop asks the system for real-time
+scheduling, as `armguard run` does unless told otherwise.
 """
 
 import argparse
@@ -119,7 +120,7 @@ class Progress:
         self._context.destroy(linger=0)
 
 
-def run_cell(folder, duration, balls, record):
+def run_cell(folder, duration, balls, record, *, realtime):
     """Run a cell for `duration` [s]; its summary, and samples of (seconds, MB). Shape (n, 2)."""
     names = ("obstacles", "joints", "verdicts", "view")
     addresses = {name: f"ipc://{folder}/{name}" for name in names}
@@ -128,7 +129,7 @@ def run_cell(folder, duration, balls, record):
     cell.write_text(write_cell(ROBOT, sources, "deadline"))
     command = [sys.executable, "-m", "armguard", "run", str(cell), "--json", "--quiet"]
     command += [word for name, one in addresses.items() for word in (f"--{name}", one)]
-    command += ["--no-realtime"]
+    command += [] if realtime else ["--no-realtime"]
     if record is not None:
         command += ["--record", str(record)]
     with contextlib.ExitStack() as resources, (folder / "log").open("wb") as log:
@@ -165,11 +166,13 @@ def main(arguments=None):
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--balls", type=int, default=10)
     parser.add_argument("--record", action="store_true", help="record as well")
+    parser.add_argument("--realtime", action="store_true", help="ask for real-time scheduling")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         record = folder / "soak.mcap" if options.record else None
-        summary, samples = run_cell(folder, 60.0 * options.minutes, options.balls, record)
+        duration, realtime = 60.0 * options.minutes, options.realtime
+        summary, samples = run_cell(folder, duration, options.balls, record, realtime=realtime)
         size = None if record is None else record.stat().st_size
     seconds, memory = samples.T
     warm = seconds >= WARMING * seconds[-1]
@@ -181,6 +184,7 @@ def main(arguments=None):
     print(f"memory {memory[0]:.1f} MB at the start, {memory[warm][0]:.1f} MB after a fifth,")
     print(f"  {memory[-1]:.1f} MB at the end, at most {memory.max():.1f} MB")
     print(f"  trend after the first fifth {trend:+.2f} MB an hour")
+    print(f"real-time {summary['realtime']}")
     print(f"levels {summary['levels']}, faults {summary['faults']}")
     if size is not None:
         lost = summary["recording_lost"]
