@@ -155,7 +155,8 @@ def run_cell(folder, duration, balls, record, *, realtime):
             samples.append((now, read_memory(monitor.pid)))
             progress.follow(*samples[-1], read_children(monitor.pid))
             time.sleep(SAMPLE_PERIOD)
-        monitor.send_signal(signal.SIGINT)
+        # Not SIGINT, which is ignored by what a shell has started in the background.
+        monitor.send_signal(signal.SIGTERM)
         output, _ = monitor.communicate(timeout=END_TIMEOUT)
     return msgspec.json.decode(output), np.array(samples)
 
