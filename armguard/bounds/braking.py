@@ -49,7 +49,12 @@ class BrakingData(NamedTuple):
 
 
 class BrakingMotion(JointSpaceMotion):
-    """Each joint moves freely for the reaction time and then brakes until it rests."""
+    """Each joint moves freely for the reaction time and then brakes until it rests.
+
+    Attributes:
+        reaction_time: From command to braking torque, in [s].
+        handle: On its `BrakingData`, for compiled code.
+    """
 
     interpolates = False
 
@@ -79,7 +84,7 @@ class BrakingMotion(JointSpaceMotion):
         self.reaction_time = check_duration("reaction_time", reaction_time)
         self.table = self._make_table(np.zeros(FREE_NODES + BRAKING_NODES + 1))
         # Both are asked in most ticks: to hand over all arrays would take longer than the answer.
-        self._handle = pack(BrakingData(self.limits, self.table))
+        self.handle = pack(BrakingData(self.limits, self.table))
         self._paced = np.zeros(len(robot.joints))
         paced = self.limits._replace(operating_velocity=self._paced)
         self._paced_handle = pack(BrakingData(paced, self.table))
@@ -138,7 +143,7 @@ class BrakingMotion(JointSpaceMotion):
         self._check_shapes(q, v, age)
         free = check_duration("horizon", horizon) + self.reaction_time
         if not pace < 1.0:
-            flaw = _tabulate(self._handle, q, v, age, free)
+            flaw = _tabulate(self.handle, q, v, age, free)
             refuse_flaw(self._robot, self.limits, q, v, flaw)
             return self.table
         limits = self.limits
@@ -226,7 +231,7 @@ class BrakingMotion(JointSpaceMotion):
         return self._find_uncovered(v, age, horizon) == ALL_COVERED
 
     def _find_uncovered(self, v: FloatArray, age: float, horizon: float) -> int:
-        joint: int = _find_uncovered(self._handle, v, age, horizon, self.reaction_time)
+        joint: int = _find_uncovered(self.handle, v, age, horizon, self.reaction_time)
         return joint
 
     def _check_covered(self, v: FloatArray, age: float, horizon: float) -> None:
