@@ -94,7 +94,7 @@ LATEST = sys.float_info.max
 CROWD = 64
 """Evaluations in a tick beyond which, once a STOP is certain, other obstacles wait."""
 
-BATCH = 40
+BATCH = 80
 """Evaluations on proofs of stops in a tick beyond which further proofs are to end earlier than the
 others, so that they are not all to be renewed in one tick."""
 
