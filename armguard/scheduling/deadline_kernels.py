@@ -64,6 +64,8 @@ from armguard.scheduling.certificates import (
     IN_VAIN,
     PREPARED,
     PROVED,
+    PROVING,
+    PROVING_IN,
     SPENT,
     STALE,
     UNPLACED,
@@ -94,7 +96,7 @@ LATEST = sys.float_info.max
 CROWD = 64
 """Evaluations in a tick beyond which, once a STOP is certain, other obstacles wait."""
 
-BATCH = 80
+BATCH = 64
 """Evaluations on proofs of stops in a tick beyond which further proofs are to end earlier than the
 others, so that they are not all to be renewed in one tick."""
 
@@ -642,6 +644,7 @@ def find_unsafe(
                 first_link_of_row = first_link(certificates.watched, certificates.pair_expiry, row)
             continue
         rests = True
+        spent_before = evaluations
         for number in range(links):
             link = number
             if row == offending_row:
@@ -674,7 +677,12 @@ def find_unsafe(
             break
         if rests and lasting > 0.0 and not scene.marks.refused[row]:
             # Not all of them are to end in one tick.
-            early = 0.125 * (lasting - until) * min(evaluations // BATCH, MOST_BATCHES)
+            if certificates.numbers[PROVING_IN] != tick:
+                certificates.numbers[PROVING_IN] = tick
+                certificates.numbers[PROVING] = 0
+            certificates.numbers[PROVING] += evaluations - spent_before
+            batch = min(certificates.numbers[PROVING] // BATCH, MOST_BATCHES)
+            early = 0.125 * (lasting - until) * batch
             proofs.until[place] = expire(time, lasting - early)
             proofs.made_at[place] = time
             proofs.revision[place] = scene.marks.revision[row]
