@@ -356,9 +356,9 @@ class Judge:
             self._find_most_scale(self._stopping)
             self._stopping.covers(tick)
             # Where nothing is near, neither stops nor scales have to be asked for.
-            self._scheduler.arm.motion.braking.tabulate(tick.q, tick.v, 0.0, 0.0, pace=0.5)
             self._scheduler.find_unsafe(tick, 0.0)
             for most in (1.0, 0.5):
+                self._scheduler.arm.motion.braking.tabulate(tick.q, tick.v, 0.0, 0.0, pace=most)
                 self._stopping.find_scale(tick, most=most)
                 self._stopping.reset()
         if self.path is not None:
