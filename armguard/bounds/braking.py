@@ -8,6 +8,7 @@ elsewhere.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,8 +49,24 @@ class BrakingData(NamedTuple):
     table: JointTable
 
 
+class PacedData(NamedTuple):
+    """The same for joints that keep to a fraction of their operating velocities."""
+
+    limits: JointLimits
+    """Theirs without that."""
+    braking: BrakingData
+    """With operating velocities that are filled for each table."""
+    velocity: FloatArray
+    """Room to work in: what velocities count as, [rad/s] or [m/s]. Shape (nv,)."""
+
+
 class BrakingMotion(JointSpaceMotion):
-    """Each joint moves freely for the reaction time and then brakes until it rests."""
+    """Each joint moves freely for the reaction time and then brakes until it rests.
+
+    Attributes:
+        reaction_time: From command to braking torque, in [s].
+        handle: On its `BrakingData`, for compiled code.
+    """
 
     interpolates = False
 
@@ -79,10 +96,10 @@ class BrakingMotion(JointSpaceMotion):
         self.reaction_time = check_duration("reaction_time", reaction_time)
         self.table = self._make_table(np.zeros(FREE_NODES + BRAKING_NODES + 1))
         # Both are asked in most ticks: to hand over all arrays would take longer than the answer.
-        self._handle = pack(BrakingData(self.limits, self.table))
-        self._paced = np.zeros(len(robot.joints))
-        paced = self.limits._replace(operating_velocity=self._paced)
-        self._paced_handle = pack(BrakingData(paced, self.table))
+        self.handle = pack(BrakingData(self.limits, self.table))
+        paced = self.limits._replace(operating_velocity=np.zeros(len(robot.joints)))
+        braking, room = BrakingData(paced, self.table), np.zeros(len(robot.joints))
+        self._paced_handle = pack(PacedData(self.limits, braking, room))
 
     def stop_time(self, q: npt.ArrayLike, v: npt.ArrayLike, age: float, horizon: float) -> float:
         """Time within which every joint surely rests, in [s] from now.
@@ -138,21 +155,11 @@ class BrakingMotion(JointSpaceMotion):
         self._check_shapes(q, v, age)
         free = check_duration("horizon", horizon) + self.reaction_time
         if not pace < 1.0:
-            flaw = _tabulate(self._handle, q, v, age, free)
+            flaw = _tabulate(self.handle, q, v, age, free)
             refuse_flaw(self._robot, self.limits, q, v, flaw)
             return self.table
-        limits = self.limits
-        fastest = np.multiply(limits.operating_velocity, pace, out=self._paced)
-        paced = np.clip(v, -fastest, fastest)
-        flaw = _tabulate(self._paced_handle, q, paced, age, free)
-        refuse_flaw(self._robot, limits, q, paced, flaw)
-        if age > 0.0:
-            # Until now a joint kept to its limits alone: what that adds to where it can be.
-            speed = np.abs(v) + limits.velocity_error + limits.operating_acceleration * age
-            speed = np.minimum(speed, np.maximum(limits.operating_velocity, np.abs(v)))
-            gone = np.maximum(speed - fastest, 0.0) * (age * (1.0 + SUM_ROUNDING))
-            self.table.high[:] += gone
-            self.table.low[:] -= gone
+        flaw = _tabulate_paced(self._paced_handle, q, v, age, free, pace)
+        refuse_flaw(self._robot, self.limits, q, v, flaw)
         return self.table
 
     def stopping_volume(
@@ -226,7 +233,7 @@ class BrakingMotion(JointSpaceMotion):
         return self._find_uncovered(v, age, horizon) == ALL_COVERED
 
     def _find_uncovered(self, v: FloatArray, age: float, horizon: float) -> int:
-        joint: int = _find_uncovered(self._handle, v, age, horizon, self.reaction_time)
+        joint: int = _find_uncovered(self.handle, v, age, horizon, self.reaction_time)
         return joint
 
     def _check_covered(self, v: FloatArray, age: float, horizon: float) -> None:
@@ -273,6 +280,32 @@ def _tabulate(handle: Any, q: FloatArray, v: FloatArray, age: float, free: float
             q, v, age, max(age, 0.0) + free, limits,
             table.time, table.high, table.low, table.highest, table.lowest,
         )  # fmt: skip
+    return flaw
+
+
+@kernel
+def _tabulate_paced(
+    handle: Any, q: FloatArray, v: FloatArray, age: float, free: float, pace: float
+) -> int:
+    """`_tabulate` on the handle of a `PacedData`, whose operating velocities are filled."""
+    limits, table = handle.content.limits, handle.content.braking.table
+    paced, velocity = handle.content.braking.limits, handle.content.velocity
+    fastest = paced.operating_velocity
+    for j in range(v.shape[0]):
+        fastest[j] = limits.operating_velocity[j] * pace
+        velocity[j] = v[j]  # one that is no number stays so, and is refused
+        if abs(v[j]) > fastest[j]:
+            velocity[j] = math.copysign(fastest[j], v[j])
+    flaw: int = _tabulate(handle.content.braking, q, velocity, age, free)
+    if flaw < 0 and age > 0.0:
+        # Until now a joint kept to its limits alone: what that adds to where it can be.
+        for j in range(v.shape[0]):
+            speed = abs(v[j]) + limits.velocity_error[j] + limits.operating_acceleration[j] * age
+            speed = min(speed, max(limits.operating_velocity[j], abs(v[j])))
+            gone = max(speed - fastest[j], 0.0) * (age * (1.0 + SUM_ROUNDING))
+            for k in range(table.time.shape[0]):
+                table.high[k, j] += gone
+                table.low[k, j] -= gone
     return flaw
 
 

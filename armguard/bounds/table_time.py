@@ -24,7 +24,7 @@ from armguard.bounds.free_body import (
     saturation_time,
     top_speed,
 )
-from armguard.bounds.joint_table import JointTable, displacement_in_span, set_columns, set_span
+from armguard.bounds.joint_table import JointTable, set_columns, set_span, stays_within
 from armguard.contact.bodies import Hull
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray
@@ -157,7 +157,7 @@ def is_free_to_end(
             normal, (x, y, z), hull, age + table.time[first], age + table.time[nodes]
         )
         room -= contact_distance * (1.0 + SUM_ROUNDING)
-        is_free = room > displacement_in_span(nx, ny, nz, jacobian, lever, slope_error, table)
+        is_free = stays_within(room, nx, ny, nz, jacobian, lever, slope_error, table)
         if is_free == (first == 0):
             return is_free
     reached = table_contact_time(sphere, table, hull, contact_distance, 0.0)
@@ -218,8 +218,7 @@ def table_contact_time(
         nx, ny, nz = normal
         room = obstacle_room(normal, (x, y, z), hull, age + time[first], age + end)
         room -= contact_distance * (1.0 + SUM_ROUNDING)
-        room -= displacement_in_span(nx, ny, nz, jacobian, lever, slope_error, table)
-        free = room > 0.0
+        free = stays_within(room, nx, ny, nz, jacobian, lever, slope_error, table)
         if free:
             reached = max(reached, end * (1.0 - SUM_ROUNDING))
         if halvings > 0 or (not free and stride == 1):

@@ -295,7 +295,7 @@ class Judge:
         is_late_known = not is_followed or stopping.covers(tick)
         if not (is_late_known and contact_time > tick.late_stop_time):
             if path is None or not is_followed:
-                scale = stopping.find_scale(tick)
+                scale = stopping.find_scale(tick, most=most)
             elif path.is_on_time:
                 # Its clock is time itself, so there is no search: it goes on, or it does not.
                 scale = 1.0 if path.is_free(tick, stopping.looks_ahead, 1.0) else 0.0
@@ -356,10 +356,11 @@ class Judge:
             self._find_most_scale(self._stopping)
             self._stopping.covers(tick)
             # Where nothing is near, neither stops nor scales have to be asked for.
-            self._scheduler.arm.motion.braking.tabulate(tick.q, tick.v, 0.0, 0.0, pace=0.5)
             self._scheduler.find_unsafe(tick, 0.0)
-            self._stopping.find_scale(tick)
-            self._stopping.reset()
+            for most in (1.0, 0.5):
+                self._scheduler.arm.motion.braking.tabulate(tick.q, tick.v, 0.0, 0.0, pace=most)
+                self._stopping.find_scale(tick, most=most)
+                self._stopping.reset()
         if self.path is not None:
             self.path.compile(tick)
         if self._separation is not None:

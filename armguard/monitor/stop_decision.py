@@ -11,6 +11,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from armguard.bounds.joint_table import JointTable
+from armguard.monitor.kept_speeds import KeptSpeeds
+from armguard.scheduling.certificates import ASKABLE, PROVED
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.scheduling.timing_wheel import NOBODY
 
@@ -65,14 +68,17 @@ class StopDecision:
         self._proving = find_proving(response_time)
         self.braking_delay = response_time + reaction_time
         self.looks_ahead = response_time + min(self.braking_delay, LONGEST_PROMISE)
+        self._kept = KeptSpeeds()
         self.reset()
 
     def reset(self) -> None:
         """Forget the speed scale that was found last."""
         self._found, self._asked_in = 1.0, -1
+        self._unsafe_in = -9
         self._told_after = self.looks_ahead
         self._raise = STEP
         self._raise_at = -math.inf
+        self._kept.reset()
 
     def rests(self, tick: Tick) -> bool:
         """Whether the arm surely rests before contact, braking only after the next tick.
@@ -84,17 +90,23 @@ class StopDecision:
         q, v, age, response_time = tick.q, tick.v, tick.arm_age, self._response_time
         if not braking.covers(v, age, response_time):
             return False
-        if scheduler.is_stop_proved(tick):
+        known = scheduler.recall_stops(tick, tick.stop_time)
+        if known == PROVED:
             return True
-        if self._proving > 0.0 and braking.covers(v, age, response_time + self._proving):
+        proving = self._proving
+        # While the arm stops, nothing is gained by a proof that lasts.
+        may_last = known == ASKABLE and proving > 0.0 and tick.number != self._unsafe_in + 1
+        if may_last and braking.covers(v, age, response_time + proving):
             left = self.left
-            table = braking.tabulate(q, v, age, response_time + self._proving)
-            if self._is_free(tick, float(table.time[-1]), self._proving):
+            table = braking.tabulate(q, v, age, response_time + proving)
+            if self._is_free(tick, table, proving, pause=proving):
                 return True
             # What this left over is asked again, of a STOP in this tick alone.
             self.left = left
-        table = braking.tabulate(q, v, age, response_time)
-        return self._is_free(tick, float(table.time[-1]), 0.0)
+        if self._is_free(tick, braking.tabulate(q, v, age, response_time), 0.0):
+            return True
+        self._unsafe_in = tick.number
+        return False
 
     def covers(self, tick: Tick) -> bool:
         """Whether brakes are stated for all that joints can do until the proof of a scale ends."""
@@ -102,9 +114,13 @@ class StopDecision:
         return braking.covers(tick.v, tick.arm_age, self.looks_ahead)
 
     def find_scale(
-        self, tick: Tick, is_free: IsFree | None = None, longest: float = math.inf
+        self,
+        tick: Tick,
+        is_free: IsFree | None = None,
+        longest: float = math.inf,
+        most: float = 1.0,
     ) -> float:
-        """The greatest fraction of their operating velocities at which joints may go on, in [0, 1].
+        """The fraction of their operating velocities at which joints may go on, at most `most`.
 
         Of an arm on a known path it is its clock that is scaled, and `is_free` that is asked; what
         it promises lasts no longer than `longest`, in [s].
@@ -114,26 +130,27 @@ class StopDecision:
         after that tells it to stop. A faster one is to slow down; whether it has to stop, is what
         the level says.
 
-        What this returns below the whole was proved in this very tick; the whole may rest on a
-        proof of an earlier one that lasts. The search begins where the last one ended, so a tick
-        takes one question, and one more now and then whether a higher scale would do; only where
-        the last scale is safe no more, it is a bisection.
+        What this returns was proved in this very tick, or in earlier ones: of the whole, by proofs
+        that last; of less, by such as hold for an arm that has kept to it since. The search begins
+        where the last one ended, so a tick takes one question at most, and one more now and then
+        whether a higher scale would do; only where the last scale is safe no more, it is a
+        bisection.
         """
         self._told_after = min(self.looks_ahead, self._response_time + longest)
-        found = self._found
+        found = min(self._found, most)
         if tick.number != self._asked_in + 1:
             # Nothing was slow in between, so the arm may go at full speed until something is found.
-            found = 1.0
+            found = most
         self._asked_in = tick.number
-        if found < 1.0 and not tick.time < self._raise_at:
-            higher = min(1.0, found + self._raise)
+        if found < most and not tick.time < self._raise_at:
+            higher = min(most, found + self._raise)
             if self._is_safe(tick, higher, is_free):
                 self._raise = min(1.0, 2.0 * self._raise)
                 self._found = higher
                 return higher
             self._raise = STEP
             self._raise_at = tick.time + RAISE_PAUSE
-        if not self._is_safe(tick, found, is_free):
+        if not self._is_safe(tick, found, is_free, lasts=True):
             # Invariant: `found` is safe, for an arm that may be told to stop now; `high` is not.
             found, high = 0.0, found
             scale = high - STEP
@@ -147,18 +164,50 @@ class StopDecision:
         self._found = found
         return found
 
-    def _is_safe(self, tick: Tick, scale: float, is_free: IsFree | None) -> bool:
-        """Whether an arm that keeps to a scale rests in time; at 0 it rests already."""
+    def _is_safe(
+        self, tick: Tick, scale: float, is_free: IsFree | None, *, lasts: bool = False
+    ) -> bool:
+        """Whether an arm that keeps to a scale rests in time; at 0 it rests already.
+
+        What `lasts` is proved for some ticks at once, where it can be.
+        """
         if scale == 0.0:
             return True
         if is_free is not None:
             return is_free(tick, self._told_after, scale)
         if scale == 1.0:
             return self._is_whole_safe(tick)
-        table = self._scheduler.arm.motion.braking.tabulate(
-            tick.q, tick.v, tick.arm_age, self.looks_ahead, pace=scale
-        )
-        return self._is_free(tick, float(table.time[-1]))
+        return self._is_paced_safe(tick, scale, lasts=lasts)
+
+    def _is_paced_safe(self, tick: Tick, scale: float, *, lasts: bool) -> bool:
+        """Whether an arm whose joints keep to a scale rests in time.
+
+        One that does so for some ticks on end can be told to stop that much later as well; what is
+        proved of that holds for as long as joints have surely been no faster.
+        """
+        scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
+        q, v, age = tick.q, tick.v, tick.arm_age
+        later, since = self.looks_ahead - self._response_time, math.inf
+        if lasts and self._proving > 0.0:
+            since = self._kept.follow(tick, scale, braking, self._response_time)
+        if since == math.inf:
+            table = braking.tabulate(q, v, age, self.looks_ahead, pace=scale)
+            return self._is_free(tick, table)
+        # No joint is faster by then than the scale says, nor than it can be.
+        stop_time = self.looks_ahead + braking.reaction_time + self._kept.rest_time
+        stop_time = min(stop_time, tick.late_stop_time)
+        known = scheduler.recall_stops(tick, stop_time, later, since)
+        if known == PROVED:
+            return True
+        if known == ASKABLE:
+            left = self.left
+            table = braking.tabulate(q, v, age, self.looks_ahead + self._proving, pace=scale)
+            lasting = later + self._proving
+            if self._is_free(tick, table, lasting, later, pause=self._proving, kept_since=since):
+                return True
+            self.left = left
+        table = braking.tabulate(q, v, age, self.looks_ahead, pace=scale)
+        return self._is_free(tick, table, 0.0, later, kept_since=since)
 
     def _is_whole_safe(self, tick: Tick) -> bool:
         """Whether an arm at any speed rests in time; proved for some ticks at once, as in `rests`.
@@ -169,26 +218,38 @@ class StopDecision:
         """
         scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
         later = self.looks_ahead - self._response_time
-        if scheduler.is_stop_proved(
-            tick._replace(time=tick.time + later, stop_time=tick.late_stop_time)
-        ):
+        if scheduler.recall_stops(tick, tick.late_stop_time, later) == PROVED:
             return True
         q, v, age = tick.q, tick.v, tick.arm_age
         longest = self.looks_ahead + self._proving
         if self._proving > 0.0 and braking.covers(v, age, longest):
             left = self.left
             table = braking.tabulate(q, v, age, longest)
-            if self._is_free(tick, float(table.time[-1]), later + self._proving, later):
+            if self._is_free(tick, table, later + self._proving, later):
                 return True
             self.left = left
         table = braking.tabulate(q, v, age, self.looks_ahead)
         lasting = later if braking.covers(v, age, self.looks_ahead) else -1.0
-        return self._is_free(tick, float(table.time[-1]), lasting, later)
+        return self._is_free(tick, table, lasting, later)
 
     def _is_free(
-        self, tick: Tick, stop_time: float, lasting: float = -1.0, until: float = 0.0
+        self,
+        tick: Tick,
+        table: JointTable,
+        lasting: float = -1.0,
+        until: float = 0.0,
+        *,
+        pause: float = 0.0,
+        kept_since: float | None = None,
     ) -> bool:
-        unsafe = self._scheduler.find_unsafe(tick, stop_time, lasting=lasting, until=until)
+        unsafe = self._scheduler.find_unsafe(
+            tick,
+            float(table.time[-1]),
+            lasting=lasting,
+            until=until,
+            pause=pause,
+            kept_since=kept_since,
+        )
         self.evaluated += unsafe.evaluated
         self.left = max(self.left, unsafe.left)
         return unsafe.pair == NOBODY

@@ -18,8 +18,34 @@ from armguard.scheduling.tournament import find_least, grow_tournament, make_tou
 UNSEEN, UNPLACED = -3, -2
 """In place of a row, where nothing was evaluated yet, or the arm must be placed first."""
 
-ACTIVE, PREPARED, STALE, EVALUATED_ROWS, SPENT, BROKEN, UNSAFE = range(7)
+ACTIVE, PREPARED, STALE, EVALUATED_ROWS, SPENT, BROKEN, UNSAFE, PROVING_IN, PROVING = range(9)
 """Places in `Certificates.numbers`."""
+
+
+PROVED, ASKABLE, IN_VAIN = range(3)
+"""What is known of stops from earlier ticks: all are in time, some are to be asked about, or all of
+those that are not proved were asked about a moment ago, and might not be in time."""
+
+
+class StopProofs(NamedTuple):
+    """Until when a STOP is in time as far as each row is concerned, and what that rests on.
+
+    Whenever the arm is told to stop up to then, it rests before it touches the row. A row has two
+    places: `stop_place` says which one is meant.
+    """
+
+    until: FloatArray
+    """In [s] since the epoch; -inf: nothing is proved. Shape (places,)."""
+    made_at: FloatArray
+    """When it was proved, in [s] since the epoch. Shape (places,)."""
+    retry_at: FloatArray
+    """From when on what was asked in vain is asked again, alike. Shape (places,)."""
+    revision: IntArray
+    """The row's last revision that it is known to hold for. Shape (places,)."""
+    states: States
+    """The accepted states that it was proved of."""
+    reference_states: States
+    """What certificates rested on then: it is by these that some links were not asked."""
 
 
 class Certificates(NamedTuple):
@@ -41,14 +67,10 @@ class Certificates(NamedTuple):
     """Sphere that decided each pair. Shape (rows, links)."""
     pair_bound: NDArray[np.int8]
     """What that rests on, an index of `BOUND_NAMES`. Shape (rows, links)."""
-    rests_until: FloatArray
-    """Until when a STOP is in time as far as the row is concerned, in [s] since the epoch: whenever
-    the arm is told to stop up to then, it rests before it touches the row. Shape (rows,)."""
-    rests_revision: IntArray
-    """The row's revision that this was proved with. Shape (rows,)."""
+    proofs: StopProofs
     way_until: FloatArray
-    """Likewise for an arm that is on its trajectory until then: whenever it is told to stop up to
-    then. Shape (rows,)."""
+    """Until when a STOP is in time for an arm that is on its trajectory until then, in [s] since
+    the epoch. Shape (rows,)."""
     way_revision: IntArray
     """The row's revision that this was proved with. Shape (rows,)."""
     broken: IntArray
@@ -56,8 +78,9 @@ class Certificates(NamedTuple):
     numbers: IntArray
     """Rows that are watched, the tick that the arm was last prepared for, how many rows were
     evaluated later than max_staleness asked for, and of late, evaluated rows and evaluations spent
-    on them; how many of `broken` are in use; and the last tick in which the stop decision found a
-    pair unsafe. Shape (7,)."""
+    on them; how many of `broken` are in use; the last tick in which the stop decision found a pair
+    unsafe; and the last one in which it proved something that lasts, with the evaluations spent on
+    that. Shape (9,)."""
 
 
 def make_certificates(links: int) -> Certificates:
@@ -70,12 +93,11 @@ def make_certificates(links: int) -> Certificates:
             np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_), np.zeros(1, dtype=np.int64)
         ),
         **_make_rows(0, links),
-        rests_until=np.zeros(0),
-        rests_revision=np.zeros(0, dtype=np.int64),
+        proofs=_make_proofs(0, 1),
         way_until=np.zeros(0),
         way_revision=np.zeros(0, dtype=np.int64),
         broken=np.zeros(0, dtype=np.int64),
-        numbers=np.array([0, -1, 0, 0, 0, 0, -9]),
+        numbers=np.array([0, -1, 0, 0, 0, 0, -9, -9, 0]),
     )
 
 
@@ -91,11 +113,28 @@ def _make_rows(rows: int, links: int) -> dict[str, NDArray[Any]]:
     return dict(zip(fields, make_records(rows, **fields), strict=True))
 
 
+def _make_proofs(rows: int, width: int) -> StopProofs:
+    """Proofs of nothing, for states that have at most `width` points."""
+    places = 2 * rows
+    fields: dict[str, tuple[type, tuple[int, ...]]]
+    fields = dict.fromkeys(("until", "made_at", "retry_at"), (float, ())) | {"revision": (int, ())}
+    until, made_at, retry_at, revision = make_records(places, **fields)
+    until[:] = -np.inf
+    states, reference_states = make_states(places, width), make_states(places, width)
+    return StopProofs(until, made_at, retry_at, revision, states, reference_states)
+
+
+@kernel
+def stop_place(row: int, is_paced: bool) -> int:
+    """Place of a row's proof: for an arm at any speed, or for one that keeps to a speed scale."""
+    return 2 * row + is_paced
+
+
 def grow_certificates(
     certificates: Certificates, news: ChangedRows, reference_states: States
 ) -> Certificates:
     """The same certificates for an obstacle table with these arrays, which may have more rows."""
-    rows = len(reference_states.stamp)
+    rows, width = reference_states.points.shape[:2]
     leaves = len(certificates.expiry_tree) // 2
     grown = _make_rows(rows, certificates.watched.shape[1])
     for name, array in grown.items():
@@ -109,8 +148,8 @@ def grow_certificates(
         reference_states=reference_states,
         news=news,
         **grown,
-        rests_until=extend_rows(certificates.rests_until, rows),
-        rests_revision=extend_rows(certificates.rests_revision, rows),
+        # To prove it again takes less than to copy it.
+        proofs=_make_proofs(rows, width),
         way_until=extend_rows(certificates.way_until, rows),
         way_revision=extend_rows(certificates.way_revision, rows),
         broken=extend_rows(certificates.broken, rows),
@@ -122,7 +161,7 @@ def invalidate(certificates: Certificates, row: int) -> None:
     """Invalidate all certificates of a row: it is to be evaluated at once."""
     for link in range(certificates.watched.shape[1]):
         certificates.pair_expiry[row, link] = -np.inf
-    certificates.rests_until[row] = -np.inf
+    certificates.proofs.until[2 * row : 2 * row + 2] = -np.inf
     certificates.way_until[row] = -np.inf
     make_due(certificates.wheel, row, -np.inf)
     set_value(certificates.expiry_tree, row, -np.inf)

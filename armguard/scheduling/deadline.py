@@ -48,10 +48,10 @@ from armguard.scheduling.deadline_kernels import (
     advance,
     evaluate_due,
     find_near,
-    find_unproved,
     find_unsafe,
     is_way_proved,
     keep_way_proof,
+    recall_stops,
 )
 from armguard.scheduling.layouts import Layouts
 from armguard.scheduling.scheduler import (
@@ -82,14 +82,15 @@ class _Desk(NamedTuple):
     """On the certificates."""
     tick_data: Any
     codes: tuple[Any, Any, Any, Any]
-    """Machine code of `advance`, `evaluate_due`, `find_unsafe` and `find_unproved`."""
+    """Machine code of `advance`, `evaluate_due`, `find_unsafe` and `recall_stops`."""
 
 
 def _list_own(certificates: Certificates) -> list[NDArray[Any]]:
     """The arrays of certificates that are not the obstacle table's."""
     own = certificates._asdict()
     del own["reference_states"], own["news"]
-    return [*own.pop("wheel"), *own.values()]
+    *proofs, _, _ = own.pop("proofs")  # without these no state that they rest on is read
+    return [*own.pop("wheel"), *proofs, *own.values()]
 
 
 class DeadlineScheduler:
@@ -296,10 +297,21 @@ class DeadlineScheduler:
         price = certificates.numbers[SPENT] / max(certificates.numbers[EVALUATED_ROWS], 1)
         return rows_per_tick * float(price)
 
-    def is_stop_proved(self, tick: Tick) -> bool:
-        """Whether earlier ticks have proved already that a STOP in this one is in time."""
-        row: int = self._find_unproved(self._tick_data, tick.time, tick.stop_time, self._candidates)
-        return row == NOBODY
+    def recall_stops(
+        self, tick: Tick, stop_time: float, later: float = 0.0, kept_since: float | None = None
+    ) -> int:
+        """Whether earlier ticks have proved that the arm rests in time."""
+        is_paced, since = _read_kept(kept_since)
+        answer: int = self._recall_stops(
+            self._tick_data,
+            tick.time,
+            tick.time + later,
+            tick.time + stop_time,
+            is_paced,
+            since,
+            self._candidates,
+        )
+        return answer
 
     def is_way_proved(self, told: float, latest: float) -> bool:
         """Whether earlier ticks have proved that the arm can be told to stop on its trajectory."""
@@ -321,10 +333,15 @@ class DeadlineScheduler:
         remembers: bool = True,
         lasting: float = -1.0,
         until: float = 0.0,
+        pause: float = 0.0,
+        kept_since: float | None = None,
     ) -> Unsafe:
         """A pair that might touch before the arm rests, if there is one."""
         self._place(tick)
-        question = StopQuestion(stop_time, lasting, until, self._last_offender, self._budget)
+        is_paced, since = _read_kept(kept_since)
+        question = StopQuestion(
+            stop_time, lasting, until, pause, is_paced, since, self._last_offender, self._budget
+        )
         row, link, spent, left = self._find_unsafe(
             self._tick_data, _moment_of(tick), question, self._candidates
         )
@@ -419,7 +436,7 @@ class DeadlineScheduler:
         self._desk = desk
         self.certificates, self._candidates = desk.certificates, desk.candidates
         self._handle, self._tick_data = desk.handle, desk.tick_data
-        self._advance, self._evaluate_due, self._find_unsafe, self._find_unproved = desk.codes
+        self._advance, self._evaluate_due, self._find_unsafe, self._recall_stops = desk.codes
 
     def _lay_desk(self, arm: WatchedArm, certificates: Certificates, *, is_fresh: bool) -> _Desk:
         """Certificates that have the obstacle table's size, and what ticks run on them."""
@@ -442,13 +459,16 @@ class DeadlineScheduler:
 
     def _bind(self, handle: Any, candidates: IntArray) -> tuple[Any, Any, Any, Any]:
         """Have compiled what a tick runs, for the arrays that there are now."""
-        moment, question = Moment(0.0, 0.0, 0, 0.0, 0.0), StopQuestion(0.0, 0.0, 0.0, 0, 0)
+        moment, question = (
+            Moment(0.0, 0.0, 0, 0.0, 0.0),
+            StopQuestion(0.0, 0.0, 0.0, 0.0, True, 0.0, 0, 0),
+        )
         some = np.zeros((len(self._states.q), 2))[:, 0]
         return (
             machine_code(advance, handle, 0.0, some, some, 0.0, 0.0, 0, True),
             machine_code(evaluate_due, handle, True, 0, moment),
             machine_code(find_unsafe, handle, moment, question, candidates),
-            machine_code(find_unproved, handle, 0.0, 0.0, candidates),
+            machine_code(recall_stops, handle, 0.0, 0.0, 0.0, True, 0.0, candidates),
         )
 
     def _compile(self) -> None:
@@ -467,6 +487,11 @@ class DeadlineScheduler:
         evaluate(self.arm.state, none, np.zeros(0), none, np.zeros(0, dtype=np.int8))
         self.arm.state.prepare_arm(zeros, zeros)
         find_most_imminent(self._handle, none)
+
+
+def _read_kept(kept_since: float | None) -> tuple[bool, float]:
+    """Whether an arm is meant that keeps to a speed scale, and since when proofs of it count."""
+    return kept_since is not None, -np.inf if kept_since is None else kept_since
 
 
 def _moment_of(tick: Tick) -> Moment:

@@ -41,7 +41,7 @@ from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
-from armguard.obstacles.table import clear_changed_rows
+from armguard.obstacles.table import clear_changed_rows, copy_state
 from armguard.pairs.contact_time import (
     RESTS,
     TOUCHES,
@@ -58,9 +58,14 @@ from armguard.robot.brakes import BrakeCurves
 from armguard.robot.joint_acceptance import BELIEVED, Guard, accept
 from armguard.scheduling.certificates import (
     ACTIVE,
+    ASKABLE,
     BROKEN,
     EVALUATED_ROWS,
+    IN_VAIN,
     PREPARED,
+    PROVED,
+    PROVING,
+    PROVING_IN,
     SPENT,
     STALE,
     UNPLACED,
@@ -69,6 +74,7 @@ from armguard.scheduling.certificates import (
     Certificates,
     first_link,
     invalidate,
+    stop_place,
 )
 from armguard.scheduling.timing_wheel import (
     NOBODY,
@@ -89,6 +95,13 @@ LATEST = sys.float_info.max
 
 CROWD = 64
 """Evaluations in a tick beyond which, once a STOP is certain, other obstacles wait."""
+
+BATCH = 64
+"""Evaluations on proofs of stops in a tick beyond which further proofs are to end earlier than the
+others, so that they are not all to be renewed in one tick."""
+
+MOST_BATCHES = 4
+"""By how many steps they end earlier at most, each an eighth of what proofs last."""
 
 MOST_DOUBTFUL = 2
 """Rows whose rest cannot be proved for longer than a tick, until no more of them are asked."""
@@ -120,6 +133,13 @@ class StopQuestion(NamedTuple):
     until: float
     """By how much later it is to be told, in [s], at most `lasting`: what was proved earlier of a
     STOP that comes so late is not asked again."""
+    pause: float
+    """For how long a row is not asked again that might be touched, in [s]; 0: it is."""
+    is_paced: bool
+    """Whether the table is that of joints that keep to a speed scale."""
+    since: float
+    """Since when they have surely kept to it, in [s] since the epoch; earlier proofs of such a
+    table count for nothing. Of other tables -inf."""
     last_offender: int
     """Pair to decide about first if it is as near, row × links + link: what was unsafe lately
     likely is again."""
@@ -520,16 +540,42 @@ def advance(
 
 
 @kernel
-def _is_proved(scene: Scene, certificates: Certificates, row: int, time: float) -> bool:
-    """Whether an earlier tick has proved that a STOP in this one is in time for a row.
+def _is_proved(
+    scene: Scene, certificates: Certificates, is_paced: bool, row: int, told: float, since: float
+) -> bool:
+    """Whether it is proved that an arm told to stop by `told` rests before it touches a row."""
+    proofs, place = certificates.proofs, stop_place(row, is_paced)
+    if not (told <= proofs.until[place] and since <= proofs.made_at[place]):
+        return False
+    if scene.marks.refused[row]:
+        return False
+    if proofs.revision[place] == scene.marks.revision[row]:
+        return True
+    if not _holds_for_newer(scene, certificates, row, place):
+        proofs.until[place] = -np.inf
+        return False
+    proofs.revision[place] = scene.marks.revision[row]
+    return True
 
-    That was for the very states that are known of it now: with any news it is asked again.
+
+@kernel
+def _holds_for_newer(scene: Scene, certificates: Certificates, row: int, place: int) -> bool:
+    """Whether what was proved of a row's state holds for its next one, as certificates do.
+
+    It is about all that can become of the older state, and what has become of it is among that if
+    the newer one agrees; with the reference state as well, by which some links were not asked. Each
+    sample is compared: after two of them nothing holds.
     """
-    return (
-        time <= certificates.rests_until[row]
-        and certificates.rests_revision[row] == scene.marks.revision[row]
-        and not scene.marks.refused[row]
-    )
+    marks, proofs = scene.marks, certificates.proofs
+    if marks.static[row] or not marks.has_state[row]:
+        return False
+    if marks.revision[row] != proofs.revision[place] + 1:
+        return False
+    allowed, grown = allows_reference_state(scene.bodies, proofs.states, row, place)
+    if grown or not allowed:
+        return False
+    allowed, grown = allows_reference_state(scene.bodies, proofs.reference_states, row, place)
+    return bool(allowed and not grown)
 
 
 @kernel
@@ -555,7 +601,8 @@ def find_unsafe(
 
     A table whose brakes may bite at any time up to so much later proves as much of an arm that is
     told to stop that much later: it does then what that table allows for. The proof is kept by
-    row. It covers the links that were not asked as well: their certificates outlast the table.
+    row. It covers the links that were not asked as well: their certificates outlast the table. The
+    table of an arm whose joints keep to a speed scale proves it for as long as they do.
 
     Args:
         handle: On a `TickData`.
@@ -569,7 +616,8 @@ def find_unsafe(
     """
     scene, certificates = handle.content.scene, handle.content.certificates
     now, time, tick, arm_age, _ = moment
-    stop_time, lasting, until, last_offender, budget = question
+    stop_time, lasting, until, pause, is_paced, since, last_offender, budget = question
+    proofs = certificates.proofs
     if certificates.numbers[PREPARED] != tick:
         prepare_arm(scene, handle.content.guard.q, handle.content.guard.v, arm_age)
         certificates.numbers[PREPARED] = tick
@@ -586,9 +634,17 @@ def find_unsafe(
     # Invariant: rows before the present one are out of the way of a stop, but for doubtful ones.
     for i in range(count):
         row = rows[i]
-        if lasting >= 0.0 and _is_proved(scene, certificates, row, time + until):
+        if lasting >= 0.0 and _is_proved(scene, certificates, is_paced, row, time + until, since):
+            continue
+        place = stop_place(row, is_paced)
+        if pause > 0.0 and proofs.retry_at[place] > time:
+            # It was asked in vain a moment ago.
+            if first_row == NOBODY:
+                first_row = row
+                first_link_of_row = first_link(certificates.watched, certificates.pair_expiry, row)
             continue
         rests = True
+        spent_before = evaluations
         for number in range(links):
             link = number
             if row == offending_row:
@@ -608,40 +664,67 @@ def find_unsafe(
                     continue
             rests = False
             doubtful += 1
+            if answer == TOUCHES and pause > 0.0:
+                proofs.retry_at[place] = time + pause
             if first_row == NOBODY:
                 first_row, first_link_of_row = row, link
             if answer == UNDECIDED or not lasting > 0.0 or doubtful > MOST_DOUBTFUL:
                 left = count - i if answer == UNDECIDED else 0
-                if lasting == 0.0 and answer == TOUCHES:
+                if lasting == 0.0 and answer == TOUCHES and not is_paced:
                     certificates.numbers[UNSAFE] = tick
                 return first_row, first_link_of_row, evaluations, left
             # It is asked again by itself, by a table of this tick alone: on to the others.
             break
         if rests and lasting > 0.0 and not scene.marks.refused[row]:
-            certificates.rests_until[row] = expire(time, lasting)
-            certificates.rests_revision[row] = scene.marks.revision[row]
+            # Not all of them are to end in one tick.
+            if certificates.numbers[PROVING_IN] != tick:
+                certificates.numbers[PROVING_IN] = tick
+                certificates.numbers[PROVING] = 0
+            certificates.numbers[PROVING] += evaluations - spent_before
+            batch = min(certificates.numbers[PROVING] // BATCH, MOST_BATCHES)
+            early = 0.125 * (lasting - until) * batch
+            proofs.until[place] = expire(time, lasting - early)
+            proofs.made_at[place] = time
+            proofs.revision[place] = scene.marks.revision[row]
+            copy_state(scene.bodies, row, proofs.states, place)
+            copy_state(certificates.reference_states, row, proofs.reference_states, place)
     return first_row, first_link_of_row, evaluations, 0
 
 
 @kernel
-def find_unproved(handle: Any, time: float, stop_time: float, rows: IntArray) -> int:
-    """A row that could be touched within the stop, unless a proof of an earlier tick covers it.
+def recall_stops(
+    handle: Any,
+    time: float,
+    told: float,
+    latest: float,
+    is_paced: bool,
+    since: float,
+    rows: IntArray,
+) -> int:
+    """Whether earlier proofs say that an arm which is told to stop by then rests in time.
 
     Args:
         handle: On a `TickData`.
         time: Of the tick, in [s] since the epoch.
-        stop_time: In which the arm surely rests that is told to stop in this tick, in [s].
+        told: When it is told at the latest, in [s] since the epoch.
+        latest: When it surely rests then, in [s] since the epoch.
+        is_paced: As in a `StopQuestion`.
+        since: As in a `StopQuestion`.
         rows: Room to work in, for all rows of the obstacle table.
 
     Returns:
-        The first such row; NOBODY where a STOP in this tick is in time for certain.
+        PROVED, if all that could be touched by `latest` is out of its way; IN_VAIN if all that is
+        not proved was asked a moment ago already; else ASKABLE.
     """
     scene, certificates = handle.content.scene, handle.content.certificates
-    count = find_below(certificates.expiry_tree, min(time + stop_time, LATEST), rows)
-    for i in range(count):
-        if not _is_proved(scene, certificates, rows[i], time):
-            return rows[i]
-    return NOBODY
+    answer = PROVED
+    for row in rows[: find_below(certificates.expiry_tree, min(latest, LATEST), rows)]:
+        if _is_proved(scene, certificates, is_paced, row, told, since):
+            continue
+        if not certificates.proofs.retry_at[stop_place(row, is_paced)] > time:
+            return ASKABLE
+        answer = IN_VAIN
+    return answer
 
 
 @kernel

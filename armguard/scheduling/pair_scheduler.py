@@ -23,6 +23,7 @@ from armguard.pairs.scene import REACH
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
+from armguard.scheduling.certificates import IN_VAIN
 from armguard.scheduling.flagged_pairs import FlaggedCheck
 from armguard.scheduling.layouts import Layouts
 from armguard.scheduling.pair_certificates import PairCertificates
@@ -185,9 +186,11 @@ class PairScheduler:
         """How many evaluations a tick costs: as many as the last one."""
         return float(self._evaluated)
 
-    def is_stop_proved(self, tick: Tick) -> bool:
-        """Whether a STOP was proved to be in time: that is asked in every tick."""
-        return False
+    def recall_stops(
+        self, tick: Tick, stop_time: float, later: float = 0.0, kept_since: float | None = None
+    ) -> int:
+        """Whether the arm was proved to rest in time: that is asked in every tick."""
+        return IN_VAIN
 
     def is_way_proved(self, told: float, latest: float) -> bool:
         """Whether the arm can be told to stop on its trajectory: that is asked in every tick."""
@@ -207,6 +210,8 @@ class PairScheduler:
         remembers: bool = True,
         lasting: float = -1.0,
         until: float = 0.0,
+        pause: float = 0.0,
+        kept_since: float | None = None,
     ) -> Unsafe:
         """A pair that might touch before the arm rests; all pairs that are near are evaluated."""
         near = self.near_pairs(tick, stop_time)

@@ -212,11 +212,23 @@ class Scheduler(Protocol):
         """How many evaluations a tick costs as imminent as all pairs are now."""
         ...
 
-    def is_stop_proved(self, tick: Tick) -> bool:
-        """Whether earlier ticks have proved already that a STOP in this one is in time.
+    def recall_stops(
+        self, tick: Tick, stop_time: float, later: float = 0.0, kept_since: float | None = None
+    ) -> int:
+        """Whether earlier ticks have proved already that the arm rests in time, told to stop.
 
         For what has no certificate that outlasts the stop, by `find_unsafe` for a time that has not
-        passed. False says nothing.
+        passed.
+
+        Args:
+            tick: The tick.
+            stop_time: When the arm surely rests, in [s] from the tick.
+            later: When it is told to stop at the latest, in [s] from the tick.
+            kept_since: As for `find_unsafe`.
+
+        Returns:
+            PROVED; IN_VAIN where all that is not proved was asked a moment ago already; or
+            ASKABLE, which says nothing.
         """
         ...
 
@@ -248,6 +260,8 @@ class Scheduler(Protocol):
         remembers: bool = True,
         lasting: float = -1.0,
         until: float = 0.0,
+        pause: float = 0.0,
+        kept_since: float | None = None,
     ) -> Unsafe:
         """A pair that might touch before the arm rests, if there is one.
 
@@ -257,7 +271,13 @@ class Scheduler(Protocol):
 
         A `lasting` of 0 or more, in [s], says that the table is that of an arm that is told to stop
         at any time from this tick until so much later. Then what was proved of earlier tables for
-        all that comes `until` so much later, in [s], need not be asked again.
+        all that comes `until` so much later, in [s], need not be asked again. Obstacles that might
+        be touched are not asked again by questions with a `pause` until that is over, in [s]: they
+        count as unsafe.
+
+        Where `kept_since` is given, the table is that of an arm whose joints keep to some speeds,
+        as they surely have since then, in [s] since the epoch. Proofs of such tables stand by
+        themselves; older ones count for nothing, and the others are of the same speeds or higher.
         """
         ...
 

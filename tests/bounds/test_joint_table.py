@@ -5,7 +5,13 @@ import pinocchio
 import pytest
 
 from armguard.bounds import compute_levers
-from armguard.bounds.joint_table import displacement_in_span, make_table, set_columns, set_span
+from armguard.bounds.joint_table import (
+    displacement_in_span,
+    make_table,
+    set_columns,
+    set_span,
+    stays_within,
+)
 from armguard.bounds.sums import turning_joints
 from support.example_arms import load_arm
 from support.motion_questions import HAND_POINT, unit
@@ -71,6 +77,10 @@ def test_no_configuration_in_the_box_is_further(name, size):
             pinocchio.forwardKinematics(model, data, start + moved)
             furthest = max(furthest, along @ (data.oMi[joint].act(HAND_POINT) - place))
         assert furthest <= bound
+        # What is said of it without its dearer part agrees.
+        rest = jacobian, lever, np.zeros(count), table
+        for room, stays in ((1.0 + 1e-9, True), (furthest / bound - 1e-9, False)):
+            assert stays_within(room * bound, *along, *rest) == stays
         assert bound <= lever @ np.maximum(high, -low) * (1.0 + 1e-9)
         tightest = min(tightest, bound / furthest)
     assert tightest < 1.0 + 3.0 * size

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from armguard.pairs.evaluate import evaluate, find_unsafe_pair
+from armguard.scheduling.certificates import PROVED, stop_place
 from armguard.scheduling.deadline_kernels import CROWD
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps
@@ -106,7 +107,8 @@ def test_every_pair_is_accounted_for_in_each_tick_that_is_no_stop(seed):
         expiry = certificates.pair_expiry[rows].ravel()
         near = pairs[~(expiry > tick.time + tick.stop_time)]
         asked += len(near)
-        proved += int((certificates.rests_until[rows] >= tick.time).sum())
+        places = stop_place.py_func(rows, False)
+        proved += int((certificates.proofs.until[places] >= tick.time).sum())
         # What stands is no later than what is proved of the same tick anew, but for looser bounds.
         table = scheduler.arm.motion.braking.tabulate(tick.q, tick.v, 0.0, PERIOD + LATENCY)
         times = compute_all(scheduler, tick, near)
@@ -117,38 +119,87 @@ def test_every_pair_is_accounted_for_in_each_tick_that_is_no_stop(seed):
     assert proved > 100
 
 
-def test_what_is_proved_of_stops_ends_with_any_news():
+def test_what_is_proved_of_stops_holds_for_a_state_that_agrees_and_ends_with_other_news():
     obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
-    places = [[0.72, 0.2, 0.5], [0.72, -0.2, 0.5]]
+    scheduler = monitor._scheduler
+    places = np.array([[0.72, 0.2, 0.5], [0.72, -0.2, 0.5]])
 
-    def tell(now):
-        see(obstacles, now, places, ["near", "other"], velocity=np.zeros((2, 3)))
+    def tell(now, moved=0.0, **fields):
+        velocity = np.zeros((2, 3))
+        see(obstacles, now, places + moved, ["near", "other"], velocity=velocity, **fields)
+
+    def step(tick):
+        assert steps(monitor, tick, 1)[0].level is Level.SLOW
+        return monitor._last[0]
+
+    def is_proved(tick):
+        return scheduler.recall_stops(tick, tick.stop_time) == PROVED
 
     tell(0.0)
-    verdicts = steps(monitor, 0, 3)
-    assert all(one.level is Level.SLOW for one in verdicts)
-    scheduler = monitor._scheduler
-    tick, until = monitor._last[0], scheduler.certificates.rests_until
-    row = obstacles.row("near")
-    assert until[row] > tick.time
-    assert scheduler.is_stop_proved(tick)
-    assert not scheduler.is_stop_proved(tick._replace(time=float(until[row]) + 1e-6))
-    # A state that agrees: it is no news to certificates, and yet more is known than was.
-    tell(2.5 * PERIOD)
-    assert not scheduler.is_stop_proved(tick)
-    assert steps(monitor, 3, 1)[0].level is Level.SLOW
-    assert scheduler.is_stop_proved(monitor._last[0])
+    tick = [step(k) for k in range(3)][-1]
+    until = scheduler.certificates.proofs.until
+    near, other = (stop_place(obstacles.row(name), False) for name in ("near", "other"))
+    assert until[near] > tick.time
+    assert is_proved(tick)
+    assert not is_proved(tick._replace(time=float(until[near]) + 1e-6))
+    # A state that agrees with the one that it was proved of.
+    tell(2.5 * PERIOD, 1e-5)
+    assert is_proved(tick)
+    tick = step(3)
+    # Two of them between two questions: the first was compared with nothing.
+    tell(3.2 * PERIOD, 1e-5)
+    tell(3.5 * PERIOD, 1e-5)
+    assert not is_proved(tick)
+    tick = step(4)
+    assert is_proved(tick)
+    # What agrees, but is larger, or may be faster.
+    for number, grown in ((5, {"radius": 0.101}), (6, {"radius": 0.101, "speed": 2.5})):
+        tell((number - 0.5) * PERIOD, 1e-5, **grown)
+        assert not is_proved(tick)
+        tick = step(number)
+        assert is_proved(tick)
     # A refused sample: two states may be true.
-    see(obstacles, 3.5 * PERIOD, [9.0, 0.0, 0.0], ["near"])
-    assert not scheduler.is_stop_proved(monitor._last[0])
-    steps(monitor, 4, 1)
-    assert not until[row] > 4 * PERIOD
+    see(obstacles, 6.5 * PERIOD, [9.0, 0.0, 0.0], ["near"])
+    assert not is_proved(monitor._last[0])
+    steps(monitor, 7, 1)
+    assert not until[near] > 7 * PERIOD
     # Other limits or brakes, or another tool.
-    other = obstacles.row("other")
-    assert until[other] > 4 * PERIOD
+    assert until[other] > 7 * PERIOD
     scheduler.invalidate_all()
     scheduler.evaluate_due(monitor._last[0])
     assert until[other] == -np.inf
+
+
+def test_what_is_proved_of_a_speed_scale_holds_while_joints_keep_to_it():
+    """Then most ticks ask nothing; of an arm that may soon be faster nothing is proved ahead."""
+    obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
+    proofs = monitor._scheduler.certificates.proofs
+
+    def step(tick, v=STILL):
+        if tick % 5 == 0:
+            now = tick * PERIOD
+            see(obstacles, now, [0.85, 0.0, 0.6], velocity=np.zeros((1, 3)), speed=2.0, accel=10.0)
+        return steps(monitor, tick, 1, HOME, v)[0]
+
+    settled = [step(k) for k in range(60)][-1]
+    assert settled.level is Level.SLOW
+    assert 0.1 < settled.speed_scale < 0.9
+    place, renewed, spent = stop_place(obstacles.row("ball"), True), 0, []
+    for k in range(60, 90):
+        before = proofs.made_at[place]
+        verdict = step(k)
+        assert verdict.speed_scale == settled.speed_scale
+        assert proofs.until[place] >= k * PERIOD
+        renewed += proofs.made_at[place] > before
+        spent.append(verdict.evaluated)
+    assert 0 < renewed < 10
+    assert spent.count(0) > 15
+    made_at = proofs.made_at[place]
+    # Just below the scale when it is measured, above it perhaps before the next tick.
+    fast = settled.speed_scale * panda().velocity_limit - panda().velocity_error - 1e-3
+    for k in range(90, 110):
+        step(k, np.eye(7)[6] * fast)
+    assert proofs.made_at[place] == made_at
 
 
 def test_a_stop_is_proved_by_far_fewer_questions_than_ticks(monkeypatch):
