@@ -328,6 +328,11 @@ class Edge:
 
     def _admit_clients(self, inputs: Iterable[Input]) -> None:
         """Let in who asks for it and may be, a few a tick, and count who may not."""
+        for source in inputs:
+            ended = source.limit_connections() if isinstance(source, SocketInput) else 0
+            if ended:
+                problem = "has as many connections as may be; one too many was ended"
+                self.faults.add("connections", source.address, None, problem, ended)
         guarded = (source.authenticator for source in inputs if isinstance(source, SocketInput))
         # The inputs of a run have one authenticator, which answers once for all of them.
         for authenticator in {one for one in guarded if one is not None}:
