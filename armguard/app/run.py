@@ -141,7 +141,7 @@ def supervise(
             missing = describe_missing_limits(monitor)
             if missing is not None and not quiet:
                 announcer.tell(missing)
-            for line in () if quiet else list_premises(monitor):
+            for line in () if quiet else list_premises(monitor, cell.drawn_links):
                 announcer.tell(line)
 
         is_auto = cell.tables.settings == AUTO
