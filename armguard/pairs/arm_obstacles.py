@@ -91,8 +91,8 @@ _TIMES: FloatArray = np.array([0.2, 0.3, 0.5, 1e9])
 
 _TIMES_AND_HALVES: FloatArray = np.concatenate([_TIMES, 0.5 * _TIMES])
 
-_PLANS = 4
-"""Shared plans that are tested at once; of more, the first are forgotten, which narrows less."""
+_PLANS = 2
+"""Shared plans that count at once; of more, the first are forgotten. Each costs time to test."""
 
 
 class _Bounds(NamedTuple):
