@@ -253,8 +253,8 @@ def describe_remedy(
         named = ["--arm", arm] if arm else []
         way = shlex.join(["armguard", "reset", address, "--token", token, *named, *key_files])
     else:
-        named = {"arm": arm} if arm else {}
-        line = msgspec.json.encode({"type": "reset", "token": token, **named})
+        fields = {"type": "reset", "token": token} | ({"arm": arm} if arm else {})
+        line = msgspec.json.encode(fields)
         way = f"a line {line.decode()}"
     if reset_token is not None:
         return f"to end it: {way}"

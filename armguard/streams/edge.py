@@ -333,8 +333,7 @@ class Edge:
     def _admit_clients(self, inputs: Iterable[Input]) -> None:
         """Let in who asks for it and may be, a few a tick, and count who may not."""
         for source in inputs:
-            ended = source.limit_connections() if isinstance(source, SocketInput) else 0
-            if ended:
+            if isinstance(source, SocketInput) and (ended := source.limit_connections()):
                 problem = "has as many connections as may be; one too many was ended"
                 self.faults.add("connections", source.address, None, problem, ended)
         guarded = (source.authenticator for source in inputs if isinstance(source, SocketInput))

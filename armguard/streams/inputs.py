@@ -129,7 +129,7 @@ class SocketInput:
         """
         ended, events = 0, self._events
         for _ in range(_EVENTS_A_LOOK):
-            if not events.get(zmq.EVENTS) & zmq.POLLIN:
+            if not int(events.get(zmq.EVENTS)) & zmq.POLLIN:
                 break
             head, *_ = events.recv_multipart(zmq.NOBLOCK)
             kind, descriptor = struct.unpack("=Hi", head)
