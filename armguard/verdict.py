@@ -176,6 +176,13 @@ class ReasonKind(enum.Enum):
         Effect.STANDING,
         "Mend the message that the detail names; none of it was taken.",
     )
+    OTHER_ARM_BROKE = (
+        "other arm broke its limits",
+        Effect.STANDING,
+        "Let that arm's controller keep to the operating limits and the plans that it has stated, "
+        "or state what it keeps to; until 2 s after the last break its hardware's limits count. "
+        "Nothing has to be reset.",
+    )
     OVERDUE = (
         "pair overdue",
         Effect.STANDING,

@@ -10,7 +10,7 @@ import ast
 import itertools
 from pathlib import Path
 
-from armguard.streams import addresses, limits, messages
+from armguard.streams import addresses, inputs, limits, messages
 from armguard.verdict import ReasonKind
 
 PAGE = Path(__file__).resolve().parent / "wire.md"
@@ -36,7 +36,7 @@ TYPES = {
     "Rows | None": "rows of numbers, or nil",
     "Values": "number, or one a row",
     "Values | None": "number, or one a row, or nil",
-    "Literal['commit', 'follow']": '`"commit"` or `"follow"`',
+    "Literal['commit', 'follow', 'share']": '`"commit"`, `"follow"` or `"share"`',
     "Literal['finish', 'brake'] | None": '`"finish"`, `"brake"` or nil',
     "list[ReasonMessage]": "list of reasons",
     "CertificateMessage | None": "certificate or nil",
@@ -73,7 +73,7 @@ Each message is one part: a msgpack map, or a JSON object with the same fields; 
 - Lengths are metres, angles radians, times seconds. The rest follows: m/s, m/s², rad/s.
 - `seq` counts the messages of one source, by 1. A gap is counted as lost messages, a step back as a sender that started anew, and two tracks that both go on as two senders. None of it is a STOP by itself: obstacles that were not heard of grow with their bounds.
 
-Whatever is refused is counted by its kind and source, told on standard error, and is in the summary of the run; where obstacles may be missing because of it, the verdict says so too. One source may send {limits.SourceLimits().message_rate:g} messages a second of {limits.SourceLimits().message_size} bytes and have {limits.SourceLimits().obstacles} obstacles, and a cloud {limits.SourceLimits().points} points, unless the cell file says less.
+Whatever is refused is counted by its kind and source, told on standard error, and is in the summary of the run; where obstacles may be missing because of it, the verdict says so too. One source may send {limits.SourceLimits().message_rate:g} messages a second of {limits.SourceLimits().message_size} bytes and have {limits.SourceLimits().obstacles} obstacles, and a cloud {limits.SourceLimits().points} points, unless the cell file says less. An input takes {inputs.CONNECTION_LIMIT} connections: whoever comes beyond that is shut out within a tick, and counted under `connections`, until another connection has ended. Each holds {inputs.WAITING_BYTES // 2**20} MiB of messages that wait at most.
 
 Complete nodes without armguard's library lie beside this page, and the tests run them: [perception.py](nodes/perception.py) and [controller.py](nodes/controller.py) (pyzmq), [perception.cpp](nodes/perception.cpp) (cppzmq), and [lines.cpp](nodes/lines.cpp), which needs no socket. In Python with armguard, `armguard.streams.Publisher` and `VerdictReader` send and receive all of it.
 """
@@ -125,10 +125,10 @@ AFTER_JOINTS = """A gap between joint states longer than `joint_timeout` is a ST
 
 RESET = """## Reset
 
-`{"type": "reset", …}` ends a latched STOP once its cause has gone; a cause that persists latches again at once. `armguard reset` sends it.
+`{"type": "reset", …}` ends a latched STOP once its cause has gone; a cause that persists latches again at once. `armguard reset` sends it, with `--arm` in a cell with several arms: the monitors of the others leave it alone.
 """
 
-AFTER_RESET = """A run without `--reset-token` obeys none. What was not obeyed is counted; there is no answer but the verdicts that follow.
+AFTER_RESET = """A run without `--reset-token` obeys none, and with several arms none that names no arm of the cell. What was not obeyed is counted; there is no answer but the verdicts that follow.
 """
 
 IGNORE = """## Contact that is wanted
@@ -166,6 +166,9 @@ PLANS = """## Plans
 """
 
 ANSWERS = """Both kinds end at rest. Each plan that has these fields gets one answer, `{"type": "plan_verdict", …}`, on the socket of the verdicts, in the tick in which it came. Of several that come in one tick the newest is judged; the others are refused for that.
+"""
+
+SHARING = """**A plan that is shared** (`"ask": "share"`) is a promise to the monitors of the other arms of the cell: until `until` the arm does nothing but follow it, on time or slower, or stop ([Several arms](several_arms.md#plans-that-are-shared)). It needs `until` and `velocity_tracking_error`, no `motion = "planned"`, and gets no answer; one that is not as it should be is counted as `plan refused`, and narrows nothing.
 """
 
 TAIL = """A controller of committed pieces: ask for the next piece while the present one is under way; where the answer is no, or does not come, run the present one to its end, and rest. A controller of a trajectory: ask once, go on while verdicts allow it, and brake on STOP and on silence.
@@ -250,6 +253,7 @@ def write_page() -> str:
         write_table(messages.PlanMessage),
         ANSWERS,
         write_table(messages.PlanVerdictMessage),
+        SHARING,
         TAIL,
     ]
     return "\n".join(parts)

@@ -276,6 +276,8 @@ class Reset:
     """Where the monitor takes obstacles or joint states; `armguard run` prints it."""
     token: str
     """What `armguard run --reset-token` was given."""
+    arm: str = ""
+    """Whose monitor is meant, in a cell with several arms."""
     key: Path | None = None
     """Where the monitor asks for keys: the secret file of a client that may reset."""
     server_key: Path | None = None
@@ -285,7 +287,8 @@ class Reset:
         """Send the reset."""
         from armguard.app.run import read_key_files, send_reset
 
-        return send_reset(self.address, self.token, read_key_files(self.key, self.server_key))
+        key_files = read_key_files(self.key, self.server_key)
+        return send_reset(self.address, self.token, key_files, self.arm)
 
 
 @dataclasses.dataclass(frozen=True)

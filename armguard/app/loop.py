@@ -29,6 +29,7 @@ from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.plan_verdict import refuse_plan
 from armguard.obstacles.obstacles import Obstacles
+from armguard.pairs.arm_obstacles import ArmObstacles
 from armguard.recording.recorder import Recorder
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 from armguard.streams.authentication import Authenticator
@@ -342,7 +343,23 @@ def judge_request(monitor: Monitor, request: PlanRequest, *, is_newest: bool) ->
         return refuse_plan("plan", "was overtaken by a newer one in the same tick")
     if monitor.settings.motion != PLANNED:
         return refuse_plan("monitor", 'takes no plans: it has no motion = "planned" in [monitor]')
-    plan = Plan(
+    plan = _make_plan(request)
+    return monitor.commit(plan) if request.ask == "commit" else monitor.follow(plan)
+
+
+def take_shared_plan(
+    other: ArmObstacles, request: PlanRequest, until: float, clock_error: float
+) -> None:
+    """Tell the obstacles of another arm what it promises; see `ArmObstacles.take_plan`.
+
+    Raises:
+        ArmguardError: It is no such promise.
+    """
+    other.take_plan(_make_plan(request), until, clock_error)
+
+
+def _make_plan(request: PlanRequest) -> Plan:
+    return Plan(
         request.stamp,
         request.times,
         request.q,
@@ -351,7 +368,6 @@ def judge_request(monitor: Monitor, request: PlanRequest, *, is_newest: bool) ->
         request.velocity_tracking_error,
         request.stop_tracking_error,
     )
-    return monitor.commit(plan) if request.ask == "commit" else monitor.follow(plan)
 
 
 def run(
@@ -402,7 +418,11 @@ def run(
     """
     robot, obstacles, monitor = cell.build()
     others = {
-        other.name: OtherArm(other.robot.joints, functools.partial(other.publish, obstacles))
+        other.name: OtherArm(
+            other.robot.joints,
+            functools.partial(other.publish, obstacles),
+            functools.partial(take_shared_plan, other),
+        )
         for other in cell.make_other_arms()
     }
     if prepared is not None:

@@ -7,6 +7,7 @@ whoever builds the cell. `docs/make_safety.py` writes the page of safety notes f
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping, Sequence
 
 from armguard.monitor.monitor import Monitor
 
@@ -38,11 +39,18 @@ class Premise(enum.Enum):
         "late ([the controller](controller.md#limits-that-the-controller-keeps-to)).",
     )
     OTHER_ARMS = (
-        "the other arms of the cell keep to the operating limits that are stated for them",
+        "the other arms of the cell keep to their operating limits, and to the plans they share",
         "Each is an obstacle by what its joints can do, by its hardware's limits where no "
-        "operating limits are stated, and stands where the cell says. Its joint states are tested "
-        "against both, which finds a break late ([Several "
-        "arms](several_arms.md#what-is-counted-on)).",
+        "operating limits are stated, and stands where the cell says. Where it shares a plan, it "
+        "does nothing else for as long as it promises. Its joint states are tested against all of "
+        "that, which finds a break late ([Several arms](several_arms.md#what-is-counted-on)).",
+    )
+    DRAWN_LINKS = (
+        "links of other arms that are only drawn are not there, unless named in [statics]",
+        "A link without collision geometry has no shape that could be relied on. `armguard run` "
+        "names those of the other arms; one that stands belongs in `[statics]`, one that moves "
+        "needs a collision element or `collision_from_visual` ([Several "
+        "arms](several_arms.md#in-a-cell-file)).",
     )
     OBEDIENCE = (
         "the controller brakes on STOP, and where no verdict is valid any more",
@@ -84,13 +92,19 @@ class Premise(enum.Enum):
         self.explanation = explanation
 
 
-def list_premises(monitor: Monitor | None = None) -> list[str]:
+def list_premises(
+    monitor: Monitor | None = None, others: Mapping[str, Sequence[str]] | None = None
+) -> list[str]:
     """All premises, a line each.
 
     Args:
         monitor: Whose figures stand beside them; None: none do.
+        others: By the name of each other arm of the cell, its links that are only drawn.
     """
     figures = {} if monitor is None else _find_figures(monitor)
+    if others:
+        drawn = [f"{arm} {link}" for arm, links in others.items() for link in links]
+        figures[Premise.DRAWN_LINKS] = f"not watched against: {', '.join(drawn) or 'none'}"
     return [
         f"premise: {premise.text}{f' ({figures[premise]})' if premise in figures else ''}"
         for premise in Premise

@@ -124,7 +124,9 @@ def supervise(
 
         def tell_addresses(addresses: Mapping[str, str]) -> None:
             has_keys = authenticator is not None
-            announcer.remedy = describe_remedy(addresses, reset_token, has_keys=has_keys)
+            announcer.remedy = describe_remedy(
+                addresses, reset_token, has_keys=has_keys, arm=cell.arm
+            )
             observer.begin(addresses, obeys_reset=reset_token is not None)
             if quiet:
                 return
@@ -141,7 +143,7 @@ def supervise(
             missing = describe_missing_limits(monitor)
             if missing is not None and not quiet:
                 announcer.tell(missing)
-            for line in () if quiet else list_premises(monitor):
+            for line in () if quiet else list_premises(monitor, cell.drawn_links):
                 announcer.tell(line)
 
         is_auto = cell.tables.settings == AUTO
@@ -227,7 +229,11 @@ def find_reset_address(addresses: Mapping[str, str]) -> str:
 
 
 def describe_remedy(
-    addresses: Mapping[str, str], reset_token: str | None, *, has_keys: bool = False
+    addresses: Mapping[str, str],
+    reset_token: str | None,
+    *,
+    has_keys: bool = False,
+    arm: str = "",
 ) -> str:
     """What ends a latched STOP, as a command that can be copied.
 
@@ -235,6 +241,7 @@ def describe_remedy(
         addresses: Of "joints" and "obstacles"; "-" is standard input.
         reset_token: What a reset must carry; None: none is obeyed.
         has_keys: Whether it is sent with keys.
+        arm: Which of several arms is watched; empty where there is one.
     """
     address = find_reset_address(addresses)
     token = "TOKEN" if reset_token is None else reset_token
@@ -243,9 +250,12 @@ def describe_remedy(
             # On each machine this is another one: the command is for any of them.
             address = f"tcp://{socket.gethostname()}:{address.rsplit(':', 1)[1]}"
         key_files = ["--key", "FILE", "--server-key", "FILE"] if has_keys else []
-        way = shlex.join(["armguard", "reset", address, "--token", token, *key_files])
+        named = ["--arm", arm] if arm else []
+        way = shlex.join(["armguard", "reset", address, "--token", token, *named, *key_files])
     else:
-        way = f"a line {msgspec.json.encode({'type': 'reset', 'token': token}).decode()}"
+        fields = {"type": "reset", "token": token} | ({"arm": arm} if arm else {})
+        line = msgspec.json.encode(fields)
+        way = f"a line {line.decode()}"
     if reset_token is not None:
         return f"to end it: {way}"
     return f"this run obeys no reset: start it anew; with --reset-token TOKEN this ends it: {way}"
@@ -292,7 +302,9 @@ def make_keys(name: str, folder: Path) -> int:
     return 0
 
 
-def send_reset(address: str, token: str, key_files: tuple[Path, Path] | None = None) -> int:
+def send_reset(
+    address: str, token: str, key_files: tuple[Path, Path] | None = None, arm: str = ""
+) -> int:
     """Send a reset to a running monitor; the exit code.
 
     Args:
@@ -300,6 +312,7 @@ def send_reset(address: str, token: str, key_files: tuple[Path, Path] | None = N
         token: What its run was started with.
         key_files: Secret file of a client that may reset, and the monitor's public file; None: it
             asks for no keys.
+        arm: Whose monitor is meant, in a cell with several arms.
 
     Raises:
         StreamError: The address or a key cannot be used, or no monitor listens there.
@@ -315,7 +328,7 @@ def send_reset(address: str, token: str, key_files: tuple[Path, Path] | None = N
                 remedy="`armguard run` prints both; with [keys] in its cell file it lets in those "
                 "that may reset, with --key and --server-key",
             )
-        publisher.reset(token)
+        publisher.reset(token, arm)
     Console().print(
         f"reset sent to {address}; the monitor tells whether it obeys", soft_wrap=True, markup=False
     )
@@ -390,6 +403,7 @@ class _Observer:
             package_dirs,
             find_reset_address(addresses),
             obeys_reset,
+            arm=self._cell.arm,
             recording=self._recording,
         )
         self._feed = MonitorFeed(self.monitor, self._publisher, origin)

@@ -72,6 +72,8 @@ class Origin(NamedTuple):
     """Where the monitor takes a reset."""
     obeys_reset: bool = False
     """Whether it obeys one that brings its token."""
+    arm: str = ""
+    """Which arm a reset has to name, in a cell with several."""
     is_recorded: bool = False
     """Whether ticks come from a recording, so that none waits, and each STOP can be explained."""
     recording: str = ""
@@ -338,6 +340,7 @@ def make_scene(monitor: Monitor, origin: Origin) -> SceneMessage:
         ),
         reset_address=origin.reset_address,
         obeys_reset=origin.obeys_reset,
+        arm=origin.arm,
         is_recorded=origin.is_recorded,
         recording=origin.recording,
     )

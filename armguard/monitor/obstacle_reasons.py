@@ -81,11 +81,13 @@ def _as_reason(fault: Fault) -> Reason:
         kind = ReasonKind.OBSTACLE_NOT_BELIEVED
     elif fault.kind is FaultKind.POINTS_DROPPED:
         kind = ReasonKind.POINTS_DROPPED
+    elif fault.kind is FaultKind.PROMISE_BROKEN:
+        kind = ReasonKind.OTHER_ARM_BROKE
     elif fault.id:
         kind = ReasonKind.OBSTACLE_REFUSED
     else:
         kind = ReasonKind.CALL_REFUSED
-    # Of a malformed call the value is words, with their verb.
-    verb = "" if fault.kind is FaultKind.MALFORMED else "is "
+    # Of these the value is words, with their verb.
+    verb = "" if fault.kind in (FaultKind.MALFORMED, FaultKind.PROMISE_BROKEN) else "is "
     detail = f"{fault.field} {verb}{fault.value}: {fault.kind}"
     return Reason(kind, fault.id or fault.source, detail)

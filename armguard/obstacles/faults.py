@@ -18,6 +18,7 @@ class FaultKind(enum.StrEnum):
     """What was wrong."""
 
     MALFORMED = "malformed call"
+    PROMISE_BROKEN = "against what was promised of that arm"
     NOT_FINITE = "not a finite number"
     NEGATIVE = "negative"
     BEYOND_ACCEL = "beyond what its acceleration allows"
@@ -35,7 +36,7 @@ class FaultKind(enum.StrEnum):
     TABLE_FULL = "no room left in the table"
 
 
-_STOPPING = frozenset({FaultKind.MALFORMED, FaultKind.LATE})
+_STOPPING = frozenset({FaultKind.MALFORMED, FaultKind.PROMISE_BROKEN, FaultKind.LATE})
 """What the arm must stop for; the others are notes."""
 
 
@@ -46,10 +47,10 @@ class Fault:
     Attributes:
         kind: What was wrong.
         source: Name of the source that it came from.
-        id: Of which obstacle; empty for a malformed call.
-        field: Which field or argument.
+        id: Of which obstacle; empty for a malformed call, and for a broken promise.
+        field: Which field or argument; the joint that broke a promise.
         value: What was found there: the offending number, the length of a jump in [m] or [m]/[s],
-            or words for a malformed call.
+            or words for a malformed call and a broken promise.
         stamp: Of the message, in [s]; NaN if it had none.
     """
 

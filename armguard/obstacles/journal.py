@@ -88,6 +88,10 @@ class ObstacleJournal(Protocol):
         """Is told a call of which nothing was taken, stamped in [s], NaN where that was none."""
         ...
 
+    def note_broken(self, source: str, joint: str, problem: str, stamp: float) -> None:
+        """Is told that an arm broke a promise, by a state that was stamped in [s]."""
+        ...
+
     def note_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
         """Is told how many of a cloud's points could not be used; its stamp in [s]."""
         ...

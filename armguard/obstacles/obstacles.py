@@ -748,6 +748,19 @@ class Obstacles(ObstacleRegister):
             self.journal.note_malformed(source, offender, problem, stamp)
         self._faults.leave(FaultKind.MALFORMED, source, "", offender, problem, stamp)
 
+    def leave_broken(self, source: str, joint: str, problem: str, stamp: float) -> None:
+        """Leaves the fault of another arm that broke what was promised of it.
+
+        Args:
+            source: Name of the arm.
+            joint: Which of its joints did.
+            problem: What it did, and by how much.
+            stamp: Of the joint state that shows it, in [s].
+        """
+        if self.journal is not None:
+            self.journal.note_broken(source, joint, problem, stamp)
+        self._faults.leave(FaultKind.PROMISE_BROKEN, source, "", joint, problem, stamp)
+
     def _admit(self, name: str, time: float, state: SourceState) -> int:
         """Row for an id that is not in the table; -1 if it may not come in."""
         if self._tombstones.covers(name, state.index, time):

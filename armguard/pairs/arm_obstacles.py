@@ -1,8 +1,8 @@
 """Another arm as an obstacle: its joint states become moving balls with bounds of their own.
 
-Two arms in one cell have a monitor each, and each is the other's obstacle. Nothing is agreed
-between the two: each counts on what the other's joints can do, and neither on what its monitor
-says, so that one that fails does not take the other's certificates with it.
+Two arms in one cell have a monitor each, and each is the other's obstacle. Each counts on what the
+other's joints can do, and on what its controller has promised, and neither on what the other's
+monitor says, so that one that fails does not take the other's certificates with it.
 
 Every leaf of a link's cover, cut to a coarse level, is an obstacle: a ball whose centre p(q) is
 known from the joint state, and whose bounds are those of its own link. With R_j the reach of the
@@ -33,21 +33,28 @@ be stamped later than the monitor's clock.
 
 Operating limits are a premise here as elsewhere, and every state is tested against them and all
 states before it, as those of the watched arm are (`bounds.operating_history`). A break is a fault
-of the arm's source, so a STOP, and from then on, for `SUSPENDED_FOR`, the robot's limits count.
+of the arm's source, so a STOP, and from then on the robot's limits count, until all states of
+`SUSPENDED_FOR` have kept to the operating limits again; plans shared before it count no more.
 It is found late: a joint faster than v° with the first state that shows it by more than dv; one
 that speeds up by A > a° when it is faster than it could be by 2 dv, after 2 dv / (A - a°), or 4 dv
 / (A - a°) where the error goes from one end to the other meanwhile. Until then the balls may leave
 what their rows allow. The table would not find it: with errors of |v|/2 hardly a sample contradicts
 the one before.
 
+A plan that the arm has shared says more still, as long as it is promised: the velocity of a joint
+either way is at most max(0, ±v) + dv + l + b t at every t, with b <= a° (`pairs.shared_plan`). The
+law above needs no more of a° than that, so it holds with b in its place, and with l added to dv.
+A state that is faster than the plan allows is a break like any other.
+
 Links that nothing moves (the base) stand still: `add_fixed` puts the box around each
-into the table. A plan of the other arm is not used, nor is it that its monitor would stop it.
+into the table. It is not counted on that the arm's monitor would stop it.
 """
 
 from __future__ import annotations
 
 import copy
 import math
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +62,7 @@ import pinocchio
 from numpy.typing import ArrayLike
 
 from armguard.bounds.operating_history import OperatingHistory
+from armguard.bounds.planned.plan import Plan
 from armguard.bounds.sums import (
     compute_levers,
     sum_accelerations,
@@ -67,6 +75,7 @@ from armguard.jit.arrays import BoolArray, FloatArray
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.acceptance import MAXIMUM_ACCEL, MAXIMUM_SPEED
 from armguard.obstacles.obstacles import Obstacles
+from armguard.pairs.shared_plan import SharedPlan, read_shared_plan
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, read_operating
 from armguard.robot.robot import Robot
@@ -76,6 +85,14 @@ LEVEL = 1
 
 SUSPENDED_FOR = 2.0
 """How long the robot's limits count after a joint broke its operating limits, in [s]."""
+
+_TIMES: FloatArray = np.array([0.2, 0.3, 0.5, 1e9])
+"""By which a ball is taken to be at its bound on speed, in [s]; the best counts."""
+
+_TIMES_AND_HALVES: FloatArray = np.concatenate([_TIMES, 0.5 * _TIMES])
+
+_PLANS = 2
+"""Shared plans that count at once; of more, the first are forgotten. Each costs time to test."""
 
 
 class _Bounds(NamedTuple):
@@ -91,6 +108,23 @@ class _Bounds(NamedTuple):
     """[m/s²]. Shape (n,)."""
     speed: FloatArray
     """[m/s]. Shape (n,)."""
+
+
+class _Terms(NamedTuple):
+    """What bounds of an arm's balls are made of that no state changes."""
+
+    rate: FloatArray
+    """What velocity errors grow by with joint speeds, [m] or 1. Shape (n, nv)."""
+    at_rest: FloatArray
+    """Velocity errors at rest, [m/s]. Shape (n,)."""
+    reaching: FloatArray
+    """Levers, with what the Jacobian's columns are off by, [m] or 1. Shape (n, nv)."""
+    turning: FloatArray
+    """Levers about the more distal of two joints, R(i, j), [m] or 1. Shape (n, nv, nv)."""
+    speed: FloatArray
+    """[m/s]. Shape (n,)."""
+    velocity: FloatArray
+    """Operating velocities of joints, in [rad]/[s] or [m]/[s]. Shape (nv, 1)."""
 
 
 class ArmObstacles:
@@ -152,6 +186,7 @@ class ArmObstacles:
             in_force = LimitsInForce(robot, limits)
             self._history = OperatingHistory(robot, in_force, SUSPENDED_FOR)
         self._level = level
+        self._plans: deque[SharedPlan] = deque(maxlen=_PLANS)
         self._last_stamp = self._suspended_until = -math.inf
         self._has_published = False
         self._is_changed = False
@@ -187,15 +222,24 @@ class ArmObstacles:
         self._position_error *= 1.0 + SUM_ROUNDING
         self._limits = widened_ranges(robot)
         self._fastest = robot.velocity_limit + robot.velocity_error
-        self._hardware = self._usual = _bound_by_hardware(
+        velocity, acceleration = self._speeding
+        self._hardware = _bound_by_hardware(
             robot, lever, robot.velocity_limit, robot.acceleration_limit
         )
+        self._terms = _find_terms(robot, lever, velocity)
+        if (acceleration < robot.acceleration_limit).any():
+            # By the greatest speeds that there are: it does not depend on the state.
+            still = np.zeros_like(velocity)
+            self._usual = _bound_by_operating(self._terms, velocity, acceleration, still)
+        else:
+            self._usual = _bound_by_hardware(robot, lever, velocity, acceleration)
+
+    @property
+    def _speeding(self) -> tuple[FloatArray, FloatArray]:
+        """Velocities that joints keep to, and accelerations with which they speed up. (nv,)."""
         if self._operating is not None:
-            velocity, acceleration = self._operating
-            if (acceleration < robot.acceleration_limit).any():
-                self._usual = _bound_by_operating(robot, lever, velocity, acceleration)
-            else:
-                self._usual = _bound_by_hardware(robot, lever, velocity, acceleration)
+            return self._operating
+        return self.robot.velocity_limit, self.robot.acceleration_limit
 
     def _compile(self) -> None:
         """Tell a table of no one's a state, so that the first one in a loop takes no longer."""
@@ -227,6 +271,26 @@ class ArmObstacles:
             corners = np.array([np.where(_CORNERS[k], high, low) for k in range(8)])
             corners = corners @ base.rotation.T + base.translation
             obstacles.add_static(f"{self.name} {link}", corners, self._placement_error)
+
+    def take_plan(self, plan: Plan, until: float, clock_error: float = 0.0) -> None:
+        """Take a plan that the arm's controller promises to keep to, so that less is feared of it.
+
+        The promise: from the plan's stamp to `until` the arm does nothing but follow the plan, on
+        time or slower, or stop, at any moment and in any way. It cannot be taken back. A new plan
+        may be shared meanwhile; what it begins otherwise, it begins after `until`. After that, and
+        where no plan has come, joint limits count alone. A joint state that is faster than the
+        plan allows is a break, and ends all promises.
+
+        Args:
+            plan: In the order of `robot.joints`, with a `velocity_tracking_error`; it ends at rest,
+                or not before `until`.
+            until: In [s] on the clock of the joint states.
+            clock_error: What that clock may be off by against the monitor's, either way, in [s].
+
+        Raises:
+            ArmguardError: It is no such plan; what counted before goes on.
+        """
+        self._plans.append(read_shared_plan(plan, until, len(self._fastest), clock_error))
 
     def publish(self, obstacles: Obstacles, stamp: float, q: ArrayLike, v: ArrayLike) -> None:
         """Tell a table where the arm is; its source is the arm's name, and required from then on.
@@ -269,7 +333,7 @@ class ArmObstacles:
             self._test(obstacles, stamp, position, velocity)
         kinematics, speeds = self._kinematics, np.abs(velocity)
         kinematics.compute(position, velocity)
-        bounds = self._usual if stamp > self._suspended_until else self._hardware
+        bounds = self._find_bounds(stamp, velocity)
         obstacles.update(
             self.ids,
             stamp,
@@ -285,17 +349,48 @@ class ArmObstacles:
         )
         self._is_changed = False
 
+    def _find_bounds(self, stamp: float, velocity: FloatArray) -> _Bounds:
+        """What the balls can do from a state on."""
+        if not stamp > self._suspended_until:
+            return self._hardware
+        promised = [plan for plan in self._plans if plan.start <= stamp < plan.until]
+        if not promised:
+            return self._usual
+        plan = max(promised, key=lambda one: one.until)
+        fastest = np.maximum(np.stack([velocity, -velocity]), 0.0) + self.robot.velocity_error
+        lift, slope = plan.narrow(stamp, fastest, *self._speeding)
+        return _bound_by_operating(self._terms, fastest.max(axis=0), slope, lift)
+
     def _test(
         self, obstacles: Obstacles, stamp: float, position: FloatArray, velocity: FloatArray
     ) -> None:
-        """Put the hardware's limits in force, and leave a fault, if operating limits are broken."""
+        """Put the hardware's limits in force, and leave a fault, if a promise is broken."""
         history = self._history
-        if history is None or history.accept(stamp, position, velocity):
-            return
+        if history is not None and not history.accept(stamp, position, velocity):
+            joint, detail = history.describe_break(velocity)
+            self._tell_break(obstacles, stamp, joint, f"breaks its operating limits: {detail}")
+        while self._plans and self._plans[0].until < stamp:
+            self._plans.popleft()
+        for plan in self._plans:
+            if not plan.start <= stamp <= plan.until:
+                continue
+            excess = plan.find_excess(stamp, velocity, self.robot.velocity_error)
+            j = int(np.argmax(excess))
+            if not excess[j] <= 0.0:
+                self._tell_break(
+                    obstacles,
+                    stamp,
+                    self.robot.joints[j],
+                    f"leaves the plan that was shared: at {velocity[j]:.4g} it is faster than that "
+                    f"allows by {excess[j]:.2g}, in rad/s or m/s",
+                )
+                break
+
+    def _tell_break(self, obstacles: Obstacles, stamp: float, joint: str, detail: str) -> None:
+        """Trust no promise for a while, and tell the verdict why."""
         self._suspended_until = max(self._suspended_until, stamp + SUSPENDED_FOR)
-        joint, detail = history.describe_break(velocity)
-        problem = f"{joint} breaks its operating limits: {detail}"
-        obstacles.leave_malformed(self.name, "joint state", problem, stamp)
+        self._plans.clear()
+        obstacles.leave_broken(self.name, joint, detail, stamp)
 
     def _is_possible(self, q: FloatArray, speeds: FloatArray) -> bool:
         """Whether joints can be in such a state; what is not finite cannot."""
@@ -327,19 +422,40 @@ def _bound_by_hardware(
     )
 
 
-def _bound_by_operating(
-    robot: Robot, lever: FloatArray, velocity: FloatArray, acceleration: FloatArray
-) -> _Bounds:
-    """What balls do whose joints speed up by so much at most, and brake as hard as they can."""
+def _find_terms(robot: Robot, lever: FloatArray, velocity: FloatArray) -> _Terms:
+    """What bounds are made of where joints speed up less hard than they brake."""
     rate, at_rest = velocity_error_terms(lever, robot.position_error, robot.velocity_error)
-    accel = sum_accelerations(lever, velocity, acceleration) + rate @ acceleration
-    return _Bounds(
-        0.5,
+    joints = np.arange(lever.shape[1])
+    both = (lever > 0.0)[:, :, None] & (lever > 0.0)[:, None, :]
+    return _Terms(
         (rate + 0.5 * lever) * (1.0 + SUM_ROUNDING),
         at_rest,
-        _bounded(accel * (1.0 + SUM_ROUNDING), MAXIMUM_ACCEL),
+        lever + rate,
+        np.where(both, lever[:, np.maximum.outer(joints, joints)], 0.0),
         _bounded(sum_levers(lever, velocity), MAXIMUM_SPEED),
+        velocity[:, None],
     )
+
+
+def _bound_by_operating(
+    terms: _Terms, fastest: FloatArray, slope: FloatArray, lift: FloatArray
+) -> _Bounds:
+    """What balls do whose joints speed up by so much at most, and brake as hard as they can.
+
+    Args:
+        terms: Of the balls.
+        fastest: Greatest true speeds that the state allows, either way. Shape (nv,).
+        slope: How much faster joints get a second, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
+        lift: What they may be faster by at once, beside the velocity error. Shape (nv,).
+    """
+    rate, at_rest, reaching, turning, speed, velocity = terms
+    error = (at_rest + reaching @ lift) * (1.0 + SUM_ROUNDING)
+    # For each time: joints' greatest speeds at it, and greatest mean speeds until it.
+    top = np.minimum(velocity, (fastest + lift)[:, None] + slope[:, None] * _TIMES_AND_HALVES)
+    at, until = top[:, : len(_TIMES)], top[:, len(_TIMES) :]
+    accel = ((turning @ at) * until).sum(axis=1) + (reaching @ slope)[:, None]
+    accel = np.maximum(accel, (speed - error)[:, None] / _TIMES).min(axis=1)
+    return _Bounds(0.5, rate, error, _bounded(accel * (1.0 + SUM_ROUNDING), MAXIMUM_ACCEL), speed)
 
 
 def _bounded(bound: FloatArray, most: float) -> FloatArray:

@@ -114,6 +114,15 @@ class MalformedCall(Event, frozen=True, kw_only=True):
     stamp: Number
 
 
+class PromiseBroken(Event, frozen=True, kw_only=True):
+    """Another arm broke what was promised of it."""
+
+    source: str
+    joint: str
+    problem: str
+    stamp: Number
+
+
 class DroppedPoints(Event, frozen=True, kw_only=True):
     """How many points of a cloud could not be used, or none; its voxels stand in an update."""
 
@@ -264,6 +273,7 @@ TOPICS: dict[type[Event], str] = {
     StaticObstacle: "statics",
     Removal: "removals",
     MalformedCall: "malformed_calls",
+    PromiseBroken: "broken_promises",
     DroppedPoints: "dropped_points",
     FaultsTaken: "faults_taken",
     Payload: "payload",

@@ -42,6 +42,7 @@ from armguard.recording.events import (
     MalformedCall,
     PairWatched,
     Payload,
+    PromiseBroken,
     Removal,
     Reset,
     StaticObstacle,
@@ -388,6 +389,11 @@ class Recorder:
                 source=source, offender=offender, problem=problem, stamp=write_number(stamp)
             )
         )
+
+    def note_broken(self, source: str, joint: str, problem: str, stamp: float) -> None:
+        """As `ObstacleJournal` says."""
+        told = write_number(stamp)
+        self._tell(PromiseBroken(source=source, joint=joint, problem=problem, stamp=told))
 
     def note_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
         """As `ObstacleJournal` says."""

@@ -33,6 +33,7 @@ from armguard.recording.events import (
     Payload,
     PlanAnswered,
     PlanAsked,
+    PromiseBroken,
     Removal,
     Reset,
     StaticObstacle,
@@ -290,6 +291,9 @@ def apply_event(monitor: Monitor, event: Event) -> None:
     elif isinstance(event, MalformedCall):
         stamp = float(event.stamp)
         obstacles.leave_malformed(event.source, event.offender, event.problem, stamp)
+    elif isinstance(event, PromiseBroken):
+        stamp = float(event.stamp)
+        obstacles.leave_broken(event.source, event.joint, event.problem, stamp)
     elif isinstance(event, DroppedPoints):
         stamp = float(event.stamp)
         obstacles.count_points(event.source, stamp, event.points, event.dropped)

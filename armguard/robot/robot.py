@@ -99,9 +99,12 @@ class Robot:
         velocity_error: What a measured velocity may be off by, in [rad]/[s] or [m]/[s].
         published_operating_limits: What is published of what its controller keeps to while it
             moves; None where its robot.toml or limits say nothing of it.
+        drawn_links: Names of the links that are only drawn, without collision geometry: they are
+            neither watched nor an obstacle for another arm.
     """
 
     cover: Cover
+    drawn_links: tuple[str, ...] = ()
     _fixed_points: Mapping[str, FloatArray] = {}
 
     def __init__(
@@ -110,6 +113,7 @@ class Robot:
         self.name = name
         locked = check_joints(urdf, description, joints)
         check_bare_links(urdf, description, joints)
+        self.drawn_links = urdf.bare
         self.model, self.collision_model = reduce_model(urdf, description, locked)
         self.joints = tuple(str(joint) for joint in self.model.names)[1:]
         entries = [description.joints[joint] for joint in self.joints]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.robot.operating_limits import OperatingLimits
@@ -106,6 +106,28 @@ class SimulatedArm:
         else:
             self._follow(dt, speed_scale)
         return self.q.copy(), self.v.copy()
+
+    def preview(self, times: ArrayLike) -> tuple[Array, Array]:
+        """Where an arm that does not brake is if it goes on as fast as it may, from its place now.
+
+        Slower, it is on the same way, and never further along.
+
+        Args:
+            times: Counted from now, in [s], at least 0. Shape (k,).
+
+        Returns:
+            Positions in [rad] or [m], and velocities. Shape (k, nv) each.
+        """
+        states = []
+        for time in (self._time + np.asarray(times, dtype=np.float64)).tolist():
+            if self._rejoin is None:
+                states.append(self._trajectory.sample(time))
+            elif time < self._rejoin.duration:
+                states.append(self._rejoin.sample(time))
+            else:
+                beyond = time - self._rejoin.duration
+                states.append(self._trajectory.sample(self._rejoin_time + beyond))
+        return np.array([q for q, _ in states]), np.array([v for _, v in states])
 
     def _brake(self, dt: float) -> None:
         """Decelerate each joint by itself; exact, whatever the length of the step."""

@@ -75,8 +75,9 @@ _COMPARISONS = 8
 _OF_SOURCES = ObstaclesMessage | CloudMessage | RemoveMessage
 """Messages that say whose they are."""
 
-_OF_ARMS = JointsMessage | PlanMessage | IgnoreMessage
-"""Messages that say which arm they are about, where there are several."""
+_OF_ARMS = JointsMessage | PlanMessage | IgnoreMessage | WatchMessage
+"""Messages that say which arm they are about, where there are several, and whose sender must be one
+that speaks for it. A reset names an arm, too; who may send one has a right of its own."""
 
 _FIELDS = (
     "position",
@@ -130,12 +131,15 @@ class OtherArm(NamedTuple):
     """Names of its joints, in the order that `publish` takes."""
     publish: Callable[[float, NDArray[np.float64], NDArray[np.float64]], None]
     """Tells the table of obstacles a stamp, in [s], with positions and velocities, each (nv,)."""
+    take_plan: Callable[[PlanRequest, float, float], None]
+    """Takes a plan that it promises to keep to, until when, in [s] of the monitor's time, and what
+    its clock may be off by, in [s]."""
 
 
 class PlanRequest(NamedTuple):
     """What a controller asks about its plan, in the order of the watched joints."""
 
-    ask: Literal["commit", "follow"]
+    ask: Literal["commit", "follow", "share"]
     number: int
     """Of the plan, as its sender counts."""
     problem: str
@@ -197,8 +201,8 @@ class Edge:
         own_points: How points that are the arm's are told from others; None: no clouds are taken.
         drain_time: How long a drain may last, in [s], in equal parts for its inputs. One message
             of each is taken whatever it takes, and the one at which the time ends is finished.
-        arm: Name of the watched arm, where a cell has several: then joint states, plans, and
-            requests that contact be wanted have to say whose they are.
+        arm: Name of the watched arm, where a cell has several: then joint states, plans, requests
+            that contact be wanted and their ends, and resets have to say whose they are.
         others: By name, the other arms of the cell; their joint states are stamped as its own.
         monotonic: Reads the clock of `monotonic` stamps, in [s].
         unix: Reads the clock of `unix` stamps, in [s].
@@ -328,6 +332,10 @@ class Edge:
 
     def _admit_clients(self, inputs: Iterable[Input]) -> None:
         """Let in who asks for it and may be, a few a tick, and count who may not."""
+        for source in inputs:
+            if isinstance(source, SocketInput) and (ended := source.limit_connections()):
+                problem = "has as many connections as may be; one too many was ended"
+                self.faults.add("connections", source.address, None, problem, ended)
         guarded = (source.authenticator for source in inputs if isinstance(source, SocketInput))
         # The inputs of a run have one authenticator, which answers once for all of them.
         for authenticator in {one for one in guarded if one is not None}:
@@ -514,11 +522,16 @@ class Edge:
             else:
                 self._follow(self._joint_watch, "joints", message.seq)
                 self._take_joints(message)
-        elif isinstance(message, PlanMessage | IgnoreMessage) and message.arm in self._others:
+        elif isinstance(message, PlanMessage) and message.ask == "share":
+            self._take_shared_plan(message)
+        elif (
+            isinstance(message, PlanMessage | IgnoreMessage | WatchMessage | ResetMessage)
+            and message.arm in self._others
+        ):
             # Senders may tell all monitors of a cell; that of the other arm takes it.
             pass
         elif isinstance(message, PlanMessage):
-            self.plans.append(self._read_plan(message))
+            self.plans.append(self._read_plan(message, self._joints))
         elif isinstance(message, _OF_SOURCES):
             self._check_not_arm(message)
             account = self._find_account(message.source, message.seq)
@@ -534,13 +547,33 @@ class Edge:
         elif isinstance(message, IgnoreMessage):
             self._take_exemption(message)
         elif isinstance(message, WatchMessage):
-            self.exemptions.append(ExemptionRequest(message.number, is_end=True))
-        elif self._is_token(message.token):
-            self.reset_requested = True
-            # A reset ends what was asked for a time, and is obeyed before all requests.
-            self.exemptions = [one for one in self.exemptions if one.until is None]
+            self._take_end(message)
         else:
-            self.faults.add("reset refused", "unknown", None, "token is not the one of this run")
+            self._take_reset(message)
+
+    def _take_end(self, message: WatchMessage) -> None:
+        """Hand on that an exemption is to end."""
+        try:
+            self._check_arm(message)
+        except MessageError as error:
+            self.faults.add("malformed", "exemptions", message.number, str(error))
+            return
+        self.exemptions.append(ExemptionRequest(message.number, is_end=True))
+
+    def _take_reset(self, message: ResetMessage) -> None:
+        """Hand on a reset that names the watched arm, and has the token of this run."""
+        problem = "token is not the one of this run"
+        try:
+            self._check_arm(message)
+            is_obeyed = self._is_token(message.token)
+        except MessageError as error:
+            is_obeyed, problem = False, str(error)
+        if not is_obeyed:
+            self.faults.add("reset refused", "unknown", None, problem)
+            return
+        self.reset_requested = True
+        # A reset ends what was asked for a time, and is obeyed before all requests.
+        self.exemptions = [one for one in self.exemptions if one.until is None]
 
     def _is_token(self, token: str) -> bool:
         known = self._reset_token
@@ -729,12 +762,36 @@ class Edge:
         # An impossible state must be seen by the monitor, even if a good one follows at once.
         self._keeps_joint_state = self._keeps_joint_state or not usable
 
-    def _read_plan(self, message: PlanMessage) -> PlanRequest:
-        """A plan in the order of the watched joints; what cannot be read is said, and counted."""
+    def _take_shared_plan(self, message: PlanMessage) -> None:
+        """Hand on what another arm promises; what cannot be taken narrows nothing, and is said."""
+        arm = message.arm
+        if arm and arm == self._arm:
+            # Its own monitor goes by what it is asked, and what it sees.
+            return
+        if arm not in self._others:
+            expected = f"one of {', '.join(map(repr, self._others)) or 'several arms in the cell'}"
+            error = MessageError("arm", repr(arm) if arm else "missing", expected)
+            self.faults.add("malformed", "plans", message.number, str(error))
+            return
+        request = self._read_plan(message, self._other_orders[arm])
+        if request.problem:
+            return
+        # A time to come, which no latency has made old.
+        clock = self._joint_clock._replace(latency=0.0)
+        told = math.nan if message.until is None else message.until
+        until, gap = self._to_monitor_time(told, clock)
+        try:
+            self._others[arm].take_plan(request, until, clock.error + gap)
+        except ArmguardError as error:
+            self.faults.add("plan refused", arm, message.number, str(error))
+
+    def _read_plan(self, message: PlanMessage, joints: JointOrder) -> PlanRequest:
+        """A plan in the order of an arm's joints; what cannot be read is said, and counted."""
         names, count = message.names, len(message.names)
         try:
-            self._check_arm(message)
-            order = self._joints.find(names)
+            if message.ask != "share":
+                self._check_arm(message)
+            order = joints.find(names)
             size = len(message.times)
             size = size // 8 if isinstance(message.times, bytes) else size
             times = to_values("times", message.times, size)
@@ -756,7 +813,9 @@ class Edge:
             self.faults.add("clocks held up", "plans", message.number, problem)
         return PlanRequest(message.ask, message.number, problem, stamp, times, q, v, **fields)
 
-    def _check_arm(self, message: JointsMessage | PlanMessage | IgnoreMessage) -> None:
+    def _check_arm(
+        self, message: JointsMessage | PlanMessage | IgnoreMessage | WatchMessage | ResetMessage
+    ) -> None:
         """Raise MessageError if a message does not name the watched arm as the cell has it."""
         if message.arm != self._arm:
             found = repr(message.arm) if message.arm else "missing"

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import os
 import select
+import socket
+import struct
 from typing import Protocol
 
 import zmq
@@ -37,6 +39,13 @@ _WAITING_MESSAGES = WAITING_BYTES // FRAME_LIMIT
 ZeroMQ stops reading, and they wait at their sender; none is lost before its queue is full too."""
 
 
+CONNECTION_LIMIT = 64
+"""Most connections of one input, so that what waits in all of them is bounded."""
+
+_EVENTS_A_LOOK = 64
+"""Most events of connections that are read at once; the rest wait for the next time."""
+
+
 class Input(Protocol):
     """A transport that messages are taken from."""
 
@@ -59,16 +68,25 @@ class SocketInput:
             With an authenticator, TCP on any interface.
         authenticator: Lets in the clients that it knows, whenever it is told to answer those that
             ask; None: there are no keys.
+        connections: Most that there may be at once; whoever comes then is shut out by the next call
+            of `limit_connections`, and may have been heard until then.
 
     Attributes:
         authenticator: As above.
         sender: Client that the last message came from; None where there are no keys.
+        connections: How many there were when they were last counted.
 
     Raises:
         StreamError: The address cannot be used.
     """
 
-    def __init__(self, address: str, authenticator: Authenticator | None = None) -> None:
+    def __init__(
+        self,
+        address: str,
+        authenticator: Authenticator | None = None,
+        *,
+        connections: int = CONNECTION_LIMIT,
+    ) -> None:
         check_address(address, has_keys=authenticator is not None)
         check_free(address)
         self.ended = False
@@ -85,12 +103,59 @@ class SocketInput:
         self._socket.subscribe(b"")
         if authenticator is not None:
             authenticator.guard(self._socket, INPUT_RIGHTS)
+        self._limit, self.connections = connections, 0
+        changes = f"inproc://connections-{id(self)}"
+        self._socket.monitor(changes, zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED)
+        self._events: zmq.Socket[bytes] = context.socket(zmq.PAIR)
+        # With a limit, events that nobody reads would hold up the thread that takes messages.
+        self._events.set(zmq.RCVHWM, 0)
+        self._events.set(zmq.LINGER, 0)
+        self._events.connect(changes)
         try:
             self._socket.bind(address)
         except zmq.ZMQError as error:
-            self._socket.close()
+            self._close_sockets()
             raise explain(address, error) from None
         self.address = self._socket.get_string(zmq.LAST_ENDPOINT)
+
+    def limit_connections(self) -> int:
+        """End connections beyond as many as there may be, the newest first; never blocks.
+
+        ZeroMQ has no such limit. It tells the descriptor of each connection that it accepts, and
+        takes one that is shut down for one that its sender has ended.
+
+        Returns:
+            How many were ended.
+        """
+        ended, events = 0, self._events
+        for _ in range(_EVENTS_A_LOOK):
+            if not int(events.get(zmq.EVENTS)) & zmq.POLLIN:
+                break
+            head, *_ = events.recv_multipart(zmq.NOBLOCK)
+            kind, descriptor = struct.unpack("=Hi", head)
+            if kind == zmq.EVENT_DISCONNECTED:
+                self.connections -= 1
+                continue
+            self.connections += 1
+            if self.connections > self._limit:
+                ended += self._end(descriptor)
+        return ended
+
+    def _end(self, descriptor: int) -> bool:
+        """Shut down a connection, unless its descriptor is something else by now."""
+        try:
+            with socket.socket(fileno=os.dup(descriptor)) as connection:
+                name = connection.getsockname()
+                if connection.family == socket.AF_UNIX:
+                    is_own = self.address == f"ipc://{name}"
+                else:
+                    is_own = self.address.rpartition(":")[2] == str(name[1])
+                if is_own:
+                    connection.shutdown(socket.SHUT_RDWR)
+        except OSError:
+            # It has ended by itself.
+            return False
+        return is_own
 
     def receive(self) -> bytes | None:
         """The next message, or None.
@@ -123,6 +188,12 @@ class SocketInput:
         """Unbind and close; what waits in the queue is dropped."""
         if not self._socket.closed:
             remove_file(self.address)
+        self._close_sockets()
+
+    def _close_sockets(self) -> None:
+        if not self._socket.closed:
+            self._socket.monitor(None, 0)
+        self._events.close()
         self._socket.close()
 
 

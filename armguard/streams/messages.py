@@ -162,8 +162,9 @@ class JointsMessage(Message, tag="joints"):
 class PlanMessage(Message, tag="plan"):
     """What the controller is about to do, and what it asks: may the arm?"""
 
-    ask: Literal["commit", "follow"]
-    """a piece that carries its own stop, or a whole trajectory"""
+    ask: Literal["commit", "follow", "share"]
+    """a piece that carries its own stop, or a whole trajectory; or nothing: a promise to the
+    monitors of other arms"""
     number: Number
     """of the plan; the answer carries it, and all readers see all answers: use none twice, and none
     of another sender's"""
@@ -187,6 +188,8 @@ class PlanMessage(Message, tag="plan"):
     `stop = "path"`"""
     arm: str = ""
     """whose plan it is, by its name in a cell with several arms; left out where there is one"""
+    until: float | None = None
+    """of a promise: how long the arm keeps to the plan, [s] on the clock of the joint states"""
 
 
 class RemoveMessage(Message, tag="remove"):
@@ -231,6 +234,9 @@ class WatchMessage(Message, tag="watch"):
 
     number: Number
     """of the exemption, whoever sent its `ignore`"""
+    arm: str = ""
+    """whose exemption it is, by its name in a cell with several arms; left out where there is
+    one"""
 
 
 class ResetMessage(Message, tag="reset"):
@@ -238,6 +244,9 @@ class ResetMessage(Message, tag="reset"):
 
     token: str
     """what `armguard run --reset-token` was given"""
+    arm: str = ""
+    """whose monitor is meant, by the arm's name in a cell with several; left out where there is
+    one"""
 
 
 class Header(msgspec.Struct):

@@ -304,7 +304,65 @@ class Publisher:
         Raises:
             StreamError: If shapes do not fit the numbers of names and times.
         """
+        errors = tracking_error, velocity_tracking_error, stop_tracking_error
+        return self._send_plan(ask, stamp, names, (times, q, v), errors, arm)
+
+    def share_plan(
+        self,
+        arm: str,
+        until: float,
+        stamp: float,
+        names: Sequence[str],
+        times: ArrayLike,
+        q: ArrayLike,
+        v: ArrayLike,
+        tracking_error: ArrayLike,
+        velocity_tracking_error: ArrayLike,
+    ) -> None:
+        """Promise the monitors of other arms what an arm does, as `ArmObstacles.take_plan` has it.
+
+        From `stamp` to `until` it does nothing but follow the plan, on time or slower, or stop;
+        that cannot be taken back. Share what the arm's own monitor has allowed, not what it was
+        asked. There is no answer.
+
+        Args:
+            arm: Whose plan it is.
+            until: How long it is promised, in [s] on the clock of the joint states.
+            stamp: When the arm is at the first sample, alike.
+            names: Of the joints, in any order. Length n.
+            times: Of the samples, counted from `stamp`, in [s]; rising from 0. Shape (k,).
+            q: Positions, in [rad] or [m]. Shape (k, n).
+            v: Velocities, in [rad/s] or [m/s]. Shape (k, n).
+            tracking_error: How far joints may be off, in [rad] or [m], one or shape (n,).
+            velocity_tracking_error: How far velocities may be off, one or shape (n,).
+
+        Raises:
+            StreamError: If shapes do not fit the numbers of names and times.
+        """
+        self._send_plan(
+            "share",
+            stamp,
+            names,
+            (times, q, v),
+            (tracking_error, velocity_tracking_error, None),
+            arm,
+            float(until),
+        )
+
+    def _send_plan(
+        self,
+        ask: Literal["commit", "follow", "share"],
+        stamp: float,
+        names: Sequence[str],
+        samples: tuple[ArrayLike, ArrayLike, ArrayLike],
+        errors: tuple[ArrayLike, ArrayLike | None, ArrayLike | None],
+        arm: str,
+        until: float | None = None,
+    ) -> int:
+        """Send times, positions and velocities, with the errors of a plan; its number."""
         self._plans += 1
+        times, q, v = samples
+        tracking_error, velocity_tracking_error, stop_tracking_error = errors
         count, instants = len(names), np.asarray(times, float)
         shape = (len(instants) if instants.ndim else 0, count)
         self._send(
@@ -320,6 +378,7 @@ class Publisher:
                 _pack_values("velocity_tracking_error", velocity_tracking_error, count),
                 _pack_values("stop_tracking_error", stop_tracking_error, count),
                 arm,
+                until,
             )
         )
         return self._plans
@@ -364,16 +423,25 @@ class Publisher:
         self._send(IgnoreMessage(self._exemptions, token, link, ids, source, time, corners, arm))
         return self._exemptions
 
-    def watch(self, number: int) -> None:
-        """Ask that an exemption end, by the number that `ignore` returned."""
-        self._send(WatchMessage(number))
+    def watch(self, number: int, arm: str = "") -> None:
+        """Ask that an exemption end.
 
-    def reset(self, token: str) -> None:
-        """Ask the monitor to release a latched STOP; it obeys only the token of its run.
+        Args:
+            number: What `ignore` returned.
+            arm: Whose exemption it is, in a cell with several arms; empty where there is one.
+        """
+        self._send(WatchMessage(number, arm))
+
+    def reset(self, token: str, arm: str = "") -> None:
+        """Ask a monitor to release a latched STOP; it obeys only the token of its run.
 
         A cause that persists latches again at once.
+
+        Args:
+            token: Of the run.
+            arm: Whose monitor is meant, in a cell with several arms; empty where there is one.
         """
-        self._send(ResetMessage(token))
+        self._send(ResetMessage(token, arm))
 
     def _send(self, message: AnyMessage) -> None:
         self._socket.send(encode(message), zmq.NOBLOCK)

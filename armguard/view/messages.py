@@ -95,6 +95,7 @@ class SceneMessage(msgspec.Struct, frozen=True, tag="scene", kw_only=True):
         stopping: How the arm stops; None where that is not told.
         reset_address: Where the monitor takes a reset; empty: from its standard input alone.
         obeys_reset: Whether it obeys one that brings its token.
+        arm: Which arm a reset has to name; empty where the cell has one.
         is_recorded: Whether frames come from a recording, each to be kept and none to be dropped.
         recording: File to which this run is recorded; empty: to none.
         version: Of the feed.
@@ -115,6 +116,7 @@ class SceneMessage(msgspec.Struct, frozen=True, tag="scene", kw_only=True):
     stopping: StoppingRule | None = None
     reset_address: str = ""
     obeys_reset: bool = False
+    arm: str = ""
     is_recorded: bool = False
     recording: str = ""
     version: int = FEED_VERSION

@@ -245,13 +245,13 @@ class Watch:
         self._is_resetting = True
         try:
             with Publisher(address, keys=self._keys) as publisher:
-                return await self._publish_reset(publisher, address, token)
+                return await self._publish_reset(publisher, address, token, scene.arm)
         except ArmguardError as error:
             return f"not sent: {error}"
         finally:
             self._is_resetting = False
 
-    async def _publish_reset(self, publisher: Publisher, address: str, token: str) -> str:
+    async def _publish_reset(self, publisher: Publisher, address: str, token: str, arm: str) -> str:
         """Send a reset once the monitor listens, and tell what became of it.
 
         Until then the page goes on. A reset that waited is not sent to another run, nor where more
@@ -272,7 +272,7 @@ class Watch:
             return "not sent: another run has begun since; look at it and ask again"
         if not self._latches <= latches:
             return "not sent: something else has latched since; look at it and ask again"
-        publisher.reset(token)
+        publisher.reset(token, arm)
         end = time.monotonic() + ANSWER_TIMEOUT
         while (left := end - time.monotonic()) > 0.0:
             if self._runs != run:

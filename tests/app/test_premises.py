@@ -25,6 +25,17 @@ def test_what_a_monitor_was_told_stands_beside_them():
     assert told[Premise.CLOCKS].endswith("(latency of verdicts: 4 ms)")
 
 
+def test_links_of_other_arms_that_are_only_drawn_are_named():
+    _, monitor = make_monitor(obstacles=Obstacles(sources=[]))
+    index = list(Premise).index(Premise.DRAWN_LINKS)
+    some = {"left": (), "right": ("screen", "lamp")}
+    assert list_premises(monitor, some)[index].endswith(
+        "(not watched against: right screen, right lamp)"
+    )
+    assert list_premises(monitor, {"left": ()})[index].endswith("(not watched against: none)")
+    assert list_premises(monitor, {})[index] == list_premises()[index]
+
+
 def test_other_arms_and_contact_that_is_wanted_are_premises():
     lines = list_premises()
     assert any("other arms" in line and "operating limits" in line for line in lines)

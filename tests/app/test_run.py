@@ -362,6 +362,18 @@ def test_the_remedy_is_a_command_that_can_be_copied(joints, obstacles, token, wo
     assert words in remedy
 
 
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("ipc:///j", "armguard reset ipc:///j --token x --arm left"),
+        ("-", 'a line {"type":"reset","token":"x","arm":"left"}'),
+    ],
+)
+def test_the_remedy_names_the_arm_where_there_are_several(address, words):
+    remedy = describe_remedy({"joints": address, "obstacles": address}, "x", arm="left")
+    assert remedy.endswith(words)
+
+
 @pytest.mark.parametrize("host", ["0.0.0.0", "[::]"])
 def test_with_keys_the_remedy_names_them_and_a_host_that_is_one_elsewhere(host, monkeypatch):
     monkeypatch.setattr("socket.gethostname", lambda: "cell7")

@@ -9,8 +9,9 @@ import pytest
 
 import armguard
 from armguard.exceptions import ArmguardError, ObstacleError, RobotError
-from armguard.verdict import Level
+from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, STILL, panda
+from support.row_law import Told, go_on
 from support.two_arms import TrueArm, measure
 
 FACING = pinocchio.SE3(pinocchio.utils.rotate("z", np.pi), np.array([1.25, 0.0, 0.0]))
@@ -25,30 +26,6 @@ def baxter_left():
 
 def limits_of(robot, share):
     return armguard.OperatingLimits(share * robot.velocity_limit, np.full(7, 1.0))
-
-
-class Told:
-    """What a table was told last; stands in for one."""
-
-    heard_sources = ()
-
-    def __init__(self):
-        self.problems = []
-
-    def update(self, ids, stamp, *fields, source, snapshot):
-        self.ids, self.fields = list(ids), [np.array(field) for field in fields]
-
-    def leave_malformed(self, source, offender, problem, stamp):
-        self.problems.append(problem)
-
-
-def go_on(closing, accel, speed, time):
-    """How far a row's body gets along directions: the law that every contact time rests on."""
-    closing = np.minimum(closing, speed)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ramp = np.where(np.isinf(accel), 0.0, (speed - closing) / accel)
-        short = closing * time + 0.5 * np.where(np.isinf(accel), 0.0, accel) * time**2
-    return np.where(time < ramp, short, 0.5 * (closing + speed) * ramp + speed * (time - ramp))
 
 
 @pytest.mark.parametrize(
@@ -291,21 +268,28 @@ def test_a_joint_that_speeds_up_too_hard_is_told_and_the_hardware_s_limits_count
     assert speed_up(robot, other, table, 1.0, errors) is None
 
 
-def test_a_break_is_a_stop_that_names_arm_and_joint():
+def test_a_break_is_a_stop_that_names_arm_and_joint_and_ends_by_itself():
     robot = panda()
     other = armguard.ArmObstacles(robot, "right", operating=limits_of(robot, 0.3))
     table = armguard.Obstacles(sources=["right"])
     far = pinocchio.SE3(np.eye(3), np.array([0.0, 9.0, 0.0]))
-    monitor = armguard.Monitor(robot, table, base_placement=far, rise_delay=0.0)
-    levels, told = [], []
-    for stamp, speed in ((0.0, 0.0), (0.01, 0.1)):
+    patient = {"rise_delay": 0.0, "joint_timeout": 9.0, "source_timeout": 9.0}
+    monitor = armguard.Monitor(robot, table, base_placement=far, **patient)
+    levels, told, speeds = [], [], []
+    for stamp, speed in ((0.0, 0.0), (0.01, 0.1), (2.0, 0.0), (2.02, 0.0)):
         other.publish(table, stamp, HOME, speed * np.eye(7)[1])
         verdict = monitor.step(stamp, HOME, STILL)
         levels.append(verdict.level)
-        told = [str(reason) for reason in verdict.reasons]
-    assert levels[0] > Level.STOP
+        told += [one for one in verdict.reasons if one.kind is ReasonKind.OTHER_ARM_BROKE]
+        speeds.append(table.table.speed[table.row(other.ids[-1])])
     assert levels[1] == Level.STOP
-    assert any("right" in one and "panda_joint2 breaks its operating" in one for one in told)
+    assert min(levels[0], *levels[2:]) > Level.STOP
+    (reason,) = told
+    assert reason.subject == "right"
+    assert "panda_joint2 breaks its operating limits" in reason.detail
+    assert [speed > 5.0 for speed in speeds] == [False, True, True, False], (
+        "the hardware's, for 2 s"
+    )
 
 
 def test_an_older_break_does_not_end_a_newer_one_s_time():

@@ -2,14 +2,17 @@ import json
 
 import msgspec
 import numpy as np
+import pinocchio
 import pytest
 
+from armguard import ArmObstacles, Obstacles, OperatingLimits, Plan
 from armguard.exceptions import ArmguardError
 from armguard.recording import Recorder, Recording, Replay, replay
 from armguard.recording.events import (
     DroppedPoints,
     Gap,
     ObstacleUpdate,
+    PromiseBroken,
     Removal,
     StaticObstacle,
     VerdictTold,
@@ -17,7 +20,7 @@ from armguard.recording.events import (
 )
 from armguard.recording.reading import TimedEvent
 from armguard.recording.replay import UNEXPLAINED, apply_update
-from armguard.verdict import Level
+from armguard.verdict import Level, ReasonKind
 from support import eventful_runs
 from support.depth_camera import DepthCamera
 from support.eventful_runs import MOTIONS
@@ -96,6 +99,34 @@ def test_clouds_and_entrances_are_replayed_to_the_bit(tmp_path):
     rows = obstacles.entrance_rows
     assert rows.tolist() == one.obstacles.entrance_rows.tolist()
     assert table.radius[rows].tolist() == again.radius[rows].tolist()
+
+
+def test_a_break_of_another_arm_is_replayed_to_the_bit(tmp_path):
+    path, obstacles = tmp_path / "run.mcap", Obstacles(sources=["right"])
+    _, monitor = make_monitor(obstacles=obstacles)
+    robot = monitor.robot
+    limits = OperatingLimits.fraction(robot, velocity=0.2, acceleration=0.1)
+    base = pinocchio.SE3(np.eye(3), np.array([0.0, 1.5, 0.0]))
+    other = ArmObstacles(robot, "right", base_placement=base, operating=limits)
+    still = np.tile(STILL, (2, 1))
+    told = []
+    with Recorder(path, monitor):
+        for tick in range(60):
+            now, speed = 0.002 * tick, 0.1 if tick == 40 else 0.0
+            if tick == 20:
+                errors = np.full(7, 1e-3), np.full(7, 0.01)
+                plan = Plan(now, np.array([0.0, 0.5]), still + HOME, still, *errors)
+                other.take_plan(plan, now + 0.5)
+            other.publish(obstacles, now, HOME, np.full(7, speed))
+            told += monitor.step(now, HOME, STILL).reasons
+    assert [one.subject for one in told if one.kind is ReasonKind.OTHER_ARM_BROKE] == ["right"] * 2
+    recording = Recording(path)
+    events = [type(event) for _, event, _ in recording.events()]
+    assert events.count(PromiseBroken) == 2, "the operating limits, and the plan"
+    one = Replay(recording)
+    again = [reason for tick in one.ticks() for reason in tick.replayed.reasons]
+    assert one.report().is_identical
+    assert again == told
 
 
 def test_one_bit_of_one_input_is_found_out(path):

@@ -96,6 +96,25 @@ def test_an_arm_that_was_stopped_goes_on_to_the_waypoint_and_rejoins(panda):
     assert np.allclose(free.q, way.sample(1.234)[0], atol=1e-9)
 
 
+def test_a_preview_is_what_an_arm_does_that_goes_on_as_fast_as_it_may(panda):
+    way = random_trajectory(panda, 7, 6.0)
+    arm = SimulatedArm(way)
+    for scale in (1.0, 0.0):
+        for _ in range(500):
+            arm.step(0.001, scale)
+    arm.step(0.001, 1.0)  # from a stop, to the waypoint ahead, and on
+    assert not arm.braking
+    for _ in range(400):
+        arm.step(0.001)
+    ahead = np.arange(1, 5000, 50) * 0.001
+    q, v = arm.preview(ahead)
+    for k in range(len(ahead)):
+        for _ in range(50 if k else 1):
+            arm.step(0.001)
+        assert np.allclose(arm.q, q[k], atol=1e-9)
+        assert np.allclose(arm.v, v[k], atol=1e-9)
+
+
 def test_a_brake_is_not_released_before_the_arm_rests(panda):
     arm = SimulatedArm(random_trajectory(panda, 0, 6.0, speed_fraction=0.8))
     while np.abs(arm.v).max() < 0.5:

@@ -132,7 +132,9 @@ def test_each_client_may_send_what_the_cell_says_and_nothing_else(address, ring)
 
 def test_a_client_speaks_for_its_own_arms(address, ring):
     told = []
-    others = {"right": OtherArm(["a"], lambda *state: told.append(state))}
+    others = {
+        "right": OtherArm(["a"], lambda *state: told.append(state), lambda *plan: told.append(plan))
+    }
     with Side(address, ring, arm="left", others=others, reset_token="sesame") as side:
         clients = side.authenticator.clients
         clients["controller"] = clients["controller"]._replace(arms=frozenset(["left"]))

@@ -744,7 +744,9 @@ def test_a_reset_ends_what_was_asked_for_a_time_before_it_in_the_same_drain():
 
 def two_arms(**options):
     told = []
-    other = OtherArm(["base", "tip"], lambda *state: told.append(state))
+    other = OtherArm(
+        ["base", "tip"], lambda *state: told.append(state), lambda *plan: told.append(plan)
+    )
     return World(arm="left", others={"right": other}, **options), told
 
 
@@ -844,3 +846,50 @@ def test_plans_and_wanted_contact_of_no_arm_of_the_cell_are_refused(named):
     assert "arm" in request.problem
     assert world.edge.exemptions == []
     assert world.faults.count("malformed") == 2
+
+
+def test_a_plan_that_is_shared_goes_to_the_other_arms_and_is_no_question():
+    world, told = two_arms(joint_clock=StampClock("monotonic", 0.0, 0.01))
+    shared = plan(ask="share", until=MONOTONIC + 5.5, names=["tip", "base"])
+    shared |= {"q": [[0.0, 0.1], [0.2, 0.3]], "velocity_tracking_error": [0.4, 0.5]}
+    world.send(shared | {"arm": "right"}, shared | {"arm": "left"})
+    ((request, until, clock_error),) = told
+    assert request.stamp == pytest.approx(5.0, abs=1e-6)
+    assert until == pytest.approx(5.5, abs=1e-6)
+    assert clock_error == 0.01
+    assert request.q.tolist() == [[0.1, 0.0], [0.3, 0.2]]
+    assert request.velocity_tracking_error.tolist() == [0.5, 0.4]
+    assert world.edge.plans == []
+    assert world.faults.total == 0
+
+
+@pytest.mark.parametrize("named", [{}, {"arm": "middle"}, {"arm": "right", "names": ["tip"]}])
+def test_a_plan_that_no_other_arm_can_share_is_counted(named):
+    world, told = two_arms()
+    world.send(plan(ask="share", until=MONOTONIC + 5.5) | named)
+    assert told == []
+    assert world.kinds() == ["malformed"]
+
+
+def test_ends_of_exemptions_and_resets_go_to_the_arm_that_they_name():
+    world, _ = two_arms(reset_token="sesame")
+    reset = {"type": "reset", "token": "sesame"}
+    world.send({"type": "watch", "number": 7, "arm": "right"}, reset | {"arm": "right"})
+    assert world.edge.exemptions == []
+    assert not world.edge.reset_requested
+    assert world.faults.total == 0
+    world.send({"type": "watch", "number": 8}, reset, reset | {"arm": "middle"})
+    assert world.edge.exemptions == []
+    assert not world.edge.reset_requested
+    assert world.faults.count("malformed") == 1
+    assert world.faults.count("reset refused") == 2
+    world.send({"type": "watch", "number": 9, "arm": "left"}, reset | {"arm": "left"})
+    assert [one.number for one in world.edge.exemptions] == [9]
+    assert world.edge.reset_requested
+
+
+def test_a_reset_that_names_an_arm_is_refused_where_there_is_one():
+    world = World(reset_token="sesame")
+    world.send({"type": "reset", "token": "sesame", "arm": "left"})
+    assert not world.edge.reset_requested
+    assert world.faults.count("reset refused") == 1

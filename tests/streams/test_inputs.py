@@ -74,6 +74,44 @@ def test_what_waits_takes_bounded_memory_and_nothing_is_lost(address):
     assert found == [[f"{number}"] for number in range(3000)]
 
 
+def test_more_connections_than_may_be_are_not_taken_until_one_ends(address, raw):
+    """Those that are there go on; the one too many is counted, and gets in once there is room."""
+    source, world = SocketInput(address, connections=2), World()
+
+    def wait_for(condition):
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < end, "it never came to that"
+            world.edge.drain([source])
+            time.sleep(0.001)
+
+    first, second = raw(source), raw(source)
+    wait_for(lambda: source.connections == 2)
+    third = zmq.Context.instance().socket(zmq.XPUB)
+    third.set(zmq.RECONNECT_IVL, 5)
+    third.connect(source.address)
+    try:
+        # It tries again and again.
+        wait_for(lambda: world.faults.count("connections") >= 3)
+        before = world.edge.received
+        first.send(json.dumps(obstacles()).encode())
+        wait_for(lambda: world.edge.received > before)
+        second.close(linger=0)
+        wait_for(lambda: source.connections == 2)
+
+        def is_heard():
+            third.send(json.dumps(obstacles()).encode())
+            return world.edge.received > before + 10
+
+        wait_for(is_heard)
+        ended = world.faults.count("connections")
+        wait_for(is_heard)
+        assert world.faults.count("connections") == ended, "there is room for it"
+    finally:
+        third.close(linger=0)
+        source.close()
+
+
 def test_an_input_without_messages_does_not_wait(address):
     source = SocketInput(address)
     assert source.receive() is None

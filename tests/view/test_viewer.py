@@ -298,8 +298,8 @@ def test_a_reset_goes_to_the_machine_of_the_feed(monkeypatch, told, sent_to):
     """The same address on this machine may be that of another monitor."""
     sent = []
 
-    async def publish(_, address, token):
-        sent.append(address)
+    async def publish(_, address, token, arm):
+        sent.append((address, arm))
         return "ok"
 
     monkeypatch.setattr(viewer, "Publisher", lambda *_, **keys: contextlib.nullcontext())
@@ -307,9 +307,9 @@ def test_a_reset_goes_to_the_machine_of_the_feed(monkeypatch, told, sent_to):
 
     async def ask():
         with contextlib.closing(viewer.Watch("tcp://192.0.2.10:5704")) as view:
-            tell(view, make_scene(reset_address=told, obeys_reset=True), make_frame())
+            tell(view, make_scene(reset_address=told, obeys_reset=True, arm="left"), make_frame())
             return await view._send_reset("sesame")
 
     outcome = asyncio.run(ask())
-    assert sent == ([] if sent_to is None else [sent_to])
+    assert sent == ([] if sent_to is None else [(sent_to, "left")])
     assert ("its own machine" if sent_to is None else "ok") in outcome

@@ -186,6 +186,11 @@ class Cell:
         return made
 
     @property
+    def drawn_links(self) -> dict[str, tuple[str, ...]]:
+        """By the name of each other arm that was made, its links that are only drawn."""
+        return {name: robot.drawn_links for name, robot in self._other_robots.items()}
+
+    @property
     def _other_arms(self) -> list[ArmTable]:
         return [one for one in self.tables.robots if one.name != self.arm]
 

@@ -9,6 +9,7 @@ import pytest
 from armguard.app.cell import Cell
 from armguard.app.loop import run
 from armguard.exceptions import CellError
+from armguard.pairs import ArmObstacles
 from armguard.streams.nodes import Publisher
 from support.panda_monitor import HOME
 
@@ -114,21 +115,31 @@ def test_arms_on_one_body_do_not_take_it_for_the_other_s():
     assert not any("left_" in id for id in obstacles.ids)
 
 
-def test_a_run_watches_its_arm_against_the_other_one(tmp_path):
+def test_a_run_watches_its_arm_against_the_other_one_and_takes_its_plan(tmp_path, monkeypatch):
     patient = "[monitor]\nrate = 100.0\n[thresholds]\njoint_timeout = 30.0\nsource_timeout = 30.0\n"
     cell = Cell.from_text(ARMS + patient, arm="left")
     obstacles, joints, verdicts = (f"ipc://{tmp_path}/{name}" for name in "ojv")
     names, still = cell.make_robot().joints, np.zeros(7)
-    found, ended = [], threading.Event()
+    found, plans, ended = [], [], threading.Event()
+    take = ArmObstacles.take_plan
+
+    def note(other, *plan):
+        plans.append(other.name)
+        take(other, *plan)
+
+    monkeypatch.setattr(ArmObstacles, "take_plan", note)
 
     def send():
         with Publisher(joints) as publisher:
             while not ended.wait(0.005):
+                now, rest = time.monotonic(), np.zeros((2, 7))
+                plan = now, names, [0.0, 0.3], rest + HOME, rest, 0.001, 0.01
+                publisher.share_plan("right", now + 60.0, *plan)
                 for arm in ("left", "right"):
                     publisher.joints(time.monotonic(), names, HOME, still, arm=arm)
 
     def observe(_, verdict):
-        if verdict.complete and verdict.obstacle is not None:
+        if verdict.complete and verdict.obstacle is not None and plans:
             found.append(verdict)
             raise KeyboardInterrupt
 
@@ -140,4 +151,5 @@ def test_a_run_watches_its_arm_against_the_other_one(tmp_path):
         ended.set()
         sender.join()
     assert found[0].obstacle.startswith("right panda_")
-    assert not any("malformed" in kind for kind in report.faults)
+    assert set(plans) == {"right"}
+    assert not any("malformed" in kind or "refused" in kind for kind in report.faults)
