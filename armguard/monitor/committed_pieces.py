@@ -134,7 +134,7 @@ class CommittedPieces:
             for piece in going_on
             if may_leave_first
             or piece.plan.stamp > now
-            or not is_covered(piece.plan, checked, robot, first)
+            or not is_covered(piece.plan, checked, first)
         ]
         if self._may_leave:
             kept = _keep_waited_on(kept, left_behind, now)
@@ -210,9 +210,7 @@ class CommittedPieces:
         if len(begun) < 2:
             return pieces
         *older, newest = begun
-        covered = {
-            id(piece) for piece in older if is_covered(piece.plan, newest.plan, self._robot, now)
-        }
+        covered = {id(piece) for piece in older if is_covered(piece.plan, newest.plan, now)}
         return [piece for piece in pieces if id(piece) not in covered]
 
     def _find_straying(self, piece: Piece, tick: Tick, stamp: float) -> Refusal | None:

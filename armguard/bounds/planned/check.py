@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.bounds.planned import curve
-from armguard.bounds.planned.curve import evaluate_curve, find_excess, find_top_speeds
+from armguard.bounds.planned.curve import CurvePeaks, evaluate_curve, find_excess, make_peaks
 from armguard.bounds.planned.following import check_following
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal, read_plan
 from armguard.bounds.planned.stop import bound_path_braking, find_hard_stop
@@ -73,8 +73,8 @@ def _check_read(
     if refusal is not None:
         return refusal
     read = _align(read, robot, position, velocity, stamp)
-    peak = np.empty(len(robot.joints))
-    refusal = _check_curve(read, robot, peak) or _check_end(read, robot)
+    peaks = make_peaks(len(robot.joints))
+    refusal = _check_curve(read, robot, peaks) or _check_end(read, robot)
     if refusal is not None:
         return refusal
     times, errors = np.asarray(read.times), np.asarray(read.tracking_error)
@@ -88,7 +88,7 @@ def _check_read(
     stated = np.full(len(errors), np.inf)
     if read.velocity_tracking_error is not None:
         stated = np.asarray(read.velocity_tracking_error) + robot.velocity_error
-    acceleration = robot.acceleration_limit + peak
+    acceleration = robot.acceleration_limit + peaks.acceleration
     checked = CheckedPlan(
         stamp=read.stamp,
         times=times,
@@ -98,8 +98,10 @@ def _check_read(
         stop_deviation=np.maximum(deviation, stop_deviation),
         acceleration=acceleration,
         velocity_deviation=stated,
-        now=now,
-        measured_stamp=stamp,
+        top_speed=peaks.speed,
+        top_speedup=peaks.speedup,
+        now=float(now),
+        measured_stamp=float(stamp),
         measured_q=position,
         measured_v=velocity,
     )
@@ -132,6 +134,7 @@ def _align(plan: Plan, robot: Robot, q: FloatArray, v: FloatArray, stamp: float)
     place, pace = np.empty(len(q)), np.empty(len(q))
     evaluate_curve(times, positions, np.asarray(plan.v), along, place, pace)
     positions += align_turns(place, q + max(-along, 0.0) * v, continuous) - place
+    positions.flags.writeable = False
     return plan._replace(q=positions)
 
 
@@ -151,15 +154,15 @@ def _check_time(plan: Plan, now: float, longest_lead: float, longest_lag: float)
     return None
 
 
-def _check_curve(plan: Plan, robot: Robot, peak: FloatArray) -> Refusal | None:
-    """Limits on the whole curve; fills the greatest acceleration of each joint."""
+def _check_curve(plan: Plan, robot: Robot, peaks: CurvePeaks) -> Refusal | None:
+    """Limits on the whole curve; fills what it does at most."""
     times = np.asarray(plan.times)
     lower = robot.lower_position_limit - robot.position_error - LIMIT_SLACK
     upper = robot.upper_position_limit + robot.position_error + LIMIT_SLACK
     fastest = robot.velocity_limit + robot.velocity_error + LIMIT_SLACK
     allowed = robot.acceleration_limit * (1.0 + LIMIT_SLACK)
     kind, joint, sample, value = find_excess(
-        times, np.asarray(plan.q), np.asarray(plan.v), lower, upper, fastest, allowed, peak
+        times, np.asarray(plan.q), np.asarray(plan.v), lower, upper, fastest, allowed, peaks
     )
     if kind == curve.FINE:
         return None
@@ -203,11 +206,10 @@ def check_stop(plan: CheckedPlan, robot: Robot, brakes: BrakeCurves) -> Refusal 
         robot: Whose joints they are.
         brakes: How these stop.
     """
-    speeds = find_top_speeds(plan.times, plan.q, plan.v)
-    refusal = _check_range(speeds, robot, brakes)
+    refusal = _check_range(plan.top_speed, robot, brakes)
     if refusal is not None:
         return refusal
-    allowed = find_gentlest_stop(brakes, speeds)
+    allowed = find_gentlest_stop(brakes, plan.top_speed)
     joint, found, when = find_hard_stop(plan.times, plan.q, plan.v, allowed * (1.0 + LIMIT_SLACK))
     if joint < 0:
         return None
@@ -236,11 +238,10 @@ def check_path_stop(plan: CheckedPlan, robot: Robot, brakes: BrakeCurves) -> Ref
         brakes: How these stop: what is guaranteed at each instant counts, for a stop on the path
             slows down all joints but one by less than their brakes would.
     """
-    speeds = find_top_speeds(plan.times, plan.q, plan.v)
-    refusal = _check_range(speeds, robot, brakes)
+    refusal = _check_range(plan.top_speed, robot, brakes)
     if refusal is not None:
         return refusal
-    braking = find_decelerations(brakes, speeds)
+    braking = find_decelerations(brakes, plan.top_speed)
     found, joint, when = bound_path_braking(
         plan.times, plan.q, plan.v, braking, 0.0, float(plan.times[-1])
     )

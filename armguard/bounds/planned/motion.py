@@ -20,7 +20,7 @@ from armguard.bounds.model import check_duration, check_question, read_only
 from armguard.bounds.planned.check import check_path_stop, check_plan, check_stop
 from armguard.bounds.planned.contact import PlannedContact, find_planned_contact
 from armguard.bounds.planned.course import ArmShape, PlannedCourse, deviation_along
-from armguard.bounds.planned.curve import evaluate_curve, find_top_speeds
+from armguard.bounds.planned.curve import evaluate_curve
 from armguard.bounds.planned.following import find_disagreement
 from armguard.bounds.planned.placing import enclose, make_chain, place_all
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
@@ -181,9 +181,7 @@ class PlannedMotion:
         self._check(plan)
         if stated is not None:
             return stated, 1.0 / stated + find_settling(plan, self._limits, 0.0)
-        braking = find_decelerations(
-            self._limits.brakes, find_top_speeds(plan.times, plan.q, plan.v)
-        )
+        braking = find_decelerations(self._limits.brakes, plan.top_speed)
         slowing, _, _ = bound_path_braking(
             plan.times, plan.q, plan.v, braking, 0.0, float(plan.times[-1])
         )
@@ -202,12 +200,8 @@ class PlannedMotion:
         """
         limits = self._limits_in_force
         slower = limits.velocity_error + delay * limits.operating_acceleration
-        none = np.zeros(2)
-        rests = [
-            float(find_rest(none, pace[None], limits.brakes))
-            for pace in (speeds, np.minimum(speeds, slower))
-        ]
-        return rests[0] - rests[1]
+        rest: float = find_rest(limits.brakes, speeds)
+        return rest - float(find_rest(limits.brakes, np.minimum(speeds, slower)))
 
     def _check(self, plan: object) -> None:
         joints = len(self._limits.lower)

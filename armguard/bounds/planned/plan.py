@@ -68,6 +68,10 @@ class CheckedPlan(NamedTuple):
     velocity_deviation: FloatArray
     """How far velocities may truly be off the curve's as the controller states it, all errors
     included, in [rad]/[s] or [m]/[s]; inf where it does not. Shape (nv,)."""
+    top_speed: FloatArray
+    """The curve's greatest speed of each joint, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
+    top_speedup: FloatArray
+    """Its greatest acceleration where a joint speeds up, in [rad]/[s²] or [m]/[s²]. Shape (nv,)."""
     now: float
     """When it was checked, in [s]."""
     measured_stamp: float

@@ -66,13 +66,13 @@ def test_plans_that_differ_are_told_apart_by_joint_amount_and_when(robot):
 
 def test_a_plan_covers_another_only_where_it_is_the_same_to_the_end(robot):
     one = check(robot, moved(0, 0.5 * TIMES, 0.5))
-    assert is_covered(one, one, robot, NOW)
+    assert is_covered(one, one, NOW)
     wider = one._replace(deviation=2.0 * one.deviation)
-    assert is_covered(one, wider, robot, NOW)
-    assert not is_covered(wider, one, robot, NOW)
+    assert is_covered(one, wider, NOW)
+    assert not is_covered(wider, one, NOW)
     longer = check(robot, resting())
-    assert not is_covered(one, longer, robot, NOW)
+    assert not is_covered(one, longer, NOW)
     # What is over is the same as what stays there.
     q = one.q[-1]
     stays = one._replace(times=np.array([0.0, 1.0]), q=np.array([q, q]), v=np.zeros((2, 7)))
-    assert is_covered(one, stays, robot, one.end)
+    assert is_covered(one, stays, one.end)
