@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.bounds.planned.curve import curve_range, evaluate_curve
-from armguard.bounds.planned.plan import CheckedPlan, Refusal
+from armguard.bounds.planned.plan import CheckedPlan, PlanLimits, Refusal, read_plan_limits
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import LIMIT_SLACK
@@ -45,29 +45,6 @@ class Gap(NamedTuple):
     """How far they may be, alike."""
     when: float
     """In [s]."""
-
-
-class JointErrors(NamedTuple):
-    """What of a robot decides whether a measured state can be one on a plan. Shape (nv,) each."""
-
-    lower: FloatArray
-    """Position limits, in [rad] or [m]; infinite where the joint is continuous."""
-    upper: FloatArray
-    position_error: FloatArray
-    velocity_error: FloatArray
-    acceleration: FloatArray
-    """Limits, in [rad]/[s²] or [m]/[s²]."""
-
-
-def find_errors(robot: Robot) -> JointErrors:
-    """What of a robot decides whether a measured state can be one on a plan."""
-    return JointErrors(
-        robot.lower_position_limit,
-        robot.upper_position_limit,
-        robot.position_error,
-        robot.velocity_error,
-        robot.acceleration_limit,
-    )
 
 
 @kernel
@@ -109,7 +86,7 @@ def fill_deviation_speed(
 @kernel
 def find_straying(
     plan: CheckedPlan,
-    errors: JointErrors,
+    limits: PlanLimits,
     q: FloatArray,
     v: FloatArray,
     along: float,
@@ -119,7 +96,7 @@ def find_straying(
 
     Args:
         plan: As checked.
-        errors: Of the robot that it was checked for.
+        limits: Of the robot that it was checked for.
         q: Measured positions, in [rad] or [m]. Shape (nv,).
         v: Measured velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
         along: Where on the plan the arm is to be, in [s]; negative: that long before it begins.
@@ -135,18 +112,18 @@ def find_straying(
     # Until the curve begins, a joint goes on as it was measured, more or less.
     wait = max(-along, 0.0)
     for j in range(position.shape[0]):
-        reach = wait * (errors.velocity_error[j] + 0.5 * errors.acceleration[j] * wait)
+        reach = wait * (limits.velocity_error[j] + 0.5 * limits.acceleration[j] * wait)
         allowed = plan.deviation[j] + reach + LIMIT_SLACK
         if wait > 0.0:
-            allowed += errors.position_error[j]
+            allowed += limits.position_error[j]
         found = q[j] + wait * v[j]
-        if math.isinf(errors.lower[j]) and math.isinf(errors.upper[j]):
+        if math.isinf(limits.lower[j]) and math.isinf(limits.upper[j]):
             found = nearest_turn(found, position[j])
         if not abs(found - position[j]) <= allowed:
             return Straying(PLACE, j, found, position[j], allowed)
     slowest, fastest = 0.0, 1.0
     for j in range(position.shape[0]):
-        allowed = speed[j] + errors.velocity_error[j] + errors.acceleration[j] * wait + LIMIT_SLACK
+        allowed = speed[j] + limits.velocity_error[j] + limits.acceleration[j] * wait + LIMIT_SLACK
         ahead = velocity[j]
         if is_on_time or not abs(ahead) > LIMIT_SLACK:
             if not abs(v[j] - ahead) <= allowed + (0.0 if is_on_time else LIMIT_SLACK):
@@ -185,7 +162,7 @@ def check_following(
     """
     is_on_time = path_time is None
     along = stamp - plan.stamp if path_time is None else max(path_time, 0.0)
-    found: Straying = find_straying(plan, find_errors(robot), q, v, along, is_on_time)
+    found: Straying = find_straying(plan, read_plan_limits(robot), q, v, along, is_on_time)
     if found.kind == FOLLOWED:
         return None
     when = f"when it begins, {-along:.3g} s on," if along < 0.0 else f"{along:.3g} s into the plan"
