@@ -11,7 +11,7 @@ the arm is on, each that it may be on is kept, and all of them must be safe.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,29 +21,74 @@ from armguard.bounds.planned.following import check_following, find_disagreement
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
 from armguard.jit.arrays import BoolArray, IntArray
+from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.monitor.plan_verdict import find_course_contact, refuse_plan
 from armguard.obstacles.reference_states import allows_reference_state, keep_reference_state
-from armguard.obstacles.table import Marks, States, make_states
+from armguard.obstacles.table import States, make_states
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.verdict import PlanVerdict, Reason, ReasonKind
 
 MOST_PIECES = 64
 """Pieces that the arm may be on at a time."""
+USUAL_PIECES = 4
+"""Pieces that the arm is on at a time where each is committed while it is on the one before."""
 
 
 class Known(NamedTuple):
-    """What was known of obstacles when a piece was proved safe."""
+    """What was known of obstacles when a piece was proved safe, for compiled code."""
 
-    changes: int
-    """Of the table's rows, so far."""
     reference: States
     """Accepted states."""
     known: BoolArray
     """Which rows had one. Shape (rows,)."""
     revision: IntArray
     """Of the last state of each row that agreed with that. Shape (rows,)."""
+
+
+class KnownObstacles:
+    """What was known of obstacles when a piece was proved safe, and whether that still stands.
+
+    Args:
+        scheduler: Knows the obstacles.
+    """
+
+    def __init__(self, scheduler: Scheduler) -> None:
+        self._scheduler = scheduler
+        self._make_room()
+        self.keep()
+
+    def keep(self) -> None:
+        """Keep what is known now, in place of what was kept before."""
+        arm = self._scheduler.arm
+        if self._find_shape() != self._shape:
+            self._make_room()
+        self._changes = arm.obstacles.table.changes
+        self._keep_all(arm.state.handle, self._handle)
+
+    def has_changed(self) -> bool:
+        """Whether an obstacle is new, or does what was known of it does not allow for."""
+        arm = self._scheduler.arm
+        if arm.obstacles.table.changes != self._changes or self._find_shape() != self._shape:
+            return True
+        changed: bool = self._find_change(arm.state.handle, self._handle)
+        return changed
+
+    def _find_shape(self) -> tuple[Any, int, int]:
+        """What the arm's handle is on, rows of obstacles, and points that each has room for."""
+        state = self._scheduler.arm.state
+        rows, width, _ = state.bodies.points.shape
+        return state.handle.kind, rows, width
+
+    def _make_room(self) -> None:
+        """Make room for as many obstacles as there is room for in the table."""
+        _, rows, width = self._shape = self._find_shape()
+        known, revision = np.zeros(rows, dtype=np.bool_), np.zeros(rows, dtype=np.int64)
+        self._handle = pack(Known(make_states(rows, width), known, revision))
+        handles = self._scheduler.arm.state.handle, self._handle
+        self._keep_all = machine_code(_keep_all, *handles)
+        self._find_change = machine_code(_find_change, *handles)
 
 
 class Piece(NamedTuple):
@@ -53,7 +98,7 @@ class Piece(NamedTuple):
     course: PlannedCourse
     before: tuple[CheckedPlan, ...]
     """What it may be following until the piece begins."""
-    known: Known
+    known: KnownObstacles
     """What the proof that it is safe rests on."""
 
 
@@ -88,7 +133,8 @@ class CommittedPieces:
         self._margin = margin
         self._may_leave = may_leave
         self.reset()
-        self._has_changed(self._remember())
+        # More are made where the arm may be on more pieces.
+        self._memories = [KnownObstacles(scheduler) for _ in range(USUAL_PIECES)]
 
     def reset(self) -> None:
         """Forget all pieces: from now on the arm may do what its joints can."""
@@ -134,7 +180,7 @@ class CommittedPieces:
             for piece in going_on
             if may_leave_first
             or piece.plan.stamp > now
-            or not is_covered(piece.plan, checked, robot, first)
+            or not is_covered(piece.plan, checked, first)
         ]
         if self._may_leave:
             kept = _keep_waited_on(kept, left_behind, now)
@@ -153,6 +199,7 @@ class CommittedPieces:
         contact = self._find_contact(course, tick)
         if contact is not None:
             return contact
+        self._pieces = kept
         self._pieces = [*kept, Piece(checked, course, before, self._remember())]
         self._motion = self._planned_motion()
         self.is_proved = True
@@ -193,15 +240,15 @@ class CommittedPieces:
                     self.reset()
                     return Reason(ReasonKind.PIECE_UNSAFE, *course)
                 self._pieces[k] = piece._replace(course=course)
-        for k, piece in enumerate(self._pieces):
-            if not disturbed and not self._has_changed(piece.known):
+        for piece in self._pieces:
+            if not disturbed and not piece.known.has_changed():
                 continue
             contact = self._find_contact(piece.course, tick)
             if contact is not None:
                 self.reset()
                 (reason,) = contact.reasons
                 return Reason(ReasonKind.PIECE_UNSAFE, reason.subject, reason.detail)
-            self._pieces[k] = piece._replace(known=self._remember())
+            piece.known.keep()
         return None
 
     def _drop_covered(self, pieces: list[Piece], now: float) -> list[Piece]:
@@ -210,9 +257,7 @@ class CommittedPieces:
         if len(begun) < 2:
             return pieces
         *older, newest = begun
-        covered = {
-            id(piece) for piece in older if is_covered(piece.plan, newest.plan, self._robot, now)
-        }
+        covered = {id(piece) for piece in older if is_covered(piece.plan, newest.plan, now)}
         return [piece for piece in pieces if id(piece) not in covered]
 
     def _find_straying(self, piece: Piece, tick: Tick, stamp: float) -> Refusal | None:
@@ -274,28 +319,15 @@ class CommittedPieces:
         )
         return PlanVerdict(False, found.time, found.link, found.obstacle, (reason,))
 
-    def _remember(self) -> Known:
-        """What is known of obstacles now."""
-        state, table = self._scheduler.arm.state, self._scheduler.arm.obstacles.table
-        rows, width = state.bodies.points.shape[:2]
-        known = Known(
-            table.changes,
-            make_states(rows, width),
-            np.zeros(rows, dtype=np.bool_),
-            np.zeros(rows, dtype=np.int64),
-        )
-        _keep_all(state.bodies, state.marks, known.reference, known.known, known.revision)
-        return known
-
-    def _has_changed(self, known: Known) -> bool:
-        """Whether an obstacle is new, or does what was known of it does not allow for."""
-        state, table = self._scheduler.arm.state, self._scheduler.arm.obstacles.table
-        if table.changes != known.changes:
-            return True
-        changed: bool = _find_change(
-            state.bodies, state.marks, known.reference, known.known, known.revision
-        )
-        return changed
+    def _remember(self) -> KnownObstacles:
+        """What is known of obstacles now, in room that belongs to no piece."""
+        used = [piece.known for piece in self._pieces]
+        for memory in self._memories:
+            if memory not in used:
+                memory.keep()
+                return memory
+        self._memories.append(KnownObstacles(self._scheduler))
+        return self._memories[-1]
 
 
 def _keep_waited_on(kept: list[Piece], left_behind: list[Piece], now: float) -> list[Piece]:
@@ -323,21 +355,21 @@ def _is_at_rest(course: PlannedCourse, now: float) -> bool:
 
 
 @kernel
-def _keep_all(
-    bodies: States, marks: Marks, reference: States, known: BoolArray, revision: IntArray
-) -> None:
+def _keep_all(handle: Any, kept: Any) -> None:
     """Keep the accepted state of every row, and which rows have one."""
+    bodies, marks, memory = handle.content.bodies, handle.content.marks, kept.content
+    known, revision = memory.known, memory.revision
     for row in range(marks.alive.shape[0]):
-        keep_reference_state(bodies, reference, marks, row, row)
+        keep_reference_state(bodies, memory.reference, marks, row, row)
         known[row] = marks.has_state[row]
         revision[row] = marks.revision[row]
 
 
 @kernel
-def _find_change(
-    bodies: States, marks: Marks, reference: States, known: BoolArray, revision: IntArray
-) -> bool:
+def _find_change(handle: Any, kept: Any) -> bool:
     """Whether a state is refused, was lost, or is not what the one that was kept allows."""
+    bodies, marks, memory = handle.content.bodies, handle.content.marks, kept.content
+    known, revision = memory.known, memory.revision
     for row in range(marks.alive.shape[0]):
         if not marks.alive[row]:
             continue
@@ -347,7 +379,7 @@ def _find_change(
             continue
         if not known[row] or marks.static[row]:
             return True
-        allowed, grown = allows_reference_state(bodies, reference, row, row)
+        allowed, grown = allows_reference_state(bodies, memory.reference, row, row)
         if grown or not allowed:
             return True
         revision[row] = marks.revision[row]

@@ -19,12 +19,10 @@ import numpy as np
 
 from armguard.bounds.planned.check import check_path_stop, check_plan
 from armguard.bounds.planned.course import PlannedCourse
-from armguard.bounds.planned.curve import find_top_speeds, find_top_speedups
 from armguard.bounds.planned.following import check_following, find_disagreement
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
 from armguard.bounds.planned.slabs import PathClock
-from armguard.jit.arrays import FloatArray
 from armguard.jit.numerics import LIMIT_SLACK
 from armguard.monitor.plan_verdict import (
     CourseContact,
@@ -53,8 +51,6 @@ class Trajectory(NamedTuple):
     """How fast its clock can surely be slowed down anywhere on it, in [1]/[s]; 0 or less: not."""
     stop_lasting: float
     """How long a stop on the path lasts once brakes bite, in [s]."""
-    top_speed: FloatArray
-    """The greatest speed of each joint on it, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
     is_told: bool = False
     """Whether the arm has said so; else it is on time, or was when it was taken."""
 
@@ -172,8 +168,7 @@ class FollowedTrajectory:
         # Until it begins, joints may be off it at any speed.
         stopping = motion.find_path_stop(checked, self._path_deceleration)
         since = max(now + self._latency, checked.stamp)
-        top_speed = find_top_speeds(checked.times, checked.q, checked.v)
-        new = Trajectory(checked, since, along, *stopping, top_speed)
+        new = Trajectory(checked, since, along, *stopping)
         self._trajectories.append(new)
         self._forget_proof()
         self._stamp = max(self._stamp, stamp)
@@ -192,18 +187,17 @@ class FollowedTrajectory:
         they were measured by these accelerations.
         """
         limits = self._scheduler.arm.state.scene.limits
-        curve = plan.times, plan.q, plan.v
         for words, unit, found, most in (
             (
                 "goes at",
                 "velocity in force with error",
-                find_top_speeds(*curve),
+                plan.top_speed,
                 limits.operating_velocity + limits.velocity_error,
             ),
             (
                 "speeds up by",
                 "acceleration in force",
-                find_top_speedups(*curve),
+                plan.top_speedup,
                 limits.operating_acceleration * (1.0 + LIMIT_SLACK),
             ),
         ):
@@ -305,7 +299,7 @@ class FollowedTrajectory:
         if self._on_path:
             return 0.0
         motion, delay = self._planned_motion(), self._response_time + self._reaction_time
-        return max(motion.find_gain(one.top_speed, delay) for one in self._trajectories)
+        return max(motion.find_gain(one.plan.top_speed, delay) for one in self._trajectories)
 
     def _is_free(self, tick: Tick, told_after: float) -> bool:
         """Whether the arm surely rests before contact, told to stop only after some time, in [s].

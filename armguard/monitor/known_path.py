@@ -170,7 +170,7 @@ class KnownPath:
             tick: One of an arm at rest, for nothing is there to touch it yet.
         """
         q = np.tile(tick.q, (2, 1))
-        rest = Plan(0.0, [0.0, 1.0], q, np.zeros_like(q), np.ones(q.shape[1]))
+        rest = Plan(0.0, np.array([0.0, 1.0]), q, np.zeros_like(q), np.ones(q.shape[1]))
         for _ in range(2):
             self._pieces.commit(rest, tick)
         self._pieces.update(tick, 0.0, disturbed=False)

@@ -192,26 +192,30 @@ def scale_within_range(
     return scale
 
 
+@kernel
 def find_gentlest_stop(brakes: BrakeCurves, speeds: FloatArray) -> FloatArray:
     """The least constant decelerations that keep what is stated of a stop from some speeds.
 
     Args:
-        brakes: How joints stop.
+        brakes: How these stop.
         speeds: Of the joints, in [rad]/[s] or [m]/[s]; of either sign. Shape (nv,).
 
     Returns:
         In [rad]/[s²] or [m]/[s²], above 0; of a joint at rest, within `LIMIT_SLACK`, what its first
         entry says, in the mean where that has no deceleration. Shape (nv,).
     """
-    rates = np.zeros(len(speeds))
-    for j, speed in enumerate(np.abs(speeds).tolist()):
+    rates = np.zeros(speeds.shape[0])
+    for j in range(speeds.shape[0]):
+        speed = abs(speeds[j])
         stop = find_stop(brakes, j, speed)
+        rates[j] = stop.deceleration
         if speed > LIMIT_SLACK:
-            # By multiplication: a power of a float that overflows is an error.
-            by_distance = 0.5 * speed * speed / stop.distance
-            rates[j] = max(stop.deceleration, speed / stop.time, by_distance)
-        else:
-            rates[j] = stop.deceleration or brakes.speed[j, 0] / stop.time
+            for rate in (speed / stop.time, 0.5 * speed * speed / stop.distance):
+                # One that is no number, of a speed beyond all bounds, counts for nothing.
+                if rate > rates[j]:
+                    rates[j] = rate
+        elif stop.deceleration == 0.0:
+            rates[j] = brakes.speed[j, 0] / stop.time
     return rates
 
 

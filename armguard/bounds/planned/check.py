@@ -12,20 +12,55 @@ Nothing is clamped or guessed. What is not within limits is refused.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from armguard.bounds.planned import curve
-from armguard.bounds.planned.curve import evaluate_curve, find_excess, find_top_speeds
+from armguard.bounds.planned.curve import CurvePeaks, evaluate_curve, find_excess
 from armguard.bounds.planned.following import check_following
-from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal, read_plan
+from armguard.bounds.planned.plan import (
+    CheckedPlan,
+    Plan,
+    PlanLimits,
+    Refusal,
+    read_plan,
+    read_plan_limits,
+)
 from armguard.bounds.planned.stop import bound_path_braking, find_hard_stop
 from armguard.jit.arrays import FloatArray
+from armguard.jit.kernels import kernel
 from armguard.jit.numerics import LIMIT_SLACK
 from armguard.robot.brakes import BrakeCurves, find_decelerations, find_gentlest_stop
 from armguard.robot.robot import Robot
-from armguard.robot.turns import MOST_TURNS, TURN, align_turns, find_continuous
+from armguard.robot.turns import (
+    MOST_TURNS,
+    TURN,
+    align_turns,
+    find_continuous,
+    has_continuous,
+)
+
+ENDS = -1
+"""What `_judge_curve` can say beside what `find_excess` does: it does not end at rest."""
+
+
+class CurveErrors(NamedTuple):
+    """The samples of a plan, and how far off its curve the arm may be by the controller's word."""
+
+    times: FloatArray
+    """[s]. Shape (k,)."""
+    q: FloatArray
+    """[rad] or [m]. Shape (k, nv)."""
+    v: FloatArray
+    """[rad]/[s] or [m]/[s]. Shape (k, nv)."""
+    error: FloatArray
+    """[rad] or [m]. Shape (nv,)."""
+    stop_error: FloatArray
+    """While the arm stops on its path, in [rad] or [m]. Shape (nv,)."""
+    velocity_error: FloatArray
+    """[rad]/[s] or [m]/[s]; inf where none is stated. Shape (nv,)."""
 
 
 def check_plan(
@@ -72,42 +107,34 @@ def _check_read(
     refusal = _check_time(read, now, longest_lead, longest_lag)
     if refusal is not None:
         return refusal
-    read = _align(read, robot, position, velocity, stamp)
-    peak = np.empty(len(robot.joints))
-    refusal = _check_curve(read, robot, peak) or _check_end(read, robot)
-    if refusal is not None:
-        return refusal
-    times, errors = np.asarray(read.times), np.asarray(read.tracking_error)
+    limits = read_plan_limits(robot)
+    if has_continuous(limits.lower, limits.upper):
+        read = _align(read, robot, position, velocity, stamp)
+    times = np.asarray(read.times)
     end = read.stamp + float(times[-1])
     # The sums of stamps below are off by as much as this, and by that time joints have moved.
     clock = 4.0 * float(np.spacing(max(abs(now), abs(stamp), abs(read.stamp), abs(end))))
-    deviation = errors + robot.position_error + clock * robot.velocity_limit
-    stop_deviation = deviation
-    if read.stop_tracking_error is not None:
-        stop_deviation = deviation - errors + np.asarray(read.stop_tracking_error)
-    stated = np.full(len(errors), np.inf)
-    if read.velocity_tracking_error is not None:
-        stated = np.asarray(read.velocity_tracking_error) + robot.velocity_error
-    acceleration = robot.acceleration_limit + peak
+    room = CurveRoom(*np.empty((len(CurveRoom._fields), len(robot.joints))))
+    refusal = _check_curve(read, robot, limits, clock, room)
+    if refusal is not None:
+        return refusal
     checked = CheckedPlan(
         stamp=read.stamp,
         times=times,
         q=np.asarray(read.q),
         v=np.asarray(read.v),
-        deviation=deviation,
-        stop_deviation=np.maximum(deviation, stop_deviation),
-        acceleration=acceleration,
-        velocity_deviation=stated,
-        now=now,
-        measured_stamp=stamp,
+        deviation=room.deviation,
+        stop_deviation=room.stop_deviation,
+        acceleration=room.acceleration,
+        velocity_deviation=room.velocity_deviation,
+        top_speed=room.top_speed,
+        top_speedup=room.top_speedup,
+        now=float(now),
+        measured_stamp=float(stamp),
         measured_q=position,
         measured_v=velocity,
     )
     return check_following(checked, robot, position, velocity, stamp) or checked
-
-
-def _find_continuous(robot: Robot) -> NDArray[np.bool_]:
-    return find_continuous(robot.lower_position_limit, robot.upper_position_limit)
 
 
 def _align(plan: Plan, robot: Robot, q: FloatArray, v: FloatArray, stamp: float) -> Plan:
@@ -118,9 +145,7 @@ def _align(plan: Plan, robot: Robot, q: FloatArray, v: FloatArray, stamp: float)
     nothing is guessed. A longer step is taken as it was written. The whole is shifted by whole
     turns to where the joint state is; see `turns` for why that changes nothing.
     """
-    continuous = _find_continuous(robot)
-    if not continuous.any():
-        return plan
+    continuous = find_continuous(robot.lower_position_limit, robot.upper_position_limit)
     times, positions = np.asarray(plan.times), np.array(plan.q)
     fastest = robot.velocity_limit + robot.velocity_error + LIMIT_SLACK
     for j in np.flatnonzero(continuous):
@@ -132,6 +157,7 @@ def _align(plan: Plan, robot: Robot, q: FloatArray, v: FloatArray, stamp: float)
     place, pace = np.empty(len(q)), np.empty(len(q))
     evaluate_curve(times, positions, np.asarray(plan.v), along, place, pace)
     positions += align_turns(place, q + max(-along, 0.0) * v, continuous) - place
+    positions.flags.writeable = False
     return plan._replace(q=positions)
 
 
@@ -151,48 +177,93 @@ def _check_time(plan: Plan, now: float, longest_lead: float, longest_lag: float)
     return None
 
 
-def _check_curve(plan: Plan, robot: Robot, peak: FloatArray) -> Refusal | None:
-    """Limits on the whole curve; fills the greatest acceleration of each joint."""
-    times = np.asarray(plan.times)
-    lower = robot.lower_position_limit - robot.position_error - LIMIT_SLACK
-    upper = robot.upper_position_limit + robot.position_error + LIMIT_SLACK
-    fastest = robot.velocity_limit + robot.velocity_error + LIMIT_SLACK
-    allowed = robot.acceleration_limit * (1.0 + LIMIT_SLACK)
+class CurveRoom(NamedTuple):
+    """Fields of a `CheckedPlan` that follow from its samples. Shape (nv,) each."""
+
+    deviation: FloatArray
+    stop_deviation: FloatArray
+    acceleration: FloatArray
+    velocity_deviation: FloatArray
+    top_speed: FloatArray
+    top_speedup: FloatArray
+
+
+@kernel
+def _judge_curve(
+    plan: CurveErrors, limits: PlanLimits, clock: float, room: CurveRoom
+) -> tuple[int, int, int, float, float, float]:
+    """What `find_excess` finds of a curve, or ENDS; and between what it should be.
+
+    Fills the room that there is about a curve that is within limits.
+    """
+    joints = limits.lower.shape[0]
+    lower, upper = np.empty(joints), np.empty(joints)
+    fastest, allowed = np.empty(joints), np.empty(joints)
+    for j in range(joints):
+        lower[j] = limits.lower[j] - limits.position_error[j] - LIMIT_SLACK
+        upper[j] = limits.upper[j] + limits.position_error[j] + LIMIT_SLACK
+        fastest[j] = limits.velocity[j] + limits.velocity_error[j] + LIMIT_SLACK
+        allowed[j] = limits.acceleration[j] * (1.0 + LIMIT_SLACK)
+    peaks = CurvePeaks(room.acceleration, room.top_speedup, room.top_speed)
     kind, joint, sample, value = find_excess(
-        times, np.asarray(plan.q), np.asarray(plan.v), lower, upper, fastest, allowed, peak
+        plan.times, plan.q, plan.v, lower, upper, fastest, allowed, peaks
     )
+    if kind == curve.POSITION:
+        return kind, joint, sample, value, lower[joint], upper[joint]
+    if kind == curve.VELOCITY:
+        return kind, joint, sample, value, 0.0, fastest[joint]
+    if kind != curve.FINE:
+        return kind, joint, sample, value, 0.0, limits.acceleration[joint]
+    last = plan.times.shape[0] - 1
+    for j in range(joints):
+        # Nothing is known of where an arm gets to that does not rest at the end.
+        if not abs(plan.v[last, j]) <= LIMIT_SLACK:
+            return ENDS, j, last, plan.v[last, j], 0.0, 0.0
+        off = plan.error[j] + limits.position_error[j] + clock * limits.velocity[j]
+        room.deviation[j] = off
+        room.stop_deviation[j] = off
+        if plan.stop_error[j] > plan.error[j]:
+            room.stop_deviation[j] = max(off, off - plan.error[j] + plan.stop_error[j])
+        room.acceleration[j] += limits.acceleration[j]
+        room.velocity_deviation[j] = plan.velocity_error[j] + limits.velocity_error[j]
+    return kind, -1, -1, 0.0, 0.0, 0.0
+
+
+def _check_curve(
+    plan: Plan, robot: Robot, limits: PlanLimits, clock: float, room: CurveRoom
+) -> Refusal | None:
+    """Limits on the whole curve, and whether it ends at rest; fills the room about it."""
+    error, stop, speed = plan.tracking_error, plan.stop_tracking_error, plan.velocity_tracking_error
+    errors = CurveErrors(
+        np.asarray(plan.times),
+        np.asarray(plan.q),
+        np.asarray(plan.v),
+        np.asarray(error),
+        np.asarray(error if stop is None else stop),
+        np.full(len(room.deviation), np.inf) if speed is None else np.asarray(speed),
+    )
+    kind, joint, sample, value, least, most = _judge_curve(errors, limits, clock, room)
     if kind == curve.FINE:
         return None
-    where = f"between {times[sample]:.6g} s and {times[sample + 1]:.6g} s"
+    if kind == ENDS:
+        return Refusal(
+            robot.joints[joint],
+            f"ends at velocity {value:.4g}, expected at rest; Monitor.with_stop appends a stop",
+        )
+    where = f"between {errors.times[sample]:.6g} s and {errors.times[sample + 1]:.6g} s"
     if kind == curve.POSITION:
         problem = f"goes to {value:.6g} {where}"
-        expected = f"limits with errors are {lower[joint]:.6g} to {upper[joint]:.6g}"
+        expected = f"limits with errors are {least:.6g} to {most:.6g}"
     elif kind == curve.VELOCITY:
         problem = f"goes at {value:.4g} {where}"
-        expected = f"limit with error is {fastest[joint]:.4g}"
+        expected = f"limit with error is {most:.4g}"
     elif kind == curve.RATE:
         problem = f"accelerates at {value:.4g} {where}"
-        expected = f"limit is {robot.acceleration_limit[joint]:.4g}"
+        expected = f"limit is {most:.4g}"
     else:
         problem = f"positions and velocities do not agree {where}"
-        expected = (
-            f"joining them takes an acceleration of {value:.4g}, "
-            f"limit is {robot.acceleration_limit[joint]:.4g}"
-        )
+        expected = f"joining them takes an acceleration of {value:.4g}, limit is {most:.4g}"
     return Refusal(robot.joints[joint], f"{problem}; {expected}")
-
-
-def _check_end(plan: Plan, robot: Robot) -> Refusal | None:
-    """Whether it ends at rest: nothing is known of where an arm gets to that does not."""
-    v = np.asarray(plan.v)[-1]
-    off = np.flatnonzero(~(np.abs(v) <= LIMIT_SLACK))
-    if not len(off):
-        return None
-    j = int(off[0])
-    return Refusal(
-        robot.joints[j],
-        f"ends at velocity {v[j]:.4g}, expected at rest; Monitor.with_stop appends a stop",
-    )
 
 
 def check_stop(plan: CheckedPlan, robot: Robot, brakes: BrakeCurves) -> Refusal | None:
@@ -203,18 +274,37 @@ def check_stop(plan: CheckedPlan, robot: Robot, brakes: BrakeCurves) -> Refusal 
         robot: Whose joints they are.
         brakes: How these stop.
     """
-    speeds = find_top_speeds(plan.times, plan.q, plan.v)
-    refusal = _check_range(speeds, robot, brakes)
-    if refusal is not None:
-        return refusal
-    allowed = find_gentlest_stop(brakes, speeds)
-    joint, found, when = find_hard_stop(plan.times, plan.q, plan.v, allowed * (1.0 + LIMIT_SLACK))
-    if joint < 0:
+    kind, joint, found, most, when = _judge_stop(plan.times, plan.q, plan.v, plan.top_speed, brakes)
+    if kind == curve.FINE:
         return None
+    if kind == curve.VELOCITY:
+        return _refuse_speed(robot.joints[joint], found, most)
     return Refusal(
         robot.joints[joint],
-        f"comes to rest at {found:.4g} from {when:.6g} s on, brakes guarantee {allowed[joint]:.4g}",
+        f"comes to rest at {found:.4g} from {when:.6g} s on, brakes guarantee {most:.4g}",
     )
+
+
+@kernel
+def _judge_stop(
+    times: FloatArray, q: FloatArray, v: FloatArray, speeds: FloatArray, brakes: BrakeCurves
+) -> tuple[int, int, float, float, float]:
+    """Whether a curve of such top speeds, (nv,), ends in a stop that brakes guarantee: FINE.
+
+    Else VELOCITY or RATE; and the joint, what was found, what is guaranteed, and when.
+    """
+    last = brakes.speed.shape[1] - 1
+    for j in range(speeds.shape[0]):
+        if not speeds[j] <= brakes.speed[j, last] * (1.0 + LIMIT_SLACK):
+            return curve.VELOCITY, j, speeds[j], brakes.speed[j, last], 0.0
+    allowed = find_gentlest_stop(brakes, speeds)
+    most = allowed.copy()
+    for j in range(most.shape[0]):
+        most[j] *= 1.0 + LIMIT_SLACK
+    joint, found, when = find_hard_stop(times, q, v, most)
+    if joint < 0:
+        return curve.FINE, -1, 0.0, 0.0, 0.0
+    return curve.RATE, joint, found, allowed[joint], when
 
 
 def _check_range(speeds: FloatArray, robot: Robot, brakes: BrakeCurves) -> Refusal | None:
@@ -223,8 +313,11 @@ def _check_range(speeds: FloatArray, robot: Robot, brakes: BrakeCurves) -> Refus
     if not len(off):
         return None
     j = int(off[0])
-    detail = f"goes at {speeds[j]:.4g}, brakes are stated up to {brakes.speed[j, -1]:.4g}"
-    return Refusal(robot.joints[j], detail)
+    return _refuse_speed(robot.joints[j], float(speeds[j]), float(brakes.speed[j, -1]))
+
+
+def _refuse_speed(joint: str, speed: float, stated: float) -> Refusal:
+    return Refusal(joint, f"goes at {speed:.4g}, brakes are stated up to {stated:.4g}")
 
 
 def check_path_stop(plan: CheckedPlan, robot: Robot, brakes: BrakeCurves) -> Refusal | None:
@@ -236,11 +329,10 @@ def check_path_stop(plan: CheckedPlan, robot: Robot, brakes: BrakeCurves) -> Ref
         brakes: How these stop: what is guaranteed at each instant counts, for a stop on the path
             slows down all joints but one by less than their brakes would.
     """
-    speeds = find_top_speeds(plan.times, plan.q, plan.v)
-    refusal = _check_range(speeds, robot, brakes)
+    refusal = _check_range(plan.top_speed, robot, brakes)
     if refusal is not None:
         return refusal
-    braking = find_decelerations(brakes, speeds)
+    braking = find_decelerations(brakes, plan.top_speed)
     found, joint, when = bound_path_braking(
         plan.times, plan.q, plan.v, braking, 0.0, float(plan.times[-1])
     )

@@ -12,6 +12,7 @@ greatest at samples. Extremes of all three are elementary; nothing here is sampl
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -162,33 +163,58 @@ def find_top_speeds(times: FloatArray, q: FloatArray, v: FloatArray) -> FloatArr
 
 
 @kernel
-def find_top_speedups(times: FloatArray, q: FloatArray, v: FloatArray) -> FloatArray:
-    """The greatest acceleration of each joint anywhere on the curve where it speeds up. (nv,).
+def _top_speed_within(speed: float, h: float, c: float, d: float) -> float:
+    """The greatest speed on an interval of length h that begins at `speed`, as in `speed_range`."""
+    turn = -c / (3.0 * d) if d != 0.0 else 0.0
+    size = abs(speed) + h * (2.0 * abs(c) + 3.0 * abs(d) * h)
+    fastest = 0.0
+    for u in (0.0, h, min(max(turn, 0.0), h)):
+        fastest = max(fastest, abs(speed + u * (2.0 * c + 3.0 * d * u)) + TERM_ROUNDING * size)
+    return fastest
 
-    In [rad]/[s²] or [m]/[s²]. Acceleration is linear within an interval, so where a joint speeds up
-    it is greatest at an end of that part: at a sample, or where the velocity changes its sign.
+
+@kernel
+def _top_speedup_within(first: float, last: float, h: float, c: float, d: float) -> float:
+    """The greatest acceleration on an interval of length h where it speeds up.
+
+    It begins at the velocity `first` and ends at `last`. Acceleration is linear within, so where a
+    joint speeds up it is greatest at an end of that part: at a sample, or where the velocity
+    changes its sign.
     """
-    speedups = np.zeros(q.shape[1])
-    for k in range(times.shape[0] - 1):
-        for j in range(q.shape[1]):
-            h, c, d = interval_coefficients(times, q, v, k, j)
-            first, last = 2.0 * c, 2.0 * c + 6.0 * d * h
-            if first * v[k, j] > 0.0 or v[k, j] == 0.0:
-                speedups[j] = max(speedups[j], abs(first))
-            if last * v[k + 1, j] > 0.0:
-                speedups[j] = max(speedups[j], abs(last))
-            # The roots of v + 2 c u + 3 d u², in the form that does not cancel.
-            square = c * c - 3.0 * d * v[k, j]
-            if square > 0.0:
-                pivot = -(c + math.copysign(math.sqrt(square), c))
-                for u in (
-                    pivot / (3.0 * d) if d != 0.0 else -1.0,
-                    v[k, j] / pivot if pivot != 0.0 else -1.0,
-                ):
-                    # As good as at its end is where it comes to rest there.
-                    if 0.0 < u < h * (1.0 - LIMIT_SLACK):
-                        speedups[j] = max(speedups[j], abs(2.0 * c + 6.0 * d * u))
-    return speedups
+    speedup = 0.0
+    begin, end = 2.0 * c, 2.0 * c + 6.0 * d * h
+    if begin * first > 0.0 or first == 0.0:
+        speedup = max(speedup, abs(begin))
+    if end * last > 0.0:
+        speedup = max(speedup, abs(end))
+    # The roots of v + 2 c u + 3 d u², in the form that does not cancel.
+    square = c * c - 3.0 * d * first
+    if square > 0.0:
+        pivot = -(c + math.copysign(math.sqrt(square), c))
+        for u in (
+            pivot / (3.0 * d) if d != 0.0 else -1.0,
+            first / pivot if pivot != 0.0 else -1.0,
+        ):
+            # As good as at its end is where it comes to rest there.
+            if 0.0 < u < h * (1.0 - LIMIT_SLACK):
+                speedup = max(speedup, abs(2.0 * c + 6.0 * d * u))
+    return speedup
+
+
+class CurvePeaks(NamedTuple):
+    """The most of what each joint does anywhere on a curve. Shape (nv,) each."""
+
+    acceleration: FloatArray
+    """Greatest acceleration, in [rad]/[s²] or [m]/[s²]."""
+    speedup: FloatArray
+    """The same where a joint speeds up: away from rest."""
+    speed: FloatArray
+    """Greatest speed, as `find_top_speeds` has it, in [rad]/[s] or [m]/[s]."""
+
+
+def make_peaks(joints: int) -> CurvePeaks:
+    """Peaks of so many joints, to be filled."""
+    return CurvePeaks(*np.zeros((3, joints)))
 
 
 @kernel
@@ -200,7 +226,7 @@ def find_excess(
     upper: FloatArray,
     fastest: FloatArray,
     acceleration: FloatArray,
-    peak: FloatArray,
+    peaks: CurvePeaks,
 ) -> tuple[int, int, int, float]:
     """The first place where the curve leaves limits, which need not be at a sample.
 
@@ -212,8 +238,7 @@ def find_excess(
         upper: Greatest positions, in [rad] or [m]. Shape (nv,).
         fastest: Greatest speeds, in [rad]/[s] or [m]/[s]. Shape (nv,).
         acceleration: Greatest accelerations, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
-        peak: Filled with the greatest acceleration of each joint, in [rad]/[s²] or [m]/[s²].
-            Shape (nv,).
+        peaks: Filled with what the curve does at most, where it is within limits.
 
     Returns:
         What is beyond its limit, the joint, the sample before, and the value found: FINE; POSITION
@@ -221,7 +246,8 @@ def find_excess(
         are not, but no motion within the limit on accelerations leads from one position to the
         other as a cubic.
     """
-    peak[:] = 0.0
+    for j in range(q.shape[1]):
+        peaks.acceleration[j] = peaks.speedup[j] = peaks.speed[j] = 0.0
     for k in range(times.shape[0] - 1):
         for j in range(q.shape[1]):
             h, c, d = interval_coefficients(times, q, v, k, j)
@@ -245,5 +271,8 @@ def find_excess(
             bend = max(abs(2.0 * c), abs(2.0 * c + 6.0 * d * h))
             if not bend <= allowed:
                 return CURVE, j, k, bend
-            peak[j] = max(peak[j], bend)
+            speedup = _top_speedup_within(v[k, j], v[k + 1, j], h, c, d)
+            peaks.acceleration[j] = max(peaks.acceleration[j], bend)
+            peaks.speedup[j] = max(peaks.speedup[j], speedup)
+            peaks.speed[j] = max(peaks.speed[j], _top_speed_within(v[k, j], h, c, d))
     return FINE, -1, -1, 0.0

@@ -3,19 +3,48 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from armguard.bounds.planned.curve import curve_range, evaluate_curve
-from armguard.bounds.planned.plan import CheckedPlan, Refusal
-from armguard.jit.arrays import BoolArray, FloatArray
+from armguard.bounds.planned.plan import CheckedPlan, PlanLimits, Refusal, read_plan_limits
+from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import LIMIT_SLACK
 from armguard.robot.robot import Robot
-from armguard.robot.turns import find_continuous, nearest_turn
+from armguard.robot.turns import nearest_turn
 
 FOLLOWED, PLACE, PACE = 0, 1, 2
-"""What `find_straying` can say: nothing, or what is off."""
+"""What `find_straying` and `_find_gap` can say: nothing, or what is off."""
+
+
+class Straying(NamedTuple):
+    """What shows that the arm does not follow a plan."""
+
+    kind: int
+    """FOLLOWED, PLACE or PACE."""
+    joint: int
+    found: float
+    """Where it was found to be, or how fast; in [rad] or [m], or those in [s]."""
+    expected: float
+    """What the plan has there, alike."""
+    allowed: float
+    """How far off it may be, alike."""
+
+
+class Gap(NamedTuple):
+    """Where two plans differ by more than the arm may be off either."""
+
+    kind: int
+    """FOLLOWED, if nowhere; PLACE or PACE."""
+    joint: int
+    found: float
+    """How far they are apart at the most, in [rad] or [m], or those in [s]."""
+    allowed: float
+    """How far they may be, alike."""
+    when: float
+    """In [s]."""
 
 
 @kernel
@@ -56,74 +85,57 @@ def fill_deviation_speed(
 
 @kernel
 def find_straying(
-    times: FloatArray,
+    plan: CheckedPlan,
+    limits: PlanLimits,
     q: FloatArray,
     v: FloatArray,
     along: float,
     is_on_time: bool,
-    measured_q: FloatArray,
-    measured_v: FloatArray,
-    deviation: FloatArray,
-    speed: FloatArray,
-    velocity_error: FloatArray,
-    position_error: FloatArray,
-    acceleration: FloatArray,
-    continuous: BoolArray,
-    position: FloatArray,
-    velocity: FloatArray,
-) -> tuple[int, int, float, float]:
-    """The first joint whose measured state shows that it does not follow a curve.
+) -> Straying:
+    """The first joint whose measured state shows that it does not follow a plan.
 
     Args:
-        times: Of the samples, in [s], rising. Shape (k,), k >= 2.
-        q: Positions, in [rad] or [m]. Shape (k, nv).
-        v: Velocities, in [rad]/[s] or [m]/[s]. Shape (k, nv).
-        along: Where on the curve the arm is to be, in [s]; negative: that long before it begins.
-        is_on_time: Whether the curve is followed as its times say; else by a clock that goes at any
+        plan: As checked.
+        limits: Of the robot that it was checked for.
+        q: Measured positions, in [rad] or [m]. Shape (nv,).
+        v: Measured velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
+        along: Where on the plan the arm is to be, in [s]; negative: that long before it begins.
+        is_on_time: Whether it is followed as its times say; else by a clock that goes at any
             pace from 0 to 1.
-        measured_q: Measured positions, in [rad] or [m]. Shape (nv,).
-        measured_v: Measured velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
-        deviation: How far positions may be off, in [rad] or [m]. Shape (nv,).
-        speed: How far velocities may be off, in [rad]/[s] or [m]/[s]. Shape (nv,).
-        velocity_error: What measured velocities may be off by, in [rad]/[s] or [m]/[s]. (nv,).
-        position_error: What measured positions may be off by, in [rad] or [m]. Shape (nv,).
-        acceleration: Limits, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
-        continuous: Which joints have no position limits. Shape (nv,).
-        position: Filled with the curve's positions. Shape (nv,).
-        velocity: Filled with the curve's velocities. Shape (nv,).
-
-    Returns:
-        FOLLOWED, PLACE or PACE; the joint, what it was found to be at or to go at, and what was
-        allowed.
     """
-    evaluate_curve(times, q, v, along, position, velocity)
+    position, velocity = np.empty_like(plan.deviation), np.empty_like(plan.deviation)
+    speed = np.empty_like(plan.deviation)
+    fill_deviation_speed(
+        plan.deviation, plan.acceleration, plan.velocity_deviation, math.inf, speed
+    )
+    evaluate_curve(plan.times, plan.q, plan.v, along, position, velocity)
     # Until the curve begins, a joint goes on as it was measured, more or less.
     wait = max(-along, 0.0)
-    for j in range(q.shape[1]):
-        reach = wait * (velocity_error[j] + 0.5 * acceleration[j] * wait)
-        allowed = deviation[j] + reach + LIMIT_SLACK
+    for j in range(position.shape[0]):
+        reach = wait * (limits.velocity_error[j] + 0.5 * limits.acceleration[j] * wait)
+        allowed = plan.deviation[j] + reach + LIMIT_SLACK
         if wait > 0.0:
-            allowed += position_error[j]
-        found = measured_q[j] + wait * measured_v[j]
-        if continuous[j]:
+            allowed += limits.position_error[j]
+        found = q[j] + wait * v[j]
+        if math.isinf(limits.lower[j]) and math.isinf(limits.upper[j]):
             found = nearest_turn(found, position[j])
         if not abs(found - position[j]) <= allowed:
-            return PLACE, j, found, allowed
+            return Straying(PLACE, j, found, position[j], allowed)
     slowest, fastest = 0.0, 1.0
-    for j in range(q.shape[1]):
-        allowed = speed[j] + velocity_error[j] + acceleration[j] * wait + LIMIT_SLACK
+    for j in range(position.shape[0]):
+        allowed = speed[j] + limits.velocity_error[j] + limits.acceleration[j] * wait + LIMIT_SLACK
         ahead = velocity[j]
         if is_on_time or not abs(ahead) > LIMIT_SLACK:
-            if not abs(measured_v[j] - ahead) <= allowed + (0.0 if is_on_time else LIMIT_SLACK):
-                return PACE, j, measured_v[j], allowed
+            if not abs(v[j] - ahead) <= allowed + (0.0 if is_on_time else LIMIT_SLACK):
+                return Straying(PACE, j, v[j], ahead, allowed)
             continue
         # One pace of the clock must do for all joints.
-        one, other = (measured_v[j] - allowed) / ahead, (measured_v[j] + allowed) / ahead
+        one, other = (v[j] - allowed) / ahead, (v[j] + allowed) / ahead
         slowest = max(slowest, min(one, other) - LIMIT_SLACK)
         fastest = min(fastest, max(one, other) + LIMIT_SLACK)
         if not slowest <= fastest:
-            return PACE, j, measured_v[j], allowed
-    return FOLLOWED, -1, 0.0, 0.0
+            return Straying(PACE, j, v[j], ahead, allowed)
+    return Straying(FOLLOWED, -1, 0.0, 0.0, 0.0)
 
 
 def check_following(
@@ -150,38 +162,105 @@ def check_following(
     """
     is_on_time = path_time is None
     along = stamp - plan.stamp if path_time is None else max(path_time, 0.0)
-    position, velocity, speed = np.empty((3, len(q)))
-    fill_deviation_speed(
-        plan.deviation, plan.acceleration, plan.velocity_deviation, math.inf, speed
-    )
-    kind, joint, found, allowed = find_straying(
-        plan.times, plan.q, plan.v, along, is_on_time, q, v, plan.deviation, speed,
-        robot.velocity_error, robot.position_error, robot.acceleration_limit,
-        find_continuous(robot.lower_position_limit, robot.upper_position_limit), position, velocity,
-    )  # fmt: skip
-    if kind == FOLLOWED:
+    found: Straying = find_straying(plan, read_plan_limits(robot), q, v, along, is_on_time)
+    if found.kind == FOLLOWED:
         return None
     when = f"when it begins, {-along:.3g} s on," if along < 0.0 else f"{along:.3g} s into the plan"
-    if kind == PLACE:
-        what = f"at {found:.6g} {when} where the plan has it at {position[joint]:.6g}"
+    if found.kind == PLACE:
+        what = f"at {found.found:.6g} {when} where the plan has it at {found.expected:.6g}"
     else:
         some = "" if is_on_time else " or less"
-        what = f"at velocity {found:.4g} {when} where the plan has {velocity[joint]:.4g}{some}"
-    return Refusal(robot.joints[joint], f"{what}, expected within {allowed:.3g}")
+        what = f"at velocity {found.found:.4g} {when} where the plan has {found.expected:.4g}{some}"
+    return Refusal(robot.joints[found.joint], f"{what}, expected within {found.allowed:.3g}")
 
 
 @kernel
-def _evaluate_all(
-    times: FloatArray,
-    q: FloatArray,
-    v: FloatArray,
-    along: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
+def _find_knots(before: CheckedPlan, after: CheckedPlan, first: float, last: float) -> FloatArray:
+    """Both times, and those of samples of either plan between them, each once, in rising order."""
+    knots = np.empty(before.times.shape[0] + after.times.shape[0] + 2)
+    knots[0], count = first, 1
+    i = np.searchsorted(before.times, first - before.stamp)
+    k = np.searchsorted(after.times, first - after.stamp)
+    # A sum may be rounded to the other side than the difference.
+    while i > 0 and before.stamp + before.times[i - 1] > first:
+        i -= 1
+    while k > 0 and after.stamp + after.times[k - 1] > first:
+        k -= 1
+    # Invariant: what is before either index is among the knots, or not between both times.
+    while True:
+        one = before.stamp + before.times[i] if i < before.times.shape[0] else math.inf
+        other = after.stamp + after.times[k] if k < after.times.shape[0] else math.inf
+        knot = min(one, other)
+        if not knot < last:
+            break
+        if knot > knots[count - 1]:
+            knots[count] = knot
+            count += 1
+        i += one == knot
+        k += other == knot
+    knots[count] = max(last, np.nextafter(first, math.inf))
+    return knots[: count + 1]
+
+
+@kernel
+def _fill_difference(
+    before: CheckedPlan,
+    after: CheckedPlan,
+    time: float,
+    place: FloatArray,
+    pace: FloatArray,
 ) -> None:
-    """`evaluate_curve` at many times, (k,); `position` and `velocity` are (k, nv)."""
-    for k in range(along.shape[0]):
-        evaluate_curve(times, q, v, along[k], position[k], velocity[k])
+    """Fill how far, and how fast, one plan is ahead of another at a time, in [s]. (nv,) each."""
+    other_place, other_pace = np.empty_like(place), np.empty_like(pace)
+    evaluate_curve(before.times, before.q, before.v, time - before.stamp, other_place, other_pace)
+    evaluate_curve(after.times, after.q, after.v, time - after.stamp, place, pace)
+    for j in range(place.shape[0]):
+        place[j] -= other_place[j]
+        pace[j] -= other_pace[j]
+
+
+@kernel
+def _find_gap(
+    before: CheckedPlan, after: CheckedPlan, share: float, first: float, last: float
+) -> Gap:
+    """Where two plans differ by more than a share, in [0, 1], of what the arm may be off either."""
+    knots = _find_knots(before, after, first, last)
+    count, joints = knots.shape[0], before.deviation.shape[0]
+    apart, pace = np.empty((count, joints)), np.empty((count, joints))
+    since = np.empty(count)
+    for k in range(count):
+        since[k] = knots[k] - first
+        _fill_difference(before, after, knots[k], apart[k], pace[k])
+    # Both are cubic between these, and so is their difference.
+    low, high = np.empty(joints), np.empty(joints)
+    curve_range(since, apart, pace, 0.0, since[count - 1], low, high)
+    for j in range(joints):
+        allowed = share * min(before.deviation[j], after.deviation[j])
+        if not (-low[j] <= allowed + LIMIT_SLACK and high[j] <= allowed + LIMIT_SLACK):
+            when = knots[_find_largest(apart, j)]
+            return Gap(PLACE, j, max(-low[j], high[j]), allowed, when)
+    for j in range(joints):
+        # However long either is followed.
+        allowed = min(
+            before.velocity_deviation[j],
+            _deviation_speed(share * before.deviation[j], before.acceleration[j], math.inf),
+            after.velocity_deviation[j],
+            _deviation_speed(share * after.deviation[j], after.acceleration[j], math.inf),
+        )
+        largest = _find_largest(pace, j)
+        if not abs(pace[largest, j]) <= allowed + LIMIT_SLACK:
+            return Gap(PACE, j, abs(pace[largest, j]), allowed, knots[largest])
+    return Gap(FOLLOWED, -1, 0.0, 0.0, 0.0)
+
+
+@kernel
+def _find_largest(values: FloatArray, j: int) -> int:
+    """The first row of a column, (k, nv), that is the farthest from 0, or no number."""
+    largest = 0
+    for k in range(1, values.shape[0]):
+        if not abs(values[k, j]) <= abs(values[largest, j]):
+            largest = k
+    return largest
 
 
 def find_disagreement(
@@ -200,43 +279,18 @@ def find_disagreement(
         first: From when on they must agree, in [s].
         last: Until when, in [s], >= first.
     """
-    knots = np.concatenate([[first, last], before.stamp + before.times, after.stamp + after.times])
-    knots = np.unique(knots[(knots >= first) & (knots <= last)])
-    if len(knots) == 1:
-        knots = np.append(knots, np.nextafter(knots[0], math.inf))
-    shape = len(knots), len(robot.joints)
-    apart, pace, place, rate = np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape)
-    _evaluate_all(before.times, before.q, before.v, knots - before.stamp, place, rate)
-    _evaluate_all(after.times, after.q, after.v, knots - after.stamp, apart, pace)
-    apart -= place
-    pace -= rate
-    # Both are cubic between these, and so is their difference.
-    low, high, speed, other = np.empty((4, len(robot.joints)))
-    curve_range(knots - first, apart, pace, 0.0, float(knots[-1] - first), low, high)
-    allowed = np.minimum(before.deviation, after.deviation)
-    for plan, room in ((before, speed), (after, other)):
-        fill_deviation_speed(
-            plan.deviation, plan.acceleration, plan.velocity_deviation, math.inf, room
-        )
-    for name, least, most, room in (
-        ("", low, high, allowed),
-        ("goes ", pace.min(axis=0), pace.max(axis=0), np.minimum(speed, other)),
-    ):
-        off = np.maximum(-least, most)
-        wrong = np.flatnonzero(~(off <= room + LIMIT_SLACK))
-        if len(wrong):
-            j = int(wrong[0])
-            samples = np.abs(pace[:, j] if name else apart[:, j])
-            when = float(knots[int(np.argmax(samples))])
-            return Refusal(
-                robot.joints[j],
-                f"{name}off the committed piece by {off[j]:.4g} at {when:.6g} s, expected within "
-                f"{room[j]:.3g} from {first:.6g} s to {last:.6g} s",
-            )
-    return None
+    gap: Gap = _find_gap(before, after, 1.0, float(first), float(last))
+    if gap.kind == FOLLOWED:
+        return None
+    return Refusal(
+        robot.joints[gap.joint],
+        f"{'goes ' if gap.kind == PACE else ''}off the committed piece by {gap.found:.4g} at "
+        f"{gap.when:.6g} s, expected within {gap.allowed:.3g} from {first:.6g} s to {last:.6g} s",
+    )
 
 
-def is_covered(before: CheckedPlan, after: CheckedPlan, robot: Robot, first: float) -> bool:
+@kernel
+def is_covered(before: CheckedPlan, after: CheckedPlan, first: float) -> bool:
     """Whether an arm on one plan is on another as well, from some time on until both end.
 
     It is then no faster off the other, either: from where it leaves, it gets no farther.
@@ -244,17 +298,21 @@ def is_covered(before: CheckedPlan, after: CheckedPlan, robot: Robot, first: flo
     Args:
         before: The plan that the arm may be on.
         after: The other.
-        robot: Whose joints these are.
         first: From when on, in [s].
     """
-    if not (
-        (before.deviation <= after.deviation + LIMIT_SLACK).all()
-        and (before.velocity_deviation <= after.velocity_deviation).all()
-        and (before.acceleration <= after.acceleration + LIMIT_SLACK).all()
-    ):
-        return False
+    for j in range(before.deviation.shape[0]):
+        if not (
+            before.deviation[j] <= after.deviation[j] + LIMIT_SLACK
+            and before.velocity_deviation[j] <= after.velocity_deviation[j]
+            and before.acceleration[j] <= after.acceleration[j] + LIMIT_SLACK
+        ):
+            return False
+    last = max(before.stamp + before.times[-1], after.stamp + after.times[-1], first)
+    # Most plans end at different places, which takes one look.
+    place, pace = np.empty_like(before.deviation), np.empty_like(before.deviation)
+    _fill_difference(before, after, last, place, pace)
+    for j in range(place.shape[0]):
+        if not abs(place[j]) <= LIMIT_SLACK:
+            return False
     # Compared as if neither might be left by more than a slack.
-    sharp = np.zeros_like(before.deviation)
-    one, other = before._replace(deviation=sharp), after._replace(deviation=sharp)
-    last = max(before.end, after.end, first)
-    return find_disagreement(one, other, robot, first, last) is None
+    return _find_gap(before, after, 0.0, first, last).kind == FOLLOWED

@@ -20,8 +20,8 @@ from armguard.bounds.model import check_duration, check_question, read_only
 from armguard.bounds.planned.check import check_path_stop, check_plan, check_stop
 from armguard.bounds.planned.contact import PlannedContact, find_planned_contact
 from armguard.bounds.planned.course import ArmShape, PlannedCourse, deviation_along
-from armguard.bounds.planned.curve import evaluate_curve, find_top_speeds
-from armguard.bounds.planned.following import find_disagreement
+from armguard.bounds.planned.curve import evaluate_curve
+from armguard.bounds.planned.following import find_disagreement, is_covered
 from armguard.bounds.planned.placing import enclose, make_chain, place_all
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
 from armguard.bounds.planned.slabs import (
@@ -37,6 +37,7 @@ from armguard.bounds.planned.stop import append_stop, bound_path_braking
 from armguard.bounds.sums import compute_levers, compute_sphere_levers
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
+from armguard.jit.handle import machine_code
 from armguard.obstacles.table import Marks, States, make_states
 from armguard.robot.brakes import BrakeCurves, find_decelerations, find_gentlest_stop
 from armguard.robot.joints import is_prismatic
@@ -91,6 +92,11 @@ class PlannedMotion:
         )
         self._still = np.zeros(len(robot.joints))
         self._chain = make_chain(self._kinematics)
+        # All that these are handed is made here, or by kernels.
+        middle = np.zeros((1, len(robot.joints)))
+        self._place_all = machine_code(place_all, self._chain, middle)
+        centers, _ = self._place_all(self._chain, middle)
+        self._enclose = machine_code(enclose, self._arm, centers, middle)
         self._compile()
 
     def lay_out(self, plan: CheckedPlan, before: Sequence[CheckedPlan] = ()) -> PlannedCourse:
@@ -181,9 +187,7 @@ class PlannedMotion:
         self._check(plan)
         if stated is not None:
             return stated, 1.0 / stated + find_settling(plan, self._limits, 0.0)
-        braking = find_decelerations(
-            self._limits.brakes, find_top_speeds(plan.times, plan.q, plan.v)
-        )
+        braking = find_decelerations(self._limits.brakes, plan.top_speed)
         slowing, _, _ = bound_path_braking(
             plan.times, plan.q, plan.v, braking, 0.0, float(plan.times[-1])
         )
@@ -202,12 +206,8 @@ class PlannedMotion:
         """
         limits = self._limits_in_force
         slower = limits.velocity_error + delay * limits.operating_acceleration
-        none = np.zeros(2)
-        rests = [
-            float(find_rest(none, pace[None], limits.brakes))
-            for pace in (speeds, np.minimum(speeds, slower))
-        ]
-        return rests[0] - rests[1]
+        rest: float = find_rest(limits.brakes, speeds)
+        return rest - float(find_rest(limits.brakes, np.minimum(speeds, slower)))
 
     def _check(self, plan: object) -> None:
         joints = len(self._limits.lower)
@@ -220,8 +220,8 @@ class PlannedMotion:
 
     def _place(self, epoch: float, slabs: JointSlabs) -> PlannedCourse:
         """The arm in the middle of each slab, and the balls around all that it sweeps."""
-        centers, jacobian = place_all(self._chain, slabs.middle)
-        block_balls, arm_ball = enclose(self._arm, centers, slabs.half)
+        centers, jacobian = self._place_all(self._chain, slabs.middle)
+        block_balls, arm_ball = self._enclose(self._arm, centers, slabs.half)
         return PlannedCourse(epoch, *slabs, centers, jacobian, block_balls, arm_ball)
 
     def contact_time(
@@ -308,12 +308,13 @@ class PlannedMotion:
         """Run every kernel once on nothing, so that none is compiled when a plan is due."""
         robot, still = self._robot, self._still
         q = np.clip(still, robot.lower_position_limit, robot.upper_position_limit)
-        times, q = [0.0, 1.0], np.array([q, q])
-        rest = Plan(0.0, times, q, [still, still], np.ones(len(still)))
+        times, q = np.array([0.0, 1.0]), np.array([q, q])
+        rest = Plan(0.0, times, q, np.zeros_like(q), np.ones(len(still)))
         plan = check_plan(rest, robot, 0.0, q[0], still, 0.0)
         if isinstance(plan, Refusal):
             raise ArmguardError(robot.name, f"cannot even rest: {plan}")
         find_disagreement(plan, plan, robot, 0.0, 0.5)
+        is_covered(plan, plan, 0.0)
         append_stop(rest, find_gentlest_stop(self.brakes, still), on_path=False)
         slowing, _ = self.find_path_stop(plan)
         for on_path in (False, True):

@@ -16,7 +16,7 @@ import pinocchio
 from armguard.bounds.planned.course import BLOCK, ArmShape
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.kinematics import Kinematics
 
@@ -84,41 +84,6 @@ def make_chain(kinematics: Kinematics) -> JointChain:
     return chain
 
 
-def place_all(chain: JointChain, configurations: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Spheres and Jacobians of many configurations.
-
-    Args:
-        chain: Of the arm's joints.
-        configurations: Joint positions, in [rad] or [m]. Shape (k, nv).
-
-    Returns:
-        Sphere centres in the world, in [m], (k, n, 3), and Pinocchio's `data.J`, (k, 6, nv).
-    """
-    count, joints = configurations.shape
-    centers = np.empty((count, len(chain.carrier), 3))
-    jacobian = np.zeros((count, 6, joints))
-    _place_all(chain, configurations, centers, jacobian)
-    return centers, jacobian
-
-
-def enclose(arm: ArmShape, centers: FloatArray, half: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Balls around what links sweep, and one around those.
-
-    Args:
-        arm: Its spheres.
-        centers: Of all of them in each slab of a course, in [m]. Shape (slabs, n, 3).
-        half: How far joints can be from there, in [rad] or [m]. Shape (slabs, nv).
-
-    Returns:
-        Middles and radii, in [m]: of each link in each `BLOCK` slabs, (blocks, links, 4), and of
-        the whole arm, (4,).
-    """
-    blocks = -(-len(half) // BLOCK)
-    balls, ball = np.empty((blocks, len(arm.root), 4)), np.empty(4)
-    _enclose(arm, centers, half, balls, ball)
-    return balls, ball
-
-
 def _check_chain(chain: JointChain, kinematics: Kinematics) -> None:
     model = kinematics.model
     random = np.random.default_rng(0)
@@ -138,10 +103,19 @@ def _check_chain(chain: JointChain, kinematics: Kinematics) -> None:
 
 
 @kernel
-def _place_all(
-    chain: JointChain, configurations: FloatArray, centers: FloatArray, jacobian: FloatArray
-) -> None:
-    """Fill `centers`, (k, n, 3), and `jacobian`, (k, 6, nv), zeros so far."""
+def place_all(chain: JointChain, configurations: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Spheres and Jacobians of many configurations.
+
+    Args:
+        chain: Of the arm's joints.
+        configurations: Joint positions, in [rad] or [m]. Shape (k, nv).
+
+    Returns:
+        Sphere centres in the world, in [m], (k, n, 3), and Pinocchio's `data.J`, (k, 6, nv).
+    """
+    count, joints = configurations.shape
+    centers = np.empty((count, chain.carrier.shape[0], 3))
+    jacobian = np.zeros((count, 6, joints))
     world, origin = chain.world_rotation, chain.world_translation
     for a in range(3):
         origin[0, a] = 0.0
@@ -165,16 +139,24 @@ def _place_all(
                 jacobian[k, 1, j] = pz * ax - px * az
                 jacobian[k, 2, j] = px * ay - py * ax
                 jacobian[k, 3, j], jacobian[k, 4, j], jacobian[k, 5, j] = ax, ay, az
+        carried = -1
         for n in range(chain.carrier.shape[0]):
-            i = chain.carrier[n]
+            if chain.carrier[n] != carried:
+                # Mostly it is the joint of the sphere before.
+                carried = chain.carrier[n]
+                place = world[carried]
+                xx, xy, xz = place[0, 0], place[0, 1], place[0, 2]
+                yx, yy, yz = place[1, 0], place[1, 1], place[1, 2]
+                zx, zy, zz = place[2, 0], place[2, 1], place[2, 2]
+                ox, oy, oz = origin[carried, 0], origin[carried, 1], origin[carried, 2]
             x, y, z = chain.local[n, 0], chain.local[n, 1], chain.local[n, 2]
-            for a in range(3):
-                centers[k, n, a] = (
-                    world[i, a, 0] * x + world[i, a, 1] * y + world[i, a, 2] * z + origin[i, a]
-                )
+            centers[k, n, 0] = xx * x + xy * y + xz * z + ox
+            centers[k, n, 1] = yx * x + yy * y + yz * z + oy
+            centers[k, n, 2] = zx * x + zy * y + zz * z + oz
+    return centers, jacobian
 
 
-@kernel
+@merged_kernel
 def _place_joint(chain: JointChain, i: int, position: float, turned: FloatArray) -> None:
     """Place joint i in the world, its parent being placed; `turned`, (3, 3), is room to work in."""
     world, origin, parent = chain.world_rotation, chain.world_translation, chain.parent[i]
@@ -209,10 +191,20 @@ def _place_joint(chain: JointChain, i: int, position: float, turned: FloatArray)
 
 
 @kernel
-def _enclose(
-    arm: ArmShape, centers: FloatArray, half: FloatArray, balls: FloatArray, ball: FloatArray
-) -> None:
-    """Fill `balls`, (blocks, links, 4), and `ball`, (4,)."""
+def enclose(arm: ArmShape, centers: FloatArray, half: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Balls around what links sweep, and one around those.
+
+    Args:
+        arm: Its spheres.
+        centers: Of all of them in each slab of a course, in [m]. Shape (slabs, n, 3).
+        half: How far joints can be from there, in [rad] or [m]. Shape (slabs, nv).
+
+    Returns:
+        Middles and radii, in [m]: of each link in each `BLOCK` slabs, (blocks, links, 4), and of
+        the whole arm, (4,).
+    """
+    blocks = (half.shape[0] + BLOCK - 1) // BLOCK
+    balls, ball = np.empty((blocks, arm.root.shape[0], 4)), np.empty(4)
     lowest, highest = np.full(3, np.inf), np.full(3, -np.inf)
     low, high = np.empty(3), np.empty(3)
     for block in range(balls.shape[0]):
@@ -252,6 +244,7 @@ def _enclose(
                 square += off * off
             ball[3] = max(ball[3], math.sqrt(square) + balls[block, link, 3])
     _widen(ball)
+    return balls, ball
 
 
 @kernel

@@ -5,12 +5,15 @@ A plan is either a piece that carries its own stop, or a whole trajectory; both 
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from armguard.jit.arrays import FloatArray
+from armguard.jit.kernels import kernel
+from armguard.robot.robot import Robot
 
 MOST_SAMPLES = 20_000
 """Beyond this it is no next piece; bounds the time that a check takes."""
@@ -18,6 +21,10 @@ MOST_SAMPLES = 20_000
 
 LONGEST = 1e6
 """Nor is what lasts longer, in [s]; times up to this are exact to a nanosecond."""
+
+
+OPTIONAL = 3
+"""After this array of a plan those begin that need not be stated."""
 
 
 class Plan(NamedTuple):
@@ -68,6 +75,10 @@ class CheckedPlan(NamedTuple):
     velocity_deviation: FloatArray
     """How far velocities may truly be off the curve's as the controller states it, all errors
     included, in [rad]/[s] or [m]/[s]; inf where it does not. Shape (nv,)."""
+    top_speed: FloatArray
+    """The curve's greatest speed of each joint, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
+    top_speedup: FloatArray
+    """Its greatest acceleration where a joint speeds up, in [rad]/[s²] or [m]/[s²]. Shape (nv,)."""
     now: float
     """When it was checked, in [s]."""
     measured_stamp: float
@@ -81,6 +92,35 @@ class CheckedPlan(NamedTuple):
     def end(self) -> float:
         """When the arm is at the last sample, in [s]."""
         return self.stamp + float(self.times[-1])
+
+
+class PlanLimits(NamedTuple):
+    """A robot's limits and errors, by which its plans are judged. Shape (nv,) each."""
+
+    lower: FloatArray
+    """Position limits, in [rad] or [m]; infinite where the joint is continuous."""
+    upper: FloatArray
+    """As `lower`."""
+    velocity: FloatArray
+    """Limits, in [rad]/[s] or [m]/[s]."""
+    acceleration: FloatArray
+    """Limits, in [rad]/[s²] or [m]/[s²]."""
+    position_error: FloatArray
+    """What measured positions may be off by, in [rad] or [m]."""
+    velocity_error: FloatArray
+    """What measured velocities may be off by, in [rad]/[s] or [m]/[s]."""
+
+
+def read_plan_limits(robot: Robot) -> PlanLimits:
+    """The limits and errors by which plans for a robot are judged."""
+    return PlanLimits(
+        robot.lower_position_limit,
+        robot.upper_position_limit,
+        robot.velocity_limit,
+        robot.acceleration_limit,
+        robot.position_error,
+        robot.velocity_error,
+    )
 
 
 class Refusal(NamedTuple):
@@ -104,6 +144,46 @@ def read_plan(plan: object, joints: int) -> Plan | Refusal:
     """
     if not isinstance(plan, Plan):
         return Refusal("plan", f"is a {type(plan).__name__}, expected an armguard.Plan")
+    return _copy_arrays(plan, joints) or _read_fields(plan, joints)
+
+
+def _copy_arrays(plan: Plan, joints: int) -> Plan | None:
+    """The plan with copies for arrays, where these are float64 already; None: to be looked into.
+
+    What `_read_fields` finds field by field, a controller's loop has mostly seen to.
+    """
+    stamp, *given = plan
+    if not isinstance(stamp, float) or type(plan.times) is not np.ndarray:
+        return None
+    count = plan.times.shape[0] if plan.times.ndim else 0
+    shapes = (count,), (count, joints), (count, joints), (joints,), (joints,), (joints,)
+    copies: list[FloatArray | None] = []
+    for array, shape in zip(given, shapes, strict=True):
+        if array is None and len(copies) > OPTIONAL:
+            copies.append(None)
+        elif type(array) is np.ndarray and array.dtype == np.float64 and array.shape == shape:
+            copy = np.array(array, order="C")
+            copy.flags.writeable = False
+            copies.append(copy)
+        else:
+            return None
+    times, q, v, error, speed_error, stop_error = copies
+    # Those that are not stated are as good as the one that is.
+    if not _is_sound(
+        float(stamp),
+        times,
+        q,
+        v,
+        error,
+        error if speed_error is None else speed_error,
+        error if stop_error is None else stop_error,
+    ):
+        return None
+    return Plan(float(stamp), *copies)  # type: ignore[arg-type]  # it has no None but where one may be
+
+
+def _read_fields(plan: Plan, joints: int) -> Plan | Refusal:
+    """The same, whatever its fields are."""
     stamp = _read_array("stamp", plan.stamp, ())
     times = _read_array("times", plan.times, (-1,))
     if isinstance(stamp, Refusal):
@@ -161,3 +241,36 @@ def _read_array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray | 
         return Refusal(name, "is not finite everywhere")
     array.flags.writeable = False
     return array
+
+
+@kernel
+def _is_sound(
+    stamp: float,
+    times: FloatArray,
+    q: FloatArray,
+    v: FloatArray,
+    error: FloatArray,
+    speed_error: FloatArray,
+    stop_error: FloatArray,
+) -> bool:
+    """Whether all that `_read_fields` says of the numbers of a plan is in order."""
+    count = times.shape[0]
+    if not (abs(stamp) < math.inf and 2 <= count <= MOST_SAMPLES):
+        return False
+    if not (times[0] == 0.0 and times[count - 1] <= LONGEST):
+        return False
+    for k in range(count - 1):
+        if not times[k + 1] > times[k]:
+            return False
+    # Differences of what is not finite are no numbers, and no such sum is 0.
+    total = 0.0
+    for k in range(count):
+        total += times[k] - times[k]
+        for j in range(q.shape[1]):
+            total += (q[k, j] - q[k, j]) + (v[k, j] - v[k, j])
+    for j in range(error.shape[0]):
+        for array in (error, speed_error, stop_error):
+            total += array[j] - array[j]
+            if not array[j] > 0.0:
+                return False
+    return total == 0.0

@@ -23,12 +23,7 @@ import numpy as np
 
 from armguard.bounds.displacement import brake, fill_displacements, operating_velocity
 from armguard.bounds.limits import JointLimits
-from armguard.bounds.planned.curve import (
-    curve_range,
-    evaluate_curve,
-    find_top_speeds,
-    speed_range,
-)
+from armguard.bounds.planned.curve import curve_range, evaluate_curve, speed_range
 from armguard.bounds.planned.following import fill_deviation_speed
 from armguard.bounds.planned.plan import CheckedPlan
 from armguard.bounds.planned.stop import bound_path_braking
@@ -36,7 +31,7 @@ from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.brakes import BrakeCurves, find_decelerations, find_stop, rest_time
-from armguard.robot.turns import align_turns, find_continuous
+from armguard.robot.turns import nearest_turn
 
 SLAB = 5e-3
 """How long a slab of the curve is, in [s], unless there were too many."""
@@ -47,7 +42,11 @@ BRAKING_SLABS = 24
 
 
 class JointSlabs(NamedTuple):
-    """Boxes that contain all joint positions, each at every time from its start to its end."""
+    """Boxes that contain all joint positions, each at every time from its start to its end.
+
+    While they are laid out they hold least positions in place of `middle`, and greatest ones in
+    place of `half`.
+    """
 
     start: FloatArray
     """From when the course begins, in [s]. Shape (slabs,)."""
@@ -89,16 +88,9 @@ def make_piece_slabs(
         before: What it may be following until the piece begins; none: joints are free until then.
     """
     lead = plan.stamp - plan.now
-    begin, last = max(-lead, 0.0), float(plan.times[-1])
-    parts = []
-    if lead > 0.0:
-        parts.append(_wait(plan, limits, before, lead))
-    count = min(max(int(np.ceil((last - begin) / SLAB)), 1), MOST_CURVE_SLABS)
-    settled = find_settling(plan, limits, math.inf)
-    nodes = np.append(np.linspace(begin, last, count + 1), last + settled)
-    low, high, _, _ = _follow(plan, nodes)
-    parts.append((nodes - begin, low, high))
-    return _join(parts, limits)
+    slabs: JointSlabs = _lay_piece(plan, limits, lead, not before)
+    _wait(slabs, plan, limits, before, lead)
+    return slabs
 
 
 def make_left_piece_slabs(
@@ -124,34 +116,33 @@ def make_left_piece_slabs(
         to begin and joints are free until then: no brakes are known of those.
     """
     lead = plan.stamp - plan.now
-    parts = []
-    if lead > 0.0:
-        if not before:
-            return None
-        parts.append(_wait(plan, limits, before, lead))
+    if lead > 0.0 and not before:
+        return None
     begin = max(-lead, 0.0)
     age = max(lead, 0.0) + plan.now - plan.measured_stamp
-    clock = PathClock(begin - age, age, True, -latency)
+    clock = PathClock(begin - age, age, True, -float(latency))
     # The last moment is when it rests at the end; from then on nothing is left to brake.
     latest = max(float(plan.times[-1]) - begin, 0.0) + find_settling(plan, limits, math.inf)
-    left = _leave(plan, limits, clock, latest)
-    if left is None:
+    is_braked, slabs = _lay_leaving(plan, limits, clock, latest, lead)
+    if not is_braked:
         return None
-    return _join([*parts, left], limits)
+    _wait(slabs, plan, limits, before, lead)
+    found: JointSlabs = slabs
+    return found
 
 
 def _wait(
-    plan: CheckedPlan, limits: JointLimits, before: Sequence[CheckedPlan], lead: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Nodes until a piece begins, and least and greatest positions between them."""
-    nodes = np.linspace(0.0, lead, WAITING_SLABS + 1)
-    if not before:
-        age = plan.now - plan.measured_stamp
-        return nodes, *_spread(plan.measured_q, plan.measured_v, age, limits, nodes)
-    boxes = [_follow(one, nodes + (plan.now - one.stamp)) for one in before]
-    low = np.min([box[0] for box in boxes], axis=0)
-    high = np.max([box[1] for box in boxes], axis=0)
-    return nodes, low, high
+    slabs: JointSlabs,
+    plan: CheckedPlan,
+    limits: JointLimits,
+    before: Sequence[CheckedPlan],
+    lead: float,
+) -> None:
+    """Lay out the slabs until a piece begins of an arm that follows one of those before."""
+    if lead > 0.0 and before:
+        for one in before:
+            _include(slabs, one.times, one.q, one.v, one.deviation, plan.now - one.stamp)
+        _center(slabs, limits, 0, WAITING_SLABS)
 
 
 def make_stop_slabs(
@@ -171,61 +162,257 @@ def make_stop_slabs(
         None where a joint may be faster than its brakes are stated for, and where the arm is to
         stop on the path, and brakes guarantee no such thing there.
     """
-    if not on_path:
-        left = _leave(plan, limits, clock, latest_bite)
-        return None if left is None else _join([left], limits)
+    if on_path:
+        is_braked, slabs = _lay_path_stop(plan, limits, clock, latest_bite)
+    else:
+        is_braked, slabs = _lay_leaving(plan, limits, clock, latest_bite, 0.0)
+    return slabs if is_braked else None
+
+
+@kernel
+def _make_slabs(count: int, joints: int) -> JointSlabs:
+    """Room for slabs."""
+    shape = count, joints
+    return JointSlabs(np.empty(count), np.empty(count), np.empty(shape), np.empty(shape))
+
+
+@kernel
+def _divide(nodes: FloatArray, first: int, count: int, begin: float, end: float) -> None:
+    """Fill the nodes from `first` on: so many slabs of the same length, and where they end."""
+    step = (end - begin) / count
+    for k in range(count):
+        nodes[first + k] = k * step + begin
+    nodes[first + count] = end
+
+
+@kernel
+def _fill_times(slabs: JointSlabs, nodes: FloatArray, lead: float) -> int:
+    """Fill when slabs begin and end: those until the lead is over, and those between nodes.
+
+    Nodes count from then on. Returns how many slabs come before.
+    """
+    waiting = WAITING_SLABS if lead > 0.0 else 0
+    until = np.zeros(WAITING_SLABS + 1)
+    if waiting > 0:
+        _divide(until, 0, waiting, 0.0, lead)
+    for k in range(waiting):
+        slabs.start[k], slabs.end[k] = until[k], until[k + 1]
+    for k in range(nodes.shape[0] - 1):
+        slabs.start[waiting + k] = until[waiting] + nodes[k]
+        slabs.end[waiting + k] = until[waiting] + nodes[k + 1]
+    return waiting
+
+
+@kernel
+def _lay_piece(plan: CheckedPlan, limits: JointLimits, lead: float, is_free: bool) -> JointSlabs:
+    """The slabs of a piece; those until it begins only where joints are free until then."""
+    joints = plan.deviation.shape[0]
+    begin, last = max(-lead, 0.0), plan.times[-1]
+    count = min(max(math.ceil((last - begin) / SLAB), 1), MOST_CURVE_SLABS)
+    along, nodes = np.empty(count + 2), np.empty(count + 2)
+    _divide(along, 0, count, begin, last)
+    along[count + 1] = last + find_settling(plan, limits, math.inf)
+    for k in range(count + 2):
+        nodes[k] = along[k] - begin
+    slabs = _make_slabs(count + 1 + (WAITING_SLABS if lead > 0.0 else 0), joints)
+    waiting = _fill_times(slabs, nodes, lead)
+    low, high = slabs.middle, slabs.half
+    for k in range(waiting):
+        low[k, :], high[k, :] = math.inf, -math.inf
+    if is_free and waiting > 0:
+        until = np.empty(waiting + 1)
+        _divide(until, 0, waiting, 0.0, lead)
+        q, v, age = plan.measured_q, plan.measured_v, plan.now - plan.measured_stamp
+        _spread(q, v, age, limits, until, low, high)
+        _center(slabs, limits, 0, waiting)
+    for k in range(count + 1):
+        low_on, high_on = low[waiting + k], high[waiting + k]
+        curve_range(plan.times, plan.q, plan.v, along[k], along[k + 1], low_on, high_on)
+        for j in range(joints):
+            low_on[j] -= plan.deviation[j]
+            high_on[j] += plan.deviation[j]
+    _center(slabs, limits, waiting, low.shape[0])
+    return slabs
+
+
+@kernel
+def _include(
+    slabs: JointSlabs,
+    times: FloatArray,
+    q: FloatArray,
+    v: FloatArray,
+    deviation: FloatArray,
+    begun: float,
+) -> None:
+    """Widen the slabs of an arm that waits by where it is on a curve that began so long before."""
+    low, high = np.empty_like(deviation), np.empty_like(deviation)
+    for k in range(WAITING_SLABS):
+        curve_range(times, q, v, slabs.start[k] + begun, slabs.end[k] + begun, low, high)
+        for j in range(low.shape[0]):
+            slabs.middle[k, j] = min(slabs.middle[k, j], low[j] - deviation[j])
+            slabs.half[k, j] = max(slabs.half[k, j], high[j] + deviation[j])
+
+
+@kernel
+def _lay_path_stop(
+    plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float
+) -> tuple[bool, JointSlabs]:
+    """The slabs of an arm that stops on its path, and whether it surely can."""
+    joints = plan.deviation.shape[0]
     slowing = _find_slowing(plan, limits, clock, latest_bite)
     if not slowing > 0.0:
-        return None
+        return False, _make_slabs(0, joints)
     rest = clock.pace / slowing + find_settling(plan, limits, clock.followed)
-    nodes = _divide(latest_bite, rest)
+    leaving = _count_leaving(latest_bite)
+    count = leaving + (BRAKING_SLABS if rest > 0.0 else 0)
+    nodes = np.empty(count + 1)
+    _divide(nodes, 0, leaving, 0.0, latest_bite)
+    if rest > 0.0:
+        _divide_rest(nodes, leaving, latest_bite, rest)
+    slabs = _make_slabs(count, joints)
+    _fill_times(slabs, nodes, 0.0)
     first, last = _run_clock(clock, slowing, nodes, latest_bite)
-    low, high, _, _ = _fill(plan, first, last)
-    return _join([(nodes, low - plan.deviation, high + plan.deviation)], limits)
+    low, high = slabs.middle, slabs.half
+    for k in range(count):
+        curve_range(plan.times, plan.q, plan.v, first[k], last[k], low[k], high[k])
+        for j in range(joints):
+            low[k, j] -= plan.deviation[j]
+            high[k, j] += plan.deviation[j]
+    _center(slabs, limits, 0, count)
+    return True, slabs
 
 
-def _divide(latest_bite: float, rest: float) -> FloatArray:
-    """Nodes until the latest bite, in [s], and from then on until all rest."""
-    count = min(max(int(np.ceil(latest_bite / SLAB)), 4), MOST_LEAVING_SLABS)
-    nodes = np.linspace(0.0, latest_bite, count + 1)
-    braking = latest_bite + np.linspace(0.0, rest, BRAKING_SLABS + 1)[1:]
-    return np.concatenate([nodes, braking if rest > 0.0 else []])
+@kernel
+def _count_leaving(latest_bite: float) -> int:
+    """How many slabs there are until the latest bite, in [s]."""
+    return min(max(math.ceil(latest_bite / SLAB), 4), MOST_LEAVING_SLABS)
 
 
-def _leave(
-    plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Nodes until all rest, and least and greatest positions between them, of joints that leave.
+@kernel
+def _divide_rest(nodes: FloatArray, first: int, latest_bite: float, rest: float) -> None:
+    """Fill the nodes after the latest bite, which is the first one, until all rest."""
+    _divide(nodes, first, BRAKING_SLABS, 0.0, rest)
+    for k in range(first, first + BRAKING_SLABS + 1):
+        nodes[k] += latest_bite
 
-    None where a joint may be faster than its brakes are stated for.
+
+@kernel
+def _lay_leaving(
+    plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float, lead: float
+) -> tuple[bool, JointSlabs]:
+    """The slabs of joints that leave a plan each by itself, and whether brakes are stated for them.
+
+    Where there is a lead, in [s], the slabs until it is over are left to be laid out.
     """
-    nodes = _divide(latest_bite, 0.0)
-    first, last = _run_clock(clock, math.inf, nodes, math.inf)
-    low, high, slowest, fastest = _fill(plan, first, last)
+    joints = plan.deviation.shape[0]
+    leaving = _count_leaving(latest_bite)
+    nodes = np.empty(leaving + BRAKING_SLABS + 1)
+    _divide(nodes, 0, leaving, 0.0, latest_bite)
+    # Where on the plan joints can be until they leave it, and how fast right on it.
+    low_on, high_on = np.empty((leaving, joints)), np.empty((leaving, joints))
+    slowest, fastest = np.empty((leaving, joints)), np.empty((leaving, joints))
+    first, last = _run_clock(clock, math.inf, nodes[: leaving + 1], math.inf)
+    for k in range(leaving):
+        curve_range(plan.times, plan.q, plan.v, first[k], last[k], low_on[k], high_on[k])
+        speed_range(plan.times, plan.q, plan.v, first[k], last[k], slowest[k], fastest[k])
     if not clock.is_on_time:
-        slowest = np.minimum(0.0, slowest * clock.pace)
-        fastest = np.maximum(0.0, fastest * clock.pace)
-    measured, error = _believe(plan, limits, clock, slowest, fastest)
-    _widen_all(
-        plan.deviation, plan.acceleration, plan.velocity_deviation, measured, error,
-        limits.acceleration, limits.operating_acceleration, clock.followed, clock.age, nodes,
-        slowest, fastest,
-    )  # fmt: skip
-    top = np.maximum(limits.operating_velocity, np.abs(plan.measured_v))
-    _raise_to_fastest(plan.v, top)
-    pace = np.minimum(np.maximum(-slowest, fastest), top)
-    if not (pace.max(axis=0) <= limits.brakes.speed[:, -1]).all():
-        return None
-    rest = find_rest(nodes, pace, limits.brakes) - latest_bite
-    leaving, nodes = nodes, _divide(latest_bite, max(rest, 1e-6))
+        for k in range(leaving):
+            for j in range(joints):
+                slowest[k, j] = min(0.0, slowest[k, j] * clock.pace)
+                fastest[k, j] = max(0.0, fastest[k, j] * clock.pace)
+    # How fast they truly are, and how soon they rest then.
+    _widen_speeds(plan, limits, clock, nodes, slowest, fastest)
+    rest = 0.0
+    top = np.empty(joints)
+    for j in range(joints):
+        top[j] = max(limits.operating_velocity[j], abs(plan.measured_v[j]), plan.top_speed[j])
+        for k in range(leaving):
+            pace = min(max(-slowest[k, j], fastest[k, j]), top[j])
+            if not pace <= limits.brakes.speed[j, -1]:
+                return False, _make_slabs(0, joints)
+            lasting = rest_time(find_stop(limits.brakes, j, pace), pace)
+            rest = max(rest, (nodes[k + 1] + lasting) * (1.0 + SUM_ROUNDING))
+    _divide_rest(nodes, leaving, latest_bite, max(rest - latest_bite, 1e-6))
+    # Where they can be at all, from where they were measured.
+    low_free, high_free = np.empty((leaving, joints)), np.empty((leaving, joints))
+    at, speed = np.empty(joints), np.empty(joints)
+    evaluate_curve(plan.times, plan.q, plan.v, clock.at, at, speed)
+    q = plan.measured_q.copy()
+    for j in range(joints):
+        if math.isinf(limits.lower[j]) and math.isinf(limits.upper[j]):
+            q[j] = nearest_turn(q[j], at[j])
     # Since the stamp its clock may have been faster than its pace: that counts as measured.
-    reach = _reach(plan, limits, clock, plan.measured_v, leaving)
-    low_on, high_on = _narrow((low - plan.deviation, high + plan.deviation), reach)
-    low, high = np.empty((2, len(nodes) - 1, len(top)))
-    _fill_leaving(nodes, low_on, high_on, slowest, fastest, top, limits, low, high)
-    return nodes, low, high
+    _spread(q, plan.measured_v, clock.age, limits, nodes[: leaving + 1], low_free, high_free)
+    for k in range(leaving):
+        for j in range(joints):
+            low_on[k, j] -= plan.deviation[j]
+            high_on[k, j] += plan.deviation[j]
+            low, high = max(low_on[k, j], low_free[k, j]), min(high_on[k, j], high_free[k, j])
+            # Where the two have nothing in common, the plan counts alone.
+            if low <= high:
+                low_on[k, j], high_on[k, j] = low, high
+    count = leaving + BRAKING_SLABS
+    slabs = _make_slabs(count + (WAITING_SLABS if lead > 0.0 else 0), joints)
+    waiting = _fill_times(slabs, nodes, lead)
+    for k in range(waiting):
+        slabs.middle[k, :], slabs.half[k, :] = math.inf, -math.inf
+    left = JointSlabs(nodes[:-1], nodes[1:], slabs.middle[waiting:], slabs.half[waiting:])
+    _brake_all(left, low_on, high_on, slowest, fastest, top, limits)
+    _center(slabs, limits, waiting, waiting + count)
+    return True, slabs
 
 
+@kernel
+def _brake_all(
+    left: JointSlabs,
+    low_on: FloatArray,
+    high_on: FloatArray,
+    slowest: FloatArray,
+    fastest: FloatArray,
+    top: FloatArray,
+    limits: JointLimits,
+) -> None:
+    """Fill least and greatest positions of joints that leave a plan and brake.
+
+    `low_on`, `high_on`, `slowest` and `fastest`, (leaving, nv), are the ranges on the plan in the
+    first slabs, by the end of which all joints have left it.
+    """
+    start, end, low, high = left
+    leaving = low_on.shape[0]
+    for j in range(top.shape[0]):
+        accel = limits.acceleration[j]
+        for k in range(low.shape[0]):
+            low[k, j] = low_on[k, j] if k < leaving else math.inf
+            high[k, j] = high_on[k, j] if k < leaving else -math.inf
+        for i in range(leaving):
+            up, down = min(fastest[i, j], top[j]), min(-slowest[i, j], top[j])
+            up_stop = find_stop(limits.brakes, j, up)
+            down_stop = find_stop(limits.brakes, j, down)
+            for k in range(i, low.shape[0]):
+                # Going on, it is furthest if it left first and now is last; going back, if not.
+                longest = end[k] - start[i]
+                shortest = max(start[k] - end[i], 0.0)
+                braked = brake(up, accel, up_stop, longest if up > 0.0 else shortest)
+                high[k, j] = max(high[k, j], high_on[i, j] + braked)
+                braked = brake(down, accel, down_stop, longest if down > 0.0 else shortest)
+                low[k, j] = min(low[k, j], low_on[i, j] - braked)
+        for k in range(low.shape[0]):
+            # One that stops at a limit gets no further, however fast it was.
+            high[k, j] = max(high[k, j], limits.lower[j] + limits.position_error[j])
+            low[k, j] = min(low[k, j], limits.upper[j] - limits.position_error[j])
+
+
+@kernel
+def find_rest(brakes: BrakeCurves, pace: FloatArray) -> float:
+    """How long it takes until all joints surely rest, from speeds of at most `pace`; rounded up."""
+    rest = 0.0
+    for j in range(pace.shape[0]):
+        lasting = rest_time(find_stop(brakes, j, pace[j]), pace[j])
+        rest = max(rest, lasting * (1.0 + SUM_ROUNDING))
+    return rest
+
+
+@kernel
 def find_settling(plan: CheckedPlan, limits: JointLimits, followed: float) -> float:
     """How long joints may still move about the place where they come to rest, in [s].
 
@@ -234,14 +421,14 @@ def find_settling(plan: CheckedPlan, limits: JointLimits, followed: float) -> fl
         limits: Of the robot that it was checked for.
         followed: How long they have followed it by then, in [s].
     """
-    speed = np.empty_like(plan.deviation)
-    fill_deviation_speed(
-        plan.deviation, plan.acceleration, plan.velocity_deviation, followed, speed
-    )
-    pace = np.minimum(speed, limits.velocity + limits.velocity_error)
-    return float(find_rest(np.zeros(2), pace[None], limits.brakes))
+    pace = np.empty_like(plan.deviation)
+    fill_deviation_speed(plan.deviation, plan.acceleration, plan.velocity_deviation, followed, pace)
+    for j in range(pace.shape[0]):
+        pace[j] = min(pace[j], limits.velocity[j] + limits.velocity_error[j])
+    return find_rest(limits.brakes, pace)
 
 
+@kernel
 def _find_slowing(
     plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float
 ) -> float:
@@ -251,13 +438,14 @@ def _find_slowing(
     # Only what lies ahead counts: that far it gets at the most by what brakes do anywhere.
     begin = clock.at - abs(clock.age)
     end = clock.at + abs(clock.age) + latest_bite + 0.5 / clock.slowing
-    braking = find_decelerations(limits.brakes, find_top_speeds(plan.times, plan.q, plan.v))
+    braking = find_decelerations(limits.brakes, plan.top_speed)
     slowing, _, _ = bound_path_braking(
         plan.times, plan.q, plan.v, braking, max(begin, 0.0), max(end, 0.0)
     )
-    return float(slowing)
+    return slowing
 
 
+@kernel
 def _run_clock(
     clock: PathClock, slowing: float, nodes: FloatArray, latest_bite: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -265,149 +453,60 @@ def _run_clock(
 
     Brakes that bite at the latest bite, in [s], slow its clock down to rest.
     """
-    after = np.maximum(nodes - latest_bite, 0.0)
-    gone = clock.pace * (nodes - after)
-    if after.any():
-        slowing = min(slowing, 1e300)  # a path on which no joint moves ends at once
-        until = np.minimum(after, clock.pace / slowing)
-        gone += until * (clock.pace - 0.5 * slowing * until)
-    gone *= 1.0 + SUM_ROUNDING
-    if clock.is_on_time:
-        # Brakes that can slow the clock down may have done so at once.
-        now = clock.at + clock.age
-        return now + (np.zeros(len(gone) - 1) if after.any() else nodes[:-1]), now + gone[1:]
-    first = np.full(len(gone) - 1, clock.at + min(clock.age, 0.0))
-    return first, clock.at + abs(clock.age) + gone[1:]
-
-
-def _follow(
-    plan: CheckedPlan, nodes: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Ranges of positions between neighbouring times, and of velocities right on the curve."""
-    low, high, slowest, fastest = _fill(plan, nodes[:-1], nodes[1:])
-    return low - plan.deviation, high + plan.deviation, slowest, fastest
-
-
-def _fill(
-    plan: CheckedPlan, first: FloatArray, last: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Ranges of positions and velocities right on the curve between times on it."""
-    low, high, slowest, fastest = np.empty((4, len(first), len(plan.deviation)))
-    _fill_ranges(plan.times, plan.q, plan.v, first, last, low, high, slowest, fastest)
-    return low, high, slowest, fastest
-
-
-def _believe(
-    plan: CheckedPlan,
-    limits: JointLimits,
-    clock: PathClock,
-    slowest: FloatArray,
-    fastest: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Measured velocities and their errors, of an arm whose clock keeps to its pace; (nv,) each.
-
-    Ranges of velocities right on the curve are (slabs, nv).
-    """
-    measured, error = plan.measured_v, limits.velocity_error
-    if not clock.pace < 1.0:
-        return measured, error
-    # One that was measured to be faster than its pace counts as if it were so fast: for one
-    # that is not, the velocity nearest to the measured one is no farther from the true one.
-    off = np.empty_like(measured)
-    fill_deviation_speed(
-        plan.deviation, plan.acceleration, plan.velocity_deviation, clock.followed, off
-    )
-    kept = np.clip(measured, slowest[0] - off, fastest[0] + off)
-    if clock.age < 0.0:
-        # It was measured later than that, when it may have had any pace.
-        error = error + np.abs(measured - kept)
-    return kept, error
-
-
-def _reach(
-    plan: CheckedPlan,
-    limits: JointLimits,
-    clock: PathClock,
-    v: FloatArray,
-    nodes: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Where joints can get between neighbouring nodes from where they were measured, as at `v`."""
-    at, speed = np.empty_like(v), np.empty_like(v)
-    evaluate_curve(plan.times, plan.q, plan.v, clock.at, at, speed)
-    q = align_turns(plan.measured_q, at, find_continuous(limits.lower, limits.upper))
-    return _spread(q, v, clock.age, limits, nodes)
-
-
-def _narrow(
-    ranges: tuple[FloatArray, FloatArray], others: tuple[FloatArray, FloatArray]
-) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest values by both; by the first alone where they have none in common."""
-    low, high = np.maximum(ranges[0], others[0]), np.minimum(ranges[1], others[1])
-    fits = low <= high
-    return np.where(fits, low, ranges[0]), np.where(fits, high, ranges[1])
-
-
-def _join(
-    parts: list[tuple[FloatArray, FloatArray, FloatArray]], limits: JointLimits
-) -> JointSlabs:
-    """Slabs of all parts, one after the other, no joint beyond where it can be at all."""
-    starts, ends, offset = [], [], 0.0
-    for nodes, _, _ in parts:
-        starts.append(offset + nodes[:-1])
-        offset += float(nodes[-1])
-        ends.append(np.append(starts[-1][1:], offset))
-    low = np.concatenate([low for _, low, _ in parts])
-    high = np.concatenate([high for _, _, high in parts])
-    _center(low, high, limits.lower, limits.upper, limits.position_error)
-    return JointSlabs(np.concatenate(starts), np.concatenate(ends), low, high)
-
-
-def _spread(
-    q: FloatArray, v: FloatArray, age: float, limits: JointLimits, nodes: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest positions between neighbouring nodes of joints that are free.
-
-    They were measured `age` seconds before the first node, (nv,) each.
-    """
-    high, low = np.empty((2, len(nodes), len(q)))
-    highest, lowest = np.empty((2, len(q)))
-    fill_displacements(q, v, age, math.inf, limits, nodes, high, low, highest, lowest)
-    high, low = np.minimum(high, highest), np.maximum(low, lowest)
-    return (
-        q - limits.position_error + np.minimum(low[:-1], low[1:]),
-        q + limits.position_error + np.maximum(high[:-1], high[1:]),
-    )
+    count = nodes.shape[0] - 1
+    first, last = np.empty(count), np.empty(count)
+    slowing = min(slowing, 1e300)  # a path on which no joint moves ends at once
+    is_slowed = nodes[count] > latest_bite
+    for k in range(count):
+        after = max(nodes[k + 1] - latest_bite, 0.0)
+        gone = clock.pace * (nodes[k + 1] - after)
+        if is_slowed:
+            until = min(after, clock.pace / slowing)
+            gone += until * (clock.pace - 0.5 * slowing * until)
+        gone *= 1.0 + SUM_ROUNDING
+        if clock.is_on_time:
+            # Brakes that can slow the clock down may have done so at once.
+            first[k] = clock.at + clock.age + (0.0 if is_slowed else nodes[k])
+            last[k] = clock.at + clock.age + gone
+        else:
+            first[k] = clock.at + min(clock.age, 0.0)
+            last[k] = clock.at + abs(clock.age) + gone
+    return first, last
 
 
 @kernel
-def _fill_ranges(
-    times: FloatArray,
+def _spread(
     q: FloatArray,
     v: FloatArray,
-    first: FloatArray,
-    last: FloatArray,
+    age: float,
+    limits: JointLimits,
+    nodes: FloatArray,
     low: FloatArray,
     high: FloatArray,
-    slowest: FloatArray,
-    fastest: FloatArray,
 ) -> None:
-    """Fill ranges on the curve between times, each of shape (slabs, nv)."""
-    for k in range(first.shape[0]):
-        curve_range(times, q, v, first[k], last[k], low[k], high[k])
-        speed_range(times, q, v, first[k], last[k], slowest[k], fastest[k])
+    """Fill least and greatest positions between neighbouring nodes of joints that are free.
+
+    They were measured `age` seconds before the first node, (nv,) each. More rows than there are
+    slabs stay as they are.
+    """
+    shape = nodes.shape[0], q.shape[0]
+    up, down = np.empty(shape), np.empty(shape)
+    highest, lowest = np.empty_like(q), np.empty_like(q)
+    fill_displacements(q, v, age, math.inf, limits, nodes, up, down, highest, lowest)
+    for j in range(q.shape[0]):
+        for k in range(nodes.shape[0]):
+            up[k, j] = min(up[k, j], highest[j])
+            down[k, j] = max(down[k, j], lowest[j])
+        for k in range(nodes.shape[0] - 1):
+            low[k, j] = q[j] - limits.position_error[j] + min(down[k, j], down[k + 1, j])
+            high[k, j] = q[j] + limits.position_error[j] + max(up[k, j], up[k + 1, j])
 
 
 @kernel
-def _widen_all(
-    deviation: FloatArray,
-    acceleration: FloatArray,
-    stated: FloatArray,
-    measured_v: FloatArray,
-    velocity_error: FloatArray,
-    acceleration_limit: FloatArray,
-    speeding: FloatArray,
-    followed: float,
-    age: float,
+def _widen_speeds(
+    plan: CheckedPlan,
+    limits: JointLimits,
+    clock: PathClock,
     nodes: FloatArray,
     slowest: FloatArray,
     fastest: FloatArray,
@@ -415,94 +514,50 @@ def _widen_all(
     """Widen ranges of velocities between nodes by what an arm on the curve may be off by.
 
     The least of what is stated, what follows from staying within the deviation, and what follows
-    from the measured velocity: a joint speeds up from there by no more than `speeding`, and slows
-    down by no more than its acceleration limit. `slowest` and `fastest` are (nodes - 1, nv).
+    from the measured velocity: a joint speeds up from there by no more than its operating
+    acceleration, and slows down by no more than its acceleration limit. `slowest` and `fastest`
+    are right on the curve so far, (slabs, nv), of which the nodes are the first ones.
     """
-    off = np.empty_like(deviation)
-    for k in range(slowest.shape[0]):
-        fill_deviation_speed(deviation, acceleration, stated, followed + nodes[k], off)
-        # A slab may begin before the stamp, when a joint that slows down was faster.
-        before = max(-(age + nodes[k]), 0.0) * (1.0 + SUM_ROUNDING)
-        after = max(age + nodes[k + 1], 0.0) * (1.0 + SUM_ROUNDING)
+    off, measured = np.empty_like(plan.deviation), plan.measured_v.copy()
+    error = limits.velocity_error.copy()
+    if clock.pace < 1.0:
+        # One that was measured to be faster than its pace counts as if it were so fast: for one
+        # that is not, the velocity nearest to the measured one is no farther from the true one.
+        fill_deviation_speed(
+            plan.deviation, plan.acceleration, plan.velocity_deviation, clock.followed, off
+        )
         for j in range(off.shape[0]):
-            up, down = measured_v[j] + velocity_error[j], -measured_v[j] + velocity_error[j]
-            limit = acceleration_limit[j]
-            most = operating_velocity(up, limit, speeding[j], math.inf, after)
-            least = -operating_velocity(down, limit, speeding[j], math.inf, after)
+            kept = max(measured[j], slowest[0, j] - off[j])
+            kept = min(kept, fastest[0, j] + off[j])
+            if clock.age < 0.0:
+                # It was measured later than that, when it may have had any pace.
+                error[j] += abs(measured[j] - kept)
+            measured[j] = kept
+    for k in range(slowest.shape[0]):
+        fill_deviation_speed(
+            plan.deviation, plan.acceleration, plan.velocity_deviation,
+            clock.followed + nodes[k], off,
+        )  # fmt: skip
+        # A slab may begin before the stamp, when a joint that slows down was faster.
+        before = max(-(clock.age + nodes[k]), 0.0) * (1.0 + SUM_ROUNDING)
+        after = max(clock.age + nodes[k + 1], 0.0) * (1.0 + SUM_ROUNDING)
+        for j in range(off.shape[0]):
+            up, down = measured[j] + error[j], -measured[j] + error[j]
+            limit, speeding = limits.acceleration[j], limits.operating_acceleration[j]
+            most = operating_velocity(up, limit, speeding, math.inf, after)
+            least = -operating_velocity(down, limit, speeding, math.inf, after)
             slowest[k, j] = max(slowest[k, j] - off[j], min(least, -down - before * limit))
             fastest[k, j] = min(fastest[k, j] + off[j], max(most, up + before * limit))
 
 
 @kernel
-def _center(
-    low: FloatArray, high: FloatArray, lower: FloatArray, upper: FloatArray, error: FloatArray
-) -> None:
-    """Turn least and greatest positions, (slabs, nv), into middles and half widths, in place."""
-    for k in range(low.shape[0]):
+def _center(slabs: JointSlabs, limits: JointLimits, first: int, last: int) -> None:
+    """Turn least and greatest positions of slabs into middles and half widths, in place."""
+    low, high, error = slabs.middle, slabs.half, limits.position_error
+    for k in range(first, last):
         for j in range(low.shape[1]):
             # Joints are believed up to an error beyond their limits, and truly another one beyond.
-            least = max(low[k, j], lower[j] - 2.0 * error[j])
-            most = min(high[k, j], upper[j] + 2.0 * error[j])
+            least = max(low[k, j], limits.lower[j] - 2.0 * error[j])
+            most = min(high[k, j], limits.upper[j] + 2.0 * error[j])
             low[k, j] = 0.5 * (most + least)
             high[k, j] = 0.5 * (most - least) + SUM_ROUNDING * (abs(least) + abs(most))
-
-
-@kernel
-def _raise_to_fastest(v: FloatArray, top: FloatArray) -> None:
-    """Raise `top`, (nv,), to the greatest speeds among samples, (k, nv)."""
-    for k in range(v.shape[0]):
-        for j in range(v.shape[1]):
-            top[j] = max(top[j], abs(v[k, j]))
-
-
-@kernel
-def find_rest(nodes: FloatArray, pace: FloatArray, brakes: BrakeCurves) -> float:
-    """When all joints surely rest that leave between nodes, from speeds of at most `pace`.
-
-    The speeds are (nodes - 1, nv), from one node to the next; the time is rounded up.
-    """
-    rest = 0.0
-    for k in range(pace.shape[0]):
-        for j in range(pace.shape[1]):
-            lasting = rest_time(find_stop(brakes, j, pace[k, j]), pace[k, j])
-            rest = max(rest, (nodes[k + 1] + lasting) * (1.0 + SUM_ROUNDING))
-    return rest
-
-
-@kernel
-def _fill_leaving(
-    nodes: FloatArray,
-    low_on: FloatArray,
-    high_on: FloatArray,
-    slowest: FloatArray,
-    fastest: FloatArray,
-    top: FloatArray,
-    limits: JointLimits,
-    low: FloatArray,
-    high: FloatArray,
-) -> None:
-    """Fill least and greatest positions between nodes of joints that leave a plan and brake.
-
-    `low_on`, `high_on`, `slowest` and `fastest`, (leaving, nv), are the ranges on the plan between
-    the first nodes, the last of which all joints have left it by.
-    """
-    leaving = low_on.shape[0]
-    for k in range(nodes.shape[0] - 1):
-        for j in range(top.shape[0]):
-            accel, brakes = limits.acceleration[j], limits.brakes
-            highest = high_on[k, j] if k < leaving else -math.inf
-            lowest = low_on[k, j] if k < leaving else math.inf
-            for i in range(min(k + 1, leaving)):
-                # Going on, it is furthest if it left first and now is last; going back, if not.
-                longest = nodes[k + 1] - nodes[i]
-                shortest = max(nodes[k] - nodes[i + 1], 0.0)
-                up, down = min(fastest[i, j], top[j]), min(-slowest[i, j], top[j])
-                stop = find_stop(brakes, j, up)
-                braked = brake(up, accel, stop, longest if up > 0.0 else shortest)
-                highest = max(highest, high_on[i, j] + braked)
-                stop = find_stop(brakes, j, down)
-                braked = brake(down, accel, stop, longest if down > 0.0 else shortest)
-                lowest = min(lowest, low_on[i, j] - braked)
-            # One that stops at a limit gets no further, however fast it was.
-            high[k, j] = max(highest, limits.lower[j] + limits.position_error[j])
-            low[k, j] = min(lowest, limits.upper[j] - limits.position_error[j])

@@ -10,7 +10,8 @@ from armguard.bounds.planned.curve import (
     curve_range,
     evaluate_curve,
     find_excess,
-    find_top_speedups,
+    find_top_speeds,
+    make_peaks,
     speed_range,
 )
 from support.plan_cases import Hermite
@@ -65,7 +66,7 @@ def test_ranges_are_those_of_dense_samples():
 
 
 def test_speeding_up_is_found_where_dense_samples_find_it_and_braking_is_none():
-    random = np.random.default_rng(3)
+    random, peaks = np.random.default_rng(3), make_peaks(3)
     for number in range(60):
         times, q, v = random_samples(random, count=3)
         if number % 2:
@@ -76,7 +77,8 @@ def test_speeding_up_is_found_where_dense_samples_find_it_and_braking_is_none():
             inside = np.linspace(times[k], times[k + 1], 4001)[1:-1]
             pace, rate = curve(inside, 1), curve(inside, 2)
             dense.append(np.where(pace * rate > 0.0, np.abs(rate), 0.0).max(axis=0))
-        found, seen = find_top_speedups(times, q, v), np.max(dense, axis=0)
+        assert find_excess(times, q, v, -FREE, FREE, FREE, FREE, peaks)[0] == FINE
+        found, seen = peaks.speedup, np.max(dense, axis=0)
         assert (found >= seen - 1e-6).all()
         assert found == pytest.approx(seen, rel=5e-3, abs=1e-2)
 
@@ -107,40 +109,41 @@ def dense_peaks(samples):
 
 def test_excess_is_found_where_dense_samples_find_it():
     random = np.random.default_rng(3)
-    peak = np.empty(3)
+    peaks = make_peaks(3)
     for _ in range(100):
         samples = random_samples(random)
         low, high, pace, bend = dense_peaks(samples)
         more, less = 1.0 + 1e-5, 1.0 - 1e-5
         tight = low - 1e-5, high + 1e-5, pace * more, bend * more
-        assert find_excess(*samples, *tight, peak)[0] == FINE
-        assert peak == pytest.approx(bend, rel=1e-6)
-        assert find_excess(*samples, low + 1e-5, *tight[1:], peak)[0] == POSITION
-        assert find_excess(*samples, tight[0], high - 1e-5, *tight[2:], peak)[0] == POSITION
-        assert find_excess(*samples, *tight[:2], pace * less, tight[3], peak)[0] == VELOCITY
-        assert find_excess(*samples, *tight[:3], bend * less, peak)[0] in (RATE, CURVE)
+        assert find_excess(*samples, *tight, peaks)[0] == FINE
+        assert peaks.acceleration == pytest.approx(bend, rel=1e-6)
+        assert (peaks.speed == find_top_speeds(*samples)).all()
+        assert find_excess(*samples, low + 1e-5, *tight[1:], peaks)[0] == POSITION
+        assert find_excess(*samples, tight[0], high - 1e-5, *tight[2:], peaks)[0] == POSITION
+        assert find_excess(*samples, *tight[:2], pace * less, tight[3], peaks)[0] == VELOCITY
+        assert find_excess(*samples, *tight[:3], bend * less, peaks)[0] in (RATE, CURVE)
 
 
 def test_velocities_apart_and_velocities_beside_positions_are_told_apart():
-    times, peak = np.array([0.0, 0.1]), np.empty(3)
+    times, peaks = np.array([0.0, 0.1]), make_peaks(3)
     limits = -FREE, FREE, FREE, np.full(3, 2.0)
     still, moved = np.zeros((2, 3)), np.zeros((2, 3))
     moved[1, 2] = 0.5
-    assert find_excess(times, still, moved, *limits, peak)[:3] == (RATE, 2, 0)
-    assert find_excess(times, moved, still, *limits, peak)[:3] == (CURVE, 2, 0)
+    assert find_excess(times, still, moved, *limits, peaks)[:3] == (RATE, 2, 0)
+    assert find_excess(times, moved, still, *limits, peaks)[:3] == (CURVE, 2, 0)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e308])
 def test_nonsense_is_never_fine(bad):
-    peak = np.empty(3)
+    peaks = make_peaks(3)
     for place in range(2):
         samples = random_samples(np.random.default_rng(4))
         samples[1 + place][3, 1] = bad
-        assert find_excess(*samples, -FREE, FREE, FREE, FREE, peak)[0] != FINE
+        assert find_excess(*samples, -FREE, FREE, FREE, FREE, peaks)[0] != FINE
 
 
 def test_times_too_close_to_tell_are_never_fine():
-    times, peak = np.array([0.0, 1e-200]), np.empty(3)
+    times, peaks = np.array([0.0, 1e-200]), make_peaks(3)
     q = np.zeros((2, 3))
     q[1] = 1e-3
-    assert find_excess(times, q, np.zeros((2, 3)), -FREE, FREE, FREE, FREE, peak)[0] != FINE
+    assert find_excess(times, q, np.zeros((2, 3)), -FREE, FREE, FREE, FREE, peaks)[0] != FINE

@@ -5,6 +5,8 @@ from armguard.bounds import Plan, Refusal
 from armguard.bounds.planned.plan import MOST_SAMPLES, read_plan
 
 GOOD = Plan(1.0, [0.0, 0.1, 0.2], np.zeros((3, 2)), np.zeros((3, 2)), [1e-3, 1e-3])
+PLAIN = Plan(1.0, *(np.array(array) for array in GOOD[1:5]), np.full(2, 0.1), np.full(2, 0.01))
+"""A plan whose arrays are of float64 already."""
 
 
 class Broken:
@@ -78,8 +80,35 @@ MASKED = np.ma.masked_array(np.zeros((3, 2)), mask=[[0, 0], [0, 1], [0, 0]])
     ],
 )
 def test_what_is_malformed_is_refused_by_name(field, value, words):
-    refusal = read_plan(GOOD._replace(**{field: value}), 2)
-    assert isinstance(refusal, Refusal)
-    assert refusal.subject == field
-    assert any(word in refusal.detail for word in words.split("|"))
-    assert str(refusal) == f"{field}: {refusal.detail}"
+    for good in (GOOD, PLAIN):
+        refusal = read_plan(good._replace(**{field: value}), 2)
+        assert isinstance(refusal, Refusal)
+        assert refusal.subject == field
+        assert any(word in refusal.detail for word in words.split("|"))
+        assert str(refusal) == f"{field}: {refusal.detail}"
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 0.0, -1e-3, 1e7])
+@pytest.mark.parametrize("field", PLAIN._fields[1:])
+def test_every_number_of_plain_arrays_is_looked_at(field, value):
+    array = getattr(PLAIN, field)
+    for place in np.ndindex(array.shape):
+        bad = array.copy()
+        bad[place] = value
+        read = read_plan(PLAIN._replace(**{field: bad}), 2)
+        fits = {"times": place == (0,) and value == 0.0}.get(field, value > 0.0)
+        if field in ("q", "v"):
+            fits = bool(np.isfinite(value))
+        assert isinstance(read, Plan if fits and np.isfinite(value) else Refusal), (place, read)
+
+
+def test_plain_arrays_are_copied():
+    for order in "CF":
+        q = np.array(PLAIN.q, order=order)
+        read = read_plan(PLAIN._replace(q=q), 2)
+        q[:] = 5.0
+        assert np.array_equal(read.q, np.zeros((3, 2)))
+        for array in read[1:]:
+            assert array.flags.c_contiguous
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 1.0
