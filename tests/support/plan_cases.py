@@ -299,10 +299,10 @@ class Attack:
 
     def _aim(self, skin, random):
         qs, step, now = self.qs, self.step, self.now
-        places = skin.place(qs)
-        target = random.integers(places.shape[1])
+        target = random.integers(sum(len(points) for _, points in skin.parts))
         accel, speed = random.choice([0.0, 2.0, 10.0]), random.choice([0.3, 2.0])
         meet = int(random.integers(step, len(qs)))
+        places = skin.place(qs[step : meet + 1])
         times = (np.arange(len(qs)) - step) * STEP
         heading = random.normal(size=3)
         heading /= np.linalg.norm(heading)
@@ -318,11 +318,11 @@ class Attack:
         count = int(random.choice([1, 2, 8]))
         corners = 0.1 * random.normal(size=(count, 3))
         corners[0] = 0.0
-        touch = places[meet, target] - random.uniform(0.5, 1.0) * radius * heading
+        touch = places[-1, target] - random.uniform(0.5, 1.0) * radius * heading
         corners = corners + touch - paths[meet]
         first = np.inf
         for k in range(step, meet + 1):
-            if self._touches(corners + paths[k], places[k], radius):
+            if self._touches(corners + paths[k], places[k - step], radius):
                 first = times[k]
                 break
         self.contact = first
