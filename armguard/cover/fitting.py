@@ -92,8 +92,9 @@ def cut_pieces(pieces: FloatArray, count: int = _PIECES, shortest: float = 0.0) 
 
 def _fit_count(pieces: FloatArray, surface: Surface, count: int) -> FloatArray:
     """At most `count` centres, around which balls stick out as little as possible."""
-    candidates, needed = _needed_by_candidates(pieces, surface)
-    coarse = np.ascontiguousarray(needed[:, ::_SKIP])
+    candidates = _find_candidates(pieces, surface)
+    # Where triangles are slender, there are tens of thousands of pieces.
+    coarse = _compute_needed(np.ascontiguousarray(pieces[::_SKIP]), surface, candidates)
     starts = [candidates[_cover_with(coarse, count)], _spread(pieces, count)]
     improved = [_improve(pieces, surface, start) for start in starts]
     return min(improved, key=lambda end: end[1])[0]
@@ -101,7 +102,8 @@ def _fit_count(pieces: FloatArray, surface: Surface, count: int) -> FloatArray:
 
 def _fit_protrusion(pieces: FloatArray, surface: Surface, limit: float) -> FloatArray:
     """As few centres as will do for balls that stick out by `limit`."""
-    candidates, needed = _needed_by_candidates(pieces, surface)
+    candidates = _find_candidates(pieces, surface)
+    needed = _compute_needed(pieces, surface, candidates)
     # Where the grid is too coarse for the limit (open shells), a looser one will have to do.
     chosen = _cover(needed, max(limit, float(needed.min(axis=0).max())))
     centers, _ = _improve(pieces, surface, candidates[chosen])
@@ -144,12 +146,8 @@ def _spread(pieces: FloatArray, count: int) -> FloatArray:
     return spread
 
 
-def _needed_by_candidates(pieces: FloatArray, surface: Surface) -> tuple[FloatArray, FloatArray]:
-    """Candidate centres, and how far a ball there must stick out to reach each piece.
-
-    Returns:
-        Centres (c, 3) and protrusions (c, m) in [m].
-    """
+def _find_candidates(pieces: FloatArray, surface: Surface) -> FloatArray:
+    """Candidate centres: a grid within, places on the surface, and a middle. Shape (c, 3)."""
     corners = pieces.reshape(-1, 3)
     lower, extent = corners.min(axis=0), np.ptp(corners, axis=0)
     step = max((float(np.prod(extent)) / _CANDIDATES) ** (1 / 3), float(extent.max()) / 40.0, GRID)
@@ -159,14 +157,16 @@ def _needed_by_candidates(pieces: FloatArray, surface: Surface) -> tuple[FloatAr
     near = compute_signed_distances(grid, surface) < 0.5 * step
     on_surface = pieces[:: max(1, 4 * len(pieces) // _CANDIDATES)].mean(axis=1)
     center, _ = enclose_points(corners)
-    candidates = np.concatenate([grid[near], on_surface, center[None]])
-    return candidates, _compute_needed(pieces, surface, candidates)
+    candidates: FloatArray = np.concatenate([grid[near], on_surface, center[None]])
+    return candidates
 
 
 def _compute_needed(pieces: FloatArray, surface: Surface, centers: FloatArray) -> FloatArray:
+    """How far balls at `centers` must stick out to reach each piece, in [m]. Shape (c, m)."""
     needed = np.empty((len(centers), len(pieces)))
     _farthest_corners(centers, pieces, needed)
-    return needed + compute_signed_distances(centers, surface)[:, None]
+    needed += compute_signed_distances(centers, surface)[:, None]
+    return needed
 
 
 def _cover(needed: FloatArray, limit: float) -> list[int]:

@@ -106,7 +106,7 @@ def test_an_interrupt_before_anything_says_so(tmp_path, capsys, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Covers, "choose", choose)
-    assert run(tmp_path) == 130
+    assert run(tmp_path, "--axis", "advances") == 130
     assert "interrupted before there was anything to show" in capsys.readouterr().err
     assert not (tmp_path / "out" / "report.json").exists()
 

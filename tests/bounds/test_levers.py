@@ -7,7 +7,7 @@ import pytest
 from armguard.bounds import IsotropicMotion, compute_levers
 from armguard.exceptions import ArmguardError
 from armguard.robot import Kinematics, Robot
-from support.joint_axes import distances_from_axes
+from support.joint_axes import distances_from_axes, find_axes
 
 
 @pytest.fixture(scope="module")
@@ -101,10 +101,11 @@ def test_levers_of_random_chains_hold_and_are_tight(seed):
     levers = compute_levers(arm, arm.links[-1], points)
     seen = np.zeros_like(levers)
     candidates = np.empty((len(points), model.nv, model.nq))
+    axes = find_axes(model, joint)
 
     def look(q):
         pinocchio.forwardKinematics(model, data, q)
-        return distances_from_axes(model, data, joint, place(data, joint, points))
+        return distances_from_axes(model, data, joint, place(data, joint, points), axes)
 
     slack = 2.0 * arm.position_error
     ends = np.where(arm.slides, np.vstack([[-0.2], [0.5]]) + np.outer([-1, 1], slack), 0.0)

@@ -52,17 +52,16 @@ def test_patches_are_the_surface_and_all_of_it(shape):
     np.testing.assert_allclose(distance_from_core(draw_from(patches, 20), shape), shape.radius)
     np.testing.assert_allclose(distance_from_core(compute_corners(patches), shape), shape.radius)
     # Every point of the surface is in the cone of a patch, over a core that reaches it.
-    core, swelling = patches[:, :, :3], patches[:, :, 3:]
+    core, cones = patches[:, :, 2], patches[:, :, 3:].transpose(0, 2, 1)
+    inverses = np.linalg.pinv(cones)
     for point in surface_points(shape, 200):
         axis = np.clip(point[2], -half_length(shape), half_length(shape))
-        found = False
-        for inner, outer in zip(core, swelling, strict=True):
-            if not inner[:, 2].min() - 1e-12 <= axis <= inner[:, 2].max() + 1e-12:
-                continue
-            weights = np.linalg.lstsq(outer.T, point - [0.0, 0.0, axis], rcond=None)[0]
-            rest = outer.T @ weights - point + [0.0, 0.0, axis]
-            found |= (weights >= -1e-9).all() and np.abs(rest).max() < 1e-12
-        assert found, point
+        reaches = (core.min(axis=1) - 1e-12 <= axis) & (axis <= core.max(axis=1) + 1e-12)
+        outwards = point - [0.0, 0.0, axis]
+        weights = inverses @ outwards
+        rest = (cones @ weights[:, :, None])[:, :, 0] - outwards
+        is_in = (weights >= -1e-9).all(axis=1) & (np.abs(rest).max(axis=1) < 1e-12)
+        assert (reaches & is_in).any(), point
 
 
 @pytest.mark.parametrize("shape", SHAPES)

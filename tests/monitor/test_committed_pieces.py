@@ -715,11 +715,16 @@ def wrap(angle):
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
+@pytest.fixture(scope="module")
+def kinova():
+    return Robot.load("kinova")
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("whose", ["driver", "planner", "both", "neither"])
-def test_a_continuous_joint_may_wrap_under_a_plan(side, whose):
+def test_a_continuous_joint_may_wrap_under_a_plan(kinova, side, whose):
     """Driver and planner, each in its own way: the arm is followed all the same."""
-    robot = Robot.load("kinova")
+    robot = kinova
     monitor = Monitor(robot, Obstacles(sources=[]), motion="planned")
     lower, upper = robot.lower_position_limit, robot.upper_position_limit
     turning = np.flatnonzero(np.isinf(lower))

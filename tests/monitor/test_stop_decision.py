@@ -48,22 +48,24 @@ def braking_motion():
     return BrakingMotion(panda(), REACTION)
 
 
-def simulate(q, v, age, free, pace, duration, rng):
-    """Displacements of joints that go as they like, from now on at a pace, and brake, (steps, nv).
+def simulate(q, v, age, free, pace, duration, rng, count):
+    """Displacements of joints that go as they like, from now on at a pace, and brake, many times.
 
     And how far wrong a straight line between two steps may be, where joints run into their stops
-    on the way, and the velocities in the end.
+    on the way, both of shape (steps, count, nv), and the velocities in the end.
     """
-    robot, nv = panda(), len(q)
+    robot, shape = panda(), (count, len(q))
     accel, fastest = robot.acceleration_limit, robot.velocity_limit
     braking = robot.braking_deceleration
     lower, upper = robot.lower_position_limit, robot.upper_position_limit
-    true_q = np.clip(q + rng.choice([-1.0, 0.0, 1.0], nv) * robot.position_error, lower, upper)
-    true_v = np.clip(v + rng.choice([-1.0, 0.0, 1.0], nv) * robot.velocity_error, -fastest, fastest)
+    off = rng.choice([-1.0, 0.0, 1.0], (2, *shape))
+    true_q = np.clip(q + off[0] * robot.position_error, lower, upper)
+    true_v = np.clip(v + off[1] * robot.velocity_error, -fastest, fastest)
     start = true_q.copy()
-    ways, jolts = [np.zeros(nv)], [np.zeros(nv)]
-    push, turns = rng.choice([-1.0, 1.0], nv), rng.uniform(0.0, 3.0 * (age + free), nv)
-    strength = rng.choice([0.0, 1.0, rng.random()], nv)
+    ways, jolts = [np.zeros(shape)], [np.zeros(shape)]
+    push, turns = rng.choice([-1.0, 1.0], shape), rng.uniform(0.0, 3.0 * (age + free), shape)
+    strength = rng.choice([0.0, 1.0, 2.0], shape)
+    strength = np.where(strength > 1.0, rng.random((count, 1)), strength)
     for k in range(round((age + duration) / STEP)):
         now = k * STEP
         top = fastest if now < age - 1e-9 else pace * fastest
@@ -96,17 +98,16 @@ def test_braking_tables_bound_every_motion(horizon, pace):
         high = np.minimum(table.high, table.highest)
         low = np.maximum(table.low, table.lowest)
         free = horizon + REACTION
-        for _ in range(12):
-            duration = table.time[-1] + 2 * STEP
-            ways, jolts, speed = simulate(q, v, age, free, pace, duration, rng)
-            assert (speed == 0.0).all(), "the table ends before the arm rests"
-            at = (age + table.time) / STEP
-            for j in range(7):
-                way = np.interp(at, np.arange(len(ways)), ways[:, j])
-                slack = 3e-5 + jolts[np.ceil(at - 1e-9).astype(int), j]
-                assert (way <= high[:, j] + slack).all()
-                assert (way >= low[:, j] - slack).all()
-                reached = max(reached, (way[-1] / max(high[-1, j], 1e-3)).max())
+        duration, count = table.time[-1] + 2 * STEP, 12
+        ways, jolts, speed = simulate(q, v, age, free, pace, duration, rng, count)
+        assert (speed == 0.0).all(), "the table ends before the arm rests"
+        at = (age + table.time) / STEP
+        for i, j in np.ndindex(count, 7):
+            way = np.interp(at, np.arange(len(ways)), ways[:, i, j])
+            slack = 3e-5 + jolts[np.ceil(at - 1e-9).astype(int), i, j]
+            assert (way <= high[:, j] + slack).all()
+            assert (way >= low[:, j] - slack).all()
+            reached = max(reached, (way[-1] / max(high[-1, j], 1e-3)).max())
     assert reached > 0.9
 
 

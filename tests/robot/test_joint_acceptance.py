@@ -1,5 +1,6 @@
 """The compiled acceptance of joint states: what it answers, and what it takes."""
 
+import functools
 import math
 
 import numpy as np
@@ -231,8 +232,13 @@ def test_a_coarse_clock_is_no_clock_that_stands():
         assert states.accept(now // 0.01 * 0.01, HOME, STILL, now)[0] == BELIEVED
 
 
+@functools.cache
+def kinova():
+    return Robot.load("kinova")
+
+
 def kinova_states():
-    robot = Robot.load("kinova")
+    robot = kinova()
     lower, upper = robot.lower_position_limit, robot.upper_position_limit
     q = np.array(
         [

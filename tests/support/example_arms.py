@@ -1,5 +1,6 @@
 """Arms of other makers, with made-up accelerations, and one ball a link for a cover."""
 
+import functools
 from types import SimpleNamespace
 
 import numpy as np
@@ -29,8 +30,9 @@ def hold_at_all_speeds(robot):
     robot.braking_deceleration = robot.braking_deceleration
 
 
+@functools.cache
 def load_holding(name):
-    """A robot that armguard knows, whose brakes hold at every speed and load."""
+    """A robot that armguard knows, whose brakes hold at every speed and load; nobody changes it."""
     robot = Robot.load(name)
     held, gentle = robot.braking_deceleration, robot.brakes.gentlest_stop(robot.velocity_limit)
     robot.braking_deceleration = np.where(held > 0.0, held, gentle)

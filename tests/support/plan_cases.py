@@ -1,5 +1,7 @@
 """Random plans, arms that follow them as badly as they may, and obstacles on collision course."""
 
+import functools
+
 import numpy as np
 import pinocchio
 
@@ -9,6 +11,10 @@ from support.hostile_joints import STEP
 
 SHARE = 0.9
 """Of acceleration limits that plans use."""
+
+BLOCK = 64
+"""How many steps of followers are laid out at a time: few enough for what is between to stay in a
+processor's cache."""
 
 
 class Hermite:
@@ -124,24 +130,40 @@ class Follower:
             along = first + np.concatenate([np.zeros((1, arms)), gone])
         self._curve, self._waves, self._stamp = curve, waves, plan.stamp
         self.along = along
-        self._lay()
         self.resting = np.full(arms, float(plan.times[-1]))
 
-    def _lay(self):
-        """Fill where the arms are: somewhere along the curve, and swinging about it."""
-        along, (off, rate, phase) = self.along, self._off
-        curve = self._curve
-        inside = np.clip(along, 0.0, curve.times[-1])
-        on = along <= curve.times[-1]
-        self.q = curve(inside)
-        self.v = curve(inside, 1) * (self.pace * on)[..., None]
-        before = along < 0.0
-        self.q[before] = self._waves.position(self._stamp + along[before])
-        self.v[before] = self._waves.velocity(self._stamp + along[before])
-        swing = rate * self.time[:, None, None] + phase
+    @functools.cached_property
+    def q(self):
+        return self._lay(0)
+
+    @functools.cached_property
+    def v(self):
+        return self._lay(1)
+
+    def _lay(self, order):
+        """Where the arms are, or how fast: somewhere along the curve, and swinging about it."""
+        laid = np.empty((*self.along.shape, self._off[0].shape[1]))
+        for first in range(0, len(self.time), BLOCK):
+            some = slice(first, first + BLOCK)
+            laid[some] = self._lay_some(some, order)
+        return laid
+
+    def _lay_some(self, some, order):
+        along, (off, rate, phase) = self.along[some], self._off
+        if (along == along[:, :1]).all():
+            along = along[:, :1]  # all arms are at one place of the curve
+        curve, waves = self._curve, self._waves
+        laid = curve(np.clip(along, 0.0, curve.times[-1]), order)
+        if order == 1:
+            laid = laid * (self.pace[some] * (along <= curve.times[-1]))[..., None]
+        if (before := along < 0.0).any():
+            free = (waves.position, waves.velocity)[order](self._stamp + along)
+            laid = np.where(before[..., None], free, laid)
+        swing = rate * self.time[some, None, None] + phase
+        if order == 1:
+            return laid + off * rate * np.cos(swing)
         limits = self.robot.lower_position_limit, self.robot.upper_position_limit
-        self.q = np.clip(self.q + off * np.sin(swing), *limits)
-        self.v = self.v + off * rate * np.cos(swing)
+        return np.clip(laid + off * np.sin(swing), *limits)
 
     def index(self, time):
         return round((time - self.time[0]) / STEP)
@@ -205,7 +227,8 @@ class Follower:
                 break
         ended = (self.pace <= 0.0) | (self.along >= curve.times[-1])
         self.resting = np.where(ended.any(axis=0), self.time[np.argmax(ended, axis=0)], np.inf)
-        self._lay()
+        for laid_before in ("q", "v"):
+            self.__dict__.pop(laid_before, None)
 
 
 class Skin:
@@ -276,10 +299,10 @@ class Attack:
 
     def _aim(self, skin, random):
         qs, step, now = self.qs, self.step, self.now
-        places = skin.place(qs)
-        target = random.integers(places.shape[1])
+        target = random.integers(sum(len(points) for _, points in skin.parts))
         accel, speed = random.choice([0.0, 2.0, 10.0]), random.choice([0.3, 2.0])
         meet = int(random.integers(step, len(qs)))
+        places = skin.place(qs[step : meet + 1])
         times = (np.arange(len(qs)) - step) * STEP
         heading = random.normal(size=3)
         heading /= np.linalg.norm(heading)
@@ -295,11 +318,11 @@ class Attack:
         count = int(random.choice([1, 2, 8]))
         corners = 0.1 * random.normal(size=(count, 3))
         corners[0] = 0.0
-        touch = places[meet, target] - random.uniform(0.5, 1.0) * radius * heading
+        touch = places[-1, target] - random.uniform(0.5, 1.0) * radius * heading
         corners = corners + touch - paths[meet]
         first = np.inf
         for k in range(step, meet + 1):
-            if self._touches(corners + paths[k], places[k], radius):
+            if self._touches(corners + paths[k], places[k - step], radius):
                 first = times[k]
                 break
         self.contact = first

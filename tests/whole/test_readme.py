@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import json
 import re
 import shlex
 import subprocess
@@ -113,6 +114,25 @@ def test_the_commands_run(command):
     )
     assert result.returncode == 0, result.stderr
     assert result.stdout
+    if arguments == ["demo", "--duration", "2", "--json"]:
+        check_summary(json.loads(result.stdout))
+
+
+def check_summary(summary):
+    """What a demo of two seconds says of itself fits together."""
+    assert 0 < summary["ticks"] <= 2001
+    assert set(summary["levels"]) == {"STOP", "SLOW", "AWARE", "CLEAR"}
+    assert sum(summary["levels"].values()) == summary["ticks"]
+    assert 0 <= summary["stops"] <= summary["levels"]["STOP"]
+    assert summary["min_contact_time"] is None or summary["min_contact_time"] >= 0
+    assert 0 < summary["tick_us"]["p50"] <= summary["tick_us"]["p99"] <= summary["tick_us"]["max"]
+    assert 0 <= summary["incomplete"] <= summary["ticks"]
+    assert summary["faults"] >= 0
+
+
+def test_one_command_prints_one_json_object():
+    """So that its summary is looked at above."""
+    assert "armguard demo --duration 2 --json" in COMMANDS
 
 
 def test_every_command_that_is_named_exists():

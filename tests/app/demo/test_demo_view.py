@@ -47,9 +47,10 @@ def count_warm(picture):
 
 def test_the_colours_change_when_the_person_reaches_in(tmp_path):
     with (
-        RunningDemo("--duration", str(DURATION), "--json", folder=tmp_path) as demo,
+        # First, so that the page is there before the person is.
         sync_playwright() as playwright,
         playwright.chromium.launch(executable_path=str(NICE_CHROMIUM), args=FLAGS) as browser,
+        RunningDemo("--duration", str(DURATION), "--json", folder=tmp_path) as demo,
     ):
         url = None
         while url is None:
