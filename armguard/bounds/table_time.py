@@ -160,7 +160,7 @@ def is_free_to_end(
         is_free = stays_within(room, nx, ny, nz, jacobian, lever, slope_error, table)
         if is_free == (first == 0):
             return is_free
-    reached = table_contact_time(sphere, table, hull, contact_distance, 0.0)
+    reached = table_contact_time(sphere, table, hull, contact_distance, 0.0, math.inf)
     return reached >= table.time[nodes] * (1.0 - TABLE_END_SLACK)
 
 
