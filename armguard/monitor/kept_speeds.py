@@ -15,7 +15,7 @@ import numpy as np
 from armguard.bounds.braking import BrakingMotion
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
-from armguard.jit.numerics import SUM_ROUNDING
+from armguard.jit.numerics import SUM_ROUNDING, TIME_ROUNDING
 from armguard.robot.brakes import find_stop, rest_time
 from armguard.scheduling.scheduler import Tick
 
@@ -56,6 +56,7 @@ class KeptSpeeds:
             braking.handle, tick.v, scale, self._bound
         )
         stamp = tick.time - tick.arm_age
+        around -= TIME_ROUNDING * (abs(tick.time) + abs(tick.arm_age) + around)
         if not around >= abs(tick.arm_age) + ahead:
             self._since = math.inf
             return math.inf

@@ -79,6 +79,7 @@ from armguard.pairs.shared_plan import SharedPlan, read_shared_plan
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, read_operating
 from armguard.robot.robot import Robot
+from armguard.robot.turns import find_continuous
 
 LEVEL = 1
 """Of the cover, as far as it is used: some four balls a link."""
@@ -290,7 +291,10 @@ class ArmObstacles:
         Raises:
             ArmguardError: It is no such plan; what counted before goes on.
         """
-        self._plans.append(read_shared_plan(plan, until, len(self._fastest), clock_error))
+        robot = self.robot
+        continuous = find_continuous(robot.lower_position_limit, robot.upper_position_limit)
+        turning = np.where(continuous, self._fastest, np.inf)
+        self._plans.append(read_shared_plan(plan, until, turning, clock_error))
 
     def publish(self, obstacles: Obstacles, stamp: float, q: ArrayLike, v: ArrayLike) -> None:
         """Tell a table where the arm is; its source is the arm's name, and required from then on.

@@ -39,9 +39,13 @@ from armguard.bounds.planned.plan import Refusal, read_plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.numerics import ACCEPTANCE_SLACK, SUM_ROUNDING
+from armguard.robot.turns import unwrap
 
 STOPPING_TIME = 0.2
 """About as long as arms take to stop, in [s]: what is narrow within that time averts most stops."""
+
+MOST_SAMPLES = 2000
+"""Of a plan, so that to take it fits into a tick or two."""
 
 _STEPS = 32
 """Most steps of the ceilings, so that a plan of many samples costs no more than others."""
@@ -118,38 +122,46 @@ class SharedPlan(NamedTuple):
 
 
 def read_shared_plan(
-    plan: object, until: object, joints: int, clock_error: float = 0.0
+    plan: object, until: object, fastest: FloatArray, clock_error: float = 0.0
 ) -> SharedPlan:
     """What a promise bounds.
 
     Args:
         plan: An `armguard.Plan` that says how far velocities may be off, and that ends at rest or
-            not before `until`. Positions of continuous joints are taken as written: a wrap counts
-            as a turn, which narrows nothing.
+            not before `until`, of `MOST_SAMPLES` at most.
         until: How long it is promised, in [s] on the clock of its stamp.
-        joints: How many joints the arm has.
+        fastest: Greatest speeds of continuous joints, whose positions may wrap, in [rad]/[s]; inf
+            for all others. Shape (nv,).
         clock_error: What that clock may be off by, either way, in [s].
 
     Raises:
         ArmguardError: It is no such promise; it is refused by what is wrong with it.
     """
-    found = read_plan(plan, joints)
+    found = read_plan(plan, len(fastest))
     if isinstance(found, Refusal):
         raise ArmguardError(f"shared plan: {found.subject}", found.detail)
+    times, q, v = (np.asarray(one, dtype=np.float64) for one in (found.times, found.q, found.v))
+    if len(times) > MOST_SAMPLES:
+        raise ArmguardError(
+            "shared plan", f"has {len(times)} samples", expected=f"{MOST_SAMPLES} at most"
+        )
     if found.velocity_tracking_error is None:
         raise ArmguardError(
             "shared plan",
             "has no velocity_tracking_error",
             expected="how far velocities may be off: it bounds what the other arm counts on",
         )
-    end = float(until) if isinstance(until, (int, float, np.floating)) else math.nan
+    try:
+        end = float(until) if isinstance(until, (int, float, np.integer, np.floating)) else math.nan
+    except OverflowError:  # an integer beyond all floats
+        end = math.nan
     start = found.stamp + clock_error
     end -= clock_error
     if not start < end < math.inf:
         raise ArmguardError(
             "until", f"is {until!r}", expected=f"a finite time after {start:.6g} s, its beginning"
         )
-    times, q, v = (np.asarray(one, dtype=np.float64) for one in (found.times, found.q, found.v))
+    q = unwrap(times, q, fastest)
     tracking = np.asarray(found.velocity_tracking_error, dtype=np.float64)
     if v[-1].any() and not found.stamp + times[-1] >= end + clock_error:
         raise ArmguardError(

@@ -46,6 +46,29 @@ def align_turns(
     return aligned
 
 
+def unwrap(
+    times: NDArray[np.float64], positions: NDArray[np.float64], fastest: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Positions at rising times, those of continuous joints whole turns nearest to each other.
+
+    From time to time only where a joint is too slow for half a turn in between: then no other
+    number of turns is a motion of it, and nothing is guessed. A longer step stays as it is.
+
+    Args:
+        times: In [s]. Shape (k,).
+        positions: In [rad] or [m]. Shape (k, nv).
+        fastest: Greatest speeds of continuous joints, in [rad]/[s]; inf for all others, which stay
+            as they are. Shape (nv,).
+    """
+    unwrapped = positions.copy()
+    for j in np.flatnonzero(np.isfinite(fastest)):
+        with np.errstate(over="ignore", invalid="ignore"):
+            turns = -np.floor(np.diff(positions[:, j]) / TURN + 0.5)
+        is_sure = (fastest[j] * np.diff(times) < 0.5 * TURN) & (np.abs(turns) <= MOST_TURNS)
+        unwrapped[1:, j] += TURN * np.cumsum(np.where(is_sure, turns, 0.0))
+    return unwrapped
+
+
 def find_continuous(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which joints are continuous, by their position limits, inf where there are none. (nv,)."""
     return np.isinf(lower) & np.isinf(upper)

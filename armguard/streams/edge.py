@@ -776,12 +776,18 @@ class Edge:
         request = self._read_plan(message, self._other_orders[arm])
         if request.problem:
             return
+        if self._joint_clock.clock == "arrival":
+            problem = 'needs stamps: with clock = "arrival" nobody knows until when it is promised'
+            self.faults.add("plan refused", arm, message.number, problem)
+            return
         # A time to come, which no latency has made old.
         clock = self._joint_clock._replace(latency=0.0)
         told = math.nan if message.until is None else message.until
         until, gap = self._to_monitor_time(told, clock)
+        # Joint states, which are tested against the plan, may be that much younger than they look.
+        clock_error = self._joint_clock.latency + self._clock_difference + gap
         try:
-            self._others[arm].take_plan(request, until, clock.error + gap)
+            self._others[arm].take_plan(request, until, clock_error)
         except ArmguardError as error:
             self.faults.add("plan refused", arm, message.number, str(error))
 

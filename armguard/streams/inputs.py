@@ -143,8 +143,11 @@ class SocketInput:
 
     def _end(self, descriptor: int) -> bool:
         """Shut down a connection, unless its descriptor is something else by now."""
+        copy = -1
         try:
-            with socket.socket(fileno=os.dup(descriptor)) as connection:
+            copy = os.dup(descriptor)
+            with socket.socket(fileno=copy) as connection:
+                copy = -1
                 name = connection.getsockname()
                 if connection.family == socket.AF_UNIX:
                     is_own = self.address == f"ipc://{name}"
@@ -155,6 +158,9 @@ class SocketInput:
         except OSError:
             # It has ended by itself.
             return False
+        finally:
+            if copy >= 0:
+                os.close(copy)
         return is_own
 
     def receive(self) -> bytes | None:

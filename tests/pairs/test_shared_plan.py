@@ -16,6 +16,7 @@ from support.two_arms import TrueArm
 
 START, FOR, STEP = 100.0, 0.35, 0.02  # when a plan begins, how long it is promised, its samples
 TRACKING = 0.005  # rad/s
+NO_TURNS = np.full(7, np.inf)  # no joint is continuous
 
 
 def limits_of(robot):
@@ -149,7 +150,7 @@ def test_ceilings_hold_the_whole_curve_whatever_is_between_the_samples():
         times = np.concatenate([[0.0], np.cumsum(generator.uniform(0.01, 0.3, 60))])
         q, v = generator.uniform(-1.0, 1.0, (61, 2)), generator.uniform(-1.0, 1.0, (61, 2))
         plan = armguard.Plan(7.0, times, q, v, np.ones(2), np.full(2, 0.1))
-        shared = read_shared_plan(plan, 7.0 + times[-1], 2)
+        shared = read_shared_plan(plan, 7.0 + times[-1], np.full(2, np.inf))
         fastest = np.zeros((2, 2))
         for k in range(60):
             h = times[k + 1] - times[k]
@@ -162,9 +163,20 @@ def test_ceilings_hold_the_whole_curve_whatever_is_between_the_samples():
                 assert (shared.ceilings[step] >= fastest - 1e-12).all()
 
 
+def test_a_continuous_joint_may_wrap_between_samples():
+    times, bend = np.array([0.0, 1.0]), math.pi - 0.1
+    q, v, errors = np.array([[bend], [-bend]]), np.zeros((2, 1)), np.full(1, 1e-3)
+    plan = armguard.Plan(7.0, times, q, v, errors, errors)
+    wrapped = read_shared_plan(plan, 8.0, np.array([3.0]))
+    assert wrapped.ceilings[-1, 0] == pytest.approx(3.0 * 0.2 + 1e-3), "the short way, forwards"
+    assert wrapped.ceilings[-1, 1] == pytest.approx(1e-3)
+    written = read_shared_plan(plan, 8.0, np.array([np.inf]))
+    assert written.ceilings[-1, 1] == pytest.approx(3.0 * 2.0 * bend + 1e-3)
+
+
 def test_the_line_is_above_every_bound_and_below_that_without_a_plan():
     velocity, acceleration = np.full(7, 0.4), np.full(7, 1.5)
-    shared = read_shared_plan(steady(0.2), START + 0.5, 7)
+    shared = read_shared_plan(steady(0.2), START + 0.5, NO_TURNS)
     for stamp in (START, START + 0.21, START + 0.49):
         fastest = np.zeros((2, 7)) + 0.02
         fastest[0, 0] = 0.22
@@ -216,7 +228,7 @@ def test_a_joint_that_is_faster_than_its_plan_is_a_break_and_ends_what_was_promi
 
 
 def test_a_clock_that_is_off_shortens_what_is_promised_at_both_ends():
-    shared = read_shared_plan(steady(0.2), START + 0.5, 7, clock_error=0.01)
+    shared = read_shared_plan(steady(0.2), START + 0.5, NO_TURNS, clock_error=0.01)
     assert (shared.start, shared.until) == (START + 0.01, START + 0.49)
     assert shared.begins[0] == START - 0.01, "the arm may be further along than it seems"
 
@@ -230,6 +242,12 @@ def test_a_clock_that_is_off_shortens_what_is_promised_at_both_ends():
         (steady(0.2), START, "until: is 100.0"),
         (steady(0.2), math.inf, "until: is inf"),
         (steady(0.2), "soon", "until: is 'soon'"),
+        (steady(0.2), 10**400, "until: is 1000"),
+        (
+            steady(0.2, times=np.arange(2001.0), q=np.zeros((2001, 7)), v=np.zeros((2001, 7))),
+            START + 0.5,
+            "has 2001 samples; expected 2000 at most",
+        ),
         (steady(0.2), START + 0.7, "before `until`, and not at rest"),
     ],
 )

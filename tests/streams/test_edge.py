@@ -8,7 +8,7 @@ from armguard.clock import ManualClock
 from armguard.exceptions import ObstacleError
 from armguard.obstacles import FaultKind, Obstacles
 from armguard.streams import SourceLimits, StampClock
-from armguard.streams.edge import OtherArm, OwnPoints, SequenceWatch
+from armguard.streams.edge import HELD_UP, OtherArm, OwnPoints, SequenceWatch
 from support.stream_messages import (
     JOINTS,
     MONOTONIC,
@@ -849,14 +849,14 @@ def test_plans_and_wanted_contact_of_no_arm_of_the_cell_are_refused(named):
 
 
 def test_a_plan_that_is_shared_goes_to_the_other_arms_and_is_no_question():
-    world, told = two_arms(joint_clock=StampClock("monotonic", 0.0, 0.01))
+    world, told = two_arms(joint_clock=StampClock("monotonic", 0.03, 0.01))
     shared = plan(ask="share", until=MONOTONIC + 5.5, names=["tip", "base"])
     shared |= {"q": [[0.0, 0.1], [0.2, 0.3]], "velocity_tracking_error": [0.4, 0.5]}
     world.send(shared | {"arm": "right"}, shared | {"arm": "left"})
     ((request, until, clock_error),) = told
     assert request.stamp == pytest.approx(5.0, abs=1e-6)
     assert until == pytest.approx(5.5, abs=1e-6)
-    assert clock_error == 0.01
+    assert clock_error == pytest.approx(0.04 + HELD_UP), "joint states may be younger by latency"
     assert request.q.tolist() == [[0.1, 0.0], [0.3, 0.2]]
     assert request.velocity_tracking_error.tolist() == [0.5, 0.4]
     assert world.edge.plans == []
@@ -869,6 +869,15 @@ def test_a_plan_that_no_other_arm_can_share_is_counted(named):
     world.send(plan(ask="share", until=MONOTONIC + 5.5) | named)
     assert told == []
     assert world.kinds() == ["malformed"]
+
+
+def test_nothing_is_promised_by_arrival():
+    world, told = two_arms(joint_clock=StampClock("arrival", 0.03))
+    shared = plan(ask="share", until=MONOTONIC + 5.5, names=["tip", "base"])
+    shared |= {"q": [[0.0, 0.1], [0.2, 0.3]], "velocity_tracking_error": [0.4, 0.5]}
+    world.send(shared | {"arm": "right"})
+    assert told == []
+    assert world.kinds() == ["plan refused"]
 
 
 def test_ends_of_exemptions_and_resets_go_to_the_arm_that_they_name():

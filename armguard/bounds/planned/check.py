@@ -35,11 +35,10 @@ from armguard.jit.numerics import LIMIT_SLACK
 from armguard.robot.brakes import BrakeCurves, find_decelerations, find_gentlest_stop
 from armguard.robot.robot import Robot
 from armguard.robot.turns import (
-    MOST_TURNS,
-    TURN,
     align_turns,
     find_continuous,
     has_continuous,
+    unwrap,
 )
 
 ENDS = -1
@@ -140,19 +139,13 @@ def _check_read(
 def _align(plan: Plan, robot: Robot, q: FloatArray, v: FloatArray, stamp: float) -> Plan:
     """The same plan with its continuous joints' positions whole turns nearest to each other.
 
-    So a planner may wrap. From sample to sample only where the joint's velocity limit does not let
-    it go half a turn in that time: then no other number of turns is a motion within limits, and
-    nothing is guessed. A longer step is taken as it was written. The whole is shifted by whole
-    turns to where the joint state is; see `turns` for why that changes nothing.
+    So a planner may wrap (`unwrap`). The whole is shifted by whole turns to where the joint state
+    is; see `turns` for why that changes nothing.
     """
     continuous = find_continuous(robot.lower_position_limit, robot.upper_position_limit)
-    times, positions = np.asarray(plan.times), np.array(plan.q)
     fastest = robot.velocity_limit + robot.velocity_error + LIMIT_SLACK
-    for j in np.flatnonzero(continuous):
-        with np.errstate(over="ignore"):
-            turns = -np.floor(np.diff(positions[:, j]) / TURN + 0.5)
-        is_sure = (fastest[j] * np.diff(times) < 0.5 * TURN) & (np.abs(turns) <= MOST_TURNS)
-        positions[1:, j] += TURN * np.cumsum(np.where(is_sure, turns, 0.0))
+    times = np.asarray(plan.times)
+    positions = unwrap(times, np.asarray(plan.q), np.where(continuous, fastest, np.inf))
     along = stamp - plan.stamp
     place, pace = np.empty(len(q)), np.empty(len(q))
     evaluate_curve(times, positions, np.asarray(plan.v), along, place, pace)
