@@ -7,6 +7,7 @@ raised as `MessageError` for the edge to count.
 
 from __future__ import annotations
 
+import itertools
 import os
 import select
 import socket
@@ -33,6 +34,10 @@ of joints."""
 
 WAITING_BYTES = 256 * 1024 * 1024
 """Most memory, in bytes, for what waits in an input, of each connection."""
+
+_numbers = itertools.count()
+"""Of inputs so far: an address within this process may be in use for a while after its input was
+closed."""
 
 _WAITING_MESSAGES = WAITING_BYTES // FRAME_LIMIT
 """Messages that wait in an input, of each connection: nearly as many as a tick takes. With more,
@@ -104,7 +109,7 @@ class SocketInput:
         if authenticator is not None:
             authenticator.guard(self._socket, INPUT_RIGHTS)
         self._limit, self.connections = connections, 0
-        changes = f"inproc://connections-{id(self)}"
+        changes = f"inproc://connections-{next(_numbers)}"
         self._socket.monitor(changes, zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED)
         self._events: zmq.Socket[bytes] = context.socket(zmq.PAIR)
         # With a limit, events that nobody reads would hold up the thread that takes messages.

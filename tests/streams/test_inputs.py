@@ -74,6 +74,11 @@ def test_what_waits_takes_bounded_memory_and_nothing_is_lost(address):
     assert found == [[f"{number}"] for number in range(3000)]
 
 
+def test_inputs_may_be_opened_right_after_others_were_closed(tmp_path):
+    for _ in range(50):
+        SocketInput(f"ipc://{tmp_path / 'in'}").close()
+
+
 def test_more_connections_than_may_be_are_not_taken_until_one_ends(address, raw):
     """Those that are there go on; the one too many is counted, and gets in once there is room."""
     source, world = SocketInput(address, connections=2), World()
