@@ -165,8 +165,10 @@ SEEN = Latch(reason="a person was near", since=1.0)
 
 
 @pytest.fixture
-def watch(tmp_path):
-    """A view that was told of a monitor that does not listen yet."""
+def watch(tmp_path, monkeypatch):
+    """A view that was told of a monitor that does not listen yet, and has time to wait for it."""
+    monkeypatch.setattr(viewer, "REACH_TIMEOUT", TIMEOUT)
+    monkeypatch.setattr(viewer, "ANSWER_TIMEOUT", TIMEOUT)
     address = f"ipc://{tmp_path}/in"
     with contextlib.closing(viewer.Watch("tcp://127.0.0.1:1")) as watch:
         tell(watch, make_scene(reset_address=address, obeys_reset=True), make_frame())
