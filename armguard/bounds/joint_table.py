@@ -229,7 +229,10 @@ def _displacement_without_bend(
     slope_error: FloatArray,
     table: JointTable,
 ) -> float:
-    """`displacement_in_span` by the first two bounds on slopes alone: never less, and cheaper."""
+    """`displacement_in_span` by the first two bounds on slopes alone: cheaper, and safe by itself.
+
+    But for rounding it is never less, since that one takes the least of these and others.
+    """
     span, columns = table.span, table.columns
     beyond = moved = 0.0
     for j in range(lever.shape[0]):

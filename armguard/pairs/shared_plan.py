@@ -151,6 +151,10 @@ def read_shared_plan(
             "has no velocity_tracking_error",
             expected="how far velocities may be off: it bounds what the other arm counts on",
         )
+    if not 0.0 <= clock_error < math.inf:
+        raise ArmguardError(
+            "clock_error", f"is {clock_error!r}", expected="a finite time, at least 0, in [s]"
+        )
     try:
         end = float(until) if isinstance(until, (int, float, np.integer, np.floating)) else math.nan
     except OverflowError:  # an integer beyond all floats

@@ -227,6 +227,13 @@ def test_a_joint_that_is_faster_than_its_plan_is_a_break_and_ends_what_was_promi
         assert "leaves the plan that was shared" in fault.value
 
 
+@pytest.mark.parametrize("error", [-0.01, math.nan, math.inf])
+def test_a_clock_that_is_off_by_no_length_of_time_is_refused(error):
+    other = armguard.ArmObstacles(panda())
+    with pytest.raises(armguard.ArmguardError, match="clock_error: is "):
+        other.take_plan(steady(0.2), START + 0.5, error)
+
+
 def test_a_clock_that_is_off_shortens_what_is_promised_at_both_ends():
     shared = read_shared_plan(steady(0.2), START + 0.5, NO_TURNS, clock_error=0.01)
     assert (shared.start, shared.until) == (START + 0.01, START + 0.49)
