@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.jit.arrays import FloatArray
-from armguard.monitor.what_if import UNCHANGED, Change, contact_times
+from armguard.monitor.what_if import UNCHANGED, Change, WhatIf
 from armguard.obstacles.possible_states import list_states
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import BOUND_NAMES, JOINT
@@ -100,6 +100,7 @@ def explain_pair(
     bodies, refused = state.bodies, state.refused_bodies
     states = list_states(bodies, refused, state.marks, row, tick.now)
     known = scheduler.recall(pair)
+    what_if = WhatIf(state, row, np.array([link]))
 
     # Copies that can be written to are what this was compiled for.
     scene_limits = state.scene.limits
@@ -130,32 +131,30 @@ def explain_pair(
         obstacle=names[1],
         bound=BOUND_NAMES[known.bound],
         contact_time=max(0.0, known.expiry - tick.time),
-        fresh_contact_time=float(
-            contact_times(state, row, UNCHANGED, tick.refinement_threshold)[link]
-        ),
+        fresh_contact_time=float(what_if.contact_times(UNCHANGED, tick.refinement_threshold)[0]),
         stop_time=tick.stop_time,
         obstacle_age=float(states[0][2]) if states else math.nan,
         arm_age=tick.arm_age,
         look_age=tick.time - known.evaluated_at,
-        gains=_find_gains(state, row, link, COARSE if known.bound == JOINT else FINE, saved),
+        gains=_find_gains(what_if, state, row, COARSE if known.bound == JOINT else FINE, saved),
     )
 
 
 def _find_gains(
-    state: TickState, row: int, link: int, ranges: tuple[float, float], saved: float
+    what_if: WhatIf, state: TickState, row: int, ranges: tuple[float, float], saved: float
 ) -> tuple[Gain, ...]:
     """What would make a pair's verdict better.
 
     Args:
-        state: The last tick's numbers, with the arm prepared.
+        what_if: Answers questions about the pair.
+        state: The last tick's numbers.
         row: Of the obstacle.
-        link: Of the arm.
         ranges: Half those of distances and of ages, in [m] and [s].
         saved: By how much earlier the arm rests for a millisecond less of latency, in [s].
     """
 
     def times(changes: list[Change]) -> FloatArray:
-        return np.array([contact_times(state, row, change)[link] for change in changes])
+        return np.array([what_if.contact_times(change)[0] for change in changes])
 
     offsets, ages = (np.linspace(-half, half, STEPS) for half in ranges)
     usual = times([Change(distance=offset) for offset in offsets])

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.monitor.what_if import Change, contact_times
+from armguard.monitor.what_if import Change, WhatIf
 from armguard.pairs.evaluate import TickState
 from armguard.scheduling.scheduler import Listing, Tick
 
@@ -93,7 +93,7 @@ def rank_attention(
     fresh = np.zeros(len(rows[:limit]))
     for index in range(len(fresh)):
         row = rows[index]
-        times = contact_times(state, row, Change(fresh=True), tick.refinement_threshold)
+        times = WhatIf(state, row).contact_times(Change(fresh=True), tick.refinement_threshold)
         fresh[index] = times[watched[row * links : (row + 1) * links]].min(initial=math.inf)
     fresh = np.maximum(fresh, known[: len(fresh)])
     ranked = []

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armguard.jit.arrays import FloatArray
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import pack
 from armguard.obstacles.table import MOST_REFUSED, Marks, States, make_states
 from armguard.pairs.evaluate import TickState, evaluate_handle
@@ -31,51 +31,75 @@ class Change(NamedTuple):
 UNCHANGED = Change()
 
 
-def contact_times(
-    state: TickState, row: int, change: Change = UNCHANGED, refinement_threshold: float = np.inf
-) -> FloatArray:
-    """Contact time of each link and one obstacle, in [s] from the last tick. Shape (links,).
+class WhatIf:
+    """Questions about one obstacle and some links, on copies of the last tick's numbers.
+
+    To copy and to pack them takes far longer than an answer, so it is done once for all questions.
 
     Args:
         state: The tick's numbers, with the arm prepared.
         row: Of the obstacle.
-        change: What would be different.
-        refinement_threshold: What could be touched before this, in [s], is refined, as a
-            tick has it; inf: everything.
+        links: Of the arm. Shape (n,). None: all.
     """
-    scene = state.scene
-    bodies, refused = _copy_row(scene.bodies, row, 1), _copy_row(scene.refused, row, MOST_REFUSED)
-    marks = Marks._make(array[row : row + 1].copy() for array in scene.marks)
-    for states in (bodies, refused):
-        states.speed[:] = np.maximum(states.speed + change.speed, 0.0)
-        states.stamp[:] -= change.age
-    if change.fresh and not marks.static[0]:
-        elapsed = state.now - bodies.stamp
-        bodies.points[:] += bodies.velocities * elapsed[:, None, None]
-        bodies.stamp[:] = state.now
-    margin = max(scene.settings.margin + change.distance, -float(bodies.radius[0]))
-    links = len(state.tree.root)
-    times, spheres = np.zeros(links), np.zeros(links, dtype=np.int64)
-    changed = scene._replace(
-        bodies=bodies,
-        refused=refused,
-        marks=marks,
-        settings=scene.settings._replace(margin=margin),
-        node_time=scene.node_time.copy(),
-        sphere_time=scene.sphere_time.copy(),
-    )
-    bounds = np.zeros(links, dtype=np.int8)
-    evaluate_handle(
-        pack(changed),
-        np.arange(links),
-        state.now,
-        state.arm_age,
-        refinement_threshold,
-        times,
-        spheres,
-        bounds,
-    )
-    return times
+
+    def __init__(self, state: TickState, row: int, links: IntArray | None = None) -> None:
+        scene = state.scene
+        self._now, self._arm_age = state.now, state.arm_age
+        self._margin = scene.settings.margin
+        self._known = _copy_row(scene.bodies, row, 1), _copy_row(scene.refused, row, MOST_REFUSED)
+        self._changed = _copy_row(scene.bodies, row, 1), _copy_row(scene.refused, row, MOST_REFUSED)
+        bodies, refused = self._changed
+        marks = Marks._make(array[row : row + 1].copy() for array in scene.marks)
+        self._is_static = bool(marks.static[0])
+        self._handle = pack(
+            scene._replace(
+                bodies=bodies,
+                refused=refused,
+                marks=marks,
+                node_time=scene.node_time.copy(),
+                sphere_time=scene.sphere_time.copy(),
+            )
+        )
+        self._links = np.arange(len(state.tree.root)) if links is None else links
+        self._nodes = np.zeros(len(self._links), dtype=np.int64)
+        self._bounds = np.zeros(len(self._links), dtype=np.int8)
+
+    def contact_times(
+        self, change: Change = UNCHANGED, refinement_threshold: float = np.inf
+    ) -> FloatArray:
+        """Contact time of each link, in [s] from the last tick. Shape (n,).
+
+        Args:
+            change: What would be different.
+            refinement_threshold: What could be touched before this, in [s], is refined, as a
+                tick has it; inf: everything.
+        """
+        for known, changed in zip(self._known, self._changed, strict=True):
+            for original, array in zip(known, changed, strict=True):
+                array[...] = original
+            np.maximum(known.speed + change.speed, 0.0, out=changed.speed)
+            changed.stamp[:] -= change.age
+        bodies, refused = self._changed
+        if change.fresh and not self._is_static:
+            elapsed = self._now - bodies.stamp
+            bodies.points[:] += bodies.velocities * elapsed[:, None, None]
+            bodies.stamp[:] = self._now
+        # What counts as contact is the sum of radii and margin, which the packed numbers hold.
+        margin = max(self._margin + change.distance, -float(bodies.radius[0]))
+        bodies.radius[:] += margin - self._margin
+        refused.radius[:] += margin - self._margin
+        times = np.zeros(len(self._links))
+        evaluate_handle(
+            self._handle,
+            self._links,
+            self._now,
+            self._arm_age,
+            refinement_threshold,
+            times,
+            self._nodes,
+            self._bounds,
+        )
+        return times
 
 
 def _copy_row(states: States, row: int, places: int) -> States:

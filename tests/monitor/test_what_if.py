@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from armguard.monitor.what_if import UNCHANGED, Change, contact_times
+from armguard.monitor.what_if import UNCHANGED, Change, WhatIf
 from armguard.obstacles import Obstacles
 from support.panda_monitor import HOME, PERIOD, STILL, make_monitor, panda, see
 
@@ -23,7 +23,7 @@ def ask(monitor, change=UNCHANGED, **options):
     """Contact times of all links with the ball, as of a monitor's last tick."""
     monitor._scheduler.prepare(monitor._last[0])
     row = monitor.obstacles.row("ball")
-    return contact_times(monitor._scheduler.arm.state, row, change, **options)
+    return WhatIf(monitor._scheduler.arm.state, row).contact_times(change, **options)
 
 
 def look(*, stamp=0.0, place=PLACE, speed=2.0, margin=0.0, motion="joint", **fields):
@@ -54,6 +54,17 @@ def test_answers_are_those_of_a_world_that_is_so(motion):
         real, _ = make_real(change, motion)
         # An age counts from the tick, and stamps are rounded.
         np.testing.assert_allclose(ask(monitor, change), ask(real), rtol=1e-9, err_msg=str(change))
+
+
+def test_answers_do_not_depend_on_what_was_asked_before_and_of_which_links():
+    monitor, _ = look(margin=0.05)
+    expected = {change: ask(monitor, change) for change in (UNCHANGED, *CHANGES)}
+    state, row = monitor._scheduler.arm.state, monitor.obstacles.row("ball")
+    links = np.array([2, 5])
+    whole, some = WhatIf(state, row), WhatIf(state, row, links)
+    for change in (*CHANGES, UNCHANGED, *CHANGES[::-1]):
+        assert np.array_equal(whole.contact_times(change), expected[change]), change
+        assert np.array_equal(some.contact_times(change), expected[change][links]), change
 
 
 def test_nothing_that_is_asked_changes_the_monitor():
