@@ -29,11 +29,12 @@ class Hermite:
         k = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
         h = (self.times[k + 1] - self.times[k])[..., None]
         s = (t - self.times[k])[..., None] / h
-        bases = [
-            [1 - 3 * s**2 + 2 * s**3, s - 2 * s**2 + s**3, 3 * s**2 - 2 * s**3, s**3 - s**2],
-            [6 * (s**2 - s), 1 - 4 * s + 3 * s**2, 6 * (s - s**2), 3 * s**2 - 2 * s],
-            [12 * s - 6, 6 * s - 4, 6 - 12 * s, 6 * s - 2],
-        ][order]
+        if order == 0:
+            bases = (2 * s - 3) * s * s + 1, (s - 1) ** 2 * s, (3 - 2 * s) * s * s, (s - 1) * s * s
+        elif order == 1:
+            bases = 6 * (s - 1) * s, (3 * s - 4) * s + 1, 6 * (1 - s) * s, (3 * s - 2) * s
+        else:
+            bases = 12 * s - 6, 6 * s - 4, 6 - 12 * s, 6 * s - 2
         parts = self.q[k], h * self.v[k], self.q[k + 1], h * self.v[k + 1]
         return sum(base * part for base, part in zip(bases, parts, strict=True)) / h**order
 
@@ -140,11 +141,15 @@ class Follower:
     def v(self):
         return self._lay(1)
 
-    def _lay(self, order):
-        """Where the arms are, or how fast: somewhere along the curve, and swinging about it."""
+    def _lay(self, order, steps=None):
+        """Where the arms are, or how fast: somewhere along the curve, and swinging about it.
+
+        Only the first `steps` are filled, if so many are asked for.
+        """
         laid = np.empty((*self.along.shape, self._off[0].shape[1]))
-        for first in range(0, len(self.time), BLOCK):
-            some = slice(first, first + BLOCK)
+        steps = len(self.time) if steps is None else min(steps, len(self.time))
+        for first in range(0, steps, BLOCK):
+            some = slice(first, min(first + BLOCK, steps))
             laid[some] = self._lay_some(some, order)
         return laid
 
@@ -172,27 +177,29 @@ class Follower:
         """From now on each joint leaves, at a time of its own within a window, and brakes."""
         robot, random = self.robot, self.random
         braking = robot.braking_deceleration
-        arms, nv = self.q.shape[1:]
+        arms, nv = self._off[0].shape
         begin = self.index(self.now)
         leaves = begin + random.choice([0, round(window / STEP), -1], (arms, nv))
         leaves[leaves < begin] = begin + random.integers(0, round(window / STEP) + 1)
+        # Where all have left, nothing of the plan counts.
+        self.q, self.v = (self._lay(order, leaves.max() + 2) for order in (0, 1))
         strength = random.choice([0.0, 1.0, 0.5], (arms, nv))
         flips = random.random((arms, nv)) < 0.3
-        moving = np.ones((arms, nv), dtype=bool)
+        lower, upper = robot.lower_position_limit, robot.upper_position_limit
         for k in range(begin, len(self.time) - 1):
             off = leaves <= k
             part = np.where(flips & (random.random((arms, nv)) < 0.5), 1.0 - strength, strength)
             rate = braking + part * (robot.acceleration_limit - braking)
             q, v = self.q[k], self.v[k]
-            until = np.minimum(STEP, np.abs(v) / rate)
-            way = np.sign(v) * until * (np.abs(v) - 0.5 * rate * until)
+            side, pace = np.sign(v), np.abs(v)
+            until = np.minimum(STEP, pace / rate)
+            free = q + side * until * (pace - 0.5 * rate * until)
             # One that gets to its limit stops there.
-            lower, upper = robot.lower_position_limit, robot.upper_position_limit
-            moved = np.clip(q + way, lower, upper)
-            self.q[k + 1] = np.where(off, moved, self.q[k + 1])
-            slower = np.sign(v) * np.maximum(np.abs(v) - rate * STEP, 0.0)
-            slower = np.where((moved == q + way) | (v == 0.0), slower, 0.0)
-            self.v[k + 1] = np.where(off, slower, self.v[k + 1])
+            moved = np.minimum(np.maximum(free, lower), upper)
+            slower = side * np.maximum(pace - rate * STEP, 0.0)
+            slower *= (moved == free) | (v == 0.0)
+            np.copyto(self.q[k + 1], moved, where=off)
+            np.copyto(self.v[k + 1], slower, where=off)
             moving = ~off | (self.v[k + 1] != 0.0)
             self.resting = np.where(
                 moving.any(axis=1), np.inf, np.minimum(self.resting, self.time[k + 1])
@@ -205,7 +212,7 @@ class Follower:
         """From now on brakes bite, at a time within a window, and slow the arm's clock down."""
         random, curve = self.random, self._curve
         braking = self.robot.braking_deceleration
-        arms = self.q.shape[1]
+        arms = self.along.shape[1]
         begin = self.index(self.now)
         bites = begin + random.choice([0, round(window / STEP), round(0.5 * window / STEP)], arms)
         hard = random.choice([1.0, 1.0, 1.5, 20.0], arms)
@@ -223,6 +230,10 @@ class Follower:
             pace = after
             self.pace[k + 1] = pace
             if not pace.any() and k >= bites.max():
+                # All rest, and what comes after shows nothing more.
+                self.time, self.along, self.pace = (
+                    array[: k + 3] for array in (self.time, self.along, self.pace)
+                )
                 self.along[k + 1 :], self.pace[k + 1 :] = self.along[k + 1], 0.0
                 break
         ended = (self.pace <= 0.0) | (self.along >= curve.times[-1])
