@@ -97,16 +97,19 @@ def move(random, limits, q, v, free, steps):
     turns = np.sort(random.uniform(0.0, 0.4, (2, len(q))), axis=0)
     held = limits.brakes.deceleration[:, 0]
     rate = held + random.choice([0.0, 1.0], len(q)) * (accel - held)
-    ways = [np.zeros(len(q))]
+    turned = (DT * np.arange(steps)[:, None, None] > turns).sum(axis=1)
+    pushes = np.take_along_axis(pushes, turned, axis=0) * accel * DT
+    ways = np.zeros((steps, len(q)))
     for k in range(steps - 1):
-        push = pushes[(k * DT > turns).sum(axis=0), np.arange(len(q))] * accel * DT
-        slowed = np.sign(v) * np.maximum(np.abs(v) - rate * DT, 0.0)
-        after = np.clip(v + push, -top, top) if k * DT < free - 1e-09 else slowed
+        if k * DT < free - 1e-09:
+            after = np.minimum(np.maximum(v + pushes[k], -top), top)
+        else:
+            after = np.sign(v) * np.maximum(np.abs(v) - rate * DT, 0.0)
         moved = q + 0.5 * DT * (v + after)
-        q = np.clip(moved, limits.lower, limits.upper)
+        q = np.minimum(np.maximum(moved, limits.lower), limits.upper)
         v = np.where(q == moved, after, 0.0)
-        ways.append(q - start)
-    return np.array(ways)
+        ways[k + 1] = q - start
+    return ways
 
 
 @pytest.mark.parametrize("age", [-0.05, 0.0, 0.03])

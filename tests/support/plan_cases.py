@@ -255,14 +255,19 @@ class Skin:
 
     def place(self, qs):
         """Where they are in each configuration. Shape (len(qs), corners, 3)."""
-        places = []
-        for q in qs:
+        joints = sorted({joint for joint, _ in self.parts})
+        at = np.empty((len(qs), self.model.njoints, 4, 4))
+        for k, q in enumerate(qs):
             pinocchio.forwardKinematics(self.model, self.data, q)
-            at = self.data.oMi
-            places.append(
-                np.concatenate([p @ at[j].rotation.T + at[j].translation for j, p in self.parts])
-            )
-        return np.array(places)
+            for joint in joints:
+                at[k, joint] = self.data.oMi[joint].homogeneous
+        return np.concatenate(
+            [
+                points @ at[:, joint, :3, :3].swapaxes(1, 2) + at[:, joint, None, :3, 3]
+                for joint, points in self.parts
+            ],
+            axis=1,
+        )
 
 
 class Attack:
