@@ -38,6 +38,7 @@ _PIECES = 2500  # about as many pieces a link: finer ones fit tighter, and cost 
 _ROUND_PIECES = 600  # these are smooth, and cost six times as much each
 _FINE_PIECES = 8000  # where spheres are to be few; no finer than
 _FINENESS = 0.25  # this share of the protrusion
+_MOST = 4  # times as many there may be where triangles are slender: each would be dozens
 _CANDIDATES = 1500  # about as many candidate centres a link
 _SKIP = 4  # one piece in so many is enough to find where to start from
 _SWAPS = 8  # tries to save a smaller set by moving one centre far away
@@ -57,22 +58,36 @@ def fit_tree(
     arranged = arrange_surface(compute_corners(surface))
     if spheres is not None:
         count = _PIECES if surface.shape[2] == 3 else _ROUND_PIECES
-        pieces = compute_hull_points(cut_pieces(surface, count))
+        pieces = compute_hull_points(cut_pieces(surface, count, most=_MOST * count))
         centers = _fit_count(pieces, arranged, spheres)
     else:
         limit = float(protrusion or 0.0)
-        pieces = compute_hull_points(cut_pieces(surface, _FINE_PIECES, _FINENESS * limit))
+        shortest, most = _FINENESS * limit, _MOST * _FINE_PIECES
+        few, fine = (
+            cut_pieces(surface, _FINE_PIECES, shortest, at_most) for at_most in (most, math.inf)
+        )
+        pieces = compute_hull_points(few)
         centers = _fit_protrusion(pieces, arranged, limit)
+        if len(few) < len(fine) and not _measure_reach(pieces, arranged, centers) <= limit:
+            pieces = compute_hull_points(fine)
+            centers = _fit_protrusion(pieces, arranged, limit)
     return build_tree(_assign_pieces(pieces, arranged, centers))
 
 
-def cut_pieces(pieces: FloatArray, count: int = _PIECES, shortest: float = 0.0) -> FloatArray:
+def cut_pieces(
+    pieces: FloatArray,
+    count: int = _PIECES,
+    shortest: float = 0.0,
+    most: float = _MOST * _PIECES,
+) -> FloatArray:
     """Bisect pieces until all edges are short.
 
     Args:
         pieces: As `patches` has them, in [m].
         count: About as many pieces would have edges of a common length, but
-        shortest: edges no longer than this need not be cut, in [m].
+        shortest: edges no longer than this need not be cut, in [m], and
+        most: edges are longer where there would be more pieces than this. There may be as many to
+            begin with.
 
     Returns:
         Pieces of the same kind.
@@ -82,18 +97,28 @@ def cut_pieces(pieces: FloatArray, count: int = _PIECES, shortest: float = 0.0) 
     area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()
     extent = np.ptp(triangles.reshape(-1, 3), axis=0).max()
     longest = max(2.0 * math.sqrt(area / count), extent / 200.0, shortest)
-    done = []
+    most = max(most, len(pieces))
+    while (cut := _cut_edges(pieces, longest, most)) is None:
+        longest *= 1.1
+    return cut
+
+
+def _cut_edges(pieces: FloatArray, longest: float, most: float) -> FloatArray | None:
+    """Bisect pieces until no edge is longer; None where that makes too many."""
+    done, count = [], 0
     while len(pieces):
         is_short = measure_sides(pieces) <= longest**2
         done.append(pieces[is_short])
         pieces = bisect_pieces(pieces[~is_short])
+        count += len(done[-1])
+        if count + len(pieces) > most:
+            return None
     return np.concatenate(done)
 
 
 def _fit_count(pieces: FloatArray, surface: Surface, count: int) -> FloatArray:
     """At most `count` centres, around which balls stick out as little as possible."""
     candidates = _find_candidates(pieces, surface)
-    # Where triangles are slender, there are tens of thousands of pieces.
     coarse = _compute_needed(np.ascontiguousarray(pieces[::_SKIP]), surface, candidates)
     starts = [candidates[_cover_with(coarse, count)], _spread(pieces, count)]
     improved = [_improve(pieces, surface, start) for start in starts]
@@ -167,6 +192,11 @@ def _compute_needed(pieces: FloatArray, surface: Surface, centers: FloatArray) -
     _farthest_corners(centers, pieces, needed)
     needed += compute_signed_distances(centers, surface)[:, None]
     return needed
+
+
+def _measure_reach(pieces: FloatArray, surface: Surface, centers: FloatArray) -> float:
+    """How far balls at `centers` must stick out to reach all pieces together, in [m]."""
+    return float(_compute_needed(pieces, surface, centers).min(axis=0).max())
 
 
 def _cover(needed: FloatArray, limit: float) -> list[int]:

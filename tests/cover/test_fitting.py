@@ -2,6 +2,7 @@ import coal
 import numpy as np
 import pytest
 
+from armguard.cover import fitting
 from armguard.cover.fitting import cut_pieces, fit_tree
 from armguard.cover.patches import bisect_pieces
 from armguard.cover.signed_distance import compute_signed_distances
@@ -32,6 +33,24 @@ def test_pieces_are_short_and_lose_no_area(rod):
     assert areas(pieces).sum() == pytest.approx(areas(rod).sum(), rel=1e-12)
     edges = np.linalg.norm(pieces - np.roll(pieces, 1, axis=1), axis=2)
     assert edges.max() < 0.02
+
+
+def test_slender_triangles_are_not_cut_into_tens_of_thousands():
+    prism = triangulate("prism", coal.Cylinder(0.05, 0.4))
+    for count in (600, 2500):
+        pieces = cut_pieces(prism, count, most=4 * count)
+        assert count < len(pieces) <= 4 * count
+        assert areas(pieces).sum() == pytest.approx(areas(prism).sum(), rel=1e-12)
+    assert len(cut_pieces(prism)) <= 10_000
+    # What there is to begin with stays as it is.
+    assert len(cut_pieces(prism, most=10)) == len(prism)
+
+
+def test_where_few_pieces_are_too_coarse_for_what_is_asked_there_are_more(rod, monkeypatch):
+    expected = fit_tree(rod, protrusion=0.1)
+    monkeypatch.setattr(fitting, "_MOST", 0)
+    for one, other in zip(fit_tree(rod, protrusion=0.1), expected, strict=True):
+        assert one.tobytes() == other.tobytes()
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 9])

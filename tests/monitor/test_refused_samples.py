@@ -271,6 +271,7 @@ def drive(seed, schedule, *, tracks, hidden):
     ghosts = [np.array([6.0 + 3.0 * k, -6.0 + 3.0 * k, 0.5]) for k in range(tracks)]
     q, v, direction, brakes_at = HOME.copy(), np.zeros(7), 1.0, 0.0
     moving, run, last = 0, 0, -1
+    apart = distance(q, true)
     for tick in range(500):
         now = tick * TICK
         if tick % 2 == 0:
@@ -292,7 +293,7 @@ def drive(seed, schedule, *, tracks, hidden):
         assert not kinds(verdict) & {ReasonKind.INTERNAL_ERROR, ReasonKind.JOINT_STATE_JUMPED}
         stops = verdict.level is Level.STOP
         brakes_at = min(brakes_at, now + DELAY) if stops else math.inf
-        push = target(q, true, speed)
+        push = target(apart, speed)
         for k in range(5):
             time = now + 1e-3 * k
             if abs(q[0]) > 1.0:
@@ -307,14 +308,15 @@ def drive(seed, schedule, *, tracks, hidden):
             true = true + (speed + faster) / 2.0 * 1e-3
             speed = faster
         moving += abs(v[0]) > 1e-3
-        if distance(q, true)[0] <= 0.0:
+        apart = distance(q, true)
+        if apart[0] <= 0.0:
             return abs(v[0]) > 1e-3, moving / (tick + 1)
     return False, moving / 500
 
 
-def target(q, place, speed):
-    """Unit vector of an acceleration that takes a body to the arm."""
-    _, on_link, on_body = distance(q, place)
+def target(apart, speed):
+    """Unit vector of an acceleration that takes a body to the arm, by the distance between them."""
+    _, on_link, on_body = apart
     way = on_link - on_body
     wanted = 2.0 * way / max(np.linalg.norm(way), 1e-9) - speed
     return wanted / max(np.linalg.norm(wanted), 1e-9)

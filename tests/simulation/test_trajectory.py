@@ -44,7 +44,7 @@ def test_a_random_trajectory_keeps_its_fractions_and_uses_them(
         acceleration_fraction=acceleration_fraction,
     )
     assert way.duration >= 8.0
-    dt = 1e-4
+    dt = 2.5e-4
     times = np.arange(0.0, way.duration, dt)
     q, v = (np.array(part) for part in zip(*(way.sample(time) for time in times), strict=True))
     speed = speed_fraction * panda.velocity_limit
