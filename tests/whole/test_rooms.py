@@ -4,6 +4,7 @@ The table is the law; docs/architecture.md tells it in words.
 """
 
 import ast
+import functools
 import graphlib
 import importlib.util
 import re
@@ -42,26 +43,35 @@ ROOMS = {
 }
 
 
-def read_modules(package=PACKAGE):
-    """Syntax trees of all modules under `package`, by dotted name, and whether each is a face."""
-    trees = {}
+def find_modules(package=PACKAGE):
+    """Files of all modules under `package`, by dotted name."""
+    found = {}
     for path in sorted(package.rglob("*.py")):
         parts = path.relative_to(package.parent).with_suffix("").parts
-        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-        trees[name] = (ast.parse(path.read_text(encoding="utf-8")), path.name == "__init__.py")
-    return trees
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
 
 
-MODULES = read_modules()
+def is_face(path):
+    return path.name == "__init__.py"
+
+
+@functools.cache
+def parse(path):
+    """The syntax tree of a module."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+MODULES = find_modules()
 ABOVE_ALL = {"armguard", "armguard.__main__"}
 
 
 def read_imports(name, modules=MODULES):
     """Names of the armguard modules that one module imports, wherever in it the import stands."""
-    tree, is_package = modules[name]
-    parent = name if is_package else name.rpartition(".")[0]
+    path = modules[name]
+    parent = name if is_face(path) else name.rpartition(".")[0]
     found = set()
-    for node in ast.walk(tree):
+    for node in ast.walk(parse(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -111,7 +121,7 @@ def test_no_module_imports_itself_by_way_of_others():
 
 @pytest.mark.parametrize("name", MODULES)
 def test_no_import_hides(name):
-    tree, _ = MODULES[name]
+    tree = parse(MODULES[name])
     words = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
     words |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
     words |= {
@@ -123,9 +133,9 @@ def test_no_import_hides(name):
     assert not words & {"TYPE_CHECKING", "import_module", "__import__"}
 
 
-@pytest.mark.parametrize("name", [name for name, (_, is_package) in MODULES.items() if is_package])
+@pytest.mark.parametrize("name", [name for name, path in MODULES.items() if is_face(path)])
 def test_a_face_is_explicit_and_does_nothing_else(name):
-    tree, _ = MODULES[name]
+    tree = parse(MODULES[name])
     assert ast.get_docstring(tree), f"{name} does not say what it holds"
     taken = {
         alias.asname or alias.name
@@ -142,9 +152,7 @@ def test_a_face_is_explicit_and_does_nothing_else(name):
     assert all(isinstance(node, ast.Expr | ast.ImportFrom | ast.Assign) for node in tree.body)
 
 
-@pytest.mark.parametrize(
-    "name", [name for name, (_, is_package) in MODULES.items() if not is_package]
-)
+@pytest.mark.parametrize("name", [name for name, path in MODULES.items() if not is_face(path)])
 def test_each_module_has_tests_of_its_own(name):
     *folders, module = name.split(".")[1:]
     twin = ROOT.joinpath("tests", *folders, f"test_{module}.py")
@@ -158,7 +166,7 @@ def test_what_the_reader_of_imports_sees(tmp_path):
     (package / "lamp.py").write_text("import numpy\ndef late():\n    import armguard.rooms.door")
     (package / "rooms" / "__init__.py").write_text("from . import door\nfrom ..lamp import late")
     (package / "rooms" / "door.py").write_text("from armguard.rooms import hinge")
-    modules = read_modules(package)
+    modules = find_modules(package)
     assert {name: read_imports(name, modules) for name in modules} == {
         "armguard": {"armguard.lamp"},
         "armguard.lamp": {"armguard.rooms.door"},
