@@ -7,9 +7,9 @@ contact that it finds is one that can truly happen.
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from armguard.jit.kernels import kernel
 from support.true_arm import get_point, rotated
 
 HUNT, SPEND, HOARD, EDGE, BANG, WANDER = range(6)
@@ -29,7 +29,7 @@ class Balls(NamedTuple):
     shy: np.ndarray
 
 
-@numba.njit(cache=True)
+@kernel
 def push_towards(arm, rotations, origins, center, leaf, goal, push):
     """Full acceleration of every joint that brings a leaf nearer to `goal`."""
     push[:] = 0.0
@@ -54,7 +54,7 @@ def push_towards(arm, rotations, origins, center, leaf, goal, push):
         k = arm.parent[k]
 
 
-@numba.njit(cache=True)
+@kernel
 def nearest_leaf(arm, centers, x, radius):
     """The leaf nearest to a ball, and the distance of their surfaces."""
     best, least = 0, np.inf
@@ -66,7 +66,7 @@ def nearest_leaf(arm, centers, x, radius):
     return best, least
 
 
-@numba.njit(cache=True)
+@kernel
 def shortfall(state, accel, speed, x, y, z, contact, t):
     """What a ball lacks, in [m], to be within `contact` of a point in `t` seconds; <= 0: it can.
 
@@ -106,7 +106,7 @@ def shortfall(state, accel, speed, x, y, z, contact, t):
     return lacks
 
 
-@numba.njit(cache=True)
+@kernel
 def attack_all(arm, balls, trace, times, count):
     """What the most dangerous ball lacks for a contact at any of the times.
 
@@ -159,7 +159,7 @@ def attack_all(arm, balls, trace, times, count):
     return worst, who, when, tried
 
 
-@numba.njit(cache=True)
+@kernel
 def steer_balls(
     arm, balls, centers, before, step, stopped, looked, until_look, between, home, random
 ):
@@ -218,7 +218,7 @@ def steer_balls(
             state[3 + i] = after[i]
 
 
-@numba.njit(cache=True)
+@kernel
 def find_prey(arm, balls, centers):
     """The ball nearest to the arm in time, and the leaf that it is nearest to."""
     best, prey, leaf = np.inf, 0, 0
@@ -230,7 +230,7 @@ def find_prey(arm, balls, centers):
     return prey, leaf
 
 
-@numba.njit(cache=True)
+@kernel
 def count_touching(arm, balls, rotations, origins, centers):
     """How many balls touch the arm."""
     count = 0

@@ -7,10 +7,10 @@ next. Joints keep to their limits either by braking in time or by running into t
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from armguard.bounds.levers import moving_joints
+from armguard.jit.kernels import kernel
 from armguard.robot.joints import is_prismatic
 
 STEP = 1e-3
@@ -59,7 +59,7 @@ def chain_to(robot, joint):
     )
 
 
-@numba.njit(cache=True)
+@kernel
 def turn(vector, axis, angle, result):
     """Rodrigues' formula; `result` may be `vector`."""
     c, s = np.cos(angle), np.sin(angle)
@@ -71,7 +71,7 @@ def turn(vector, axis, angle, result):
     result[2] = z * c + (a * y - b * x) * s + d * along
 
 
-@numba.njit(cache=True)
+@kernel
 def place_point(chain, q, local, inner):
     """Where a point is; `inner` takes where it is in each joint's frame, (joints + 1, 3)."""
     count = chain.column.shape[0]
@@ -94,7 +94,7 @@ def place_point(chain, q, local, inner):
     return place
 
 
-@numba.njit(cache=True)
+@kernel
 def set_slopes(chain, q, direction, inner, slope):
     """How fast the point that was placed last goes along `direction`, per joint."""
     slope[:] = 0.0
@@ -115,7 +115,7 @@ def set_slopes(chain, q, direction, inner, slope):
         turn(along, a, -q[chain.column[k]], along)
 
 
-@numba.njit(cache=True)
+@kernel
 def stop_at_limits(q, v, limits, j):
     if limits.lower[j] <= q[j] <= limits.upper[j]:
         return False
@@ -124,7 +124,7 @@ def stop_at_limits(q, v, limits, j):
     return True
 
 
-@numba.njit(cache=True)
+@kernel
 def move_joints(q, v, push, limits, care, step):
     """One step of free motion, in place; `push` is a part of the acceleration limit.
 
@@ -149,7 +149,7 @@ def move_joints(q, v, push, limits, care, step):
     return hits
 
 
-@numba.njit(cache=True)
+@kernel
 def brake_joints(q, v, strength, limits, step):
     """One step of braking, in place; strength 0 is what is guaranteed, 1 all there may be."""
     hits = False
@@ -162,7 +162,7 @@ def brake_joints(q, v, strength, limits, step):
     return hits
 
 
-@numba.njit(cache=True)
+@kernel
 def furthest_ways(chain, limits, q, v, local, direction, script, mode, care, free, way):
     """Fill `way` with the greatest displacement of the point up to each step.
 
@@ -203,7 +203,7 @@ def furthest_ways(chain, limits, q, v, local, direction, script, mode, care, fre
     return hits
 
 
-@numba.njit(cache=True)
+@kernel
 def random_script(nv, duration, random):
     script = np.empty((nv, 5))
     for j in range(nv):
@@ -219,14 +219,14 @@ def random_script(nv, duration, random):
     return script
 
 
-@numba.njit(cache=True)
+@kernel
 def pick_error(random):
     """A part of the largest error, often all of it."""
     size = 3.0 * random.uniform(-1.0, 1.0)
     return min(max(size, -1.0), 1.0)
 
 
-@numba.njit(cache=True)
+@kernel
 def attack(
     chain, limits, q, v, error_q, error_v, local, direction, free, motions, climbs, checks, worst,
     random,
@@ -287,7 +287,7 @@ def random_state(robot, random):
     return np.clip(q, lower, upper), v
 
 
-@numba.njit(cache=True)
+@kernel
 def record_motion(
     chain, limits, q, v, local, direction, script, mode, care, free, places, positions, velocities
 ):  # fmt: skip
@@ -313,7 +313,7 @@ def record_motion(
         positions[k], velocities[k] = q, v
 
 
-@numba.njit(cache=True)
+@kernel
 def chase(places, radius, points, velocities, accel, speed, since, states):
     """Let the corners of a hull chase a point, each within its bounds.
 

@@ -8,8 +8,9 @@ be, or runs into its stop, from where it comes back as hard as the hardware allo
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
+
+from armguard.jit.kernels import kernel
 
 PIECES = 4
 """Of constant push in each motion."""
@@ -26,7 +27,7 @@ class Law(NamedTuple):
     braking: float
 
 
-@numba.njit(cache=True)
+@kernel
 def hit_time(room, pace, rate):
     """When a coordinate that goes at `pace` and speeds up at `rate` has gone `room` >= 0."""
     if room == 0.0:
@@ -38,7 +39,7 @@ def hit_time(room, pace, rate):
     return 2.0 * room / fastest if fastest > 0.0 else np.inf
 
 
-@numba.njit(cache=True)
+@kernel
 def glide(q, v, rate, span, law):
     """Constant acceleration for a while, or until a stop: position, velocity, time left, hit."""
     side = 1.0 if v > 0.0 or (v == 0.0 and rate > 0.0) else -1.0
@@ -49,7 +50,7 @@ def glide(q, v, rate, span, law):
     return q + v * span + 0.5 * rate * span * span, v + rate * span, 0.0, False
 
 
-@numba.njit(cache=True)
+@kernel
 def push_joint(q, v, push, span, top, law, bounced):
     """A joint pushed for `span` seconds, push in [-1, 1]: position, velocity, whether it hit."""
     hit = bounced
@@ -81,7 +82,7 @@ def push_joint(q, v, push, span, top, law, bounced):
     return q, v, hit
 
 
-@numba.njit(cache=True)
+@kernel
 def slow_joint(q, v, rate, span, law):
     """A joint that slows down until it rests."""
     step = min(span, abs(v) / rate)
@@ -91,7 +92,7 @@ def slow_joint(q, v, rate, span, law):
     return q, 0.0 if step < span else faster, False
 
 
-@numba.njit(cache=True)
+@kernel
 def random_push(random):
     kind = random.integers(0, 8)
     if kind == 0:
@@ -101,7 +102,7 @@ def random_push(random):
     return 1.0 if random.random() < 0.5 else -1.0
 
 
-@numba.njit(cache=True)
+@kernel
 def record_joint(q, v, free, times, law, random, places, rates):
     """One motion from (q, v), recorded at rising times >= 0; whether it ran into a stop.
 

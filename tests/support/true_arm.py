@@ -5,9 +5,9 @@ Written anew from Pinocchio's placements and axes, in Numba, and independent of 
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from armguard.jit.kernels import kernel
 from armguard.robot import Robot
 from armguard.robot.joints import is_prismatic
 from support.hostile_joints import move_joints, turn
@@ -90,7 +90,7 @@ def _share_points(robot, leaves):
     return shared
 
 
-@numba.njit(cache=True)
+@kernel
 def rotated(rotation, vector):
     """R v: Numba's own product of matrices would need another package."""
     product = np.empty(3)
@@ -101,7 +101,7 @@ def rotated(rotation, vector):
     return product
 
 
-@numba.njit(cache=True)
+@kernel
 def place_leaves(arm, q, rotations, origins, centers):
     """Fill placements of the joints' frames and centres of the leaves."""
     column = np.empty(3)
@@ -139,14 +139,14 @@ def place_leaves(arm, q, rotations, origins, centers):
                 centers[leaf, j] += rotations[k, j, i] * arm.local[leaf, i]
 
 
-@numba.njit(cache=True)
+@kernel
 def make_room(arm):
     """Room for placements and centres."""
     joints, leaves = arm.parent.shape[0], arm.joint.shape[0]
     return np.empty((joints, 3, 3)), np.empty((joints, 3)), np.empty((leaves, 3))
 
 
-@numba.njit(cache=True)
+@kernel
 def make_trace(arm, samples):
     """The same for several instants."""
     joints, leaves = arm.parent.shape[0], arm.joint.shape[0]
@@ -157,7 +157,7 @@ def make_trace(arm, samples):
     )
 
 
-@numba.njit(cache=True)
+@kernel
 def get_point(arm, rotations, origins, leaf, index):
     """Where a point of a leaf is."""
     k, p = arm.joint[leaf], arm.points[index]
@@ -169,7 +169,7 @@ def get_point(arm, rotations, origins, leaf, index):
     )
 
 
-@numba.njit(cache=True)
+@kernel
 def _pushed(v, rate, top, t):
     """Way and velocity after `t` seconds at one acceleration, up to a speed."""
     end = v + rate * t
@@ -180,7 +180,7 @@ def _pushed(v, rate, top, t):
     return 0.5 * (v + goal) * ramp + goal * (t - ramp), goal
 
 
-@numba.njit(cache=True)
+@kernel
 def _braked(v, rate, t):
     """Way and velocity after `t` seconds of slowing down to rest."""
     until = min(t, abs(v) / rate)
@@ -188,7 +188,7 @@ def _braked(v, rate, t):
     return np.sign(v) * way, np.sign(v) * (abs(v) - rate * until)
 
 
-@numba.njit(cache=True)
+@kernel
 def trace_arm(arm, limits, q, v, push, strength, free, scale, times, trace):
     """Fill where everything is at `times`, of an arm that is pushed and then brakes.
 
@@ -215,7 +215,7 @@ def trace_arm(arm, limits, q, v, push, strength, free, scale, times, trace):
     return times.shape[0]
 
 
-@numba.njit(cache=True)
+@kernel
 def move_freely(q, v, push, limits, top, care, step):
     """One step of an arm that goes as it likes, at `top` of its speeds, and clear of its stops.
 

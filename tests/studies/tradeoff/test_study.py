@@ -118,7 +118,7 @@ def test_an_interrupt_keeps_what_all_have_seen():
 
 @pytest.mark.parametrize("part", ["what really happened", "an adversary", "growth"])
 def test_an_interrupt_later_on_leaves_out_what_had_not_begun(part):
-    found = study(interrupt(part))
+    found = study(interrupt(part), axes=("schedule",))
     assert found.interrupted == ("what really happened" if part == "an adversary" else part)
     assert found.find(FINEST) is not None
     assert bool(found.hunted) == (part == "growth")
