@@ -43,8 +43,11 @@ def check_advances(advances: int) -> int:
 
 
 def spread(array: FloatArray, shape: tuple[int, ...], inner: tuple[int, ...]) -> FloatArray:
-    """`array` broadcast to `shape` + `inner` and made flat but for `inner`."""
-    return np.ascontiguousarray(np.broadcast_to(array, shape + inner)).reshape((-1, *inner))
+    """`array` broadcast to `shape` + `inner` and made flat but for `inner`; not to be written to."""
+    flat = np.ascontiguousarray(np.broadcast_to(array, shape + inner)).reshape((-1, *inner))
+    # Copied or not, for compiled code it is of one type: each other one would be compiled for.
+    flat.flags.writeable = False
+    return flat
 
 
 def find_common_shape(shapes: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
