@@ -6,6 +6,9 @@ import signal
 import pytest
 from hypothesis import settings
 
+from armguard.recording import recorder
+from support import forked_writers
+
 # How long an example takes is the machine's doing.
 settings.register_profile("armguard", deadline=None)
 settings.load_profile("armguard")
@@ -19,3 +22,11 @@ def _leave_out_of_collections():
     """What the tests before have left, compiled kernels above all, is there for good."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _fork_what_writes_recordings():
+    """Unless a test asks for the real process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recorder, "subprocess", forked_writers)
+        yield

@@ -48,7 +48,8 @@ def start(path, **options):
     return Recorder(path, monitor, **options), obstacles, monitor
 
 
-def test_every_input_and_every_verdict_is_in_the_file(tmp_path):
+def test_every_input_and_every_verdict_is_in_the_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, "subprocess", subprocess)  # the real process
     path = tmp_path / "run.mcap"
     verdicts, _ = record(path, ticks=200, start=300)
     events = read_events(path)
@@ -346,7 +347,8 @@ def test_a_slow_disk_leaves_a_gap_and_never_holds_up_the_loop(tmp_path):
     assert not report.is_identical
 
 
-def test_what_writes_may_be_killed_and_the_file_reads_up_to_its_last_chunk(tmp_path):
+def test_what_writes_may_be_killed_and_the_file_reads_up_to_its_last_chunk(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, "subprocess", subprocess)  # the real process
     path = tmp_path / "run.mcap"
     recorder, _, monitor = start(path)
     expected = stand(monitor, 200)
@@ -365,7 +367,10 @@ def test_what_writes_may_be_killed_and_the_file_reads_up_to_its_last_chunk(tmp_p
     assert repr(read_verdicts(path)) == repr(expected)
 
 
-def test_the_process_that_writes_is_ended_by_the_loop_and_not_by_a_signal_to_both(tmp_path):
+def test_the_process_that_writes_is_ended_by_the_loop_and_not_by_a_signal_to_both(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(recorder_module, "subprocess", subprocess)  # the real process
     path = tmp_path / "run.mcap"
     recorder, _, monitor = start(path)
     stand(monitor, 20)
