@@ -218,7 +218,7 @@ def find_cache(source: Path) -> Path:
         source: The module's file.
     """
     name = f"kernels-{source.parent.name}-{source.stem}-"
-    place = name + digest_sources(source, PACKAGE)
+    place = name + digest_sources(source, PACKAGE, _seen)
     if config.CACHE_DIR:  # by the user, as NUMBA_CACHE_DIR
         return Path(config.CACHE_DIR) / place
     beside = PACKAGE / "__pycache__"
@@ -231,7 +231,14 @@ def find_cache(source: Path) -> Path:
     return beside / place
 
 
-def digest_sources(source: Path, package: Path) -> str:
+Source = tuple[bytes, tuple[Path, ...]]
+"""Digest of a source, and what it imports of the package."""
+
+_seen: dict[Path, Source] = {}
+"""Sources of this process's kernels; most count for dozens of modules, and are read once."""
+
+
+def digest_sources(source: Path, package: Path, seen: dict[Path, Source] | None = None) -> str:
     """A digest of a module's source and of all sources of its package that it imports.
 
     What compiles kernels and reads their handles counts with each, imported or not.
@@ -239,17 +246,25 @@ def digest_sources(source: Path, package: Path) -> str:
     Args:
         source: The module's file.
         package: The folder of the package `armguard`.
+        seen: Sources that were read before; those that are read now are added.
     """
-    sources: dict[Path, bytes] = {}
+    seen = {} if seen is None else seen
+    sources: set[Path] = set()
     waiting = [source, *(package / "jit").glob("*.py")]
     while waiting:
         path = waiting.pop()
         if path not in sources:
-            sources[path] = path.read_bytes()
-            waiting.extend(find_imported(path, sources[path], package))
+            sources.add(path)
+            if path not in seen:
+                content = path.read_bytes()
+                seen[path] = (
+                    hashlib.sha256(content).digest(),
+                    find_imported(path, content, package),
+                )
+            waiting.extend(seen[path][1])
     digest = hashlib.sha256()
     for path in sorted(sources):
-        digest.update(hashlib.sha256(sources[path]).digest())
+        digest.update(seen[path][0])
     return digest.hexdigest()[:16]
 
 
@@ -265,7 +280,6 @@ IMPORT_FROM = re.compile(
 """An import from a module: dots, module, and what is taken, in brackets or not."""
 
 
-@functools.cache
 def find_imported(source: Path, content: bytes, package: Path) -> tuple[Path, ...]:
     """Files of the package that a module's imports could take anything from.
 
