@@ -43,7 +43,7 @@ def check_advances(advances: int) -> int:
 
 
 def spread(array: FloatArray, shape: tuple[int, ...], inner: tuple[int, ...]) -> FloatArray:
-    """`array` broadcast to `shape` + `inner` and made flat but for `inner`; not to be written to."""
+    """`array` broadcast to `shape` + `inner` and made flat but for `inner`; read-only."""
     flat = np.ascontiguousarray(np.broadcast_to(array, shape + inner)).reshape((-1, *inner))
     # Copied or not, for compiled code it is of one type: each other one would be compiled for.
     flat.flags.writeable = False
