@@ -1,5 +1,6 @@
 """What must stop the arm: faults that stay until a reset, and faults that stay while they last."""
 
+import functools
 import math
 from decimal import Decimal
 
@@ -479,10 +480,14 @@ garbage = st.one_of(
 )
 
 
+# Not when tests are collected, where kernels would compile in each process before any test runs.
+make_garbage_scene = functools.cache(make_monitor)
+
+
 @settings(max_examples=150)
 @given(st.lists(st.tuples(garbage, garbage, garbage, garbage), max_size=5))
 def test_step_never_raises(calls):
-    obstacles, monitor = GARBAGE_SCENE
+    obstacles, monitor = make_garbage_scene()
     monitor.reset()
     see(obstacles, 0.0, FAR)
     for call in calls:
@@ -495,9 +500,6 @@ def test_step_never_raises(calls):
             assert (verdict.level, verdict.speed_scale) == (Level.STOP, 0.0)
         assert ReasonKind.INTERNAL_ERROR not in kinds(verdict)
     assert isinstance(monitor.pairs(), list)
-
-
-GARBAGE_SCENE = make_monitor()
 
 
 def test_who_comes_in_the_middle_of_a_step_is_watched_from_the_next_one():
