@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.jit.kernels import kernel
-from support.true_arm import get_point, rotated
+from support.true_arm import get_point, rotate
 
 HUNT, SPEND, HOARD, EDGE, BANG, WANDER = range(6)
 """What a ball does: chases the arm; rushes after a look and looks harmless before the next; keeps
@@ -36,7 +36,7 @@ def push_towards(arm, rotations, origins, center, leaf, goal, push):
     k = arm.joint[leaf]
     dx, dy, dz = goal[0] - center[0], goal[1] - center[1], goal[2] - center[2]
     while k >= 0:
-        axis = rotated(rotations[k], arm.axis[k])
+        axis = rotate(rotations, k, arm.axis[k, 0], arm.axis[k, 1], arm.axis[k, 2])
         if arm.slides[k]:
             along = axis[0] * dx + axis[1] * dy + axis[2] * dz
         else:

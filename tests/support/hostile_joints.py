@@ -60,59 +60,60 @@ def chain_to(robot, joint):
 
 
 @kernel
-def turn(vector, axis, angle, result):
-    """Rodrigues' formula; `result` may be `vector`."""
+def turn(x, y, z, a, b, d, angle):
+    """Rodrigues' formula: (x, y, z) about the axis (a, b, d)."""
     c, s = np.cos(angle), np.sin(angle)
-    x, y, z = vector[0], vector[1], vector[2]
-    a, b, d = axis[0], axis[1], axis[2]
     along = (a * x + b * y + d * z) * (1.0 - c)
-    result[0] = x * c + (b * z - d * y) * s + a * along
-    result[1] = y * c + (d * x - a * z) * s + b * along
-    result[2] = z * c + (a * y - b * x) * s + d * along
+    return (
+        x * c + (b * z - d * y) * s + a * along,
+        y * c + (d * x - a * z) * s + b * along,
+        z * c + (a * y - b * x) * s + d * along,
+    )
 
 
 @kernel
 def place_point(chain, q, local, inner):
     """Where a point is; `inner` takes where it is in each joint's frame, (joints + 1, 3)."""
     count = chain.column.shape[0]
-    place = inner[count]
-    place[:] = local
+    x, y, z = local[0], local[1], local[2]
+    axis, r, t = chain.axis, chain.rotation, chain.translation
     for k in range(count - 1, -1, -1):
-        axis, angle = chain.axis[k], q[chain.column[k]]
-        moved = inner[k]
-        moved[:] = place
+        angle = q[chain.column[k]]
         if chain.slides[k]:
-            for i in range(3):
-                moved[i] += axis[i] * angle
+            x, y, z = x + axis[k, 0] * angle, y + axis[k, 1] * angle, z + axis[k, 2] * angle
         else:
-            turn(moved, axis, angle, moved)
-        x, y, z = moved[0], moved[1], moved[2]
-        place = inner[count]
-        r, t = chain.rotation[k], chain.translation[k]
-        for i in range(3):
-            place[i] = r[i, 0] * x + r[i, 1] * y + r[i, 2] * z + t[i]
-    return place
+            x, y, z = turn(x, y, z, axis[k, 0], axis[k, 1], axis[k, 2], angle)
+        inner[k, 0], inner[k, 1], inner[k, 2] = x, y, z
+        x, y, z = (
+            r[k, 0, 0] * x + r[k, 0, 1] * y + r[k, 0, 2] * z + t[k, 0],
+            r[k, 1, 0] * x + r[k, 1, 1] * y + r[k, 1, 2] * z + t[k, 1],
+            r[k, 2, 0] * x + r[k, 2, 1] * y + r[k, 2, 2] * z + t[k, 2],
+        )
+    inner[count, 0], inner[count, 1], inner[count, 2] = x, y, z
+    return inner[count]
 
 
 @kernel
 def set_slopes(chain, q, direction, inner, slope):
     """How fast the point that was placed last goes along `direction`, per joint."""
     slope[:] = 0.0
-    along, turned = direction.copy(), np.empty(3)
+    x, y, z = direction[0], direction[1], direction[2]
+    r = chain.rotation
     for k in range(chain.column.shape[0]):
-        r, a, p = chain.rotation[k], chain.axis[k], inner[k]
-        for i in range(3):
-            turned[i] = r[0, i] * along[0] + r[1, i] * along[1] + r[2, i] * along[2]
-        along[:] = turned
-        if chain.slides[k]:
-            slope[chain.column[k]] = a[0] * along[0] + a[1] * along[1] + a[2] * along[2]
-            continue
-        slope[chain.column[k]] = (
-            along[0] * (a[1] * p[2] - a[2] * p[1])
-            + along[1] * (a[2] * p[0] - a[0] * p[2])
-            + along[2] * (a[0] * p[1] - a[1] * p[0])
+        a, b, d = chain.axis[k, 0], chain.axis[k, 1], chain.axis[k, 2]
+        x, y, z = (
+            r[k, 0, 0] * x + r[k, 1, 0] * y + r[k, 2, 0] * z,
+            r[k, 0, 1] * x + r[k, 1, 1] * y + r[k, 2, 1] * z,
+            r[k, 0, 2] * x + r[k, 1, 2] * y + r[k, 2, 2] * z,
         )
-        turn(along, a, -q[chain.column[k]], along)
+        if chain.slides[k]:
+            slope[chain.column[k]] = a * x + b * y + d * z
+            continue
+        px, py, pz = inner[k, 0], inner[k, 1], inner[k, 2]
+        slope[chain.column[k]] = (
+            x * (b * pz - d * py) + y * (d * px - a * pz) + z * (a * py - b * px)
+        )
+        x, y, z = turn(x, y, z, a, b, d, -q[chain.column[k]])
 
 
 @kernel
@@ -322,24 +323,30 @@ def chase(places, radius, points, velocities, accel, speed, since, states):
     """
     x, u = points.copy(), velocities.copy()
     count = x.shape[0]
+    gap, after = np.empty(3), np.empty(3)
     first = -1
     for k in range(places.shape[0]):
         for c in range(count):
             if k > 0:
-                gap = places[k] - x[c]
+                for i in range(3):
+                    gap[i] = places[k, i] - x[c, i]
                 away = np.sqrt(gap[0] ** 2 + gap[1] ** 2 + gap[2] ** 2) + 1e-12
-                after = u[c] + gap * (accel * STEP / away)
+                for i in range(3):
+                    after[i] = u[c, i] + gap[i] * (accel * STEP / away)
                 pace = np.sqrt(after[0] ** 2 + after[1] ** 2 + after[2] ** 2)
-                if pace > speed:
-                    after *= speed / pace
-                x[c] += 0.5 * STEP * (u[c] + after)
-                u[c] = after
-            states[k, c, :3], states[k, c, 3:] = x[c], u[c]
+                slower = min(1.0, speed / pace) if pace > 0.0 else 1.0
+                for i in range(3):
+                    after[i] *= slower
+                    x[c, i] += 0.5 * STEP * (u[c, i] + after[i])
+                    u[c, i] = after[i]
+            for i in range(3):
+                states[k, c, i], states[k, c, 3 + i] = x[c, i], u[c, i]
         if k < since or first >= 0:
             continue
         for a in range(count):
             for b in range(a, count):
-                gap = places[k] - 0.5 * (x[a] + x[b])
+                for i in range(3):
+                    gap[i] = places[k, i] - 0.5 * (x[a, i] + x[b, i])
                 if gap[0] ** 2 + gap[1] ** 2 + gap[2] ** 2 <= radius * radius:
                     first = k
     return first

@@ -91,52 +91,44 @@ def _share_points(robot, leaves):
 
 
 @kernel
-def rotated(rotation, vector):
-    """R v: Numba's own product of matrices would need another package."""
-    product = np.empty(3)
-    for j in range(3):
-        product[j] = (
-            rotation[j, 0] * vector[0] + rotation[j, 1] * vector[1] + rotation[j, 2] * vector[2]
-        )
-    return product
+def rotate(rotations, k, x, y, z):
+    """The k-th of some rotation matrices times a vector."""
+    r = rotations
+    return (
+        r[k, 0, 0] * x + r[k, 0, 1] * y + r[k, 0, 2] * z,
+        r[k, 1, 0] * x + r[k, 1, 1] * y + r[k, 1, 2] * z,
+        r[k, 2, 0] * x + r[k, 2, 1] * y + r[k, 2, 2] * z,
+    )
 
 
 @kernel
 def place_leaves(arm, q, rotations, origins, centers):
     """Fill placements of the joints' frames and centres of the leaves."""
-    column = np.empty(3)
     for k in range(arm.parent.shape[0]):
+        a, b, d = arm.axis[k, 0], arm.axis[k, 1], arm.axis[k, 2]
+        up, slides = arm.parent[k], arm.slides[k]
         for i in range(3):
-            column[:] = 0.0
-            column[i] = 1.0
-            if not arm.slides[k]:
-                turn(column, arm.axis[k], q[k], column)
-            for j in range(3):
-                rotations[k, j, i] = (
-                    arm.rotation[k, j, 0] * column[0]
-                    + arm.rotation[k, j, 1] * column[1]
-                    + arm.rotation[k, j, 2] * column[2]
-                )
-        for j in range(3):
-            origins[k, j] = arm.translation[k, j]
-            if arm.slides[k]:
-                for i in range(3):
-                    origins[k, j] += arm.rotation[k, j, i] * arm.axis[k, i] * q[k]
-        up = arm.parent[k]
+            x, y, z = 1.0 * (i == 0), 1.0 * (i == 1), 1.0 * (i == 2)
+            if not slides:
+                x, y, z = turn(x, y, z, a, b, d, q[k])
+            x, y, z = rotate(arm.rotation, k, x, y, z)
+            if up >= 0:
+                x, y, z = rotate(rotations, up, x, y, z)
+            rotations[k, 0, i], rotations[k, 1, i], rotations[k, 2, i] = x, y, z
+        x, y, z = arm.translation[k, 0], arm.translation[k, 1], arm.translation[k, 2]
+        if slides:
+            along = rotate(arm.rotation, k, a, b, d)
+            x, y, z = x + along[0] * q[k], y + along[1] * q[k], z + along[2] * q[k]
         if up >= 0:
-            for i in range(3):
-                column[:] = rotations[k, :, i]
-                rotations[k, :, i] = rotated(rotations[up], column)
-            column[:] = origins[k]
-            origins[k] = rotated(rotations[up], column)
-            for j in range(3):
-                origins[k, j] += origins[up, j]
+            x, y, z = rotate(rotations, up, x, y, z)
+            x, y, z = x + origins[up, 0], y + origins[up, 1], z + origins[up, 2]
+        origins[k, 0], origins[k, 1], origins[k, 2] = x, y, z
     for leaf in range(arm.joint.shape[0]):
-        k = arm.joint[leaf]
-        for j in range(3):
-            centers[leaf, j] = origins[k, j]
-            for i in range(3):
-                centers[leaf, j] += rotations[k, j, i] * arm.local[leaf, i]
+        k, local = arm.joint[leaf], arm.local
+        x, y, z = rotate(rotations, k, local[leaf, 0], local[leaf, 1], local[leaf, 2])
+        centers[leaf, 0] = origins[k, 0] + x
+        centers[leaf, 1] = origins[k, 1] + y
+        centers[leaf, 2] = origins[k, 2] + z
 
 
 @kernel
