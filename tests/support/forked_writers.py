@@ -1,6 +1,6 @@
 """Recordings written by a fork of the test's process, which need not import everything anew.
 
-What writes a recording spends a second on its imports, and hundreds of tests record something. A
+What writes a recording spends a second on its imports, and a hundred tests record something. A
 fork is a process of its own as well, with a number, signals and an end. That `Recorder` starts the
 real one is shown by tests of its own, and by all that run `armguard`.
 """
