@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 import traceback
+import warnings
 from pathlib import Path
 
 import mcap.writer  # so that no fork has to import it
@@ -30,7 +31,10 @@ class Popen:
         assert stdin == DEVNULL
         assert start_new_session
         self.returncode = None
-        self.pid = os.fork()
+        with warnings.catch_warnings():
+            # Later Pythons warn of threads, which are not there in the fork; it needs none of them.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            self.pid = os.fork()
         if self.pid == 0:
             code = 1
             try:
