@@ -6,9 +6,11 @@ import pytest
 
 
 @pytest.fixture(autouse=True)
-def _leave_out_of_collections_again():
+def _leave_out_of_collections_again(monkeypatch):
     """A loop that ends gives back what was left out, which takes a second to look through."""
+    given_back, unfreeze = [], gc.unfreeze
+    monkeypatch.setattr(gc, "unfreeze", lambda: given_back.append(unfreeze()))
     yield
-    if gc.get_freeze_count() == 0:
+    if given_back:
         gc.collect(1)
         gc.freeze()
