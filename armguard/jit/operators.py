@@ -1,12 +1,13 @@
 """Types of what operators give, found once for each kind of operands.
 
 Numba tries all that an operator could mean, on strings, lists and sets as well, each time that it
-meets one. Kernels add, multiply and index the same few kinds of numbers and arrays thousands of
-times: with this, the first time tells for all others.
+meets one, and once more when it writes code for it. Kernels add, multiply and index the same few
+kinds of numbers and arrays thousands of times: with this, the first time tells for all others.
 """
 
 from __future__ import annotations
 
+import operator
 import types as python_types
 from typing import Any
 
@@ -20,6 +21,8 @@ _Signatures = dict[tuple[int, tuple[Any, ...]], tuple[Any, Any]]
 _known: dict[Any, _Signatures] = {}
 """For each set of options of the compiler: signature by operator, named by its identity, and kinds
 of operands. The operator stands beside it and lives as long."""
+_operators: dict[tuple[Any, Any], Any] = {}
+"""Numba's type of each operator, by the context that was asked."""
 
 
 class OperatorTypes:
@@ -49,12 +52,24 @@ class OperatorTypes:
             self._signatures[key] = signature, function
         return self._signatures[key][0]
 
+    def resolve_setitem(self, target: Any, index: Any, value: Any) -> Any:
+        """Signature of setting an item of a target to a value."""
+        setitem = self.find_operator(operator.setitem)
+        return self.resolve_function_type(setitem, (target, index, value), {})
+
+    def find_operator(self, function: Any) -> Any:
+        """Numba's type of an operator."""
+        key = self._context, function
+        if key not in _operators:
+            _operators[key] = self._context.resolve_value_type(function)
+        return _operators[key]
+
 
 def _is_operator(function: Any) -> bool:
     """Whether a type of function is that of an operator or another function built into Python."""
-    return isinstance(function, types.Function) and isinstance(
-        function.typing_key, python_types.BuiltinFunctionType | type
-    )
+    if isinstance(function, types.Function):
+        return isinstance(function.typing_key, python_types.BuiltinFunctionType | type)
+    return function is operator.getitem  # of which Numba asks for no type
 
 
 def _is_plain(kind: Any) -> bool:

@@ -6,7 +6,8 @@ and eleven times for nothing. A part stops before: it is linked into its callers
 and optimised and translated once, within each entry.
 
 Parts are made by replacing one step of Numba's compiler and the kind of library that it fills. With
-it, steps are left out that find nothing in a kernel and look for it for long.
+it, steps are left out that find nothing in a kernel and look for it for long, and code is written
+as `lowering` has it.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from numba.core import typed_passes as numba_passes
 from numba.core import untyped_passes as numba_untyped_passes
 from numba.core.environment import lookup_environment as numba_lookup_environment
 
+from armguard.jit.lowering import Lower
 from armguard.jit.operators import OperatorTypes
 
 # Numba's functions are untyped: they are called as anything is.
@@ -31,21 +33,33 @@ untyped_passes: Any = numba_untyped_passes
 lookup_environment: Any = numba_lookup_environment
 
 
-NEEDLESS = (untyped_passes.InlineClosureLikes, passes.NopythonRewrites)
-"""Steps for what no kernel has: functions within functions, and sums of whole arrays, which are
-right without but slow. Together they take a twentieth of the time."""
+NEEDLESS = (untyped_passes.InlineClosureLikes, passes.NopythonRewrites, passes.AnnotateTypes)
+"""Steps for what no kernel has, functions within functions and sums of whole arrays, which are
+right without but slow; and a listing of all types for readers. Together they take a twentieth of
+the time."""
 
 
-class PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # a class of unknown type
+class KernelLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # a class of unknown type
+    """Code of a kernel."""
+
+    def _optimize_functions(self, module: Any) -> None:
+        """Optimise each function that a module defines, with passes that are set up once."""
+        module.data_layout = self._codegen._data_layout
+        manager, builder = self._codegen._function_pass_manager()
+        for function in module.functions:
+            if not function.is_declaration:
+                manager.run(function, builder)
+
+
+class PartLibrary(KernelLibrary):
     """Code that waits to be linked into another library."""
 
     def _optimize_final_module(self) -> None:
         """Leave it to the library that this is linked into."""
 
     def _finalize_final_module(self) -> None:
-        """Check that nothing is missing, and make no machine code."""
+        """Make no machine code; whether anything is missing is seen where that is made."""
         self._finalize_dynamic_globals()
-        self._verify_declare_only_symbols()
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
@@ -96,7 +110,7 @@ class PartContext:
         return PartLibrary.unserialize(self._context, state)
 
 
-class EntryLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # a class of unknown type
+class EntryLibrary(KernelLibrary):
     """Code that Python calls, with all parts that it needs."""
 
     def _optimize_final_module(self) -> None:
@@ -107,6 +121,17 @@ class EntryLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # a class of 
         """
         manager, builder = self._codegen._module_pass_manager()
         manager.run(self._final_module, builder)
+
+    def serialize_using_object_code(self) -> Any:
+        """For the cache: the machine code, and the names of what is in it.
+
+        Numba would add the code that it was made of, for others to link. Nothing links an entry.
+        """
+        self._ensure_finalized()
+        names = [one.name for one in self.get_defined_functions()]
+        empty = (f'define void @"{name}"() {{ ret void }}' for name in names)
+        named = codegen.ll.parse_assembly("\n".join(empty))
+        return self.name, "object", (self._get_compiled_object(), named.as_bitcode())
 
 
 @machinery.register_pass(mutates_CFG=True, analysis_only=False)
@@ -124,6 +149,18 @@ class InferTypes(passes.NopythonTypeInference):  # type: ignore[misc]  # a class
         finally:
             state.typingctx = context
         return changed
+
+
+@machinery.register_pass(mutates_CFG=True, analysis_only=False)
+class WriteCode(passes.NativeLowering):  # type: ignore[misc]  # a class of unknown type
+    """Write code as Numba does, with operators that are known."""
+
+    _name = "armguard_write_code"
+
+    @property
+    def lowering_class(self) -> Any:
+        """What writes it."""
+        return Lower
 
 
 @machinery.register_pass(mutates_CFG=True, analysis_only=False)
@@ -179,7 +216,7 @@ class EnterEnvironments(machinery.LoweringPass):  # type: ignore[misc]  # a clas
 def _define_steps(state: Any) -> Any:
     """Numba's own steps, but for how types are inferred, without those that are needless."""
     steps = compiler.DefaultPassBuilder.define_nopython_pipeline(state)
-    instead = {passes.NopythonTypeInference: InferTypes}
+    instead = {passes.NopythonTypeInference: InferTypes, passes.NativeLowering: WriteCode}
     steps.passes = [
         (instead.get(step, step), title) for step, title in steps.passes if step not in NEEDLESS
     ]
@@ -192,7 +229,7 @@ class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]  # a class of u
     def define_pipelines(self) -> list[Any]:
         """The steps, into a library for parts."""
         steps = _define_steps(self.state)
-        steps.add_pass_after(UsePartLibrary, passes.AnnotateTypes)
+        steps.add_pass_after(UsePartLibrary, InferTypes)
         steps.finalize()
         return [steps]
 
@@ -203,7 +240,7 @@ class EntryCompiler(compiler.CompilerBase):  # type: ignore[misc]  # a class of 
     def define_pipelines(self) -> list[Any]:
         """The steps, into a library for entries, and what parts need."""
         steps = _define_steps(self.state)
-        steps.add_pass_after(UseEntryLibrary, passes.AnnotateTypes)
+        steps.add_pass_after(UseEntryLibrary, InferTypes)
         steps.add_pass_after(EnterEnvironments, passes.NoPythonBackend)
         steps.finalize()
         return [steps]

@@ -17,6 +17,9 @@ class Context:
     def __init__(self):
         self.asked = []
 
+    def resolve_value_type(self, function):
+        return types.Function(type("Operator", (), {"key": function}))
+
     def resolve_function_type(self, function, args, kws):
         self.asked.append((function, args, kws))
         return object()
@@ -41,6 +44,16 @@ def test_an_operator_is_asked_for_once_for_each_kind_of_operands(known, args):
     assert ask(known, args=args) is ask(known, args=args)
     assert len(known[0].asked) == 1
     assert ask(known, args=(types.int64, FLOAT)) is not ask(known, args=args)
+    assert len(known[0].asked) == 2
+
+
+def test_items_are_asked_for_once_by_whatever_name(known):
+    assert ask(known, operator.getitem, (ARRAY, types.int64)) is ask(
+        known, operator.getitem, (ARRAY, types.int64)
+    )
+    assert known[1].resolve_setitem(ARRAY, types.int64, FLOAT) is known[1].resolve_setitem(
+        ARRAY, types.int64, FLOAT
+    )
     assert len(known[0].asked) == 2
 
 
