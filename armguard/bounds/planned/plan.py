@@ -54,7 +54,7 @@ class Plan(NamedTuple):
 class CheckedPlan(NamedTuple):
     """A plan that `check_plan` has found within limits and followed. It ends at rest.
 
-    Arrays are its own.
+    Arrays are its own, contiguous and of float64; those of its samples are read-only.
     """
 
     stamp: float
@@ -92,6 +92,24 @@ class CheckedPlan(NamedTuple):
     def end(self) -> float:
         """When the arm is at the last sample, in [s]."""
         return self.stamp + float(self.times[-1])
+
+
+def make_example() -> CheckedPlan:
+    """A plan of one joint, for the types that all plans have in compiled code."""
+    samples = np.zeros(2), np.zeros((2, 1)), np.zeros((2, 1))
+    for array in samples:
+        array.flags.writeable = False
+    return CheckedPlan(0.0, *samples, *np.zeros((6, 1)), 0.0, 0.0, *np.zeros((2, 1)))
+
+
+def is_plain(plan: CheckedPlan, joints: int) -> bool:
+    """Whether a plan has the types that all plans have in compiled code, and so many joints."""
+    for array in (*plan[1:10], *plan[12:]):
+        if not (
+            type(array) is np.ndarray and array.dtype == np.float64 and array.flags.c_contiguous
+        ):
+            return False
+    return plan.q.shape[1:] == (joints,)
 
 
 class PlanLimits(NamedTuple):
