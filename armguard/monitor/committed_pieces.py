@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armguard.bounds.planned.check import check_plan, check_stop
+from armguard.bounds.planned.check import PlanCheck
 from armguard.bounds.planned.course import PlannedCourse
-from armguard.bounds.planned.following import check_following, find_disagreement, is_covered
+from armguard.bounds.planned.following import Following
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
 from armguard.jit.arrays import BoolArray, IntArray
@@ -127,8 +127,9 @@ class CommittedPieces:
         may_leave: bool,
     ) -> None:
         self.evaluated = 0
-        self._robot = robot
         self._scheduler = scheduler
+        self._check = PlanCheck(robot, self._planned_motion().brakes)
+        self._following = Following(robot)
         self._latency = latency
         self._margin = margin
         self._may_leave = may_leave
@@ -153,11 +154,11 @@ class CommittedPieces:
 
     def commit(self, plan: Plan, tick: Tick) -> PlanVerdict:
         """Judge a piece at the last tick; a safe one is what the arm may be on from now on."""
-        robot, now, pieces = self._robot, tick.now, self._pieces
-        checked = check_plan(plan, robot, now, tick.q, tick.v, now - tick.arm_age)
+        now, pieces = tick.now, self._pieces
+        checked = self._check.check(plan, now, tick.q, tick.v, now - tick.arm_age)
         if isinstance(checked, Refusal):
             return refuse_plan(*checked)
-        refusal = check_stop(checked, robot, self._planned_motion().brakes)
+        refusal = self._check.check_stop(checked)
         if refusal is not None:
             return refuse_plan(*refusal)
         # What the arm may be on and the piece does not go on from, its controller does not follow.
@@ -165,9 +166,12 @@ class CommittedPieces:
         last = max(first, now + self._latency)
         going_on: list[Piece] = []
         left_behind: list[Piece] = []
+        covered: set[int] = set()
         for piece in pieces:
-            refusal = find_disagreement(piece.plan, checked, robot, first, last)
+            refusal, is_covered = self._following.compare(piece.plan, checked, first, last)
             (left_behind if refusal else going_on).append(piece)
+            if is_covered:
+                covered.add(id(piece))
         if pieces and not going_on:
             assert refusal is not None, "the last one disagreed"
             return refuse_plan(*refusal)
@@ -178,9 +182,7 @@ class CommittedPieces:
         kept = [
             piece
             for piece in going_on
-            if may_leave_first
-            or piece.plan.stamp > now
-            or not is_covered(piece.plan, checked, first)
+            if may_leave_first or piece.plan.stamp > now or id(piece) not in covered
         ]
         if self._may_leave:
             kept = _keep_waited_on(kept, left_behind, now)
@@ -257,18 +259,19 @@ class CommittedPieces:
         if len(begun) < 2:
             return pieces
         *older, newest = begun
-        covered = {id(piece) for piece in older if is_covered(piece.plan, newest.plan, now)}
+        covers = self._following.covers
+        covered = {id(piece) for piece in older if covers(piece.plan, newest.plan, now)}
         return [piece for piece in pieces if id(piece) not in covered]
 
     def _find_straying(self, piece: Piece, tick: Tick, stamp: float) -> Refusal | None:
         """Why the arm is not on a piece, nor on the way to it; None if it may be."""
-        robot, q, v = self._robot, tick.q, tick.v
-        found = check_following(piece.plan, robot, q, v, stamp)
+        check, q, v = self._following.check, tick.q, tick.v
+        found = check(piece.plan, q, v, stamp)
         if found is not None or not piece.before or stamp >= piece.plan.stamp:
             return found
         # Until it begins, its proof has the arm on one of those before.
         for one in piece.before:
-            found = check_following(one, robot, q, v, stamp)
+            found = check(one, q, v, stamp)
             if found is None:
                 return None
         return found

@@ -18,11 +18,11 @@ import pinocchio
 
 from armguard.bounds.limits import read_limits
 from armguard.bounds.model import check_duration, check_question, read_only
-from armguard.bounds.planned.check import check_path_stop, check_plan, check_stop
+from armguard.bounds.planned.check import PlanCheck, check_path_stop
 from armguard.bounds.planned.contact import PlannedContact, Surroundings, find_planned_contact
 from armguard.bounds.planned.course import ArmShape, PlannedCourse, deviation_along
 from armguard.bounds.planned.curve import evaluate_curve
-from armguard.bounds.planned.following import find_disagreement, is_covered
+from armguard.bounds.planned.following import Following
 from armguard.bounds.planned.placing import PlacedArm, check_chain, make_chain, place_all
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal, is_plain
 from armguard.bounds.planned.slabs import JointSlabs, PathClock, SlabMaker
@@ -31,7 +31,8 @@ from armguard.bounds.sums import compute_levers, compute_sphere_levers
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
-from armguard.obstacles.table import Marks, States, make_states
+from armguard.obstacles.obstacles import Obstacles
+from armguard.obstacles.table import Marks, States
 from armguard.robot.brakes import BrakeCurves, find_decelerations, find_gentlest_stop
 from armguard.robot.joints import is_prismatic
 from armguard.robot.kinematics import Kinematics
@@ -321,21 +322,20 @@ class PlannedMotion:
         q = np.clip(still, robot.lower_position_limit, robot.upper_position_limit)
         times, q = np.array([0.0, 1.0]), np.array([q, q])
         rest = Plan(0.0, times, q, np.zeros_like(q), np.ones(len(still)))
-        plan = check_plan(rest, robot, 0.0, q[0], still, 0.0)
+        check = PlanCheck(robot, self.brakes)
+        plan = check.check(rest, 0.0, q[0], still, 0.0)
         if isinstance(plan, Refusal):
             raise ArmguardError(robot.name, f"cannot even rest: {plan}")
-        find_disagreement(plan, plan, robot, 0.0, 0.5)
-        is_covered(plan, plan, 0.0)
+        Following(robot)
         append_stop(rest, find_gentlest_stop(self.brakes, still), on_path=False)
         slowing, _ = self.find_path_stop(plan)
         for on_path in (False, True):
             clock = PathClock(0.0, 0.0, True, 0.0, slowing=slowing)
             self.lay_out_stop(plan, clock, 0.1, on_path=on_path)
-        check_stop(plan, robot, self.brakes)
         check_path_stop(plan, robot, self.brakes)
         self.lay_out(plan._replace(now=-0.1), [plan])
         course = self.lay_out(plan._replace(now=-0.1))
         self.lay_out_left(plan)
-        marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 4))
-        none = np.zeros(0, dtype=np.int64)
-        self.contact_time(course, none, 0.0, 0.0, make_states(0), make_states(0), marks)
+        table, none = Obstacles().table, np.zeros(0, dtype=np.int64)
+        states = table.accepted, table.refused_states, table.marks
+        self.contact_time(course, none, 0.0, 0.0, *states)
