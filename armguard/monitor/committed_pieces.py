@@ -32,8 +32,9 @@ from armguard.verdict import PlanVerdict, Reason, ReasonKind
 
 MOST_PIECES = 64
 """Pieces that the arm may be on at a time."""
-USUAL_PIECES = 4
-"""Pieces that the arm is on at a time where each is committed while it is on the one before."""
+USUAL_PIECES = 16
+"""Pieces for which there is room from the start; where the arm turns round, joint states do not
+tell apart those of half a second."""
 
 
 class Known(NamedTuple):
@@ -308,7 +309,7 @@ class CommittedPieces:
         if _is_at_rest(course, tick.now):
             # It rests, and a resting arm touches nothing.
             return None
-        pairs = np.flatnonzero(scheduler.watched_pairs())
+        (pairs,) = scheduler.watched_pairs().nonzero()
         found = find_course_contact(
             scheduler, self._planned_motion(), course, pairs, tick, self._margin
         )

@@ -155,10 +155,11 @@ class PlanCheck:
         excess, straying = self._judge_plan(
             times, read.q, read.v, errors, self._limits, clock, state, room
         )
-        if excess.kind != curve.FINE:
-            return _describe_excess(excess, robot, times)
-        if straying.kind != FOLLOWED:
-            return describe_straying(straying, robot.joints, state.along, is_on_time=True)
+        if excess[0] != curve.FINE:
+            return _describe_excess(Excess(*excess), robot, times)
+        if straying[0] != FOLLOWED:
+            off = Straying(*straying)
+            return describe_straying(off, robot.joints, state.along, is_on_time=True)
         return CheckedPlan(read.stamp, times, read.q, read.v, *room, now, stamp, position, velocity)
 
     def check_stop(self, plan: CheckedPlan) -> Refusal | None:
@@ -261,8 +262,10 @@ def _judge_plan(
     clock: float,
     state: MeasuredState,
     room: FloatArray,
-) -> tuple[Excess, Straying]:
+) -> tuple[tuple[int, int, int, float, float, float], tuple[int, int, float, float, float]]:
     """Where a curve is not within limits, or else, what shows that the arm is not on it.
+
+    Fields of an `Excess` and of a `Straying`.
 
     Args:
         times: Of the samples, in [s]. Shape (k,).
@@ -275,8 +278,8 @@ def _judge_plan(
         room: Filled with the fields that follow, where the curve is in order. Shape (ROOMS, nv).
     """
     excess = _judge_curve(times, q, v, errors, limits, clock, room)
-    if excess.kind != curve.FINE:
-        return excess, Straying(FOLLOWED, -1, 0.0, 0.0, 0.0)
+    if excess[0] != curve.FINE:
+        return excess, (FOLLOWED, -1, 0.0, 0.0, 0.0)
     plan = CheckedPlan(
         0.0, times, q, v, room[0], room[1], room[2], room[3], room[4], room[5],
         0.0, 0.0, state.q, state.v,
@@ -293,7 +296,7 @@ def _judge_curve(
     limits: PlanLimits,
     clock: float,
     room: FloatArray,
-) -> Excess:
+) -> tuple[int, int, int, float, float, float]:
     """Where a curve is not within limits; arguments as of `_judge_plan`."""
     joints = limits.lower.shape[0]
     lower, upper = np.empty(joints), np.empty(joints)
@@ -309,16 +312,16 @@ def _judge_curve(
     peaks = CurvePeaks(acceleration, top_speedup, top_speed)
     kind, joint, sample, value = find_excess(times, q, v, lower, upper, fastest, allowed, peaks)
     if kind == curve.POSITION:
-        return Excess(kind, joint, sample, value, lower[joint], upper[joint])
+        return kind, joint, sample, value, lower[joint], upper[joint]
     if kind == curve.VELOCITY:
-        return Excess(kind, joint, sample, value, 0.0, fastest[joint])
+        return kind, joint, sample, value, 0.0, fastest[joint]
     if kind != curve.FINE:
-        return Excess(kind, joint, sample, value, 0.0, limits.acceleration[joint])
+        return kind, joint, sample, value, 0.0, limits.acceleration[joint]
     last = times.shape[0] - 1
     for j in range(joints):
         # Nothing is known of where an arm gets to that does not rest at the end.
         if not abs(v[last, j]) <= LIMIT_SLACK:
-            return Excess(ENDS, j, last, v[last, j], 0.0, 0.0)
+            return ENDS, j, last, v[last, j], 0.0, 0.0
         off = errors.error[j] + limits.position_error[j] + clock * limits.velocity[j]
         deviation[j] = off
         stop_deviation[j] = off
@@ -326,7 +329,7 @@ def _judge_curve(
             stop_deviation[j] = max(off, off - errors.error[j] + errors.stop_error[j])
         acceleration[j] += limits.acceleration[j]
         velocity_deviation[j] = errors.velocity_error[j] + limits.velocity_error[j]
-    return Excess(curve.FINE, -1, -1, 0.0, 0.0, 0.0)
+    return curve.FINE, -1, -1, 0.0, 0.0, 0.0
 
 
 def _describe_excess(excess: Excess, robot: Robot, times: FloatArray) -> Refusal:

@@ -24,7 +24,11 @@ from armguard.robot.robot import Robot
 from armguard.robot.turns import nearest_turn
 
 FOLLOWED, PLACE, PACE = 0, 1, 2
-"""What `find_straying` and `_find_gap` can say: nothing, or what is off."""
+"""What `find_straying` and `_find_gap` can say: nothing, or what is off.
+
+Both hand over the fields of a named tuple, and not that itself: for each one Numba would have to
+look up its class, which takes as long as all that they do.
+"""
 
 
 class Straying(NamedTuple):
@@ -99,8 +103,8 @@ def find_straying(
     v: FloatArray,
     along: float,
     is_on_time: bool,
-) -> Straying:
-    """The first joint whose measured state shows that it does not follow a plan.
+) -> tuple[int, int, float, float, float]:
+    """The first joint whose measured state shows that it does not follow a plan: a `Straying`.
 
     Args:
         plan: As checked.
@@ -128,22 +132,22 @@ def find_straying(
         if math.isinf(limits.lower[j]) and math.isinf(limits.upper[j]):
             found = nearest_turn(found, position[j])
         if not abs(found - position[j]) <= allowed:
-            return Straying(PLACE, j, found, position[j], allowed)
+            return PLACE, j, found, position[j], allowed
     slowest, fastest = 0.0, 1.0
     for j in range(position.shape[0]):
         allowed = speed[j] + limits.velocity_error[j] + limits.acceleration[j] * wait + LIMIT_SLACK
         ahead = velocity[j]
         if is_on_time or not abs(ahead) > LIMIT_SLACK:
             if not abs(v[j] - ahead) <= allowed + (0.0 if is_on_time else LIMIT_SLACK):
-                return Straying(PACE, j, v[j], ahead, allowed)
+                return PACE, j, v[j], ahead, allowed
             continue
         # One pace of the clock must do for all joints.
         one, other = (v[j] - allowed) / ahead, (v[j] + allowed) / ahead
         slowest = max(slowest, min(one, other) - LIMIT_SLACK)
         fastest = min(fastest, max(one, other) + LIMIT_SLACK)
         if not slowest <= fastest:
-            return Straying(PACE, j, v[j], ahead, allowed)
-    return Straying(FOLLOWED, -1, 0.0, 0.0, 0.0)
+            return PACE, j, v[j], ahead, allowed
+    return FOLLOWED, -1, 0.0, 0.0, 0.0
 
 
 class Following:
@@ -185,10 +189,10 @@ class Following:
         """
         is_on_time = path_time is None
         along = stamp - plan.stamp if path_time is None else max(path_time, 0.0)
-        found: Straying = self._find_straying(plan, self._limits, q, v, along, is_on_time)
-        if found.kind == FOLLOWED:
+        found = self._find_straying(plan, self._limits, q, v, along, is_on_time)
+        if found[0] == FOLLOWED:
             return None
-        return describe_straying(found, self._joints, along, is_on_time=is_on_time)
+        return describe_straying(Straying(*found), self._joints, along, is_on_time=is_on_time)
 
     def compare(
         self, before: CheckedPlan, after: CheckedPlan, first: float, last: float
@@ -201,9 +205,10 @@ class Following:
             first: From when on they must agree, in [s].
             last: Until when they must, in [s], >= first.
         """
-        gap, covered = self._compare(before, after, first, last)
-        if gap.kind == FOLLOWED:
+        found, covered = self._compare(before, after, first, last)
+        if found[0] == FOLLOWED:
             return Comparison(None, covered)
+        gap = Gap(*found)
         return Comparison(
             Refusal(
                 self._joints[gap.joint],
@@ -290,8 +295,12 @@ def _fill_difference(
 @kernel
 def _find_gap(
     before: CheckedPlan, after: CheckedPlan, share: float, first: float, last: float
-) -> Gap:
-    """Where two plans differ by more than a share, in [0, 1], of what the arm may be off either."""
+) -> tuple[int, int, float, float, float]:
+    """Where two plans differ by more than a share, in [0, 1], of what the arm may be off either.
+
+    Returns:
+        The fields of a `Gap`.
+    """
     knots = _find_knots(before, after, first, last)
     count, joints = knots.shape[0], before.deviation.shape[0]
     apart, pace = np.empty((count, joints)), np.empty((count, joints))
@@ -306,7 +315,7 @@ def _find_gap(
         allowed = share * min(before.deviation[j], after.deviation[j])
         if not (-low[j] <= allowed + LIMIT_SLACK and high[j] <= allowed + LIMIT_SLACK):
             when = knots[_find_largest(apart, j)]
-            return Gap(PLACE, j, max(-low[j], high[j]), allowed, when)
+            return PLACE, j, max(-low[j], high[j]), allowed, when
     for j in range(joints):
         # However long either is followed.
         allowed = min(
@@ -317,8 +326,8 @@ def _find_gap(
         )
         largest = _find_largest(pace, j)
         if not abs(pace[largest, j]) <= allowed + LIMIT_SLACK:
-            return Gap(PACE, j, abs(pace[largest, j]), allowed, knots[largest])
-    return Gap(FOLLOWED, -1, 0.0, 0.0, 0.0)
+            return PACE, j, abs(pace[largest, j]), allowed, knots[largest]
+    return FOLLOWED, -1, 0.0, 0.0, 0.0
 
 
 @kernel
@@ -357,12 +366,12 @@ def is_covered(before: CheckedPlan, after: CheckedPlan, first: float) -> bool:
         if not abs(place[j]) <= LIMIT_SLACK:
             return False
     # Compared as if neither might be left by more than a slack.
-    return _find_gap(before, after, 0.0, first, last).kind == FOLLOWED
+    return _find_gap(before, after, 0.0, first, last)[0] == FOLLOWED
 
 
 @kernel
 def _compare(
     before: CheckedPlan, after: CheckedPlan, first: float, last: float
-) -> tuple[Gap, bool]:
+) -> tuple[tuple[int, int, float, float, float], bool]:
     """Where two plans do not agree from `first` to `last`, and `is_covered` from `first` on."""
     return _find_gap(before, after, 1.0, first, last), is_covered(before, after, first)

@@ -182,8 +182,8 @@ def _copy_arrays(plan: Plan, joints: int) -> Plan | None:
         if array is None and len(copies) > OPTIONAL:
             copies.append(None)
         elif type(array) is np.ndarray and array.dtype == np.float64 and array.shape == shape:
-            copy = np.array(array, order="C")
-            copy.flags.writeable = False
+            copy = array.copy()
+            copy.setflags(write=False)
             copies.append(copy)
         else:
             return None
