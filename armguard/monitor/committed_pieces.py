@@ -33,23 +33,24 @@ from armguard.verdict import PlanVerdict, Reason, ReasonKind
 MOST_PIECES = 64
 """Pieces that the arm may be on at a time."""
 USUAL_PIECES = 16
-"""Pieces for which there is room from the start; where the arm turns round, joint states do not
-tell apart those of half a second."""
+"""Pieces for which there is room from the start; more is made where the arm may be on more."""
 
 
 class Known(NamedTuple):
-    """What was known of obstacles when a piece was proved safe, for compiled code."""
+    """What was known of obstacles when pieces were proved safe, for compiled code."""
 
     reference: States
-    """Accepted states."""
+    """Accepted states, by piece × rows + row. Shape (pieces × rows,)."""
     known: BoolArray
-    """Which rows had one. Shape (rows,)."""
+    """Which rows had one. Shape (pieces, rows)."""
     revision: IntArray
-    """Of the last state of each row that agreed with that. Shape (rows,)."""
+    """Of the last state of each row that agreed with that. Shape (pieces, rows)."""
 
 
 class KnownObstacles:
-    """What was known of obstacles when a piece was proved safe, and whether that still stands.
+    """What was known of obstacles when pieces were proved safe, and whether that still stands.
+
+    Pieces go by the number of their place, from 0.
 
     Args:
         scheduler: Knows the obstacles.
@@ -57,23 +58,24 @@ class KnownObstacles:
 
     def __init__(self, scheduler: Scheduler) -> None:
         self._scheduler = scheduler
-        self._make_room()
-        self.keep()
+        self._shape: tuple[Any, int, int] | None = None
+        self._kinds: tuple[Any, Any] | None = None
+        self._make_room(USUAL_PIECES)
 
-    def keep(self) -> None:
-        """Keep what is known now, in place of what was kept before."""
+    def keep(self, place: int) -> None:
+        """Keep what is known now for a piece, in place of what was kept before."""
         arm = self._scheduler.arm
-        if self._find_shape() != self._shape:
-            self._make_room()
-        self._changes = arm.obstacles.table.changes
-        self._keep_all(arm.state.handle, self._handle)
+        if place >= len(self._changes) or self._find_shape() != self._shape:
+            self._make_room(max(2 * place, len(self._changes)))
+        self._changes[place] = arm.obstacles.table.changes
+        self._keep_all(arm.state.handle, self._handle, place)
 
-    def has_changed(self) -> bool:
+    def has_changed(self, place: int) -> bool:
         """Whether an obstacle is new, or does what was known of it does not allow for."""
         arm = self._scheduler.arm
-        if arm.obstacles.table.changes != self._changes or self._find_shape() != self._shape:
+        if arm.obstacles.table.changes != self._changes[place] or self._find_shape() != self._shape:
             return True
-        changed: bool = self._find_change(arm.state.handle, self._handle)
+        changed: bool = self._find_change(arm.state.handle, self._handle, place)
         return changed
 
     def _find_shape(self) -> tuple[Any, int, int]:
@@ -82,14 +84,32 @@ class KnownObstacles:
         rows, width, _ = state.bodies.points.shape
         return state.handle.kind, rows, width
 
-    def _make_room(self) -> None:
-        """Make room for as many obstacles as there is room for in the table."""
-        _, rows, width = self._shape = self._find_shape()
-        known, revision = np.zeros(rows, dtype=np.bool_), np.zeros(rows, dtype=np.int64)
-        self._handle = pack(Known(make_states(rows, width), known, revision))
+    def _make_room(self, places: int) -> None:
+        """Make room for so many pieces, and for as many obstacles as there are in the table."""
+        shape = self._find_shape()
+        _, rows, width = shape
+        room = Known(
+            make_states(places * rows, width),
+            np.zeros((places, rows), dtype=np.bool_),
+            np.zeros((places, rows), dtype=np.int64),
+        )
+        if shape == self._shape:
+            before = self._room
+            for array, old in zip(
+                (*room.reference, *room[1:]), (*before.reference, *before[1:]), strict=True
+            ):
+                array[: len(old)] = old
+            self._changes += [None] * (places - len(self._changes))
+        else:
+            # What was kept of obstacles in other rows is not known any more.
+            self._changes = [None] * places
+        self._shape, self._room, self._handle = shape, room, pack(room)
         handles = self._scheduler.arm.state.handle, self._handle
-        self._keep_all = machine_code(_keep_all, *handles)
-        self._find_change = machine_code(_find_change, *handles)
+        kinds = handles[0].kind, handles[1].kind
+        if kinds != self._kinds:
+            self._kinds = kinds
+            self._keep_all = machine_code(_keep_all, *handles, 0)
+            self._find_change = machine_code(_find_change, *handles, 0)
 
 
 class Piece(NamedTuple):
@@ -99,8 +119,8 @@ class Piece(NamedTuple):
     course: PlannedCourse
     before: tuple[CheckedPlan, ...]
     """What it may be following until the piece begins."""
-    known: KnownObstacles
-    """What the proof that it is safe rests on."""
+    place: int
+    """Where what the proof that it is safe rests on is kept, see `KnownObstacles`."""
 
 
 class CommittedPieces:
@@ -134,9 +154,8 @@ class CommittedPieces:
         self._latency = latency
         self._margin = margin
         self._may_leave = may_leave
+        self._known = KnownObstacles(scheduler)
         self.reset()
-        # More are made where the arm may be on more pieces.
-        self._memories = [KnownObstacles(scheduler) for _ in range(USUAL_PIECES)]
 
     def reset(self) -> None:
         """Forget all pieces: from now on the arm may do what its joints can."""
@@ -244,14 +263,14 @@ class CommittedPieces:
                     return Reason(ReasonKind.PIECE_UNSAFE, *course)
                 self._pieces[k] = piece._replace(course=course)
         for piece in self._pieces:
-            if not disturbed and not piece.known.has_changed():
+            if not disturbed and not self._known.has_changed(piece.place):
                 continue
             contact = self._find_contact(piece.course, tick)
             if contact is not None:
                 self.reset()
                 (reason,) = contact.reasons
                 return Reason(ReasonKind.PIECE_UNSAFE, reason.subject, reason.detail)
-            piece.known.keep()
+            self._known.keep(piece.place)
         return None
 
     def _drop_covered(self, pieces: list[Piece], now: float) -> list[Piece]:
@@ -323,15 +342,12 @@ class CommittedPieces:
         )
         return PlanVerdict(False, found.time, found.link, found.obstacle, (reason,))
 
-    def _remember(self) -> KnownObstacles:
-        """What is known of obstacles now, in room that belongs to no piece."""
-        used = [piece.known for piece in self._pieces]
-        for memory in self._memories:
-            if memory not in used:
-                memory.keep()
-                return memory
-        self._memories.append(KnownObstacles(self._scheduler))
-        return self._memories[-1]
+    def _remember(self) -> int:
+        """Keep what is known of obstacles now where nothing is kept for another piece."""
+        used = {piece.place for piece in self._pieces}
+        place = next(place for place in range(MOST_PIECES) if place not in used)
+        self._known.keep(place)
+        return place
 
 
 def _keep_waited_on(kept: list[Piece], left_behind: list[Piece], now: float) -> list[Piece]:
@@ -359,22 +375,24 @@ def _is_at_rest(course: PlannedCourse, now: float) -> bool:
 
 
 @kernel
-def _keep_all(handle: Any, kept: Any) -> None:
-    """Keep the accepted state of every row, and which rows have one."""
+def _keep_all(handle: Any, kept: Any, place: int) -> None:
+    """Keep the accepted state of every row for a piece, and which rows have one."""
     bodies, marks, memory = handle.content.bodies, handle.content.marks, kept.content
-    known, revision = memory.known, memory.revision
-    for row in range(marks.alive.shape[0]):
-        keep_reference_state(bodies, memory.reference, marks, row, row)
+    known, revision = memory.known[place], memory.revision[place]
+    rows = marks.alive.shape[0]
+    for row in range(rows):
+        keep_reference_state(bodies, memory.reference, marks, row, place * rows + row)
         known[row] = marks.has_state[row]
         revision[row] = marks.revision[row]
 
 
 @kernel
-def _find_change(handle: Any, kept: Any) -> bool:
-    """Whether a state is refused, was lost, or is not what the one that was kept allows."""
+def _find_change(handle: Any, kept: Any, place: int) -> bool:
+    """Whether a state is refused, was lost, or is not what the one kept for a piece allows."""
     bodies, marks, memory = handle.content.bodies, handle.content.marks, kept.content
-    known, revision = memory.known, memory.revision
-    for row in range(marks.alive.shape[0]):
+    known, revision = memory.known[place], memory.revision[place]
+    rows = marks.alive.shape[0]
+    for row in range(rows):
         if not marks.alive[row]:
             continue
         if marks.refused[row] or marks.has_state[row] != known[row]:
@@ -383,7 +401,7 @@ def _find_change(handle: Any, kept: Any) -> bool:
             continue
         if not known[row] or marks.static[row]:
             return True
-        allowed, grown = allows_reference_state(bodies, memory.reference, row, row)
+        allowed, grown = allows_reference_state(bodies, memory.reference, row, place * rows + row)
         if grown or not allowed:
             return True
         revision[row] = marks.revision[row]

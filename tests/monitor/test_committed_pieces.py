@@ -366,7 +366,7 @@ def test_pieces_with_their_own_stops_follow_each_other(stop):
         pieces = monitor._judge.path._pieces._pieces
         most = max(most, len(pieces))
         # What the proof of each rests on is its own.
-        assert len({id(piece.known) for piece in pieces}) == len(pieces)
+        assert len({piece.place for piece in pieces}) == len(pieces)
         verdict = monitor.step(float(TIMES[k + 1]), plan.q[k + 1], plan.v[k + 1])
         # Before the first one, where nothing was known of its way, the arm had to stop.
         assert verdict.level > Level.STOP or verdict.stop == "finish"
