@@ -255,7 +255,10 @@ class FollowedTrajectory:
                 )
                 found = Refusal("path_time", detail)
             if found is None:
-                kept.append(one._replace(along=along, is_told=told is not None))
+                is_told = told is not None
+                kept.append(
+                    Trajectory(one.plan, one.since, along, one.slowing, one.stop_lasting, is_told)
+                )
             strayed = found or strayed
         self._stamp = stamp
         if not kept:

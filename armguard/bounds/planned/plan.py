@@ -25,6 +25,10 @@ LONGEST = 1e6
 """Nor is what lasts longer, in [s]; times up to this are exact to a nanosecond."""
 
 
+NUMBER = np.dtype(np.float64)
+"""What arrays of plans hold in compiled code."""
+
+
 OPTIONAL = 3
 """After this array of a plan those begin that need not be stated."""
 
@@ -107,9 +111,7 @@ def make_example() -> CheckedPlan:
 def is_plain(plan: CheckedPlan, joints: int) -> bool:
     """Whether a plan has the types that all plans have in compiled code, and so many joints."""
     for array in (*plan[1:10], *plan[12:]):
-        if not (
-            type(array) is np.ndarray and array.dtype == np.float64 and array.flags.c_contiguous
-        ):
+        if not (type(array) is np.ndarray and array.dtype == NUMBER and array.flags.c_contiguous):
             return False
     return plan.q.shape[1:] == (joints,)
 
@@ -181,7 +183,7 @@ def _copy_arrays(plan: Plan, joints: int) -> Plan | None:
     for array, shape in zip(given, shapes, strict=True):
         if array is None and len(copies) > OPTIONAL:
             copies.append(None)
-        elif type(array) is np.ndarray and array.dtype == np.float64 and array.shape == shape:
+        elif type(array) is np.ndarray and array.dtype == NUMBER and array.shape == shape:
             copy = array.copy()
             copy.setflags(write=False)
             copies.append(copy)
