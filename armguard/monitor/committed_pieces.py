@@ -14,6 +14,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armguard.bounds.planned.check import PlanCheck
 from armguard.bounds.planned.course import PlannedCourse
@@ -58,15 +59,21 @@ class KnownObstacles:
 
     def __init__(self, scheduler: Scheduler) -> None:
         self._scheduler = scheduler
-        self._shape: tuple[Any, int, int] | None = None
         self._kinds: tuple[Any, Any] | None = None
         self._make_room(USUAL_PIECES)
 
     def keep(self, place: int) -> None:
         """Keep what is known now for a piece, in place of what was kept before."""
         arm = self._scheduler.arm
-        if place >= len(self._changes) or self._find_shape() != self._shape:
-            self._make_room(max(2 * place, len(self._changes)))
+        if self._find_shape() != self._shape:
+            # What was kept of obstacles in other rows is not known any more.
+            self._make_room(max(len(self._changes), place + 1))
+        elif place >= len(self._changes):
+            changes, known = self._changes, self._known
+            self._make_room(2 * place)
+            self._changes[: len(changes)] = changes
+            for array, before in zip(_list_arrays(self._known), _list_arrays(known), strict=True):
+                array[: len(before)] = before
         self._changes[place] = arm.obstacles.table.changes
         self._keep_all(arm.state.handle, self._handle, place)
 
@@ -86,30 +93,25 @@ class KnownObstacles:
 
     def _make_room(self, places: int) -> None:
         """Make room for so many pieces, and for as many obstacles as there are in the table."""
-        shape = self._find_shape()
-        _, rows, width = shape
-        room = Known(
+        self._shape = self._find_shape()
+        _, rows, width = self._shape
+        self._changes: list[int | None] = [None] * places
+        self._known = Known(
             make_states(places * rows, width),
             np.zeros((places, rows), dtype=np.bool_),
             np.zeros((places, rows), dtype=np.int64),
         )
-        if shape == self._shape:
-            before = self._room
-            for array, old in zip(
-                (*room.reference, *room[1:]), (*before.reference, *before[1:]), strict=True
-            ):
-                array[: len(old)] = old
-            self._changes += [None] * (places - len(self._changes))
-        else:
-            # What was kept of obstacles in other rows is not known any more.
-            self._changes = [None] * places
-        self._shape, self._room, self._handle = shape, room, pack(room)
+        self._handle = pack(self._known)
         handles = self._scheduler.arm.state.handle, self._handle
         kinds = handles[0].kind, handles[1].kind
         if kinds != self._kinds:
             self._kinds = kinds
             self._keep_all = machine_code(_keep_all, *handles, 0)
             self._find_change = machine_code(_find_change, *handles, 0)
+
+
+def _list_arrays(known: Known) -> list[NDArray[Any]]:
+    return [*known.reference, known.known, known.revision]
 
 
 class Piece(NamedTuple):

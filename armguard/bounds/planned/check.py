@@ -132,7 +132,7 @@ class PlanCheck:
         read = read_plan(plan, len(robot.joints))
         if isinstance(read, Refusal):
             return read
-        times: FloatArray = read.times  # type: ignore[assignment]  # as it was read
+        times = np.asarray(read.times)
         lasting = float(times[-1])
         refusal = _check_time(read.stamp, lasting, now, longest_lead, longest_lag)
         if refusal is not None:
@@ -144,23 +144,27 @@ class PlanCheck:
         # The sums of stamps are off by as much as this, and by that time joints have moved.
         latest = max(abs(now), abs(stamp), abs(read.stamp), abs(read.stamp + lasting))
         clock = 4.0 * math.ulp(latest) if latest < math.inf else math.nan
-        error, stop, speed = read[4], read.stop_tracking_error, read.velocity_tracking_error
+        error, stop = read.tracking_error, read.stop_tracking_error
+        speed = read.velocity_tracking_error
         errors = PlanErrors(
-            error,
-            error if stop is None else stop,
-            np.full(len(position), math.inf) if speed is None else speed,
+            np.asarray(error),
+            np.asarray(error if stop is None else stop),
+            np.full(len(robot.joints), np.inf) if speed is None else np.asarray(speed),
         )
-        room = np.empty((ROOMS, len(position)))
+        samples = times, np.asarray(read.q), np.asarray(read.v)
+        room = np.empty((ROOMS, len(robot.joints)))
         state = MeasuredState(position, velocity, stamp - read.stamp)
-        excess, straying = self._judge_plan(
-            times, read.q, read.v, errors, self._limits, clock, state, room
-        )
+        excess, straying = self._judge_plan(*samples, errors, self._limits, clock, state, room)
         if excess[0] != curve.FINE:
             return _describe_excess(Excess(*excess), robot, times)
         if straying[0] != FOLLOWED:
             off = Straying(*straying)
             return describe_straying(off, robot.joints, state.along, is_on_time=True)
-        return CheckedPlan(read.stamp, times, read.q, read.v, *room, now, stamp, position, velocity)
+        deviation, stop_deviation, acceleration, velocity_deviation, top_speed, top_speedup = room
+        return CheckedPlan(
+            read.stamp, *samples, deviation, stop_deviation, acceleration, velocity_deviation,
+            top_speed, top_speedup, now, stamp, position, velocity,
+        )  # fmt: skip
 
     def check_stop(self, plan: CheckedPlan) -> Refusal | None:
         """Why brakes do not guarantee the stop that a piece carries; None if they do.

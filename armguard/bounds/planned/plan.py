@@ -102,10 +102,10 @@ class CheckedPlan(NamedTuple):
 
 def make_example() -> CheckedPlan:
     """A plan of one joint, for the types that all plans have in compiled code."""
-    samples = np.zeros(2), np.zeros((2, 1)), np.zeros((2, 1))
-    for array in samples:
-        array.flags.writeable = False
-    return CheckedPlan(0.0, *samples, *np.zeros((6, 1)), 0.0, 0.0, *np.zeros((2, 1)))
+    times, q, v, one = np.zeros(2), np.zeros((2, 1)), np.zeros((2, 1)), np.zeros(1)
+    for samples in (times, q, v):
+        samples.flags.writeable = False
+    return CheckedPlan(0.0, times, q, v, one, one, one, one, one, one, 0.0, 0.0, one, one)
 
 
 def is_plain(plan: CheckedPlan, joints: int) -> bool:
