@@ -208,9 +208,10 @@ class PlannedMotion:
     def _check(self, plan: object, before: Sequence[CheckedPlan] = ()) -> None:
         joints = len(self._limits.lower)
         if not (isinstance(plan, CheckedPlan) and is_plain(plan, joints)):
+            other = " with other arrays" if isinstance(plan, CheckedPlan) else ""
             raise ArmguardError(
                 "plan",
-                f"is a {type(plan).__name__}",
+                f"is a {type(plan).__name__}{other}",
                 expected=f"what check_plan returns for a robot with {joints} joints",
             )
         if plan.stamp > plan.now:

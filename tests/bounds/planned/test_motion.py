@@ -178,6 +178,11 @@ def test_what_was_not_checked_for_this_robot_is_refused(robot, motion):
     for wrong in (plan, None, checked._replace(q=checked.q[:, :6])):
         with pytest.raises(ArmguardError, match="check_plan"):
             motion.lay_out(wrong)
+    q = checked.measured_q
+    for wrong in (q.astype(np.float32), np.repeat(q, 2)[::2], list(q)):
+        # Compiled code would read other numbers from these.
+        with pytest.raises(ArmguardError, match="with other arrays; expected what check_plan"):
+            motion.lay_out(checked._replace(measured_q=wrong))
     with pytest.raises(ArmguardError, match="direction"):
         motion.advance(course, checked, "panda_hand", HAND_POINT, [0.0, 0.0, 2.0], 0.1)
     with pytest.raises(ArmguardError, match="t: "):
