@@ -26,8 +26,8 @@ from armguard.robot.turns import nearest_turn
 FOLLOWED, PLACE, PACE = 0, 1, 2
 """What `find_straying` and `_find_gap` can say: nothing, or what is off.
 
-Both hand over the fields of a named tuple, and not that itself: for each one Numba would have to
-look up its class, which takes as long as all that they do.
+Both hand over the fields of a named tuple, not that itself: Numba would look up its class at each
+call, which takes as long as all that they do.
 """
 
 

@@ -215,7 +215,7 @@ class PlannedMotion:
                 expected=f"what check_plan returns for a robot with {joints} joints",
             )
         if plan.stamp > plan.now:
-            # Else those before are over.
+            # Else nothing is read of those before.
             for one in before:
                 self._check(one)
 
