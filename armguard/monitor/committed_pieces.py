@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.bounds.planned.check import PlanCheck
+from armguard.bounds.planned.check import PlanCheck, StopCheck
 from armguard.bounds.planned.course import PlannedCourse
 from armguard.bounds.planned.following import Following
 from armguard.bounds.planned.motion import PlannedMotion
@@ -151,7 +151,8 @@ class CommittedPieces:
     ) -> None:
         self.evaluated = 0
         self._scheduler = scheduler
-        self._check = PlanCheck(robot, self._planned_motion().brakes)
+        self._check = PlanCheck(robot)
+        self._stop_check = StopCheck(robot, self._planned_motion().brakes)
         self._following = Following(robot)
         self._latency = latency
         self._margin = margin
@@ -180,7 +181,7 @@ class CommittedPieces:
         checked = self._check.check(plan, now, tick.q, tick.v, now - tick.arm_age)
         if isinstance(checked, Refusal):
             return refuse_plan(*checked)
-        refusal = self._check.check_stop(checked)
+        refusal = self._stop_check.check(checked)
         if refusal is not None:
             return refuse_plan(*refusal)
         # What the arm may be on and the piece does not go on from, its controller does not follow.

@@ -94,7 +94,7 @@ class FollowedTrajectory:
         self.evaluated = 0
         self._robot = robot
         self._scheduler = scheduler
-        self._check = PlanCheck(robot, self._planned_motion().brakes)
+        self._check = PlanCheck(robot)
         self._following = Following(robot)
         self._response_time = response_time
         self._latency = latency

@@ -98,14 +98,13 @@ class PlanCheck:
 
     Args:
         robot: Whose limits and errors apply.
-        brakes: How its joints stop; what is shared of that may change.
     """
 
-    def __init__(self, robot: Robot, brakes: BrakeCurves) -> None:
+    def __init__(self, robot: Robot) -> None:
         self._robot = robot
         limits = read_plan_limits(robot)
         self._has_continuous = bool(has_continuous(limits.lower, limits.upper))
-        self._limits, self._brakes = pack(limits), pack(brakes)
+        self._limits = pack(limits)
         example = make_example()
         samples, one = example[1:4], np.zeros(1)
         errors = PlanErrors(one, one, one)
@@ -114,7 +113,6 @@ class PlanCheck:
         self._judge_plan = machine_code(
             _judge_plan, *samples, errors, self._limits, 0.0, state, np.zeros((ROOMS, 1))
         )
-        self._judge_stop = machine_code(_judge_stop, *samples, one, self._brakes)
 
     def check(
         self,
@@ -166,7 +164,22 @@ class PlanCheck:
             top_speed, top_speedup, now, stamp, position, velocity,
         )  # fmt: skip
 
-    def check_stop(self, plan: CheckedPlan) -> Refusal | None:
+
+class StopCheck:
+    """Checks the stops that pieces carry.
+
+    Args:
+        robot: Whose joints they are.
+        brakes: How these stop; what is shared of that may change.
+    """
+
+    def __init__(self, robot: Robot, brakes: BrakeCurves) -> None:
+        self._joints = robot.joints
+        self._brakes = pack(brakes)
+        samples = make_example()[1:4]
+        self._judge_stop = machine_code(_judge_stop, *samples, np.zeros(1), self._brakes)
+
+    def check(self, plan: CheckedPlan) -> Refusal | None:
         """Why brakes do not guarantee the stop that a piece carries; None if they do.
 
         Args:
@@ -178,9 +191,9 @@ class PlanCheck:
         if kind == curve.FINE:
             return None
         if kind == curve.VELOCITY:
-            return _refuse_speed(self._robot.joints[joint], found, most)
+            return _refuse_speed(self._joints[joint], found, most)
         return Refusal(
-            self._robot.joints[joint],
+            self._joints[joint],
             f"comes to rest at {found:.4g} from {when:.6g} s on, brakes guarantee {most:.4g}",
         )
 
@@ -208,8 +221,7 @@ def check_plan(
         longest_lead: How far ahead of `now` the plan may begin, in [s].
         longest_lag: How long ago it may have begun, in [s].
     """
-    check = PlanCheck(robot, robot.brakes.make_curves())
-    return check.check(
+    return PlanCheck(robot).check(
         plan,
         float(now),
         q,

@@ -18,7 +18,7 @@ import pinocchio
 
 from armguard.bounds.limits import read_limits
 from armguard.bounds.model import check_duration, check_question, read_only
-from armguard.bounds.planned.check import PlanCheck, check_path_stop
+from armguard.bounds.planned.check import PlanCheck, StopCheck, check_path_stop
 from armguard.bounds.planned.contact import PlannedContact, Surroundings, find_planned_contact
 from armguard.bounds.planned.course import ArmShape, PlannedCourse, deviation_along
 from armguard.bounds.planned.curve import evaluate_curve
@@ -323,10 +323,10 @@ class PlannedMotion:
         q = np.clip(still, robot.lower_position_limit, robot.upper_position_limit)
         times, q = np.array([0.0, 1.0]), np.array([q, q])
         rest = Plan(0.0, times, q, np.zeros_like(q), np.ones(len(still)))
-        check = PlanCheck(robot, self.brakes)
-        plan = check.check(rest, 0.0, q[0], still, 0.0)
+        plan = PlanCheck(robot).check(rest, 0.0, q[0], still, 0.0)
         if isinstance(plan, Refusal):
             raise ArmguardError(robot.name, f"cannot even rest: {plan}")
+        StopCheck(robot, self.brakes)
         Following(robot)
         append_stop(rest, find_gentlest_stop(self.brakes, still), on_path=False)
         slowing, _ = self.find_path_stop(plan)
