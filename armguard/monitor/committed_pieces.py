@@ -14,10 +14,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from armguard.bounds.planned.check import check_plan, check_stop
+from armguard.bounds.planned.check import PlanCheck, StopCheck
 from armguard.bounds.planned.course import PlannedCourse
-from armguard.bounds.planned.following import check_following, find_disagreement, is_covered
+from armguard.bounds.planned.following import Following
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
 from armguard.jit.arrays import BoolArray, IntArray
@@ -32,23 +33,25 @@ from armguard.verdict import PlanVerdict, Reason, ReasonKind
 
 MOST_PIECES = 64
 """Pieces that the arm may be on at a time."""
-USUAL_PIECES = 4
-"""Pieces that the arm is on at a time where each is committed while it is on the one before."""
+USUAL_PIECES = 16
+"""Pieces for which there is room from the start; more is made where the arm may be on more."""
 
 
 class Known(NamedTuple):
-    """What was known of obstacles when a piece was proved safe, for compiled code."""
+    """What was known of obstacles when pieces were proved safe, for compiled code."""
 
     reference: States
-    """Accepted states."""
+    """Accepted states, by piece × rows + row. Shape (pieces × rows,)."""
     known: BoolArray
-    """Which rows had one. Shape (rows,)."""
+    """Which rows had one. Shape (pieces, rows)."""
     revision: IntArray
-    """Of the last state of each row that agreed with that. Shape (rows,)."""
+    """Of the last state of each row that agreed with that. Shape (pieces, rows)."""
 
 
 class KnownObstacles:
-    """What was known of obstacles when a piece was proved safe, and whether that still stands.
+    """What was known of obstacles when pieces were proved safe, and whether that still stands.
+
+    Pieces go by the number of their place, from 0.
 
     Args:
         scheduler: Knows the obstacles.
@@ -56,23 +59,30 @@ class KnownObstacles:
 
     def __init__(self, scheduler: Scheduler) -> None:
         self._scheduler = scheduler
-        self._make_room()
-        self.keep()
+        self._kinds: tuple[Any, Any] | None = None
+        self._make_room(USUAL_PIECES)
 
-    def keep(self) -> None:
-        """Keep what is known now, in place of what was kept before."""
+    def keep(self, place: int) -> None:
+        """Keep what is known now for a piece, in place of what was kept before."""
         arm = self._scheduler.arm
         if self._find_shape() != self._shape:
-            self._make_room()
-        self._changes = arm.obstacles.table.changes
-        self._keep_all(arm.state.handle, self._handle)
+            # What was kept of obstacles in other rows is not known any more.
+            self._make_room(max(len(self._changes), place + 1))
+        elif place >= len(self._changes):
+            changes, known = self._changes, self._known
+            self._make_room(2 * place)
+            self._changes[: len(changes)] = changes
+            for array, before in zip(_list_arrays(self._known), _list_arrays(known), strict=True):
+                array[: len(before)] = before
+        self._changes[place] = arm.obstacles.table.changes
+        self._keep_all(arm.state.handle, self._handle, place)
 
-    def has_changed(self) -> bool:
+    def has_changed(self, place: int) -> bool:
         """Whether an obstacle is new, or does what was known of it does not allow for."""
         arm = self._scheduler.arm
-        if arm.obstacles.table.changes != self._changes or self._find_shape() != self._shape:
+        if arm.obstacles.table.changes != self._changes[place] or self._find_shape() != self._shape:
             return True
-        changed: bool = self._find_change(arm.state.handle, self._handle)
+        changed: bool = self._find_change(arm.state.handle, self._handle, place)
         return changed
 
     def _find_shape(self) -> tuple[Any, int, int]:
@@ -81,14 +91,27 @@ class KnownObstacles:
         rows, width, _ = state.bodies.points.shape
         return state.handle.kind, rows, width
 
-    def _make_room(self) -> None:
-        """Make room for as many obstacles as there is room for in the table."""
-        _, rows, width = self._shape = self._find_shape()
-        known, revision = np.zeros(rows, dtype=np.bool_), np.zeros(rows, dtype=np.int64)
-        self._handle = pack(Known(make_states(rows, width), known, revision))
+    def _make_room(self, places: int) -> None:
+        """Make room for so many pieces, and for as many obstacles as there are in the table."""
+        self._shape = self._find_shape()
+        _, rows, width = self._shape
+        self._changes: list[int | None] = [None] * places
+        self._known = Known(
+            make_states(places * rows, width),
+            np.zeros((places, rows), dtype=np.bool_),
+            np.zeros((places, rows), dtype=np.int64),
+        )
+        self._handle = pack(self._known)
         handles = self._scheduler.arm.state.handle, self._handle
-        self._keep_all = machine_code(_keep_all, *handles)
-        self._find_change = machine_code(_find_change, *handles)
+        kinds = handles[0].kind, handles[1].kind
+        if kinds != self._kinds:
+            self._kinds = kinds
+            self._keep_all = machine_code(_keep_all, *handles, 0)
+            self._find_change = machine_code(_find_change, *handles, 0)
+
+
+def _list_arrays(known: Known) -> list[NDArray[Any]]:
+    return [*known.reference, known.known, known.revision]
 
 
 class Piece(NamedTuple):
@@ -98,8 +121,8 @@ class Piece(NamedTuple):
     course: PlannedCourse
     before: tuple[CheckedPlan, ...]
     """What it may be following until the piece begins."""
-    known: KnownObstacles
-    """What the proof that it is safe rests on."""
+    place: int
+    """Where what the proof that it is safe rests on is kept, see `KnownObstacles`."""
 
 
 class CommittedPieces:
@@ -127,14 +150,15 @@ class CommittedPieces:
         may_leave: bool,
     ) -> None:
         self.evaluated = 0
-        self._robot = robot
         self._scheduler = scheduler
+        self._check = PlanCheck(robot)
+        self._stop_check = StopCheck(robot, self._planned_motion().brakes)
+        self._following = Following(robot)
         self._latency = latency
         self._margin = margin
         self._may_leave = may_leave
+        self._known = KnownObstacles(scheduler)
         self.reset()
-        # More are made where the arm may be on more pieces.
-        self._memories = [KnownObstacles(scheduler) for _ in range(USUAL_PIECES)]
 
     def reset(self) -> None:
         """Forget all pieces: from now on the arm may do what its joints can."""
@@ -153,11 +177,11 @@ class CommittedPieces:
 
     def commit(self, plan: Plan, tick: Tick) -> PlanVerdict:
         """Judge a piece at the last tick; a safe one is what the arm may be on from now on."""
-        robot, now, pieces = self._robot, tick.now, self._pieces
-        checked = check_plan(plan, robot, now, tick.q, tick.v, now - tick.arm_age)
+        now, pieces = tick.now, self._pieces
+        checked = self._check.check(plan, now, tick.q, tick.v, now - tick.arm_age)
         if isinstance(checked, Refusal):
             return refuse_plan(*checked)
-        refusal = check_stop(checked, robot, self._planned_motion().brakes)
+        refusal = self._stop_check.check(checked)
         if refusal is not None:
             return refuse_plan(*refusal)
         # What the arm may be on and the piece does not go on from, its controller does not follow.
@@ -165,9 +189,12 @@ class CommittedPieces:
         last = max(first, now + self._latency)
         going_on: list[Piece] = []
         left_behind: list[Piece] = []
+        covered: set[int] = set()
         for piece in pieces:
-            refusal = find_disagreement(piece.plan, checked, robot, first, last)
+            refusal, is_covered = self._following.compare(piece.plan, checked, first, last)
             (left_behind if refusal else going_on).append(piece)
+            if is_covered:
+                covered.add(id(piece))
         if pieces and not going_on:
             assert refusal is not None, "the last one disagreed"
             return refuse_plan(*refusal)
@@ -178,9 +205,7 @@ class CommittedPieces:
         kept = [
             piece
             for piece in going_on
-            if may_leave_first
-            or piece.plan.stamp > now
-            or not is_covered(piece.plan, checked, first)
+            if may_leave_first or piece.plan.stamp > now or id(piece) not in covered
         ]
         if self._may_leave:
             kept = _keep_waited_on(kept, left_behind, now)
@@ -241,14 +266,14 @@ class CommittedPieces:
                     return Reason(ReasonKind.PIECE_UNSAFE, *course)
                 self._pieces[k] = piece._replace(course=course)
         for piece in self._pieces:
-            if not disturbed and not piece.known.has_changed():
+            if not disturbed and not self._known.has_changed(piece.place):
                 continue
             contact = self._find_contact(piece.course, tick)
             if contact is not None:
                 self.reset()
                 (reason,) = contact.reasons
                 return Reason(ReasonKind.PIECE_UNSAFE, reason.subject, reason.detail)
-            piece.known.keep()
+            self._known.keep(piece.place)
         return None
 
     def _drop_covered(self, pieces: list[Piece], now: float) -> list[Piece]:
@@ -257,18 +282,19 @@ class CommittedPieces:
         if len(begun) < 2:
             return pieces
         *older, newest = begun
-        covered = {id(piece) for piece in older if is_covered(piece.plan, newest.plan, now)}
+        covers = self._following.covers
+        covered = {id(piece) for piece in older if covers(piece.plan, newest.plan, now)}
         return [piece for piece in pieces if id(piece) not in covered]
 
     def _find_straying(self, piece: Piece, tick: Tick, stamp: float) -> Refusal | None:
         """Why the arm is not on a piece, nor on the way to it; None if it may be."""
-        robot, q, v = self._robot, tick.q, tick.v
-        found = check_following(piece.plan, robot, q, v, stamp)
+        check, q, v = self._following.check, tick.q, tick.v
+        found = check(piece.plan, q, v, stamp)
         if found is not None or not piece.before or stamp >= piece.plan.stamp:
             return found
         # Until it begins, its proof has the arm on one of those before.
         for one in piece.before:
-            found = check_following(one, robot, q, v, stamp)
+            found = check(one, q, v, stamp)
             if found is None:
                 return None
         return found
@@ -305,7 +331,7 @@ class CommittedPieces:
         if _is_at_rest(course, tick.now):
             # It rests, and a resting arm touches nothing.
             return None
-        pairs = np.flatnonzero(scheduler.watched_pairs())
+        (pairs,) = scheduler.watched_pairs().nonzero()
         found = find_course_contact(
             scheduler, self._planned_motion(), course, pairs, tick, self._margin
         )
@@ -319,15 +345,12 @@ class CommittedPieces:
         )
         return PlanVerdict(False, found.time, found.link, found.obstacle, (reason,))
 
-    def _remember(self) -> KnownObstacles:
-        """What is known of obstacles now, in room that belongs to no piece."""
-        used = [piece.known for piece in self._pieces]
-        for memory in self._memories:
-            if memory not in used:
-                memory.keep()
-                return memory
-        self._memories.append(KnownObstacles(self._scheduler))
-        return self._memories[-1]
+    def _remember(self) -> int:
+        """Keep what is known of obstacles now where nothing is kept for another piece."""
+        used = {piece.place for piece in self._pieces}
+        place = next(place for place in range(MOST_PIECES) if place not in used)
+        self._known.keep(place)
+        return place
 
 
 def _keep_waited_on(kept: list[Piece], left_behind: list[Piece], now: float) -> list[Piece]:
@@ -355,22 +378,24 @@ def _is_at_rest(course: PlannedCourse, now: float) -> bool:
 
 
 @kernel
-def _keep_all(handle: Any, kept: Any) -> None:
-    """Keep the accepted state of every row, and which rows have one."""
+def _keep_all(handle: Any, kept: Any, place: int) -> None:
+    """Keep the accepted state of every row for a piece, and which rows have one."""
     bodies, marks, memory = handle.content.bodies, handle.content.marks, kept.content
-    known, revision = memory.known, memory.revision
-    for row in range(marks.alive.shape[0]):
-        keep_reference_state(bodies, memory.reference, marks, row, row)
+    known, revision = memory.known[place], memory.revision[place]
+    rows = marks.alive.shape[0]
+    for row in range(rows):
+        keep_reference_state(bodies, memory.reference, marks, row, place * rows + row)
         known[row] = marks.has_state[row]
         revision[row] = marks.revision[row]
 
 
 @kernel
-def _find_change(handle: Any, kept: Any) -> bool:
-    """Whether a state is refused, was lost, or is not what the one that was kept allows."""
+def _find_change(handle: Any, kept: Any, place: int) -> bool:
+    """Whether a state is refused, was lost, or is not what the one kept for a piece allows."""
     bodies, marks, memory = handle.content.bodies, handle.content.marks, kept.content
-    known, revision = memory.known, memory.revision
-    for row in range(marks.alive.shape[0]):
+    known, revision = memory.known[place], memory.revision[place]
+    rows = marks.alive.shape[0]
+    for row in range(rows):
         if not marks.alive[row]:
             continue
         if marks.refused[row] or marks.has_state[row] != known[row]:
@@ -379,7 +404,7 @@ def _find_change(handle: Any, kept: Any) -> bool:
             continue
         if not known[row] or marks.static[row]:
             return True
-        allowed, grown = allows_reference_state(bodies, memory.reference, row, row)
+        allowed, grown = allows_reference_state(bodies, memory.reference, row, place * rows + row)
         if grown or not allowed:
             return True
         revision[row] = marks.revision[row]

@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armguard.bounds.planned.check import check_path_stop, check_plan
+from armguard.bounds.planned.check import PlanCheck, check_path_stop
 from armguard.bounds.planned.course import PlannedCourse
-from armguard.bounds.planned.following import check_following, find_disagreement
+from armguard.bounds.planned.following import Following
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
 from armguard.bounds.planned.slabs import PathClock
@@ -94,6 +94,8 @@ class FollowedTrajectory:
         self.evaluated = 0
         self._robot = robot
         self._scheduler = scheduler
+        self._check = PlanCheck(robot)
+        self._following = Following(robot)
         self._response_time = response_time
         self._latency = latency
         self._reaction_time = reaction_time
@@ -137,7 +139,7 @@ class FollowedTrajectory:
         """Take a trajectory at the last tick, if it is in order."""
         robot, now = self._robot, tick.now
         stamp = now - tick.arm_age
-        checked = check_plan(plan, robot, now, tick.q, tick.v, stamp)
+        checked = self._check.check(plan, now, tick.q, tick.v, stamp)
         if isinstance(checked, Refusal):
             return refuse_plan(*checked)
         motion = self._planned_motion()
@@ -159,7 +161,7 @@ class FollowedTrajectory:
             first = max(now, checked.stamp)
             for one in self._trajectories:
                 last = max(first, now + self._latency)
-                refusal = find_disagreement(one.plan, checked, robot, first, last)
+                refusal, _ = self._following.compare(one.plan, checked, first, last)
                 if refusal is not None:
                     return refuse_plan(*refusal)
         along = stamp - checked.stamp
@@ -240,7 +242,7 @@ class FollowedTrajectory:
         kept = []
         passed = stamp - self._stamp
         for one in self._trajectories:
-            found = check_following(one.plan, self._robot, tick.q, tick.v, stamp, told)
+            found = self._following.check(one.plan, tick.q, tick.v, stamp, told)
             along = stamp - one.plan.stamp if told is None else told
             gone = along - one.along
             if (
@@ -253,7 +255,10 @@ class FollowedTrajectory:
                 )
                 found = Refusal("path_time", detail)
             if found is None:
-                kept.append(one._replace(along=along, is_told=told is not None))
+                is_told = told is not None
+                kept.append(
+                    Trajectory(one.plan, one.since, along, one.slowing, one.stop_lasting, is_told)
+                )
             strayed = found or strayed
         self._stamp = stamp
         if not kept:

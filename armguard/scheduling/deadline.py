@@ -47,7 +47,7 @@ from armguard.scheduling.deadline_kernels import (
     TickData,
     advance,
     evaluate_due,
-    find_near,
+    find_near_pairs,
     find_unsafe,
     is_way_proved,
     keep_way_proof,
@@ -83,6 +83,8 @@ class _Desk(NamedTuple):
     tick_data: Any
     codes: tuple[Any, Any, Any, Any]
     """Machine code of `advance`, `evaluate_due`, `find_unsafe` and `recall_stops`."""
+    way_codes: tuple[Any, Any, Any]
+    """Of `find_near_pairs`, `is_way_proved` and `keep_way_proof`."""
 
 
 def _list_own(certificates: Certificates) -> list[NDArray[Any]]:
@@ -266,11 +268,9 @@ class DeadlineScheduler:
 
     def near_pairs(self, tick: Tick, duration: float) -> IntArray:
         """Pairs that could touch within `duration`, in [s]."""
-        latest = tick.time + duration
-        count = find_near(self._tick_data, latest, self._candidates)
-        rows = self._candidates[:count]
-        near = self.certificates.watched[rows] & ~(self.certificates.pair_expiry[rows] > latest)
-        pairs: IntArray = (rows[:, None] * self._links + np.arange(self._links))[near]
+        pairs: IntArray = self._find_near_pairs(
+            self._tick_data, tick.time + duration, self._candidates
+        )
         return pairs
 
     def watched_pairs(self) -> NDArray[np.bool_]:
@@ -315,11 +315,12 @@ class DeadlineScheduler:
 
     def is_way_proved(self, told: float, latest: float) -> bool:
         """Whether earlier ticks have proved that the arm can be told to stop on its trajectory."""
-        return bool(is_way_proved(self._tick_data, told, latest, self._candidates))
+        proved: bool = self._is_way_proved(self._tick_data, told, latest, self._candidates)
+        return proved
 
     def keep_way_proof(self, told: float, latest: float) -> None:
         """Keep that nothing touches an arm that is told to stop on its trajectory by then."""
-        keep_way_proof(self._tick_data, told, latest, self._candidates)
+        self._keep_way_proof(self._tick_data, told, latest, self._candidates)
 
     def forget_way_proofs(self) -> None:
         """Forget all of them: the arm is on another way."""
@@ -437,6 +438,7 @@ class DeadlineScheduler:
         self.certificates, self._candidates = desk.certificates, desk.candidates
         self._handle, self._tick_data = desk.handle, desk.tick_data
         self._advance, self._evaluate_due, self._find_unsafe, self._recall_stops = desk.codes
+        self._find_near_pairs, self._is_way_proved, self._keep_way_proof = desk.way_codes
 
     def _lay_desk(self, arm: WatchedArm, certificates: Certificates, *, is_fresh: bool) -> _Desk:
         """Certificates that have the obstacle table's size, and what ticks run on them."""
@@ -455,6 +457,11 @@ class DeadlineScheduler:
             pack(certificates),
             tick_data,
             self._bind(tick_data, candidates),
+            (
+                machine_code(find_near_pairs, tick_data, 0.0, candidates),
+                machine_code(is_way_proved, tick_data, 0.0, 0.0, candidates),
+                machine_code(keep_way_proof, tick_data, 0.0, 0.0, candidates),
+            ),
         )
 
     def _bind(self, handle: Any, candidates: IntArray) -> tuple[Any, Any, Any, Any]:
@@ -481,9 +488,6 @@ class DeadlineScheduler:
         tick = Tick(-1, 0.0, 0.0, zeros, zeros, 0.0, 0.0, 0.0)
         self.evaluate_due(tick)
         self.find_unsafe(tick, 0.0)
-        self.near_pairs(tick, 0.0)
-        self.keep_way_proof(0.0, 0.0)
-        self.is_way_proved(0.0, 0.0)
         evaluate(self.arm.state, none, np.zeros(0), none, np.zeros(0, dtype=np.int8))
         self.arm.state.prepare_arm(zeros, zeros)
         find_most_imminent(self._handle, none)

@@ -761,7 +761,22 @@ def keep_way_proof(handle: Any, told: float, latest: float, rows: IntArray) -> N
 
 
 @kernel
-def find_near(handle: Any, latest: float, rows: IntArray) -> int:
-    """Fill `rows`, which has room for all, with those whose certificates end by `latest`."""
-    count: int = find_below(handle.content.certificates.expiry_tree, min(latest, LATEST), rows)
-    return count
+def find_near_pairs(handle: Any, latest: float, rows: IntArray) -> IntArray:
+    """Pairs whose certificates end by `latest`, in [s] since the epoch, as row × links + link.
+
+    Args:
+        handle: On a `TickData`.
+        latest: In [s] since the epoch.
+        rows: Room to work in, for all rows of the obstacle table.
+    """
+    certificates = handle.content.certificates
+    links = certificates.watched.shape[1]
+    near = rows[: find_below(certificates.expiry_tree, min(latest, LATEST), rows)]
+    pairs = np.empty(near.shape[0] * links, dtype=np.int64)
+    count = 0
+    for row in near:
+        for link in range(links):
+            if certificates.watched[row, link] and not certificates.pair_expiry[row, link] > latest:
+                pairs[count] = row * links + link
+                count += 1
+    return pairs[:count]

@@ -7,7 +7,7 @@ from coal import Sphere
 
 from armguard.bounds import Plan
 from armguard.exceptions import ArmguardError
-from armguard.monitor import Monitor, PlanVerdict
+from armguard.monitor import Monitor, PlanVerdict, committed_pieces
 from armguard.obstacles import Obstacles, table
 from armguard.robot import Robot
 from armguard.verdict import Effect, Level, ReasonKind
@@ -366,7 +366,7 @@ def test_pieces_with_their_own_stops_follow_each_other(stop):
         pieces = monitor._judge.path._pieces._pieces
         most = max(most, len(pieces))
         # What the proof of each rests on is its own.
-        assert len({id(piece.known) for piece in pieces}) == len(pieces)
+        assert len({piece.place for piece in pieces}) == len(pieces)
         verdict = monitor.step(float(TIMES[k + 1]), plan.q[k + 1], plan.v[k + 1])
         # Before the first one, where nothing was known of its way, the arm had to stop.
         assert verdict.level > Level.STOP or verdict.stop == "finish"
@@ -374,6 +374,22 @@ def test_pieces_with_their_own_stops_follow_each_other(stop):
     assert verdict.level > Level.STOP
     # Those that the arm has not stopped by are told apart, if not at once.
     assert 2 < most < 15
+
+
+def test_room_that_is_made_for_more_pieces_keeps_what_was_known(monkeypatch):
+    monkeypatch.setattr(committed_pieces, "USUAL_PIECES", 1)
+    obstacles, monitor = make_monitor(motion="planned", rate=100.0)
+    see(obstacles, 0.0, FAR)
+    monitor.step(0.0, HOME, STILL)
+    plan, most = make_plan(), 0
+    pieces = monitor._judge.path._pieces
+    for k in range(15):
+        assert monitor.commit(cut(plan, k, k + 3, monitor)).safe
+        most = max(most, len(pieces._pieces))
+        monitor.step(float(TIMES[k + 1]), plan.q[k + 1], plan.v[k + 1])
+        # None is judged anew, for none has lost what its proof rests on.
+        assert pieces.evaluated == 0
+    assert most > 2
 
 
 def test_a_piece_that_the_next_one_does_not_go_on_from_refuses_it():

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio
 
 from armguard.bounds import Plan, append_stop
+from armguard.bounds.planned.placing import place_spheres
 from armguard.obstacles import Obstacles
 from support.hostile_joints import STEP
 
@@ -367,3 +368,8 @@ class Attack:
 def all_pairs(obstacles, links):
     rows = np.flatnonzero(obstacles.table.alive)
     return (rows[:, None] * links + np.arange(links)).ravel()
+
+
+def place_course(motion, course):
+    """Centres of all spheres in the middle of each slab of a course. Shape (slabs, n, 3)."""
+    return place_spheres(motion._placed_arm, course.placement)

@@ -19,17 +19,24 @@ from numpy.typing import ArrayLike
 
 from armguard.bounds.planned import curve
 from armguard.bounds.planned.curve import CurvePeaks, evaluate_curve, find_excess
-from armguard.bounds.planned.following import check_following
+from armguard.bounds.planned.following import (
+    FOLLOWED,
+    Straying,
+    describe_straying,
+    find_straying,
+)
 from armguard.bounds.planned.plan import (
     CheckedPlan,
     Plan,
     PlanLimits,
     Refusal,
+    make_example,
     read_plan,
     read_plan_limits,
 )
 from armguard.bounds.planned.stop import bound_path_braking, find_hard_stop
 from armguard.jit.arrays import FloatArray
+from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import LIMIT_SLACK
 from armguard.robot.brakes import BrakeCurves, find_decelerations, find_gentlest_stop
@@ -45,21 +52,150 @@ ENDS = -1
 """What `_judge_curve` can say beside what `find_excess` does: it does not end at rest."""
 
 
-class CurveErrors(NamedTuple):
-    """The samples of a plan, and how far off its curve the arm may be by the controller's word."""
+class PlanErrors(NamedTuple):
+    """How far off the curve of a plan the arm may be by the controller's word. Shape (nv,) each."""
 
-    times: FloatArray
-    """[s]. Shape (k,)."""
-    q: FloatArray
-    """[rad] or [m]. Shape (k, nv)."""
-    v: FloatArray
-    """[rad]/[s] or [m]/[s]. Shape (k, nv)."""
     error: FloatArray
-    """[rad] or [m]. Shape (nv,)."""
+    """[rad] or [m]."""
     stop_error: FloatArray
-    """While the arm stops on its path, in [rad] or [m]. Shape (nv,)."""
+    """While the arm stops on its path, in [rad] or [m]."""
     velocity_error: FloatArray
-    """[rad]/[s] or [m]/[s]; inf where none is stated. Shape (nv,)."""
+    """[rad]/[s] or [m]/[s]; inf where none is stated."""
+
+
+class MeasuredState(NamedTuple):
+    """A joint state, and where on the plan the arm is to be by then."""
+
+    q: FloatArray
+    """[rad] or [m]. Shape (nv,)."""
+    v: FloatArray
+    """[rad]/[s] or [m]/[s]. Shape (nv,)."""
+    along: float
+    """[s]; negative: that long before it begins."""
+
+
+class Excess(NamedTuple):
+    """Where a curve is not within limits."""
+
+    kind: int
+    """FINE if nowhere; what else `find_excess` can say, or ENDS."""
+    joint: int
+    sample: int
+    """The one before."""
+    found: float
+    least: float
+    """What it may be at the least."""
+    most: float
+    """What it may be at the most."""
+
+
+ROOMS = 6
+"""Fields of a `CheckedPlan` from `deviation` on, which follow from its samples."""
+
+
+class PlanCheck:
+    """Checks plans for one robot.
+
+    Args:
+        robot: Whose limits and errors apply.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        limits = read_plan_limits(robot)
+        self._has_continuous = bool(has_continuous(limits.lower, limits.upper))
+        self._limits = pack(limits)
+        example = make_example()
+        samples, one = example[1:4], np.zeros(1)
+        errors = PlanErrors(one, one, one)
+        state = MeasuredState(one, one, 0.0)
+        # All that these are handed was read by `read_plan`, or is made here.
+        self._judge_plan = machine_code(
+            _judge_plan, *samples, errors, self._limits, 0.0, state, np.zeros((ROOMS, 1))
+        )
+
+    def check(
+        self,
+        plan: Plan,
+        now: float,
+        q: ArrayLike,
+        v: ArrayLike,
+        stamp: float,
+        *,
+        longest_lead: float = 0.1,
+        longest_lag: float = 0.1,
+    ) -> CheckedPlan | Refusal:
+        """Check a plan; see `check_plan`."""
+        robot = self._robot
+        read = read_plan(plan, len(robot.joints))
+        if isinstance(read, Refusal):
+            return read
+        times = np.asarray(read.times)
+        lasting = float(times[-1])
+        refusal = _check_time(read.stamp, lasting, now, longest_lead, longest_lag)
+        if refusal is not None:
+            return refusal
+        position, velocity = np.array(q, dtype=np.float64), np.array(v, dtype=np.float64)
+        if self._has_continuous:
+            with np.errstate(all="ignore"):
+                read = _align(read, robot, position, velocity, stamp)
+        # The sums of stamps are off by as much as this, and by that time joints have moved.
+        latest = max(abs(now), abs(stamp), abs(read.stamp), abs(read.stamp + lasting))
+        clock = 4.0 * math.ulp(latest) if latest < math.inf else math.nan
+        error, stop = read.tracking_error, read.stop_tracking_error
+        speed = read.velocity_tracking_error
+        errors = PlanErrors(
+            np.asarray(error),
+            np.asarray(error if stop is None else stop),
+            np.full(len(robot.joints), np.inf) if speed is None else np.asarray(speed),
+        )
+        samples = times, np.asarray(read.q), np.asarray(read.v)
+        room = np.empty((ROOMS, len(robot.joints)))
+        state = MeasuredState(position, velocity, stamp - read.stamp)
+        excess, straying = self._judge_plan(*samples, errors, self._limits, clock, state, room)
+        if excess[0] != curve.FINE:
+            return _describe_excess(Excess(*excess), robot, times)
+        if straying[0] != FOLLOWED:
+            off = Straying(*straying)
+            return describe_straying(off, robot.joints, state.along, is_on_time=True)
+        deviation, stop_deviation, acceleration, velocity_deviation, top_speed, top_speedup = room
+        return CheckedPlan(
+            read.stamp, *samples, deviation, stop_deviation, acceleration, velocity_deviation,
+            top_speed, top_speedup, now, stamp, position, velocity,
+        )  # fmt: skip
+
+
+class StopCheck:
+    """Checks the stops that pieces carry.
+
+    Args:
+        robot: Whose joints they are.
+        brakes: How these stop; what is shared of that may change.
+    """
+
+    def __init__(self, robot: Robot, brakes: BrakeCurves) -> None:
+        self._joints = robot.joints
+        self._brakes = pack(brakes)
+        samples = make_example()[1:4]
+        self._judge_stop = machine_code(_judge_stop, *samples, np.zeros(1), self._brakes)
+
+    def check(self, plan: CheckedPlan) -> Refusal | None:
+        """Why brakes do not guarantee the stop that a piece carries; None if they do.
+
+        Args:
+            plan: As checked.
+        """
+        kind, joint, found, most, when = self._judge_stop(
+            plan.times, plan.q, plan.v, plan.top_speed, self._brakes
+        )
+        if kind == curve.FINE:
+            return None
+        if kind == curve.VELOCITY:
+            return _refuse_speed(self._joints[joint], found, most)
+        return Refusal(
+            self._joints[joint],
+            f"comes to rest at {found:.4g} from {when:.6g} s on, brakes guarantee {most:.4g}",
+        )
 
 
 def check_plan(
@@ -85,55 +221,15 @@ def check_plan(
         longest_lead: How far ahead of `now` the plan may begin, in [s].
         longest_lag: How long ago it may have begun, in [s].
     """
-    read = read_plan(plan, len(robot.joints))
-    if isinstance(read, Refusal):
-        return read
-    with np.errstate(all="ignore"):
-        return _check_read(read, robot, now, q, v, stamp, longest_lead, longest_lag)
-
-
-def _check_read(
-    read: Plan,
-    robot: Robot,
-    now: float,
-    q: ArrayLike,
-    v: ArrayLike,
-    stamp: float,
-    longest_lead: float,
-    longest_lag: float,
-) -> CheckedPlan | Refusal:
-    position, velocity = np.array(q, dtype=np.float64), np.array(v, dtype=np.float64)
-    refusal = _check_time(read, now, longest_lead, longest_lag)
-    if refusal is not None:
-        return refusal
-    limits = read_plan_limits(robot)
-    if has_continuous(limits.lower, limits.upper):
-        read = _align(read, robot, position, velocity, stamp)
-    times = np.asarray(read.times)
-    end = read.stamp + float(times[-1])
-    # The sums of stamps below are off by as much as this, and by that time joints have moved.
-    clock = 4.0 * float(np.spacing(max(abs(now), abs(stamp), abs(read.stamp), abs(end))))
-    room = CurveRoom(*np.empty((len(CurveRoom._fields), len(robot.joints))))
-    refusal = _check_curve(read, robot, limits, clock, room)
-    if refusal is not None:
-        return refusal
-    checked = CheckedPlan(
-        stamp=read.stamp,
-        times=times,
-        q=np.asarray(read.q),
-        v=np.asarray(read.v),
-        deviation=room.deviation,
-        stop_deviation=room.stop_deviation,
-        acceleration=room.acceleration,
-        velocity_deviation=room.velocity_deviation,
-        top_speed=room.top_speed,
-        top_speedup=room.top_speedup,
-        now=float(now),
-        measured_stamp=float(stamp),
-        measured_q=position,
-        measured_v=velocity,
+    return PlanCheck(robot).check(
+        plan,
+        float(now),
+        q,
+        v,
+        float(stamp),
+        longest_lead=longest_lead,
+        longest_lag=longest_lag,
     )
-    return check_following(checked, robot, position, velocity, stamp) or checked
 
 
 def _align(plan: Plan, robot: Robot, q: FloatArray, v: FloatArray, stamp: float) -> Plan:
@@ -154,11 +250,13 @@ def _align(plan: Plan, robot: Robot, q: FloatArray, v: FloatArray, stamp: float)
     return plan._replace(q=positions)
 
 
-def _check_time(plan: Plan, now: float, longest_lead: float, longest_lag: float) -> Refusal | None:
-    lead = plan.stamp - now
-    end = lead + float(np.asarray(plan.times)[-1])
+def _check_time(
+    stamp: float, lasting: float, now: float, longest_lead: float, longest_lag: float
+) -> Refusal | None:
+    lead = stamp - now
+    end = lead + lasting
     if not math.isfinite(lead):
-        return Refusal("plan", f"begins at {plan.stamp}, now being {now}")
+        return Refusal("plan", f"begins at {stamp}, now being {now}")
     if not end > 0.0:
         return Refusal("plan", f"lies in the past: it ended {-end:.4g} s ago")
     if not lead >= -longest_lag:
@@ -170,25 +268,52 @@ def _check_time(plan: Plan, now: float, longest_lead: float, longest_lag: float)
     return None
 
 
-class CurveRoom(NamedTuple):
-    """Fields of a `CheckedPlan` that follow from its samples. Shape (nv,) each."""
+@kernel
+def _judge_plan(
+    times: FloatArray,
+    q: FloatArray,
+    v: FloatArray,
+    errors: PlanErrors,
+    limits: PlanLimits,
+    clock: float,
+    state: MeasuredState,
+    room: FloatArray,
+) -> tuple[tuple[int, int, int, float, float, float], tuple[int, int, float, float, float]]:
+    """Where a curve is not within limits, or else, what shows that the arm is not on it.
 
-    deviation: FloatArray
-    stop_deviation: FloatArray
-    acceleration: FloatArray
-    velocity_deviation: FloatArray
-    top_speed: FloatArray
-    top_speedup: FloatArray
+    Fields of an `Excess` and of a `Straying`.
+
+    Args:
+        times: Of the samples, in [s]. Shape (k,).
+        q: [rad] or [m]. Shape (k, nv).
+        v: [rad]/[s] or [m]/[s]. Shape (k, nv).
+        errors: About these.
+        limits: Of the robot.
+        clock: What sums of stamps may be off by, in [s].
+        state: What was measured.
+        room: Filled with the fields that follow, where the curve is in order. Shape (ROOMS, nv).
+    """
+    excess = _judge_curve(times, q, v, errors, limits, clock, room)
+    if excess[0] != curve.FINE:
+        return excess, (FOLLOWED, -1, 0.0, 0.0, 0.0)
+    plan = CheckedPlan(
+        0.0, times, q, v, room[0], room[1], room[2], room[3], room[4], room[5],
+        0.0, 0.0, state.q, state.v,
+    )  # fmt: skip
+    return excess, find_straying(plan, limits, state.q, state.v, state.along, True)
 
 
 @kernel
 def _judge_curve(
-    plan: CurveErrors, limits: PlanLimits, clock: float, room: CurveRoom
+    times: FloatArray,
+    q: FloatArray,
+    v: FloatArray,
+    errors: PlanErrors,
+    limits: PlanLimits,
+    clock: float,
+    room: FloatArray,
 ) -> tuple[int, int, int, float, float, float]:
-    """What `find_excess` finds of a curve, or ENDS; and between what it should be.
-
-    Fills the room that there is about a curve that is within limits.
-    """
+    """Where a curve is not within limits; arguments as of `_judge_plan`."""
     joints = limits.lower.shape[0]
     lower, upper = np.empty(joints), np.empty(joints)
     fastest, allowed = np.empty(joints), np.empty(joints)
@@ -197,53 +322,41 @@ def _judge_curve(
         upper[j] = limits.upper[j] + limits.position_error[j] + LIMIT_SLACK
         fastest[j] = limits.velocity[j] + limits.velocity_error[j] + LIMIT_SLACK
         allowed[j] = limits.acceleration[j] * (1.0 + LIMIT_SLACK)
-    peaks = CurvePeaks(room.acceleration, room.top_speedup, room.top_speed)
-    kind, joint, sample, value = find_excess(
-        plan.times, plan.q, plan.v, lower, upper, fastest, allowed, peaks
-    )
+    deviation, stop_deviation, acceleration, velocity_deviation, top_speed, top_speedup = (
+        room[0], room[1], room[2], room[3], room[4], room[5],
+    )  # fmt: skip
+    peaks = CurvePeaks(acceleration, top_speedup, top_speed)
+    kind, joint, sample, value = find_excess(times, q, v, lower, upper, fastest, allowed, peaks)
     if kind == curve.POSITION:
         return kind, joint, sample, value, lower[joint], upper[joint]
     if kind == curve.VELOCITY:
         return kind, joint, sample, value, 0.0, fastest[joint]
     if kind != curve.FINE:
         return kind, joint, sample, value, 0.0, limits.acceleration[joint]
-    last = plan.times.shape[0] - 1
+    last = times.shape[0] - 1
     for j in range(joints):
         # Nothing is known of where an arm gets to that does not rest at the end.
-        if not abs(plan.v[last, j]) <= LIMIT_SLACK:
-            return ENDS, j, last, plan.v[last, j], 0.0, 0.0
-        off = plan.error[j] + limits.position_error[j] + clock * limits.velocity[j]
-        room.deviation[j] = off
-        room.stop_deviation[j] = off
-        if plan.stop_error[j] > plan.error[j]:
-            room.stop_deviation[j] = max(off, off - plan.error[j] + plan.stop_error[j])
-        room.acceleration[j] += limits.acceleration[j]
-        room.velocity_deviation[j] = plan.velocity_error[j] + limits.velocity_error[j]
-    return kind, -1, -1, 0.0, 0.0, 0.0
+        if not abs(v[last, j]) <= LIMIT_SLACK:
+            return ENDS, j, last, v[last, j], 0.0, 0.0
+        off = errors.error[j] + limits.position_error[j] + clock * limits.velocity[j]
+        deviation[j] = off
+        stop_deviation[j] = off
+        if errors.stop_error[j] > errors.error[j]:
+            stop_deviation[j] = max(off, off - errors.error[j] + errors.stop_error[j])
+        acceleration[j] += limits.acceleration[j]
+        velocity_deviation[j] = errors.velocity_error[j] + limits.velocity_error[j]
+    return curve.FINE, -1, -1, 0.0, 0.0, 0.0
 
 
-def _check_curve(
-    plan: Plan, robot: Robot, limits: PlanLimits, clock: float, room: CurveRoom
-) -> Refusal | None:
-    """Limits on the whole curve, and whether it ends at rest; fills the room about it."""
-    error, stop, speed = plan.tracking_error, plan.stop_tracking_error, plan.velocity_tracking_error
-    errors = CurveErrors(
-        np.asarray(plan.times),
-        np.asarray(plan.q),
-        np.asarray(plan.v),
-        np.asarray(error),
-        np.asarray(error if stop is None else stop),
-        np.full(len(room.deviation), np.inf) if speed is None else np.asarray(speed),
-    )
-    kind, joint, sample, value, least, most = _judge_curve(errors, limits, clock, room)
-    if kind == curve.FINE:
-        return None
+def _describe_excess(excess: Excess, robot: Robot, times: FloatArray) -> Refusal:
+    """Where a curve is not within limits, in words."""
+    kind, joint, sample, value, least, most = excess
     if kind == ENDS:
         return Refusal(
             robot.joints[joint],
             f"ends at velocity {value:.4g}, expected at rest; Monitor.with_stop appends a stop",
         )
-    where = f"between {errors.times[sample]:.6g} s and {errors.times[sample + 1]:.6g} s"
+    where = f"between {times[sample]:.6g} s and {times[sample + 1]:.6g} s"
     if kind == curve.POSITION:
         problem = f"goes to {value:.6g} {where}"
         expected = f"limits with errors are {least:.6g} to {most:.6g}"
@@ -257,25 +370,6 @@ def _check_curve(
         problem = f"positions and velocities do not agree {where}"
         expected = f"joining them takes an acceleration of {value:.4g}, limit is {most:.4g}"
     return Refusal(robot.joints[joint], f"{problem}; {expected}")
-
-
-def check_stop(plan: CheckedPlan, robot: Robot, brakes: BrakeCurves) -> Refusal | None:
-    """Why brakes do not guarantee the stop that a piece carries; None if they do.
-
-    Args:
-        plan: As checked.
-        robot: Whose joints they are.
-        brakes: How these stop.
-    """
-    kind, joint, found, most, when = _judge_stop(plan.times, plan.q, plan.v, plan.top_speed, brakes)
-    if kind == curve.FINE:
-        return None
-    if kind == curve.VELOCITY:
-        return _refuse_speed(robot.joints[joint], found, most)
-    return Refusal(
-        robot.joints[joint],
-        f"comes to rest at {found:.4g} from {when:.6g} s on, brakes guarantee {most:.4g}",
-    )
 
 
 @kernel

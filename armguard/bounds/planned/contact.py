@@ -13,15 +13,17 @@ slabs, and the arm in all of them, spare most obstacles an evaluation sphere by 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from armguard.bounds.free_body import saturation_time
 from armguard.bounds.planned.course import (
     BLOCK,
     ArmShape,
     PlannedCourse,
+    Vector,
     close_deviation_along,
     deviation_along,
+    find_center,
 )
 from armguard.bounds.table_time import obstacle_room
 from armguard.contact.bodies import Bounds, Hull
@@ -51,46 +53,75 @@ class PlannedContact(NamedTuple):
     """Spheres evaluated, for one slab and one obstacle each."""
 
 
+class Surroundings(NamedTuple):
+    """An arm, and what is known of the obstacles around it."""
+
+    arm: ArmShape
+    bodies: States
+    """Accepted states, by row."""
+    refused_bodies: States
+    """Refused samples beside them."""
+    marks: Marks
+    """Which of those may be true."""
+
+
+class Body(NamedTuple):
+    """One state of an obstacle that may be true, and how near to it counts as contact."""
+
+    states: States
+    row: int
+    """In these."""
+    age: float
+    """[s]."""
+    margin: float
+    """[m]."""
+
+
 @kernel
-def _find_room(
-    px: float, py: float, pz: float, bodies: States, row: int, start: float, end: float
-) -> tuple[float, float, float, float]:
-    """Least n.x of a body from `start` to `end` after its stamp, and n, from p towards it."""
-    bounds = Bounds(bodies.accel[row], bodies.speed[row], bodies.velocity_error[row], 0.0)
-    hull = Hull(bodies.points[row], bodies.velocities[row], bodies.point_count[row], bounds)
+def _find_room(place: Vector, body: Body, start: float, end: float) -> tuple[float, Vector]:
+    """Least n.x of a body from `start` to `end` after its stamp, and n, from a place towards it."""
+    states, row = body.states, body.row
+    bounds = Bounds(states.accel[row], states.speed[row], states.velocity_error[row], 0.0)
+    hull = Hull(states.points[row], states.velocities[row], states.point_count[row], bounds)
     points, velocities, count, _ = hull
     ux, uy, uz = velocities[0, 0], velocities[0, 1], velocities[0, 2]
     # Beyond that time the obstacle may be headed anywhere.
     ahead = min(end, saturation_time(ux, uy, uz, bounds.accel, bounds.speed))
+    px, py, pz = place
     x, y, z = nearest_on_hull(px, py, pz, points, velocities, count, ahead)
     length = math.sqrt(x * x + y * y + z * z)
-    nx, ny, nz = x / length, y / length, z / length
-    room = obstacle_room((nx, ny, nz), (px, py, pz), hull, start, end)
-    return room, nx, ny, nz
+    normal = (x / length, y / length, z / length)
+    return obstacle_room(normal, place, hull, start, end), normal
 
 
 @kernel
-def _is_usable(bodies: States, row: int, age: float, margin: float) -> bool:
+def _is_usable(body: Body) -> bool:
+    states, row, age, margin = body
     return (
-        bodies.point_count[row] >= 1
-        and bodies.accel[row] >= 0.0
-        and bodies.speed[row] >= 0.0
-        and bodies.velocity_error[row] >= 0.0
-        and bodies.radius[row] >= 0.0
-        and bodies.position_error[row] >= 0.0
+        states.point_count[row] >= 1
+        and states.accel[row] >= 0.0
+        and states.speed[row] >= 0.0
+        and states.velocity_error[row] >= 0.0
+        and states.radius[row] >= 0.0
+        and states.position_error[row] >= 0.0
         and margin >= 0.0
         and abs(age) < math.inf
     )
 
 
 @kernel
-def _is_ball_free(
-    ball: FloatArray, bodies: States, row: int, start: float, end: float, margin: float
-) -> bool:
+def _find_reach(radius: float, body: Body) -> float:
+    """How near a body may come to the centre of a ball without touching it, in [m]."""
+    states, row = body.states, body.row
+    reach = radius + states.radius[row] + body.margin + states.position_error[row]
+    return reach * (1.0 + SUM_ROUNDING)
+
+
+@kernel
+def _is_ball_free(ball: FloatArray, body: Body, start: float, end: float) -> bool:
     """Whether a body stays out of a ball from `start` to `end`, counted from its stamp."""
-    room, _, _, _ = _find_room(ball[0], ball[1], ball[2], bodies, row, start, end)
-    reach = ball[3] + bodies.radius[row] + margin + bodies.position_error[row]
-    return room > reach * (1.0 + SUM_ROUNDING)
+    room, _ = _find_room((ball[0], ball[1], ball[2]), body, start, end)
+    return room > _find_reach(ball[3], body)
 
 
 @kernel
@@ -99,32 +130,22 @@ def _is_sphere_free(
     slab: int,
     course: PlannedCourse,
     arm: ArmShape,
-    bodies: States,
-    row: int,
+    body: Body,
     start: float,
     end: float,
-    margin: float,
 ) -> bool:
     """Whether a body stays out of a sphere of the arm in one slab."""
-    center = course.centers[slab, node]
-    px, py, pz = center[0], center[1], center[2]
-    room, nx, ny, nz = _find_room(px, py, pz, bodies, row, start, end)
-    reach = arm.radius[node] + bodies.radius[row] + margin + bodies.position_error[row]
-    room -= reach * (1.0 + SUM_ROUNDING)
+    center = find_center(arm, course.placement[slab], node)
+    room, normal = _find_room(center, body, start, end)
+    room -= _find_reach(arm.radius[node], body)
     if not room > 0.0:
         return False
-    deviation = deviation_along(
-        nx, ny, nz, px, py, pz,
-        course.jacobian[slab], course.half[slab], arm.lever[node], arm.turning,
-    )  # fmt: skip
+    jacobian, half, lever = course.jacobian[slab], course.half[slab], arm.lever[node]
+    deviation = deviation_along(normal, center, jacobian, half, lever, arm.turning)
     if room > deviation or arm.child_count[node] > 0:
         return room > deviation
     # Children would see a sphere more closely, but a leaf has none.
-    deviation = close_deviation_along(
-        nx, ny, nz, px, py, pz,
-        course.jacobian[slab], course.half[slab], arm.lever[node], arm.turning,
-    )  # fmt: skip
-    return room > deviation
+    return room > close_deviation_along(normal, center, jacobian, half, lever, arm.turning)
 
 
 @kernel
@@ -135,10 +156,7 @@ def _find_contact(
     offset: float,
     course: PlannedCourse,
     arm: ArmShape,
-    bodies: States,
-    row: int,
-    age: float,
-    margin: float,
+    body: Body,
 ) -> tuple[int, int, int]:
     """First slab before `limit` that is not proved free, the sphere that is not, and evaluations.
 
@@ -148,17 +166,17 @@ def _find_contact(
     slab = first
     # Invariant: the link is proved free in every slab from `first` up to `slab`.
     while slab < limit:
-        start = age + max(course.start[slab] - offset, 0.0)
+        start = body.age + max(course.start[slab] - offset, 0.0)
         if slab == first or slab % BLOCK == 0:
             # A ball around all that the link sweeps in the slabs of a block may prove them at once.
             block = slab // BLOCK
             last = min((block + 1) * BLOCK, course.end.shape[0]) - 1
             evaluated += 1
-            end = age + (course.end[last] - offset)
-            if _is_ball_free(course.block_balls[block, link], bodies, row, start, end, margin):
+            end = body.age + (course.end[last] - offset)
+            if _is_ball_free(course.block_balls[block, link], body, start, end):
                 slab = last + 1
                 continue
-        end = age + (course.end[slab] - offset)
+        end = body.age + (course.end[slab] - offset)
         # Else the slab by itself: down the tree, to the children of spheres that are not free.
         arm.stack[0] = arm.root[link]
         waiting = 1
@@ -166,7 +184,7 @@ def _find_contact(
             waiting -= 1
             node = arm.stack[waiting]
             evaluated += 1
-            if _is_sphere_free(node, slab, course, arm, bodies, row, start, end, margin):
+            if _is_sphere_free(node, slab, course, arm, body, start, end):
                 continue
             if arm.child_count[node] == 0:
                 return slab, node, evaluated
@@ -179,30 +197,26 @@ def _find_contact(
 
 @kernel
 def find_planned_contact(
-    pairs: IntArray,
-    now: float,
-    margin: float,
-    course: PlannedCourse,
-    arm: ArmShape,
-    bodies: States,
-    refused_bodies: States,
-    marks: Marks,
+    handle: Any, course: PlannedCourse, pairs: IntArray, now: float, margin: float
 ) -> tuple[float, int, int, int]:
     """Earliest possible contact of all pairs while the arm follows a course.
 
     Args:
+        handle: On the `Surroundings` of the arm.
+        course: Where the arm can be.
         pairs: Pair numbers, obstacle row × links + link; quickest in ascending order. Shape (m,).
         now: In [s] on the clock of the obstacles' stamps.
         margin: Distance that counts as contact already, in [m].
-        course: Where the arm can be.
-        arm: Its spheres.
-        bodies: Accepted states of obstacles, by row.
-        refused_bodies: Refused ones.
-        marks: Which of those may be true.
 
     Returns:
         The fields of `PlannedContact`.
     """
+    arm, bodies, refused, marks = (
+        handle.content.arm,
+        handle.content.bodies,
+        handle.content.refused_bodies,
+        handle.content.marks,
+    )
     links = arm.root.shape[0]
     slabs = course.start.shape[0]
     offset = now - course.epoch
@@ -229,19 +243,19 @@ def find_planned_contact(
             seen = row
             away = True
             for number in possible_states(marks, row):
-                states, place, age = state_at(bodies, refused_bodies, marks, row, number, now)
-                if not _is_usable(states, place, age, margin):
+                states, place, age = state_at(bodies, refused, marks, row, number, now)
+                body = Body(states, place, age, margin)
+                if not _is_usable(body):
                     return 0.0, pairs[index], NONE, evaluated
-                away &= _is_ball_free(course.arm_ball, states, place, age, age + left, margin)
+                away &= _is_ball_free(course.arm_ball, body, age, age + left)
             evaluated += 1
         if away:
             continue
         # Each of its states that may be true: slab by slab, up to the first contact so far.
         for number in possible_states(marks, row):
-            states, place, age = state_at(bodies, refused_bodies, marks, row, number, now)
-            slab, sphere, spent = _find_contact(
-                link, first, limit, offset, course, arm, states, place, age, margin
-            )
+            states, place, age = state_at(bodies, refused, marks, row, number, now)
+            body = Body(states, place, age, margin)
+            slab, sphere, spent = _find_contact(link, first, limit, offset, course, arm, body)
             evaluated += spent
             if slab < limit:
                 limit, deciding_pair, deciding_sphere = slab, pairs[index], sphere

@@ -30,6 +30,8 @@ from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 
+Vector = tuple[float, float, float]
+
 BLOCK = 8
 """Slabs that are evaluated together first."""
 
@@ -49,6 +51,10 @@ class ArmShape(NamedTuple):
     """R_j in [m], 1 for a prismatic joint, 0 for one that does not move it. Shape (n, nv)."""
     turning: BoolArray
     """Which joints are revolute. Shape (nv,)."""
+    carrier: IntArray
+    """Joint that carries each sphere. Shape (n,)."""
+    local: FloatArray
+    """Their centres in that joint's frame, in [m]. Shape (n, 3)."""
     stack: IntArray
     """Room to work in. Shape (n,)."""
 
@@ -66,8 +72,9 @@ class PlannedCourse(NamedTuple):
     """Joint positions that each slab's box is around, in [rad] or [m]. Shape (slabs, nv)."""
     half: FloatArray
     """How far from there joints can be, in [rad] or [m]. Shape (slabs, nv)."""
-    centers: FloatArray
-    """Of all spheres in those positions, in the world, in [m]. Shape (slabs, n, 3)."""
+    placement: FloatArray
+    """Of all joints in those positions: rotation, and translation in [m]; `find_center` has the
+    spheres. Shape (slabs, J, 3, 4)."""
     jacobian: FloatArray
     """Pinocchio's `data.J` there. Shape (slabs, 6, nv)."""
     block_balls: FloatArray
@@ -77,13 +84,21 @@ class PlannedCourse(NamedTuple):
 
 
 @kernel
+def find_center(arm: ArmShape, placement: FloatArray, node: int) -> Vector:
+    """Centre of a sphere of an arm whose joints are placed, (J, 3, 4), in the world, in [m]."""
+    place = placement[arm.carrier[node]]
+    x, y, z = arm.local[node, 0], arm.local[node, 1], arm.local[node, 2]
+    return (
+        place[0, 0] * x + place[0, 1] * y + place[0, 2] * z + place[0, 3],
+        place[1, 0] * x + place[1, 1] * y + place[1, 2] * z + place[1, 3],
+        place[2, 0] * x + place[2, 1] * y + place[2, 2] * z + place[2, 3],
+    )
+
+
+@kernel
 def deviation_along(
-    nx: float,
-    ny: float,
-    nz: float,
-    px: float,
-    py: float,
-    pz: float,
+    normal: Vector,
+    place: Vector,
     jacobian: FloatArray,
     half: FloatArray,
     lever: FloatArray,
@@ -92,17 +107,14 @@ def deviation_along(
     """How far along n a point can be off p while joints stay within a box.
 
     Args:
-        nx: Of a unit vector in the world.
-        ny: As nx.
-        nz: As nx.
-        px: Where the point is in the middle of the box, in the world, in [m].
-        py: As px.
-        pz: As px.
+        normal: A unit vector n in the world.
+        place: Where the point is in the middle of the box, in the world, in [m].
         jacobian: Pinocchio's `data.J` there. Shape (6, nv).
         half: Half the widths of the box, in [rad] or [m]. Shape (nv,).
         lever: The point's reaches about the joints. Shape (nv,).
         turning: Which joints are revolute. Shape (nv,).
     """
+    (nx, ny, nz), (px, py, pz) = normal, place
     straight = 0.0
     bent = 0.0
     most = 0.0
@@ -130,18 +142,15 @@ def deviation_along(
 
 @kernel
 def close_deviation_along(
-    nx: float,
-    ny: float,
-    nz: float,
-    px: float,
-    py: float,
-    pz: float,
+    normal: Vector,
+    place: Vector,
     jacobian: FloatArray,
     half: FloatArray,
     lever: FloatArray,
     turning: BoolArray,
 ) -> float:
     """The same to third order: closer for wide boxes. Arguments are those of `deviation_along`."""
+    (nx, ny, nz), (px, py, pz) = normal, place
     count = lever.shape[0]
     column, bend = np.empty((count, 3)), np.zeros((count, count))
     slope, turn = np.empty(count), np.zeros(count)

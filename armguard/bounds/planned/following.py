@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from armguard.bounds.planned.curve import curve_range, evaluate_curve
-from armguard.bounds.planned.plan import CheckedPlan, PlanLimits, Refusal, read_plan_limits
+from armguard.bounds.planned.plan import (
+    CheckedPlan,
+    PlanLimits,
+    Refusal,
+    make_example,
+    read_plan_limits,
+)
 from armguard.jit.arrays import FloatArray
+from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import LIMIT_SLACK
 from armguard.robot.robot import Robot
 from armguard.robot.turns import nearest_turn
 
 FOLLOWED, PLACE, PACE = 0, 1, 2
-"""What `find_straying` and `_find_gap` can say: nothing, or what is off."""
+"""What `find_straying` and `_find_gap` can say: nothing, or what is off.
+
+Both hand over the fields of a named tuple, not that itself: Numba would look up its class at each
+call, which takes as long as all that they do.
+"""
 
 
 class Straying(NamedTuple):
@@ -91,12 +103,12 @@ def find_straying(
     v: FloatArray,
     along: float,
     is_on_time: bool,
-) -> Straying:
-    """The first joint whose measured state shows that it does not follow a plan.
+) -> tuple[int, int, float, float, float]:
+    """The first joint whose measured state shows that it does not follow a plan: a `Straying`.
 
     Args:
         plan: As checked.
-        limits: Of the robot that it was checked for.
+        limits: Of the robot that it was checked for; or a handle on them.
         q: Measured positions, in [rad] or [m]. Shape (nv,).
         v: Measured velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
         along: Where on the plan the arm is to be, in [s]; negative: that long before it begins.
@@ -120,58 +132,119 @@ def find_straying(
         if math.isinf(limits.lower[j]) and math.isinf(limits.upper[j]):
             found = nearest_turn(found, position[j])
         if not abs(found - position[j]) <= allowed:
-            return Straying(PLACE, j, found, position[j], allowed)
+            return PLACE, j, found, position[j], allowed
     slowest, fastest = 0.0, 1.0
     for j in range(position.shape[0]):
         allowed = speed[j] + limits.velocity_error[j] + limits.acceleration[j] * wait + LIMIT_SLACK
         ahead = velocity[j]
         if is_on_time or not abs(ahead) > LIMIT_SLACK:
             if not abs(v[j] - ahead) <= allowed + (0.0 if is_on_time else LIMIT_SLACK):
-                return Straying(PACE, j, v[j], ahead, allowed)
+                return PACE, j, v[j], ahead, allowed
             continue
         # One pace of the clock must do for all joints.
         one, other = (v[j] - allowed) / ahead, (v[j] + allowed) / ahead
         slowest = max(slowest, min(one, other) - LIMIT_SLACK)
         fastest = min(fastest, max(one, other) + LIMIT_SLACK)
         if not slowest <= fastest:
-            return Straying(PACE, j, v[j], ahead, allowed)
-    return Straying(FOLLOWED, -1, 0.0, 0.0, 0.0)
+            return PACE, j, v[j], ahead, allowed
+    return FOLLOWED, -1, 0.0, 0.0, 0.0
 
 
-def check_following(
-    plan: CheckedPlan,
-    robot: Robot,
-    q: FloatArray,
-    v: FloatArray,
-    stamp: float,
-    path_time: float | None = None,
-) -> Refusal | None:
-    """Why a measured state shows that the arm does not follow a plan; None if it may.
-
-    Before the plan begins, the state must allow for being where it begins by then; after its end
-    the arm stays there.
+class Following:
+    """Tells whether measured states, and other plans, agree with plans.
 
     Args:
-        plan: As checked.
         robot: Whose limits and errors apply.
-        q: Measured joint positions, in [rad] or [m]. Shape (nv,).
-        v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
-        stamp: When they were measured, in [s].
-        path_time: Where on the plan the arm says it is, in [s] as in the plan's times; None: it
-            follows the plan on time.
     """
-    is_on_time = path_time is None
-    along = stamp - plan.stamp if path_time is None else max(path_time, 0.0)
-    found: Straying = find_straying(plan, read_plan_limits(robot), q, v, along, is_on_time)
-    if found.kind == FOLLOWED:
-        return None
+
+    def __init__(self, robot: Robot) -> None:
+        self._joints = robot.joints
+        self._limits = pack(read_plan_limits(robot))
+        # All that these are handed is an example's like, or a state that was believed.
+        plan, one = make_example(), np.zeros(1)
+        self._find_straying = machine_code(find_straying, plan, self._limits, one, one, 0.0, True)
+        self._compare = machine_code(_compare, plan, plan, 0.0, 0.0)
+        self._is_covered = machine_code(is_covered, plan, plan, 0.0)
+
+    def check(
+        self,
+        plan: CheckedPlan,
+        q: FloatArray,
+        v: FloatArray,
+        stamp: float,
+        path_time: float | None = None,
+    ) -> Refusal | None:
+        """Why a measured state shows that the arm does not follow a plan; None if it may.
+
+        Before the plan begins, the state must allow for being where it begins by then; after its
+        end the arm stays there.
+
+        Args:
+            plan: As checked.
+            q: Measured joint positions, in [rad] or [m]. Shape (nv,), contiguous.
+            v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,), contiguous.
+            stamp: When they were measured, in [s].
+            path_time: Where on the plan the arm says it is, in [s] as in the plan's times; None: it
+                follows the plan on time.
+        """
+        is_on_time = path_time is None
+        along = stamp - plan.stamp if path_time is None else max(path_time, 0.0)
+        found = self._find_straying(plan, self._limits, q, v, along, is_on_time)
+        if found[0] == FOLLOWED:
+            return None
+        return describe_straying(Straying(*found), self._joints, along, is_on_time=is_on_time)
+
+    def compare(
+        self, before: CheckedPlan, after: CheckedPlan, first: float, last: float
+    ) -> Comparison:
+        """Whether two plans agree for some time, and whether the other one covers the first.
+
+        Args:
+            before: A plan that the arm may be following.
+            after: The one that is to take its place.
+            first: From when on they must agree, in [s].
+            last: Until when they must, in [s], >= first.
+        """
+        found, covered = self._compare(before, after, first, last)
+        if found[0] == FOLLOWED:
+            return Comparison(None, covered)
+        gap = Gap(*found)
+        return Comparison(
+            Refusal(
+                self._joints[gap.joint],
+                f"{'goes ' if gap.kind == PACE else ''}off the committed piece by {gap.found:.4g} "
+                f"at {gap.when:.6g} s, expected within {gap.allowed:.3g} from {first:.6g} s to "
+                f"{last:.6g} s",
+            ),
+            covered,
+        )
+
+    def covers(self, before: CheckedPlan, after: CheckedPlan, first: float) -> bool:
+        """Whether an arm on one plan is on another as well; see `is_covered`."""
+        covered: bool = self._is_covered(before, after, first)
+        return covered
+
+
+class Comparison(NamedTuple):
+    """Of a plan that the arm may be following with the one that is to take its place."""
+
+    refusal: Refusal | None
+    """Where they differ by more than the arm may be off either; None if nowhere."""
+    is_covered: bool
+    """Whether an arm on the first one is on the other as well, from then on until both end."""
+
+
+def describe_straying(
+    found: Straying, joints: Sequence[str], along: float, *, is_on_time: bool
+) -> Refusal:
+    """What shows that the arm does not follow a plan, in words; arguments as of `find_straying`."""
     when = f"when it begins, {-along:.3g} s on," if along < 0.0 else f"{along:.3g} s into the plan"
     if found.kind == PLACE:
         what = f"at {found.found:.6g} {when} where the plan has it at {found.expected:.6g}"
     else:
         some = "" if is_on_time else " or less"
         what = f"at velocity {found.found:.4g} {when} where the plan has {found.expected:.4g}{some}"
-    return Refusal(robot.joints[found.joint], f"{what}, expected within {found.allowed:.3g}")
+    return Refusal(joints[found.joint], f"{what}, expected within {found.allowed:.3g}")
 
 
 @kernel
@@ -222,8 +295,12 @@ def _fill_difference(
 @kernel
 def _find_gap(
     before: CheckedPlan, after: CheckedPlan, share: float, first: float, last: float
-) -> Gap:
-    """Where two plans differ by more than a share, in [0, 1], of what the arm may be off either."""
+) -> tuple[int, int, float, float, float]:
+    """Where two plans differ by more than a share, in [0, 1], of what the arm may be off either.
+
+    Returns:
+        The fields of a `Gap`.
+    """
     knots = _find_knots(before, after, first, last)
     count, joints = knots.shape[0], before.deviation.shape[0]
     apart, pace = np.empty((count, joints)), np.empty((count, joints))
@@ -238,7 +315,7 @@ def _find_gap(
         allowed = share * min(before.deviation[j], after.deviation[j])
         if not (-low[j] <= allowed + LIMIT_SLACK and high[j] <= allowed + LIMIT_SLACK):
             when = knots[_find_largest(apart, j)]
-            return Gap(PLACE, j, max(-low[j], high[j]), allowed, when)
+            return PLACE, j, max(-low[j], high[j]), allowed, when
     for j in range(joints):
         # However long either is followed.
         allowed = min(
@@ -249,8 +326,8 @@ def _find_gap(
         )
         largest = _find_largest(pace, j)
         if not abs(pace[largest, j]) <= allowed + LIMIT_SLACK:
-            return Gap(PACE, j, abs(pace[largest, j]), allowed, knots[largest])
-    return Gap(FOLLOWED, -1, 0.0, 0.0, 0.0)
+            return PACE, j, abs(pace[largest, j]), allowed, knots[largest]
+    return FOLLOWED, -1, 0.0, 0.0, 0.0
 
 
 @kernel
@@ -261,32 +338,6 @@ def _find_largest(values: FloatArray, j: int) -> int:
         if not abs(values[k, j]) <= abs(values[largest, j]):
             largest = k
     return largest
-
-
-def find_disagreement(
-    before: CheckedPlan,
-    after: CheckedPlan,
-    robot: Robot,
-    first: float,
-    last: float,
-) -> Refusal | None:
-    """Where two plans differ by more than the arm may be off either; None if nowhere.
-
-    Args:
-        before: A plan that the arm may be following.
-        after: The one that is to take its place.
-        robot: Whose joints these are.
-        first: From when on they must agree, in [s].
-        last: Until when, in [s], >= first.
-    """
-    gap: Gap = _find_gap(before, after, 1.0, float(first), float(last))
-    if gap.kind == FOLLOWED:
-        return None
-    return Refusal(
-        robot.joints[gap.joint],
-        f"{'goes ' if gap.kind == PACE else ''}off the committed piece by {gap.found:.4g} at "
-        f"{gap.when:.6g} s, expected within {gap.allowed:.3g} from {first:.6g} s to {last:.6g} s",
-    )
 
 
 @kernel
@@ -315,4 +366,12 @@ def is_covered(before: CheckedPlan, after: CheckedPlan, first: float) -> bool:
         if not abs(place[j]) <= LIMIT_SLACK:
             return False
     # Compared as if neither might be left by more than a slack.
-    return _find_gap(before, after, 0.0, first, last).kind == FOLLOWED
+    return _find_gap(before, after, 0.0, first, last)[0] == FOLLOWED
+
+
+@kernel
+def _compare(
+    before: CheckedPlan, after: CheckedPlan, first: float, last: float
+) -> tuple[tuple[int, int, float, float, float], bool]:
+    """Where two plans do not agree from `first` to `last`, and `is_covered` from `first` on."""
+    return _find_gap(before, after, 1.0, first, last), is_covered(before, after, first)

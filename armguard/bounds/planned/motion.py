@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,28 +18,21 @@ import pinocchio
 
 from armguard.bounds.limits import read_limits
 from armguard.bounds.model import check_duration, check_question, read_only
-from armguard.bounds.planned.check import check_path_stop, check_plan, check_stop
-from armguard.bounds.planned.contact import PlannedContact, find_planned_contact
+from armguard.bounds.planned.check import PlanCheck, StopCheck, check_path_stop
+from armguard.bounds.planned.contact import PlannedContact, Surroundings, find_planned_contact
 from armguard.bounds.planned.course import ArmShape, PlannedCourse, deviation_along
 from armguard.bounds.planned.curve import evaluate_curve
-from armguard.bounds.planned.following import find_disagreement, is_covered
-from armguard.bounds.planned.placing import enclose, make_chain, place_all
-from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
-from armguard.bounds.planned.slabs import (
-    JointSlabs,
-    PathClock,
-    find_rest,
-    find_settling,
-    make_left_piece_slabs,
-    make_piece_slabs,
-    make_stop_slabs,
-)
+from armguard.bounds.planned.following import Following
+from armguard.bounds.planned.placing import PlacedArm, check_chain, make_chain, place_all
+from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal, is_plain
+from armguard.bounds.planned.slabs import JointSlabs, PathClock, SlabMaker
 from armguard.bounds.planned.stop import append_stop, bound_path_braking
 from armguard.bounds.sums import compute_levers, compute_sphere_levers
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
-from armguard.jit.handle import machine_code
-from armguard.obstacles.table import Marks, States, make_states
+from armguard.jit.handle import machine_code, pack
+from armguard.obstacles.obstacles import Obstacles
+from armguard.obstacles.table import Marks, States
 from armguard.robot.brakes import BrakeCurves, find_decelerations, find_gentlest_stop
 from armguard.robot.joints import is_prismatic
 from armguard.robot.kinematics import Kinematics
@@ -78,6 +72,8 @@ class PlannedMotion:
         self._robot = robot
         self._limits_in_force = read_limits(robot, in_force)
         self._limits = read_limits(robot)._replace(brakes=self._limits_in_force.brakes)
+        self._slabs = SlabMaker(self._limits)
+        self._slabs_in_force = SlabMaker(self._limits_in_force)
         self._kinematics = Kinematics(robot, base_placement)
         spheres = self._kinematics.spheres
         numbers = [robot.model.getJointId(joint) for joint in robot.joints]
@@ -88,15 +84,17 @@ class PlannedMotion:
             root=spheres.root,
             lever=compute_sphere_levers(robot) if lever is None else read_only(lever),
             turning=np.array([not is_prismatic(robot.model, number) for number in numbers]),
+            carrier=np.array(spheres.joint),
+            local=np.array(spheres.local),
             stack=np.zeros(len(spheres), dtype=np.int64),
         )
         self._still = np.zeros(len(robot.joints))
-        self._chain = make_chain(self._kinematics)
+        self._placed_arm = pack(PlacedArm(make_chain(self._kinematics), self._arm))
+        check_chain(self._placed_arm, self._kinematics)
         # All that these are handed is made here, or by kernels.
         middle = np.zeros((1, len(robot.joints)))
-        self._place_all = machine_code(place_all, self._chain, middle)
-        centers, _ = self._place_all(self._chain, middle)
-        self._enclose = machine_code(enclose, self._arm, centers, middle)
+        self._place_all = machine_code(place_all, self._placed_arm, middle, middle)
+        self._surroundings: tuple[Surroundings | None, Any, Any] = None, None, None
         self._compile()
 
     def lay_out(self, plan: CheckedPlan, before: Sequence[CheckedPlan] = ()) -> PlannedCourse:
@@ -113,9 +111,8 @@ class PlannedMotion:
         Raises:
             ArmguardError: A plan was not checked, or for a robot with other joints.
         """
-        for one in (plan, *before):
-            self._check(one)
-        return self._place(plan.now, make_piece_slabs(plan, self._limits, before))
+        self._check(plan, before)
+        return self._place(plan.now, self._slabs.lay_piece(plan, before))
 
     def lay_out_left(
         self, plan: CheckedPlan, before: Sequence[CheckedPlan] = (), latency: float = 0.0
@@ -136,9 +133,8 @@ class PlannedMotion:
         Raises:
             ArmguardError: A plan was not checked, or for a robot with other joints.
         """
-        for one in (plan, *before):
-            self._check(one)
-        slabs = make_left_piece_slabs(plan, self._limits, before, latency)
+        self._check(plan, before)
+        slabs = self._slabs.lay_left_piece(plan, before, latency)
         return None if slabs is None else self._place(plan.now, slabs)
 
     def lay_out_stop(
@@ -164,7 +160,7 @@ class PlannedMotion:
         """
         self._check(plan)
         latest = check_duration("latest_bite", latest_bite)
-        slabs = make_stop_slabs(plan, self._limits_in_force, clock, latest, on_path=on_path)
+        slabs = self._slabs_in_force.lay_stop(plan, clock, latest, on_path=on_path)
         return None if slabs is None else self._place(plan.now, slabs)
 
     @property
@@ -186,14 +182,14 @@ class PlannedMotion:
         """
         self._check(plan)
         if stated is not None:
-            return stated, 1.0 / stated + find_settling(plan, self._limits, 0.0)
+            return stated, 1.0 / stated + self._slabs.find_settling(plan, 0.0)
         braking = find_decelerations(self._limits.brakes, plan.top_speed)
         slowing, _, _ = bound_path_braking(
             plan.times, plan.q, plan.v, braking, 0.0, float(plan.times[-1])
         )
         if not slowing > 0.0:
             return slowing, math.inf
-        return slowing, 1.0 / slowing + find_settling(plan, self._limits, 0.0)
+        return slowing, 1.0 / slowing + self._slabs.find_settling(plan, 0.0)
 
     def find_gain(self, speeds: FloatArray, delay: float) -> float:
         """How much sooner joints rest that stand still now than such as may be at full speed, [s].
@@ -206,23 +202,27 @@ class PlannedMotion:
         """
         limits = self._limits_in_force
         slower = limits.velocity_error + delay * limits.operating_acceleration
-        rest: float = find_rest(limits.brakes, speeds)
-        return rest - float(find_rest(limits.brakes, np.minimum(speeds, slower)))
+        find_rest = self._slabs_in_force.find_rest
+        return find_rest(speeds) - find_rest(np.minimum(speeds, slower))
 
-    def _check(self, plan: object) -> None:
+    def _check(self, plan: object, before: Sequence[CheckedPlan] = ()) -> None:
         joints = len(self._limits.lower)
-        if not (isinstance(plan, CheckedPlan) and plan.q.shape[1:] == (joints,)):
+        if not (isinstance(plan, CheckedPlan) and is_plain(plan, joints)):
+            other = " with other arrays" if isinstance(plan, CheckedPlan) else ""
             raise ArmguardError(
                 "plan",
-                f"is a {type(plan).__name__}",
+                f"is a {type(plan).__name__}{other}",
                 expected=f"what check_plan returns for a robot with {joints} joints",
             )
+        if plan.stamp > plan.now:
+            # Else nothing is read of those before.
+            for one in before:
+                self._check(one)
 
     def _place(self, epoch: float, slabs: JointSlabs) -> PlannedCourse:
         """The arm in the middle of each slab, and the balls around all that it sweeps."""
-        centers, jacobian = self._place_all(self._chain, slabs.middle)
-        block_balls, arm_ball = self._enclose(self._arm, centers, slabs.half)
-        return PlannedCourse(epoch, *slabs, centers, jacobian, block_balls, arm_ball)
+        placed = self._place_all(self._placed_arm, slabs.middle, slabs.half)
+        return PlannedCourse(epoch, *slabs, *placed)
 
     def contact_time(
         self,
@@ -248,11 +248,19 @@ class PlannedMotion:
             refused_bodies: Refused samples beside them, which may be true as well.
             marks: Which of those there are; where there is neither, the answer is 0.
         """
-        return PlannedContact(
-            *find_planned_contact(
-                pairs, now, margin, course, self._arm, bodies, refused_bodies, marks
-            )
-        )
+        pairs = np.ascontiguousarray(pairs, dtype=np.int64)
+        around, handle, find_contact = self._surroundings
+        if around is None or not (
+            around.bodies is bodies
+            and around.refused_bodies is refused_bodies
+            and around.marks is marks
+        ):
+            # Of a monitor these are the same arrays in every tick, but for a table that has grown.
+            around = Surroundings(self._arm, bodies, refused_bodies, marks)
+            handle = pack(around)
+            find_contact = machine_code(find_planned_contact, handle, course, pairs, now, margin)
+            self._surroundings = around, handle, find_contact
+        return PlannedContact(*find_contact(handle, course, pairs, now, margin))
 
     def advance(
         self,
@@ -299,7 +307,12 @@ class PlannedMotion:
             kinematics.compute(course.middle[slab], self._still)
             place = kinematics.data.oMi[joint].act(local)
             deviation = deviation_along(
-                *along, *place, course.jacobian[slab], course.half[slab], lever, self._arm.turning
+                (along[0], along[1], along[2]),
+                (place[0], place[1], place[2]),
+                course.jacobian[slab],
+                course.half[slab],
+                lever,
+                self._arm.turning,
             )
             largest = max(largest, float(along @ place) - origin + deviation)
         return largest
@@ -310,21 +323,20 @@ class PlannedMotion:
         q = np.clip(still, robot.lower_position_limit, robot.upper_position_limit)
         times, q = np.array([0.0, 1.0]), np.array([q, q])
         rest = Plan(0.0, times, q, np.zeros_like(q), np.ones(len(still)))
-        plan = check_plan(rest, robot, 0.0, q[0], still, 0.0)
+        plan = PlanCheck(robot).check(rest, 0.0, q[0], still, 0.0)
         if isinstance(plan, Refusal):
             raise ArmguardError(robot.name, f"cannot even rest: {plan}")
-        find_disagreement(plan, plan, robot, 0.0, 0.5)
-        is_covered(plan, plan, 0.0)
+        StopCheck(robot, self.brakes)
+        Following(robot)
         append_stop(rest, find_gentlest_stop(self.brakes, still), on_path=False)
         slowing, _ = self.find_path_stop(plan)
         for on_path in (False, True):
             clock = PathClock(0.0, 0.0, True, 0.0, slowing=slowing)
             self.lay_out_stop(plan, clock, 0.1, on_path=on_path)
-        check_stop(plan, robot, self.brakes)
         check_path_stop(plan, robot, self.brakes)
         self.lay_out(plan._replace(now=-0.1), [plan])
         course = self.lay_out(plan._replace(now=-0.1))
         self.lay_out_left(plan)
-        marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 4))
-        none = np.zeros(0, dtype=np.int64)
-        self.contact_time(course, none, 0.0, 0.0, make_states(0), make_states(0), marks)
+        table, none = Obstacles().table, np.zeros(0, dtype=np.int64)
+        states = table.accepted, table.refused_states, table.marks
+        self.contact_time(course, none, 0.0, 0.0, *states)

@@ -1,19 +1,20 @@
-"""The arm in many configurations at once: spheres, Jacobians, and the balls around what it sweeps.
+"""The arm in many configurations at once: joints, Jacobians, and the balls around what it sweeps.
 
 Pinocchio places one configuration a call, which costs more to call than to compute. A course has
 some fifty, so the chain of joints is laid out here once, as Pinocchio has it, and followed by
-compiled code. That it leads where Pinocchio's does is checked at construction.
+compiled code. That it leads where Pinocchio's does is checked at construction. Most spheres of most
+courses are never looked at, so where they are is found when they are (`course.find_center`).
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio
 
-from armguard.bounds.planned.course import BLOCK, ArmShape
+from armguard.bounds.planned.course import BLOCK, ArmShape, find_center
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.kernels import kernel, merged_kernel
@@ -40,22 +41,17 @@ class JointChain(NamedTuple):
     """About which it turns, or along which it slides; a unit vector. Shape (J, 3)."""
     slides: BoolArray
     """Whether it slides; else it turns. Shape (J,)."""
-    carrier: IntArray
-    """Joint that carries each sphere. Shape (n,)."""
-    local: FloatArray
-    """Sphere centres in that joint's frame, in [m]. Shape (n, 3)."""
-    world_rotation: FloatArray
-    """Room to work in. Shape (J, 3, 3)."""
-    world_translation: FloatArray
-    """Room to work in. Shape (J, 3)."""
+
+
+class PlacedArm(NamedTuple):
+    """What is placed: joints, and the spheres that they carry."""
+
+    chain: JointChain
+    arm: ArmShape
 
 
 def make_chain(kinematics: Kinematics) -> JointChain:
-    """The chain of an arm's joints.
-
-    Raises:
-        ArmguardError: The chain does not lead where Pinocchio's does.
-    """
+    """The chain of an arm's joints."""
     model = kinematics.model
     count = model.njoints
     axis, slides = np.zeros((count, 3)), np.zeros(count, dtype=np.bool_)
@@ -68,28 +64,32 @@ def make_chain(kinematics: Kinematics) -> JointChain:
         slides[joint] = bool(np.any(motion[:3]))
         axis[joint] = motion[:3] if slides[joint] else motion[3:]
         column[joint] = kind.idx_v
-    chain = JointChain(
+    return JointChain(
         parent=np.array([int(parent) for parent in model.parents], dtype=np.int64),
         column=column,
         rotation=np.array([place.rotation for place in model.jointPlacements]),
         translation=np.array([place.translation for place in model.jointPlacements]),
         axis=axis,
         slides=slides,
-        carrier=np.array(kinematics.spheres.joint),
-        local=np.array(kinematics.spheres.local),
-        world_rotation=np.zeros((count, 3, 3)),
-        world_translation=np.zeros((count, 3)),
     )
-    _check_chain(chain, kinematics)
-    return chain
 
 
-def _check_chain(chain: JointChain, kinematics: Kinematics) -> None:
+def check_chain(handle: Any, kinematics: Kinematics) -> None:
+    """Check that an arm is placed where Pinocchio has it.
+
+    Args:
+        handle: On its `PlacedArm`.
+        kinematics: Of the arm.
+
+    Raises:
+        ArmguardError: It is not.
+    """
     model = kinematics.model
     random = np.random.default_rng(0)
     for q in random.uniform(-1.0, 1.0, (3, model.nv)):
         kinematics.compute(q, np.zeros(model.nv))
-        centers, jacobian = place_all(chain, q[None])
+        placement, jacobian, _, _ = place_all(handle, q[None], np.zeros((1, model.nv)))
+        centers = place_spheres(handle, placement)
         off = max(
             float(np.abs(centers[0] - kinematics.centers).max(initial=0.0)),
             float(np.abs(jacobian[0] - kinematics.data.J.reshape(6, -1)).max(initial=0.0)),
@@ -103,28 +103,60 @@ def _check_chain(chain: JointChain, kinematics: Kinematics) -> None:
 
 
 @kernel
-def place_all(chain: JointChain, configurations: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Spheres and Jacobians of many configurations.
+def place_all(
+    handle: Any, middle: FloatArray, half: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Joints, Jacobians, and balls around what the arm sweeps, of all slabs of a course.
+
+    Args:
+        handle: On the `PlacedArm`.
+        middle: Joint positions, in [rad] or [m]. Shape (slabs, nv).
+        half: How far joints can be from there, in [rad] or [m]. Shape (slabs, nv).
+
+    Returns:
+        The fields of a `PlannedCourse` from `placement` on.
+    """
+    placement, jacobian = _place_joints(handle.content.chain, middle)
+    block_balls, arm_ball = _enclose(handle.content.arm, placement, half)
+    return placement, jacobian, block_balls, arm_ball
+
+
+@kernel
+def place_spheres(handle: Any, placement: FloatArray) -> FloatArray:
+    """Centres of all spheres in the world, in [m], (k, n, 3).
+
+    Args:
+        handle: On the `PlacedArm`.
+        placement: As in a `PlannedCourse`. Shape (k, J, 3, 4).
+    """
+    arm = handle.content.arm
+    centers = np.empty((placement.shape[0], arm.carrier.shape[0], 3))
+    for k in range(centers.shape[0]):
+        for node in range(centers.shape[1]):
+            x, y, z = find_center(arm, placement[k], node)
+            centers[k, node, 0], centers[k, node, 1], centers[k, node, 2] = x, y, z
+    return centers
+
+
+@kernel
+def _place_joints(chain: JointChain, configurations: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Placements of all joints, (k, J, 3, 4), and Pinocchio's `data.J`, (k, 6, nv).
 
     Args:
         chain: Of the arm's joints.
         configurations: Joint positions, in [rad] or [m]. Shape (k, nv).
-
-    Returns:
-        Sphere centres in the world, in [m], (k, n, 3), and Pinocchio's `data.J`, (k, 6, nv).
     """
     count, joints = configurations.shape
-    centers = np.empty((count, chain.carrier.shape[0], 3))
+    placement = np.empty((count, chain.parent.shape[0], 3, 4))
     jacobian = np.zeros((count, 6, joints))
-    world, origin = chain.world_rotation, chain.world_translation
-    for a in range(3):
-        origin[0, a] = 0.0
-        for b in range(3):
-            world[0, a, b] = 1.0 if a == b else 0.0
     turned = np.empty((3, 3))
-    for k in range(configurations.shape[0]):
+    for k in range(count):
+        world = placement[k]
+        for a in range(3):
+            for b in range(4):
+                world[0, a, b] = 1.0 if a == b else 0.0
         for i in range(1, chain.parent.shape[0]):
-            _place_joint(chain, i, configurations[k, chain.column[i]], turned)
+            _place_joint(chain, i, configurations[k, chain.column[i]], world, turned)
             # Its column: the motion that it gives whatever is at the world's origin.
             x, y, z = chain.axis[i, 0], chain.axis[i, 1], chain.axis[i, 2]
             ax = world[i, 0, 0] * x + world[i, 0, 1] * y + world[i, 0, 2] * z
@@ -134,32 +166,20 @@ def place_all(chain: JointChain, configurations: FloatArray) -> tuple[FloatArray
             if chain.slides[i]:
                 jacobian[k, 0, j], jacobian[k, 1, j], jacobian[k, 2, j] = ax, ay, az
             else:
-                px, py, pz = origin[i, 0], origin[i, 1], origin[i, 2]
+                px, py, pz = world[i, 0, 3], world[i, 1, 3], world[i, 2, 3]
                 jacobian[k, 0, j] = py * az - pz * ay
                 jacobian[k, 1, j] = pz * ax - px * az
                 jacobian[k, 2, j] = px * ay - py * ax
                 jacobian[k, 3, j], jacobian[k, 4, j], jacobian[k, 5, j] = ax, ay, az
-        carried = -1
-        for n in range(chain.carrier.shape[0]):
-            if chain.carrier[n] != carried:
-                # Mostly it is the joint of the sphere before.
-                carried = chain.carrier[n]
-                place = world[carried]
-                xx, xy, xz = place[0, 0], place[0, 1], place[0, 2]
-                yx, yy, yz = place[1, 0], place[1, 1], place[1, 2]
-                zx, zy, zz = place[2, 0], place[2, 1], place[2, 2]
-                ox, oy, oz = origin[carried, 0], origin[carried, 1], origin[carried, 2]
-            x, y, z = chain.local[n, 0], chain.local[n, 1], chain.local[n, 2]
-            centers[k, n, 0] = xx * x + xy * y + xz * z + ox
-            centers[k, n, 1] = yx * x + yy * y + yz * z + oy
-            centers[k, n, 2] = zx * x + zy * y + zz * z + oz
-    return centers, jacobian
+    return placement, jacobian
 
 
 @merged_kernel
-def _place_joint(chain: JointChain, i: int, position: float, turned: FloatArray) -> None:
+def _place_joint(
+    chain: JointChain, i: int, position: float, world: FloatArray, turned: FloatArray
+) -> None:
     """Place joint i in the world, its parent being placed; `turned`, (3, 3), is room to work in."""
-    world, origin, parent = chain.world_rotation, chain.world_translation, chain.parent[i]
+    parent = chain.parent[i]
     x, y, z = chain.axis[i, 0], chain.axis[i, 1], chain.axis[i, 2]
     sine, cosine, slid = 0.0, 1.0, 0.0
     if chain.slides[i]:
@@ -184,19 +204,21 @@ def _place_joint(chain: JointChain, i: int, position: float, turned: FloatArray)
         s0 = r0 * fixed[0, 0] + r1 * fixed[1, 0] + r2 * fixed[2, 0]
         s1 = r0 * fixed[0, 1] + r1 * fixed[1, 1] + r2 * fixed[2, 1]
         s2 = r0 * fixed[0, 2] + r1 * fixed[1, 2] + r2 * fixed[2, 2]
-        origin[i, a] = origin[parent, a] + r0 * place[0] + r1 * place[1] + r2 * place[2]
-        origin[i, a] += slid * (s0 * x + s1 * y + s2 * z)
+        world[i, a, 3] = world[parent, a, 3] + r0 * place[0] + r1 * place[1] + r2 * place[2]
+        world[i, a, 3] += slid * (s0 * x + s1 * y + s2 * z)
         for b in range(3):
             world[i, a, b] = s0 * turned[0, b] + s1 * turned[1, b] + s2 * turned[2, b]
 
 
 @kernel
-def enclose(arm: ArmShape, centers: FloatArray, half: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _enclose(
+    arm: ArmShape, placement: FloatArray, half: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Balls around what links sweep, and one around those.
 
     Args:
         arm: Its spheres.
-        centers: Of all of them in each slab of a course, in [m]. Shape (slabs, n, 3).
+        placement: Of its joints in each slab of a course. Shape (slabs, J, 3, 4).
         half: How far joints can be from there, in [rad] or [m]. Shape (slabs, nv).
 
     Returns:
@@ -207,15 +229,18 @@ def enclose(arm: ArmShape, centers: FloatArray, half: FloatArray) -> tuple[Float
     balls, ball = np.empty((blocks, arm.root.shape[0], 4)), np.empty(4)
     lowest, highest = np.full(3, np.inf), np.full(3, -np.inf)
     low, high = np.empty(3), np.empty(3)
+    centers = np.empty((BLOCK, 3))
     for block in range(balls.shape[0]):
         first, last = block * BLOCK, min((block + 1) * BLOCK, half.shape[0])
         for link in range(balls.shape[1]):
             root = arm.root[link]
             low[:], high[:] = np.inf, -np.inf
             for slab in range(first, last):
+                center = centers[slab - first]
+                center[0], center[1], center[2] = find_center(arm, placement[slab], root)
                 for a in range(3):
-                    low[a] = min(low[a], centers[slab, root, a])
-                    high[a] = max(high[a], centers[slab, root, a])
+                    low[a] = min(low[a], center[a])
+                    high[a] = max(high[a], center[a])
             for a in range(3):
                 balls[block, link, a] = 0.5 * (low[a] + high[a])
                 lowest[a], highest[a] = min(lowest[a], low[a]), max(highest[a], high[a])
@@ -223,7 +248,7 @@ def enclose(arm: ArmShape, centers: FloatArray, half: FloatArray) -> tuple[Float
             for slab in range(first, last):
                 square = reach = 0.0
                 for a in range(3):
-                    off = centers[slab, root, a] - balls[block, link, a]
+                    off = centers[slab - first, a] - balls[block, link, a]
                     square += off * off
                 for j in range(half.shape[1]):
                     reach += half[slab, j] * arm.lever[root, j]

@@ -5,6 +5,7 @@ A plan is either a piece that carries its own stop, or a whole trajectory; both 
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armguard.jit.arrays import FloatArray
+from armguard.jit.handle import machine_code
 from armguard.jit.kernels import kernel
 from armguard.robot.robot import Robot
 
@@ -21,6 +23,10 @@ MOST_SAMPLES = 20_000
 
 LONGEST = 1e6
 """Nor is what lasts longer, in [s]; times up to this are exact to a nanosecond."""
+
+
+NUMBER = np.dtype(np.float64)
+"""What arrays of plans hold in compiled code."""
 
 
 OPTIONAL = 3
@@ -54,7 +60,7 @@ class Plan(NamedTuple):
 class CheckedPlan(NamedTuple):
     """A plan that `check_plan` has found within limits and followed. It ends at rest.
 
-    Arrays are its own.
+    Arrays are its own, contiguous and of float64; those of its samples are read-only.
     """
 
     stamp: float
@@ -92,6 +98,22 @@ class CheckedPlan(NamedTuple):
     def end(self) -> float:
         """When the arm is at the last sample, in [s]."""
         return self.stamp + float(self.times[-1])
+
+
+def make_example() -> CheckedPlan:
+    """A plan of one joint, for the types that all plans have in compiled code."""
+    times, q, v, one = np.zeros(2), np.zeros((2, 1)), np.zeros((2, 1)), np.zeros(1)
+    for samples in (times, q, v):
+        samples.flags.writeable = False
+    return CheckedPlan(0.0, times, q, v, one, one, one, one, one, one, 0.0, 0.0, one, one)
+
+
+def is_plain(plan: CheckedPlan, joints: int) -> bool:
+    """Whether a plan has the types that all plans have in compiled code, and so many joints."""
+    for array in (*plan[1:10], *plan[12:]):
+        if not (type(array) is np.ndarray and array.dtype == NUMBER and array.flags.c_contiguous):
+            return False
+    return plan.q.shape[1:] == (joints,)
 
 
 class PlanLimits(NamedTuple):
@@ -161,15 +183,15 @@ def _copy_arrays(plan: Plan, joints: int) -> Plan | None:
     for array, shape in zip(given, shapes, strict=True):
         if array is None and len(copies) > OPTIONAL:
             copies.append(None)
-        elif type(array) is np.ndarray and array.dtype == np.float64 and array.shape == shape:
-            copy = np.array(array, order="C")
-            copy.flags.writeable = False
+        elif type(array) is np.ndarray and array.dtype == NUMBER and array.shape == shape:
+            copy = array.copy()
+            copy.setflags(write=False)
             copies.append(copy)
         else:
             return None
     times, q, v, error, speed_error, stop_error = copies
     # Those that are not stated are as good as the one that is.
-    if not _is_sound(
+    if not _find_sound_code()(
         float(stamp),
         times,
         q,
@@ -241,6 +263,13 @@ def _read_array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray | 
         return Refusal(name, "is not finite everywhere")
     array.flags.writeable = False
     return array
+
+
+@functools.cache
+def _find_sound_code() -> Any:
+    """What `_is_sound` runs for copies of arrays."""
+    times, q, v = make_example()[1:4]
+    return machine_code(_is_sound, 0.0, times, q, v, times, times, times)
 
 
 @kernel

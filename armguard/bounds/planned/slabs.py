@@ -25,12 +25,13 @@ from armguard.bounds.displacement import brake, fill_displacements, operating_ve
 from armguard.bounds.limits import JointLimits
 from armguard.bounds.planned.curve import curve_range, evaluate_curve, speed_range
 from armguard.bounds.planned.following import fill_deviation_speed
-from armguard.bounds.planned.plan import CheckedPlan
+from armguard.bounds.planned.plan import CheckedPlan, make_example
 from armguard.bounds.planned.stop import bound_path_braking
 from armguard.jit.arrays import FloatArray
+from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
-from armguard.robot.brakes import BrakeCurves, find_decelerations, find_stop, rest_time
+from armguard.robot.brakes import find_decelerations, find_stop, rest_time
 from armguard.robot.turns import nearest_turn
 
 SLAB = 5e-3
@@ -77,103 +78,138 @@ class PathClock(NamedTuple):
     """Whether the controller says so; else it is what brakes guarantee, more in some places."""
 
 
-def make_piece_slabs(
-    plan: CheckedPlan, limits: JointLimits, before: Sequence[CheckedPlan] = ()
-) -> JointSlabs:
-    """All slabs of a piece with its own stop, from when it was checked until the arm rests.
+class SlabMaker:
+    """Lays out slabs for the plans of one robot.
 
     Args:
-        plan: What the arm follows; it ends at rest.
-        limits: Of the robot that it was checked for.
-        before: What it may be following until the piece begins; none: joints are free until then.
+        limits: Of the robot that plans were checked for; what is shared of these may change.
     """
-    lead = plan.stamp - plan.now
-    slabs: JointSlabs = _lay_piece(plan, limits, lead, not before)
-    _wait(slabs, plan, limits, before, lead)
-    return slabs
 
+    def __init__(self, limits: JointLimits) -> None:
+        self._limits = handle = pack(limits)
+        plan, clock = make_example(), PathClock(0.0, 0.0, True, 0.0)
+        slabs = JointSlabs(*np.zeros((2, 1)), *np.zeros((2, 1, 1)))
+        # All that these are handed is an example's like, made here, or by kernels.
+        self._lay_piece = machine_code(_lay_piece, plan, handle, 0.0, True)
+        self._lay_leaving = machine_code(_lay_leaving, plan, handle, clock, 0.0, 0.0)
+        self._lay_path_stop = machine_code(_lay_path_stop, plan, handle, clock, 0.0)
+        self._include = machine_code(_include, slabs, plan, 0.0)
+        self._center = machine_code(_center, slabs, handle, 0, 0)
+        self._find_settling = machine_code(_find_settling, plan, handle, 0.0)
+        self._find_rest = machine_code(_find_rest, handle, np.zeros(1))
 
-def make_left_piece_slabs(
-    plan: CheckedPlan,
-    limits: JointLimits,
-    before: Sequence[CheckedPlan] = (),
-    latency: float = 0.0,
-) -> JointSlabs | None:
-    """The same of a piece that joints may leave, each at any moment, to brake by themselves.
+    def lay_piece(self, plan: CheckedPlan, before: Sequence[CheckedPlan] = ()) -> JointSlabs:
+        """All slabs of a piece with its own stop, from when it was checked until the arm rests.
 
-    An arm that leaves one of the pieces before, while it waits for this one to begin, is not in
-    these slabs: it is in those of that piece.
+        Args:
+            plan: What the arm follows; it ends at rest.
+            before: What it may be following until the piece begins; none: joints are free until
+                then.
+        """
+        lead = plan.stamp - plan.now
+        times, boxes = self._lay_piece(plan, self._limits, lead, not before)
+        slabs = JointSlabs(*times, *boxes)
+        self._wait(slabs, plan, before, lead)
+        return slabs
 
-    Args:
-        plan: What the arm follows; it ends at rest.
-        limits: Of the robot that it was checked for.
-        before: What it may be following until the piece begins.
-        latency: Until the arm follows it at the latest, in [s]: how fast joints can be off it
-            follows from how long they have been near it.
+    def lay_left_piece(
+        self, plan: CheckedPlan, before: Sequence[CheckedPlan] = (), latency: float = 0.0
+    ) -> JointSlabs | None:
+        """The same of a piece that joints may leave, each at any moment, to brake by themselves.
 
-    Returns:
-        None where a joint may be faster than its brakes are stated for, and where the piece is yet
-        to begin and joints are free until then: no brakes are known of those.
-    """
-    lead = plan.stamp - plan.now
-    if lead > 0.0 and not before:
-        return None
-    begin = max(-lead, 0.0)
-    age = max(lead, 0.0) + plan.now - plan.measured_stamp
-    clock = PathClock(begin - age, age, True, -float(latency))
-    # The last moment is when it rests at the end; from then on nothing is left to brake.
-    latest = max(float(plan.times[-1]) - begin, 0.0) + find_settling(plan, limits, math.inf)
-    is_braked, slabs = _lay_leaving(plan, limits, clock, latest, lead)
-    if not is_braked:
-        return None
-    _wait(slabs, plan, limits, before, lead)
-    found: JointSlabs = slabs
-    return found
+        An arm that leaves one of the pieces before, while it waits for this one to begin, is not in
+        these slabs: it is in those of that piece.
 
+        Args:
+            plan: What the arm follows; it ends at rest.
+            before: What it may be following until the piece begins.
+            latency: Until the arm follows it at the latest, in [s]: how fast joints can be off it
+                follows from how long they have been near it.
 
-def _wait(
-    slabs: JointSlabs,
-    plan: CheckedPlan,
-    limits: JointLimits,
-    before: Sequence[CheckedPlan],
-    lead: float,
-) -> None:
-    """Lay out the slabs until a piece begins of an arm that follows one of those before."""
-    if lead > 0.0 and before:
-        for one in before:
-            _include(slabs, one.times, one.q, one.v, one.deviation, plan.now - one.stamp)
-        _center(slabs, limits, 0, WAITING_SLABS)
+        Returns:
+            None where a joint may be faster than its brakes are stated for, and where the piece is
+            yet to begin and joints are free until then: no brakes are known of those.
+        """
+        lead = plan.stamp - plan.now
+        if lead > 0.0 and not before:
+            return None
+        begin = max(-lead, 0.0)
+        age = max(lead, 0.0) + plan.now - plan.measured_stamp
+        clock = PathClock(begin - age, age, True, -float(latency))
+        # The last moment is when it rests at the end; from then on nothing is left to brake.
+        latest = max(float(plan.times[-1]) - begin, 0.0) + self.find_settling(plan, math.inf)
+        is_braked, times, boxes = self._lay_leaving(plan, self._limits, clock, latest, lead)
+        if not is_braked:
+            return None
+        slabs = JointSlabs(*times, *boxes)
+        self._wait(slabs, plan, before, lead)
+        return slabs
 
+    def lay_stop(
+        self, plan: CheckedPlan, clock: PathClock, latest_bite: float, *, on_path: bool
+    ) -> JointSlabs | None:
+        """All slabs of an arm that follows a trajectory until its brakes bite, and then stops.
 
-def make_stop_slabs(
-    plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float, *, on_path: bool
-) -> JointSlabs | None:
-    """All slabs of an arm that follows a trajectory until its brakes bite, and then stops.
+        Args:
+            plan: What it follows; it ends at rest, and the arm stays there.
+            clock: Where on it the arm is.
+            latest_bite: Until when brakes bite, in [s] from now: at any time until then, and where
+                joints stop by themselves each at a time of its own.
+            on_path: Whether all joints stop together, on the path.
 
-    Args:
-        plan: What it follows; it ends at rest, and the arm stays there.
-        limits: Of the robot that it was checked for.
-        clock: Where on it the arm is.
-        latest_bite: Until when brakes bite, in [s] from now: at any time until then, and where
-            joints stop by themselves each at a time of its own.
-        on_path: Whether all joints stop together, on the path.
+        Returns:
+            None where a joint may be faster than its brakes are stated for, and where the arm is to
+            stop on the path, and brakes guarantee no such thing there.
+        """
+        if on_path:
+            laid = self._lay_path_stop(plan, self._limits, clock, latest_bite)
+        else:
+            laid = self._lay_leaving(plan, self._limits, clock, latest_bite, 0.0)
+        is_braked, times, boxes = laid
+        return JointSlabs(*times, *boxes) if is_braked else None
 
-    Returns:
-        None where a joint may be faster than its brakes are stated for, and where the arm is to
-        stop on the path, and brakes guarantee no such thing there.
-    """
-    if on_path:
-        is_braked, slabs = _lay_path_stop(plan, limits, clock, latest_bite)
-    else:
-        is_braked, slabs = _lay_leaving(plan, limits, clock, latest_bite, 0.0)
-    return slabs if is_braked else None
+    def find_settling(self, plan: CheckedPlan, followed: float) -> float:
+        """How long joints may still move about the place where they come to rest, in [s].
+
+        Args:
+            plan: What they follow.
+            followed: How long they have followed it by then, in [s].
+        """
+        lasting: float = self._find_settling(plan, self._limits, followed)
+        return lasting
+
+    def find_rest(self, pace: FloatArray) -> float:
+        """How long it takes until all joints surely rest, from speeds of at most `pace`, in [s].
+
+        Args:
+            pace: In [rad]/[s] or [m]/[s]. Shape (nv,), contiguous.
+        """
+        lasting: float = self._find_rest(self._limits, pace)
+        return lasting
+
+    def _wait(
+        self, slabs: JointSlabs, plan: CheckedPlan, before: Sequence[CheckedPlan], lead: float
+    ) -> None:
+        """Lay out the slabs until a piece begins of an arm that follows one of those before."""
+        if lead > 0.0 and before:
+            for one in before:
+                self._include(slabs, one, plan.now - one.stamp)
+            self._center(slabs, self._limits, 0, WAITING_SLABS)
 
 
 @kernel
-def _make_slabs(count: int, joints: int) -> JointSlabs:
-    """Room for slabs."""
-    shape = count, joints
-    return JointSlabs(np.empty(count), np.empty(count), np.empty(shape), np.empty(shape))
+def _make_room(count: int, joints: int) -> tuple[FloatArray, FloatArray]:
+    """Room for the times, (2, slabs), and the boxes of slabs, (2, slabs, nv).
+
+    Two arrays are handed over in half the time that four take.
+    """
+    return np.empty((2, count)), np.empty((2, count, joints))
+
+
+@kernel
+def _view(times: FloatArray, boxes: FloatArray) -> JointSlabs:
+    """The slabs that these are."""
+    return JointSlabs(times[0], times[1], boxes[0], boxes[1])
 
 
 @kernel
@@ -204,17 +240,20 @@ def _fill_times(slabs: JointSlabs, nodes: FloatArray, lead: float) -> int:
 
 
 @kernel
-def _lay_piece(plan: CheckedPlan, limits: JointLimits, lead: float, is_free: bool) -> JointSlabs:
+def _lay_piece(
+    plan: CheckedPlan, limits: JointLimits, lead: float, is_free: bool
+) -> tuple[FloatArray, FloatArray]:
     """The slabs of a piece; those until it begins only where joints are free until then."""
     joints = plan.deviation.shape[0]
     begin, last = max(-lead, 0.0), plan.times[-1]
     count = min(max(math.ceil((last - begin) / SLAB), 1), MOST_CURVE_SLABS)
     along, nodes = np.empty(count + 2), np.empty(count + 2)
     _divide(along, 0, count, begin, last)
-    along[count + 1] = last + find_settling(plan, limits, math.inf)
+    along[count + 1] = last + _find_settling(plan, limits, math.inf)
     for k in range(count + 2):
         nodes[k] = along[k] - begin
-    slabs = _make_slabs(count + 1 + (WAITING_SLABS if lead > 0.0 else 0), joints)
+    times, boxes = _make_room(count + 1 + (WAITING_SLABS if lead > 0.0 else 0), joints)
+    slabs = _view(times, boxes)
     waiting = _fill_times(slabs, nodes, lead)
     low, high = slabs.middle, slabs.half
     for k in range(waiting):
@@ -232,19 +271,13 @@ def _lay_piece(plan: CheckedPlan, limits: JointLimits, lead: float, is_free: boo
             low_on[j] -= plan.deviation[j]
             high_on[j] += plan.deviation[j]
     _center(slabs, limits, waiting, low.shape[0])
-    return slabs
+    return times, boxes
 
 
 @kernel
-def _include(
-    slabs: JointSlabs,
-    times: FloatArray,
-    q: FloatArray,
-    v: FloatArray,
-    deviation: FloatArray,
-    begun: float,
-) -> None:
-    """Widen the slabs of an arm that waits by where it is on a curve that began so long before."""
+def _include(slabs: JointSlabs, plan: CheckedPlan, begun: float) -> None:
+    """Widen the slabs of an arm that waits by where it is on a plan that began so long before."""
+    times, q, v, deviation = plan.times, plan.q, plan.v, plan.deviation
     low, high = np.empty_like(deviation), np.empty_like(deviation)
     for k in range(WAITING_SLABS):
         curve_range(times, q, v, slabs.start[k] + begun, slabs.end[k] + begun, low, high)
@@ -256,20 +289,21 @@ def _include(
 @kernel
 def _lay_path_stop(
     plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float
-) -> tuple[bool, JointSlabs]:
+) -> tuple[bool, FloatArray, FloatArray]:
     """The slabs of an arm that stops on its path, and whether it surely can."""
     joints = plan.deviation.shape[0]
     slowing = _find_slowing(plan, limits, clock, latest_bite)
     if not slowing > 0.0:
-        return False, _make_slabs(0, joints)
-    rest = clock.pace / slowing + find_settling(plan, limits, clock.followed)
+        return False, np.empty((2, 0)), np.empty((2, 0, joints))
+    rest = clock.pace / slowing + _find_settling(plan, limits, clock.followed)
     leaving = _count_leaving(latest_bite)
     count = leaving + (BRAKING_SLABS if rest > 0.0 else 0)
     nodes = np.empty(count + 1)
     _divide(nodes, 0, leaving, 0.0, latest_bite)
     if rest > 0.0:
         _divide_rest(nodes, leaving, latest_bite, rest)
-    slabs = _make_slabs(count, joints)
+    times, boxes = _make_room(count, joints)
+    slabs = _view(times, boxes)
     _fill_times(slabs, nodes, 0.0)
     first, last = _run_clock(clock, slowing, nodes, latest_bite)
     low, high = slabs.middle, slabs.half
@@ -279,7 +313,7 @@ def _lay_path_stop(
             low[k, j] -= plan.deviation[j]
             high[k, j] += plan.deviation[j]
     _center(slabs, limits, 0, count)
-    return True, slabs
+    return True, times, boxes
 
 
 @kernel
@@ -299,7 +333,7 @@ def _divide_rest(nodes: FloatArray, first: int, latest_bite: float, rest: float)
 @kernel
 def _lay_leaving(
     plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float, lead: float
-) -> tuple[bool, JointSlabs]:
+) -> tuple[bool, FloatArray, FloatArray]:
     """The slabs of joints that leave a plan each by itself, and whether brakes are stated for them.
 
     Where there is a lead, in [s], the slabs until it is over are left to be laid out.
@@ -329,7 +363,7 @@ def _lay_leaving(
         for k in range(leaving):
             pace = min(max(-slowest[k, j], fastest[k, j]), top[j])
             if not pace <= limits.brakes.speed[j, -1]:
-                return False, _make_slabs(0, joints)
+                return False, np.empty((2, 0)), np.empty((2, 0, joints))
             lasting = rest_time(find_stop(limits.brakes, j, pace), pace)
             rest = max(rest, (nodes[k + 1] + lasting) * (1.0 + SUM_ROUNDING))
     _divide_rest(nodes, leaving, latest_bite, max(rest - latest_bite, 1e-6))
@@ -352,14 +386,15 @@ def _lay_leaving(
             if low <= high:
                 low_on[k, j], high_on[k, j] = low, high
     count = leaving + BRAKING_SLABS
-    slabs = _make_slabs(count + (WAITING_SLABS if lead > 0.0 else 0), joints)
+    times, boxes = _make_room(count + (WAITING_SLABS if lead > 0.0 else 0), joints)
+    slabs = _view(times, boxes)
     waiting = _fill_times(slabs, nodes, lead)
     for k in range(waiting):
         slabs.middle[k, :], slabs.half[k, :] = math.inf, -math.inf
     left = JointSlabs(nodes[:-1], nodes[1:], slabs.middle[waiting:], slabs.half[waiting:])
     _brake_all(left, low_on, high_on, slowest, fastest, top, limits)
     _center(slabs, limits, waiting, waiting + count)
-    return True, slabs
+    return True, times, boxes
 
 
 @kernel
@@ -403,29 +438,23 @@ def _brake_all(
 
 
 @kernel
-def find_rest(brakes: BrakeCurves, pace: FloatArray) -> float:
+def _find_rest(limits: JointLimits, pace: FloatArray) -> float:
     """How long it takes until all joints surely rest, from speeds of at most `pace`; rounded up."""
     rest = 0.0
     for j in range(pace.shape[0]):
-        lasting = rest_time(find_stop(brakes, j, pace[j]), pace[j])
+        lasting = rest_time(find_stop(limits.brakes, j, pace[j]), pace[j])
         rest = max(rest, lasting * (1.0 + SUM_ROUNDING))
     return rest
 
 
 @kernel
-def find_settling(plan: CheckedPlan, limits: JointLimits, followed: float) -> float:
-    """How long joints may still move about the place where they come to rest, in [s].
-
-    Args:
-        plan: What they follow.
-        limits: Of the robot that it was checked for.
-        followed: How long they have followed it by then, in [s].
-    """
+def _find_settling(plan: CheckedPlan, limits: JointLimits, followed: float) -> float:
+    """How long joints may still move where they come to rest; see `SlabMaker.find_settling`."""
     pace = np.empty_like(plan.deviation)
     fill_deviation_speed(plan.deviation, plan.acceleration, plan.velocity_deviation, followed, pace)
     for j in range(pace.shape[0]):
         pace[j] = min(pace[j], limits.velocity[j] + limits.velocity_error[j])
-    return find_rest(limits.brakes, pace)
+    return _find_rest(limits, pace)
 
 
 @kernel

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from armguard.bounds import CheckedPlan, Plan, Refusal
-from armguard.bounds.planned.following import check_following
+from armguard.bounds.planned.following import Following
 from support.example_arms import load_holding
 from support.plan_cases import Waves, make_plan
 from support.short_plans import ERRORS, HOME, NOW, STILL, TIMES, check, moved, resting
@@ -27,10 +27,10 @@ def test_plans_within_limits_are_accepted_wherever_they_are_joined(name):
         checked = check(robot, plan, q=q, v=v, stamp=stamp)
         assert isinstance(checked, CheckedPlan), checked
         assert (checked.deviation >= errors + robot.position_error).all()
-        assert check_following(checked, robot, q, v, stamp) is None
+        assert Following(robot).check(checked, q, v, stamp) is None
         later = plan.stamp + random.uniform(0.0, 0.3)
         q, v = waves.position(later), waves.velocity(later)
-        assert check_following(checked, robot, q, v, later) is None
+        assert Following(robot).check(checked, q, v, later) is None
 
 
 def test_a_plan_keeps_its_own_copy(robot):
@@ -161,9 +161,9 @@ def test_positions_of_a_continuous_joint_are_whole_turns_nearest_to_the_joint_st
         for k in (5, 20):
             for more in (0, 3, -7):
                 later = checked.q[k] + np.eye(6)[0] * 2.0 * np.pi * more
-                assert check_following(checked, robot, later, v, NOW + TIMES[k]) is None
+                assert Following(robot).check(checked, later, v, NOW + TIMES[k]) is None
                 off = later + np.eye(6)[0] * 0.1
-                assert check_following(checked, robot, off, v, NOW + TIMES[k]) is not None
+                assert Following(robot).check(checked, off, v, NOW + TIMES[k]) is not None
 
 
 def test_a_step_that_could_be_more_than_half_a_turn_is_taken_as_it_was_written():

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from armguard.bounds import Plan, PlannedCourse, PlannedMotion, append_stop, check_plan
-from armguard.bounds.planned.contact import NONE, find_planned_contact
+from armguard.bounds.planned.contact import NONE, Surroundings, find_planned_contact
 from armguard.bounds.planned.course import ArmShape
+from armguard.jit.handle import pack
 from armguard.obstacles import Obstacles
 from support.example_arms import load_holding
-from support.plan_cases import all_pairs
+from support.plan_cases import all_pairs, place_course
 
 HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
 STILL = np.zeros(7)
@@ -57,13 +58,15 @@ def make_slide(along, center, radius, half):
 
     arm = ArmShape(
         frozen([radius]), frozen([-1]), frozen([0]), frozen([0]),
-        np.ones((1, 1)), np.array([False]), np.zeros(1, dtype=np.int64),
+        np.ones((1, 1)), np.array([False]), np.zeros(1, dtype=np.int64), np.zeros((1, 3)),
+        np.zeros(1, dtype=np.int64),
     )  # fmt: skip
     jacobian = np.append(along, np.zeros(3)).reshape(1, 6, 1)
     ball = np.append(center, radius + half)
     course = PlannedCourse(
         NOW, np.zeros(1), np.ones(1), np.zeros((1, 1)), np.full((1, 1), half),
-        center.reshape(1, 1, 3).copy(), jacobian, ball.reshape(1, 1, 4).copy(), ball,
+        np.column_stack([np.eye(3), center])[None, None],
+        jacobian, ball.reshape(1, 1, 4).copy(), ball,
     )  # fmt: skip
     return arm, course
 
@@ -91,10 +94,10 @@ def test_what_a_sphere_is_off_and_all_errors_count_in_full(share):
                     radius=parts["body"], position_error=parts["error"], accel=0.0, speed=0.0,
                 )  # fmt: skip
                 table = rest.table
+                around = Surroundings(arm, table.accepted, table.refused_states, table.marks)
                 time, *_ = find_planned_contact(
-                    all_pairs(rest, 1), NOW, parts["margin"], course, arm,
-                    table.accepted, table.refused_states, table.marks,
-                )  # fmt: skip
+                    pack(around), course, all_pairs(rest, 1), NOW, parts["margin"]
+                )
                 assert time == (np.inf if factor > 1.0 else 0.0)
 
 
@@ -112,7 +115,7 @@ def test_nobody_and_the_far_are_free(arm):
 
 def test_contact_now_names_who_touches(arm):
     robot, motion, course = arm
-    obstacles = crowd([[5.0, 0.0, 0.0], course.centers[0, -1]])
+    obstacles = crowd([[5.0, 0.0, 0.0], place_course(motion, course)[0, -1]])
     found = ask(arm, obstacles)
     assert found.time == 0.0
     row, link = divmod(found.pair, len(robot.links))
@@ -164,7 +167,7 @@ def test_whatever_lets_them_closer_is_never_later(arm):
 
 
 def test_a_refused_sample_may_be_as_true_as_the_track_it_left(arm):
-    near, far = arm[2].centers[0, -1] + [0.0, 0.0, 0.5], [9.0, 0.0, 0.0]
+    near, far = place_course(*arm[1:])[0, -1] + [0.0, 0.0, 0.5], [9.0, 0.0, 0.0]
     for first, second in ((near, far), (far, near)):
         obstacles = crowd(first)
         obstacles.update(["ball0"], NOW, [second], np.zeros((1, 3)), radius=0.1)
@@ -205,7 +208,7 @@ def test_what_stands_still_for_ever_does_not_age(arm):
     assert ask(arm, obstacles).time == np.inf
     assert ask(arm, obstacles, now=NOW + 0.1).time == np.inf
     in_the_way = Obstacles()
-    path = arm[2].centers[:, -1]
+    path = place_course(*arm[1:])[:, -1]
     ahead = (path[39] - path[0]) / np.linalg.norm(path[39] - path[0])
     in_the_way.add_static("post", path[39] + 0.06 * ahead, 0.01)
     assert 0.0 < ask(arm, in_the_way).time < 0.3

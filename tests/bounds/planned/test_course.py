@@ -37,7 +37,7 @@ def test_no_configuration_in_the_box_is_further_off(question, find):
         half = np.minimum(half, np.minimum(high - middle, middle - low))
         jacobian = np.ascontiguousarray(pinocchio.computeJointJacobians(model, data, middle))
         place, along = data.oMi[joint].act(points[row]), unit(random)
-        bound = find(*along, *place, jacobian, half, levers[row], turning)
+        bound = find(tuple(along), tuple(place), jacobian, half, levers[row], turning)
         assert bound <= levers[row] @ half * (1.0 + 1e-9) + 1e-9
         slope = along @ (jacobian[:3] + np.cross(jacobian[3:].T, place).T)
         signs = [np.sign(slope), -np.sign(slope), *random.choice([-1.0, 1.0], (20, len(half)))]
@@ -65,7 +65,7 @@ def test_to_third_order_the_bound_is_near_what_corners_of_the_box_reach(question
         for sign in signs:
             pinocchio.forwardKinematics(model, data, middle + sign * half)
             way = max(way, along @ (data.oMi[joint].act(points[row]) - place))
-        given = (*along, *place, jacobian, half, levers[row], turning)
+        given = (tuple(along), tuple(place), jacobian, half, levers[row], turning)
         off.append((deviation_along(*given) - way, close_deviation_along(*given) - way))
     far, close = np.mean(off, axis=0)
     assert 0.0 < close < 0.5 * far
@@ -79,8 +79,8 @@ def test_no_box_no_way_and_nonsense_has_no_bound(question, find):
     middle = configuration(robot, np.random.default_rng(1))
     jacobian = np.ascontiguousarray(pinocchio.computeJointJacobians(model, data, middle))
     place = data.oMi[robot.joint_index(robot.links[-1])].act(points[0])
-    still = find(0.0, 0.0, 1.0, *place, jacobian, nothing, levers[0], turning)
+    still = find((0.0, 0.0, 1.0), tuple(place), jacobian, nothing, levers[0], turning)
     assert 0.0 <= still < 1e-10
     lost = nothing + np.nan
-    off = find(0.0, 0.0, 1.0, *place, jacobian, lost, levers[0], turning)
+    off = find((0.0, 0.0, 1.0), tuple(place), jacobian, lost, levers[0], turning)
     assert not off < np.inf

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from armguard.bounds import CheckedPlan
-from armguard.bounds.planned.following import check_following, find_disagreement, is_covered
+from armguard.bounds.planned.following import Following, is_covered
 from support.example_arms import load_holding
 from support.plan_cases import Hermite
 from support.short_plans import HOME, NOW, STILL, TIMES, check, moved, resting
@@ -21,12 +21,12 @@ def make_read_only(array):
 def test_after_its_end_the_arm_stays_there(robot):
     checked = check(robot, resting())
     for later in (0.2, 0.201, 100.0):
-        assert check_following(checked, robot, HOME, STILL, NOW + later) is None
+        assert Following(robot).check(checked, HOME, STILL, NOW + later) is None
         off = HOME + np.eye(7)[6] * 0.01
-        assert check_following(checked, robot, off, STILL, NOW + later).subject == robot.joints[6]
+        assert Following(robot).check(checked, off, STILL, NOW + later).subject == robot.joints[6]
         moving = STILL + np.eye(7)[2] * 1.0
-        assert "at velocity" in check_following(checked, robot, HOME, moving, NOW + later).detail
-    assert check_following(checked, robot, HOME, STILL, np.nan) is not None
+        assert "at velocity" in Following(robot).check(checked, HOME, moving, NOW + later).detail
+    assert Following(robot).check(checked, HOME, STILL, np.nan) is not None
 
 
 def test_stated_velocity_errors_are_tested(robot):
@@ -45,27 +45,27 @@ def test_a_clock_of_its_own_may_go_at_any_pace_up_to_the_whole(robot):
     for pace, is_fine in ((0.0, True), (0.5, True), (1.0, True), (1.2, False), (-0.2, False)):
         v = STILL.copy()
         v[0] = 0.5 * pace
-        found = check_following(checked, robot, place, v, NOW + 7.0, 0.1)
+        found = Following(robot).check(checked, place, v, NOW + 7.0, 0.1)
         assert (found is None) is is_fine
-    assert check_following(checked, robot, place, STILL, NOW, 0.2) is not None
+    assert Following(robot).check(checked, place, STILL, NOW, 0.2) is not None
 
 
 def test_plans_that_differ_are_told_apart_by_joint_amount_and_when(robot):
     one = check(robot, moved(0, 0.5 * TIMES, 0.5))
-    assert find_disagreement(one, one, robot, NOW, NOW + 0.5) is None
+    assert Following(robot).compare(one, one, NOW, NOW + 0.5).refusal is None
     other = one._replace(q=one.q + np.eye(7)[2] * 4e-3)
-    found = find_disagreement(one, other, robot, NOW, NOW + 0.1)
+    found = Following(robot).compare(one, other, NOW, NOW + 0.1).refusal
     assert found.subject == robot.joints[2]
     assert "by 0.004 at" in found.detail
     # From some time on only.
     late = one.q.copy()
     late[15:, 4] += 5e-3
     other = one._replace(q=late)
-    assert find_disagreement(one, other, robot, NOW, NOW + 0.13) is None
-    assert find_disagreement(one, other, robot, NOW, NOW + 0.16).subject == robot.joints[4]
+    assert Following(robot).compare(one, other, NOW, NOW + 0.13).refusal is None
+    assert Following(robot).compare(one, other, NOW, NOW + 0.16).refusal.subject == robot.joints[4]
     stated = one._replace(velocity_deviation=np.full(7, 0.02))
     faster = stated._replace(v=stated.v + np.eye(7)[1] * 0.1)
-    found = find_disagreement(stated, faster, robot, NOW, NOW)
+    found = Following(robot).compare(stated, faster, NOW, NOW).refusal
     assert found.subject == robot.joints[1]
     assert found.detail.startswith("goes off the committed piece by 0.1")
 
@@ -105,7 +105,7 @@ def test_plans_of_other_samples_differ_as_much_as_dense_samples_of_them_do(robot
             for order in range(2)
         )  # fmt: skip
         apart = np.abs(places[0] - places[1]).max(axis=0)
-        found = find_disagreement(one, other, robot, first, last)
+        found = Following(robot).compare(one, other, first, last).refusal
         allowed = checked.deviation
         if found is None:
             assert (apart <= allowed + 1e-6).all()

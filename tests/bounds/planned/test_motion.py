@@ -20,7 +20,7 @@ from armguard.robot.operating_limits import LimitsInForce
 from support.example_arms import load_holding
 from support.hostile_joints import STEP
 from support.motion_questions import HAND_POINT, unit
-from support.plan_cases import Attack, Follower, Skin, Waves, all_pairs, make_plan
+from support.plan_cases import Attack, Follower, Skin, Waves, all_pairs, make_plan, place_course
 
 BITE = 0.05
 
@@ -110,7 +110,9 @@ def test_under_a_plan_contact_is_later_than_under_joint_bounds(robot, motion):
         jacobian = pinocchio.computeJointJacobians(robot.model, data, q)
         table = joint.tabulate(q, v, 0.0)
         # Beside the hand, closer than joint bounds can spare for as long as the plan takes.
-        place = course.centers[0, motion._arm.root[-3]] + unit(random) * random.uniform(0.5, 1.2)
+        place = place_course(motion, course)[0, motion._arm.root[-3]] + unit(
+            random
+        ) * random.uniform(0.5, 1.2)
         obstacles = Obstacles()
         obstacles.update(["ball"], 0.0, [place], np.zeros((1, 3)), radius=0.1)
         body, row = obstacles.table.accepted, int(np.flatnonzero(obstacles.table.alive)[0])
@@ -158,10 +160,11 @@ def test_a_moved_base_moves_everything(robot, motion):
     for _ in range(10):
         _, _, checked, course = lay_out(robot, motion, random)
         there = moved.lay_out(checked)
-        assert there.centers[5] == pytest.approx(
-            np.array([place.act(p) for p in course.centers[5]]), abs=1e-9
+        centers = place_course(motion, course)
+        assert place_course(moved, there)[5] == pytest.approx(
+            np.array([place.act(p) for p in centers[5]]), abs=1e-9
         )
-        point = course.centers[0, 30] + unit(random) * random.uniform(0.3, 0.8)
+        point = centers[0, 30] + unit(random) * random.uniform(0.3, 0.8)
         times = []
         for where, model, path in ((point, motion, course), (place.act(point), moved, there)):
             obstacles = Obstacles()
@@ -175,6 +178,11 @@ def test_what_was_not_checked_for_this_robot_is_refused(robot, motion):
     for wrong in (plan, None, checked._replace(q=checked.q[:, :6])):
         with pytest.raises(ArmguardError, match="check_plan"):
             motion.lay_out(wrong)
+    q = checked.measured_q
+    for wrong in (q.astype(np.float32), np.repeat(q, 2)[::2], list(q)):
+        # Compiled code would read other numbers from these.
+        with pytest.raises(ArmguardError, match="with other arrays; expected what check_plan"):
+            motion.lay_out(checked._replace(measured_q=wrong))
     with pytest.raises(ArmguardError, match="direction"):
         motion.advance(course, checked, "panda_hand", HAND_POINT, [0.0, 0.0, 2.0], 0.1)
     with pytest.raises(ArmguardError, match="t: "):

@@ -5,8 +5,15 @@ import pinocchio
 import pytest
 
 from armguard.bounds.planned.course import BLOCK, ArmShape
-from armguard.bounds.planned.placing import enclose, make_chain, place_all
+from armguard.bounds.planned.placing import (
+    PlacedArm,
+    check_chain,
+    make_chain,
+    place_all,
+    place_spheres,
+)
 from armguard.exceptions import ArmguardError
+from armguard.jit.handle import pack
 from armguard.robot import Kinematics
 from support.example_arms import load_arm
 
@@ -19,36 +26,42 @@ def draw_configurations(robot, count, random):
     return random.uniform(lower, upper, (count, len(lower)))
 
 
+def pack_arm(robot, kinematics, random):
+    """Its spheres, with levers of any lengths, and a handle on what is placed."""
+    spheres = kinematics.spheres
+    arm = ArmShape(
+        spheres.radius, spheres.first_child, spheres.child_count, spheres.root,
+        random.uniform(0.0, 1.0, (len(spheres), len(robot.joints))),
+        np.ones(len(robot.joints), dtype=bool), np.array(spheres.joint), np.array(spheres.local),
+        np.zeros(len(spheres), dtype=np.int64),
+    )  # fmt: skip
+    return arm, pack(PlacedArm(make_chain(kinematics), arm))
+
+
 @pytest.mark.parametrize("name", ["panda", "tiago", "ur5"])
 @pytest.mark.parametrize("base", [None, ASIDE], ids=["origin", "aside"])
 def test_places_are_those_of_pinocchio(name, base):
     robot, random = load_arm(name), np.random.default_rng(0)
     kinematics = Kinematics(robot, base)
     configurations = draw_configurations(robot, 20, random)
-    centers, jacobian = place_all(make_chain(kinematics), configurations)
+    _, handle = pack_arm(robot, kinematics, random)
+    placement, jacobian, _, _ = place_all(handle, configurations, np.zeros_like(configurations))
+    centers = place_spheres(handle, placement)
     for k, q in enumerate(configurations):
         kinematics.compute(q, np.zeros(len(q)))
         np.testing.assert_allclose(centers[k], kinematics.centers, rtol=0.0, atol=1e-13)
         np.testing.assert_allclose(jacobian[k], kinematics.data.J, rtol=0.0, atol=1e-13)
 
 
-def shape_of(robot, kinematics, random):
-    spheres = kinematics.spheres
-    return ArmShape(
-        spheres.radius, spheres.first_child, spheres.child_count, spheres.root,
-        random.uniform(0.0, 1.0, (len(spheres), len(robot.joints))),
-        np.ones(len(robot.joints), dtype=bool), np.zeros(len(spheres), dtype=np.int64),
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("slabs", [1, BLOCK, 3 * BLOCK + 5])
 def test_balls_contain_what_they_are_around(slabs):
     robot, random = load_arm("panda"), np.random.default_rng(slabs)
     kinematics = Kinematics(robot)
-    arm = shape_of(robot, kinematics, random)
-    centers, _ = place_all(make_chain(kinematics), draw_configurations(robot, slabs, random))
+    arm, handle = pack_arm(robot, kinematics, random)
+    configurations = draw_configurations(robot, slabs, random)
     half = random.uniform(0.0, 0.1, (slabs, len(robot.joints)))
-    balls, ball = enclose(arm, centers, half)
+    placement, _, balls, ball = place_all(handle, configurations, half)
+    centers = place_spheres(handle, placement)
     assert balls.shape == (-(-slabs // BLOCK), len(arm.root), 4)
     for slab in range(slabs):
         reach = arm.lever[arm.root] @ half[slab] + arm.radius[arm.root]
@@ -62,11 +75,11 @@ def test_balls_contain_what_they_are_around(slabs):
 def test_what_is_not_finite_is_anywhere():
     robot, random = load_arm("panda"), np.random.default_rng(0)
     kinematics = Kinematics(robot)
-    arm = shape_of(robot, kinematics, random)
+    arm, handle = pack_arm(robot, kinematics, random)
     configurations = draw_configurations(robot, 2 * BLOCK, random)
     configurations[3, 2] = np.nan
-    centers, _ = place_all(make_chain(kinematics), configurations)
-    balls, ball = enclose(arm, centers, np.zeros_like(configurations))
+    placement, _, balls, ball = place_all(handle, configurations, np.zeros_like(configurations))
+    centers = place_spheres(handle, placement)
     moved = np.isnan(centers[3, arm.root]).any(axis=1)
     assert moved.any()
     assert not (balls[0, moved, 3] < np.inf).any()
@@ -75,7 +88,9 @@ def test_what_is_not_finite_is_anywhere():
 
 
 def test_a_chain_that_leads_elsewhere_is_refused(monkeypatch):
-    kinematics = Kinematics(load_arm("panda"))
+    robot = load_arm("panda")
+    kinematics = Kinematics(robot)
+    _, handle = pack_arm(robot, kinematics, np.random.default_rng(0))
     monkeypatch.setattr("armguard.bounds.planned.placing.AGREES", 0.0)
     with pytest.raises(ArmguardError, match="pinocchio has them"):
-        make_chain(kinematics)
+        check_chain(handle, kinematics)

@@ -11,11 +11,7 @@ import pytest
 
 from armguard.bounds import CheckedPlan, PathClock, Plan, append_stop, check_plan
 from armguard.bounds.limits import read_limits
-from armguard.bounds.planned.slabs import (
-    make_left_piece_slabs,
-    make_piece_slabs,
-    make_stop_slabs,
-)
+from armguard.bounds.planned.slabs import SlabMaker
 from armguard.bounds.planned.stop import bound_path_braking
 from support.example_arms import load_holding
 from support.hostile_joints import STEP
@@ -77,14 +73,14 @@ def find_most(slabs, time, q, until):
 
 
 def test_joints_stay_in_the_slabs_of_their_piece_until_they_rest(robot):
-    random, limits, most = np.random.default_rng(1), read_limits(robot), []
+    random, maker, most = np.random.default_rng(1), SlabMaker(read_limits(robot)), []
     for _ in range(20 * MORE):
         waves, plan = draw_plan(robot, random)
         now = STEP * random.integers(-30, 40)
         follower = Follower(robot, waves, plan, random, 30, now - 0.01, max(now, 0.0))
         step = follower.index(now)
         state = {"q": follower.q[step, 0], "v": follower.v[step, 0]} if now < 0.0 else {}
-        slabs = make_piece_slabs(check(robot, plan, now, **state), limits)
+        slabs = maker.lay_piece(check(robot, plan, now, **state))
         # Before the piece begins joints are free; there are slabs for the one that was measured.
         arms = 30 if now >= 0.0 else 1
         assert slabs.end[-1] >= plan.times[-1] - now
@@ -96,7 +92,7 @@ def test_joints_stay_in_the_slabs_of_their_piece_until_they_rest(robot):
 
 
 def test_until_a_piece_begins_joints_are_on_those_before(robot):
-    random, limits = np.random.default_rng(2), read_limits(robot)
+    random, maker = np.random.default_rng(2), SlabMaker(read_limits(robot))
     for _ in range(20):
         waves, plan = draw_plan(robot, random)
         _, first = draw_plan(robot, random)
@@ -105,8 +101,8 @@ def test_until_a_piece_begins_joints_are_on_those_before(robot):
             make_plan(robot, waves, -0.05, np.linspace(0, 0.2, 41), first.tracking_error),
             now=-0.03,
         )
-        slabs = make_piece_slabs(
-            check(robot, plan, -0.03, waves.position(-0.03), waves.velocity(-0.03)), limits, [first]
+        slabs = maker.lay_piece(
+            check(robot, plan, -0.03, waves.position(-0.03), waves.velocity(-0.03)), [first]
         )
         before = slabs.end <= 0.03 + 1e-12
         middle = 0.5 * (slabs.start + slabs.end)[before] - 0.03
@@ -115,7 +111,7 @@ def test_until_a_piece_begins_joints_are_on_those_before(robot):
 
 
 def test_joints_that_leave_a_piece_when_they_like_stay_in_the_slabs(robot):
-    random, limits, most = np.random.default_rng(6), read_limits(robot), []
+    random, maker, most = np.random.default_rng(6), SlabMaker(read_limits(robot)), []
     for _ in range(20 * MORE):
         waves, plan = draw_plan(robot, random)
         now = STEP * random.integers(0, 40)
@@ -125,7 +121,7 @@ def test_joints_that_leave_a_piece_when_they_like_stay_in_the_slabs(robot):
         checked = check(robot, plan, now)
         for arm in range(30):
             measured = measure(checked, robot, random, follower.q[seen, arm], follower.v[seen, arm])
-            slabs = make_left_piece_slabs(measured, limits)
+            slabs = maker.lay_left_piece(measured)
             assert slabs.end[-1] + STEP >= follower.resting[arm] - now
             time = follower.time - now
             most.append(find_most(slabs, time, follower.q[:, arm], slabs.end[-1]))
@@ -135,15 +131,15 @@ def test_joints_that_leave_a_piece_when_they_like_stay_in_the_slabs(robot):
 
 def test_an_arm_that_leaves_while_it_waits_is_on_the_piece_before():
     robot, random = load_holding("panda"), np.random.default_rng(7)
-    limits = read_limits(robot)
+    maker = SlabMaker(read_limits(robot))
     waves, plan = draw_plan(robot, random)
     times = np.linspace(0.0, 0.2, 41)
     first = check(robot, make_plan(robot, waves, -0.05, times, plan.tracking_error), now=-0.03)
     later = check(robot, plan, -0.03, waves.position(-0.03), waves.velocity(-0.03))
-    assert make_left_piece_slabs(later, limits) is None, "joints are free until it begins"
-    waiting = make_left_piece_slabs(later, limits, [first])
+    assert maker.lay_left_piece(later) is None, "joints are free until it begins"
+    waiting = maker.lay_left_piece(later, [first])
     begun = waiting.start >= 0.03 - 1e-12
-    kept = make_piece_slabs(later, limits, [first])
+    kept = maker.lay_piece(later, [first])
     for slabs in (waiting, kept):
         assert slabs.start[0] == 0.0
         assert np.array_equal(slabs.start[1:], slabs.end[:-1])
@@ -167,6 +163,7 @@ def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders, pace
     """Until they brake they may keep to a share of their acceleration limits."""
     random, limits, most = np.random.default_rng(3), read_limits(robot), []
     limits = limits._replace(operating_acceleration=share * robot.acceleration_limit)
+    maker = SlabMaker(limits)
     working = copy.copy(robot)
     working.acceleration_limit = limits.operating_acceleration
     for _ in range(15 * MORE):
@@ -186,7 +183,7 @@ def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders, pace
         for arm in range(30):
             measured = measure(checked, robot, random, follower.q[seen, arm], follower.v[seen, arm])
             clock = PathClock(follower.along[seen, arm], age, not wanders, 0.0, pace)
-            slabs = make_stop_slabs(measured, limits, clock, BITE, on_path=False)
+            slabs = maker.lay_stop(measured, clock, BITE, on_path=False)
             assert slabs.end[-1] + STEP >= follower.resting[arm] - now
             time = follower.time - now
             most.append(find_most(slabs, time, follower.q[:, arm], slabs.end[-1]))
@@ -196,7 +193,7 @@ def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders, pace
 
 @pytest.mark.parametrize("wanders", [False, True])
 def test_an_arm_that_stops_on_its_path_stays_in_the_slabs(robot, wanders):
-    random, limits, most, stops = np.random.default_rng(4), read_limits(robot), [], 0
+    random, maker, most, stops = np.random.default_rng(4), SlabMaker(read_limits(robot)), [], 0
     for _ in range(25 * MORE):
         waves, plan = draw_plan(robot, random, speed=0.3, share=0.1)
         now = STEP * random.integers(40, 80)
@@ -220,7 +217,7 @@ def test_an_arm_that_stops_on_its_path_stays_in_the_slabs(robot, wanders):
                 follower.along[seen, arm], now - follower.time[seen], not wanders, 0.0,
                 slowing=slowing,
             )  # fmt: skip
-            slabs = make_stop_slabs(checked, limits, clock, BITE, on_path=True)
+            slabs = maker.lay_stop(checked, clock, BITE, on_path=True)
             rest = min(follower.resting[arm] - now, follower.time[-1] - now)
             assert slabs.end[-1] + STEP >= rest
             most.append(find_most(slabs, follower.time - now, follower.q[:, arm], rest))
@@ -234,7 +231,7 @@ def lay_out_stop(robot, plan, clock=None, bite=BITE, *, on_path=False, v=None):
     curve = Hermite(plan.times, plan.q, plan.v)
     measured = curve(clock.at), curve(clock.at, 1) if v is None else v
     checked = check(robot, plan, 0.05)._replace(measured_q=measured[0], measured_v=measured[1])
-    return make_stop_slabs(checked, read_limits(robot), clock, bite, on_path=on_path)
+    return SlabMaker(read_limits(robot)).lay_stop(checked, clock, bite, on_path=on_path)
 
 
 def find_extent(slabs):
@@ -301,7 +298,7 @@ def test_slabs_on_the_curve_are_as_wide_as_the_motion_and_the_deviation():
     waves = Waves(robot, np.random.default_rng(2), 0.3)
     plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 0.2, 41), np.full(7, 2e-3))
     checked = check(robot, plan)
-    slabs = make_piece_slabs(checked, read_limits(robot))
+    slabs = SlabMaker(read_limits(robot)).lay_piece(checked)
     for k in np.flatnonzero(slabs.end <= 0.2 + 1e-12):
         within = waves.position(np.linspace(slabs.start[k], slabs.end[k], 100))
         half = 0.5 * np.ptp(within, axis=0) + checked.deviation
@@ -312,7 +309,7 @@ def test_a_long_piece_gets_longer_slabs_but_no_gaps():
     robot = load_holding("panda")
     waves = Waves(robot, np.random.default_rng(3), 0.1)
     plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 30.0, 3001), np.full(7, 2e-3))
-    slabs = make_piece_slabs(check(robot, plan), read_limits(robot))
+    slabs = SlabMaker(read_limits(robot)).lay_piece(check(robot, plan))
     assert len(slabs.start) < 300
     assert np.array_equal(slabs.start[1:], slabs.end[:-1])
     assert slabs.end[-1] > 30.0
@@ -322,7 +319,7 @@ def test_what_is_over_is_left_out():
     robot = load_holding("panda")
     waves = Waves(robot, np.random.default_rng(4), 0.3)
     plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 0.2, 41), np.full(7, 2e-3))
-    slabs = make_piece_slabs(check(robot, plan, 0.08), read_limits(robot))
+    slabs = SlabMaker(read_limits(robot)).lay_piece(check(robot, plan, 0.08))
     assert slabs.start[0] == 0.0
     assert abs(slabs.middle[0] - waves.position(0.0825)).max() < 2e-3
 
@@ -332,12 +329,10 @@ def test_an_arm_at_rest_stays_where_it_is():
     q, still = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]), np.zeros(7)
     plan = Plan(0.0, [0.0, 0.5], [q, q], [still, still], np.full(7, 1e-3), np.full(7, 0.01))
     assert append_stop(plan, robot.braking_deceleration, on_path=True).times[-1] == 0.5
-    checked = check(robot, plan)
+    checked, maker = check(robot, plan), SlabMaker(read_limits(robot))
     for slabs in (
-        make_piece_slabs(checked, read_limits(robot)),
-        make_stop_slabs(
-            checked, read_limits(robot), PathClock(0.6, 0.0, False, 1.0), BITE, on_path=False
-        ),
+        maker.lay_piece(checked),
+        maker.lay_stop(checked, PathClock(0.6, 0.0, False, 1.0), BITE, on_path=False),
     ):
         assert slabs.middle == pytest.approx(np.tile(q, (len(slabs.middle), 1)), abs=1e-3)
         # Off it, and swinging about it, by no more than it may.
@@ -360,7 +355,7 @@ def test_a_clock_that_was_faster_until_now_got_as_far_as_it_was_measured_to_go()
     clock = PathClock(0.5, age, False, 1.0, pace, 0.0, False)
     limits = read_limits(robot)
     limits = limits._replace(operating_acceleration=0.1 * limits.acceleration)
-    slabs = make_stop_slabs(checked, limits, clock, 0.03, on_path=False)
+    slabs = SlabMaker(limits).lay_stop(checked, clock, 0.03, on_path=False)
     slowed = (1.0 - pace) * v[100, 0]
     lasting = slowed / robot.acceleration_limit[0]
     assert lasting < 2.0 * age

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from armguard.bounds import append_stop
-from armguard.bounds.planned.check import check_path_stop, check_stop
+from armguard.bounds.planned.check import StopCheck, check_path_stop
 from support.example_arms import load_holding
 from support.short_plans import HOME, TIMES, check, moved, resting
 
@@ -18,7 +18,7 @@ def test_a_stop_harder_than_brakes_guarantee_is_told(robot):
     for part, is_fine in ((0.5, True), (1.0, True), (1.01, False), (2.0, False)):
         stopped = append_stop(plan, part * braking, on_path=False)
         checked = check(robot, stopped, stops=False)
-        refusal = check_stop(checked, robot, robot.brakes.make_curves())
+        refusal = StopCheck(robot, robot.brakes.make_curves()).check(checked)
         assert (refusal is None) is is_fine
         if refusal is not None:
             assert refusal.subject == robot.joints[0]
@@ -29,9 +29,8 @@ def test_a_stop_harder_than_brakes_guarantee_is_told(robot):
             q=np.concatenate([stopped.q, stopped.q[-1:], stopped.q[-1:]]),
             v=np.concatenate([stopped.v, stopped.v[-1:], stopped.v[-1:]]),
         )
-        assert (
-            check_stop(check(robot, later, stops=False), robot, robot.brakes.make_curves()) is None
-        ) is is_fine
+        found = StopCheck(robot, robot.brakes.make_curves()).check(check(robot, later, stops=False))
+        assert (found is None) is is_fine
 
 
 def test_a_path_that_bends_more_than_brakes_guarantee_is_told(robot):
@@ -72,6 +71,6 @@ def test_an_appended_stop_goes_on_smoothly_and_no_harder_than_brakes(robot, on_p
             off = q[-1] - plan.q[-1]
             np.testing.assert_allclose(off, 0.5 * (times[-1] - TIMES[-1]) * pace, atol=1e-12)
         assert (
-            check_stop(check(robot, stopped, stops=False), robot, robot.brakes.make_curves())
+            StopCheck(robot, robot.brakes.make_curves()).check(check(robot, stopped, stops=False))
             is None
         )
