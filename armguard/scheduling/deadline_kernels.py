@@ -127,6 +127,9 @@ class StopQuestion(NamedTuple):
 
     stop_time: float
     """When the table of braking ends, in [s]."""
+    within: float
+    """What could be touched within this is asked about, in [s], at most `stop_time`: the rest is
+    surely out of the way until the arm rests that is told to stop by `until`, or a little later."""
     lasting: float
     """By how much later than in this tick the arm may be told to stop, as far as the table is
     concerned, in [s]; -1 if the table is of something else, and no proof of a STOP answers it."""
@@ -595,7 +598,7 @@ def find_unsafe(
 ) -> tuple[int, int, int, int]:
     """The first pair that might touch before the arm rests, by the scene's table of braking.
 
-    Only what could be touched within `stop_time` is evaluated. Where the budget is spent, the
+    Only what could be touched within some time is evaluated. Where the budget is spent, the
     obstacle at hand counts as unsafe. A pair of which the table does not prove that the arm rests
     is evaluated afresh, unless it was in this tick: its certificate may only have grown stale.
 
@@ -616,13 +619,13 @@ def find_unsafe(
     """
     scene, certificates = handle.content.scene, handle.content.certificates
     now, time, tick, arm_age, _ = moment
-    stop_time, lasting, until, pause, is_paced, since, last_offender, budget = question
+    stop_time, within, lasting, until, pause, is_paced, since, last_offender, budget = question
     proofs = certificates.proofs
     if certificates.numbers[PREPARED] != tick:
         prepare_arm(scene, handle.content.guard.q, handle.content.guard.v, arm_age)
         certificates.numbers[PREPARED] = tick
     latest = time + stop_time
-    count = find_below(certificates.expiry_tree, min(latest, LATEST), rows)
+    count = find_below(certificates.expiry_tree, min(time + within, LATEST), rows)
     # The last offender first: one unsafe pair is answer enough.
     links = certificates.watched.shape[1]
     offending_row, offending_link = last_offender // links, last_offender % links
