@@ -34,6 +34,10 @@ brake would make a promise that leaves no speed wherever a person is near (docs/
 PROVING = 10e-3
 """For how long the proof that a STOP is in time should last, [s]: longer is proved of less."""
 
+SHORT = 0.15
+"""Part of that time for which is proved what cannot be proved for all of it: a speed scale is as
+high as can be, so that for some obstacle there is hardly any time to spare."""
+
 
 def find_proving(response_time: float) -> float:
     """For how long a STOP is proved to be in time at once, in [s]; 0: for the tick at hand.
@@ -197,11 +201,12 @@ class StopDecision:
         known = scheduler.recall_stops(tick, stop_time, later, since)
         if known == PROVED:
             return True
-        if known == ASKABLE:
-            left, proving = self.left, self._proving
+        for part in (1.0, SHORT) if known == ASKABLE else (SHORT,):
+            left, proving = self.left, part * self._proving
             table = braking.tabulate(q, v, age, self.looks_ahead + proving, pace=scale)
+            pause = self._proving if part == 1.0 else 0.0
             if self._is_free(
-                tick, table, later + proving, later, stop_time, pause=proving, kept_since=since
+                tick, table, later + proving, later, stop_time, pause=pause, kept_since=since
             ):
                 return True
             self.left = left

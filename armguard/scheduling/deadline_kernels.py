@@ -103,6 +103,10 @@ others, so that they are not all to be renewed in one tick."""
 MOST_BATCHES = 4
 """By how many steps they end earlier at most, each an eighth of what proofs last."""
 
+AHEAD = 0.25
+"""Part of the time that proofs last, in which they are renewed ahead of their end along with
+others: each question needs a table, which takes as long as asking it of some rows."""
+
 MOST_DOUBTFUL = 2
 """Rows whose rest cannot be proved for longer than a tick, until no more of them are asked."""
 
@@ -635,12 +639,22 @@ def find_unsafe(
     evaluations = doubtful = 0
     first_row, first_link_of_row = NOBODY, NOBODY
     # Invariant: rows before the present one are out of the way of a stop, but for doubtful ones.
-    for i in range(count):
-        row = rows[i]
-        if lasting >= 0.0 and _is_proved(scene, certificates, is_paced, row, time + until, since):
-            continue
+    # What is proved, but not for much longer, follows in a second round: one table serves both.
+    told = time + until
+    for i in range(2 * count if lasting > 0.0 else count):
+        row, renews = rows[i % count], i >= count
         place = stop_place(row, is_paced)
-        if pause > 0.0 and proofs.retry_at[place] > time:
+        is_paused = proofs.retry_at[place] > time
+        is_proved = lasting >= 0.0 and _is_proved(scene, certificates, is_paced, row, told, since)
+        if renews:
+            ends_soon = proofs.until[place] - told < AHEAD * (lasting - until)
+            # By the question that proves as much of it as can be.
+            fits = is_paused != (pause > 0.0) and evaluations < BATCH
+            if not (is_proved and ends_soon and fits):
+                continue
+        elif is_proved:
+            continue
+        elif pause > 0.0 and is_paused:
             # It was asked in vain a moment ago.
             if first_row == NOBODY:
                 first_row = row
@@ -666,9 +680,12 @@ def find_unsafe(
                 if outlasts:
                     continue
             rests = False
-            doubtful += 1
             if answer == TOUCHES and pause > 0.0:
                 proofs.retry_at[place] = time + pause
+            if renews:
+                # What was proved of it stands.
+                break
+            doubtful += 1
             if first_row == NOBODY:
                 first_row, first_link_of_row = row, link
             if answer == UNDECIDED or not lasting > 0.0 or doubtful > MOST_DOUBTFUL:
