@@ -14,6 +14,7 @@ import numpy as np
 
 from armguard.bounds.braking import BrakingMotion
 from armguard.jit.arrays import FloatArray
+from armguard.jit.handle import machine_code
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING, TIME_ROUNDING
 from armguard.robot.brakes import find_stop, rest_time
@@ -31,6 +32,8 @@ class KeptSpeeds:
 
     def __init__(self) -> None:
         self._bound: FloatArray = np.zeros(0)
+        self._braking: BrakingMotion | None = None
+        self._compare: Any = None
         self.reset()
 
     def reset(self) -> None:
@@ -55,10 +58,14 @@ class KeptSpeeds:
             In [s] since the epoch: proofs made since then, for the speeds asked for at their time,
             hold for these speeds. It is inf where a joint is, or may be by then, too fast.
         """
-        if len(self._bound) != len(tick.v):
-            self._bound = np.zeros(len(tick.v))
+        if braking is not self._braking:
+            # To find out for each call what it is called with would take longer than the answer.
+            self._braking, some = braking, np.zeros(len(tick.v))
+            if len(self._bound) != len(some):
+                self._bound = some
+            self._compare = machine_code(_compare_speeds, braking.handle, some, 0.0, 0.0, 0.0, some)
         free = horizon + braking.reaction_time
-        around, rest, is_lower = _compare_speeds(
+        around, rest, is_lower = self._compare(
             braking.handle, tick.v, tick.arm_age, scale, free, self._bound
         )
         self.stop_time = free + rest
