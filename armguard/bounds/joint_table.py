@@ -111,17 +111,21 @@ def _mean_slope(slope: float, spread: float, lever: float) -> float:
 
 
 @kernel
-def set_columns(px: float, py: float, pz: float, jacobian: FloatArray, table: JointTable) -> None:
-    """Fill `table.columns` for the point p.
+def set_columns(px: float, py: float, pz: float, jacobian: FloatArray, table: JointTable) -> bool:
+    """Fill `table.columns` for the point p; whether they are numbers, and finite.
 
     The Jacobian, shape (6, nv), is Pinocchio's `data.J` at the measured configuration: linear and
     angular velocity of what each joint moves, at the origin of the frame that p is in.
     """
+    total = 0.0
     for j in range(table.turning.shape[0]):
         ax, ay, az = jacobian[3, j], jacobian[4, j], jacobian[5, j]
-        table.columns[0, j] = jacobian[0, j] + ay * pz - az * py
-        table.columns[1, j] = jacobian[1, j] + az * px - ax * pz
-        table.columns[2, j] = jacobian[2, j] + ax * py - ay * px
+        x = jacobian[0, j] + ay * pz - az * py
+        y = jacobian[1, j] + az * px - ax * pz
+        z = jacobian[2, j] + ax * py - ay * px
+        table.columns[0, j], table.columns[1, j], table.columns[2, j] = x, y, z
+        total += x + y + z
+    return abs(total) < np.inf
 
 
 @kernel

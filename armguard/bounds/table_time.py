@@ -144,8 +144,8 @@ def is_free_to_end(
     x, y, z, jacobian, lever, slope_error = sphere
     age = hull.bounds.age
     nodes = table.time.shape[0] - 1
-    set_columns(x, y, z, jacobian, table)
-    if not (_is_usable(hull, contact_distance) and abs(table.columns.sum()) < math.inf):
+    are_finite = set_columns(x, y, z, jacobian, table)
+    if not (_is_usable(hull, contact_distance) and are_finite):
         return False
     normal = _aim(sphere, table, nodes, hull)
     nx, ny, nz = normal
@@ -196,8 +196,7 @@ def table_contact_time(
     first = 0
     while time[first + 1] <= reached:
         first += 1
-    set_columns(x, y, z, jacobian, table)
-    if not abs(table.columns.sum()) < math.inf:
+    if not set_columns(x, y, z, jacobian, table):
         return reached
     stride = 1  # mostly another proof has reached nearly as far
     failing = nodes + 1  # the last node that failed; beyond the table: none
