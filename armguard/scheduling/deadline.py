@@ -365,10 +365,10 @@ class DeadlineScheduler:
         """What is known of one pair."""
         certificates, place = self.certificates, divmod(pair, self._links)
         return PairResult(
-            float(certificates.pair_expiry[place]),
-            float(certificates.evaluated_at[place[0]]),
-            int(certificates.pair_sphere[place]),
-            int(certificates.pair_bound[place]),
+            certificates.pair_expiry.item(place),
+            certificates.evaluated_at.item(place[0]),
+            certificates.pair_sphere.item(place),
+            certificates.pair_bound.item(place),
         )
 
     def list_imminent(self, time: float, *, row_limit: int, pair_limit: int) -> Listing:
