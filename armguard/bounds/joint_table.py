@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.jit.arrays import BoolArray, FloatArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import SUM_ROUNDING
 
 ROOT_3 = 1.7320508075688774  # rounded up
@@ -82,7 +82,7 @@ def make_table(
     )
 
 
-@kernel
+@merged_kernel
 def set_span(table: JointTable, first: int, last: int, part: float) -> None:
     """Fill `table.span` for the time from one node to a fraction of the time to another."""
     if not table.interpolates:
@@ -224,7 +224,7 @@ def displacement_in_span(
     return total + SUM_ROUNDING * largest
 
 
-@kernel
+@merged_kernel
 def _displacement_without_bend(
     nx: float,
     ny: float,
@@ -268,7 +268,7 @@ def _displacement_without_bend(
     return total + SUM_ROUNDING * largest
 
 
-@kernel
+@merged_kernel
 def stays_within(
     room: float,
     nx: float,

@@ -28,7 +28,7 @@ from armguard.bounds.joint_table import JointTable, set_columns, set_span, stays
 from armguard.contact.bodies import Hull
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import SUM_ROUNDING, TABLE_END_SLACK
 
 HALVINGS = 3
@@ -54,7 +54,7 @@ class ArmSphere(NamedTuple):
     """The sphere's row of the motion's `slope_error`. Shape (nv,)."""
 
 
-@kernel
+@merged_kernel
 def obstacle_room(normal: Vector, place: Vector, hull: Hull, start: float, end: float) -> float:
     """Least n.x over a hull at any time from `start` to `end`, counted from its stamp.
 
@@ -87,7 +87,7 @@ def obstacle_room(normal: Vector, place: Vector, hull: Hull, start: float, end: 
     return least
 
 
-@kernel
+@merged_kernel
 def _aim(sphere: ArmSphere, table: JointTable, node: int, hull: Hull) -> Vector:
     """A separating direction for the time of a node, from the middle of where the sphere can be."""
     x, y, z, _, lever, _ = sphere
