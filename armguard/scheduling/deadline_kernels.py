@@ -586,6 +586,17 @@ def _holds_for_newer(scene: Scene, certificates: Certificates, row: int, place: 
 
 
 @kernel
+def _is_paused(scene: Scene, certificates: Certificates, row: int, place: int, time: float) -> bool:
+    """Whether a row was asked about in vain a moment ago, and nothing newer is known of it.
+
+    Most can be proved when it has just been measured: then it can be least elsewhere.
+    """
+    proofs = certificates.proofs
+    is_same: bool = proofs.retry_revision[place] == scene.marks.revision[row]
+    return is_same and proofs.retry_at[place] > time
+
+
+@kernel
 def _outlasts(
     scene: Scene, link: int, row: int, moment: Moment, stop_time: float
 ) -> tuple[bool, int]:
@@ -644,7 +655,7 @@ def find_unsafe(
     for i in range(2 * count if lasting > 0.0 else count):
         row, renews = rows[i % count], i >= count
         place = stop_place(row, is_paced)
-        is_paused = proofs.retry_at[place] > time
+        is_paused = _is_paused(scene, certificates, row, place, time)
         is_proved = lasting >= 0.0 and _is_proved(scene, certificates, is_paced, row, told, since)
         if renews:
             ends_soon = proofs.until[place] - told < AHEAD * (lasting - until)
@@ -682,6 +693,7 @@ def find_unsafe(
             rests = False
             if answer == TOUCHES and pause > 0.0:
                 proofs.retry_at[place] = time + pause
+                proofs.retry_revision[place] = scene.marks.revision[row]
             if renews:
                 # What was proved of it stands.
                 break
@@ -741,7 +753,7 @@ def recall_stops(
     for row in rows[: find_below(certificates.expiry_tree, min(latest, LATEST), rows)]:
         if _is_proved(scene, certificates, is_paced, row, told, since):
             continue
-        if not certificates.proofs.retry_at[stop_place(row, is_paced)] > time:
+        if not _is_paused(scene, certificates, row, stop_place(row, is_paced), time):
             return ASKABLE
         answer = IN_VAIN
     return answer

@@ -275,7 +275,8 @@ class Scheduler(Protocol):
         at any time from this tick until so much later. Then what was proved of earlier tables for
         all that comes `until` so much later, in [s], need not be asked again; what ends soon may be
         renewed along with the rest. Obstacles that might be touched are not asked again by
-        questions with a `pause` until that is over, in [s]: they count as unsafe.
+        questions with a `pause` until that is over, in [s], or something newer is known of them:
+        they count as unsafe.
 
         Where `kept_since` is given, the table is that of an arm whose joints keep to some speeds,
         as they surely have since then, in [s] since the epoch. Proofs of such tables stand by
