@@ -23,7 +23,7 @@ from armguard.bounds.model import check_duration
 from armguard.bounds.sums import sum_levers, sum_second_order
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
-from armguard.jit.handle import pack
+from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.brakes import find_stop, rest_time
@@ -95,11 +95,18 @@ class BrakingMotion(JointSpaceMotion):
         super().__init__(robot, base_placement, lever=lever, operating=operating)
         self.reaction_time = check_duration("reaction_time", reaction_time)
         self.table = self._make_table(np.zeros(FREE_NODES + BRAKING_NODES + 1))
-        # Both are asked in most ticks: to hand over all arrays would take longer than the answer.
+        # Both are asked in most ticks: to hand over all arrays would take longer than the answer,
+        # and so would to find out for each call what it is called with.
+        some = np.zeros(len(robot.joints))
         self.handle = pack(BrakingData(self.limits, self.table))
-        paced = self.limits._replace(operating_velocity=np.zeros(len(robot.joints)))
-        braking, room = BrakingData(paced, self.table), np.zeros(len(robot.joints))
+        paced = self.limits._replace(operating_velocity=some.copy())
+        braking, room = BrakingData(paced, self.table), some.copy()
         self._paced_handle = pack(PacedData(self.limits, braking, room))
+        self._find_first = machine_code(_find_uncovered, self.handle, some, 0.0, 0.0, 0.0)
+        self._tabulate = machine_code(_tabulate, self.handle, some, some, 0.0, 0.0)
+        self._tabulate_paced = machine_code(
+            _tabulate_paced, self._paced_handle, some, some, 0.0, 0.0, 0.0
+        )
 
     def stop_time(self, q: npt.ArrayLike, v: npt.ArrayLike, age: float, horizon: float) -> float:
         """Time within which every joint surely rests, in [s] from now.
@@ -153,12 +160,13 @@ class BrakingMotion(JointSpaceMotion):
                 limits by more than its errors, or a time is unusable.
         """
         self._check_shapes(q, v, age)
+        q, v = np.ascontiguousarray(q), np.ascontiguousarray(v)
         free = check_duration("horizon", horizon) + self.reaction_time
         if not pace < 1.0:
-            flaw = _tabulate(self.handle, q, v, age, free)
+            flaw = self._tabulate(self.handle, q, v, age, free)
             refuse_flaw(self._robot, self.limits, q, v, flaw)
             return self.table
-        flaw = _tabulate_paced(self._paced_handle, q, v, age, free, pace)
+        flaw = self._tabulate_paced(self._paced_handle, q, v, age, free, pace)
         refuse_flaw(self._robot, self.limits, q, v, flaw)
         return self.table
 
@@ -233,7 +241,8 @@ class BrakingMotion(JointSpaceMotion):
         return self._find_uncovered(v, age, horizon) == ALL_COVERED
 
     def _find_uncovered(self, v: FloatArray, age: float, horizon: float) -> int:
-        joint: int = _find_uncovered(self.handle, v, age, horizon, self.reaction_time)
+        velocity = np.ascontiguousarray(v, dtype=np.float64)
+        joint: int = self._find_first(self.handle, velocity, age, horizon, self.reaction_time)
         return joint
 
     def _check_covered(self, v: FloatArray, age: float, horizon: float) -> None:

@@ -27,7 +27,7 @@ import math
 from armguard.bounds.free_body import free_displacement
 from armguard.bounds.limits import JointLimits
 from armguard.jit.arrays import FloatArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.brakes import BrakeCurves, Stop, braked_displacement, find_stop
 
@@ -66,7 +66,7 @@ def operating_velocity(start: float, accel: float, speeding: float, top: float, 
     return min(top, start + speeding * s)
 
 
-@kernel
+@merged_kernel
 def operating_displacement(
     start: float, accel: float, speeding: float, top: float, s: float
 ) -> float:
@@ -95,7 +95,7 @@ def operating_arrival(
     return time * (1.0 - SUM_ROUNDING)
 
 
-@kernel
+@merged_kernel
 def rise(
     velocity: float,
     accel: float,

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import SUM_ROUNDING
 
 
@@ -33,7 +33,7 @@ def top_speed(measured: float, speed: float, velocity_error: float) -> float:
     return speed if measured <= speed + velocity_error else measured + velocity_error
 
 
-@kernel
+@merged_kernel
 def free_displacement(start: float, accel: float, top: float, s: float) -> float:
     """Displacement within `s` >= 0 seconds of the fastest body that starts at `start`, rounded up.
 

@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.jit.arrays import BoolArray, FloatArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import SUM_ROUNDING
 
 ROOT_3 = 1.7320508075688774  # rounded up
@@ -82,7 +82,7 @@ def make_table(
     )
 
 
-@kernel
+@merged_kernel
 def set_span(table: JointTable, first: int, last: int, part: float) -> None:
     """Fill `table.span` for the time from one node to a fraction of the time to another."""
     if not table.interpolates:
@@ -111,17 +111,21 @@ def _mean_slope(slope: float, spread: float, lever: float) -> float:
 
 
 @kernel
-def set_columns(px: float, py: float, pz: float, jacobian: FloatArray, table: JointTable) -> None:
-    """Fill `table.columns` for the point p.
+def set_columns(px: float, py: float, pz: float, jacobian: FloatArray, table: JointTable) -> bool:
+    """Fill `table.columns` for the point p; whether they are numbers, and finite.
 
     The Jacobian, shape (6, nv), is Pinocchio's `data.J` at the measured configuration: linear and
     angular velocity of what each joint moves, at the origin of the frame that p is in.
     """
+    total = 0.0
     for j in range(table.turning.shape[0]):
         ax, ay, az = jacobian[3, j], jacobian[4, j], jacobian[5, j]
-        table.columns[0, j] = jacobian[0, j] + ay * pz - az * py
-        table.columns[1, j] = jacobian[1, j] + az * px - ax * pz
-        table.columns[2, j] = jacobian[2, j] + ax * py - ay * px
+        x = jacobian[0, j] + ay * pz - az * py
+        y = jacobian[1, j] + az * px - ax * pz
+        z = jacobian[2, j] + ax * py - ay * px
+        table.columns[0, j], table.columns[1, j], table.columns[2, j] = x, y, z
+        total += x + y + z
+    return abs(total) < np.inf
 
 
 @kernel
@@ -220,7 +224,7 @@ def displacement_in_span(
     return total + SUM_ROUNDING * largest
 
 
-@kernel
+@merged_kernel
 def _displacement_without_bend(
     nx: float,
     ny: float,
@@ -264,7 +268,7 @@ def _displacement_without_bend(
     return total + SUM_ROUNDING * largest
 
 
-@kernel
+@merged_kernel
 def stays_within(
     room: float,
     nx: float,

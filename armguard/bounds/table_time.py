@@ -28,11 +28,9 @@ from armguard.bounds.joint_table import JointTable, set_columns, set_span, stays
 from armguard.contact.bodies import Hull
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import SUM_ROUNDING, TABLE_END_SLACK
 
-FIRST_STRIDE = 4
-"""How many steps of the table the search takes at first."""
 HALVINGS = 3
 """How often the step of the table in which it ends is halved."""
 
@@ -56,7 +54,7 @@ class ArmSphere(NamedTuple):
     """The sphere's row of the motion's `slope_error`. Shape (nv,)."""
 
 
-@kernel
+@merged_kernel
 def obstacle_room(normal: Vector, place: Vector, hull: Hull, start: float, end: float) -> float:
     """Least n.x over a hull at any time from `start` to `end`, counted from its stamp.
 
@@ -89,7 +87,7 @@ def obstacle_room(normal: Vector, place: Vector, hull: Hull, start: float, end: 
     return least
 
 
-@kernel
+@merged_kernel
 def _aim(sphere: ArmSphere, table: JointTable, node: int, hull: Hull) -> Vector:
     """A separating direction for the time of a node, from the middle of where the sphere can be."""
     x, y, z, _, lever, _ = sphere
@@ -146,8 +144,8 @@ def is_free_to_end(
     x, y, z, jacobian, lever, slope_error = sphere
     age = hull.bounds.age
     nodes = table.time.shape[0] - 1
-    set_columns(x, y, z, jacobian, table)
-    if not (_is_usable(hull, contact_distance) and abs(table.columns.sum()) < math.inf):
+    are_finite = set_columns(x, y, z, jacobian, table)
+    if not (_is_usable(hull, contact_distance) and are_finite):
         return False
     normal = _aim(sphere, table, nodes, hull)
     nx, ny, nz = normal
@@ -198,10 +196,9 @@ def table_contact_time(
     first = 0
     while time[first + 1] <= reached:
         first += 1
-    set_columns(x, y, z, jacobian, table)
-    if not abs(table.columns.sum()) < math.inf:
+    if not set_columns(x, y, z, jacobian, table):
         return reached
-    stride = FIRST_STRIDE
+    stride = 1  # mostly another proof has reached nearly as far
     failing = nodes + 1  # the last node that failed; beyond the table: none
     part, proved, failed = 1.0, 0.0, 1.0
     halvings = 0

@@ -14,9 +14,11 @@ import numpy as np
 
 from armguard.bounds.braking import BrakingMotion
 from armguard.jit.arrays import FloatArray
+from armguard.jit.handle import machine_code
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING, TIME_ROUNDING
 from armguard.robot.brakes import find_stop, rest_time
+from armguard.robot.stop_time import speed_at_bite
 from armguard.scheduling.scheduler import Tick
 
 
@@ -24,20 +26,25 @@ class KeptSpeeds:
     """Follows the joint states of an arm that is to keep to a fraction of its velocities.
 
     Attributes:
-        rest_time: In which the arm rests from the speeds asked for last once brakes bite, in [s].
+        stop_time: In which the arm rests that has kept to the speeds asked for last until brakes
+            bite, in [s] from the tick.
     """
 
     def __init__(self) -> None:
         self._bound: FloatArray = np.zeros(0)
+        self._braking: BrakingMotion | None = None
+        self._compare: Any = None
         self.reset()
 
     def reset(self) -> None:
         """Forget what was kept to so far."""
-        self.rest_time = math.inf
+        self.stop_time = math.inf
         self._since = math.inf
         self._until = -math.inf
 
-    def follow(self, tick: Tick, scale: float, braking: BrakingMotion, ahead: float) -> float:
+    def follow(
+        self, tick: Tick, scale: float, braking: BrakingMotion, ahead: float, horizon: float
+    ) -> float:
         """Take a tick's joint state: since when has the arm kept to what was asked of it so far?
 
         Args:
@@ -45,16 +52,23 @@ class KeptSpeeds:
             scale: What it is to keep to, as a fraction of its operating velocities.
             braking: Of the arm; its limits count.
             ahead: For how long it must surely keep to it from this tick on, in [s].
+            horizon: Until it is told to stop, in [s] from the tick.
 
         Returns:
             In [s] since the epoch: proofs made since then, for the speeds asked for at their time,
             hold for these speeds. It is inf where a joint is, or may be by then, too fast.
         """
-        if len(self._bound) != len(tick.v):
-            self._bound = np.zeros(len(tick.v))
-        around, self.rest_time, is_lower = _compare_speeds(
-            braking.handle, tick.v, scale, self._bound
+        if braking is not self._braking:
+            # To find out for each call what it is called with would take longer than the answer.
+            self._braking, some = braking, np.zeros(len(tick.v))
+            if len(self._bound) != len(some):
+                self._bound = some
+            self._compare = machine_code(_compare_speeds, braking.handle, some, 0.0, 0.0, 0.0, some)
+        free = horizon + braking.reaction_time
+        around, rest, is_lower = self._compare(
+            braking.handle, tick.v, tick.arm_age, scale, free, self._bound
         )
+        self.stop_time = free + rest
         stamp = tick.time - tick.arm_age
         around -= TIME_ROUNDING * (abs(tick.time) + abs(tick.arm_age) + around)
         if not around >= abs(tick.arm_age) + ahead:
@@ -68,29 +82,37 @@ class KeptSpeeds:
 
 @kernel
 def _compare_speeds(
-    handle: Any, v: FloatArray, scale: float, bound: FloatArray
+    handle: Any, v: FloatArray, age: float, scale: float, free: float, bound: FloatArray
 ) -> tuple[float, float, bool]:
     """For how long joints surely were and are no faster than a fraction of their velocities.
 
     Args:
         handle: On the `BrakingData` of an arm.
         v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
+        age: Of the joint state, in [s].
         scale: That fraction of their operating velocities.
+        free: Until brakes bite, in [s].
         bound: Filled with these speeds. Shape (nv,).
 
     Returns:
         That time before and after the stamp, in [s], below 0 where one may be faster at it; in
-        which all rest from these speeds once brakes bite, in [s]; and whether none of these speeds
+        which all that are no faster rest once brakes bite, in [s]; and whether none of these speeds
         is above what `bound` was before.
     """
     limits = handle.content.limits
     around, rest = np.inf, 0.0
     is_lower = True
+    after = max(age, 0.0) + free
     for j in range(v.shape[0]):
         fastest = limits.operating_velocity[j] * scale
         is_lower = is_lower and fastest <= bound[j]
         bound[j] = fastest
         room = fastest - limits.velocity_error[j] - abs(v[j]) - SUM_ROUNDING * fastest
         around = min(around, room / limits.acceleration[j]) if room >= 0.0 else -np.inf
-        rest = max(rest, rest_time(find_stop(limits.brakes, j, fastest), fastest))
+        # Nor faster than it can be by then, by the rule of the table of braking.
+        speed = speed_at_bite(
+            v[j], limits.velocity_error[j], fastest, limits.acceleration[j],
+            limits.operating_acceleration[j], after, -age,
+        )  # fmt: skip
+        rest = max(rest, rest_time(find_stop(limits.brakes, j, speed), speed))
     return around, rest * (1.0 + SUM_ROUNDING), is_lower

@@ -10,6 +10,9 @@ import math
 
 from armguard.verdict import Level, Reason, ReasonKind
 
+LEVELS = tuple(Level)
+"""From the lowest to the highest."""
+
 
 class VerdictRule:
     """From contact time and faults to a level, with memory for `rise_delay` and latched faults.
@@ -112,9 +115,7 @@ class VerdictRule:
         elif not now - self._low_at < self.rise_delay:
             # The usual case: nothing lower for long.
             return raw, False
-        for level in Level:
-            if level >= raw:
-                break
+        for level in LEVELS[:raw]:
             if now - self._last_at[level] < self.rise_delay:
                 return level, True
         return raw, False

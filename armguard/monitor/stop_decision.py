@@ -34,6 +34,10 @@ brake would make a promise that leaves no speed wherever a person is near (docs/
 PROVING = 10e-3
 """For how long the proof that a STOP is in time should last, [s]: longer is proved of less."""
 
+SHORT = 0.15
+"""Part of that time for which is proved what cannot be proved for all of it: a speed scale is as
+high as can be, so that for some obstacle there is hardly any time to spare."""
+
 
 def find_proving(response_time: float) -> float:
     """For how long a STOP is proved to be in time at once, in [s]; 0: for the tick at hand.
@@ -99,7 +103,7 @@ class StopDecision:
         if may_last and braking.covers(v, age, response_time + proving):
             left = self.left
             table = braking.tabulate(q, v, age, response_time + proving)
-            if self._is_free(tick, table, proving, pause=proving):
+            if self._is_free(tick, table, proving, 0.0, tick.stop_time, pause=proving):
                 return True
             # What this left over is asked again, of a STOP in this tick alone.
             self.left = left
@@ -189,21 +193,21 @@ class StopDecision:
         q, v, age = tick.q, tick.v, tick.arm_age
         later, since = self.looks_ahead - self._response_time, math.inf
         if lasts and self._proving > 0.0:
-            since = self._kept.follow(tick, scale, braking, self._response_time)
+            since = self._kept.follow(tick, scale, braking, self._response_time, self.looks_ahead)
         if since == math.inf:
             table = braking.tabulate(q, v, age, self.looks_ahead, pace=scale)
             return self._is_free(tick, table)
-        # No joint is faster by then than the scale says, nor than it can be.
-        stop_time = self.looks_ahead + braking.reaction_time + self._kept.rest_time
-        stop_time = min(stop_time, tick.late_stop_time)
+        stop_time = self._kept.stop_time
         known = scheduler.recall_stops(tick, stop_time, later, since)
         if known == PROVED:
             return True
-        if known == ASKABLE:
-            left = self.left
-            table = braking.tabulate(q, v, age, self.looks_ahead + self._proving, pace=scale)
-            lasting = later + self._proving
-            if self._is_free(tick, table, lasting, later, pause=self._proving, kept_since=since):
+        for part in (1.0, SHORT) if known == ASKABLE else (SHORT,):
+            left, proving = self.left, part * self._proving
+            table = braking.tabulate(q, v, age, self.looks_ahead + proving, pace=scale)
+            pause = self._proving if part == 1.0 else 0.0
+            if self._is_free(
+                tick, table, later + proving, later, stop_time, pause=pause, kept_since=since
+            ):
                 return True
             self.left = left
         table = braking.tabulate(q, v, age, self.looks_ahead, pace=scale)
@@ -225,7 +229,8 @@ class StopDecision:
         if self._proving > 0.0 and braking.covers(v, age, longest):
             left = self.left
             table = braking.tabulate(q, v, age, longest)
-            if self._is_free(tick, table, later + self._proving, later):
+            lasting = later + self._proving
+            if self._is_free(tick, table, lasting, later, tick.late_stop_time):
                 return True
             self.left = left
         table = braking.tabulate(q, v, age, self.looks_ahead)
@@ -238,13 +243,20 @@ class StopDecision:
         table: JointTable,
         lasting: float = -1.0,
         until: float = 0.0,
+        stop_time: float | None = None,
         *,
         pause: float = 0.0,
         kept_since: float | None = None,
     ) -> bool:
+        """Whether the arm rests before contact, by a table, or one of a STOP that comes later.
+
+        Of the latter, `stop_time` is when the arm rests that is told to stop by `until`.
+        """
+        end = float(table.time[-1])
         unsafe = self._scheduler.find_unsafe(
             tick,
-            float(table.time[-1]),
+            end,
+            within=end if stop_time is None else stop_time + (lasting - until),
             lasting=lasting,
             until=until,
             pause=pause,

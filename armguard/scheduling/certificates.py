@@ -39,7 +39,10 @@ class StopProofs(NamedTuple):
     made_at: FloatArray
     """When it was proved, in [s] since the epoch. Shape (places,)."""
     retry_at: FloatArray
-    """From when on what was asked in vain is asked again, alike. Shape (places,)."""
+    """From when on what was asked in vain is asked again, alike, if there is no newer state of the
+    row before. Shape (places,)."""
+    retry_revision: IntArray
+    """The row's revision that it was asked with. Shape (places,)."""
     revision: IntArray
     """The row's last revision that it is known to hold for. Shape (places,)."""
     states: States
@@ -117,11 +120,12 @@ def _make_proofs(rows: int, width: int) -> StopProofs:
     """Proofs of nothing, for states that have at most `width` points."""
     places = 2 * rows
     fields: dict[str, tuple[type, tuple[int, ...]]]
-    fields = dict.fromkeys(("until", "made_at", "retry_at"), (float, ())) | {"revision": (int, ())}
-    until, made_at, retry_at, revision = make_records(places, **fields)
+    fields = dict.fromkeys(("until", "made_at", "retry_at"), (float, ()))
+    fields |= dict.fromkeys(("retry_revision", "revision"), (int, ()))
+    until, made_at, retry_at, retry_revision, revision = make_records(places, **fields)
     until[:] = -np.inf
     states, reference_states = make_states(places, width), make_states(places, width)
-    return StopProofs(until, made_at, retry_at, revision, states, reference_states)
+    return StopProofs(until, made_at, retry_at, retry_revision, revision, states, reference_states)
 
 
 @kernel

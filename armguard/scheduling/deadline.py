@@ -331,6 +331,7 @@ class DeadlineScheduler:
         tick: Tick,
         stop_time: float,
         *,
+        within: float | None = None,
         remembers: bool = True,
         lasting: float = -1.0,
         until: float = 0.0,
@@ -341,7 +342,15 @@ class DeadlineScheduler:
         self._place(tick)
         is_paced, since = _read_kept(kept_since)
         question = StopQuestion(
-            stop_time, lasting, until, pause, is_paced, since, self._last_offender, self._budget
+            stop_time,
+            stop_time if within is None else min(within, stop_time),
+            lasting,
+            until,
+            pause,
+            is_paced,
+            since,
+            self._last_offender,
+            self._budget,
         )
         row, link, spent, left = self._find_unsafe(
             self._tick_data, _moment_of(tick), question, self._candidates
@@ -357,10 +366,10 @@ class DeadlineScheduler:
         """What is known of one pair."""
         certificates, place = self.certificates, divmod(pair, self._links)
         return PairResult(
-            float(certificates.pair_expiry[place]),
-            float(certificates.evaluated_at[place[0]]),
-            int(certificates.pair_sphere[place]),
-            int(certificates.pair_bound[place]),
+            certificates.pair_expiry.item(place),
+            certificates.evaluated_at.item(place[0]),
+            certificates.pair_sphere.item(place),
+            certificates.pair_bound.item(place),
         )
 
     def list_imminent(self, time: float, *, row_limit: int, pair_limit: int) -> Listing:
@@ -468,7 +477,7 @@ class DeadlineScheduler:
         """Have compiled what a tick runs, for the arrays that there are now."""
         moment, question = (
             Moment(0.0, 0.0, 0, 0.0, 0.0),
-            StopQuestion(0.0, 0.0, 0.0, 0.0, True, 0.0, 0, 0),
+            StopQuestion(0.0, 0.0, 0.0, 0.0, 0.0, True, 0.0, 0, 0),
         )
         some = np.zeros((len(self._states.q), 2))[:, 0]
         return (

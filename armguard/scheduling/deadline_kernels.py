@@ -103,6 +103,10 @@ others, so that they are not all to be renewed in one tick."""
 MOST_BATCHES = 4
 """By how many steps they end earlier at most, each an eighth of what proofs last."""
 
+AHEAD = 0.25
+"""Part of the time that proofs last, in which they are renewed ahead of their end along with
+others: each question needs a table, which takes as long as asking it of some rows."""
+
 MOST_DOUBTFUL = 2
 """Rows whose rest cannot be proved for longer than a tick, until no more of them are asked."""
 
@@ -127,6 +131,9 @@ class StopQuestion(NamedTuple):
 
     stop_time: float
     """When the table of braking ends, in [s]."""
+    within: float
+    """What could be touched within this is asked about, in [s], at most `stop_time`: the rest is
+    surely out of the way until the arm rests that is told to stop by `until`, or a little later."""
     lasting: float
     """By how much later than in this tick the arm may be told to stop, as far as the table is
     concerned, in [s]; -1 if the table is of something else, and no proof of a STOP answers it."""
@@ -579,6 +586,17 @@ def _holds_for_newer(scene: Scene, certificates: Certificates, row: int, place: 
 
 
 @kernel
+def _is_paused(scene: Scene, certificates: Certificates, row: int, place: int, time: float) -> bool:
+    """Whether a row was asked about in vain a moment ago, and nothing newer is known of it.
+
+    Most can be proved when it has just been measured: then it can be least elsewhere.
+    """
+    proofs = certificates.proofs
+    is_same: bool = proofs.retry_revision[place] == scene.marks.revision[row]
+    return is_same and proofs.retry_at[place] > time
+
+
+@kernel
 def _outlasts(
     scene: Scene, link: int, row: int, moment: Moment, stop_time: float
 ) -> tuple[bool, int]:
@@ -595,7 +613,7 @@ def find_unsafe(
 ) -> tuple[int, int, int, int]:
     """The first pair that might touch before the arm rests, by the scene's table of braking.
 
-    Only what could be touched within `stop_time` is evaluated. Where the budget is spent, the
+    Only what could be touched within some time is evaluated. Where the budget is spent, the
     obstacle at hand counts as unsafe. A pair of which the table does not prove that the arm rests
     is evaluated afresh, unless it was in this tick: its certificate may only have grown stale.
 
@@ -616,13 +634,13 @@ def find_unsafe(
     """
     scene, certificates = handle.content.scene, handle.content.certificates
     now, time, tick, arm_age, _ = moment
-    stop_time, lasting, until, pause, is_paced, since, last_offender, budget = question
+    stop_time, within, lasting, until, pause, is_paced, since, last_offender, budget = question
     proofs = certificates.proofs
     if certificates.numbers[PREPARED] != tick:
         prepare_arm(scene, handle.content.guard.q, handle.content.guard.v, arm_age)
         certificates.numbers[PREPARED] = tick
     latest = time + stop_time
-    count = find_below(certificates.expiry_tree, min(latest, LATEST), rows)
+    count = find_below(certificates.expiry_tree, min(time + within, LATEST), rows)
     # The last offender first: one unsafe pair is answer enough.
     links = certificates.watched.shape[1]
     offending_row, offending_link = last_offender // links, last_offender % links
@@ -632,12 +650,22 @@ def find_unsafe(
     evaluations = doubtful = 0
     first_row, first_link_of_row = NOBODY, NOBODY
     # Invariant: rows before the present one are out of the way of a stop, but for doubtful ones.
-    for i in range(count):
-        row = rows[i]
-        if lasting >= 0.0 and _is_proved(scene, certificates, is_paced, row, time + until, since):
-            continue
+    # What is proved, but not for much longer, follows in a second round: one table serves both.
+    told = time + until
+    for i in range(2 * count if lasting > 0.0 else count):
+        row, renews = rows[i % count], i >= count
         place = stop_place(row, is_paced)
-        if pause > 0.0 and proofs.retry_at[place] > time:
+        is_paused = _is_paused(scene, certificates, row, place, time)
+        is_proved = lasting >= 0.0 and _is_proved(scene, certificates, is_paced, row, told, since)
+        if renews:
+            ends_soon = proofs.until[place] - told < AHEAD * (lasting - until)
+            # By the question that proves as much of it as can be.
+            fits = is_paused != (pause > 0.0) and evaluations < BATCH
+            if not (is_proved and ends_soon and fits):
+                continue
+        elif is_proved:
+            continue
+        elif pause > 0.0 and is_paused:
             # It was asked in vain a moment ago.
             if first_row == NOBODY:
                 first_row = row
@@ -663,9 +691,13 @@ def find_unsafe(
                 if outlasts:
                     continue
             rests = False
-            doubtful += 1
             if answer == TOUCHES and pause > 0.0:
                 proofs.retry_at[place] = time + pause
+                proofs.retry_revision[place] = scene.marks.revision[row]
+            if renews:
+                # What was proved of it stands.
+                break
+            doubtful += 1
             if first_row == NOBODY:
                 first_row, first_link_of_row = row, link
             if answer == UNDECIDED or not lasting > 0.0 or doubtful > MOST_DOUBTFUL:
@@ -721,7 +753,7 @@ def recall_stops(
     for row in rows[: find_below(certificates.expiry_tree, min(latest, LATEST), rows)]:
         if _is_proved(scene, certificates, is_paced, row, told, since):
             continue
-        if not certificates.proofs.retry_at[stop_place(row, is_paced)] > time:
+        if not _is_paused(scene, certificates, row, stop_place(row, is_paced), time):
             return ASKABLE
         answer = IN_VAIN
     return answer

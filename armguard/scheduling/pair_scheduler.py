@@ -207,6 +207,7 @@ class PairScheduler:
         tick: Tick,
         stop_time: float,
         *,
+        within: float | None = None,
         remembers: bool = True,
         lasting: float = -1.0,
         until: float = 0.0,

@@ -257,6 +257,7 @@ class Scheduler(Protocol):
         tick: Tick,
         stop_time: float,
         *,
+        within: float | None = None,
         remembers: bool = True,
         lasting: float = -1.0,
         until: float = 0.0,
@@ -265,15 +266,17 @@ class Scheduler(Protocol):
     ) -> Unsafe:
         """A pair that might touch before the arm rests, if there is one.
 
-        Judged by the arm's table of braking, for whatever could be touched within `stop_time`.
-        Where the user's budget does not suffice, a pair counts as unsafe. What is found may be
-        asked for first the next time, unless `remembers` is false: then nothing changes.
+        Judged by the arm's table of braking, which ends at `stop_time`, for all obstacles that
+        could be touched by then, or `within` a shorter time, in [s]: it is not about others. Where
+        the user's budget does not suffice, a pair counts as unsafe. What is found may be asked for
+        first the next time, unless `remembers` is false: then nothing changes.
 
         A `lasting` of 0 or more, in [s], says that the table is that of an arm that is told to stop
         at any time from this tick until so much later. Then what was proved of earlier tables for
-        all that comes `until` so much later, in [s], need not be asked again. Obstacles that might
-        be touched are not asked again by questions with a `pause` until that is over, in [s]: they
-        count as unsafe.
+        all that comes `until` so much later, in [s], need not be asked again; what ends soon may be
+        renewed along with the rest. Obstacles that might be touched are not asked again by
+        questions with a `pause` until that is over, in [s], or something newer is known of them:
+        they count as unsafe.
 
         Where `kept_since` is given, the table is that of an arm whose joints keep to some speeds,
         as they surely have since then, in [s] since the epoch. Proofs of such tables stand by

@@ -41,7 +41,8 @@ def test_joints_were_no_faster_since_then_whatever_they_did():
             stamp = times[which]
             measured = np.sign(random.normal(size=7)) * error
             measured += speeds[which] * np.sign(true_v)
-            since = kept.follow(make_tick(k, time, measured, time - stamp), scale, braking, 3e-3)
+            tick = make_tick(k, time, measured, time - stamp)
+            since = kept.follow(tick, scale, braking, 3e-3, 0.03)
             if since == math.inf:
                 continue
             chain = np.array(speeds)[np.array(times) >= since]
@@ -55,7 +56,7 @@ def test_higher_speeds_and_gaps_begin_anew_and_a_fast_joint_counts_for_nothing()
     still = np.zeros(7)
 
     def follow(number, scale, v=still, age=0.0):
-        return kept.follow(make_tick(number, number * PERIOD, v, age), scale, braking, 3e-3)
+        return kept.follow(make_tick(number, number * PERIOD, v, age), scale, braking, 3e-3, 0.03)
 
     assert follow(1, 0.5) == PERIOD
     assert follow(2, 0.5) == PERIOD

@@ -257,3 +257,29 @@ def test_without_a_stop_decision_what_could_matter_to_a_stop_is_due():
         half = len(certificates.expiry_tree) // 2
         assert certificates.wheel.deadline[row] < certificates.expiry_tree[half + row]
     assert not any(ReasonKind.OVERDUE in kinds(one) for one in verdicts)
+
+
+def test_what_can_hardly_be_proved_of_a_speed_scale_is_not_asked_in_every_tick(monkeypatch):
+    """A scale is as high as can be, so something is in its way; that too is proved ahead."""
+    company, single = Company(3, 24, 0.9, 1.3), []
+    obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
+    scheduler = monitor._scheduler
+    ask = scheduler.find_unsafe
+
+    def count(tick, stop_time, **options):
+        if options["kept_since"] is not None and not options["lasting"] > options["until"]:
+            single.append(tick.number)
+        return ask(tick, stop_time, **options)
+
+    monkeypatch.setattr(scheduler, "find_unsafe", count)
+    for k in range(200):
+        now = k * PERIOD
+        if k % 10 == 0:
+            company.tell(obstacles, now)
+        if k == 100:
+            single.clear()
+        q, v = HOME + 0.1 * company.swing * np.sin(now), 0.1 * company.swing * np.cos(now)
+        verdict = monitor.step(now, q, v)
+        if k >= 100:
+            assert 0.1 < verdict.speed_scale < 0.5
+    assert len(single) < 70
