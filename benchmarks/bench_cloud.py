@@ -1,6 +1,7 @@
 """What point clouds cost: to take in, in ticks, and in STOP beside a person.
 
     python benchmarks/bench_cloud.py [--seconds 8] [--rays 160 125] [--voxel 0.08] …
+    python benchmarks/bench_cloud.py --ways "20,000 around" "narrow margins" --seconds 8
 
 A Panda works, supervised at 250 Hz unless told otherwise, while a person comes, reaches into the
 cell and leaves. A camera beside them casts rays at 30 Hz among the person's bodies, the arm and a
@@ -14,7 +15,11 @@ that all see the same motion:
 - snapshot: voxels of a camera that sees the whole visit, all of them anew in each cloud;
 - voxels: the same, which go where rays have passed;
 - voxels + door: with an entrance behind the person, 2 m from the arm's base;
-- edge of view: voxels of a camera into whose view the person walks from aside, and out of it.
+- edge of view: voxels of a camera into whose view the person walks from aside, and out of it;
+- 20,000 around: no person, and a cell as full as it can be: as many voxels of 5 cm between 1.6 and
+  2 m from the middle of the arm's reach, all of them anew in each cloud;
+- narrow margins: the same with `slow_margin` 20 ms and `aware_margin` 50 ms, so that no more is
+  refined than what decides about a STOP. The first cloud, which makes the table, does not count.
 
 Printed: seconds of the scene that were supervised, rows in the table, what a cloud takes to filter
 and to take in, what the tick after a message takes and the others, in milliseconds, the share of
@@ -43,7 +48,13 @@ from scene.crowds import WAYPOINTS
 from scene.machine import describe_machine
 
 CLOUD_RATE = 30.0  # or next to it, such that every cloud comes with a tick, [Hz]
-WAYS = ("bodies", "no velocities", "snapshot", "voxels", "voxels + door", "edge of view")
+AROUND = {  # settings of the monitor
+    "20,000 around": {},
+    "narrow margins": {"slow_margin": 0.02, "aware_margin": 0.05},
+}
+COUNT_AROUND, VOXEL_AROUND = 20_000, 0.05  # voxels and their edge, [m]
+SHELL = (0.0, 0.0, 0.33), 1.6, 2.0  # middle, and distances from it, [m]
+WAYS = ("bodies", "no velocities", "snapshot", "voxels", "voxels + door", "edge of view", *AROUND)
 CAMERAS = {  # place and target in [m], angle of view across in [rad]
     "whole": ((3.2, -1.6, 1.2), (0.0, -1.6, 0.3), 1.22),
     "edge of view": ((2.4, -1.2, 1.3), (0.0, -0.7, 0.3), 1.05),
@@ -118,6 +129,17 @@ def fill_bodies(position: np.ndarray) -> np.ndarray:
     return np.array(balls)
 
 
+def surround() -> np.ndarray:
+    """A point in each of the voxels around the arm, in [m]. Shape (n, 3)."""
+    middle, nearest, farthest = SHELL
+    across = np.arange(-farthest, farthest, VOXEL_AROUND) + 0.5 * VOXEL_AROUND
+    up = across[across > 0.0]
+    centers = np.stack(np.meshgrid(across, across, up), axis=-1).reshape(-1, 3)
+    away = np.linalg.norm(centers - middle, axis=1)
+    within = centers[(away > nearest) & (away < farthest)]
+    return np.random.default_rng(0).permutation(within)[:COUNT_AROUND]
+
+
 class View:
     """What a camera sees, cloud by cloud, and what its points may be off by, in [m]."""
 
@@ -148,6 +170,7 @@ class Scene:
         self.views = {
             way: View(Camera(*place, *options.rays), bodies) for way, place in CAMERAS.items()
         }
+        self.around = surround()
 
     def _place_bodies(self, robot: Robot) -> list[np.ndarray]:
         """Arm and person as balls, centre and radius in [m], for each cloud. Shapes (n, 4)."""
@@ -170,10 +193,12 @@ def run(way: str, robot: Robot, scene: Scene) -> list[str]:
     obstacles = Obstacles(sources=["camera"])
     if way == "voxels + door":
         obstacles.add_entrance("door", [[-0.6, -2.0, 0.0], [0.6, -2.0, 0.0]], 0.3, 0.1)
-    monitor = Monitor(robot, obstacles, rate=options.rate, operating="published")
+    voxel = VOXEL_AROUND if way in AROUND else options.voxel
+    settings = AROUND.get(way, {})
+    monitor = Monitor(robot, obstacles, rate=options.rate, operating="published", **settings)
     own = CloudFilter(robot)
     # Compiled before the first tick.
-    obstacles.update_cloud("camera", 0.0, [], camera.place, options.voxel)
+    obstacles.update_cloud("camera", 0.0, [], camera.place, voxel)
     stops = []
     filtering, intake, after, others, rows = [], [], [], [], []
     gc.collect()
@@ -192,11 +217,12 @@ def run(way: str, robot: Robot, scene: Scene) -> list[str]:
             publish_person(obstacles, "camera", now, position, velocity, error)
             intake.append(clock() - begin)
         elif is_seen:
-            points = view.clouds[tick // scene.every]
+            points = scene.around if way in AROUND else view.clouds[tick // scene.every]
             begin = clock()
             occupied = own.find_others(points, q)
-            # A user's own background model; here what is as far as nothing is.
-            occupied &= camera.find_foreground(points)
+            if way not in AROUND:
+                # A user's own background model; here what is as far as nothing is.
+                occupied &= camera.find_foreground(points)
             filtering.append(clock() - begin)
             begin = clock()
             obstacles.update_cloud(
@@ -204,10 +230,10 @@ def run(way: str, robot: Robot, scene: Scene) -> list[str]:
                 now,
                 points,
                 camera.place,
-                options.voxel,
+                voxel,
                 occupied=occupied,
                 position_error=view.error,
-                snapshot=way == "snapshot",
+                snapshot=way in ("snapshot", *AROUND),
             )
             intake.append(clock() - begin)
         begin = clock()
@@ -217,6 +243,8 @@ def run(way: str, robot: Robot, scene: Scene) -> list[str]:
             stops.append(now)
         rows.append(len(obstacles))
     gc.enable()
+    if way in AROUND:
+        filtering, intake, after = filtering[1:], intake[1:], after[1:]
     spent = [
         f"{1e3 * np.median(taken):.2f} / {1e3 * np.quantile(taken, 0.99):.2f}" if taken else "-"
         for taken in (filtering, intake, after, others)

@@ -2,11 +2,15 @@
 
     python benchmarks/bench_schedules.py [--obstacles 10 1000] [--only deadline sweep] [--ticks 300]
     …
+    python benchmarks/bench_schedules.py --nearest 0 1.2 --obstacles 10 1000 10000
+
+The second line has far and near scenes side by side; docs/performance.md shows it.
 
 A Panda works slowly amid balls that wander about a hall (`scene/crowds.py`); every contestant
 (`scene/rivals.py`) sees the same joint states at 1 kHz and the same balls, each measured at 100 Hz,
 or at 1 Hz where there are 100,000. No ball comes so near that even the crudest bound would stop the
-arm: a contestant that says STOP nevertheless is marked, since stopping the arm is easy.
+arm, unless `--nearest` says how near they come to its base's axis. A contestant that says STOP is
+marked, since stopping the arm is easy.
 
 `sweep, spheres` evaluates all pairs of a ball and one of the cover's finest spheres in every tick,
 with a vectorised bound, and the exact time only where that beats the best so far. `sweep,
@@ -15,9 +19,10 @@ precision) rules out most balls by what the arm cannot leave. ÷ is a sweep's me
 line.
 
 Contestants take turns of so many ticks, again and again, so that whatever else the machine does
-falls on each of them. Times are of one core, in microseconds: the median over turns of each
-turn's median and 99 % of its ticks, and the slowest of all ticks. `update` is the median of taking
-in what was measured in that tick, which is timed apart. Garbage is collected before a turn and not
+falls on each of them. Times are processor time of this thread, or with `--wall` as they pass on the
+wall, in microseconds: the median over turns of each turn's median and 99 % of its ticks, and the
+slowest of all ticks. `update` is the median of taking in what was measured in that tick, which is
+timed apart. Garbage is collected before a turn and not
 during it, the first ticks of a turn are not counted, nor are those before the first turn, in which
 the schedules spread their load. A slow contestant takes fewer ticks, from the beginning. Memory is
 what the process grew by, from making a contestant to its first tick, for each obstacle.
@@ -59,8 +64,8 @@ COLUMNS += ("evaluated", "B/obst", "ticks")
 class Run:
     """One contestant and what it took."""
 
-    def __init__(self, name: str, make, arguments, work: Work, crowd: Crowd) -> None:
-        self.name, self._work, self._crowd = name, work, crowd
+    def __init__(self, name: str, make, arguments, work: Work, crowd: Crowd, clock) -> None:
+        self.name, self._work, self._crowd, self._clock = name, work, crowd, clock
         self._tick = 0
         self.turns: list[tuple[float, float, float]] = []
         self.slowest, self.ticks, self.stops = 0.0, 0, 0
@@ -103,8 +108,8 @@ class Run:
         """Durations in [ns] of updates and steps, and answers."""
         work, crowd, contestant = self._work, self._crowd, self._contestant
         updates, steps, answers = [], [], []
-        clock = time.perf_counter_ns
-        end = clock() + 1e9 * patience
+        clock = self._clock
+        end = time.monotonic() + patience
         for _ in range(ticks):
             tick, self._tick = self._tick, self._tick + 1
             rows, names, position, velocity = crowd.measure(tick)
@@ -118,7 +123,7 @@ class Run:
             updates.append(middle - begin)
             steps.append(after - middle)
             answers.append(contestant.read())
-            if after > end:
+            if time.monotonic() > end:
                 break
         return updates, steps, answers
 
@@ -142,6 +147,7 @@ def _trim() -> None:
 def make_runs(count: int, work: Work, crowd: Crowd, options) -> list[Run]:
     """All that take part; what does not is printed with its reason."""
     runs = []
+    clock = time.perf_counter_ns if options.wall else time.thread_time_ns
     for name, _, most, make, arguments in CONTESTANTS:
         if options.only and not any(word in name for word in options.only):
             continue
@@ -149,13 +155,13 @@ def make_runs(count: int, work: Work, crowd: Crowd, options) -> list[Run]:
             print(f"{name}: left out above {most:,} obstacles")
             continue
         try:
-            runs.append(Run(name, make, arguments, work, crowd))
+            runs.append(Run(name, make, arguments, work, crowd, clock))
         except UnavailableError as reason:
             print(f"{name}: not available: {reason}")
     return runs
 
 
-def print_table(count: int, runs: list[Run]) -> None:
+def print_table(count: int, runs: list[Run], *, has_targets: bool) -> None:
     """One line for each contestant."""
     median = {run.name: run.figures()[1] for run in runs}
     print(f"{f'{count:,} obstacles':<22}" + "".join(f"{title:>11}" for title in COLUMNS), end="")
@@ -172,7 +178,7 @@ def print_table(count: int, runs: list[Run]) -> None:
         answer = "GO" if run.stops == 0 else f"STOP in {run.stops} ticks"
         print(f"{run.name:<22}" + "".join(f"{cell:>11}" for cell in cells), end="")
         print(f"{_format(run.earliest):>11}    {answer}")
-    if count in TARGETS and "deadline, joint" in median:
+    if has_targets and count in TARGETS and "deadline, joint" in median:
         wanted, high = TARGETS[count]
         text = f"targets of deadline, joint: median {wanted:g}"
         text += f", p99 {high:g}" if high else ""
@@ -186,17 +192,16 @@ def _format(value: float) -> str:
     return f"{value:,.0f}" if value >= 1000.0 else f"{value:.3g}"
 
 
-def compare(count: int, options) -> None:
-    """Run and print one number of obstacles."""
+def compare(count: int, nearest: float, options) -> None:
+    """Run and print one number of obstacles, so near to the base's axis, in [m]; 0: far away."""
     interval = 1.0 / (UPDATE_RATE if count < MANY else UPDATE_RATE_OF_MANY)
     ticks = 1 + options.warm + options.turns * (LEAD_IN + options.ticks)
     work = Work(Robot.load("panda"), ticks, options.speed)
-    nearest = options.nearest or work.find_clearance(interval)
-    crowd = Crowd(count, nearest, 1.0 / interval)
+    crowd = Crowd(count, nearest or work.find_clearance(interval), 1.0 / interval)
     print(
         f"\narm at up to {100.0 * options.speed:g} % of its speed limits, stops within "
-        f"{work.stop_time.max():.3f} s; no ball nearer than {nearest:.2f} m, each measured once in "
-        f"{crowd.group_count} ticks; load {_load()}"
+        f"{work.stop_time.max():.3f} s; no ball nearer than {crowd.nearest:.2f} m, each "
+        f"measured once in {crowd.group_count} ticks; load {_load()}"
     )
     runs = make_runs(count, work, crowd, options)
     for run in runs:
@@ -205,7 +210,7 @@ def compare(count: int, options) -> None:
         shift = turn % max(len(runs), 1)
         for run in runs[shift:] + runs[:shift]:
             run.take_turn(options.ticks, options.patience)
-    print_table(count, runs)
+    print_table(count, runs, has_targets=not nearest)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -218,13 +223,21 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--warm", type=int, default=2000, help="ticks before the first turn")
     parser.add_argument("--patience", type=float, default=4.0, help="seconds for a turn")
     parser.add_argument("--speed", type=float, default=0.1, help="share of the joints' limits")
-    parser.add_argument("--nearest", type=float, help="[m]; else so far that all say GO")
+    parser.add_argument(
+        "--nearest",
+        type=float,
+        nargs="+",
+        default=[0.0],
+        help="of balls to the base's axis, [m]; 0: so far away that all say GO",
+    )
+    parser.add_argument("--wall", action="store_true", help="times as they pass on the wall")
     parser.add_argument("--unlimited", action="store_true", help="whatever the time it takes")
     options = parser.parse_args(arguments)
     print(describe_machine())
     print("asked for: " + "; ".join(f"{name}: {asked}" for name, asked, *_ in CONTESTANTS))
     for count in options.obstacles:
-        compare(count, options)
+        for nearest in options.nearest:
+            compare(count, nearest, options)
     print(f"\nload in the end {_load()}")
 
 

@@ -19,8 +19,8 @@ from typing import Any
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import ACCEPTANCE_SLACK, ALLOWED, SHAPE, VELOCITY_BY_ACCEL
-from armguard.obstacles.consistency import body_allows, record_of
-from armguard.obstacles.message import Frames, MessageHead, MessageNumbers, Samples
+from armguard.obstacles.consistency import body_allows
+from armguard.obstacles.message import Frames, MessageHead, MessageNumbers
 from armguard.obstacles.possible_states import (
     find_place,
     lose_sight,
@@ -78,19 +78,19 @@ FIELDS = ("position", "velocity", "radius", "accel", "speed", "position_error", 
 
 
 @kernel
-def _move_to_world(samples: Samples, i: int, frames: Frames, frame: int) -> None:
+def _move_to_world(sample: States, frames: Frames, frame: int) -> None:
     rotation, translation = frames.rotation, frames.translation
-    for k in range(samples.point_count):
-        x, y, z = samples.points[i, k, 0], samples.points[i, k, 1], samples.points[i, k, 2]
+    for k in range(sample.point_count[0]):
+        x, y, z = sample.points[0, k, 0], sample.points[0, k, 1], sample.points[0, k, 2]
         u, v, w = (
-            samples.velocities[i, k, 0],
-            samples.velocities[i, k, 1],
-            samples.velocities[i, k, 2],
+            sample.velocities[0, k, 0],
+            sample.velocities[0, k, 1],
+            sample.velocities[0, k, 2],
         )
         for axis in range(3):
             a, b, c = rotation[frame, axis, 0], rotation[frame, axis, 1], rotation[frame, axis, 2]
-            samples.points[i, k, axis] = translation[frame, axis] + a * x + b * y + c * z
-            samples.velocities[i, k, axis] = a * u + b * v + c * w
+            sample.points[0, k, axis] = translation[frame, axis] + a * x + b * y + c * z
+            sample.velocities[0, k, axis] = a * u + b * v + c * w
 
 
 @merged_kernel
@@ -108,34 +108,34 @@ def _is_too_large(bound: float, limit: float) -> bool:
 
 
 @merged_kernel
-def _find_flaw(samples: Samples, i: int, speed_is_error: bool, extent: float) -> tuple[int, float]:
+def _find_flaw(sample: States, speed_is_error: bool, extent: float) -> tuple[int, float]:
     """Code and value of the first field that cannot be used as it is; TAKEN if all can."""
-    flaw = _find_scalar_flaw(2, samples.radius[i], False)
+    flaw = _find_scalar_flaw(2, sample.radius[0], False)
     if flaw != TAKEN:
-        return flaw, samples.radius[i]
-    flaw = _find_scalar_flaw(3, samples.accel[i], True)
+        return flaw, sample.radius[0]
+    flaw = _find_scalar_flaw(3, sample.accel[0], True)
     if flaw != TAKEN:
-        return flaw, samples.accel[i]
-    flaw = _find_scalar_flaw(4, samples.speed[i], True)
+        return flaw, sample.accel[0]
+    flaw = _find_scalar_flaw(4, sample.speed[0], True)
     if flaw != TAKEN:
-        return flaw, samples.speed[i]
-    flaw = _find_scalar_flaw(5, samples.position_error[i], False)
+        return flaw, sample.speed[0]
+    flaw = _find_scalar_flaw(5, sample.position_error[0], False)
     if flaw != TAKEN:
-        return flaw, samples.position_error[i]
-    flaw = _find_scalar_flaw(6, samples.velocity_error[i], speed_is_error)
+        return flaw, sample.position_error[0]
+    flaw = _find_scalar_flaw(6, sample.velocity_error[0], speed_is_error)
     if flaw != TAKEN:
-        return flaw, samples.velocity_error[i]
-    if _is_too_large(samples.accel[i], MAXIMUM_ACCEL):
-        return TOO_LARGE + 3, samples.accel[i]
-    if _is_too_large(samples.speed[i], MAXIMUM_SPEED):
-        return TOO_LARGE + 4, samples.speed[i]
-    top_speed = samples.speed[i] + samples.velocity_error[i]
+        return flaw, sample.velocity_error[0]
+    if _is_too_large(sample.accel[0], MAXIMUM_ACCEL):
+        return TOO_LARGE + 3, sample.accel[0]
+    if _is_too_large(sample.speed[0], MAXIMUM_SPEED):
+        return TOO_LARGE + 4, sample.speed[0]
+    top_speed = sample.speed[0] + sample.velocity_error[0]
     largest = 0.0
-    for k in range(samples.point_count):
+    for k in range(sample.point_count[0]):
         square = 0.0
         for axis in range(3):
-            position = samples.points[i, k, axis]
-            velocity = samples.velocities[i, k, axis]
+            position = sample.points[0, k, axis]
+            velocity = sample.velocities[0, k, axis]
             if not abs(position) < math.inf:
                 return NOT_FINITE, position
             if not abs(velocity) < math.inf:
@@ -151,63 +151,43 @@ def _find_flaw(samples: Samples, i: int, speed_is_error: bool, extent: float) ->
 
 
 @merged_kernel
-def _write(states: States, row: int, samples: Samples, i: int, stamp: float) -> None:
-    count = samples.point_count
+def _write(states: States, row: int, sample: States) -> None:
+    count = sample.point_count[0]
     for k in range(count, states.points.shape[1]):
         for axis in range(3):
             states.points[row, k, axis] = states.velocities[row, k, axis] = 0.0
     for k in range(count):
         for axis in range(3):
-            states.points[row, k, axis] = samples.points[i, k, axis]
-            states.velocities[row, k, axis] = samples.velocities[i, k, axis]
+            states.points[row, k, axis] = sample.points[0, k, axis]
+            states.velocities[row, k, axis] = sample.velocities[0, k, axis]
     states.point_count[row] = count
-    states.radius[row] = samples.radius[i]
-    states.accel[row] = samples.accel[i]
-    states.speed[row] = samples.speed[i]
-    states.position_error[row] = samples.position_error[i]
-    states.velocity_error[row] = samples.velocity_error[i]
-    states.stamp[row] = stamp
+    states.radius[row] = sample.radius[0]
+    states.accel[row] = sample.accel[0]
+    states.speed[row] = sample.speed[0]
+    states.position_error[row] = sample.position_error[0]
+    states.velocity_error[row] = sample.velocity_error[0]
+    states.stamp[row] = sample.stamp[0]
 
 
 @kernel
-def _widen(states: States, row: int, samples: Samples, i: int) -> bool:
+def _widen(states: States, row: int, sample: States) -> bool:
     """Take the larger of two descriptions that agree and have the same stamp; whether it grew."""
     grew = False
     for known, told in (
-        (states.radius, samples.radius),
-        (states.accel, samples.accel),
-        (states.speed, samples.speed),
-        (states.position_error, samples.position_error),
-        (states.velocity_error, samples.velocity_error),
+        (states.radius, sample.radius),
+        (states.accel, sample.accel),
+        (states.speed, sample.speed),
+        (states.position_error, sample.position_error),
+        (states.velocity_error, sample.velocity_error),
     ):
-        if told[i] > known[row]:
-            known[row] = told[i]
+        if told[0] > known[row]:
+            known[row] = told[0]
             grew = True
     return grew
 
 
 @merged_kernel
-def _record_of_sample(
-    samples: Samples, i: int, stamp: float, radius: float, accel: float, speed: float
-) -> Record:
-    """A sample, with a radius and bounds that may be others than those told with it."""
-    return Record(
-        samples.points[i],
-        samples.velocities[i],
-        samples.point_count,
-        radius,
-        accel,
-        speed,
-        samples.position_error[i],
-        samples.velocity_error[i],
-        stamp,
-    )
-
-
-@merged_kernel
-def _agrees(
-    states: States, row: int, samples: Samples, i: int, stamp: float, accel: float, speed: float
-) -> int:
+def _agrees(states: States, row: int, sample: States, accel: float, speed: float) -> int:
     """`body_allows` between a stored state and a sample, the older of which is record 0.
 
     A larger radius is a change of description, which a source may make at any time; it says
@@ -216,29 +196,28 @@ def _agrees(
     Args:
         states: Where the stored state stands.
         row: Its row.
-        samples: Where the sample stands.
-        i: Its place.
-        stamp: Of the sample, in [s].
+        sample: The sample, in the first place.
         accel: Bound on acceleration that was told of this body lately, in [m/s²].
         speed: Bound on speed that was told of this body lately, in [m/s].
     """
-    radius = min(samples.radius[i], states.radius[row])
-    if stamp >= states.stamp[row]:
+    radius = min(sample.radius[0], states.radius[row])
+    if sample.stamp[0] >= states.stamp[row]:
         accel, speed = max(accel, states.accel[row]), max(speed, states.speed[row])
         return body_allows(
-            record_of(states, row, states.radius[row], accel, speed),
-            _record_of_sample(samples, i, stamp, radius, accel, speed),
+            Record(states, row, states.radius[row], accel, speed),
+            Record(sample, 0, radius, accel, speed),
         )
-    accel, speed = max(accel, samples.accel[i]), max(speed, samples.speed[i])
+    accel, speed = max(accel, sample.accel[0]), max(speed, sample.speed[0])
     return body_allows(
-        _record_of_sample(samples, i, stamp, samples.radius[i], accel, speed),
-        record_of(states, row, radius, accel, speed),
+        Record(sample, 0, sample.radius[0], accel, speed),
+        Record(states, row, radius, accel, speed),
     )
 
 
 @merged_kernel
-def _remember_bounds(told: Told, row: int, samples: Samples, i: int, stamp: float) -> None:
+def _remember_bounds(told: Told, row: int, sample: States) -> None:
     """Let a sample's bounds count for the next `TOLD_FOR` seconds, whatever is told later."""
+    stamp = sample.stamp[0]
     elapsed = stamp - told.since[row]
     if not elapsed <= TOLD_FOR:
         recent = elapsed <= 2.0 * TOLD_FOR
@@ -246,8 +225,8 @@ def _remember_bounds(told: Told, row: int, samples: Samples, i: int, stamp: floa
         told.speed_before[row] = told.speed[row] if recent else 0.0
         told.accel[row] = told.speed[row] = 0.0
         told.since[row] = stamp
-    told.accel[row] = max(told.accel[row], samples.accel[i])
-    told.speed[row] = max(told.speed[row], samples.speed[i])
+    told.accel[row] = max(told.accel[row], sample.accel[0])
+    told.speed[row] = max(told.speed[row], sample.speed[0])
 
 
 @kernel
@@ -262,41 +241,37 @@ def _largest_step(before: FloatArray, after: FloatArray, count: int) -> float:
 
 
 @kernel
-def _measure_bounds(
-    states: States, row: int, samples: Samples, i: int, stamp: float
-) -> tuple[float, float]:
+def _measure_bounds(states: States, row: int, sample: States) -> tuple[float, float]:
     """Acceleration and speed that a body needed at the least to be in a state and in a sample.
 
     inf where nothing can be said of that.
     """
-    duration = abs(stamp - states.stamp[row])
-    if not (0.0 < duration <= SEEN_WITHIN and states.point_count[row] == samples.point_count):
+    elapsed = sample.stamp[0] - states.stamp[row]
+    duration = abs(elapsed)
+    if not (0.0 < duration <= SEEN_WITHIN and states.point_count[row] == sample.point_count[0]):
         return math.inf, math.inf
-    elapsed = stamp - states.stamp[row]
-    error = states.position_error[row] + samples.position_error[i]
+    error = states.position_error[row] + sample.position_error[0]
     rate_error = states.velocity_error[row]
     accel = speed = 0.0
-    for k in range(samples.point_count):
+    for k in range(sample.point_count[0]):
         step2 = stray2 = change2 = velocity2 = 0.0
         for axis in range(3):
-            v0, v1 = states.velocities[row, k, axis], samples.velocities[i, k, axis]
-            step = samples.points[i, k, axis] - states.points[row, k, axis]
+            v0, v1 = states.velocities[row, k, axis], sample.velocities[0, k, axis]
+            step = sample.points[0, k, axis] - states.points[row, k, axis]
             step2 += step * step
             stray2 += (step - v0 * elapsed) ** 2
             change2 += (v1 - v0) ** 2
             velocity2 += v1 * v1
-        speed = max(speed, math.sqrt(velocity2) - samples.velocity_error[i])
+        speed = max(speed, math.sqrt(velocity2) - sample.velocity_error[0])
         speed = max(speed, (math.sqrt(step2) - error) / duration)
-        changed = math.sqrt(change2) - rate_error - samples.velocity_error[i]
+        changed = math.sqrt(change2) - rate_error - sample.velocity_error[0]
         strayed = math.sqrt(stray2) - error - rate_error * duration
         accel = max(accel, changed / duration, 2.0 * strayed / (duration * duration))
     return accel, speed
 
 
 @kernel
-def _widen_broken_bounds(
-    handle: Any, states: States, row: int, samples: Samples, i: int, stamp: float
-) -> bool:
+def _widen_broken_bounds(handle: Any, states: States, row: int, sample: States) -> bool:
     """Let what a body has shown between a state and a sample count, if that is believable.
 
     Larger bounds make contact times shorter.
@@ -306,11 +281,12 @@ def _widen_broken_bounds(
     """
     table = handle.content
     told, accepted = table.told, table.accepted
-    accel = max(told.accel[row], told.accel_before[row], samples.accel[i])
-    speed = max(told.speed[row], told.speed_before[row], samples.speed[i])
-    seen_accel, seen_speed = _measure_bounds(states, row, samples, i, stamp)
+    accel = max(told.accel[row], told.accel_before[row], sample.accel[0])
+    speed = max(told.speed[row], told.speed_before[row], sample.speed[0])
+    seen_accel, seen_speed = _measure_bounds(states, row, sample)
     if not (seen_accel <= BELIEVABLE_ACCEL * accel and seen_speed <= BELIEVABLE_SPEED * speed):
         return False
+    stamp = sample.stamp[0]
     if not stamp <= told.broken_until[row]:
         told.broken_accel[row] = told.broken_speed[row] = 0.0
     if seen_accel > accel:
@@ -320,7 +296,7 @@ def _widen_broken_bounds(
         counts = BROKEN_FACTOR * seen_speed
         told.broken_speed[row] = max(told.broken_speed[row], counts)
     told.broken_until[row] = max(told.broken_until[row], stamp + BROKEN_FOR)
-    _count_broken_bounds(told, row, samples, i, stamp)
+    _count_broken_bounds(told, row, sample)
     if table.marks.has_state[row] and not table.marks.static[row]:
         accepted.accel[row] = max(accepted.accel[row], told.broken_accel[row])
         accepted.speed[row] = max(accepted.speed[row], told.broken_speed[row])
@@ -328,46 +304,45 @@ def _widen_broken_bounds(
 
 
 @merged_kernel
-def _count_broken_bounds(told: Told, row: int, samples: Samples, i: int, stamp: float) -> None:
+def _count_broken_bounds(told: Told, row: int, sample: States) -> None:
     """Let a sample's bounds be no narrower than what its body has shown lately.
 
     Compared as they are here, what is no number stays none, and is refused as that.
     """
-    if not stamp <= told.broken_until[row]:
+    if not sample.stamp[0] <= told.broken_until[row]:
         return
-    if samples.accel[i] < told.broken_accel[row]:
-        samples.accel[i] = told.broken_accel[row]
-        if samples.accel[i] > MAXIMUM_ACCEL:
-            samples.accel[i] = math.inf
-    if samples.speed[i] < told.broken_speed[row]:
-        samples.speed[i] = told.broken_speed[row]
-        if samples.speed[i] > MAXIMUM_SPEED:
-            samples.speed[i] = math.inf
+    if sample.accel[0] < told.broken_accel[row]:
+        sample.accel[0] = told.broken_accel[row]
+        if sample.accel[0] > MAXIMUM_ACCEL:
+            sample.accel[0] = math.inf
+    if sample.speed[0] < told.broken_speed[row]:
+        sample.speed[0] = told.broken_speed[row]
+        if sample.speed[0] > MAXIMUM_SPEED:
+            sample.speed[0] = math.inf
 
 
 @kernel
-def _let_stand(handle: Any, row: int, samples: Samples, i: int, stamp: float) -> None:
+def _let_stand(handle: Any, row: int, sample: States) -> None:
     """Let a refused sample be possible: in a place of its own, or within the bounds of another."""
     table = handle.content
     refused, marks = table.refused, table.marks
     marks.refused[row] = True
-    radius, accel, speed = samples.radius[i], samples.accel[i], samples.speed[i]
-    sample = _record_of_sample(samples, i, stamp, radius, accel, speed)
+    radius, accel, speed = sample.radius[0], sample.accel[0], sample.speed[0]
+    record = Record(sample, 0, radius, accel, speed)
     for place in range(row * MOST_REFUSED, row * MOST_REFUSED + marks.refused_count[row]):
-        if widen_to_cover(refused, place, sample):
+        if widen_to_cover(refused, place, record):
             # As long as if it had come now.
             table.refusals.until[place] = math.inf
-            table.refusals.covers_from[place] = max(table.refusals.covers_from[place], stamp)
+            covers_from = max(table.refusals.covers_from[place], sample.stamp[0])
+            table.refusals.covers_from[place] = covers_from
             return
     place = find_place(marks, table.refusals, row)
     if place >= 0:
-        _write(refused, place, samples, i, stamp)
+        _write(refused, place, sample)
 
 
 @kernel
-def _set_aside(
-    handle: Any, row: int, samples: Samples, i: int, stamp: float, code: int, value: float
-) -> tuple[int, float]:
+def _set_aside(handle: Any, row: int, sample: States, code: int, value: float) -> tuple[int, float]:
     """Keep a sample beside the accepted state, unless it confirms another track.
 
     Returns:
@@ -380,39 +355,38 @@ def _set_aside(
         lose_sight(marks, table.refusals, row)
         return code, value
     if marks.has_state[row] and code != SHAPE:
-        _widen_broken_bounds(handle, accepted, row, samples, i, stamp)
+        _widen_broken_bounds(handle, accepted, row, sample)
     if code == TOO_FAST:
         marks.confirmations[row] = 0
-        samples.speed[i] = max(samples.speed[i], BROKEN_FACTOR * value)
-        _let_stand(handle, row, samples, i, stamp)
+        sample.speed[0] = max(sample.speed[0], BROKEN_FACTOR * value)
+        _let_stand(handle, row, sample)
         return code, value
     # A candidate track grows by samples that follow its last one, and begins anew with others.
     known = marks.confirmations[row] > 0
     follows = (
-        known
-        and _agrees(candidates, row, samples, i, stamp, samples.accel[i], samples.speed[i])
-        == ALLOWED
+        known and _agrees(candidates, row, sample, sample.accel[0], sample.speed[0]) == ALLOWED
     )
+    stamp = sample.stamp[0]
     late = not stamp > accepted.stamp[row]
     if follows and stamp > candidates.stamp[row]:
         marks.confirmations[row] += 1
-        _write(candidates, row, samples, i, stamp)
+        _write(candidates, row, sample)
     elif not follows and not (known and late):
         # A late message must not hide a track that is about to be confirmed.
         marks.confirmations[row] = 1
-        _write(candidates, row, samples, i, stamp)
+        _write(candidates, row, sample)
     # What a fault shows: how far the sample is off the accepted state.
     if code == VELOCITY_BY_ACCEL:
-        value = _largest_step(accepted.velocities[row], samples.velocities[i], samples.point_count)
+        value = _largest_step(accepted.velocities[row], sample.velocities[0], sample.point_count[0])
     elif code == SHAPE:
-        value = float(samples.point_count)
+        value = float(sample.point_count[0])
     else:
-        value = _largest_step(accepted.points[row], samples.points[i], samples.point_count)
+        value = _largest_step(accepted.points[row], sample.points[0], sample.point_count[0])
     if marks.confirmations[row] >= CONFIRMING_SAMPLES and not late:
         # What was believed until now may be true all the same.
         set_state_aside(accepted, row, marks, table.refused, table.refusals)
         return TRACK_CHANGED, value
-    _let_stand(handle, row, samples, i, stamp)
+    _let_stand(handle, row, sample)
     return code, value
 
 
@@ -429,8 +403,8 @@ def take_samples(
     Args:
         handle: On the table's `Rows`; written. A row is noted as changed where its
             reference state does not allow for what was written.
-        message: On `MessageData`: the samples, which are moved to the world frame in place. Its
-            codes are filled with TAKEN, or why not, and its values with what a fault would show.
+        message: On `MessageData`: the samples. Its codes are filled with TAKEN, or why not, and its
+            values with what a fault would show.
         rows: Row of each sample, -1 to leave it alone. Shape (n,).
         head: What is said of the whole message.
         numbers: What is said of all samples with one number.
@@ -445,16 +419,10 @@ def take_samples(
     accepted, marks, told = table.accepted, table.marks, table.told
     changed_rows, reference_states = table.changed_rows, table.reference_states
     count = rows.shape[0]
-    samples = Samples(
-        points_each,
-        data.points,
-        data.velocities,
-        data.radius,
-        data.accel,
-        data.speed,
-        data.position_error,
-        data.velocity_error,
-    )
+    # One after the other they are copied to where all rules read them, and moved to the world.
+    sample = data.sample
+    sample.point_count[0] = points_each
+    sample.stamp[0] = stamp
     taken = exceptions = 0
     any_refused = False
     for i in range(count):
@@ -462,48 +430,45 @@ def take_samples(
         if row < 0:
             data.codes[i] = TAKEN
             continue
-        if not each & 1:
-            samples.radius[i] = common_radius
-        if not each & 2:
-            samples.accel[i] = common_accel
-        if not each & 4:
-            samples.speed[i] = common_speed
-        if not each & 8:
-            samples.position_error[i] = position_error
+        for k in range(points_each):
+            for axis in range(3):
+                sample.points[0, k, axis] = data.points[i, k, axis]
+                velocity = data.velocities[i, k, axis] if is_velocity_known else 0.0
+                sample.velocities[0, k, axis] = velocity
+        sample.radius[0] = data.radius[i] if each & 1 else common_radius
+        sample.accel[0] = data.accel[i] if each & 2 else common_accel
+        sample.speed[0] = data.speed[i] if each & 4 else common_speed
+        sample.position_error[0] = data.position_error[i] if each & 8 else position_error
         if not is_velocity_known:
-            for k in range(points_each):
-                for axis in range(3):
-                    samples.velocities[i, k, axis] = 0.0
-            samples.velocity_error[i] = samples.speed[i]
-        elif not each & 16:
-            samples.velocity_error[i] = velocity_error
+            sample.velocity_error[0] = sample.speed[0]
+        else:
+            sample.velocity_error[0] = data.velocity_error[i] if each & 16 else velocity_error
         if frame > 0:
-            _move_to_world(samples, i, data.frames, frame)
-            samples.position_error[i] += data.frames.position_error[frame]
+            _move_to_world(sample, data.frames, frame)
+            sample.position_error[0] += data.frames.position_error[frame]
         # Read: values that cannot be used at all, and errors below what numbers resolve.
-        stated_accel = samples.accel[i]
-        _count_broken_bounds(told, row, samples, i, stamp)
-        code, value = _find_flaw(samples, i, not is_velocity_known, extent)
+        stated_accel = sample.accel[0]
+        _count_broken_bounds(told, row, sample)
+        code, value = _find_flaw(sample, not is_velocity_known, extent)
         if code in (TAKEN, TOO_FAST):
-            samples.position_error[i] = max(samples.position_error[i], RESOLUTION)
-            samples.velocity_error[i] = max(samples.velocity_error[i], RESOLUTION)
-            radius, speed = samples.radius[i], samples.speed[i]
-            sample = _record_of_sample(samples, i, stamp, radius, stated_accel, speed)
-            follow_spread(table.spreads, row, sample)
+            sample.position_error[0] = max(sample.position_error[0], RESOLUTION)
+            sample.velocity_error[0] = max(sample.velocity_error[0], RESOLUTION)
+            radius, speed = sample.radius[0], sample.speed[0]
+            follow_spread(table.spreads, row, Record(sample, 0, radius, stated_accel, speed))
         # Gate: does it agree with the accepted state, by all bounds that were told lately?
         if code == TAKEN and marks.has_state[row]:
             told_accel = max(told.accel[row], told.accel_before[row])
             told_speed = max(told.speed[row], told.speed_before[row])
-            code = _agrees(accepted, row, samples, i, stamp, told_accel, told_speed)
+            code = _agrees(accepted, row, sample, told_accel, told_speed)
             if code == ALLOWED and not stamp > accepted.stamp[row]:
                 # It changes nothing, unless it describes the very moment of the accepted state.
                 code = LATE
-                if stamp == accepted.stamp[row] and _widen(accepted, row, samples, i):
+                if stamp == accepted.stamp[row] and _widen(accepted, row, sample):
                     marks.revision[row] += 1
                     note_row(changed_rows, row)
         # Confirm: what does not agree is set aside, or completes another track.
         if code not in (TAKEN, LATE):
-            code, value = _set_aside(handle, row, samples, i, stamp, code, value)
+            code, value = _set_aside(handle, row, sample, code, value)
             marks.revision[row] += 1
         data.codes[i] = code
         data.values[i] = value
@@ -512,7 +477,7 @@ def take_samples(
         # unless its reference state allows for what was written.
         is_changed = code != LATE
         if code in (TAKEN, TRACK_CHANGED):
-            _write(accepted, row, samples, i, stamp)
+            _write(accepted, row, sample)
             marks.has_state[row] = True
             marks.confirmations[row] = 0
             marks.revision[row] += code == TAKEN
@@ -524,12 +489,12 @@ def take_samples(
             # that rests on is set aside once; it stands until the change has been read.
             if (
                 not allowed
-                and not _widen_broken_bounds(handle, reference_states, row, samples, i, stamp)
+                and not _widen_broken_bounds(handle, reference_states, row, sample)
                 and not changed_rows.is_changed[row]
             ):
                 set_state_aside(reference_states, row, marks, table.refused, table.refusals)
         if code in (TAKEN, LATE, TRACK_CHANGED):
-            _remember_bounds(told, row, samples, i, stamp)
+            _remember_bounds(told, row, sample)
         if is_changed:
             note_row(changed_rows, row)
         any_refused = any_refused or marks.refused[row]

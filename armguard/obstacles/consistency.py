@@ -22,26 +22,9 @@ from armguard.jit.numerics import (
     VELOCITY_BY_SPEED,
 )
 from armguard.obstacles.record import Record
-from armguard.obstacles.table import States
 
 SHRINKING = 1.0 - 2.0**-50
 """Factor of a square, below which its root is below that of the whole, however all is rounded."""
-
-
-@merged_kernel
-def record_of(states: States, row: int, radius: float, accel: float, speed: float) -> Record:
-    """A stored state, with a radius and bounds that may be others than those stored with it."""
-    return Record(
-        states.points[row],
-        states.velocities[row],
-        states.point_count[row],
-        radius,
-        accel,
-        speed,
-        states.position_error[row],
-        states.velocity_error[row],
-        states.stamp[row],
-    )
 
 
 @merged_kernel
@@ -72,10 +55,13 @@ def body_allows(record0: Record, record1: Record) -> int:
     Returns:
         ALLOWED (0), or the code of the first bound that is broken.
     """
-    points0, velocities0, count0, radius0, accel0, speed0, _, velocity_error0, stamp0 = record0
-    points1, velocities1, count1, radius1, _, _, _, velocity_error1, stamp1 = record1
-    if not (1 <= count1 == count0 <= points0.shape[0] and count1 <= points1.shape[0]):
+    states0, row0, radius0, accel0, speed0 = record0
+    states1, row1, radius1, _, _ = record1
+    count0, count1 = states0.point_count[row0], states1.point_count[row1]
+    if not (1 <= count1 == count0 <= states0.points.shape[1] and count1 <= states1.points.shape[1]):
         return SHAPE
+    stamp0, stamp1 = states0.stamp[row0], states1.stamp[row1]
+    velocity_error0, velocity_error1 = states0.velocity_error[row0], states1.velocity_error[row1]
     # What the bounds allow in the time between the records, whichever of them is older.
     elapsed = stamp1 - stamp0
     clock_slack = ACCEPTANCE_SLACK * (abs(stamp0) + abs(stamp1))
@@ -87,7 +73,7 @@ def body_allows(record0: Record, record1: Record) -> int:
         by_accel = math.inf
     else:
         by_accel = (0.5 * accel0 * duration + velocity_error0) * duration
-    room = radius0 + record0.position_error + record1.position_error
+    room = radius0 + states0.position_error[row0] + states1.position_error[row1]
     velocity_change += velocity_error0 + velocity_error1
     top_speed = speed0 + velocity_error1
     # Each point by itself; the bounds hold for every one of them.
@@ -97,8 +83,8 @@ def body_allows(record0: Record, record1: Record) -> int:
         stray2 = step2 = change2 = velocity2 = 0.0
         length = rate = 0.0
         for axis in range(3):
-            x0, x1 = points0[k, axis], points1[k, axis]
-            v0, v1 = velocities0[k, axis], velocities1[k, axis]
+            x0, x1 = states0.points[row0, k, axis], states1.points[row1, k, axis]
+            v0, v1 = states0.velocities[row0, k, axis], states1.velocities[row1, k, axis]
             step = x1 - x0
             stray = step - v0 * elapsed
             step2 += step * step

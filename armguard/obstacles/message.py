@@ -15,33 +15,13 @@ import numpy as np
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import pack
 from armguard.obstacles.frames import Frame
+from armguard.obstacles.table import States, make_states
 
 FIELDS = ("radius", "accel", "speed", "position_error", "velocity_error")
-"""What a message says of a sample with one number, in the order of `Samples`."""
+"""What a message says of a sample with one number, in this order."""
 
 LEAST_ROOM = 64
 """Samples of balls that there is room for at the least."""
-
-
-class Samples(NamedTuple):
-    """One call's samples, as measured in one frame, before they are judged."""
-
-    point_count: int
-    """Points of each."""
-    points: FloatArray
-    """[m]; the first `point_count` of each count. Shape (rows, width, 3)."""
-    velocities: FloatArray
-    """[m/s]. Shape (rows, width, 3)."""
-    radius: FloatArray
-    """[m]. Shape (rows,)."""
-    accel: FloatArray
-    """[m/s²]. Shape (rows,)."""
-    speed: FloatArray
-    """[m/s]. Shape (rows,)."""
-    position_error: FloatArray
-    """[m]. Shape (rows,)."""
-    velocity_error: FloatArray
-    """[m/s]. Shape (rows,)."""
 
 
 class ToldSamples(NamedTuple):
@@ -131,6 +111,8 @@ class MessageData(NamedTuple):
     """What became of each sample. Shape (rows,)."""
     values: FloatArray
     """What a fault would show of it. Shape (rows,)."""
+    sample: States
+    """Room for one sample while it is judged, in the first place of two."""
     frames: Frames
 
 
@@ -209,6 +191,7 @@ class MessageMemory:
             velocity_error=velocity_error,
             codes=np.zeros(rows, dtype=np.int64),
             values=np.zeros(rows),
+            sample=make_states(2, width),
             frames=self._frames,
         )
         self.handle = pack(self.data)

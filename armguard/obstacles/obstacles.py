@@ -272,14 +272,16 @@ class Obstacles(ObstacleRegister):
         if points_each > 1:
             self.table.widen(points_each)
         number = self._frames[frame]
-        wrong = self._told_frames.find_wrong(
-            state.index,
-            number,
-            rows,
-            self._rows_of(state.index).values(),
-            self.table.has_state,
-        )
-        if wrong:
+        wrong: list[int] = []
+        is_usual = self._told_frames.is_usual(state.index, number)
+        if not is_usual:
+            wrong = self._told_frames.find_wrong(
+                state.index,
+                number,
+                rows,
+                self._rows_of(state.index).values(),
+                self.table.has_state,
+            )
             self._memory.data.points[wrong] = math.nan
         taken, exceptions, any_refused = self._take_samples(
             self.table.handle,
@@ -291,10 +293,10 @@ class Obstacles(ObstacleRegister):
             ),
             tuple.__new__(MessageNumbers, numbers),
         )
-        codes = self._memory.data.codes[: len(names)]
-        if wrong:
+        if not is_usual:
+            codes = self._memory.data.codes[: len(names)]
             codes[wrong] = WRONG_FRAME
-        self._told_frames.note(state.index, number, rows, codes)
+            self._told_frames.note(state.index, number, rows, codes)
         if taken:
             self._newest = max(self._newest, time)
         # A sample that is taken may set aside what a certificate rests on.

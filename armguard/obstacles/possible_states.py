@@ -179,7 +179,9 @@ def widen_to_cover(refused: States, place: int, sample: Record) -> bool:
         place: Of the state.
         sample: The sample; its bound on speed is the one that holds, whatever was measured.
     """
-    points, velocities, count, radius, accel, speed, position_error, velocity_error, stamp = sample
+    states, row, radius, accel, speed = sample
+    count, stamp = states.point_count[row], states.stamp[row]
+    position_error, velocity_error = states.position_error[row], states.velocity_error[row]
     elapsed = stamp - refused.stamp[place]
     if count != refused.point_count[place] or not 0.0 <= elapsed < np.inf:
         return False
@@ -193,7 +195,7 @@ def widen_to_cover(refused: States, place: int, sample: Record) -> bool:
         change = fast = 0.0
         for axis in range(3):
             v0 = refused.velocities[place, k, axis]
-            change += (velocities[k, axis] - v0) ** 2
+            change += (states.velocities[row, k, axis] - v0) ** 2
             fast += v0 * v0
         fastest = max(fastest, math.sqrt(fast))
         rate_error = max(rate_error, math.sqrt(change) + velocity_error - gained)
@@ -214,8 +216,8 @@ def widen_to_cover(refused: States, place: int, sample: Record) -> bool:
     for k in range(count):
         stray = step = length = 0.0
         for axis in range(3):
-            moved = points[k, axis] - refused.points[place, k, axis]
-            length += abs(points[k, axis]) + abs(refused.points[place, k, axis])
+            moved = states.points[row, k, axis] - refused.points[place, k, axis]
+            length += abs(states.points[row, k, axis]) + abs(refused.points[place, k, axis])
             step += moved * moved
             stray += (moved - refused.velocities[place, k, axis] * elapsed) ** 2
         if lost == np.inf:

@@ -11,7 +11,8 @@ import numpy as np
 
 from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import ALLOWED, TIME_ROUNDING
-from armguard.obstacles.consistency import body_allows, record_of
+from armguard.obstacles.consistency import body_allows
+from armguard.obstacles.record import Record
 from armguard.obstacles.table import Marks, States, copy_state
 
 
@@ -56,7 +57,7 @@ def allows_reference_state(
     radius = min(bodies.radius[row], reference_states.radius[place])
     accel, speed = reference_states.accel[place], reference_states.speed[place]
     code = body_allows(
-        record_of(reference_states, place, reference_states.radius[place], accel, speed),
-        record_of(bodies, row, radius, bodies.accel[row], bodies.speed[row]),
+        Record(reference_states, place, reference_states.radius[place], accel, speed),
+        Record(bodies, row, radius, bodies.accel[row], bodies.speed[row]),
     )
     return code == ALLOWED, grown

@@ -146,7 +146,9 @@ def follow_spread(spreads: Spreads, row: int, sample: Record) -> None:
         row: Of the body.
         sample: The sample, with the bound on acceleration and the errors that its source states.
     """
-    points, velocities, count, _, accel, _, position_error, velocity_error, stamp = sample
+    states, place, _, accel, _ = sample
+    count, stamp = states.point_count[place], states.stamp[place]
+    position_error, velocity_error = states.position_error[place], states.velocity_error[place]
     known = spreads.samples[row]
     later = stamp - spreads.last_stamp[row]
     if known > 0 and not later > 0.0 and -later <= FORGOTTEN_AFTER:
@@ -162,8 +164,8 @@ def follow_spread(spreads: Spreads, row: int, sample: Record) -> None:
         for k in range(count):
             square = 0.0
             for axis in range(3):
-                mean = (points[k, axis] - spreads.last[row, k, axis]) / later
-                square += (velocities[k, axis] - mean) ** 2
+                mean = (states.points[place, k, axis] - spreads.last[row, k, axis]) / later
+                square += (states.velocities[place, k, axis] - mean) ** 2
             if not (room > 0.0 and square < room * room):
                 proved = max(proved, math.sqrt(square) - room)
         median = math.inf if known == 1 else spreads.velocity[row]
@@ -179,7 +181,7 @@ def follow_spread(spreads: Spreads, row: int, sample: Record) -> None:
             for axis in range(3):
                 middle = spreads.last[row, k, axis]
                 went = middle - spreads.before[row, k, axis]
-                square += (points[k, axis] - middle - ratio * went) ** 2
+                square += (states.points[place, k, axis] - middle - ratio * went) ** 2
             if not (room > 0.0 and square < room * room):
                 proved = max(proved, (math.sqrt(square) - room) / (2.0 + 2.0 * ratio))
         median = math.inf if known == 2 else spreads.position[row]
@@ -203,5 +205,5 @@ def follow_spread(spreads: Spreads, row: int, sample: Record) -> None:
     for k in range(count):
         for axis in range(3):
             spreads.before[row, k, axis] = spreads.last[row, k, axis]
-            spreads.last[row, k, axis] = points[k, axis]
+            spreads.last[row, k, axis] = states.points[place, k, axis]
     spreads.point_count[row] = count

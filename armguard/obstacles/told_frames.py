@@ -22,13 +22,17 @@ from armguard.obstacles.acceptance import LATE, TAKEN, TRACK_CHANGED
 class ToldFrames:
     """Frames of accepted samples, and those that contradicted them, by source.
 
-    It costs a look-up in a dictionary for a message as long as its source uses one frame.
+    As long as a source uses one frame, `is_usual` is all that a message costs.
     """
 
     def __init__(self) -> None:
         self._usual: dict[int, int] = {}
         self._told: dict[int, dict[int, int]] = {}
         self._wrong: dict[int, dict[int, int]] = {}
+
+    def is_usual(self, source: int, frame: int) -> bool:
+        """Whether a message comes in the only frame that its source has ever used."""
+        return source not in self._told and self._usual.setdefault(source, frame) == frame
 
     def find_wrong(
         self,
@@ -40,6 +44,8 @@ class ToldFrames:
     ) -> list[int]:
         """Which samples of a message come in a frame that has contradicted their bodies' states.
 
+        Of a source for which `is_usual` does not hold.
+
         Args:
             source: Number of the source that speaks.
             frame: Number of the message's frame.
@@ -49,10 +55,7 @@ class ToldFrames:
                 another body's than before.
         """
         if source not in self._told:
-            usual = self._usual.setdefault(source, frame)
-            if usual == frame:
-                return []
-            self._told[source] = dict.fromkeys(all_rows, usual)
+            self._told[source] = dict.fromkeys(all_rows, self._usual[source])
             self._wrong[source] = {}
         wrong = self._wrong[source]
         for row in rows[~has_state[rows]].tolist():
@@ -63,7 +66,7 @@ class ToldFrames:
         return [i for i, row in enumerate(rows.tolist()) if row >= 0 and wrong.get(row) == frame]
 
     def note(self, source: int, frame: int, rows: IntArray, codes: IntArray) -> None:
-        """Note what came of a message.
+        """Note what came of a message, of a source for which `is_usual` does not hold.
 
         Args:
             source: Number of the source that spoke.
@@ -71,10 +74,7 @@ class ToldFrames:
             rows: Row of each sample, -1 for none. Shape (n,).
             codes: What the rule made of each sample. Shape (n,).
         """
-        told = self._told.get(source)
-        if told is None:
-            return
-        wrong = self._wrong[source]
+        told, wrong = self._told[source], self._wrong[source]
         accepted = np.isin(codes, (TAKEN, TRACK_CHANGED))
         for row in rows[accepted].tolist():
             told[row] = frame

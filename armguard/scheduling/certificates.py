@@ -13,7 +13,14 @@ from armguard.jit.layout import make_records
 from armguard.obstacles.table import ChangedRows, States, extend_rows, make_states
 from armguard.pairs.scene import UNKNOWN
 from armguard.scheduling.timing_wheel import Wheel, grow_wheel, make_due, make_wheel, take_out
-from armguard.scheduling.tournament import find_least, grow_tournament, make_tournament, set_value
+from armguard.scheduling.tournament import (
+    ROOT,
+    find_least,
+    grow_tournament,
+    make_tournament,
+    parent_of,
+    set_value,
+)
 
 UNSEEN, UNPLACED = -3, -2
 """In place of a row, where nothing was evaluated yet, or the arm must be placed first."""
@@ -139,16 +146,13 @@ def grow_certificates(
 ) -> Certificates:
     """The same certificates for an obstacle table with these arrays, which may have more rows."""
     rows, width = reference_states.points.shape[:2]
-    leaves = len(certificates.expiry_tree) // 2
     grown = _make_rows(rows, certificates.watched.shape[1])
     for name, array in grown.items():
         before = getattr(certificates, name)
         array[: len(before)] = before
     return certificates._replace(
         wheel=grow_wheel(certificates.wheel, rows),
-        expiry_tree=grow_tournament(
-            certificates.expiry_tree, max(leaves, 1 << (rows - 1).bit_length())
-        ),
+        expiry_tree=grow_tournament(certificates.expiry_tree, rows),
         reference_states=reference_states,
         news=news,
         **grown,
@@ -229,19 +233,19 @@ def find_most_imminent(certificates_handle: Any, rows: IntArray) -> int:
     wanted = min(rows.shape[0], certificates.numbers[ACTIVE])
     values = np.empty(wanted)
     count = 0
-    while count < wanted and certificates.expiry_tree[1] < np.inf:
+    while count < wanted and certificates.expiry_tree[ROOT] < np.inf:
         # Each is taken out of the tournament tree until all are found.
-        values[count] = certificates.expiry_tree[1]
+        values[count] = certificates.expiry_tree[ROOT]
         rows[count] = find_least(certificates.expiry_tree)
         set_value(certificates.expiry_tree, rows[count], np.inf)
         count += 1
     for i in range(count):
         set_value(certificates.expiry_tree, rows[i], values[i])
-    half = certificates.expiry_tree.shape[0] // 2
+    first = parent_of(certificates.expiry_tree.shape[0])
     for row in range(certificates.watched.shape[0]):
         if count == wanted:
             break
-        if certificates.expiry_tree[half + row] == np.inf and certificates.watched[row].any():
+        if certificates.expiry_tree[first + row] == np.inf and certificates.watched[row].any():
             rows[count] = row
             count += 1
     return count

@@ -64,6 +64,7 @@ from armguard.scheduling.scheduler import (
     Unsafe,
 )
 from armguard.scheduling.timing_wheel import NOBODY, SLOTS, WAITING
+from armguard.scheduling.tournament import entries_of
 
 UNLIMITED = 2**62
 """A budget that nothing exceeds."""
@@ -284,9 +285,7 @@ class DeadlineScheduler:
         evaluated_at = certificates.evaluated_at[rows]
         known = np.isfinite(evaluated_at)
         rows, evaluated_at = rows[known], evaluated_at[known]
-        contact_time = (
-            certificates.expiry_tree[len(certificates.expiry_tree) // 2 + rows] - evaluated_at
-        )
+        contact_time = entries_of(certificates.expiry_tree)[rows] - evaluated_at
         spare = certificates.wheel.deadline[rows] - evaluated_at
         if max_staleness > 0.0:
             spare = np.minimum(spare, max_staleness * contact_time)
@@ -380,7 +379,7 @@ class DeadlineScheduler:
         rows = rows[: find_most_imminent(self._handle, rows)]
         # Obstacles may have been removed since, and others taken their rows.
         rows = rows[~np.isin(rows, self._obstacles.membership_changes())]
-        row_expiry = certificates.expiry_tree[len(certificates.expiry_tree) // 2 + rows]
+        row_expiry = entries_of(certificates.expiry_tree)[rows]
         pairs = (rows[:, None] * links + np.arange(links))[certificates.watched[rows]]
         expiry = certificates.pair_expiry[pairs // links, pairs % links]
         order = _find_first(expiry, pair_limit)

@@ -85,7 +85,7 @@ from armguard.scheduling.timing_wheel import (
     put_off,
     turn,
 )
-from armguard.scheduling.tournament import find_below, find_least, set_value
+from armguard.scheduling.tournament import ROOT, find_below, find_least, set_value
 
 RECENT = 4096
 """Evaluated rows over which their price is averaged."""
@@ -370,7 +370,7 @@ def _find_first(
     while not watched[row].any():
         # The certificates of unwatched rows never end either.
         row += 1
-    return row, first_link(watched, pair_expiry, row), tournament[1]
+    return row, first_link(watched, pair_expiry, row), tournament[ROOT]
 
 
 @kernel

@@ -38,6 +38,14 @@ def test_a_stop_that_is_obeyed_is_in_time(robot, seed, settings):
     assert score.worst < 0.3
 
 
+def test_nothing_is_missed_within_50_ms_of_contact():
+    """All attack from beside a slow arm: only there does it still move, or may, at such times."""
+    score = Hunt(panda(), 0, 30, 30, close=True).run(6e5)
+    assert (score.hits, score.missed, score.early, score.too_fast) == (0, 0, 0, 0), score
+    assert score.near > 1000
+    assert score.near_open > 10
+
+
 def test_a_stop_that_is_obeyed_too_late_is_not():
     score = Hunt(panda(), 2, 60, 12, true_reaction=0.08).run(4e5)
     assert score.missed > 10

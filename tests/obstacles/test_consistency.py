@@ -18,6 +18,7 @@ from armguard.jit.numerics import (
 )
 from armguard.obstacles.consistency import _keeps_bound, body_allows
 from armguard.obstacles.record import Record
+from armguard.obstacles.table import MAXIMUM_POINTS, make_states
 
 INF = math.inf
 
@@ -45,7 +46,20 @@ def record(
 
 
 def judge(old, new):
-    return body_allows(*(Record(size=len(one["points"]), **one) for one in (old, new)))
+    states = make_states(2, MAXIMUM_POINTS)
+    for row, one in enumerate((old, new)):
+        states.point_count[row] = len(one["points"])
+        for field, value in one.items():
+            array = getattr(states, field)
+            if field in ("points", "velocities"):
+                array[row, : len(value)] = value
+            else:
+                array[row] = value
+    records = (
+        Record(states, row, one["radius"], one["accel"], one["speed"])
+        for row, one in enumerate((old, new))
+    )
+    return body_allows(*records)
 
 
 def judge_plainly(old, new):

@@ -166,8 +166,12 @@ def test_a_state_that_covers_another_sample_bounds_all_that_becomes_of_it():
         moved = velocity * h + push * (reach * h / 2.0 + error) * rng.uniform(0.0, slack)
         x1 = states.points[0, :count] + moved
         before = [array[0].copy() for array in states]
-        mine = 0.15, rng.choice([accel, 2.0 * accel]), speed, error, rate_error
-        done = widen_to_cover(states, 0, Record(x1, v1, count, *mine, h))
+        mine = 0.15, rng.choice([accel, 2.0 * accel]), speed
+        sample = make_states(2, 2)
+        sample.points[1, :count], sample.velocities[1, :count] = x1, v1
+        sample.point_count[1], sample.stamp[1] = count, h
+        sample.position_error[1], sample.velocity_error[1] = error, rate_error
+        done = widen_to_cover(states, 0, Record(sample, 1, *mine))
         if not done:
             refused_to += 1
             after = [array[0] for array in states]

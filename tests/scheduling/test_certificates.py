@@ -19,7 +19,7 @@ from armguard.scheduling.certificates import (
     remove,
 )
 from armguard.scheduling.timing_wheel import DUE, TURNING, WAITING, most_urgent, put_off
-from armguard.scheduling.tournament import find_least, set_value
+from armguard.scheduling.tournament import ROOT, find_least, set_value
 
 LINKS = 3
 NEWS = ObstacleTable().changed_rows
@@ -68,7 +68,7 @@ def test_who_is_admitted_is_due_and_knows_nothing():
         -math.inf,
         0,
     )
-    assert (certificates.expiry_tree[1], find_least(certificates.expiry_tree)) == (-math.inf, 2)
+    assert (certificates.expiry_tree[ROOT], find_least(certificates.expiry_tree)) == (-math.inf, 2)
     assert (certificates.wheel.slot[2], most_urgent(certificates.wheel)) == (DUE, 2)
     # Nobody watches the other one, so it is in nobody's way.
     assert (certificates.numbers[ACTIVE], count(certificates)) == (1, 1)
@@ -82,7 +82,7 @@ def test_who_is_dismissed_is_gone():
     assert soonest_of(handle, 9) == [1]
     assert (certificates.numbers[ACTIVE], count(certificates)) == (1, 1)
     remove(handle, rows_of(1, 4, 7))
-    assert (certificates.numbers[ACTIVE], count(certificates), certificates.expiry_tree[1]) == (
+    assert (certificates.numbers[ACTIVE], count(certificates), certificates.expiry_tree[ROOT]) == (
         0,
         0,
         math.inf,
@@ -98,7 +98,7 @@ def test_doubt_makes_all_that_are_watched_due_once():
     invalidate_all(handle)
     waiting = certificates.wheel.heap[: certificates.wheel.numbers[WAITING]]
     assert sorted(waiting) == [0, 6]
-    assert (count(certificates), certificates.expiry_tree[1]) == (2, -math.inf)
+    assert (count(certificates), certificates.expiry_tree[ROOT]) == (2, -math.inf)
     invalidate_all(handle)
     assert (certificates.wheel.numbers[WAITING], count(certificates)) == (2, 2)
 
@@ -130,7 +130,7 @@ def test_random_books_are_those_of_a_dictionary(seed):
             handle = pack(certificates)
         ends = {one: np.nanmin(links) for one, links in known.items()}
         assert certificates.numbers[ACTIVE] == len(known) == count(certificates)
-        assert certificates.expiry_tree[1] == min(ends.values(), default=math.inf)
+        assert certificates.expiry_tree[ROOT] == min(ends.values(), default=math.inf)
         for limit in (0, 1, 5, 100):
             found = soonest_of(handle, limit)
             assert len(set(found)) == len(found) == min(limit, len(known))

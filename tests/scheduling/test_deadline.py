@@ -9,6 +9,7 @@ import pytest
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
+from armguard.scheduling.tournament import ROOT, entries_of
 from armguard.verdict import Level, ReasonKind
 from support.adversary import Hunt
 from support.panda_monitor import (
@@ -64,9 +65,8 @@ def check_book(obstacles, monitor):
             turning.append(int(entry))
             entry = wheel.after[entry]
     assert sorted(waiting + turning) == alive.tolist()
-    half = len(certificates.expiry_tree) // 2
-    least = certificates.expiry_tree[half : half + len(certificates.watched)]
-    assert certificates.expiry_tree[1] == least.min(initial=math.inf)
+    least = entries_of(certificates.expiry_tree)[: len(certificates.watched)]
+    assert certificates.expiry_tree[ROOT] == least.min(initial=math.inf)
     assert np.isinf(np.delete(least, alive)).all()
     for row in alive:
         expiry = certificates.pair_expiry[row][certificates.watched[row]]

@@ -12,6 +12,7 @@ from armguard.scheduling.certificates import UNPLACED, UNSEEN
 from armguard.scheduling.deadline_kernels import CROWD, time_to_spare
 from armguard.scheduling.scheduler import Tick
 from armguard.scheduling.timing_wheel import NOBODY, take_out
+from armguard.scheduling.tournament import entries_of
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps
 
@@ -44,8 +45,7 @@ def test_a_fresh_look_finds_what_a_look_at_every_pair_finds():
         times, nodes = np.zeros(len(pairs)), np.zeros(len(pairs), dtype=np.int64)
         evaluate(state, pairs, times, nodes, np.zeros(len(pairs), dtype=np.int8))
         soonest = times.reshape(40, links).min(axis=1)
-        half = len(certificates.expiry_tree) // 2
-        expiry = certificates.expiry_tree[half : half + 40]
+        expiry = entries_of(certificates.expiry_tree)[:40]
         # A closer look may find later times, never earlier ones; near ones are looked at closely.
         assert (expiry <= soonest + 1e-9).all()
         assert verdict.contact_time == pytest.approx(expiry.min(), abs=1e-12)
@@ -63,8 +63,7 @@ def test_certificates_hold_until_the_next_look():
     for k in range(300):
         steps(monitor, k, 1)
         certificates, time = monitor._scheduler.certificates, k * PERIOD
-        half = len(certificates.expiry_tree) // 2
-        found = certificates.expiry_tree[half : half + 60] - certificates.evaluated_at[:60]
+        found = entries_of(certificates.expiry_tree)[:60] - certificates.evaluated_at[:60]
         age = time - certificates.evaluated_at[:60]
         assert (age <= np.maximum(max_staleness * found, PERIOD) + PERIOD).all()
     assert monitor._scheduler.stale_evaluations == 0

@@ -32,6 +32,9 @@ DELAYS = (0, 0, 0, 3, 15, 40)  # of messages, in ticks
 GAPS = (1, 1, 4, 10, 33, 33, 100, 400)  # between two messages about the same ball, in ticks
 EPISODE, STUCK = 1000, 300  # ticks until all begins anew, and of a STOP that nobody ends
 SAMPLES = 14  # instants at which what could happen is tried out
+NEAR = np.array([0.01, 0.02, 0.03, 0.04, 0.05])  # when contacts are tried of near pairs, in [s]
+SLOW = 0.02, 0.05, 0.1  # fractions of its speeds that an arm keeps to at close quarters
+CLOSE = 0.1, 0.7  # how far from the arm attacks begin at close quarters, in [m]
 HORIZON = 0.4  # for which a contact time is tried, in [s]
 NAMES = itertools.count()
 
@@ -46,6 +49,8 @@ class Hunt:
         hunting: Those that attack.
         top: Fractions of its speeds that the arm keeps to, one of them in each episode.
         true_reaction: From a STOP to braking torque, in [s]; None: as the monitor believes.
+        close: Whether attacks begin right beside the arm, which is slow, and whose brakes bite at
+            once: others are stopped long before anything is within 50 ms of contact.
         settings: Of the monitor.
     """
 
@@ -58,18 +63,23 @@ class Hunt:
         *,
         top=(0.05, 0.15, 0.3, 0.6, 1.0),
         true_reaction=None,
+        close=False,
         **settings,
     ):
         self.settings = {"rate": 1000.0, "latency": 0.002, "reaction_time": 0.02, "rise_delay": 0.0}
         self.settings |= {"source_timeout": 1e6, "slow_margin": 0.02, "aware_margin": 0.05}
+        if close:
+            self.settings |= {"latency": 0.0, "reaction_time": 0.002}
         self.settings |= settings
         self.random = np.random.default_rng(seed)
-        self.robot, self.count, self.hunting, self.top = robot, count, hunting, top
+        self.robot, self.count, self.hunting, self.close = robot, count, hunting, close
+        self.top = SLOW if close else top
         self.arm, self.limits = true_arm.make_skeleton(robot), limits_of(robot)
         self.room = true_arm.make_room(self.arm)
         self.before = self.room[2].copy()
         self.care = np.zeros(len(robot.joints), np.int64)
         self.traced = true_arm.make_trace(self.arm, SAMPLES)
+        self.soon = true_arm.make_trace(self.arm, len(NEAR))
         self.step = 1.0 / self.settings["rate"]
         reaction = self.settings["reaction_time"] if true_reaction is None else true_reaction
         self.obeying = int((self.settings["latency"] + reaction) / self.step + 1e-6)
@@ -92,7 +102,7 @@ class Hunt:
         # Time goes on: removals are remembered.
         self.start += self.tick + HISTORY
         self.tick, self.stopped, self.last = 0, 0, 0.0
-        self.level, self.said_stop = Level.CLEAR, []
+        self.level, self.said_stop = Level.CLEAR, [True] * self.obeying
         lower = np.maximum(self.limits.lower, -3.0)
         upper = np.minimum(self.limits.upper, 3.0)
         self.q = lower + (upper - lower) * random.uniform(0.25, 0.75, len(lower))
@@ -107,6 +117,9 @@ class Hunt:
         states = np.zeros((n, 6))
         states[:, :3] = self._directions(n) * far[:, None]
         speed = np.where(mode == WANDER, random.uniform(0.1, 1.0, n), random.uniform(0.3, 2.2, n))
+        if self.close:
+            for b in np.flatnonzero(mode != WANDER):
+                self._draw_close(states[b])
         accel = random.uniform(1.0, 12.0, n)
         accel[random.random(n) < 0.05] = 60.0
         radius = random.uniform(0.02, 0.15, n)
@@ -134,6 +147,15 @@ class Hunt:
     def _directions(self, count):
         directions = self.random.normal(size=(count, 3))
         return directions / np.linalg.norm(directions, axis=1)[:, None]
+
+    def _draw_close(self, state):
+        """Place a ball that attacks right beside the arm."""
+        random, centers = self.random, self.room[2]
+        away = 0.0
+        while not away > 0.0:
+            state[:3] = centers[random.integers(len(centers))]
+            state[:3] += self._directions(1)[0] * random.uniform(*CLOSE)
+            _, away = attackers.nearest_leaf(self.arm, centers, state[:3], 0.15)
 
     def _make_static(self, b):
         balls = self.balls
@@ -271,6 +293,23 @@ class Hunt:
             )
         self.score = score
 
+    def count_near(self, verdict, late):
+        """Pairs that could truly touch within 50 ms, and whether before their contact time."""
+        true_arm.trace_arm(
+            self.arm, self.limits, self.q, self.v, self.push, np.zeros(len(self.q)), np.inf, 1.0,
+            NEAR, self.soon,
+        )  # fmt: skip
+        near, soonest = attackers.count_near(
+            self.arm, self.balls, self.room, self.soon, NEAR, len(self.robot.links)
+        )
+        is_open = verdict.level > Level.STOP or bool((self.v != 0.0).any())
+        score = self.score
+        self.score = score._replace(
+            near=score.near + near,
+            near_open=score.near_open + near * is_open,
+            early=score.early + int(late + verdict.contact_time > soonest * (1.0 + 1e-9)),
+        )
+
     def advance(self):
         """One tick: messages, a verdict, what it leaves possible, and a step of the truth."""
         random, robot, n = self.random, self.robot, self.tick
@@ -294,6 +333,7 @@ class Hunt:
             self.last,
         )
         self.try_attacks(verdict, late)
+        self.count_near(verdict, late)
         stop = verdict.level is Level.STOP
         broken = not verdict.complete or any(r.kind.effect.value != "note" for r in verdict.reasons)
         score = self.score
@@ -328,7 +368,7 @@ class Hunt:
             self.arm, self.balls, self.room[2], self.before, self.step, self.stopped, looked,
             until, between, self.home, self.random,
         )  # fmt: skip
-        touching = attackers.count_touching(self.arm, self.balls, *self.room)
+        touching = attackers.count_touching(self.arm, self.balls, self.room)
         if touching:
             moving = bool((self.v != 0.0).any())
             self.score = self.score._replace(

@@ -10,6 +10,11 @@ class Score(NamedTuple):
 
     pair_ticks: int = 0
     """Links times obstacles times ticks."""
+    near: int = 0
+    """Of these, those that do not touch and truly could within 50 ms: counted by what is tried out,
+    so rather too few than too many."""
+    near_open: int = 0
+    """Of these, those whose arm was told to go on, or still moves."""
     ticks: int = 0
     goes: int = 0
     """Ticks whose verdict was no STOP."""

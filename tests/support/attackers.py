@@ -160,6 +160,64 @@ def attack_all(arm, balls, trace, times, count):
 
 
 @kernel
+def count_near(arm, balls, room, trace, times, links):
+    """Pairs of a link and a ball that do not touch, and could truly touch at one of the times.
+
+    Only by motions of balls that `shortfall` knows, of an arm whose motion is given: of what could
+    happen it is rather too little than too much. `room` is the arm as it is, `trace` as it is then.
+
+    Returns how many there are, and the soonest such time, inf without one.
+    """
+    count, soonest = 0, np.inf
+    rotations, origins, centers = trace
+    when = np.empty(links)
+    for b in range(balls.accel.shape[0]):
+        state, radius = balls.states[b], balls.radius[b]
+        when[:] = np.inf
+        for leaf in range(arm.joint.shape[0]):
+            link = arm.link[leaf]
+            for k in range(times.shape[0]):
+                if not times[k] < when[link]:
+                    break
+                x, y, z = centers[k, leaf, 0], centers[k, leaf, 1], centers[k, leaf, 2]
+                far = arm.radius[leaf] + radius + balls.speed[b] * times[k]
+                dx, dy, dz = x - state[0], y - state[1], z - state[2]
+                if dx * dx + dy * dy + dz * dz > far * far:
+                    continue
+                for index in range(arm.first[leaf], arm.first[leaf + 1]):
+                    x, y, z = get_point(arm, rotations[k], origins[k], leaf, index)
+                    lacks = shortfall(
+                        state, balls.accel[b], balls.speed[b], x, y, z, radius, times[k]
+                    )
+                    if lacks <= 0.0:
+                        when[link] = times[k]
+                        break
+        for link in range(links):
+            if when[link] < np.inf and not _touches(arm, state[:3], radius, room, link):
+                count += 1
+                soonest = min(soonest, when[link])
+    return count, soonest
+
+
+@kernel
+def _touches(arm, x, radius, room, link):
+    """Whether a ball touches a link; any one for -1."""
+    rotations, origins, centers = room
+    for leaf in range(centers.shape[0]):
+        if link >= 0 and arm.link[leaf] != link:
+            continue
+        dx, dy, dz = x[0] - centers[leaf, 0], x[1] - centers[leaf, 1], x[2] - centers[leaf, 2]
+        far = arm.radius[leaf] + radius
+        if dx * dx + dy * dy + dz * dz > far * far:
+            continue
+        for index in range(arm.first[leaf], arm.first[leaf + 1]):
+            px, py, pz = get_point(arm, rotations, origins, leaf, index)
+            if (x[0] - px) ** 2 + (x[1] - py) ** 2 + (x[2] - pz) ** 2 <= radius * radius:
+                return True
+    return False
+
+
+@kernel
 def steer_balls(
     arm, balls, centers, before, step, stopped, looked, until_look, between, home, random
 ):
@@ -231,20 +289,9 @@ def find_prey(arm, balls, centers):
 
 
 @kernel
-def count_touching(arm, balls, rotations, origins, centers):
+def count_touching(arm, balls, room):
     """How many balls touch the arm."""
     count = 0
     for b in range(balls.accel.shape[0]):
-        x, radius = balls.states[b, :3], balls.radius[b]
-        touches = False
-        for leaf in range(centers.shape[0]):
-            dx, dy, dz = x[0] - centers[leaf, 0], x[1] - centers[leaf, 1], x[2] - centers[leaf, 2]
-            far = arm.radius[leaf] + radius
-            if touches or dx * dx + dy * dy + dz * dz > far * far:
-                continue
-            for index in range(arm.first[leaf], arm.first[leaf + 1]):
-                px, py, pz = get_point(arm, rotations, origins, leaf, index)
-                gap = (x[0] - px) ** 2 + (x[1] - py) ** 2 + (x[2] - pz) ** 2
-                touches |= gap <= radius * radius
-        count += touches
+        count += _touches(arm, balls.states[b, :3], balls.radius[b], room, -1)
     return count
