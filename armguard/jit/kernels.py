@@ -145,7 +145,8 @@ def kernel(function: Any = None, **options: Any) -> Any:
 
     Args:
         function: What to compile.
-        options: Further options of `numba.njit`.
+        options: Those of `numba.njit` for how it is inlined. Kernels are serial: `parallel` rests
+            on steps of Numba's compiler that are left out here.
     """
 
     def compile_function(function: Any) -> Any:

@@ -121,7 +121,8 @@ def describe_unbraked(states: JointStates, age: float) -> Reason | None:
     guard, name = states.guard, states.robot.joints[joint]
     unit = "m/s" if is_prismatic(states.robot.model, 1 + joint) else "rad/s"
     delay = max(age, 0.0) + guard.horizon + guard.reaction_time
-    speed = speed_at_bite(
+    # As Python has it: to compile it here would hold up the tick.
+    speed = speed_at_bite.py_func(
         guard.v[joint],
         guard.velocity_error[joint],
         guard.operating_velocity[joint],

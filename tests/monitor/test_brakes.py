@@ -12,6 +12,7 @@ from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot.brakes import find_stop, rest_time
 from armguard.robot.operating_limits import OperatingLimits
+from armguard.robot.stop_time import speed_at_bite
 from armguard.scheduling.certificates import stop_place
 from armguard.verdict import Effect, Level, ReasonKind
 from support.panda_monitor import (
@@ -60,6 +61,8 @@ def test_a_joint_that_may_be_too_fast_for_its_brakes_is_a_stop_that_names_it():
         assert (UNBRAKED in kinds(verdict)) == (not is_covered)
         assert (verdict.level is Level.STOP) == (not is_covered)
         assert (verdict.stop_time == math.inf) == (not is_covered)
+    # Nothing is compiled in the tick that says so.
+    assert not speed_at_bite.overloads
     reason = next(one for one in verdict.reasons if one.kind is UNBRAKED)
     assert reason.kind.effect is Effect.STANDING
     assert reason.subject == "panda_joint1"
