@@ -90,6 +90,10 @@ class Handle:
         self._memory = np.array(words, dtype=np.int64)
         self.address = self._memory.ctypes.data
 
+    def __reduce__(self) -> tuple[Any, tuple[Any]]:
+        """A copy has memory of its own, about arrays of its own."""
+        return pack, (self._content,)
+
 
 def pack(content: Any) -> Any:
     """A handle on a named tuple of arrays, numbers and such tuples, which it keeps alive.

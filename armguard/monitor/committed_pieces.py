@@ -14,7 +14,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armguard.bounds.planned.check import PlanCheck, StopCheck
 from armguard.bounds.planned.course import PlannedCourse
@@ -34,7 +33,8 @@ from armguard.verdict import PlanVerdict, Reason, ReasonKind
 MOST_PIECES = 64
 """Pieces that the arm may be on at a time."""
 USUAL_PIECES = 16
-"""Pieces for which there is room from the start; more is made where the arm may be on more."""
+"""Pieces for which room is made at a time, at first from the start: to move what is kept of all of
+them to a larger one would make a commit late."""
 
 
 class Known(NamedTuple):
@@ -60,29 +60,29 @@ class KnownObstacles:
     def __init__(self, scheduler: Scheduler) -> None:
         self._scheduler = scheduler
         self._kinds: tuple[Any, Any] | None = None
-        self._make_room(USUAL_PIECES)
+        self._forget()
+        self._make_room()
 
     def keep(self, place: int) -> None:
         """Keep what is known now for a piece, in place of what was kept before."""
         arm = self._scheduler.arm
         if self._find_shape() != self._shape:
             # What was kept of obstacles in other rows is not known any more.
-            self._make_room(max(len(self._changes), place + 1))
-        elif place >= len(self._changes):
-            changes, known = self._changes, self._known
-            self._make_room(2 * place)
-            self._changes[: len(changes)] = changes
-            for array, before in zip(_list_arrays(self._known), _list_arrays(known), strict=True):
-                array[: len(before)] = before
+            self._forget()
+        room, within = divmod(place, USUAL_PIECES)
+        while room >= len(self._rooms):
+            self._make_room()
         self._changes[place] = arm.obstacles.table.changes
-        self._keep_all(arm.state.handle, self._handle, place)
+        self._keep_all(arm.state.handle, self._rooms[room], within)
 
     def has_changed(self, place: int) -> bool:
         """Whether an obstacle is new, or does what was known of it does not allow for."""
         arm = self._scheduler.arm
-        if arm.obstacles.table.changes != self._changes[place] or self._find_shape() != self._shape:
+        kept = self._changes.get(place)
+        if kept != arm.obstacles.table.changes or self._find_shape() != self._shape:
             return True
-        changed: bool = self._find_change(arm.state.handle, self._handle, place)
+        room, within = divmod(place, USUAL_PIECES)
+        changed: bool = self._find_change(arm.state.handle, self._rooms[room], within)
         return changed
 
     def _find_shape(self) -> tuple[Any, int, int]:
@@ -91,27 +91,29 @@ class KnownObstacles:
         rows, width, _ = state.bodies.points.shape
         return state.handle.kind, rows, width
 
-    def _make_room(self, places: int) -> None:
-        """Make room for so many pieces, and for as many obstacles as there are in the table."""
+    def _forget(self) -> None:
+        """Forget all that was kept, for obstacles in other rows."""
         self._shape = self._find_shape()
+        self._changes: dict[int, int] = {}
+        self._rooms: list[Any] = []
+
+    def _make_room(self) -> None:
+        """Make room for more pieces, and for as many obstacles as there are in the table."""
         _, rows, width = self._shape
-        self._changes: list[int | None] = [None] * places
-        self._known = Known(
-            make_states(places * rows, width),
-            np.zeros((places, rows), dtype=np.bool_),
-            np.zeros((places, rows), dtype=np.int64),
+        room = pack(
+            Known(
+                make_states(USUAL_PIECES * rows, width),
+                np.zeros((USUAL_PIECES, rows), dtype=np.bool_),
+                np.zeros((USUAL_PIECES, rows), dtype=np.int64),
+            )
         )
-        self._handle = pack(self._known)
-        handles = self._scheduler.arm.state.handle, self._handle
+        self._rooms.append(room)
+        handles = self._scheduler.arm.state.handle, room
         kinds = handles[0].kind, handles[1].kind
         if kinds != self._kinds:
             self._kinds = kinds
             self._keep_all = machine_code(_keep_all, *handles, 0)
             self._find_change = machine_code(_find_change, *handles, 0)
-
-
-def _list_arrays(known: Known) -> list[NDArray[Any]]:
-    return [*known.reference, known.known, known.revision]
 
 
 class Piece(NamedTuple):

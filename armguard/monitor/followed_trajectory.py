@@ -389,7 +389,8 @@ class FollowedTrajectory:
 
     def _free_clock(self, plan: CheckedPlan) -> CheckedPlan:
         """The plan of an arm with a clock of its own, which speeds up and slows down as it can."""
-        return plan._replace(acceleration=2.0 * np.array(self._robot.acceleration_limit))
+        limits = np.array(self._robot.acceleration_limit, dtype=np.float64)
+        return plan._replace(acceleration=2.0 * limits)
 
 
 def _leave_out_finished(trajectories: list[Trajectory]) -> list[Trajectory]:

@@ -1,3 +1,4 @@
+import copy
 import gc
 import sys
 import weakref
@@ -138,6 +139,18 @@ def test_arrays_live_as_long_as_their_handle():
 @kernel
 def measure(handle, array, factor):
     return factor * (array.sum() + handle.content.inner.array[0]), array.shape[0]
+
+
+def test_a_copy_outlives_what_it_was_copied_from():
+    handle = pack(make())
+    copied = copy.deepcopy(handle)
+    assert add_up(handle, 1) == 13.0
+    assert copied.address != handle.address
+    del handle
+    gc.collect()
+    kept = [np.full(size, -1) for size in range(1, 30) for _ in range(100)]
+    assert add_up(copied, 2) == 13.0
+    assert len(kept) == 2900
 
 
 def test_machine_code_does_what_the_kernel_does_for_arrays_of_any_strides():

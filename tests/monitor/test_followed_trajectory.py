@@ -160,6 +160,15 @@ def test_a_clock_that_is_told_may_be_slow_and_stand_still():
     assert all(verdict.level > Level.STOP for verdict in verdicts)
 
 
+def test_a_clock_of_its_own_is_told_where_limits_are_of_less_precision():
+    robot = panda()
+    robot.acceleration_limit = np.floor(robot.acceleration_limit).astype(np.float32)
+    monitor = Monitor(robot, Obstacles(sources=[]), rate=1.0 / PERIOD, motion="planned")
+    monitor.step(0.0, HOME, STILL)
+    assert monitor.follow(make_plan()).safe
+    assert monitor.step(PERIOD, HOME, STILL, path_time=0.0).level > Level.STOP
+
+
 @pytest.mark.parametrize(
     ("told", "words"),
     [

@@ -222,7 +222,7 @@ class PlannedMotion:
     def _place(self, epoch: float, slabs: JointSlabs) -> PlannedCourse:
         """The arm in the middle of each slab, and the balls around all that it sweeps."""
         placed = self._place_all(self._placed_arm, slabs.middle, slabs.half)
-        return PlannedCourse(epoch, *slabs, *placed)
+        return PlannedCourse(float(epoch), *slabs, *placed)
 
     def contact_time(
         self,
@@ -249,6 +249,8 @@ class PlannedMotion:
             marks: Which of those there are; where there is neither, the answer is 0.
         """
         pairs = np.ascontiguousarray(pairs, dtype=np.int64)
+        # What is compiled for whole numbers would cut off all others that come later.
+        now, margin = float(now), float(margin)
         around, handle, find_contact = self._surroundings
         if around is None or not (
             around.bodies is bodies

@@ -178,6 +178,9 @@ def _copy_arrays(plan: Plan, joints: int) -> Plan | None:
     if not isinstance(stamp, float) or type(plan.times) is not np.ndarray:
         return None
     count = plan.times.shape[0] if plan.times.ndim else 0
+    if count > MOST_SAMPLES:
+        # It is refused before anything is copied, for it may be of any size.
+        return None
     shapes = (count,), (count, joints), (count, joints), (joints,), (joints,), (joints,)
     copies: list[FloatArray | None] = []
     for array, shape in zip(given, shapes, strict=True):
@@ -207,13 +210,15 @@ def _copy_arrays(plan: Plan, joints: int) -> Plan | None:
 def _read_fields(plan: Plan, joints: int) -> Plan | Refusal:
     """The same, whatever its fields are."""
     stamp = _read_array("stamp", plan.stamp, ())
+    if isinstance(plan.times, np.ndarray) and plan.times.size > MOST_SAMPLES:
+        return _refuse_count(plan.times.size)
     times = _read_array("times", plan.times, (-1,))
     if isinstance(stamp, Refusal):
         return stamp
     if isinstance(times, Refusal):
         return times
     if not 2 <= len(times) <= MOST_SAMPLES:
-        return Refusal("times", f"has {len(times)} samples, expected 2 to {MOST_SAMPLES}")
+        return _refuse_count(len(times))
     arrays = {"q": (len(times), joints), "v": (len(times), joints), "tracking_error": (joints,)}
     for name in ("velocity_tracking_error", "stop_tracking_error"):
         if getattr(plan, name) is not None:
@@ -237,6 +242,10 @@ def _read_fields(plan: Plan, joints: int) -> Plan | Refusal:
     if not times[-1] <= LONGEST:
         return Refusal("times", f"ends at {times[-1]:.6g} s, expected {LONGEST:g} s at most")
     return Plan(float(stamp), times, **fields)
+
+
+def _refuse_count(count: int) -> Refusal:
+    return Refusal("times", f"has {count} samples, expected 2 to {MOST_SAMPLES}")
 
 
 def _read_array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray | Refusal:

@@ -199,6 +199,18 @@ def test_a_deviation_without_end_frees_nothing(robot, motion):
     assert found.time == 0.0
 
 
+def test_whole_numbers_are_asked_for_as_any_others(robot, motion):
+    _, _, plan, _ = lay_out(robot, motion, np.random.default_rng(4))
+    course = motion.lay_out(plan._replace(now=0))
+    place = place_course(motion, course)[0, motion._arm.root[-1]] + [0.0, 0.0, 0.6]
+    obstacles, links = Obstacles(accel=0.0, speed=0.0), len(robot.links)
+    obstacles.update(["ball"], 0.0, [place], np.zeros((1, 3)), radius=0.1)
+    assert ask(motion, course, obstacles, links, 0, 0).time == np.inf
+    later = motion.lay_out(plan._replace(now=0.001))
+    assert ask(motion, later, obstacles, links, 0.001, 0.9).time == 0.0
+    assert ask(motion, later, obstacles, links, 0.0, 0.0).time == 0.0, "before it begins"
+
+
 def test_impossible_times_of_brakes_are_refused(robot, motion):
     _, _, checked, _ = lay_out(robot, motion, np.random.default_rng(6))
     for bad in (-0.01, -np.inf, np.inf, np.nan):

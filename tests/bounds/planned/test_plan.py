@@ -102,6 +102,14 @@ def test_every_number_of_plain_arrays_is_looked_at(field, value):
         assert isinstance(read, Plan if fits and np.isfinite(value) else Refusal), (place, read)
 
 
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_what_has_no_room_is_refused_before_it_is_copied(kind):
+    count = 10**14
+    q = np.broadcast_to(kind(0.0), (count, 2))
+    read = read_plan(PLAIN._replace(times=np.broadcast_to(kind(0.0), count), q=q, v=q), 2)
+    assert read == Refusal("times", f"has {count} samples, expected 2 to {MOST_SAMPLES}")
+
+
 def test_plain_arrays_are_copied():
     for order in "CF":
         q = np.array(PLAIN.q, order=order)
