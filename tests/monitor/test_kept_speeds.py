@@ -73,3 +73,18 @@ def test_higher_speeds_and_gaps_begin_anew_and_a_fast_joint_counts_for_nothing()
     assert follow(504, 0.5, still + math.nan) == math.inf
     kept.reset()
     assert follow(505, 0.5) == 505 * PERIOD
+
+
+def test_of_ticks_at_the_same_time_the_earlier_do_not_count_for_a_higher_speed():
+    """A clock may stand for some ticks: what they proved bears the same time."""
+    kept, braking = KeptSpeeds(), BrakingMotion(panda(), 0.02)
+
+    def follow(number, scale):
+        tick = make_tick(number, PERIOD, np.zeros(7), 0.0)
+        return kept.follow(tick, scale, braking, 3e-3, 0.03)
+
+    assert follow(1, 0.3) == PERIOD
+    assert follow(2, 0.3) == PERIOD
+    assert follow(3, 0.6) > PERIOD
+    kept.reset()
+    assert follow(4, 0.9) > PERIOD
