@@ -67,7 +67,7 @@ class KeptSpeeds:
             self._compare = machine_code(_compare_speeds, braking.handle, some, 0.0, 0.0, 0.0, some)
         free = horizon + braking.reaction_time
         around, rest, is_lower = self._compare(
-            braking.handle, tick.v, tick.arm_age, scale, free, self._bound
+            braking.handle, np.ascontiguousarray(tick.v), tick.arm_age, scale, free, self._bound
         )
         self.stop_time = free + rest
         stamp = tick.time - tick.arm_age
