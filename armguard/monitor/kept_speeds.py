@@ -34,6 +34,7 @@ class KeptSpeeds:
         self._bound: FloatArray = np.zeros(0)
         self._braking: BrakingMotion | None = None
         self._compare: Any = None
+        self._followed_at = -math.inf
         self.reset()
 
     def reset(self) -> None:
@@ -66,7 +67,7 @@ class KeptSpeeds:
             self._compare = machine_code(_compare_speeds, braking.handle, some, 0.0, 0.0, 0.0, some)
         free = horizon + braking.reaction_time
         around, rest, is_lower = self._compare(
-            braking.handle, tick.v, tick.arm_age, scale, free, self._bound
+            braking.handle, np.ascontiguousarray(tick.v), tick.arm_age, scale, free, self._bound
         )
         self.stop_time = free + rest
         stamp = tick.time - tick.arm_age
@@ -75,7 +76,10 @@ class KeptSpeeds:
             self._since = math.inf
             return math.inf
         if self._since == math.inf or not (is_lower and stamp - around <= self._until):
-            self._since = tick.time
+            # Nor do proofs of an earlier tick count that was at the same time.
+            is_new = tick.time != self._followed_at
+            self._since = tick.time if is_new else math.nextafter(tick.time, math.inf)
+        self._followed_at = tick.time
         self._until = stamp + around
         return self._since
 

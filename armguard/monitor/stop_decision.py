@@ -136,9 +136,10 @@ class StopDecision:
 
         What this returns was proved in this very tick, or in earlier ones: of the whole, by proofs
         that last; of less, by such as hold for an arm that has kept to it since. The search begins
-        where the last one ended, so a tick takes one question at most, and one more now and then
-        whether a higher scale would do; only where the last scale is safe no more, it is a
-        bisection.
+        where the last one ended, so most ticks take no question: few ask for a proof that lasts,
+        for a shorter one where that is not to be had, and at last of this tick alone, and now and
+        then one asks whether a higher scale would do; only where the last scale is safe no more, it
+        is a bisection.
         """
         self._told_after = min(self.looks_ahead, self._response_time + longest)
         found = min(self._found, most)

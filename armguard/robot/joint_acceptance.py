@@ -258,9 +258,8 @@ def stop_times(guard: Guard, v: FloatArray, age: float) -> tuple[float, float]:
         v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
         age: Of these, in [s].
     """
-    delay = guard.delay[0]
-    soon = _stop_time(guard, v, age)
-    return soon, _stop_time(guard, v, age + delay) + delay
+    late = guard.horizon + guard.delay[0]
+    return _stop_time(guard, v, age, guard.horizon), _stop_time(guard, v, age, late)
 
 
 @kernel
@@ -284,7 +283,7 @@ def find_unbraked(guard: Guard, v: FloatArray, age: float) -> int:
 
 
 @kernel
-def _stop_time(guard: Guard, v: FloatArray, age: float) -> float:
+def _stop_time(guard: Guard, v: FloatArray, age: float, horizon: float) -> float:
     stop_time: float = compute_stop_time(
         v,
         guard.velocity_error,
@@ -292,7 +291,7 @@ def _stop_time(guard: Guard, v: FloatArray, age: float) -> float:
         guard.acceleration_limit,
         guard.brakes,
         age,
-        guard.horizon,
+        horizon,
         guard.reaction_time,
         guard.operating_acceleration,
     )

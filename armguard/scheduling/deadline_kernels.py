@@ -138,8 +138,8 @@ class StopQuestion(NamedTuple):
     """By how much later than in this tick the arm may be told to stop, as far as the table is
     concerned, in [s]; -1 if the table is of something else, and no proof of a STOP answers it."""
     until: float
-    """By how much later it is to be told, in [s], at most `lasting`: what was proved earlier of a
-    STOP that comes so late is not asked again."""
+    """By how much later it is to be told, in [s], at most `lasting` where that is above 0: what was
+    proved earlier of a STOP that comes so late is not asked again."""
     pause: float
     """For how long a row is not asked again that might be touched, in [s]; 0: it is."""
     is_paced: bool

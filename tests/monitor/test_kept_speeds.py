@@ -73,3 +73,35 @@ def test_higher_speeds_and_gaps_begin_anew_and_a_fast_joint_counts_for_nothing()
     assert follow(504, 0.5, still + math.nan) == math.inf
     kept.reset()
     assert follow(505, 0.5) == 505 * PERIOD
+
+
+def test_of_ticks_at_the_same_time_the_earlier_do_not_count_for_a_higher_speed():
+    """A clock may stand for some ticks: what they proved bears the same time."""
+    kept, braking = KeptSpeeds(), BrakingMotion(panda(), 0.02)
+
+    def follow(number, scale):
+        tick = make_tick(number, PERIOD, np.zeros(7), 0.0)
+        return kept.follow(tick, scale, braking, 3e-3, 0.03)
+
+    assert follow(1, 0.3) == PERIOD
+    assert follow(2, 0.3) == PERIOD
+    assert follow(3, 0.6) > PERIOD
+    kept.reset()
+    assert follow(4, 0.9) > PERIOD
+
+
+def test_the_stop_time_is_the_end_of_the_table_of_such_an_arm_wherever_velocities_stand():
+    """What lies beyond it is not asked about, so it may be no shorter."""
+    random, braking, checked = np.random.default_rng(6), BrakingMotion(panda(), 0.02), 0
+    for _ in range(100):
+        kept, scale, age = KeptSpeeds(), random.uniform(0.1, 0.9), random.uniform(-0.01, 0.02)
+        strided = np.zeros((7, 2))
+        v = strided[:, 0]
+        v[:] = random.uniform(-0.8, 0.8, 7) * scale * panda().velocity_limit
+        tick = make_tick(1, 1.0, v, age)
+        since = kept.follow(tick, scale, braking, 3e-3, 0.03)
+        table = braking.tabulate(HOME, v, age, 0.03, pace=scale)
+        if since < math.inf:
+            checked += 1
+            assert 0.0 <= kept.stop_time - table.time[-1] < 1e-9
+    assert checked > 10

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from armguard.bounds import BrakingMotion
 from armguard.jit.numerics import POSITION_BY_ACCEL, POSITION_BY_SPEED, VELOCITY_BY_ACCEL
 from armguard.monitor.joint_reasons import describe_refusal
 from armguard.robot import JointStates, Robot
@@ -73,6 +74,17 @@ def test_a_usual_state_is_taken_with_both_stop_times(states):
     old.reset()
     old.delay_braking(0.0)
     assert fresh[3] == pytest.approx(old.accept(0.0, HOME, v, 0.04)[2] + 0.04)
+
+
+@pytest.mark.parametrize("age", [0.0, 0.02, -0.002, -0.02])
+def test_stop_times_are_the_ends_of_the_tables_of_such_stops(states, age):
+    """Of a state that is yet to be measured as well: brakes may bite before."""
+    braking = BrakingMotion(panda(), REACTION)
+    states.delay_braking(0.03)
+    states.v[:] = 0.2 * panda().velocity_limit
+    for horizon, stop_time in zip((HORIZON, HORIZON + 0.03), states.stop_times(age), strict=True):
+        table = braking.tabulate(HOME, states.v, age, horizon)
+        assert stop_time == pytest.approx(table.time[-1], rel=1e-12)
 
 
 def test_strides_do_not_matter(states):
