@@ -44,9 +44,10 @@ def entries_of(tournament: FloatArray) -> FloatArray:
 def grow_tournament(tournament: FloatArray, capacity: int) -> FloatArray:
     """The same entries with room for `capacity` of them."""
     values = entries_of(tournament)
-    if capacity <= len(values):
-        return tournament.copy()
-    grown = make_tournament(capacity)
+    grown = make_tournament(max(capacity, len(values)))
+    if len(grown) == len(tournament):
+        grown[:] = tournament
+        return grown
     level = entries_of(grown)
     level[: len(values)] = values
     place = len(grown)
