@@ -17,10 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armguard.jit import kernel
+from armguard.jit import FloatArray, kernel, pack
 from armguard.obstacles import Obstacles
 from armguard.obstacles.consistency import body_allows
 from armguard.obstacles.record import Record
+from armguard.obstacles.table import States, make_states
 from armguard.people import BOUNDS, find_bounds, measure_motion
 from armguard.simulation import Recording
 from armguard.simulation.bodies import BODIES, POINTS
@@ -212,45 +213,49 @@ def make_claim(recording: Recording, bounds: tuple[float, float] | None) -> Clai
         )
     shown = np.isfinite(points[:, ENDS]).all(axis=(2, 3))
     error = errors[:, ENDS].max(axis=2)
-    agrees = [
-        find_agreeing(
-            np.ascontiguousarray(points[:, ends]), np.ascontiguousarray(velocity[:, ends]),
-            error[:, row].copy(), shown[:, row].copy(), rate, accel[row], speed[row],
-            MARKER_ERROR, round(MEMORY * rate),
+    agrees = []
+    for row, ends in enumerate(ENDS):
+        states = _lay_states(points[:, ends], velocity[:, ends], error[:, row], rate)
+        agrees.append(
+            find_agreeing(
+                pack(states), shown[:, row].copy(), accel[row], speed[row], round(MEMORY * rate)
+            )
         )
-        for row, ends in enumerate(ENDS)
-    ]  # fmt: skip
     return Claim(accel, speed, velocity, error, shown, np.stack(agrees, axis=1))
 
 
+def _lay_states(
+    points: FloatArray, velocities: FloatArray, errors: FloatArray, rate: float
+) -> States:
+    """All samples of one body, as rows of an obstacle table; bounds are told beside them."""
+    count, corners = points.shape[:2]
+    states = make_states(count, corners)
+    states.points[...], states.velocities[...] = points, velocities
+    states.point_count[:], states.radius[:] = corners, 0.0
+    states.position_error[:], states.velocity_error[:] = MARKER_ERROR, errors
+    states.stamp[:] = np.arange(count) / rate
+    return states
+
+
 @kernel
-def find_agreeing(  # type: ignore[no-untyped-def]
-    points, velocities, errors, shown, rate, accel, speed, position_error, memory
-):
+def find_agreeing(handle, shown, accel, speed, memory):  # type: ignore[no-untyped-def]
     """Which samples agree with their bounds and all that agreed before, in the last `memory`."""
-    count = points.shape[0]
+    states = handle.content
+    count, corners = states.points.shape[:2]
     agrees = np.zeros(count, dtype=np.bool_)
-    corners = points.shape[1]
     last = -1
     for i in range(count):
         if not shown[i]:
             continue
         fine = True
         for k in range(corners):
-            x, y, z = velocities[i, k]
-            fine = fine and np.sqrt(x * x + y * y + z * z) <= speed + errors[i]
+            x, y, z = states.velocities[i, k]
+            fine = fine and np.sqrt(x * x + y * y + z * z) <= speed + states.velocity_error[i]
         first = max(0, min(i - memory, last))
         for j in range(i - 1, first - 1, -1):
             if fine and agrees[j]:
-                told = Record(
-                    points[j], velocities[j], corners, 0.0, accel, speed, position_error,
-                    errors[j], j / rate,
-                )  # fmt: skip
-                shown_now = Record(
-                    points[i], velocities[i], corners, 0.0, accel, speed, position_error,
-                    errors[i], i / rate,
-                )  # fmt: skip
-                fine = body_allows(told, shown_now) == 0
+                told = Record(states, j, 0.0, accel, speed)
+                fine = body_allows(told, Record(states, i, 0.0, accel, speed)) == 0
         if fine:
             agrees[i] = True
             last = i

@@ -21,7 +21,7 @@ from armguard.bounds.model import check_duration, check_question, read_only
 from armguard.bounds.planned.check import PlanCheck, StopCheck, check_path_stop
 from armguard.bounds.planned.contact import PlannedContact, Surroundings, find_planned_contact
 from armguard.bounds.planned.course import ArmShape, PlannedCourse, deviation_along
-from armguard.bounds.planned.curve import evaluate_curve
+from armguard.bounds.planned.curve import evaluate_curve, find_top_speeds
 from armguard.bounds.planned.following import Following
 from armguard.bounds.planned.placing import PlacedArm, check_chain, make_chain, place_all
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal, is_plain
@@ -330,7 +330,8 @@ class PlannedMotion:
             raise ArmguardError(robot.name, f"cannot even rest: {plan}")
         StopCheck(robot, self.brakes)
         Following(robot)
-        append_stop(rest, find_gentlest_stop(self.brakes, still), on_path=False)
+        speeds = find_top_speeds(plan.times, plan.q, plan.v)
+        append_stop(rest, find_gentlest_stop(self.brakes, speeds), on_path=False)
         slowing, _ = self.find_path_stop(plan)
         for on_path in (False, True):
             clock = PathClock(0.0, 0.0, True, 0.0, slowing=slowing)
