@@ -160,9 +160,10 @@ def test_a_clock_that_is_told_may_be_slow_and_stand_still():
     assert all(verdict.level > Level.STOP for verdict in verdicts)
 
 
-def test_a_clock_of_its_own_is_told_where_limits_are_of_less_precision():
+def test_a_clock_of_its_own_is_told_where_limits_are_of_less_precision(monkeypatch):
     robot = panda()
-    robot.acceleration_limit = np.floor(robot.acceleration_limit).astype(np.float32)
+    limits = np.floor(robot.acceleration_limit).astype(np.float32)
+    monkeypatch.setattr(robot, "acceleration_limit", limits)  # other tests share the robot
     monitor = Monitor(robot, Obstacles(sources=[]), rate=1.0 / PERIOD, motion="planned")
     monitor.step(0.0, HOME, STILL)
     assert monitor.follow(make_plan()).safe
