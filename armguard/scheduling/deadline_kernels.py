@@ -798,12 +798,13 @@ def find_near_pairs(handle: Any, latest: float, rows: IntArray) -> IntArray:
 
     Args:
         handle: On a `TickData`.
-        latest: In [s] since the epoch.
+        latest: In [s] since the epoch; NaN: any time.
         rows: Room to work in, for all rows of the obstacle table.
     """
     certificates = handle.content.certificates
     links = certificates.watched.shape[1]
-    near = rows[: find_below(certificates.expiry_tree, min(latest, LATEST), rows)]
+    within = latest if latest <= LATEST else LATEST
+    near = rows[: find_below(certificates.expiry_tree, within, rows)]
     pairs = np.empty(near.shape[0] * links, dtype=np.int64)
     count = 0
     for row in near:

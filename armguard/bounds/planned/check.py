@@ -136,6 +136,11 @@ class PlanCheck:
         if refusal is not None:
             return refusal
         position, velocity = np.array(q, dtype=np.float64), np.array(v, dtype=np.float64)
+        shape = (len(robot.joints),)
+        if not position.shape == velocity.shape == shape:
+            # Compiled code would read beyond their ends.
+            found = f"has shapes {position.shape} and {velocity.shape}"
+            return Refusal("joint state", f"{found}, expected {shape} of q and v")
         if self._has_continuous:
             with np.errstate(all="ignore"):
                 read = _align(read, robot, position, velocity, stamp)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from armguard.bounds import CheckedPlan, Plan, Refusal
+from armguard.bounds import CheckedPlan, Plan, Refusal, check_plan
 from armguard.bounds.planned.following import Following
 from support.example_arms import load_holding
 from support.plan_cases import Waves, make_plan
@@ -125,6 +125,15 @@ def test_a_plan_may_be_late_or_early_by_what_is_asked(robot):
     late, early = resting(stamp=NOW - 0.15), resting(stamp=NOW + 0.15)
     assert isinstance(check(robot, late, longest_lag=0.16), CheckedPlan)
     assert isinstance(check(robot, early, longest_lead=0.16), CheckedPlan)
+
+
+@pytest.mark.parametrize("measured", [HOME[:5], [HOME], []])
+def test_a_joint_state_of_another_shape_is_refused(robot, measured):
+    for q, v in ((measured, STILL), (HOME, measured)):
+        refusal = check_plan(resting(), robot, NOW, q, v, NOW)
+        assert isinstance(refusal, Refusal)
+        assert refusal.subject == "joint state"
+        assert "expected (7,)" in refusal.detail
 
 
 def test_huge_errors_are_no_way_around_the_checks(robot):
