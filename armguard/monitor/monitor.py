@@ -34,7 +34,7 @@ from armguard.monitor.joint_reasons import (
 from armguard.monitor.journal import MonitorJournal
 from armguard.monitor.judge import Judge
 from armguard.monitor.known_path import KnownPath
-from armguard.monitor.levels import VerdictRule
+from armguard.monitor.levels import STOP, VerdictRule
 from armguard.monitor.obstacle_reasons import (
     describe_no_sources,
     describe_spreads,
@@ -57,7 +57,7 @@ from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import Schedule
 from armguard.scheduling.scheduler import NOTHING_FOUND, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
-from armguard.verdict import Effect, Level, PlanVerdict, Reason, ReasonKind, Verdict
+from armguard.verdict import Effect, PlanVerdict, Reason, ReasonKind, Verdict
 
 NEVER = -sys.float_info.max
 """Time of the last tick before the first one, in [s]."""
@@ -646,9 +646,11 @@ class Monitor:
         # Under another payload nothing may be decided before all certificates are invalid.
         exemptions = self._exemptions
         # What is exempt is decided by the stop time that this tick's joint state leaves.
-        usual = quiet and not self._reloaded and exemptions.is_idle
-        seen = scheduler.advance(stamp, q, v, now, epoch, number, usual)
-        found, joint, stop_time, late = seen[:4]
+        exempts = not exemptions.is_idle
+        usual = quiet and not (self._reloaded or exempts)
+        found, joint, stop_time, late, result = scheduler.advance(
+            stamp, q, v, now, epoch, number, usual
+        )
         if found < BELIEVED:
             return self._refuse(stamp, describe_refusal(states, found, joint, stamp, q, v))
         reasons: list[Reason] = []
@@ -670,7 +672,7 @@ class Monitor:
         if not quiet:
             reasons += self._read_obstacles(now)
         notes: list[Reason] = []
-        if not exemptions.is_idle:
+        if exempts:
             notes = self._follow_exemptions(now, max(stop_time, late), unbraked)
         tick: Tick = tuple.__new__(
             Tick,
@@ -687,7 +689,8 @@ class Monitor:
                 late,
             ),
         )
-        result = scheduler.evaluate_due(tick, seen)
+        if result is None:
+            result = scheduler.evaluate_due(tick)
         path = self._judge.path
         if path is not None:
             disturbed = result.disturbed or bool(result.broken) or not quiet
@@ -711,7 +714,7 @@ class Monitor:
             reasons += describe_spreads(obstacles)
         if self._no_sources:
             reasons.append(describe_no_sources(obstacles))
-        if self._ignored.unmatched or exemptions.unmatched:
+        if self._ignored.unmatched or (exempts and exemptions.unmatched):
             reasons += self._tell_unmatched()
         verdict = self._judge.judge(stamp, tick, result, reasons, unplaced=self._unplaced)
         if notes:
@@ -723,7 +726,7 @@ class Monitor:
             self._standing = next(standing, None)
         # Beside another reason to stop, or on a known path, more than the brakes would decide.
         self._stopped_by_braking = (
-            verdict.level is Level.STOP
+            verdict.level is STOP
             and verdict.complete
             and not (self._unplaced or (path is not None and (path.is_proved or path.is_followed)))
             and all(
