@@ -654,26 +654,28 @@ class Monitor:
         if found < BELIEVED:
             return self._refuse(stamp, describe_refusal(states, found, joint, stamp, q, v))
         reasons: list[Reason] = []
-        if operating is not None and found & UNKEPT:
-            reasons += self._suspend(operating, now)
-            stop_time, late = states.stop_times(now - stamp)
-        if self._reloaded:
-            reasons += self._reload()
-        unbraked = None
-        if found:
-            unbraked = describe_unbraked(states, now - stamp)
-            runaway = describe_runaway(states)
-            if runaway is not None:
-                reasons.append(runaway)
-        if (found or scheduler.arm.motion.isotropic.is_widened) and scheduler.arm.follow_limits(
-            states.v
-        ):
-            scheduler.invalidate_all()
-        if not quiet:
-            reasons += self._read_obstacles(now)
         notes: list[Reason] = []
-        if exempts:
-            notes = self._follow_exemptions(now, max(stop_time, late), unbraked)
+        unbraked = None
+        if result is None:
+            # Not the usual tick: there may be something to do before evaluations.
+            if operating is not None and found & UNKEPT:
+                reasons += self._suspend(operating, now)
+                stop_time, late = states.stop_times(now - stamp)
+            if self._reloaded:
+                reasons += self._reload()
+            if found:
+                unbraked = describe_unbraked(states, now - stamp)
+                runaway = describe_runaway(states)
+                if runaway is not None:
+                    reasons.append(runaway)
+            if (found or scheduler.arm.motion.isotropic.is_widened) and scheduler.arm.follow_limits(
+                states.v
+            ):
+                scheduler.invalidate_all()
+            if not quiet:
+                reasons += self._read_obstacles(now)
+            if exempts:
+                notes = self._follow_exemptions(now, max(stop_time, late), unbraked)
         tick: Tick = tuple.__new__(
             Tick,
             (
