@@ -239,7 +239,7 @@ class Monitor:
         self._now = NEVER
         self._quiet_until = -math.inf
         self._unplaced = self._no_sources = self._reloaded = False
-        self._standing: Reason | None = None
+        self._reasons: list[Reason] = []
         self._stopped_by_braking = False
         self._unmatched: tuple[object, list[Reason]] = None, []
         self._sequence = 0
@@ -415,7 +415,7 @@ class Monitor:
         self._now = NEVER
         self._epoch = math.nan
         self._quiet_until = -math.inf
-        self._standing = None
+        self._reasons = []
         self._stopped_by_braking = False
 
     def prepare(self, *bodies: PreparedBody) -> None:
@@ -722,10 +722,7 @@ class Monitor:
         if notes:
             # Last, since nothing rests on them.
             verdict = verdict._replace(reasons=(*verdict.reasons, *notes))
-        self._standing = None
-        if reasons:
-            standing = (one for one in reasons if one.kind.effect is Effect.STANDING)
-            self._standing = next(standing, None)
+        self._reasons = reasons
         # Beside another reason to stop, or on a known path, more than the brakes would decide.
         self._stopped_by_braking = (
             verdict.level is STOP
@@ -772,8 +769,9 @@ class Monitor:
             return refuse_plan("arm", f"its state is not believed: {next(iter(latched.values()))}")
         if obstacles.unplaced():
             return refuse_plan("obstacles", "some found no room, and could be anywhere")
-        if self._standing is not None:
-            return refuse_plan("last step", f"was a STOP: {self._standing}")
+        for reason in self._reasons:
+            if reason.kind.effect is Effect.STANDING:
+                return refuse_plan("last step", f"was a STOP: {reason}")
         if self._reloaded:
             return refuse_plan("payload", "has changed since the last step: step first")
         if self.robot.revision != self._scheduler.arm.revision:
