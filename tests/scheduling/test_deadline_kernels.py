@@ -1,5 +1,6 @@
 """Looks at what is due: as good as a look at everything, in time, and never too many at once."""
 
+import copy
 import math
 
 import numpy as np
@@ -9,9 +10,14 @@ from armguard.pairs.evaluate import evaluate, find_unsafe_pair
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.stop_time import compute_stop_time
 from armguard.scheduling.certificates import UNPLACED
-from armguard.scheduling.deadline_kernels import CROWD, time_to_spare
+from armguard.scheduling.deadline_kernels import (
+    CROWD,
+    MOST_READ_AHEAD,
+    _read_ahead,
+    time_to_spare,
+)
 from armguard.scheduling.scheduler import Tick
-from armguard.scheduling.timing_wheel import NOBODY, take_out
+from armguard.scheduling.timing_wheel import NOBODY, WAITING, take_out
 from armguard.scheduling.tournament import entries_of
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps
@@ -242,6 +248,40 @@ def test_where_the_arm_is_needed_it_is_placed():
     assert monitor._scheduler.arm.names(seen.pair)[1] == "near"
     assert seen.evaluated > 1
     assert seen.disturbed is False
+
+
+@pytest.mark.parametrize("count", [0, 1, MOST_READ_AHEAD + 50])
+def test_reading_ahead_changes_nothing(count):
+    obstacles, monitor = make_monitor()
+    names = [f"b{k}" for k in range(count)]
+    see(obstacles, 0.0, np.tile(FAR, (count, 1)), names)
+    scheduler = monitor._scheduler
+    scheduler.follow()
+    scene, certificates = scheduler.arm.state.scene, scheduler.certificates
+    assert certificates.wheel.numbers[WAITING] == count
+    before = copy.deepcopy((scene.bodies, scene.marks, certificates))
+    _read_ahead.py_func(scene, certificates)
+    for one, other in zip(
+        _list_arrays(before),
+        _list_arrays((scene.bodies, scene.marks, certificates)),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, other)
+
+
+def _list_arrays(nested):
+    if isinstance(nested, np.ndarray):
+        return [nested]
+    return [array for part in nested for array in _list_arrays(part)]
+
+
+def test_a_tick_with_more_due_than_is_read_ahead_evaluates_all():
+    obstacles, monitor = make_monitor()
+    count = MOST_READ_AHEAD + 50
+    places = FAR + np.linspace(0.0, 10.0, count)[:, None] * [1.0, 0.0, 0.0]
+    see(obstacles, 0.0, places, [f"b{k}" for k in range(count)])
+    (verdict,) = steps(monitor, 0, 1)
+    assert (verdict.evaluated, verdict.complete, verdict.obstacle) == (count, True, "b0")
 
 
 def test_unsafe_pairs_are_those_that_brute_force_finds():
