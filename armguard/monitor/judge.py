@@ -106,7 +106,6 @@ class Judge:
             unplaced: Whether there are obstacles that found no room, and could be anywhere.
         """
         rule, stopping, path = self._rule, self._stopping, self.path
-        # Taken apart at once: a field of a named tuple by its name takes as long as a small sum.
         pair, expiry, overdue, evaluated, _, _, ended = result
         contact_time = expiry - tick.time
         if unplaced:
