@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from armguard.contact.earliest import Certificate
 from armguard.monitor.known_path import KnownPath
-from armguard.monitor.levels import VerdictRule
+from armguard.monitor.levels import CLEAR, SLOW, STOP, VerdictRule
 from armguard.monitor.settings import MonitorSettings
 from armguard.monitor.stop_decision import StopDecision
 from armguard.pairs.proof import compile_proof
@@ -30,24 +30,6 @@ PROMISED_SHARE = 0.125
 """For how long the scale of a clock promises that the arm may go on, at most, as a share of what a
 slower clock could gain: while somebody lingers there the arm is slow, and a longer promise costs
 more work than stops do that it averts (docs/usefulness.md)."""
-
-
-class _Finding(NamedTuple):
-    """What was found of a tick, from which its verdict is made; named as the verdict's fields."""
-
-    level: Level
-    contact_time: float
-    speed_scale: float
-    names: tuple[str, str] | tuple[None, None]
-    """Of the link and the obstacle."""
-    complete: bool
-    evaluated: int
-    reasons: list[Reason]
-    """Beside what is latched."""
-    separation: float | None = None
-    certificate: Certificate | None = None
-    is_proved: bool = False
-    """Whether a piece of trajectory is proved that ends at rest."""
 
 
 class Judge:
@@ -124,9 +106,12 @@ class Judge:
             unplaced: Whether there are obstacles that found no room, and could be anywhere.
         """
         rule, stopping, path = self._rule, self._stopping, self.path
-        pair, contact_time = result.pair, max(0.0, result.expiry - tick.time)
+        pair, expiry, overdue, evaluated, _, _, ended = result
+        contact_time = expiry - tick.time
         if unplaced:
             pair, contact_time = NOBODY, 0.0
+        elif not contact_time > 0.0:
+            contact_time = 0.0
         standing = bool(reasons) and any(
             reason.kind.effect is Effect.STANDING for reason in reasons
         )
@@ -143,17 +128,19 @@ class Judge:
                 stop_time=max(tick.stop_time, self._braking_delay + lasting),
                 late_stop_time=max(tick.late_stop_time, self._late_delay + lasting),
             )
-        matters = not (result.overdue or standing or unplaced or contact_time > tick.stop_time)
+        stop_time = tick.stop_time
+        matters = not (overdue or standing or unplaced or contact_time > stop_time)
         # What was decided about in this tick is not overdue, though its certificate has ended.
         is_decided = (
             matters
-            and (result.ended > 0 or not is_proved)
+            and (ended > 0 or not is_proved)
             and (
                 (stopping is not None and lasting is None and stopping.rests(tick))
                 or (path is not None and path.rests(tick))
             )
         )
-        overdue = result.overdue + (0 if is_decided else result.ended)
+        if not is_decided:
+            overdue += ended
         rests = is_decided or (matters and is_proved and not overdue)
         complete = not overdue
         if overdue:
@@ -162,55 +149,39 @@ class Judge:
         level, held = rule.decide(
             tick.now,
             contact_time,
-            tick.stop_time,
+            stop_time,
             complete=complete,
             standing=standing,
             rests=rests,
         )
-        names = NO_NAMES if pair == NOBODY else self._scheduler.arm.names(pair)
         if (
-            level is not Level.CLEAR
+            level is not CLEAR
             and pair != NOBODY
-            and rule.grade(contact_time, tick.stop_time, rests=rests) is not Level.CLEAR
+            and rule.grade(contact_time, stop_time, rests=rests) is not CLEAR
         ):
-            bound = BOUND_NAMES[self._scheduler.recall(pair).bound]
-            detail = f"in {contact_time:.4g} s by the {bound} bound"
-            arm = self._scheduler.arm
-            if arm.obstacles.is_entrance(pair // len(arm.links)):
-                detail += ", by what may come out of it unseen"
-            reasons.append(Reason(ReasonKind.CONTACT, f"{names[0]} and {names[1]}", detail))
+            reasons.append(self._tell_contact(pair, contact_time))
         if held:
             reasons.append(Reason(ReasonKind.HOLD))
-        waiting = self._scheduler.waiting if level is Level.STOP and complete else 0
+        waiting = self._scheduler.waiting if level is STOP and complete else 0
         if waiting:
             some = "1 obstacle waits" if waiting == 1 else f"{waiting} obstacles wait"
             reasons.append(Reason(ReasonKind.CROWD, detail=f"{some}: a STOP is certain anyway"))
         scale = self._find_scale(tick, level, contact_time, is_proved=is_proved)
-        evaluated = result.evaluated
         if path is not None:
             evaluated += path.evaluated
         if stopping is not None:
             evaluated += stopping.evaluated - spent_before
             if stopping.left:
                 reasons.append(self._tell_spent(stopping))
-        separation = certificate = None
+        verdict = self._make_verdict(
+            stamp, tick, level, contact_time, scale, pair, evaluated, reasons, complete=complete
+        )
         if self._separation is not None:
             separation = self._measure_separation(tick, unplaced=unplaced)
+            verdict = verdict._replace(separation=separation)
         if self._certify:
-            certificate = self._prove(tick, pair)
-        finding = _Finding(
-            level,
-            contact_time,
-            scale,
-            names,
-            complete,
-            evaluated,
-            reasons,
-            separation,
-            certificate,
-            is_proved,
-        )
-        return self._make_verdict(stamp, tick, finding)
+            verdict = verdict._replace(certificate=self._prove(tick, pair))
+        return verdict
 
     def refuse(self, stamp: float, tick: Tick, reason: Reason, since: str) -> Verdict:
         """The verdict of a tick whose joint state is not believed: the worst of everything.
@@ -226,35 +197,59 @@ class Judge:
         self.certificate_inputs = None
         self._rule.latch(reason, since)
         level, _ = self._rule.decide(tick.now, 0.0, tick.stop_time, complete=False, standing=True)
-        finding = _Finding(level, 0.0, 0.0, NO_NAMES, False, 0, [])
-        return self._make_verdict(stamp, tick, finding)
+        return self._make_verdict(stamp, tick, level, 0.0, 0.0, NOBODY, 0, [], complete=False)
 
-    def _make_verdict(self, stamp: float, tick: Tick, finding: _Finding) -> Verdict:
-        """The one place where a verdict is made."""
+    def _make_verdict(
+        self,
+        stamp: float,
+        tick: Tick,
+        level: Level,
+        contact_time: float,
+        scale: float,
+        pair: int,
+        evaluated: int,
+        reasons: list[Reason],
+        *,
+        complete: bool,
+    ) -> Verdict:
+        """The one place where a verdict is made; reasons are those beside what is latched."""
         latched = self._rule.latched
+        link, obstacle = NO_NAMES if pair == NOBODY else self._scheduler.arm.names(pair)
         stop = None
-        if finding.level is Level.STOP:
-            stop = FINISH if finding.is_proved else BRAKE
+        if level is STOP:
+            # On a piece of trajectory that is proved, and ends at rest, the arm may run it.
+            stop = FINISH if self.path is not None and self.path.is_proved else BRAKE
         # A named tuple's own constructor takes twice as long.
         return tuple.__new__(
             Verdict,
             (
                 stamp,
                 tick.number,
-                finding.level,
-                finding.contact_time,
+                level,
+                contact_time,
                 tick.stop_time,
-                finding.speed_scale,
-                *finding.names,
-                finding.complete,
-                finding.evaluated,
-                (*latched.values(), *finding.reasons) if latched or finding.reasons else (),
+                scale,
+                link,
+                obstacle,
+                complete,
+                evaluated,
+                (*latched.values(), *reasons) if latched or reasons else (),
                 math.nextafter(tick.now + self._response_time, -math.inf),
-                finding.separation,
-                finding.certificate,
+                None,
+                None,
                 stop,
             ),
         )
+
+    def _tell_contact(self, pair: int, contact_time: float) -> Reason:
+        """Which pair the level rests on, and by what bound."""
+        arm = self._scheduler.arm
+        link, obstacle = arm.names(pair)
+        bound = BOUND_NAMES[self._scheduler.recall(pair).bound]
+        detail = f"in {contact_time:.4g} s by the {bound} bound"
+        if arm.obstacles.is_entrance(pair // len(arm.links)):
+            detail += ", by what may come out of it unseen"
+        return Reason(ReasonKind.CONTACT, f"{link} and {obstacle}", detail)
 
     def _tell_spent(self, stopping: StopDecision) -> Reason:
         """That the user's budget did not suffice to find out whether the arm rests in time."""
@@ -272,9 +267,9 @@ class Judge:
         promises something is never above what brakes are stated for. Safety does not rest on it:
         whether an arm that is faster has to stop, is what the level says.
         """
-        if level is Level.STOP:
+        if level is STOP:
             return 0.0
-        if level is not Level.SLOW or is_proved:
+        if level is not SLOW or is_proved:
             return 1.0
         stopping, path = self._stopping, self.path
         if stopping is None:

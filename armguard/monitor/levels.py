@@ -10,8 +10,9 @@ import math
 
 from armguard.verdict import Level, Reason, ReasonKind
 
-LEVELS = tuple(Level)
-"""From the lowest to the highest."""
+LEVELS = STOP, SLOW, AWARE, CLEAR = tuple(Level)
+"""From the lowest to the highest. To read a name here takes a tenth of reading it from `Level`, and
+every tick reads a dozen of them."""
 
 
 class VerdictRule:
@@ -70,12 +71,12 @@ class VerdictRule:
                 tick: then there is no need to stop now, however short the contact time.
         """
         if not contact_time > stop_time and not (rests and contact_time >= 0.0):
-            return Level.STOP
+            return STOP
         if not contact_time > stop_time + self.slow_margin:
-            return Level.SLOW
+            return SLOW
         if not contact_time > stop_time + self.aware_margin:
-            return Level.AWARE
-        return Level.CLEAR
+            return AWARE
+        return CLEAR
 
     def decide(
         self,
@@ -99,18 +100,18 @@ class VerdictRule:
         """
         raw = self.grade(contact_time, stop_time, rests=rests)
         if standing or self.latched or not complete:
-            raw = Level.STOP
+            raw = STOP
         if not self._settled:
             if self.latched or not complete:
-                return Level.STOP, False
+                return STOP, False
             self._settled = True
             self._last_at = [-math.inf] * len(Level)
             self._low_at = -math.inf
         if self._was_reset:
             self._was_reset = False
-            self._last_at[Level.STOP] = self._low_at = now
+            self._last_at[STOP] = self._low_at = now
         self._last_at[raw] = now
-        if raw is not Level.CLEAR:
+        if raw is not CLEAR:
             self._low_at = now
         elif not now - self._low_at < self.rise_delay:
             # The usual case: nothing lower for long.

@@ -34,7 +34,7 @@ from armguard.monitor.joint_reasons import (
 from armguard.monitor.journal import MonitorJournal
 from armguard.monitor.judge import Judge
 from armguard.monitor.known_path import KnownPath
-from armguard.monitor.levels import VerdictRule
+from armguard.monitor.levels import STOP, VerdictRule
 from armguard.monitor.obstacle_reasons import (
     describe_no_sources,
     describe_spreads,
@@ -57,7 +57,7 @@ from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import Schedule
 from armguard.scheduling.scheduler import NOTHING_FOUND, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
-from armguard.verdict import Effect, Level, PlanVerdict, Reason, ReasonKind, Verdict
+from armguard.verdict import Effect, PlanVerdict, Reason, ReasonKind, Verdict
 
 NEVER = -sys.float_info.max
 """Time of the last tick before the first one, in [s]."""
@@ -239,7 +239,7 @@ class Monitor:
         self._now = NEVER
         self._quiet_until = -math.inf
         self._unplaced = self._no_sources = self._reloaded = False
-        self._standing: Reason | None = None
+        self._reasons: list[Reason] = []
         self._stopped_by_braking = False
         self._unmatched: tuple[object, list[Reason]] = None, []
         self._sequence = 0
@@ -415,7 +415,7 @@ class Monitor:
         self._now = NEVER
         self._epoch = math.nan
         self._quiet_until = -math.inf
-        self._standing = None
+        self._reasons = []
         self._stopped_by_braking = False
 
     def prepare(self, *bodies: PreparedBody) -> None:
@@ -646,32 +646,36 @@ class Monitor:
         # Under another payload nothing may be decided before all certificates are invalid.
         exemptions = self._exemptions
         # What is exempt is decided by the stop time that this tick's joint state leaves.
-        usual = quiet and not self._reloaded and exemptions.is_idle
-        seen = scheduler.advance(stamp, q, v, now, epoch, number, usual)
-        found, joint, stop_time, late = seen[:4]
+        exempts = not exemptions.is_idle
+        usual = quiet and not (self._reloaded or exempts)
+        found, joint, stop_time, late, result = scheduler.advance(
+            stamp, q, v, now, epoch, number, usual
+        )
         if found < BELIEVED:
             return self._refuse(stamp, describe_refusal(states, found, joint, stamp, q, v))
         reasons: list[Reason] = []
-        if operating is not None and found & UNKEPT:
-            reasons += self._suspend(operating, now)
-            stop_time, late = states.stop_times(now - stamp)
-        if self._reloaded:
-            reasons += self._reload()
-        unbraked = None
-        if found:
-            unbraked = describe_unbraked(states, now - stamp)
-            runaway = describe_runaway(states)
-            if runaway is not None:
-                reasons.append(runaway)
-        if (found or scheduler.arm.motion.isotropic.is_widened) and scheduler.arm.follow_limits(
-            states.v
-        ):
-            scheduler.invalidate_all()
-        if not quiet:
-            reasons += self._read_obstacles(now)
         notes: list[Reason] = []
-        if not exemptions.is_idle:
-            notes = self._follow_exemptions(now, max(stop_time, late), unbraked)
+        unbraked = None
+        if result is None:
+            # Not the usual tick: there may be something to do before evaluations.
+            if operating is not None and found & UNKEPT:
+                reasons += self._suspend(operating, now)
+                stop_time, late = states.stop_times(now - stamp)
+            if self._reloaded:
+                reasons += self._reload()
+            if found:
+                unbraked = describe_unbraked(states, now - stamp)
+                runaway = describe_runaway(states)
+                if runaway is not None:
+                    reasons.append(runaway)
+            if (found or scheduler.arm.motion.isotropic.is_widened) and scheduler.arm.follow_limits(
+                states.v
+            ):
+                scheduler.invalidate_all()
+            if not quiet:
+                reasons += self._read_obstacles(now)
+            if exempts:
+                notes = self._follow_exemptions(now, max(stop_time, late), unbraked)
         tick: Tick = tuple.__new__(
             Tick,
             (
@@ -687,7 +691,8 @@ class Monitor:
                 late,
             ),
         )
-        result = scheduler.evaluate_due(tick, seen)
+        if result is None:
+            result = scheduler.evaluate_due(tick)
         path = self._judge.path
         if path is not None:
             disturbed = result.disturbed or bool(result.broken) or not quiet
@@ -711,19 +716,16 @@ class Monitor:
             reasons += describe_spreads(obstacles)
         if self._no_sources:
             reasons.append(describe_no_sources(obstacles))
-        if self._ignored.unmatched or exemptions.unmatched:
+        if self._ignored.unmatched or (exempts and exemptions.unmatched):
             reasons += self._tell_unmatched()
         verdict = self._judge.judge(stamp, tick, result, reasons, unplaced=self._unplaced)
         if notes:
             # Last, since nothing rests on them.
             verdict = verdict._replace(reasons=(*verdict.reasons, *notes))
-        self._standing = None
-        if reasons:
-            standing = (one for one in reasons if one.kind.effect is Effect.STANDING)
-            self._standing = next(standing, None)
+        self._reasons = reasons
         # Beside another reason to stop, or on a known path, more than the brakes would decide.
         self._stopped_by_braking = (
-            verdict.level is Level.STOP
+            verdict.level is STOP
             and verdict.complete
             and not (self._unplaced or (path is not None and (path.is_proved or path.is_followed)))
             and all(
@@ -767,8 +769,9 @@ class Monitor:
             return refuse_plan("arm", f"its state is not believed: {next(iter(latched.values()))}")
         if obstacles.unplaced():
             return refuse_plan("obstacles", "some found no room, and could be anywhere")
-        if self._standing is not None:
-            return refuse_plan("last step", f"was a STOP: {self._standing}")
+        for reason in self._reasons:
+            if reason.kind.effect is Effect.STANDING:
+                return refuse_plan("last step", f"was a STOP: {reason}")
         if self._reloaded:
             return refuse_plan("payload", "has changed since the last step: step first")
         if self.robot.revision != self._scheduler.arm.revision:

@@ -251,7 +251,7 @@ class ObstacleRegister:
     @property
     def has_wide_spreads(self) -> bool:
         """Whether `describe_spreads` would name any row: quick to tell in every tick."""
-        return bool(self.table.spreads.wide_count[0])
+        return self.table.spreads.wide_count.item() > 0
 
     def describe_spreads(self) -> list[tuple[str, str]]:
         """Ids whose samples are off by more than is stated, with what was found in words.

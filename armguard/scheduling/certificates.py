@@ -25,7 +25,9 @@ from armguard.scheduling.tournament import (
 UNSEEN, UNPLACED = -3, -2
 """In place of a row, where nothing was evaluated yet, or the arm must be placed first."""
 
-ACTIVE, PREPARED, STALE, EVALUATED_ROWS, SPENT, BROKEN, UNSAFE, PROVING_IN, PROVING = range(9)
+(
+    ACTIVE, PREPARED, STALE, EVALUATED_ROWS, SPENT, BROKEN, UNSAFE, PROVING_IN, PROVING, READ_AHEAD,
+) = range(10)  # fmt: skip
 """Places in `Certificates.numbers`."""
 
 
@@ -89,8 +91,8 @@ class Certificates(NamedTuple):
     """Rows that are watched, the tick that the arm was last prepared for, how many rows were
     evaluated later than max_staleness asked for, and of late, evaluated rows and evaluations spent
     on them; how many of `broken` are in use; the last tick in which the stop decision found a pair
-    unsafe; and the last one in which it proved something that lasts, with the evaluations spent on
-    that. Shape (9,)."""
+    unsafe; the last one in which it proved something that lasts, with the evaluations spent on
+    that; and what reading ahead came to, which is of no use. Shape (10,)."""
 
 
 def make_certificates(links: int) -> Certificates:
@@ -107,7 +109,7 @@ def make_certificates(links: int) -> Certificates:
         way_until=np.zeros(0),
         way_revision=np.zeros(0, dtype=np.int64),
         broken=np.zeros(0, dtype=np.int64),
-        numbers=np.array([0, -1, 0, 0, 0, 0, -9, -9, 0]),
+        numbers=np.array([0, -1, 0, 0, 0, 0, -9, -9, 0, 0]),
     )
 
 

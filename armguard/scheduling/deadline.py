@@ -8,7 +8,7 @@ arrays are made, grown and handed over.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,7 +55,6 @@ from armguard.scheduling.deadline_kernels import (
 )
 from armguard.scheduling.layouts import Layouts
 from armguard.scheduling.scheduler import (
-    NOTHING_EVALUATED,
     AdvanceResult,
     Listing,
     PairResult,
@@ -218,51 +217,69 @@ class DeadlineScheduler:
     ) -> AdvanceResult:
         """Accept a joint state, and evaluate what is due if nothing else needs to be done."""
         may_evaluate = may_evaluate and not (self._all_invalid or self._isotropic.is_widened)
-        seen: AdvanceResult = self._advance(
+        (
+            found, joint, stop_time, late_stop_time, threshold,
+            row, link, expiry, overdue, evaluated, disturbed, ended,
+        ) = seen = self._advance(
             self._tick_data, stamp, q, v, now, epoch, number, may_evaluate
-        )
-        return seen
+        )  # fmt: skip
+        if row >= 0 and not disturbed:
+            # The usual tick is over already; a named tuple's own constructor takes twice as long.
+            result = tuple.__new__(
+                TickResult, (row * self._links + link, expiry, overdue, evaluated, (), False, ended)
+            )
+        elif row == UNSEEN:
+            result = None
+        else:
+            moment = Moment(now, now - epoch, number, now - stamp, threshold)
+            result = self._finish(seen[5:], moment, self._states.q, all_invalid=False)
+        return found, joint, stop_time, late_stop_time, result
 
-    def evaluate_due(self, tick: Tick, seen: AdvanceResult = NOTHING_EVALUATED) -> TickResult:
+    def evaluate_due(self, tick: Tick) -> TickResult:
         """Evaluate the obstacles that are due; the arm is placed only if one of them needs it."""
         all_invalid, self._all_invalid = self._all_invalid, False
         if all_invalid:
             invalidate_all(self._handle)
-        row, link, expiry, overdue, evaluated, disturbed, ended = seen[5:]
-        if row >= 0 and not (disturbed or all_invalid):
-            # The usual tick is over already; a named tuple's own constructor takes twice as long.
-            return tuple.__new__(
-                TickResult, (row * self._links + link, expiry, overdue, evaluated, (), False, ended)
-            )
-        if row == UNSEEN:
-            row, link, expiry, overdue, evaluated, disturbed, ended = self._go_on(tick, 0)
+        moment = _moment_of(tick)
+        seen = self._evaluate_due(self._tick_data, self._placed == tick.number, 0, moment)
+        return self._finish(seen, moment, tick.q, all_invalid=all_invalid)
+
+    def _finish(
+        self, seen: Sequence[Any], moment: Moment, q: FloatArray, *, all_invalid: bool
+    ) -> TickResult:
+        """What a tick's evaluations found, and the rest of them where the arm has to be placed.
+
+        Args:
+            seen: What compiled code returned, see `deadline_kernels.evaluate_due`.
+            moment: The tick.
+            q: Joint positions, [rad] or [m]. Shape (nv,).
+            all_invalid: Whether all certificates were invalidated in this tick.
+        """
+        row, link, expiry, overdue, evaluated, disturbed, ended = seen
         broken: tuple[int, ...] = ()
         if disturbed:
             # Read before the evaluations go on: by then no change is marked any more.
             broken = tuple(self.certificates.broken[: self.certificates.numbers[BROKEN]].tolist())
         if row == UNPLACED:
-            self._place(tick)
-            row, link, expiry, overdue, evaluated, _, ended = self._go_on(tick, evaluated)
+            self._place(moment.number, q)
+            row, link, expiry, overdue, evaluated, _, ended = self._evaluate_due(
+                self._tick_data, True, evaluated, moment
+            )
         pair = NOBODY if row == NOBODY else row * self._links + link
         disturbs = all_invalid or disturbed > 0
         return TickResult(pair, expiry, overdue, evaluated, broken, disturbs, ended)
 
-    def _go_on(self, tick: Tick, spent: int) -> tuple[int, int, float, int, int, int, int]:
-        found: tuple[int, int, float, int, int, int, int] = self._evaluate_due(
-            self._tick_data, self._placed == tick.number, spent, _moment_of(tick)
-        )
-        return found
-
-    def _place(self, tick: Tick) -> None:
-        if self._placed != tick.number:
-            self.arm.kinematics.place(tick.q)
-            self._placed = tick.number
+    def _place(self, number: int, q: FloatArray) -> None:
+        """Place the arm in the tick of this number, unless that was done."""
+        if self._placed != number:
+            self.arm.kinematics.place(q)
+            self._placed = number
 
     def prepare(self, tick: Tick) -> None:
         """Place the arm and fill its bounds for a tick, needed by its evaluations or not."""
         state, numbers = self.arm.state, self.certificates.numbers
         state.now, state.arm_age = tick.now, tick.arm_age
-        self._place(tick)
+        self._place(tick.number, tick.q)
         if numbers[PREPARED] != tick.number:
             state.prepare_arm(tick.q, tick.v)
             numbers[PREPARED] = tick.number
@@ -338,7 +355,7 @@ class DeadlineScheduler:
         kept_since: float | None = None,
     ) -> Unsafe:
         """A pair that might touch before the arm rests, if there is one."""
-        self._place(tick)
+        self._place(tick.number, tick.q)
         is_paced, since = _read_kept(kept_since)
         question = StopQuestion(
             stop_time,

@@ -66,6 +66,7 @@ from armguard.scheduling.certificates import (
     PROVED,
     PROVING,
     PROVING_IN,
+    READ_AHEAD,
     SPENT,
     STALE,
     UNPLACED,
@@ -85,7 +86,7 @@ from armguard.scheduling.timing_wheel import (
     put_off,
     turn,
 )
-from armguard.scheduling.tournament import ROOT, find_below, find_least, set_value
+from armguard.scheduling.tournament import ROOT, find_below, find_least, parent_of, set_value
 
 RECENT = 4096
 """Evaluated rows over which their price is averaged."""
@@ -109,6 +110,11 @@ others: each question needs a table, which takes as long as asking it of some ro
 
 MOST_DOUBTFUL = 2
 """Rows whose rest cannot be proved for longer than a tick, until no more of them are asked."""
+
+
+MOST_READ_AHEAD = 256
+"""Rows whose records are read before the first of them is evaluated, at most: more are seldom due,
+and the cache that is at hand soonest has no room for many more."""
 
 
 class Moment(NamedTuple):
@@ -413,6 +419,33 @@ def evaluate_due(
 
 
 @kernel
+def _read_ahead(scene: Scene, certificates: Certificates) -> int:
+    """Read a word of each cache line that the evaluations of what waits begin with.
+
+    Of very many obstacles each one's records lie in memory that is not at hand. Evaluations, which
+    follow one upon the other, would wait for line after line. Of these readings none depends on
+    another, so that the processor has many of them under way at the same time.
+
+    Returns:
+        Some number that depends on all of them, to be kept: else the compiler would leave them out.
+    """
+    wheel, bodies, marks = certificates.wheel, scene.bodies, scene.marks
+    references, tree = certificates.reference_states, certificates.expiry_tree
+    first = parent_of(tree.shape[0])
+    last = certificates.watched.shape[1] - 1
+    some = 0
+    for place in range(min(wheel.numbers[WAITING], MOST_READ_AHEAD)):
+        row = wheel.heap[place]
+        some += bodies.point_count[row] + references.point_count[row]
+        some += bodies.stamp[row] + references.stamp[row] > 0.0
+        some += certificates.evaluated_at[row] + certificates.pair_expiry[row, last] > 0.0
+        some += tree[first + row] + tree[parent_of(first + row)] > 0.0
+        some += marks.refused_count[row] + marks.has_state[row] + marks.unknown[row]
+        some += marks.static[row] + marks.refused[row] + certificates.watched[row, last]
+    return some
+
+
+@kernel
 def _evaluate_due(
     handle: Any, placed: bool, spent_before: int, moment: Moment
 ) -> tuple[int, int, float, int, int, int, int]:
@@ -440,6 +473,8 @@ def _evaluate_due(
     overtaken = _read_changes(scene, certificates)
     clock = tick_of(time, period)
     turn(wheel, clock)
+    if not expects_stop:
+        certificates.numbers[READ_AHEAD] = _read_ahead(scene, certificates)
     # The most urgent row first, until nothing waits or the budget is spent.
     evaluated = spent_before
     certain = expects_stop

@@ -29,7 +29,6 @@ from armguard.scheduling.layouts import Layouts
 from armguard.scheduling.pair_certificates import PairCertificates
 from armguard.scheduling.schedule import Schedule
 from armguard.scheduling.scheduler import (
-    NOTHING_EVALUATED,
     AdvanceResult,
     Listing,
     PairResult,
@@ -137,9 +136,9 @@ class PairScheduler:
         if operating is not None and found >= BELIEVED:
             kept = operating.accept(stamp, self._states.q, self._states.v)
             found |= 0 if kept else UNKEPT
-        return (found, joint, stop_time, late_stop_time, *NOTHING_EVALUATED[4:])
+        return found, joint, stop_time, late_stop_time, None
 
-    def evaluate_due(self, tick: Tick, seen: AdvanceResult = NOTHING_EVALUATED) -> TickResult:
+    def evaluate_due(self, tick: Tick) -> TickResult:
         """Evaluate the pairs that are due and check the flagged ones exactly."""
         certificates, state, schedule = self.certificates, self.arm.state, self.schedule
         self.arm.kinematics.place(tick.q)

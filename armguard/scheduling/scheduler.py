@@ -14,21 +14,8 @@ from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.pairs.arm import WatchedArm
-from armguard.robot.joint_acceptance import BELIEVED, NO_JOINT
 from armguard.robot.robot import Robot
-from armguard.scheduling.certificates import UNSEEN
 from armguard.scheduling.timing_wheel import NOBODY
-
-AdvanceResult = tuple[int, int, float, float, float, int, int, float, int, int, int, int]
-"""Result of an advance, as compiled code returns it: what was found of the joint state, below 0
-where it is refused, and the joint that it is refused for, both stop times in [s], and unless the
-row is UNSEEN the refinement threshold in [s]; then row and link whose certificate ends first, that
-end in [s] since the epoch, how many obstacles are overdue, evaluations, how many rows changes
-have overtaken, and how many obstacles' certificates have ended."""
-
-_NO_STATE = BELIEVED, NO_JOINT, math.inf, math.inf
-NOTHING_EVALUATED: AdvanceResult = (*_NO_STATE, 0.0, UNSEEN, 0, 0.0, 0, 0, 0, 0)
-"""Result of an advance in which nothing was evaluated."""
 
 
 class Tick(NamedTuple):
@@ -76,6 +63,10 @@ class TickResult(NamedTuple):
 
 NOTHING_FOUND = TickResult(NOBODY, math.inf, 0, 0)
 """Result of a tick in which nothing was evaluated."""
+
+AdvanceResult = tuple[int, int, float, float, TickResult | None]
+"""What was found of a joint state, below 0 where it is refused, and the joint that it is refused
+for, both stop times in [s], and what the tick's evaluations found; None: they are still to come."""
 
 
 class Listing(NamedTuple):
@@ -192,8 +183,8 @@ class Scheduler(Protocol):
         """
         ...
 
-    def evaluate_due(self, tick: Tick, seen: AdvanceResult = NOTHING_EVALUATED) -> TickResult:
-        """Evaluate the pairs that are due, from where the tick's advance left off."""
+    def evaluate_due(self, tick: Tick) -> TickResult:
+        """Evaluate the pairs that are due, in a tick whose advance did not."""
         ...
 
     def prepare(self, tick: Tick) -> None:

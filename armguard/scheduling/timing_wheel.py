@@ -63,17 +63,13 @@ WAITING, TURNING, TICK = range(3)
 def make_wheel(capacity: int) -> Wheel:
     """An empty wheel."""
     first, load = make_records(SLOTS, first=(np.int32, ()), load=(np.int32, ()))
-    deadline, slot, after, before = make_records(
-        capacity,
-        deadline=(float, ()),
-        slot=(np.int32, ()),
-        after=(np.int32, ()),
-        before=(np.int32, ()),
-    )
+    # Each by itself: what is read of one entry after the other, and of those beside it in a slot,
+    # is small enough to stay in the cache, as records of whole entries are not.
+    deadline, heap = np.full(capacity, np.inf), np.zeros(capacity, dtype=np.int32)
+    slot = np.full(capacity, ABSENT, dtype=np.int32)
+    after, before = np.zeros(capacity, dtype=np.int32), np.zeros(capacity, dtype=np.int32)
     first[:] = NOBODY
-    deadline[:] = np.inf
-    slot[:] = ABSENT
-    heap, numbers = np.zeros(capacity, dtype=np.int32), np.zeros(3, dtype=np.int64)
+    numbers = np.zeros(3, dtype=np.int64)
     return Wheel(first, load, slot, after, before, deadline, heap, numbers)
 
 

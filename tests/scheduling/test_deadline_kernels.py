@@ -1,5 +1,6 @@
 """Looks at what is due: as good as a look at everything, in time, and never too many at once."""
 
+import copy
 import math
 
 import numpy as np
@@ -8,10 +9,15 @@ import pytest
 from armguard.pairs.evaluate import evaluate, find_unsafe_pair
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.stop_time import compute_stop_time
-from armguard.scheduling.certificates import UNPLACED, UNSEEN
-from armguard.scheduling.deadline_kernels import CROWD, time_to_spare
+from armguard.scheduling.certificates import UNPLACED
+from armguard.scheduling.deadline_kernels import (
+    CROWD,
+    MOST_READ_AHEAD,
+    _read_ahead,
+    time_to_spare,
+)
 from armguard.scheduling.scheduler import Tick
-from armguard.scheduling.timing_wheel import NOBODY, take_out
+from armguard.scheduling.timing_wheel import NOBODY, WAITING, take_out
 from armguard.scheduling.tournament import entries_of
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps
@@ -179,6 +185,14 @@ def advance(monitor, number, q=HOME, v=STILL, *, now=None, may_evaluate=True):
     return monitor._scheduler.advance(stamp, q, v, now, 0.0, number + 1, may_evaluate)
 
 
+def advance_compiled(monitor, number):
+    """The same by compiled code alone."""
+    scheduler, stamp = monitor._scheduler, number * 1e-3
+    return scheduler._advance(
+        scheduler._tick_data, stamp, HOME, STILL, stamp, 0.0, number + 1, True
+    )
+
+
 def watched(position):
     obstacles, monitor = make_monitor()
     see(obstacles, 0.0, position)
@@ -189,23 +203,20 @@ def watched(position):
 def test_state_and_look_in_one_call():
     _, monitor = watched(FAR)
     verdict = monitor.step(1e-3, HOME, STILL)
-    seen = advance(monitor, 2)
-    found, _, stop_time, late, opening, row, link, expiry, overdue, _, news, ended = seen
-    assert (found, overdue, news, ended) == (BELIEVED, 0, 0, 0)
+    found, _, stop_time, late, seen = advance(monitor, 2)
+    assert found == BELIEVED
+    assert (seen.overdue, seen.broken, seen.disturbed, seen.ended) == (0, (), False, 0)
     assert stop_time == verdict.stop_time
     assert stop_time < late < math.inf
-    assert opening == (stop_time + 0.3) / 0.75
-    assert monitor._scheduler.arm.names(row * len(monitor.robot.links) + link) == (
-        verdict.link,
-        verdict.obstacle,
-    )
-    assert abs(expiry - 1e-3 - verdict.contact_time) < 1e-9
+    assert monitor._scheduler.arm.names(seen.pair) == (verdict.link, verdict.obstacle)
+    assert abs(seen.expiry - 1e-3 - verdict.contact_time) < 1e-9
+    assert advance_compiled(monitor, 3)[4] == (stop_time + 0.3) / 0.75
 
 
 def test_without_leave_it_does_not_look():
     _, monitor = watched(FAR)
-    found, *_, row, _, _, _, _, _, _ = advance(monitor, 1, may_evaluate=False)
-    assert (found, row) == (BELIEVED, UNSEEN)
+    found, *_, seen = advance(monitor, 1, may_evaluate=False)
+    assert (found, seen) == (BELIEVED, None)
 
 
 def test_a_refused_state_leaves_the_last_one_as_it_was():
@@ -215,9 +226,9 @@ def test_a_refused_state_leaves_the_last_one_as_it_was():
         (HOME, STILL + 99.0, None),
         (HOME, STILL, 9.0),
     ):
-        seen = advance(monitor, 1, q, v, now=now)
-        assert seen[0] < BELIEVED
-        assert seen[5] == UNSEEN
+        found, *_, seen = advance(monitor, 1, q, v, now=now)
+        assert found < BELIEVED
+        assert seen is None
         assert (monitor._states.q == HOME).all()
     assert advance(monitor, 1)[0] == BELIEVED
 
@@ -225,14 +236,52 @@ def test_a_refused_state_leaves_the_last_one_as_it_was():
 def test_doubt_waits_for_the_look_that_knows_of_it():
     _, monitor = watched(FAR)
     monitor._scheduler.invalidate_all()
-    assert advance(monitor, 1)[5] == UNSEEN
+    assert advance(monitor, 1)[4] is None
 
 
-def test_where_the_arm_is_needed_it_says_so():
+def test_where_the_arm_is_needed_it_is_placed():
     obstacles, monitor = watched(FAR)
     see(obstacles, 1e-3, NEAR, ids=["near"])
     monitor._scheduler.follow()
-    assert advance(monitor, 1)[5] == UNPLACED
+    assert advance_compiled(monitor, 1)[5] == UNPLACED
+    seen = advance(monitor, 2)[4]
+    assert monitor._scheduler.arm.names(seen.pair)[1] == "near"
+    assert seen.evaluated > 1
+    assert seen.disturbed is False
+
+
+@pytest.mark.parametrize("count", [0, 1, MOST_READ_AHEAD + 50])
+def test_reading_ahead_changes_nothing(count):
+    obstacles, monitor = make_monitor()
+    names = [f"b{k}" for k in range(count)]
+    see(obstacles, 0.0, np.tile(FAR, (count, 1)), names)
+    scheduler = monitor._scheduler
+    scheduler.follow()
+    scene, certificates = scheduler.arm.state.scene, scheduler.certificates
+    assert certificates.wheel.numbers[WAITING] == count
+    before = copy.deepcopy((scene.bodies, scene.marks, certificates))
+    _read_ahead.py_func(scene, certificates)
+    for one, other in zip(
+        _list_arrays(before),
+        _list_arrays((scene.bodies, scene.marks, certificates)),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, other)
+
+
+def _list_arrays(nested):
+    if isinstance(nested, np.ndarray):
+        return [nested]
+    return [array for part in nested for array in _list_arrays(part)]
+
+
+def test_a_tick_with_more_due_than_is_read_ahead_evaluates_all():
+    obstacles, monitor = make_monitor()
+    count = MOST_READ_AHEAD + 50
+    places = FAR + np.linspace(0.0, 10.0, count)[:, None] * [1.0, 0.0, 0.0]
+    see(obstacles, 0.0, places, [f"b{k}" for k in range(count)])
+    (verdict,) = steps(monitor, 0, 1)
+    assert (verdict.evaluated, verdict.complete, verdict.obstacle) == (count, True, "b0")
 
 
 def test_unsafe_pairs_are_those_that_brute_force_finds():
