@@ -48,6 +48,7 @@ from armguard.pairs.contact_time import (
     UNDECIDED,
     StatePlace,
     arm_reach_time,
+    link_reach_time,
     link_time,
     pair_time,
     rests_in_time,
@@ -201,15 +202,19 @@ def _evaluate_links(
             certificates.pair_bound[row, each] = bound
         return best, evaluations
     age = 0.0 if scene.marks.static[row] else now - scene.bodies.stamp[row]
-    # The times of the roots order the links: later ones seldom need a refinement.
+    state = StatePlace(row, bool(0), age)
+    with_reach = scene.settings.with_reach
+    # What links cannot leave comes first; UNKNOWN marks those of whose spheres nothing is known.
     for each in range(links):
         if certificates.watched[row, each]:
-            at_root, bound, spent = root_time(scene, each, row, arm_age, age, lower_bound)
-            evaluations += spent
-            scene.link_time[each] = at_root
-            scene.link_bound[each] = bound
-    # Each round takes the most imminent link that is left; -1 marks those that are done.
-    for _ in range(links):
+            scene.link_time[each] = lower_bound
+            scene.link_bound[each] = UNKNOWN
+            if with_reach:
+                scene.link_time[each] = link_reach_time(scene, each, state, lower_bound)
+                evaluations += 1
+    # Each round takes the most imminent link that is left: once to know the sphere around it, once
+    # to be refined, in an order by which later ones seldom need either. -1 marks those done.
+    for _ in range(2 * links):
         link: Any = np.int64(-1)
         for other in range(links):
             left = scene.link_time[other] >= 0.0 and certificates.watched[row, other]
@@ -219,17 +224,22 @@ def _evaluate_links(
             break
         found, bound = scene.link_time[link], scene.link_bound[link]
         node = scene.tree.root[link]
-        scene.link_time[link] = -1.0
         if found < best and found < refinement_threshold:
-            state = StatePlace(row, bool(0), age)
+            if bound == UNKNOWN:
+                found, bound = root_time(scene, link, state, arm_age, found)
+                evaluations += 1
+                scene.link_time[link] = found
+                scene.link_bound[link] = bound
+                continue
             found, node, bound, spent = link_time(
                 scene, link, state, arm_age, found, bound, refinement_threshold, best
             )
             evaluations += spent
+        scene.link_time[link] = -1.0
         best = min(best, found)
         certificates.pair_expiry[row, link] = expire(time, found)
         certificates.pair_sphere[row, link] = node
-        certificates.pair_bound[row, link] = bound
+        certificates.pair_bound[row, link] = REACH if bound == UNKNOWN else bound
     return best, evaluations
 
 
