@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 from armguard.bounds.joint_table import JointTable
 from armguard.monitor.kept_speeds import KeptSpeeds
-from armguard.scheduling.certificates import ASKABLE, PROVED
+from armguard.scheduling.certificates import ASKABLE, ENDING, IN_VAIN, PROVED
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.scheduling.timing_wheel import NOBODY
 
@@ -34,9 +34,24 @@ brake would make a promise that leaves no speed wherever a person is near (docs/
 PROVING = 10e-3
 """For how long the proof that a STOP is in time should last, [s]: longer is proved of less."""
 
-SHORT = 0.15
-"""Part of that time for which is proved what cannot be proved for all of it: a speed scale is as
+SCALE_PROVING = 14e-3
+"""For how long the proof of a speed scale should last, [s]: joints that keep to it get less far, so
+that hardly less is proved."""
+
+SHORT = 1.5e-3
+"""For how long that is proved of a scale which cannot be proved for so long, [s]: a scale is as
 high as can be, so that for some obstacle there is hardly any time to spare."""
+
+SOON = 2.5e-3
+"""How long before its end a proof is renewed by a tick that has had nothing else to do, in [s]:
+else renewals of both kinds, and evaluations, would now and then all fall to one tick."""
+
+_SCALE_LENGTHS = {
+    ENDING: (SCALE_PROVING,),
+    ASKABLE: (SCALE_PROVING, SHORT),
+    IN_VAIN: (SHORT,),
+}
+"""For how long a scale is to be proved, one after the other, by what is known of it already."""
 
 
 def find_proving(response_time: float) -> float:
@@ -94,12 +109,12 @@ class StopDecision:
         q, v, age, response_time = tick.q, tick.v, tick.arm_age, self._response_time
         if not braking.covers(v, age, response_time):
             return False
-        known = scheduler.recall_stops(tick, tick.stop_time)
+        known = scheduler.recall_stops(tick, tick.stop_time, soon=SOON)
         if known == PROVED:
             return True
         proving = self._proving
         # While the arm stops, nothing is gained by a proof that lasts.
-        may_last = known == ASKABLE and proving > 0.0 and tick.number != self._unsafe_in + 1
+        may_last = known != IN_VAIN and proving > 0.0 and tick.number != self._unsafe_in + 1
         if may_last and braking.covers(v, age, response_time + proving):
             left = self.left
             table = braking.tabulate(q, v, age, response_time + proving)
@@ -107,6 +122,9 @@ class StopDecision:
                 return True
             # What this left over is asked again, of a STOP in this tick alone.
             self.left = left
+        if known == ENDING:
+            # Of this tick it was proved before, whether it could be renewed or not.
+            return True
         if self._is_free(tick, braking.tabulate(q, v, age, response_time), 0.0):
             return True
         self._unsafe_in = tick.number
@@ -199,18 +217,20 @@ class StopDecision:
             table = braking.tabulate(q, v, age, self.looks_ahead, pace=scale)
             return self._is_free(tick, table)
         stop_time = self._kept.stop_time
-        known = scheduler.recall_stops(tick, stop_time, later, since)
+        known = scheduler.recall_stops(tick, stop_time, later, since, soon=SOON)
         if known == PROVED:
             return True
-        for part in (1.0, SHORT) if known == ASKABLE else (SHORT,):
-            left, proving = self.left, part * self._proving
+        for proving in _SCALE_LENGTHS[known]:
+            left = self.left
             table = braking.tabulate(q, v, age, self.looks_ahead + proving, pace=scale)
-            pause = self._proving if part == 1.0 else 0.0
+            pause = SCALE_PROVING if proving == SCALE_PROVING else 0.0
             if self._is_free(
                 tick, table, later + proving, later, stop_time, pause=pause, kept_since=since
             ):
                 return True
             self.left = left
+        if known == ENDING:
+            return True
         table = braking.tabulate(q, v, age, self.looks_ahead, pace=scale)
         return self._is_free(tick, table, 0.0, later, kept_since=since)
 
