@@ -97,7 +97,7 @@ RECENT = 4096
 LATEST = sys.float_info.max
 """Latest time that is asked for: what is not watched has no end, nor has what never comes near."""
 
-CROWD = 64
+CROWD = 48
 """Evaluations in a tick beyond which, once a STOP is certain, other obstacles wait."""
 
 BATCH = 64
