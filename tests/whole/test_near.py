@@ -251,6 +251,32 @@ def test_a_tick_that_has_nothing_to_do_renews_what_ends_soon(monkeypatch):
     assert both <= 0.2 * busy
 
 
+def test_where_an_arm_may_go_at_full_speed_questions_and_evaluations_are_spread_too(monkeypatch):
+    company, asked_in, busy, both = Company(6, 9, 1.1, 1.5), set(), 0, 0
+    obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
+    scheduler = monitor._scheduler
+    ask = scheduler.find_unsafe
+
+    def note(tick, stop_time, **options):
+        asked_in.add(tick.number)
+        return ask(tick, stop_time, **options)
+
+    monkeypatch.setattr(scheduler, "find_unsafe", note)
+    for k in range(300):
+        now = k * PERIOD
+        if k % 10 == 0:
+            company.tell(obstacles, now)
+        q, v = HOME + 0.1 * company.swing * np.sin(now), 0.1 * company.swing * np.cos(now)
+        verdict = monitor.step(now, q, v)
+        assert (verdict.level, verdict.speed_scale) == (Level.SLOW, 1.0)
+        is_busy = bool((scheduler.certificates.evaluated_at == monitor._last[0].time).any())
+        busy += is_busy
+        both += is_busy and monitor._last[0].number in asked_in
+    assert 10 < len(asked_in) < 60
+    assert busy > 20
+    assert both <= 0.1 * busy
+
+
 def test_questions_alone_leave_bounds_to_whoever_needs_them():
     """Of the arm they need where its spheres are; evaluations and reports need all of it."""
     obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
