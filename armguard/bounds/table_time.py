@@ -109,6 +109,32 @@ def _aim(sphere: ArmSphere, table: JointTable, node: int, hull: Hull) -> Vector:
     return x / length, y / length, z / length
 
 
+@merged_kernel
+def _is_interval_free(
+    sphere: ArmSphere,
+    table: JointTable,
+    hull: Hull,
+    contact_distance: float,
+    normal: Vector,
+    interval: tuple[int, int, float],
+) -> bool:
+    """Whether a direction separates both from one node on to a fraction of the time to another.
+
+    `table.columns` are the sphere's.
+    """
+    x, y, z, jacobian, lever, slope_error = sphere
+    nx, ny, nz = normal
+    first, last, part = interval
+    start = table.time[first]
+    end = start + part * (table.time[last] - start)
+    set_span(table, first, last, part)
+    age = hull.bounds.age
+    room = obstacle_room(normal, (x, y, z), hull, age + start, age + end)
+    room -= contact_distance * (1.0 + SUM_ROUNDING)
+    is_free: bool = stays_within(room, nx, ny, nz, jacobian, lever, slope_error, table)
+    return is_free
+
+
 @kernel
 def _is_usable(hull: Hull, contact_distance: float) -> bool:
     accel, speed, velocity_error, age = hull.bounds
@@ -141,21 +167,14 @@ def is_free_to_end(
         hull: The other; speeds and accelerations may be infinite.
         contact_distance: Both radii, margin and position errors, the arm's included, in [m].
     """
-    x, y, z, jacobian, lever, slope_error = sphere
-    age = hull.bounds.age
     nodes = table.time.shape[0] - 1
-    are_finite = set_columns(x, y, z, jacobian, table)
+    are_finite = set_columns(sphere.x, sphere.y, sphere.z, sphere.jacobian, table)
     if not (_is_usable(hull, contact_distance) and are_finite):
         return False
     normal = _aim(sphere, table, nodes, hull)
-    nx, ny, nz = normal
     for first in (0, nodes - 1):
-        set_span(table, first, nodes, 1.0)
-        room = obstacle_room(
-            normal, (x, y, z), hull, age + table.time[first], age + table.time[nodes]
-        )
-        room -= contact_distance * (1.0 + SUM_ROUNDING)
-        is_free = stays_within(room, nx, ny, nz, jacobian, lever, slope_error, table)
+        interval = first, nodes, 1.0
+        is_free = _is_interval_free(sphere, table, hull, contact_distance, normal, interval)
         if is_free == (first == 0):
             return is_free
     reached = table_contact_time(sphere, table, hull, contact_distance, 0.0, math.inf)
@@ -185,8 +204,6 @@ def table_contact_time(
         Time from now in [s], no earlier than `free_until`, before which there is no contact. The
         end of the table is the most that it can say by itself.
     """
-    x, y, z, jacobian, lever, slope_error = sphere
-    age = hull.bounds.age
     time = table.time
     nodes = time.shape[0] - 1
     reached = free_until if free_until > 0.0 else 0.0
@@ -196,8 +213,16 @@ def table_contact_time(
     first = 0
     while time[first + 1] <= reached:
         first += 1
-    if not set_columns(x, y, z, jacobian, table):
+    if not set_columns(sphere.x, sphere.y, sphere.z, sphere.jacobian, table):
         return reached
+    # Mostly what is enough can be had at once: one direction for all the time until then.
+    last = first + 1
+    while last < nodes and time[last] * (1.0 - SUM_ROUNDING) < enough:
+        last += 1
+    if time[last] * (1.0 - SUM_ROUNDING) >= enough:
+        normal = _aim(sphere, table, last, hull)
+        if _is_interval_free(sphere, table, hull, contact_distance, normal, (first, last, 1.0)):
+            return max(reached, time[last] * (1.0 - SUM_ROUNDING))
     stride = 1  # mostly another proof has reached nearly as far
     failing = nodes + 1  # the last node that failed; beyond the table: none
     part, proved, failed = 1.0, 0.0, 1.0
@@ -208,14 +233,11 @@ def table_contact_time(
         # Choose the interval, and what joints can do in it.
         last = min(first + stride, nodes)
         end = time[first] + part * (time[last] - time[first])
-        set_span(table, first, last, part)
         # Try to separate both: one direction an interval, kept where only its part is halved.
         if halvings == 0:
             normal = _aim(sphere, table, last, hull)
-        nx, ny, nz = normal
-        room = obstacle_room(normal, (x, y, z), hull, age + time[first], age + end)
-        room -= contact_distance * (1.0 + SUM_ROUNDING)
-        free = stays_within(room, nx, ny, nz, jacobian, lever, slope_error, table)
+        interval = first, last, part
+        free = _is_interval_free(sphere, table, hull, contact_distance, normal, interval)
         if free:
             reached = max(reached, end * (1.0 - SUM_ROUNDING))
         if halvings > 0 or (not free and stride == 1):

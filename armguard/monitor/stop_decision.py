@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 from armguard.bounds.joint_table import JointTable
 from armguard.monitor.kept_speeds import KeptSpeeds
-from armguard.scheduling.certificates import ASKABLE, PROVED
+from armguard.scheduling.certificates import ASKABLE, ENDING, IN_VAIN, PROVED
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.scheduling.timing_wheel import NOBODY
 
@@ -34,9 +34,17 @@ brake would make a promise that leaves no speed wherever a person is near (docs/
 PROVING = 10e-3
 """For how long the proof that a STOP is in time should last, [s]: longer is proved of less."""
 
-SHORT = 0.15
-"""Part of that time for which is proved what cannot be proved for all of it: a speed scale is as
+SCALE_PROVING = 14e-3
+"""For how long the proof of a speed scale below 1 should last, [s]: joints that keep to it get less
+far, so that hardly less is proved."""
+
+SHORT = 1.5e-3
+"""For how long that is proved of a scale which cannot be proved for so long, [s]: a scale is as
 high as can be, so that for some obstacle there is hardly any time to spare."""
+
+SOON = 2.5e-3
+"""How long before its end a proof is renewed by a tick that has had nothing else to do, in [s]:
+else renewals of both kinds, and evaluations, would now and then all fall to one tick."""
 
 
 def find_proving(response_time: float) -> float:
@@ -94,12 +102,12 @@ class StopDecision:
         q, v, age, response_time = tick.q, tick.v, tick.arm_age, self._response_time
         if not braking.covers(v, age, response_time):
             return False
-        known = scheduler.recall_stops(tick, tick.stop_time)
+        known = scheduler.recall_stops(tick, tick.stop_time, soon=SOON)
         if known == PROVED:
             return True
         proving = self._proving
         # While the arm stops, nothing is gained by a proof that lasts.
-        may_last = known == ASKABLE and proving > 0.0 and tick.number != self._unsafe_in + 1
+        may_last = known != IN_VAIN and proving > 0.0 and tick.number != self._unsafe_in + 1
         if may_last and braking.covers(v, age, response_time + proving):
             left = self.left
             table = braking.tabulate(q, v, age, response_time + proving)
@@ -107,6 +115,9 @@ class StopDecision:
                 return True
             # What this left over is asked again, of a STOP in this tick alone.
             self.left = left
+        if known == ENDING:
+            # Of this tick it was proved before, whether it could be renewed or not.
+            return True
         if self._is_free(tick, braking.tabulate(q, v, age, response_time), 0.0):
             return True
         self._unsafe_in = tick.number
@@ -181,7 +192,7 @@ class StopDecision:
         if is_free is not None:
             return is_free(tick, self._told_after, scale)
         if scale == 1.0:
-            return self._is_whole_safe(tick)
+            return self._is_whole_safe(tick, lasts=lasts)
         return self._is_paced_safe(tick, scale, lasts=lasts)
 
     def _is_paced_safe(self, tick: Tick, scale: float, *, lasts: bool) -> bool:
@@ -199,23 +210,14 @@ class StopDecision:
             table = braking.tabulate(q, v, age, self.looks_ahead, pace=scale)
             return self._is_free(tick, table)
         stop_time = self._kept.stop_time
-        known = scheduler.recall_stops(tick, stop_time, later, since)
-        if known == PROVED:
+        known = scheduler.recall_stops(tick, stop_time, later, since, soon=SOON)
+        if known == PROVED or self._is_proved_ahead(tick, scale, known, stop_time, since):
             return True
-        for part in (1.0, SHORT) if known == ASKABLE else (SHORT,):
-            left, proving = self.left, part * self._proving
-            table = braking.tabulate(q, v, age, self.looks_ahead + proving, pace=scale)
-            pause = self._proving if part == 1.0 else 0.0
-            if self._is_free(
-                tick, table, later + proving, later, stop_time, pause=pause, kept_since=since
-            ):
-                return True
-            self.left = left
         table = braking.tabulate(q, v, age, self.looks_ahead, pace=scale)
         return self._is_free(tick, table, 0.0, later, kept_since=since)
 
-    def _is_whole_safe(self, tick: Tick) -> bool:
-        """Whether an arm at any speed rests in time; proved for some ticks at once, as in `rests`.
+    def _is_whole_safe(self, tick: Tick, *, lasts: bool) -> bool:
+        """Whether an arm at any speed rests in time.
 
         An arm that can be told to stop so much later can be told to at any time before, so what
         this proves answers `rests` as well: unless brakes are not stated for what joints can do by
@@ -223,20 +225,52 @@ class StopDecision:
         """
         scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
         later = self.looks_ahead - self._response_time
-        if scheduler.recall_stops(tick, tick.late_stop_time, later) == PROVED:
+        soon = SOON if lasts else 0.0
+        known = scheduler.recall_stops(tick, tick.late_stop_time, later, soon=soon)
+        if known == PROVED:
+            return True
+        # What is tried now and then must not keep `rests` from asking for proofs of its own.
+        if lasts and self._is_proved_ahead(tick, 1.0, known, tick.late_stop_time):
             return True
         q, v, age = tick.q, tick.v, tick.arm_age
-        longest = self.looks_ahead + self._proving
-        if self._proving > 0.0 and braking.covers(v, age, longest):
-            left = self.left
-            table = braking.tabulate(q, v, age, longest)
-            lasting = later + self._proving
-            if self._is_free(tick, table, lasting, later, tick.late_stop_time):
-                return True
-            self.left = left
         table = braking.tabulate(q, v, age, self.looks_ahead)
         lasting = later if braking.covers(v, age, self.looks_ahead) else -1.0
         return self._is_free(tick, table, lasting, later)
+
+    def _is_proved_ahead(
+        self,
+        tick: Tick,
+        scale: float,
+        known: int,
+        stop_time: float,
+        kept_since: float | None = None,
+    ) -> bool:
+        """Whether a scale is proved for some ticks at once, by what is known of it from earlier."""
+        braking = self._scheduler.arm.motion.braking
+        q, v, age = tick.q, tick.v, tick.arm_age
+        later = self.looks_ahead - self._response_time
+        longest = PROVING if kept_since is None else SCALE_PROVING
+        tries = {ENDING: (longest,), ASKABLE: (longest, SHORT), IN_VAIN: (SHORT,)}[known]
+        for proving in tries if self._proving > 0.0 else ():
+            horizon = self.looks_ahead + proving
+            if scale == 1.0 and not braking.covers(v, age, horizon):
+                continue
+            left = self.left
+            table = braking.tabulate(q, v, age, horizon, pace=scale)
+            is_free = self._is_free(
+                tick,
+                table,
+                later + proving,
+                later,
+                stop_time,
+                pause=proving if proving == longest else 0.0,
+                kept_since=kept_since,
+            )
+            if is_free:
+                return True
+            self.left = left
+        # Of this tick it was proved before, whether it could be renewed or not.
+        return known == ENDING
 
     def _is_free(
         self,

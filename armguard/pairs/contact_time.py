@@ -119,14 +119,14 @@ def link_time(
     refinement_threshold: float,
     cut_off: float,
 ) -> tuple[float, int, int, int]:
-    """Earliest contact of one link and one body.
+    """Earliest contact of one link and one body, whose `root_time` is known.
 
     Args:
         handle: On the tick's `Scene`.
         link: Of the arm.
         state: Of the body.
         arm_age: Age of the joint state, in [s].
-        lower_bound: What is known of the whole link already, in [s].
+        lower_bound: What is known of the whole link already, in [s]: its `root_time`, or later.
         lower_bound_kind: What that rests on.
         refinement_threshold: Nodes that could be touched before this, in [s], are refined.
         cut_off: What is later than this, in [s], need not be known any better.
@@ -152,11 +152,12 @@ def link_time(
         bound = lower_bound_kind if parent < 0 else node_bound[parent]
         limit = min(best, cut_off)
         distance = contact_distance(scene, node, bodies, row)
-        # The sphere as a free body: cheap, and enough for most nodes.
-        free = _free_time(scene, node, bodies, row, arm_age, age, distance)
-        evaluations += 1
-        if not time >= free:
-            time, bound = free, DISTANCE if settings.by_distance else ISOTROPIC
+        # The sphere as a free body: cheap, and enough for most nodes. The root's is known.
+        if parent >= 0:
+            free = _free_time(scene, node, bodies, row, arm_age, age, distance)
+            evaluations += 1
+            if not time >= free:
+                time, bound = free, DISTANCE if settings.by_distance else ISOTROPIC
         # Joints within their limits: dearer, and only where the time could still decide.
         if settings.with_joints and time < limit:
             hull = hull_of(bodies, row, age)
@@ -180,36 +181,48 @@ def link_time(
 
 
 @kernel
+def link_reach_time(scene: Scene, link: int, state: StatePlace, lower_bound: float) -> float:
+    """Time before which a body cannot be where a link can be, in [s].
+
+    Args:
+        scene: The tick, whose settings have reach.
+        link: Of the arm.
+        state: Of the body.
+        lower_bound: What the arm's reach says of all links, in [s].
+    """
+    bodies = scene.refused if state.is_refused else scene.bodies
+    ball = scene.arm.link_balls[link]
+    time = reach_time(
+        ball[0], ball[1], ball[2], ball[3], bodies, state.place, state.age, scene.settings.margin
+    )
+    return max(lower_bound, time)
+
+
+@kernel
 def root_time(
-    scene: Scene, link: int, row: int, arm_age: float, age: float, lower_bound: float
-) -> tuple[float, int, int]:
-    """What is cheap to know of one link and one obstacle's accepted state.
+    scene: Scene, link: int, state: StatePlace, arm_age: float, lower_bound: float
+) -> tuple[float, int]:
+    """What the sphere around a whole link says of it and a body: one evaluation.
 
     Args:
         scene: The tick.
         link: Of the arm.
-        row: Of the obstacle.
+        state: Of the body.
         arm_age: Age of the joint state, in [s].
-        age: Of the obstacle's state, in [s].
-        lower_bound: What the arm's reach says of all links, in [s].
+        lower_bound: What reach says of the link, in [s].
 
     Returns:
-        Contact time in [s], what it rests on, and evaluations.
+        Contact time in [s], and what it rests on.
     """
-    time, bound, evaluations = lower_bound, REACH, 1
-    if scene.settings.with_reach:
-        ball = scene.arm.link_balls[link]
-        by_reach = reach_time(
-            ball[0], ball[1], ball[2], ball[3], scene.bodies, row, age, scene.settings.margin
-        )
-        time = max(time, by_reach)
-        evaluations += 1
+    place, is_refused, age = state
+    bodies = scene.refused if is_refused else scene.bodies
     node = scene.tree.root[link]
-    distance = contact_distance(scene, node, scene.bodies, row)
-    free = _free_time(scene, node, scene.bodies, row, arm_age, age, distance)
+    distance = contact_distance(scene, node, bodies, place)
+    free = _free_time(scene, node, bodies, place, arm_age, age, distance)
+    time, bound = lower_bound, REACH
     if not time >= free:
-        time, bound = free, ISOTROPIC
-    return time, bound, evaluations
+        time, bound = free, DISTANCE if scene.settings.by_distance else ISOTROPIC
+    return time, bound
 
 
 @kernel
@@ -244,23 +257,21 @@ def pair_time(
     best_node, best_bound, evaluations = scene.tree.root[link], REACH, 0
     # Invariant: by the states so far, there is no contact before `best`.
     for number in possible_states(marks, row):
-        bodies, place, age = state_at(scene.bodies, scene.refused, marks, row, number, now)
-        known = lower_bound
+        _, place, age = state_at(scene.bodies, scene.refused, marks, row, number, now)
+        state = StatePlace(place, number > 0, age)
+        time, node = lower_bound, scene.tree.root[link]
         if settings.with_reach:
-            ball = scene.arm.link_balls[link]
-            by_reach = reach_time(
-                ball[0], ball[1], ball[2], ball[3], bodies, place, age, settings.margin
-            )
+            time = link_reach_time(scene, link, state, lower_bound)
             evaluations += 1
-            known = max(known, by_reach)
-        time, node = known, scene.tree.root[link]
         # Of one type wherever it comes from: each other one would be compiled for.
         bound: Any = np.int64(REACH)
-        if known < refinement_threshold and known < cut_off:
+        if time < refinement_threshold and time < cut_off:
+            time, bound = root_time(scene, link, state, arm_age, time)
+            evaluations += 1
+        if time < refinement_threshold and time < cut_off:
             time, node, bound, spent = link_time(
-                handle, link, StatePlace(place, number > 0, age), arm_age, known, bound,
-                refinement_threshold, cut_off,
-            )  # fmt: skip
+                handle, link, state, arm_age, time, bound, refinement_threshold, cut_off
+            )
             evaluations += spent
         if time < best:
             best, best_node, best_bound = time, node, bound

@@ -25,15 +25,15 @@ from armguard.scheduling.tournament import (
 UNSEEN, UNPLACED = -3, -2
 """In place of a row, where nothing was evaluated yet, or the arm must be placed first."""
 
-(
-    ACTIVE, PREPARED, STALE, EVALUATED_ROWS, SPENT, BROKEN, UNSAFE, PROVING_IN, PROVING, READ_AHEAD,
-) = range(10)  # fmt: skip
+ACTIVE, MOVED, PREPARED, STALE, EVALUATED_ROWS = range(5)
+SPENT, BROKEN, UNSAFE, PROVING_IN, PROVING, READ_AHEAD = range(5, 11)
 """Places in `Certificates.numbers`."""
 
 
-PROVED, ASKABLE, IN_VAIN = range(3)
-"""What is known of stops from earlier ticks: all are in time, some are to be asked about, or all of
-those that are not proved were asked about a moment ago, and might not be in time."""
+PROVED, ENDING, ASKABLE, IN_VAIN = range(4)
+"""What is known of stops from earlier ticks: all are in time; so they are, but not all for long,
+and the tick has done little so far; some are to be asked about; or all of those that are not proved
+were asked about a moment ago, and might not be in time."""
 
 
 class StopProofs(NamedTuple):
@@ -88,11 +88,12 @@ class Certificates(NamedTuple):
     broken: IntArray
     """Rows whose changes broke the bounds behind their certificates. Shape (rows,)."""
     numbers: IntArray
-    """Rows that are watched, the tick that the arm was last prepared for, how many rows were
-    evaluated later than max_staleness asked for, and of late, evaluated rows and evaluations spent
-    on them; how many of `broken` are in use; the last tick in which the stop decision found a pair
-    unsafe; the last one in which it proved something that lasts, with the evaluations spent on
-    that; and what reading ahead came to, which is of no use. Shape (10,)."""
+    """Rows that are watched; the ticks for which the arm's spheres were last moved, and all its
+    bounds prepared; how many rows were evaluated later than max_staleness asked for, and of late,
+    evaluated rows and evaluations spent on them; how many of `broken` are in use; the last tick in
+    which the stop decision found a pair unsafe; the last one in which it proved something that
+    lasts, with the evaluations spent on that; and what reading ahead came to, which is of no use.
+    Shape (11,)."""
 
 
 def make_certificates(links: int) -> Certificates:
@@ -109,7 +110,7 @@ def make_certificates(links: int) -> Certificates:
         way_until=np.zeros(0),
         way_revision=np.zeros(0, dtype=np.int64),
         broken=np.zeros(0, dtype=np.int64),
-        numbers=np.array([0, -1, 0, 0, 0, 0, -9, -9, 0, 0]),
+        numbers=np.array([0, -1, -1, 0, 0, 0, 0, -9, -9, 0, 0]),
     )
 
 

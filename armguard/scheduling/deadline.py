@@ -28,6 +28,7 @@ from armguard.scheduling.certificates import (
     ACTIVE,
     BROKEN,
     EVALUATED_ROWS,
+    MOVED,
     PREPARED,
     SPENT,
     STALE,
@@ -282,7 +283,7 @@ class DeadlineScheduler:
         self._place(tick.number, tick.q)
         if numbers[PREPARED] != tick.number:
             state.prepare_arm(tick.q, tick.v)
-            numbers[PREPARED] = tick.number
+            numbers[MOVED] = numbers[PREPARED] = tick.number
 
     def near_pairs(self, tick: Tick, duration: float) -> IntArray:
         """Pairs that could touch within `duration`, in [s]."""
@@ -314,15 +315,23 @@ class DeadlineScheduler:
         return rows_per_tick * float(price)
 
     def recall_stops(
-        self, tick: Tick, stop_time: float, later: float = 0.0, kept_since: float | None = None
+        self,
+        tick: Tick,
+        stop_time: float,
+        later: float = 0.0,
+        kept_since: float | None = None,
+        *,
+        soon: float = 0.0,
     ) -> int:
         """Whether earlier ticks have proved that the arm rests in time."""
         is_paced, since = _read_kept(kept_since)
         answer: int = self._recall_stops(
             self._tick_data,
+            tick.number,
             tick.time,
             tick.time + later,
             tick.time + stop_time,
+            soon,
             is_paced,
             since,
             self._candidates,
@@ -500,7 +509,7 @@ class DeadlineScheduler:
             machine_code(advance, handle, 0.0, some, some, 0.0, 0.0, 0, True),
             machine_code(evaluate_due, handle, True, 0, moment),
             machine_code(find_unsafe, handle, moment, question, candidates),
-            machine_code(recall_stops, handle, 0.0, 0.0, 0.0, True, 0.0, candidates),
+            machine_code(recall_stops, handle, 0, 0.0, 0.0, 0.0, 0.0, True, 0.0, candidates),
         )
 
     def _compile(self) -> None:

@@ -48,6 +48,7 @@ from armguard.pairs.contact_time import (
     UNDECIDED,
     StatePlace,
     arm_reach_time,
+    link_reach_time,
     link_time,
     pair_time,
     rests_in_time,
@@ -56,12 +57,15 @@ from armguard.pairs.contact_time import (
 from armguard.pairs.scene import REACH, UNKNOWN, Scene, prepare_arm
 from armguard.robot.brakes import BrakeCurves
 from armguard.robot.joint_acceptance import BELIEVED, Guard, accept
+from armguard.robot.kinematics import move_spheres
 from armguard.scheduling.certificates import (
     ACTIVE,
     ASKABLE,
     BROKEN,
+    ENDING,
     EVALUATED_ROWS,
     IN_VAIN,
+    MOVED,
     PREPARED,
     PROVED,
     PROVING,
@@ -94,7 +98,7 @@ RECENT = 4096
 LATEST = sys.float_info.max
 """Latest time that is asked for: what is not watched has no end, nor has what never comes near."""
 
-CROWD = 64
+CROWD = 48
 """Evaluations in a tick beyond which, once a STOP is certain, other obstacles wait."""
 
 BATCH = 64
@@ -104,7 +108,7 @@ others, so that they are not all to be renewed in one tick."""
 MOST_BATCHES = 4
 """By how many steps they end earlier at most, each an eighth of what proofs last."""
 
-AHEAD = 0.25
+AHEAD = 0.4
 """Part of the time that proofs last, in which they are renewed ahead of their end along with
 others: each question needs a table, which takes as long as asking it of some rows."""
 
@@ -161,6 +165,16 @@ class StopQuestion(NamedTuple):
 
 
 @kernel
+def _prepare_for(
+    scene: Scene, certificates: Certificates, q: FloatArray, v: FloatArray, moment: Moment
+) -> None:
+    """Fill all that evaluations need of the arm in a tick, once."""
+    if certificates.numbers[PREPARED] != moment.number:
+        prepare_arm(scene, q, v, moment.arm_age)
+        certificates.numbers[MOVED] = certificates.numbers[PREPARED] = moment.number
+
+
+@kernel
 def _read_changes(scene: Scene, certificates: Certificates) -> int:
     """Invalidate the certificates that changes of their rows have overtaken; how many rows."""
     overtaken = broken = 0
@@ -207,15 +221,19 @@ def _evaluate_links(
             certificates.pair_bound[row, each] = bound
         return best, evaluations
     age = 0.0 if scene.marks.static[row] else now - scene.bodies.stamp[row]
-    # The times of the roots order the links: later ones seldom need a refinement.
+    state = StatePlace(row, bool(0), age)
+    with_reach = scene.settings.with_reach
+    # What links cannot leave comes first; UNKNOWN marks those of whose spheres nothing is known.
     for each in range(links):
         if certificates.watched[row, each]:
-            at_root, bound, spent = root_time(scene, each, row, arm_age, age, lower_bound)
-            evaluations += spent
-            scene.link_time[each] = at_root
-            scene.link_bound[each] = bound
-    # Each round takes the most imminent link that is left; -1 marks those that are done.
-    for _ in range(links):
+            scene.link_time[each] = lower_bound
+            scene.link_bound[each] = UNKNOWN
+            if with_reach:
+                scene.link_time[each] = link_reach_time(scene, each, state, lower_bound)
+                evaluations += 1
+    # Each round takes the most imminent link that is left: once to know the sphere around it, once
+    # to be refined, in an order by which later ones seldom need either. -1 marks those done.
+    for _ in range(2 * links):
         link: Any = np.int64(-1)
         for other in range(links):
             left = scene.link_time[other] >= 0.0 and certificates.watched[row, other]
@@ -225,17 +243,22 @@ def _evaluate_links(
             break
         found, bound = scene.link_time[link], scene.link_bound[link]
         node = scene.tree.root[link]
-        scene.link_time[link] = -1.0
         if found < best and found < refinement_threshold:
-            state = StatePlace(row, bool(0), age)
+            if bound == UNKNOWN:
+                found, bound = root_time(scene, link, state, arm_age, found)
+                evaluations += 1
+                scene.link_time[link] = found
+                scene.link_bound[link] = bound
+                continue
             found, node, bound, spent = link_time(
                 scene, link, state, arm_age, found, bound, refinement_threshold, best
             )
             evaluations += spent
+        scene.link_time[link] = -1.0
         best = min(best, found)
         certificates.pair_expiry[row, link] = expire(time, found)
         certificates.pair_sphere[row, link] = node
-        certificates.pair_bound[row, link] = bound
+        certificates.pair_bound[row, link] = REACH if bound == UNKNOWN else bound
     return best, evaluations
 
 
@@ -253,7 +276,7 @@ def _evaluate_obstacle(
 
     The time is NaN, and nothing is entered, where the arm must be placed first.
     """
-    now, time, tick, arm_age, refinement_threshold = moment
+    now, time, refinement_threshold = moment.now, moment.time, moment.refinement_threshold
     best, evaluations = 0.0, 0
     bound = UNKNOWN
     if is_known(scene.marks, row):
@@ -262,9 +285,7 @@ def _evaluate_obstacle(
         if best < refinement_threshold:
             if not placed:
                 return np.nan, evaluations
-            if certificates.numbers[PREPARED] != tick:
-                prepare_arm(scene, q, v, arm_age)
-                certificates.numbers[PREPARED] = tick
+            _prepare_for(scene, certificates, q, v, moment)
             best, spent = _evaluate_links(scene, certificates, row, moment, best)
             set_value(certificates.expiry_tree, row, expire(time, best))
             return best, evaluations + spent
@@ -668,12 +689,14 @@ def find_unsafe(
         how many obstacles were not decided about when the budget was spent, 0 if it was not.
     """
     scene, certificates = handle.content.scene, handle.content.certificates
-    now, time, tick, arm_age, _ = moment
+    now, time, tick = moment.now, moment.time, moment.number
     stop_time, within, lasting, until, pause, is_paced, since, last_offender, budget = question
     proofs = certificates.proofs
-    if certificates.numbers[PREPARED] != tick:
-        prepare_arm(scene, handle.content.guard.q, handle.content.guard.v, arm_age)
-        certificates.numbers[PREPARED] = tick
+    guard = handle.content.guard
+    if certificates.numbers[MOVED] != tick:
+        # Where its spheres are is all that is asked of the arm beside the table.
+        move_spheres(scene.placement, guard.v)
+        certificates.numbers[MOVED] = tick
     latest = time + stop_time
     count = find_below(certificates.expiry_tree, min(time + within, LATEST), rows)
     # The last offender first: one unsafe pair is answer enough.
@@ -721,6 +744,7 @@ def find_unsafe(
                 continue
             is_stale = certificates.evaluated_at[row] != time and is_known(scene.marks, row)
             if answer == TOUCHES and is_stale and not lasting > 0.0:
+                _prepare_for(scene, certificates, guard.q, guard.v, moment)
                 outlasts, spent = _outlasts(scene, link, row, moment, stop_time)
                 evaluations += spent
                 if outlasts:
@@ -761,9 +785,11 @@ def find_unsafe(
 @kernel
 def recall_stops(
     handle: Any,
+    tick: int,
     time: float,
     told: float,
     latest: float,
+    soon: float,
     is_paced: bool,
     since: float,
     rows: IntArray,
@@ -772,25 +798,38 @@ def recall_stops(
 
     Args:
         handle: On a `TickData`.
+        tick: Its number.
         time: Of the tick, in [s] since the epoch.
         told: When it is told at the latest, in [s] since the epoch.
         latest: When it surely rests then, in [s] since the epoch.
+        soon: Proofs of what is told less than so much later than that, in [s], end soon.
         is_paced: As in a `StopQuestion`.
         since: As in a `StopQuestion`.
         rows: Room to work in, for all rows of the obstacle table.
 
     Returns:
-        PROVED, if all that could be touched by `latest` is out of its way; IN_VAIN if all that is
-        not proved was asked a moment ago already; else ASKABLE.
+        PROVED, if all that could be touched by `latest` is out of its way; ENDING if so it is, some
+        proof of that ends soon, and nothing was evaluated or asked in this tick; IN_VAIN if all
+        that is not proved was asked a moment ago already; else ASKABLE.
     """
     scene, certificates = handle.content.scene, handle.content.certificates
+    # A tick that has had to lay out the arm has work to do already.
+    has_slack = certificates.numbers[MOVED] != tick
     answer = PROVED
     for row in rows[: find_below(certificates.expiry_tree, min(latest, LATEST), rows)]:
+        place = stop_place(row, is_paced)
         if _is_proved(scene, certificates, is_paced, row, told, since):
-            continue
-        if not _is_paused(scene, certificates, row, stop_place(row, is_paced), time):
+            ends_soon = has_slack and not certificates.proofs.until[place] >= told + soon
+            if (
+                answer == PROVED
+                and ends_soon
+                and not _is_paused(scene, certificates, row, place, time)
+            ):
+                answer = ENDING
+        elif _is_paused(scene, certificates, row, place, time):
+            answer = IN_VAIN
+        else:
             return ASKABLE
-        answer = IN_VAIN
     return answer
 
 

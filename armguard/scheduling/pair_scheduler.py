@@ -186,7 +186,13 @@ class PairScheduler:
         return float(self._evaluated)
 
     def recall_stops(
-        self, tick: Tick, stop_time: float, later: float = 0.0, kept_since: float | None = None
+        self,
+        tick: Tick,
+        stop_time: float,
+        later: float = 0.0,
+        kept_since: float | None = None,
+        *,
+        soon: float = 0.0,
     ) -> int:
         """Whether the arm was proved to rest in time: that is asked in every tick."""
         return IN_VAIN

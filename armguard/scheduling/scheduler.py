@@ -204,7 +204,13 @@ class Scheduler(Protocol):
         ...
 
     def recall_stops(
-        self, tick: Tick, stop_time: float, later: float = 0.0, kept_since: float | None = None
+        self,
+        tick: Tick,
+        stop_time: float,
+        later: float = 0.0,
+        kept_since: float | None = None,
+        *,
+        soon: float = 0.0,
     ) -> int:
         """Whether earlier ticks have proved already that the arm rests in time, told to stop.
 
@@ -216,10 +222,12 @@ class Scheduler(Protocol):
             stop_time: When the arm surely rests, in [s] from the tick.
             later: When it is told to stop at the latest, in [s] from the tick.
             kept_since: As for `find_unsafe`.
+            soon: What is proved for no longer than that and so much more, in [s], ends soon.
 
         Returns:
-            PROVED; IN_VAIN where all that is not proved was asked a moment ago already; or
-            ASKABLE, which says nothing.
+            PROVED; ENDING where some proof ends soon, and this tick has had nothing else to do, so
+            that it may well be renewed; IN_VAIN where all that is not proved was asked a moment ago
+            already; or ASKABLE, which says nothing.
         """
         ...
 

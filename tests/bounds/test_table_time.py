@@ -97,9 +97,9 @@ class Scene:
         self.jacobian = pinocchio.computeJointJacobians(robot.model, data, self.q)
         self.place = data.oMi[joint].act(sphere[:3])
 
-    def time(self, motion, table, free_until=0.0):
+    def time(self, motion, table, free_until=0.0, enough=np.inf):
         sphere, hull = self.pair(motion)
-        return table_contact_time(sphere, table, hull, self.distance, free_until)
+        return table_contact_time(sphere, table, hull, self.distance, free_until, enough)
 
     def pair(self, motion):
         lever, slope_error = motion.lever[self.row], motion.slope_error[self.row]
@@ -127,6 +127,9 @@ def test_no_contact_comes_earlier(name, brakes):
         time = scene.time(motion, table)
         assert 0.0 <= time <= scene.contact
         assert time <= table.time[-1]
+        enough = random.uniform(0.0, 1.2) * min(time + 0.05, scene.contact)
+        sooner = scene.time(motion, table, enough=enough)
+        assert min(enough, time) <= sooner <= scene.contact
         if scene.contact < np.inf:
             contacts += 1
             if scene.contact > 0.05:
@@ -211,13 +214,14 @@ def far_question(robot, motion, **changes):
         "age": 0.0,
         "contact_distance": 0.1,
         "free_until": 0.0,
+        "enough": np.inf,
     } | changes
-    place, points, velocities, count, *bounds, distance, free_until = arguments.values()
+    place, points, velocities, count, *bounds, distance, free_until, enough = arguments.values()
     jacobian = pinocchio.computeJointJacobians(robot.model, data, q)
     table = motion.tabulate(q, np.zeros(7), 0.0)
     sphere = ArmSphere(*place, jacobian, motion.lever[-1], motion.slope_error[-1])
     hull = Hull(points, velocities, count, Bounds(*bounds))
-    return table_contact_time(sphere, table, hull, distance, free_until)
+    return table_contact_time(sphere, table, hull, distance, free_until, enough)
 
 
 @pytest.mark.parametrize(
@@ -246,11 +250,21 @@ def far_question(robot, motion, **changes):
 def test_nonsense_and_contact_are_contact_now(robot, joint_motion, change):
     assert far_question(robot, joint_motion) > 0.1
     assert far_question(robot, joint_motion, **change) == 0.0
+    assert far_question(robot, joint_motion, **change, enough=0.05) == 0.0
 
 
 def test_a_far_obstacle_is_free_to_the_end_of_the_table(robot, joint_motion):
     time = far_question(robot, joint_motion, points=pad([[40.0, 0.0, 0.5]]))
     assert time == pytest.approx(1.024)
+
+
+@pytest.mark.parametrize("enough", [0.011, 0.03, 0.11, 0.3])
+def test_no_more_is_proved_than_is_enough(robot, joint_motion, enough):
+    """Up to the next node of the table, by one direction where that will do."""
+    found = far_question(robot, joint_motion, points=pad([[40.0, 0.0, 0.5]]), enough=enough)
+    middle = 0.5 * (robot.lower_position_limit + robot.upper_position_limit)
+    time = joint_motion.tabulate(middle, np.zeros(7), 0.0).time
+    assert enough <= found <= time[time >= enough][0]
 
 
 def test_no_bound_on_acceleration_leaves_the_one_on_speed(robot, joint_motion):

@@ -60,9 +60,9 @@ def test_every_link_is_watched_and_those_out_of_reach_are_told(near):
     assert not set(near.choice.out_of_reach) & {"panda_hand", "panda_link7"}
     assert near.choice.reasons[2].startswith("all links are watched")
     # Whatever was out of reach in the trial is found as soon as it is not.
-    lead(far, make_trial(0.3)[:150])
-    link = far.robot.links[0]
-    assert any(pair.link == link and pair.bound != "reach" for pair in far.pairs())
+    stop_time = lead(far, make_trial(0.3)[:150])[-1].stop_time
+    link, soon = far.robot.links[0], stop_time + far.settings.aware_margin
+    assert any(pair.link == link and pair.contact_time < soon for pair in far.pairs())
 
 
 def test_a_link_is_out_of_reach_by_its_own_proof_for_each_new_state_again():

@@ -17,6 +17,7 @@ from armguard.pairs.contact_time import (
     contact_distance,
     hull_of,
     is_known,
+    link_reach_time,
     link_time,
     pair_time,
     rests_in_time,
@@ -38,13 +39,17 @@ ACCEL = 10.0
 
 @kernel
 def ask_link(handle, link, row, arm_age, age, floor, refinement_threshold, ceiling):
-    state = StatePlace(row, bool(0), age)
-    return link_time(handle, link, state, arm_age, floor, REACH, refinement_threshold, ceiling)
+    scene, state = handle.content, StatePlace(row, bool(0), age)
+    known, bound = root_time(scene, link, state, arm_age, floor)
+    return link_time(handle, link, state, arm_age, known, bound, refinement_threshold, ceiling)
 
 
 @kernel
 def ask_root(handle, link, row, arm_age, age, floor):
-    return root_time(handle.content, link, row, arm_age, age, floor)
+    """By reach, and by the sphere around the link as well."""
+    scene, state = handle.content, StatePlace(row, bool(0), age)
+    reach = link_reach_time(scene, link, state, floor)
+    return reach, root_time(scene, link, state, arm_age, reach)[0]
 
 
 @kernel
@@ -194,13 +199,12 @@ def test_the_best_of_all_bounds_is_no_worse_than_each(seed):
             decided.add(bound)
             floored, _, bound, _ = world.link(link, row, floor=time + 1.0)
             assert (floored, bound) == (time + 1.0, REACH)
-            glance, bound, _ = ask_root(
-                world.state.handle, link, row, world.arm_age, world.age, 0.0
-            )
+            reach, known = ask_root(world.state.handle, link, row, world.arm_age, world.age, 0.0)
             ball = world.ball_time(world.motion.reach.link_balls[link], row)
             root = max(ball, free[world.state.tree.root[link]], 0.0)
             # Against balls that stand still a few advances are enough.
-            assert root * (1.0 - 1e-4) <= glance <= root * (1.0 + 1e-9)
+            assert ball * (1.0 - 1e-4) <= reach <= max(ball, 0.0) * (1.0 + 1e-9)
+            assert root * (1.0 - 1e-4) <= known <= root * (1.0 + 1e-9)
             time, _, bound, _ = world.pair(link, row)
             assert time >= max(ball, least[link]) * (1.0 - 1e-4)
             decided.add(bound)

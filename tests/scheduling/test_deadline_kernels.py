@@ -6,7 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from armguard.contact import earliest_contact_pair
 from armguard.pairs.evaluate import evaluate, find_unsafe_pair
+from armguard.pairs.scene import REACH
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.stop_time import compute_stop_time
 from armguard.scheduling.certificates import UNPLACED
@@ -56,6 +58,34 @@ def test_a_fresh_look_finds_what_a_look_at_every_pair_finds():
         assert (expiry <= soonest + 1e-9).all()
         assert verdict.contact_time == pytest.approx(expiry.min(), abs=1e-12)
         assert verdict.contact_time >= 0.9 * soonest.min() - 1e-9
+
+
+@pytest.mark.parametrize("place", [(0.9, 0.0, 0.5), (-0.6, 0.0, 0.3), (0.0, 0.0, 1.6)])
+def test_no_sphere_is_asked_of_links_that_reach_says_come_later(place):
+    """They do not decide, so none costs a second evaluation."""
+    obstacles, monitor = make_monitor()
+    see(obstacles, 0.0, place, velocity=np.zeros((1, 3)), speed=2.0, accel=10.0)
+    (verdict,) = steps(monitor, 0, 1)
+    scheduler, row = monitor._scheduler, obstacles.row("ball")
+    expiry, bound = (
+        array[row]
+        for array in (scheduler.certificates.pair_expiry, scheduler.certificates.pair_bound)
+    )
+    reach = np.array(
+        [
+            earliest_contact_pair(
+                p1=ball[:3], v1=np.zeros(3), a1=0.0, s1=0.0,
+                p2=np.array(place), v2=np.zeros(3), a2=10.0, s2=2.0,
+                contact_distance=ball[3] + obstacles.table.accepted.radius[row],
+            )
+            for ball in scheduler.arm.motion.reach.link_balls
+        ]
+    )  # fmt: skip
+    later = reach > 1.05 * verdict.contact_time
+    assert 0 < later.sum() < len(later)
+    assert (bound[later] == REACH).all()
+    assert expiry[later] == pytest.approx(reach[later], rel=1e-2)
+    assert (expiry[~later] >= verdict.contact_time).all()
 
 
 def test_certificates_hold_until_the_next_look():

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from armguard.pairs.evaluate import evaluate, find_unsafe_pair
-from armguard.scheduling.certificates import PROVED, stop_place
+from armguard.scheduling.certificates import (
+    ASKABLE,
+    ENDING,
+    MOVED,
+    PREPARED,
+    PROVED,
+    stop_place,
+)
 from armguard.scheduling.deadline_kernels import CROWD
 from armguard.scheduling.tournament import entries_of
 from armguard.verdict import Level, ReasonKind
@@ -201,6 +208,96 @@ def test_what_is_proved_of_a_speed_scale_holds_while_joints_keep_to_it():
     for k in range(90, 110):
         step(k, np.eye(7)[6] * fast)
     assert proofs.made_at[place] == made_at
+
+
+def test_a_tick_that_has_nothing_to_do_renews_what_ends_soon(monkeypatch):
+    """So questions hardly ever come along with evaluations of what is due."""
+    obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
+    scheduler, known, asked_in = monitor._scheduler, [], set()
+    recall, ask = scheduler.recall_stops, scheduler.find_unsafe
+
+    def note_answer(tick, *arguments, **options):
+        answer = recall(tick, *arguments, **options)
+        known.append(answer)
+        if answer == ENDING:
+            # All is proved, and only a tick without work is told that it ends.
+            assert recall(tick, *arguments) == PROVED
+            assert scheduler.certificates.numbers[MOVED] != tick.number
+        return answer
+
+    def note_question(tick, stop_time, **options):
+        asked_in.add(tick.number)
+        return ask(tick, stop_time, **options)
+
+    monkeypatch.setattr(scheduler, "recall_stops", note_answer)
+    monkeypatch.setattr(scheduler, "find_unsafe", note_question)
+    busy = both = 0
+    for k in range(400):
+        now = k * PERIOD
+        if k % 5 == 0:
+            see(obstacles, now, [0.85, 0.0, 0.6], velocity=np.zeros((1, 3)), speed=2.0, accel=10.0)
+        (verdict,) = steps(monitor, k, 1)
+        assert verdict.level is Level.SLOW
+        if k == 100:
+            known.clear()
+            asked_in.clear()
+        if k >= 100:
+            is_busy = bool((scheduler.certificates.evaluated_at == monitor._last[0].time).any())
+            busy += is_busy
+            both += is_busy and monitor._last[0].number in asked_in
+    assert known.count(ENDING) > 15
+    assert known.count(ASKABLE) < known.count(ENDING)
+    assert busy > 5
+    assert both <= 0.2 * busy
+
+
+def test_where_an_arm_may_go_at_full_speed_questions_and_evaluations_are_spread_too(monkeypatch):
+    company, asked_in, busy, both = Company(6, 9, 1.1, 1.5), set(), 0, 0
+    obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
+    scheduler = monitor._scheduler
+    ask = scheduler.find_unsafe
+
+    def note(tick, stop_time, **options):
+        asked_in.add(tick.number)
+        return ask(tick, stop_time, **options)
+
+    monkeypatch.setattr(scheduler, "find_unsafe", note)
+    for k in range(300):
+        now = k * PERIOD
+        if k % 10 == 0:
+            company.tell(obstacles, now)
+        q, v = HOME + 0.1 * company.swing * np.sin(now), 0.1 * company.swing * np.cos(now)
+        verdict = monitor.step(now, q, v)
+        assert (verdict.level, verdict.speed_scale) == (Level.SLOW, 1.0)
+        is_busy = bool((scheduler.certificates.evaluated_at == monitor._last[0].time).any())
+        busy += is_busy
+        both += is_busy and monitor._last[0].number in asked_in
+    assert 10 < len(asked_in) < 60
+    assert busy > 20
+    assert both <= 0.1 * busy
+
+
+def test_questions_alone_leave_bounds_to_whoever_needs_them():
+    """Of the arm they need where its spheres are; evaluations and reports need all of it."""
+    obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
+    scheduler, numbers = monitor._scheduler, monitor._scheduler.certificates.numbers
+    see(obstacles, 0.0, [0.85, 0.0, 0.6], velocity=np.zeros((1, 3)), speed=2.0, accel=10.0)
+    state, only_moved = scheduler.arm.state, 0
+    for k in range(60):
+        pace = 0.05 * np.sin(0.3 * k) * np.eye(7)[0]
+        steps(monitor, k, 1, HOME, pace)
+        tick = monitor._last[0]
+        if numbers[MOVED] != tick.number or numbers[PREPARED] == tick.number:
+            continue
+        only_moved += 1
+        centers = state.arm.centers.copy()
+        scheduler.prepare(tick)
+        assert (centers == state.arm.centers).all()
+        filled = [np.array(one) for one in (state.scene.table.high, state.arm.velocity_error)]
+        state.prepare_arm(tick.q, tick.v)
+        assert (filled[0] == state.scene.table.high).all()
+        assert (filled[1] == state.arm.velocity_error).all()
+    assert only_moved > 3
 
 
 def test_a_stop_is_proved_by_far_fewer_questions_than_ticks(monkeypatch):
