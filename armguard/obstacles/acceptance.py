@@ -35,7 +35,7 @@ from armguard.obstacles.possible_states import (
 from armguard.obstacles.record import Record
 from armguard.obstacles.reference_states import allows_reference_state
 from armguard.obstacles.spread import follow_spread
-from armguard.obstacles.table import MOST_REFUSED, States, Told, note_row
+from armguard.obstacles.table import MOST_REFUSED, States, Told, copy_state, note_row
 
 CONFIRMING_SAMPLES = 5
 """So many consecutive samples that agree with each other confirm another track."""
@@ -184,6 +184,7 @@ def _find_flaw(sample: States, speed_is_error: bool, extent: float) -> tuple[int
 
 @merged_kernel
 def _write(states: States, row: int, sample: States) -> None:
+    """Replace a state by the sample; where it has no points there are zeros."""
     count = sample.point_count[0]
     for k in range(count, states.points.shape[1]):
         for axis in range(3):
@@ -381,7 +382,7 @@ def _let_stand(handle: Any, row: int, sample: States) -> None:
             return
     place = find_place(marks, table.refusals, row)
     if place >= 0:
-        _write(refused, place, sample)
+        copy_state(sample, 0, refused, place)
 
 
 @kernel
@@ -413,11 +414,11 @@ def _set_aside(handle: Any, row: int, sample: States, code: int, value: float) -
     late = not stamp > accepted.stamp[row]
     if follows and stamp > candidates.stamp[row]:
         marks.confirmations[row] += 1
-        _write(candidates, row, sample)
+        copy_state(sample, 0, candidates, row)
     elif not follows and not (known and late):
         # A late message must not hide a track that is about to be confirmed.
         marks.confirmations[row] = 1
-        _write(candidates, row, sample)
+        copy_state(sample, 0, candidates, row)
     # What a fault shows: how far the sample is off the accepted state.
     if code == VELOCITY_BY_ACCEL:
         value = _largest_step(accepted.velocities[row], sample.velocities[0], sample.point_count[0])
@@ -446,20 +447,20 @@ def _make_exception(
     accepted, marks, told = table.accepted, table.marks, table.told
     if code == LATE:
         # It changes nothing, unless it describes the very moment of the accepted state.
-        if sample.stamp[0] == accepted.stamp[row] and _widen(accepted, row, sample):
-            marks.revision[row] += 1
-            note_row(table.changed_rows, row)
-        _remember_bounds(told, row, sample)
-        return code, value
-    # Confirm: it is set aside, or completes another track, and then replaces the accepted state.
-    code, value = _set_aside(handle, row, sample, code, value)
-    marks.revision[row] += 1
-    note_row(table.changed_rows, row)
+        is_changed = sample.stamp[0] == accepted.stamp[row] and _widen(accepted, row, sample)
+    else:
+        # Confirm: it is set aside, or completes another track, and then replaces what was accepted.
+        code, value = _set_aside(handle, row, sample, code, value)
+        is_changed = True
     if code == TRACK_CHANGED:
         _write(accepted, row, sample)
         marks.has_state[row] = True
         marks.confirmations[row] = 0
+    if code in (LATE, TRACK_CHANGED):
         _remember_bounds(told, row, sample)
+    if is_changed:
+        marks.revision[row] += 1
+        note_row(table.changed_rows, row)
     return code, value
 
 
@@ -538,15 +539,16 @@ def take_samples(
                 code = _agrees(accepted, row, sample, told_accel, told_speed)
                 if code == ALLOWED and not stamp > accepted.stamp[row]:
                     code = LATE
-        data.codes[i] = code
         if code != TAKEN:
-            data.codes[i], data.values[i] = _make_exception(handle, row, sample, code, value)
+            code, value = _make_exception(handle, row, sample, code, value)
+            data.codes[i], data.values[i] = code, value
             exceptions += 1
-            taken += data.codes[i] == TRACK_CHANGED
+            taken += code == TRACK_CHANGED
             any_refused = any_refused or marks.refused[row]
             continue
-        # Write: it replaces the accepted state. The row has changed, unless its reference state
-        # allows for what was written.
+        data.codes[i] = TAKEN
+        # Write: what agrees replaces the accepted state. The row has changed, unless its reference
+        # state allows for what was written.
         _write(accepted, row, sample)
         marks.has_state[row] = True
         marks.confirmations[row] = 0
