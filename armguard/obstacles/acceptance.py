@@ -25,7 +25,7 @@ from armguard.obstacles.consistency import (
     find_broken_bound,
     find_square_limit,
 )
-from armguard.obstacles.message import Frames, MessageHead, MessageNumbers
+from armguard.obstacles.message import Frames, MessageHead
 from armguard.obstacles.possible_states import (
     find_place,
     lose_sight,
@@ -470,7 +470,6 @@ def take_samples(
     message: Any,
     rows: IntArray,
     head: MessageHead,
-    numbers: MessageNumbers,
 ) -> tuple[int, int, bool]:
     """Take or refuse the samples of one message.
 
@@ -481,15 +480,14 @@ def take_samples(
             values with what a fault would show.
         rows: Row of each sample, -1 to leave it alone. Shape (n,).
         head: What is said of the whole message.
-        numbers: What is said of all samples with one number.
 
     Returns:
         How many samples were accepted, how many have another code than TAKEN, and whether of any
         row a refused sample may be true.
     """
     table, data = handle.content, message.content
-    points_each, stamp, extent, frame, is_velocity_known = head
-    each, common_radius, common_accel, common_speed, position_error, velocity_error = numbers
+    points_each, stamp, extent, frame, is_velocity_known = head[:5]
+    each, common_radius, common_accel, common_speed, position_error, velocity_error = head[5:]
     accepted, marks, told = table.accepted, table.marks, table.told
     changed_rows, reference_states = table.changed_rows, table.reference_states
     count = rows.shape[0]
