@@ -125,41 +125,23 @@ def _is_flawless(sample: States, speed_is_error: bool, extent: float) -> bool:
     return True
 
 
-@merged_kernel
-def _find_scalar_flaw(field: int, value: float, may_be_infinite: bool) -> int:
-    if not (abs(value) < math.inf or (may_be_infinite and value == math.inf)):
-        return NOT_FINITE + field
-    if not value >= 0.0:
-        return NEGATIVE + field
-    return TAKEN
-
-
-@merged_kernel
-def _is_too_large(bound: float, limit: float) -> bool:
-    return limit < bound < math.inf
-
-
 @kernel
 def _find_flaw(sample: States, speed_is_error: bool, extent: float) -> tuple[int, float]:
     """Code and value of the first field that cannot be used as it is; TAKEN if all can."""
-    flaw = _find_scalar_flaw(2, sample.radius[0], False)
-    if flaw != TAKEN:
-        return flaw, sample.radius[0]
-    flaw = _find_scalar_flaw(3, sample.accel[0], True)
-    if flaw != TAKEN:
-        return flaw, sample.accel[0]
-    flaw = _find_scalar_flaw(4, sample.speed[0], True)
-    if flaw != TAKEN:
-        return flaw, sample.speed[0]
-    flaw = _find_scalar_flaw(5, sample.position_error[0], False)
-    if flaw != TAKEN:
-        return flaw, sample.position_error[0]
-    flaw = _find_scalar_flaw(6, sample.velocity_error[0], speed_is_error)
-    if flaw != TAKEN:
-        return flaw, sample.velocity_error[0]
-    if _is_too_large(sample.accel[0], MAXIMUM_ACCEL):
+    for field, value, may_be_infinite in (
+        (2, sample.radius[0], False),
+        (3, sample.accel[0], True),
+        (4, sample.speed[0], True),
+        (5, sample.position_error[0], False),
+        (6, sample.velocity_error[0], speed_is_error),
+    ):
+        if not (abs(value) < math.inf or (may_be_infinite and value == math.inf)):
+            return NOT_FINITE + field, value
+        if not value >= 0.0:
+            return NEGATIVE + field, value
+    if MAXIMUM_ACCEL < sample.accel[0] < math.inf:
         return TOO_LARGE + 3, sample.accel[0]
-    if _is_too_large(sample.speed[0], MAXIMUM_SPEED):
+    if MAXIMUM_SPEED < sample.speed[0] < math.inf:
         return TOO_LARGE + 4, sample.speed[0]
     top_speed = sample.speed[0] + sample.velocity_error[0]
     largest = 0.0
