@@ -201,19 +201,6 @@ def _widen(states: States, row: int, sample: States) -> bool:
     return grew
 
 
-@merged_kernel
-def _clearly_agrees(states: States, row: int, sample: States, accel: float, speed: float) -> bool:
-    """Whether a sample is newer than a stored state, and clearly allowed by it; see `_agrees`."""
-    if not sample.stamp[0] > states.stamp[row]:
-        return False
-    accel, speed = max(accel, states.accel[row]), max(speed, states.speed[row])
-    radius = min(sample.radius[0], states.radius[row])
-    return clearly_allows(
-        Record(states, row, states.radius[row], accel, speed),
-        Record(sample, 0, radius, accel, speed),
-    )
-
-
 @kernel
 def _agrees(states: States, row: int, sample: States, accel: float, speed: float) -> int:
     """`body_allows` between a stored state and a sample, the older of which is record 0.
@@ -515,7 +502,12 @@ def take_samples(
         if code == TAKEN and marks.has_state[row]:
             told_accel = max(told.accel[row], told.accel_before[row])
             told_speed = max(told.speed[row], told.speed_before[row])
-            if not _clearly_agrees(accepted, row, sample, told_accel, told_speed):
+            accel = max(told_accel, accepted.accel[row])
+            speed = max(told_speed, accepted.speed[row])
+            before = Record(accepted, row, accepted.radius[row], accel, speed)
+            radius = min(sample.radius[0], accepted.radius[row])
+            after = Record(sample, 0, radius, accel, speed)
+            if not (stamp > accepted.stamp[row] and clearly_allows(before, after)):
                 code = _agrees(accepted, row, sample, told_accel, told_speed)
                 if code == ALLOWED and not stamp > accepted.stamp[row]:
                     code = LATE
