@@ -14,13 +14,18 @@ what the body is capable of: one and a half times that counts as its bounds for 
 from __future__ import annotations
 
 import math
+import sys
 from typing import Any
 
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import ACCEPTANCE_SLACK, ALLOWED, SHAPE, VELOCITY_BY_ACCEL
-from armguard.obstacles.consistency import body_allows
-from armguard.obstacles.message import Frames, MessageHead, MessageNumbers
+from armguard.obstacles.consistency import (
+    clearly_allows,
+    find_broken_bound,
+    find_square_limit,
+)
+from armguard.obstacles.message import Frames, MessageHead
 from armguard.obstacles.possible_states import (
     find_place,
     lose_sight,
@@ -30,7 +35,7 @@ from armguard.obstacles.possible_states import (
 from armguard.obstacles.record import Record
 from armguard.obstacles.reference_states import allows_reference_state
 from armguard.obstacles.spread import follow_spread
-from armguard.obstacles.table import MOST_REFUSED, States, Told, note_row
+from armguard.obstacles.table import MOST_REFUSED, States, Told, copy_state, note_row
 
 CONFIRMING_SAMPLES = 5
 """So many consecutive samples that agree with each other confirm another track."""
@@ -59,6 +64,8 @@ RESOLUTION = 1e-9
 """What positions and velocities are off by at the least, in [m] and [m/s]: numbers that a source
 has summed up step by step are off by rounding, though it calls them exact. Smaller errors become
 this large, so that what is accepted is also reckoned with."""
+
+LARGEST = sys.float_info.max
 
 MAXIMUM_ACCEL = 1000.0
 MAXIMUM_SPEED = 100.0
@@ -94,40 +101,47 @@ def _move_to_world(sample: States, frames: Frames, frame: int) -> None:
 
 
 @merged_kernel
-def _find_scalar_flaw(field: int, value: float, may_be_infinite: bool) -> int:
-    if not (abs(value) < math.inf or (may_be_infinite and value == math.inf)):
-        return NOT_FINITE + field
-    if not value >= 0.0:
-        return NEGATIVE + field
-    return TAKEN
+def _is_flawless(sample: States, speed_is_error: bool, extent: float) -> bool:
+    """Whether it is clear without a root that `_find_flaw` finds nothing."""
+    accel, speed = sample.accel[0], sample.speed[0]
+    velocity_error = sample.velocity_error[0]
+    if not (
+        0.0 <= sample.radius[0] < math.inf
+        and 0.0 <= sample.position_error[0] < math.inf
+        and (0.0 <= velocity_error < math.inf or (speed_is_error and velocity_error == math.inf))
+        and (0.0 <= accel <= MAXIMUM_ACCEL or accel == math.inf)
+        and (0.0 <= speed <= MAXIMUM_SPEED or speed == math.inf)
+    ):
+        return False
+    limit, reach = find_square_limit(speed + velocity_error), min(extent, LARGEST)
+    for k in range(sample.point_count[0]):
+        square = 0.0
+        for axis in range(3):
+            if not abs(sample.points[0, k, axis]) <= reach:
+                return False
+            square += sample.velocities[0, k, axis] ** 2
+        if not square < limit:
+            return False
+    return True
 
 
-@merged_kernel
-def _is_too_large(bound: float, limit: float) -> bool:
-    return limit < bound < math.inf
-
-
-@merged_kernel
+@kernel
 def _find_flaw(sample: States, speed_is_error: bool, extent: float) -> tuple[int, float]:
     """Code and value of the first field that cannot be used as it is; TAKEN if all can."""
-    flaw = _find_scalar_flaw(2, sample.radius[0], False)
-    if flaw != TAKEN:
-        return flaw, sample.radius[0]
-    flaw = _find_scalar_flaw(3, sample.accel[0], True)
-    if flaw != TAKEN:
-        return flaw, sample.accel[0]
-    flaw = _find_scalar_flaw(4, sample.speed[0], True)
-    if flaw != TAKEN:
-        return flaw, sample.speed[0]
-    flaw = _find_scalar_flaw(5, sample.position_error[0], False)
-    if flaw != TAKEN:
-        return flaw, sample.position_error[0]
-    flaw = _find_scalar_flaw(6, sample.velocity_error[0], speed_is_error)
-    if flaw != TAKEN:
-        return flaw, sample.velocity_error[0]
-    if _is_too_large(sample.accel[0], MAXIMUM_ACCEL):
+    for field, value, may_be_infinite in (
+        (2, sample.radius[0], False),
+        (3, sample.accel[0], True),
+        (4, sample.speed[0], True),
+        (5, sample.position_error[0], False),
+        (6, sample.velocity_error[0], speed_is_error),
+    ):
+        if not (abs(value) < math.inf or (may_be_infinite and value == math.inf)):
+            return NOT_FINITE + field, value
+        if not value >= 0.0:
+            return NEGATIVE + field, value
+    if MAXIMUM_ACCEL < sample.accel[0] < math.inf:
         return TOO_LARGE + 3, sample.accel[0]
-    if _is_too_large(sample.speed[0], MAXIMUM_SPEED):
+    if MAXIMUM_SPEED < sample.speed[0] < math.inf:
         return TOO_LARGE + 4, sample.speed[0]
     top_speed = sample.speed[0] + sample.velocity_error[0]
     largest = 0.0
@@ -152,6 +166,7 @@ def _find_flaw(sample: States, speed_is_error: bool, extent: float) -> tuple[int
 
 @merged_kernel
 def _write(states: States, row: int, sample: States) -> None:
+    """Replace a state by the sample; where it has no points there are zeros."""
     count = sample.point_count[0]
     for k in range(count, states.points.shape[1]):
         for axis in range(3):
@@ -186,7 +201,7 @@ def _widen(states: States, row: int, sample: States) -> bool:
     return grew
 
 
-@merged_kernel
+@kernel
 def _agrees(states: States, row: int, sample: States, accel: float, speed: float) -> int:
     """`body_allows` between a stored state and a sample, the older of which is record 0.
 
@@ -200,17 +215,15 @@ def _agrees(states: States, row: int, sample: States, accel: float, speed: float
         accel: Bound on acceleration that was told of this body lately, in [m/s²].
         speed: Bound on speed that was told of this body lately, in [m/s].
     """
-    radius = min(sample.radius[0], states.radius[row])
-    if sample.stamp[0] >= states.stamp[row]:
-        accel, speed = max(accel, states.accel[row]), max(speed, states.speed[row])
-        return body_allows(
-            Record(states, row, states.radius[row], accel, speed),
-            Record(sample, 0, radius, accel, speed),
-        )
-    accel, speed = max(accel, sample.accel[0]), max(speed, sample.speed[0])
-    return body_allows(
-        Record(sample, 0, sample.radius[0], accel, speed),
-        Record(states, row, radius, accel, speed),
+    stored, told = Record(states, row, 0.0, 0.0, 0.0), Record(sample, 0, 0.0, 0.0, 0.0)
+    older, newer = (stored, told) if sample.stamp[0] >= states.stamp[row] else (told, stored)
+    accel = max(accel, older.states.accel[older.row])
+    speed = max(speed, older.states.speed[older.row])
+    largest = older.states.radius[older.row]
+    radius = min(largest, newer.states.radius[newer.row])
+    return find_broken_bound(
+        Record(older.states, older.row, largest, accel, speed),
+        Record(newer.states, newer.row, radius, accel, speed),
     )
 
 
@@ -338,7 +351,7 @@ def _let_stand(handle: Any, row: int, sample: States) -> None:
             return
     place = find_place(marks, table.refusals, row)
     if place >= 0:
-        _write(refused, place, sample)
+        copy_state(sample, 0, refused, place)
 
 
 @kernel
@@ -370,11 +383,11 @@ def _set_aside(handle: Any, row: int, sample: States, code: int, value: float) -
     late = not stamp > accepted.stamp[row]
     if follows and stamp > candidates.stamp[row]:
         marks.confirmations[row] += 1
-        _write(candidates, row, sample)
+        copy_state(sample, 0, candidates, row)
     elif not follows and not (known and late):
         # A late message must not hide a track that is about to be confirmed.
         marks.confirmations[row] = 1
-        _write(candidates, row, sample)
+        copy_state(sample, 0, candidates, row)
     # What a fault shows: how far the sample is off the accepted state.
     if code == VELOCITY_BY_ACCEL:
         value = _largest_step(accepted.velocities[row], sample.velocities[0], sample.point_count[0])
@@ -391,12 +404,41 @@ def _set_aside(handle: Any, row: int, sample: States, code: int, value: float) -
 
 
 @kernel
+def _make_exception(
+    handle: Any, row: int, sample: States, code: int, value: float
+) -> tuple[int, float]:
+    """Do what is done with a sample that is not simply taken.
+
+    Returns:
+        Its final code, and the value that a fault would show.
+    """
+    table = handle.content
+    accepted, marks, told = table.accepted, table.marks, table.told
+    if code == LATE:
+        # It changes nothing, unless it describes the very moment of the accepted state.
+        is_changed = sample.stamp[0] == accepted.stamp[row] and _widen(accepted, row, sample)
+    else:
+        # Confirm: it is set aside, or completes another track, and then replaces what was accepted.
+        code, value = _set_aside(handle, row, sample, code, value)
+        is_changed = True
+    if code == TRACK_CHANGED:
+        _write(accepted, row, sample)
+        marks.has_state[row] = True
+        marks.confirmations[row] = 0
+    if code in (LATE, TRACK_CHANGED):
+        _remember_bounds(told, row, sample)
+    if is_changed:
+        marks.revision[row] += 1
+        note_row(table.changed_rows, row)
+    return code, value
+
+
+@kernel
 def take_samples(
     handle: Any,
     message: Any,
     rows: IntArray,
     head: MessageHead,
-    numbers: MessageNumbers,
 ) -> tuple[int, int, bool]:
     """Take or refuse the samples of one message.
 
@@ -407,15 +449,14 @@ def take_samples(
             values with what a fault would show.
         rows: Row of each sample, -1 to leave it alone. Shape (n,).
         head: What is said of the whole message.
-        numbers: What is said of all samples with one number.
 
     Returns:
         How many samples were accepted, how many have another code than TAKEN, and whether of any
         row a refused sample may be true.
     """
     table, data = handle.content, message.content
-    points_each, stamp, extent, frame, is_velocity_known = head
-    each, common_radius, common_accel, common_speed, position_error, velocity_error = numbers
+    points_each, stamp, extent, frame, is_velocity_known = head[:5]
+    each, common_radius, common_accel, common_speed, position_error, velocity_error = head[5:]
     accepted, marks, told = table.accepted, table.marks, table.told
     changed_rows, reference_states = table.changed_rows, table.reference_states
     count = rows.shape[0]
@@ -449,7 +490,9 @@ def take_samples(
         # Read: values that cannot be used at all, and errors below what numbers resolve.
         stated_accel = sample.accel[0]
         _count_broken_bounds(told, row, sample)
-        code, value = _find_flaw(sample, not is_velocity_known, extent)
+        code, value = TAKEN, 0.0
+        if not _is_flawless(sample, not is_velocity_known, extent):
+            code, value = _find_flaw(sample, not is_velocity_known, extent)
         if code in (TAKEN, TOO_FAST):
             sample.position_error[0] = max(sample.position_error[0], RESOLUTION)
             sample.velocity_error[0] = max(sample.velocity_error[0], RESOLUTION)
@@ -459,43 +502,41 @@ def take_samples(
         if code == TAKEN and marks.has_state[row]:
             told_accel = max(told.accel[row], told.accel_before[row])
             told_speed = max(told.speed[row], told.speed_before[row])
-            code = _agrees(accepted, row, sample, told_accel, told_speed)
-            if code == ALLOWED and not stamp > accepted.stamp[row]:
-                # It changes nothing, unless it describes the very moment of the accepted state.
-                code = LATE
-                if stamp == accepted.stamp[row] and _widen(accepted, row, sample):
-                    marks.revision[row] += 1
-                    note_row(changed_rows, row)
-        # Confirm: what does not agree is set aside, or completes another track.
-        if code not in (TAKEN, LATE):
-            code, value = _set_aside(handle, row, sample, code, value)
-            marks.revision[row] += 1
-        data.codes[i] = code
-        data.values[i] = value
-        exceptions += code != TAKEN
-        # Write: what agrees or confirms a track replaces the accepted state. The row has changed,
-        # unless its reference state allows for what was written.
-        is_changed = code != LATE
-        if code in (TAKEN, TRACK_CHANGED):
-            _write(accepted, row, sample)
-            marks.has_state[row] = True
-            marks.confirmations[row] = 0
-            marks.revision[row] += code == TAKEN
-            taken += 1
-        if code == TAKEN:
-            allowed, grown = allows_reference_state(accepted, reference_states, row, row)
-            is_changed = grown or not allowed
-            # Each step agreed with the one before, but all of them not with what was promised. What
-            # that rests on is set aside once; it stands until the change has been read.
-            if (
-                not allowed
-                and not _widen_broken_bounds(handle, reference_states, row, sample)
-                and not changed_rows.is_changed[row]
-            ):
-                set_state_aside(reference_states, row, marks, table.refused, table.refusals)
-        if code in (TAKEN, LATE, TRACK_CHANGED):
-            _remember_bounds(told, row, sample)
-        if is_changed:
+            accel = max(told_accel, accepted.accel[row])
+            speed = max(told_speed, accepted.speed[row])
+            before = Record(accepted, row, accepted.radius[row], accel, speed)
+            radius = min(sample.radius[0], accepted.radius[row])
+            after = Record(sample, 0, radius, accel, speed)
+            if not (stamp > accepted.stamp[row] and clearly_allows(before, after)):
+                code = _agrees(accepted, row, sample, told_accel, told_speed)
+                if code == ALLOWED and not stamp > accepted.stamp[row]:
+                    code = LATE
+        if code != TAKEN:
+            code, value = _make_exception(handle, row, sample, code, value)
+            data.codes[i], data.values[i] = code, value
+            exceptions += 1
+            taken += code == TRACK_CHANGED
+            any_refused = any_refused or marks.refused[row]
+            continue
+        data.codes[i] = TAKEN
+        # Write: what agrees replaces the accepted state. The row has changed, unless its reference
+        # state allows for what was written.
+        _write(accepted, row, sample)
+        marks.has_state[row] = True
+        marks.confirmations[row] = 0
+        marks.revision[row] += 1
+        taken += 1
+        allowed, grown = allows_reference_state(sample, reference_states, 0, row)
+        # Each step agreed with the one before, but all of them not with what was promised. What
+        # that rests on is set aside once; it stands until the change has been read.
+        if (
+            not allowed
+            and not _widen_broken_bounds(handle, reference_states, row, sample)
+            and not changed_rows.is_changed[row]
+        ):
+            set_state_aside(reference_states, row, marks, table.refused, table.refusals)
+        _remember_bounds(told, row, sample)
+        if grown or not allowed:
             note_row(changed_rows, row)
         any_refused = any_refused or marks.refused[row]
     return taken, exceptions, any_refused

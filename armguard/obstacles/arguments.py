@@ -144,6 +144,8 @@ def read_field(name: str, value: ArrayLike, count: int) -> float | FloatArray:
 
 def read_array(name: str, value: ArrayLike | list[ArrayLike]) -> FloatArray:
     """Numbers as float64, not copied if they are that already."""
+    if type(value) is np.ndarray and value.dtype is _FLOAT64:
+        return value
     if isinstance(value, np.ma.MaskedArray):
         # What was masked out was not measured.
         value = np.ma.filled(value.astype(np.float64), np.nan)

@@ -70,13 +70,8 @@ class MessageHead(NamedTuple):
     is_velocity_known: bool
     """Whether velocities were measured; else they are 0, with errors as large as the bounds on
     speed, so that an error of inf is no flaw."""
-
-
-class MessageNumbers(NamedTuple):
-    """What a message says of all of its samples with one number."""
-
     each: int
-    """Sum of 2**i over those of `FIELDS` of which it has one for each sample instead; of these the
+    """Sum of 2**i over those of `FIELDS` of which there is one number for each sample; of these the
     numbers here do not count."""
     radius: float
     """[m]."""
@@ -149,9 +144,10 @@ class MessageMemory:
             velocities: In [m/s]. Alike, or None.
         """
         places = self._balls if points.ndim == 2 else self._hulls
-        places[0][:] = points
+        # A slice in place of the dots takes twice as long.
+        places[0][...] = points
         if velocities is not None:
-            places[1][:] = velocities
+            places[1][...] = velocities
 
     def tell_samples(self, count: int, each: int, *numbers: float) -> ToldSamples:
         """The message that was read, for a journal.

@@ -44,7 +44,7 @@ from armguard.obstacles.clouds import (
 from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.journal import ObstacleSettings
-from armguard.obstacles.message import FIELDS, MessageHead, MessageMemory, MessageNumbers
+from armguard.obstacles.message import FIELDS, MessageHead, MessageMemory
 from armguard.obstacles.pattern_bounds import PatternBounds
 from armguard.obstacles.register import NO_ROWS, ObstacleRegister, ResolvedIds
 from armguard.obstacles.sources import NO_SOURCE, Source, SourceState
@@ -57,8 +57,6 @@ WORLD = "world"
 MESSAGES_REMEMBERED = 16
 """Lists of ids that are remembered of each source: one may measure so many groups in turn. All are
 forgotten once there are more."""
-
-_FLOAT = {float}
 
 WRONG_FRAME = 50
 """Beside the rule's codes: of a sample in a frame that has contradicted its body's state."""
@@ -174,10 +172,9 @@ class Obstacles(ObstacleRegister):
 
     def _bind(self) -> None:
         """Have compiled what takes samples."""
-        head = MessageHead(1, 0.0, self._extent, 0, True)
-        numbers = MessageNumbers(0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        head = MessageHead(1, 0.0, self._extent, 0, True, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
         handles = self.table.handle, self._memory.handle
-        self._take_samples = machine_code(rule.take_samples, *handles, NO_ROWS, head, numbers)
+        self._take_samples = machine_code(rule.take_samples, *handles, NO_ROWS, head)
 
     def update(
         self,
@@ -228,23 +225,25 @@ class Obstacles(ObstacleRegister):
                 if not self.takes_voxels:
                     check_names(resolved.names)
             time = read_time("stamp", stamp)
-            self._check_source(source)
-            self._check_frame(frame)
-            if not isinstance(snapshot, (bool, np.bool_)):
+            if known is None:
+                self._check_source(source)
+            number = self._find_frame(frame)
+            if snapshot is not False and not isinstance(snapshot, (bool, np.bool_)):
                 raise ObstacleError("snapshot", f"is {show(snapshot)}", expected="True or False")
-            names, rows = resolved.names, resolved.rows
-            if names and radius is None:
+            names, rows, accels, speeds = resolved
+            count = len(names)
+            if count and radius is None:
                 raise ObstacleError("radius", "is missing", expected="a radius in [m]")
             if rows is None:
                 accels, speeds = self.bounds.find(names)
                 resolved = ResolvedIds(names, rows, accels, speeds)
             numbers = self._read_samples(
-                len(names),
+                count,
                 position,
                 velocity,
                 0.0 if radius is None else radius,
-                resolved.accel if accel is None else accel,
-                resolved.speed if speed is None else speed,
+                accels if accel is None else accel,
+                speeds if speed is None else speed,
                 position_error,
                 velocity_error,
             )
@@ -254,7 +253,7 @@ class Obstacles(ObstacleRegister):
             self.journal.note_update(
                 names,
                 time,
-                self._memory.tell_samples(len(names), *numbers),
+                self._memory.tell_samples(count, *numbers),
                 has_velocity=velocity is not None,
                 has_accel=accel is not None,
                 has_speed=speed is not None,
@@ -271,7 +270,6 @@ class Obstacles(ObstacleRegister):
         points_each = self._memory.points_each
         if points_each > 1:
             self.table.widen(points_each)
-        number = self._frames[frame]
         wrong: list[int] = []
         is_usual = self._told_frames.is_usual(state.index, number)
         if not is_usual:
@@ -289,22 +287,22 @@ class Obstacles(ObstacleRegister):
             rows,
             # A named tuple's own constructor takes twice as long.
             tuple.__new__(
-                MessageHead, (points_each, time, self._extent, number, velocity is not None)
+                MessageHead,
+                (points_each, time, self._extent, number, velocity is not None, *numbers),
             ),
-            tuple.__new__(MessageNumbers, numbers),
         )
         if not is_usual:
-            codes = self._memory.data.codes[: len(names)]
+            codes = self._memory.data.codes[:count]
             codes[wrong] = WRONG_FRAME
             self._told_frames.note(state.index, number, rows, codes)
-        if taken:
-            self._newest = max(self._newest, time)
+        if taken and time > self._newest:
+            self._newest = time
         # A sample that is taken may set aside what a certificate rests on.
         self._any_refused = self._any_refused or any_refused
         refused = 0
         if exceptions:
             refused = self._tell_exceptions(names, time, source, frame)
-        self._sources.count(state, time, len(names), refused)
+        self._sources.count(state, time, count, refused)
         if snapshot:
             self._remove_absent(rows, time, state, late)
 
@@ -362,14 +360,14 @@ class Obstacles(ObstacleRegister):
         """
         try:
             self._check_source(source)
-            self._check_frame(frame)
+            number = self._find_frame(frame)
             time = read_time("stamp", stamp)
             ends, begin = read_rays(points, origin)
             mask = read_mask(occupied, len(ends))
             error = read_bound("position_error", position_error, self._extent, "m")
             clouds = self._open_clouds()
             edge = read_edge(voxel, clouds.edges.get(source), source)
-            placed, number = self._memory.data.frames, self._frames[frame]
+            placed = self._memory.data.frames
             error += float(placed.position_error[number])
             bounds = self.bounds.find(["voxel"])
             rate, pace = (float(np.max(bound)) for bound in bounds)
@@ -481,7 +479,7 @@ class Obstacles(ObstacleRegister):
         """Reads the samples of a message into its memory.
 
         Returns:
-            The values of `MessageNumbers`.
+            The last values of `MessageHead`, from `each` on.
         """
         memory = self._memory
         points, velocities = read_points("position", position, count), None
@@ -499,11 +497,14 @@ class Obstacles(ObstacleRegister):
                 )
         memory.fit(count, 1 if len(shape) == 2 else shape[1])
         memory.take_points(points, velocities)
-        numbers: tuple[Any, ...] = radius, accel, speed, position_error, velocity_error
-        if set(map(type, numbers)) == _FLOAT:
-            return 0, *numbers
+        # A set of their types takes three times as long.
+        if (
+            type(radius) is type(accel) is type(speed) is float
+            and type(position_error) is type(velocity_error) is float
+        ):
+            return 0, radius, accel, speed, position_error, velocity_error
         each, values = 0, []
-        for i, value in enumerate(numbers):
+        for i, value in enumerate((radius, accel, speed, position_error, velocity_error)):
             number = read_field(FIELDS[i], value, count)
             if type(number) is not float:
                 memory.fields[i][:count] = number
@@ -516,10 +517,8 @@ class Obstacles(ObstacleRegister):
         known = self._resolved.get(owner)
         if not known or type(ids) is not list or not ids or type(ids[0]) is not str:
             return None
-        if not self.takes_voxels and ids[0].startswith("voxel "):
-            # They may be those of the last cloud.
-            return None
-        resolved = known.get((len(ids), ids[0]))
+        # Those of the last cloud may be named where voxels are taken alone.
+        resolved = known.get((len(ids), ids[0], self.takes_voxels))
         return resolved if resolved is not None and is_same(ids, resolved.names) else None
 
     def _find_rows(self, resolved: ResolvedIds, time: float, state: SourceState) -> IntArray:
@@ -529,15 +528,17 @@ class Obstacles(ObstacleRegister):
         """
         names = resolved.names
         places = list(map(self._rows_of(state.index).get, names, repeat(-1)))
-        if -1 in places:
+        have_all_come = -1 not in places
+        if not have_all_come:
             for i, name in enumerate(names):
                 places[i] = self._admit(name, time, state) if places[i] < 0 else places[i]
+            have_all_come = -1 not in places
         rows = np.array(places, dtype=np.int64)
-        if names and -1 not in places:
+        if names and have_all_come:
             known = self._resolved.setdefault(state.index, {})
             if len(known) >= MESSAGES_REMEMBERED:
                 known.clear()
-            known[len(names), names[0]] = resolved._replace(rows=rows)
+            known[len(names), names[0], self.takes_voxels] = resolved._replace(rows=rows)
         return rows
 
     def _tell_exceptions(self, names: list[str], time: float, source: str, frame: str) -> int:
@@ -723,11 +724,14 @@ class Obstacles(ObstacleRegister):
             raise ObstacleError("source", f"is {show(source)}", expected="text that UTF-8 can hold")
         self._sources.check_room(source)
 
-    def _check_frame(self, frame: object) -> None:
-        if not isinstance(frame, str) or frame not in self._frames:
+    def _find_frame(self, frame: object) -> int:
+        """Number of a frame."""
+        number = self._frames.get(frame) if isinstance(frame, str) else None
+        if number is None:
             raise ObstacleError(
                 "frame", f"{show(frame)} is unknown", expected=f"one of {sorted(self._frames)}"
             )
+        return number
 
     def _leave_malformed(
         self, error: ObstacleError, source: object, stamp: object

@@ -64,9 +64,9 @@ class ObstacleRegister:
         self.watcher = 0
         self._sources = Sources(sources)
         self._rows: dict[int, dict[str, int]] = {NO_SOURCE: {}}
-        self._resolved: dict[int, dict[tuple[int, str], ResolvedIds]] = {}
-        """By source, then by length and first id: ids of its last messages with a row for each.
-        Those of a source are void when one of its rows goes."""
+        self._resolved: dict[int, dict[tuple[int, str, bool], ResolvedIds]] = {}
+        """By source, then by length, first id and whether voxels were taken: ids of its last
+        messages with a row for each. Those of a source are void when one of its rows goes."""
         self._tombstones = Tombstones()
         self._faults = FaultQueue()
         self._unplaced = Unplaced()

@@ -180,11 +180,13 @@ class Sources:
         state = self._by_name.get(name) or self._add(Source(name))
         if not state.heard:
             self.unsettled = True
-        self.newest = max(self.newest, stamp)
+        if stamp > self.newest:
+            self.newest = stamp
+        if stamp > state.newest:
+            state.newest = stamp
         state.heard = True
         state.messages += 1
         state.stamp = stamp
-        state.newest = max(state.newest, stamp)
         return state
 
     def count(self, state: SourceState, stamp: float, rows: int, refused: int) -> None:

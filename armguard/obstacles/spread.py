@@ -54,14 +54,14 @@ LEAST_ERROR = 1e-9
 class Spreads(NamedTuple):
     """What is kept of each row's last samples."""
 
-    before: FloatArray
-    """Points of the last sample but one, [m]. Shape (rows, width, 3)."""
     last: FloatArray
     """Points of the last sample, [m]. Shape (rows, width, 3)."""
-    before_stamp: FloatArray
-    """[s]. Shape (rows,)."""
+    step: FloatArray
+    """How they differ from those of the one before, [m]. Shape (rows, width, 3)."""
     last_stamp: FloatArray
     """[s]. Shape (rows,)."""
+    interval: FloatArray
+    """Time between these two samples, [s]. Shape (rows,)."""
     position: FloatArray
     """Running median of proved position errors, [m]. Shape (rows,)."""
     velocity: FloatArray
@@ -85,7 +85,7 @@ class Spreads(NamedTuple):
 def make_spreads(rows: int, width: int) -> Spreads:
     """Room for so many rows of bodies of at most `width` points, of which nothing is known."""
     fields: dict[str, tuple[type, tuple[int, ...]]]
-    fields = {"before": (float, (width, 3)), "last": (float, (width, 3))}
+    fields = {"last": (float, (width, 3)), "step": (float, (width, 3))}
     fields |= dict.fromkeys(Spreads._fields[2:9], (float, ()))
     fields |= {"point_count": (int, ()), "samples": (int, ()), "is_wide": (bool, ())}
     arrays = make_records(rows, **fields)
@@ -138,6 +138,14 @@ def _follow_median(median: float, value: float, known: int) -> float:
 
 
 @merged_kernel
+def _find_excess(square: float, room: float) -> float:
+    """By how much a length, of which the square is told, is beyond what there is room for."""
+    if room > 0.0 and square < room * room:
+        return 0.0
+    return max(0.0, math.sqrt(square) - room)
+
+
+@merged_kernel
 def follow_spread(spreads: Spreads, row: int, sample: Record) -> None:
     """Take in a sample that can be reckoned with, believed or not; late ones tell nothing.
 
@@ -149,61 +157,49 @@ def follow_spread(spreads: Spreads, row: int, sample: Record) -> None:
     states, place, _, accel, _ = sample
     count, stamp = states.point_count[place], states.stamp[place]
     position_error, velocity_error = states.position_error[place], states.velocity_error[place]
-    known = spreads.samples[row]
-    later = stamp - spreads.last_stamp[row]
-    if known > 0 and not later > 0.0 and -later <= FORGOTTEN_AFTER:
-        return
-    if known > 0 and (not 0.0 < later <= FORGOTTEN_AFTER or count != spreads.point_count[row]):
+    known, stated = spreads.samples[row], position_error
+    later, earlier = stamp - spreads.last_stamp[row], spreads.interval[row]
+    if known > 0 and not (0.0 < later <= FORGOTTEN_AFTER and count == spreads.point_count[row]):
+        if -FORGOTTEN_AFTER <= later <= 0.0:
+            return
         forget_spread(spreads, row)
         known = 0
+    # Squared, of the point where it is most: how far the velocity is from that of the last step,
+    # and the second difference. Without so many samples before they mean nothing, and are not used.
+    ratio = later / earlier
+    drift2 = bend2 = 0.0
+    for k in range(count):
+        drift = bend = 0.0
+        for axis in range(3):
+            point = states.points[place, k, axis]
+            step = point - spreads.last[row, k, axis]
+            drift += (states.velocities[place, k, axis] - step / later) ** 2
+            bend += (step - ratio * spreads.step[row, k, axis]) ** 2
+            spreads.last[row, k, axis] = point
+            spreads.step[row, k, axis] = step
+        drift2, bend2 = max(drift2, drift), max(bend2, bend)
+    position, velocity = 0.0, spreads.velocity[row]
     if known > 0:
-        stated = max(position_error, spreads.position_error[row])
+        stated = max(stated, spreads.position_error[row])
         # Two samples: what the later one's velocity must have been off by.
-        proved = 0.0
         room = 0.5 * accel * later + 2.0 * max(stated, spreads.position[row]) / later
-        for k in range(count):
-            square = 0.0
-            for axis in range(3):
-                mean = (states.points[place, k, axis] - spreads.last[row, k, axis]) / later
-                square += (states.velocities[place, k, axis] - mean) ** 2
-            if not (room > 0.0 and square < room * room):
-                proved = max(proved, math.sqrt(square) - room)
-        median = math.inf if known == 1 else spreads.velocity[row]
-        spreads.velocity[row] = _follow_median(median, proved, known)
+        proved = _find_excess(drift2, room)
+        velocity = _follow_median(math.inf if known == 1 else velocity, proved, known)
     if known > 1:
         # Three samples: what one of their positions must have been off by.
-        earlier = spreads.last_stamp[row] - spreads.before_stamp[row]
-        ratio = later / earlier
         room = 0.5 * accel * later * (earlier + later)
-        proved = 0.0
-        for k in range(count):
-            square = 0.0
-            for axis in range(3):
-                middle = spreads.last[row, k, axis]
-                went = middle - spreads.before[row, k, axis]
-                square += (states.points[place, k, axis] - middle - ratio * went) ** 2
-            if not (room > 0.0 and square < room * room):
-                proved = max(proved, (math.sqrt(square) - room) / (2.0 + 2.0 * ratio))
-        median = math.inf if known == 2 else spreads.position[row]
-        spreads.position[row] = _follow_median(median, proved, known)
-        if known == FEWEST_SAMPLES:
-            is_wide = (
-                spreads.position[row] > TOLD_BEYOND * stated
-                or spreads.velocity[row] > TOLD_BEYOND * velocity_error
-            )
-            if is_wide != spreads.is_wide[row]:
-                spreads.is_wide[row] = is_wide
-                spreads.wide_count[0] += 1 if is_wide else -1
-    else:
-        spreads.position[row] = 0.0
+        proved = max(0.0, _find_excess(bend2, room) / (2.0 + 2.0 * ratio))
+        position = math.inf if known == 2 else spreads.position[row]
+        position = _follow_median(position, proved, known)
+    if known == FEWEST_SAMPLES:
+        is_wide = position > TOLD_BEYOND * stated or velocity > TOLD_BEYOND * velocity_error
+        if is_wide != spreads.is_wide[row]:
+            spreads.is_wide[row] = is_wide
+            spreads.wide_count[0] += 1 if is_wide else -1
+    spreads.position[row], spreads.velocity[row] = position, velocity
     spreads.position_error[row] = max(position_error, spreads.last_error[row] if known > 0 else 0.0)
     spreads.last_error[row] = position_error
     spreads.velocity_error[row] = velocity_error
     spreads.samples[row] = min(known + 1, FEWEST_SAMPLES)
-    spreads.before_stamp[row] = spreads.last_stamp[row]
-    spreads.last_stamp[row] = stamp
-    for k in range(count):
-        for axis in range(3):
-            spreads.before[row, k, axis] = spreads.last[row, k, axis]
-            spreads.last[row, k, axis] = states.points[place, k, axis]
+    spreads.last_stamp[row], spreads.interval[row] = stamp, later
     spreads.point_count[row] = count

@@ -882,6 +882,10 @@ class Edge:
             if values is None or (type(values) is float and math.isfinite(values)):
                 continue
             array = np.asarray(values, float)
+            # The sum of their squares is finite only if all are, and found in less than half the
+            # time.
+            if math.isfinite(np.vdot(array, array)):
+                continue
             # Bounds may be infinite: that says that there is none.
             good = ~np.isnan(array) if field in ("accel", "speed") else np.isfinite(array)
             if good.all():

@@ -450,29 +450,33 @@ def to_points(field: str, points: Points, count: int) -> NDArray[np.float64]:
     Raises:
         MessageError: If the number of rows, points or coordinates is not that.
     """
-    expected = (
-        f"{count} rows of 3 coordinates, or of 1 to {POINT_LIMIT} such points, as many in each row"
-    )
     if isinstance(points, bytes):
         per_row, rest = divmod(len(points), 24 * count) if count else (0, len(points))
         if rest or not (count == 0 or 1 <= per_row <= POINT_LIMIT):
-            raise MessageError(field, f"{len(points)} bytes", f"packed float64: {expected}")
+            expected = f"packed float64: {_expected_points(count)}"
+            raise MessageError(field, f"{len(points)} bytes", expected)
         shape = (count, 3) if per_row <= 1 else (count, per_row, 3)
         return np.frombuffer(points, "<f8").reshape(shape)
     try:
         array = np.array(points, float)
     except ValueError:
-        raise MessageError(field, "rows of unequal length", expected) from None
+        raise MessageError(field, "rows of unequal length", _expected_points(count)) from None
     if len(points) != count:
-        raise MessageError(field, f"{len(points)} rows", expected)
+        raise MessageError(field, f"{len(points)} rows", _expected_points(count))
     if count == 0:
         return np.zeros((0, 3))
     if not (
         (array.ndim == 2 or (array.ndim == 3 and 1 <= array.shape[1] <= POINT_LIMIT))
         and array.shape[-1] == 3
     ):
-        raise MessageError(field, f"an array of shape {array.shape}", expected)
+        raise MessageError(field, f"an array of shape {array.shape}", _expected_points(count))
     return array
+
+
+def _expected_points(count: int) -> str:
+    return (
+        f"{count} rows of 3 coordinates, or of 1 to {POINT_LIMIT} such points, as many in each row"
+    )
 
 
 def count_points(points: Cloud) -> int:

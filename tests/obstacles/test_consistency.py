@@ -16,7 +16,12 @@ from armguard.jit.numerics import (
     VELOCITY_BY_ACCEL,
     VELOCITY_BY_SPEED,
 )
-from armguard.obstacles.consistency import _keeps_bound, body_allows
+from armguard.obstacles.consistency import (
+    body_allows,
+    clearly_allows,
+    find_broken_bound,
+    find_square_limit,
+)
 from armguard.obstacles.record import Record
 from armguard.obstacles.table import MAXIMUM_POINTS, make_states
 
@@ -45,7 +50,7 @@ def record(
     }
 
 
-def judge(old, new):
+def lay(old, new):
     states = make_states(2, MAXIMUM_POINTS)
     for row, one in enumerate((old, new)):
         states.point_count[row] = len(one["points"])
@@ -55,11 +60,14 @@ def judge(old, new):
                 array[row, : len(value)] = value
             else:
                 array[row] = value
-    records = (
+    return [
         Record(states, row, one["radius"], one["accel"], one["speed"])
         for row, one in enumerate((old, new))
-    )
-    return body_allows(*records)
+    ]
+
+
+def judge(old, new):
+    return body_allows(*lay(old, new))
 
 
 def judge_plainly(old, new):
@@ -257,7 +265,7 @@ def test_hostile_numbers_get_a_code(numbers):
         assert ALLOWED <= judge(old, new) <= SHAPE
 
 
-def test_the_test_without_a_root_says_what_the_one_with_a_root_does():
+def test_squares_below_their_limit_have_roots_within_the_room():
     rng = np.random.default_rng(0)
     squares = [*(10.0 ** rng.uniform(-320.0, 308.0, 4000)).tolist(), 0.0, math.inf, math.nan]
     for square in squares:
@@ -266,6 +274,65 @@ def test_the_test_without_a_root_says_what_the_one_with_a_root_does():
             for ulps in (-8, -3, -2, -1, 0, 1, 2, 3, 2**30):
                 bound = length + added
                 bound += ulps * math.ulp(bound) if math.isfinite(bound) else 0.0
-                expected = length < math.inf and length + added <= bound
-                assert _keeps_bound(square, added, bound) == expected
-                assert _keeps_bound(square, added, math.inf) == (length < math.inf)
+                if square < find_square_limit(bound - added):
+                    assert length < math.inf
+                    assert length + added <= bound
+        assert (square < find_square_limit(math.inf)) == (length < math.inf)
+        if 1e-290 < square < math.inf:
+            assert square < find_square_limit(length * (1.0 + 1e-12))
+        assert not square < find_square_limit(-length)
+        assert not square < find_square_limit(math.nan)
+
+
+def at_the_edge(rng):
+    """Two records of which the second is about as far as the first allows, by one of the bounds."""
+    stamps = rng.choice([0.0, 1.0, 1e6]) + np.array([0.0, rng.choice([0.0, 0.001, 0.1, -0.1])])
+    errors = rng.choice([1e-9, 0.01], 4)
+    old = record(
+        rng.normal(size=3) * rng.choice([1.0, 100.0]), rng.normal(size=3), *rng.uniform(0, 0.2, 1),
+        rng.choice([0.0, 10.0, INF]), rng.choice([0.0, 2.0, INF]), *errors[:2], stamps[0],
+    )  # fmt: skip
+    h = abs(stamps[1] - stamps[0])
+    reach = old["position_error"] + errors[2] + min(2.0, old["speed"]) * h
+    change = min(10.0, old["accel"]) * h + old["velocity_error"] + errors[3]
+    edge = 1.0 + rng.choice([-1e-3, -1e-12, -1e-15, 0.0, 1e-15, 1e-12, 1e-3, -0.5])
+    new = record(
+        old["points"] + edge * reach * in_ball(rng, 1, 1.0), old["velocities"] * edge,
+        old["radius"] * rng.choice([1.0, 0.5]), 10.0, 2.0, *errors[2:], stamps[1],
+    )  # fmt: skip
+    new["velocities"] = old["velocities"] + edge * change * in_ball(rng, 1, 1.0)
+    return old, new
+
+
+def test_what_is_clearly_allowed_breaks_no_bound():
+    rng = np.random.default_rng(5)
+    clear = unclear = broken = 0
+    for _ in range(4000):
+        records = lay(*at_the_edge(rng))
+        is_clear, code = clearly_allows(*records), find_broken_bound(*records)
+        assert not (is_clear and code != ALLOWED)
+        assert body_allows(*records) == code
+        clear += is_clear
+        unclear += not is_clear and code == ALLOWED
+        broken += code != ALLOWED
+    assert min(clear, unclear, broken) > 20
+
+
+@settings(max_examples=200)
+@given(st.lists(st.floats(min_value=0.0, allow_infinity=True), min_size=28, max_size=28))
+def test_hostile_numbers_are_not_clearly_allowed_where_they_break_a_bound(numbers):
+    numbers[0:6] = [-number for number in numbers[0:6]]
+    old = record(numbers[0:3], numbers[3:6], *numbers[6:11], numbers[11])
+    new = record(numbers[12:15], numbers[15:18], *numbers[18:23], numbers[23])
+    records = lay(old, new)
+    if clearly_allows(*records):
+        assert find_broken_bound(*records) == ALLOWED
+
+
+def test_most_of_what_moves_within_its_bounds_is_clear():
+    rng = np.random.default_rng(6)
+    for _ in range(100):
+        position, velocity = rng.normal(size=3), in_ball(rng, 1, 1.0)[0]
+        old = record(position, velocity, position_error=0.005, velocity_error=0.05)
+        new = record(position + 0.01 * velocity, velocity, position_error=0.005, stamp=0.01)
+        assert clearly_allows(*lay(old, new))

@@ -47,6 +47,54 @@ def tell(positions, velocities, period, position_error, velocity_error, points=1
     return obstacles, told
 
 
+def follow(median, proved, known):
+    if known < 10:
+        return min(median, proved)
+    return max(1e-9, max(median, 1e-9) * 1.02 if proved > median else median / 1.02)
+
+
+def reckon(stamps, points, velocities, error):
+    """Running medians of what three samples prove of a position and two of a velocity."""
+    position, velocity, known = 0.0, np.inf, 0
+    for i, (stamp, x) in enumerate(zip(stamps, points, strict=True)):
+        h2 = stamp - stamps[i - 1] if i else np.inf
+        if h2 > 1.0:
+            position, velocity, known = 0.0, np.inf, 0
+        if known > 0:
+            room = ACCEL * h2 / 2 + 2 * max(error, position) / h2
+            off = np.linalg.norm(velocities[i] - (x - points[i - 1]) / h2, axis=1).max()
+            velocity = follow(velocity, max(0.0, off - room), known)
+        if known > 1:
+            h1 = stamps[i - 1] - stamps[i - 2]
+            ratio = h2 / h1
+            second = x - points[i - 1] - ratio * (points[i - 1] - points[i - 2])
+            off = np.linalg.norm(second, axis=1).max() - ACCEL * h2 * (h1 + h2) / 2
+            before = position if known > 2 else np.inf
+            position = follow(before, max(0.0, off / (2 + 2 * ratio)), known)
+        known += 1
+    return position, velocity
+
+
+@pytest.mark.parametrize("points", [1, 3])
+def test_medians_are_those_of_the_formulas(points):
+    """However far apart samples are, gaps among them, and whatever they jump by."""
+    rng = np.random.default_rng(8)
+    for count in (2, 3, 4, 60):
+        stamps = np.cumsum(rng.uniform(0.004, 0.02, count) + (rng.random(count) < 0.02))
+        places = rng.normal(size=(count, points, 3)) * rng.choice([0.002, 0.1])
+        velocities = rng.normal(size=(count, points, 3)) * 0.9
+        obstacles = Obstacles(accel=ACCEL, speed=50.0)
+        for stamp, place, velocity in zip(stamps, places, velocities, strict=True):
+            obstacles.update(
+                ["body"], stamp, [place], [velocity], radius=0.1, position_error=0.001,
+                velocity_error=0.1,
+            )  # fmt: skip
+        spreads, row = obstacles.table.spreads, obstacles.row("body")
+        position, velocity = reckon(stamps, places, velocities, 0.001)
+        assert spreads.position[row] == pytest.approx(position, rel=1e-9)
+        assert spreads.velocity[row] == pytest.approx(velocity, rel=1e-9)
+
+
 @pytest.mark.parametrize("period", [0.002, 0.01, 0.05])
 @pytest.mark.parametrize("points", [1, 2])
 def test_a_body_within_its_bounds_and_errors_is_never_told_of(period, points):
