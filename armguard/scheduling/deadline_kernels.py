@@ -38,7 +38,7 @@ from armguard.bounds.operating_history import (
     keeps_operating_limits,
 )
 from armguard.jit.arrays import FloatArray, IntArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, separate_kernel
 from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
 from armguard.obstacles.table import clear_changed_rows, copy_state
@@ -412,7 +412,7 @@ def evaluate_due(
     return found
 
 
-@kernel
+@separate_kernel
 def _evaluate_due(
     handle: Any, placed: bool, spent_before: int, moment: Moment
 ) -> tuple[int, int, float, int, int, int, int]:
