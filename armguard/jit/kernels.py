@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
-import importlib
 import os
 import re
 import shutil
@@ -238,9 +237,9 @@ class Callee(NamedTuple):
     """
 
     module: str
-    """Where the kernel is found."""
+    """Of the kernel, which whatever calls it has imported."""
     name: str
-    """Its own."""
+    """The kernel's own."""
     kinds: tuple[Any, ...]
     """Numba's types of its arguments."""
     symbol: str
@@ -250,9 +249,9 @@ class Callee(NamedTuple):
         """Load it, or compile it.
 
         Raises:
-            LookupError: It has another symbol by now, so the caller must be compiled anew.
+            LookupError: It is not there, or has another symbol by now, so that the caller must be
+                compiled anew.
         """
-        importlib.import_module(self.module)
         callee = _callees[self.module, self.name]()
         callee.compile(self.kinds)
         symbol = callee.overloads[self.kinds].fndesc.llvm_func_name
