@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from armguard.jit.kernels import merged_kernel, separate_kernel
+from armguard.jit.kernels import merged_kernel
 from armguard.jit.numerics import (
     ACCEPTANCE_SLACK,
     ALLOWED,
@@ -40,7 +40,7 @@ def _keeps_bound(square: float, added: float, bound: float) -> bool:
     return length < math.inf and length + added <= bound
 
 
-@separate_kernel
+@merged_kernel
 def body_allows(record0: Record, record1: Record) -> int:
     """Whether record 1 of a body can be true if record 0 and its bounds are.
 

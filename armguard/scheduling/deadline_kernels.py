@@ -565,7 +565,7 @@ def _is_proved(
     return True
 
 
-@kernel
+@separate_kernel
 def _holds_for_newer(scene: Scene, certificates: Certificates, row: int, place: int) -> bool:
     """Whether what was proved of a row's state holds for its next one, as certificates do.
 
