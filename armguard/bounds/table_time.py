@@ -28,7 +28,7 @@ from armguard.bounds.joint_table import JointTable, set_columns, set_span, stays
 from armguard.contact.bodies import Hull
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray
-from armguard.jit.kernels import kernel, merged_kernel
+from armguard.jit.kernels import kernel, merged_kernel, separate_kernel
 from armguard.jit.numerics import SUM_ROUNDING, TABLE_END_SLACK
 
 HALVINGS = 3
@@ -181,7 +181,7 @@ def is_free_to_end(
     return reached >= table.time[nodes] * (1.0 - TABLE_END_SLACK)
 
 
-@kernel
+@separate_kernel
 def table_contact_time(
     sphere: ArmSphere,
     table: JointTable,

@@ -40,7 +40,7 @@ from armguard.contact.hull_advancement import (
     turn_hull,
 )
 from armguard.jit.arrays import FloatArray
-from armguard.jit.kernels import kernel, merged_kernel
+from armguard.jit.kernels import kernel, merged_kernel, separate_kernel
 from armguard.jit.numerics import GAP_ROUNDING
 
 Trace = FloatArray | None
@@ -83,7 +83,7 @@ def _turn_aged(
     return cx, cy, cz, turned
 
 
-@kernel
+@separate_kernel
 def ball_contact_time(
     one: Ball, other: Ball, contact_distance: float, advances: int, trace: Trace
 ) -> float:
@@ -153,7 +153,7 @@ def _far_ball_contact_time(
     return far_contact_time(here, hull, contact_distance, advances, trace, t)
 
 
-@kernel
+@separate_kernel
 def _any_contact_time(
     ball: Ball, hull: Hull, contact_distance: float, advances: int, trace: Trace
 ) -> float:
@@ -231,7 +231,7 @@ def row_contact_time(
     return time
 
 
-@kernel
+@separate_kernel
 def pair_distance_time(ball: Ball, hull: Hull, contact_distance: float) -> float:
     """The rung below the first advance: distance over the closing speed that bounds allow.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, separate_kernel
 
 MAX_STEPS = 20
 TOLERANCE = 1e-13
@@ -69,7 +69,7 @@ def _carried(j, ox, oy, oz, points, velocities, carry):
     )
 
 
-@kernel
+@separate_kernel
 def nearest_on_hull(ox, oy, oz, points, velocities, count, carry):
     """Vector from (ox, oy, oz) to the hull of points[:count], each carried for `carry` seconds.
 

@@ -176,7 +176,7 @@ class _FieldTypes(templates.AttributeTemplate):  # type: ignore[misc]  # a class
 
 
 @extending.lower_getattr_generic(HandleType)  # type: ignore[untyped-decorator]  # it has no types
-def _read_field(context: Any, builder: Any, kind: Any, address: Any, name: str) -> Any:
+def read_field(context: Any, builder: Any, kind: Any, address: Any, name: str) -> Any:
     """Machine code that reads a field where it stands."""
     if name not in kind.fields:
         return address

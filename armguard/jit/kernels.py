@@ -14,8 +14,9 @@ import hashlib
 import os
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 from numba import types as numba_types
@@ -25,7 +26,7 @@ from numba.core import event as numba_event
 
 from armguard.jit.carried import find_target, open_carried
 from armguard.jit.collection import CollectionPause
-from armguard.jit.parts import EntryCompiler, PartCompiler, PartContext
+from armguard.jit.parts import EntryCompiler, PartCompiler, PartContext, link_by_symbol
 from armguard.jit.turns import take_turn
 
 # Numba's functions are untyped: they are called as anything is.
@@ -75,6 +76,12 @@ class PartFolder(KernelFolder):
     part = Path("parts")
 
 
+class CalleeFolder(KernelFolder):
+    """Where its separate kernels are kept, as other kernels call them."""
+
+    part = Path("callees")
+
+
 class KeptKernel(caching.CompileResultCacheImpl):  # type: ignore[misc]  # a class of unknown type
     """How a kernel is kept."""
 
@@ -88,7 +95,16 @@ class KeptPart(caching.CompileResultCacheImpl):  # type: ignore[misc]  # a class
 
     def rebuild(self, context: Any, state: Any) -> Any:
         """What the cache was given, as a part again."""
-        return super().rebuild(PartContext(context), state)._replace(target_context=context)
+        result = super().rebuild(PartContext(context), state)._replace(target_context=context)
+        # Which Numba does not restore: what this is linked into calls the same separate kernels.
+        result.library._reload_init.update(result.reload_init)
+        return result
+
+
+class KeptCallee(KeptKernel):
+    """How a separate kernel is kept."""
+
+    _locator_classes = (CalleeFolder,)
 
 
 class TolerantCache(caching.FunctionCache):  # type: ignore[misc]  # a class of unknown type
@@ -137,6 +153,12 @@ class PartCache(TolerantCache):
     _impl_class = KeptPart
 
 
+class CalleeCache(TolerantCache):
+    """The same for separate kernels."""
+
+    _impl_class = KeptCallee
+
+
 def kernel(function: Any = None, **options: Any) -> Any:
     """Compile a function with NumPy's error model and strict floating point, and cache it.
 
@@ -150,25 +172,112 @@ def kernel(function: Any = None, **options: Any) -> Any:
     """
 
     def compile_function(function: Any) -> Any:
-        compiled = _make_dispatcher(function, TolerantCache(function), EntryCompiler, options)
-
         @functools.cache
         def make_part() -> Any:
             # What C or Python would call a part by takes as long to compile as a short kernel.
             bare = {"no_cpython_wrapper": True, **options}
             return _make_dispatcher(function, PartCache(function), PartCompiler, bare)
 
-        def find_part(kinds: tuple[Any, ...], names: dict[str, Any]) -> Any:
-            # A constant is a number like any other, and needs no part of its own.
-            plain = {name: types.unliteral(kind) for name, kind in names.items()}
-            return make_part().get_call_template(tuple(map(types.unliteral, kinds)), plain)
-
-        # Where all kernels are read from the cache, none is called by another one.
-        compiled.get_call_template = find_part
-        compiled.get_overload = lambda kinds: make_part().get_overload(kinds)
-        return compiled
+        return _make_entry(function, make_part, options)
 
     return compile_function if function is None else compile_function(function)
+
+
+def merged_kernel(function: Any) -> Any:
+    """A kernel whose machine code becomes part of that of each kernel that calls it.
+
+    For what a loop over rows calls for each of them: to hand over a few groups of arrays, seven
+    words each, takes longer than what is done with one row of them.
+
+    Args:
+        function: What to compile.
+    """
+    return kernel(function, forceinline=True)
+
+
+def separate_kernel(function: Any) -> Any:
+    """A kernel of which other kernels call the machine code, made once for all of them.
+
+    For what is long and called by several entries: as a part it would be optimised and translated
+    within each. Its callers' code knows its symbol alone, and a call costs what one of a part does
+    that was too long to be merged. What Python calls is compiled by itself, as of any kernel.
+
+    Args:
+        function: What to compile.
+    """
+
+    @functools.cache
+    def make_callee() -> Any:
+        bare = {"no_cpython_wrapper": True}
+        compiled = _make_dispatcher(function, CalleeCache(function), EntryCompiler, bare)
+        enter = compiled.add_overload
+
+        def add_overload(result: Any) -> None:
+            kinds, symbol = tuple(result.signature.args), result.fndesc.llvm_func_name
+            callee = Callee(function.__module__, function.__qualname__, kinds, symbol)
+            link_by_symbol(result.library, callee)
+            enter(result)
+
+        compiled.add_overload = add_overload
+        return compiled
+
+    _callees[function.__module__, function.__qualname__] = make_callee
+    return _make_entry(function, make_callee, {})
+
+
+_callees: dict[tuple[str, str], Callable[[], Any]] = {}
+"""By module and name: what compiles each separate kernel for those that call it."""
+
+
+class Callee(NamedTuple):
+    """Machine code that other machine code calls by its symbol.
+
+    Numba's cache calls this before it loads what calls it: to call a symbol that is not there ends
+    the process.
+    """
+
+    module: str
+    """Of the kernel, which whatever calls it has imported."""
+    name: str
+    """The kernel's own."""
+    kinds: tuple[Any, ...]
+    """Numba's types of its arguments."""
+    symbol: str
+    """The name of its machine code."""
+
+    def __call__(self) -> None:
+        """Load it, or compile it.
+
+        Raises:
+            LookupError: It is not there, or has another symbol by now, so that the caller must be
+                compiled anew.
+        """
+        callee = _callees[self.module, self.name]()
+        callee.compile(self.kinds)
+        symbol = callee.overloads[self.kinds].fndesc.llvm_func_name
+        if symbol != self.symbol:
+            raise LookupError(f"{self.name} is at {symbol}; expected {self.symbol}")
+
+
+def _make_entry(function: Any, make_part: Callable[[], Any], options: dict[str, Any]) -> Any:
+    """What Python calls of a kernel.
+
+    Args:
+        function: What to compile.
+        make_part: Makes what compiles it for kernels that call it.
+        options: Further options of `numba.njit`.
+    """
+    compiled = _make_dispatcher(function, TolerantCache(function), EntryCompiler, options)
+
+    def find_part(kinds: tuple[Any, ...], names: dict[str, Any]) -> Any:
+        # A constant is a number like any other, and needs no part of its own.
+        plain = {name: types.unliteral(kind) for name, kind in names.items()}
+        return make_part().get_call_template(tuple(map(types.unliteral, kinds)), plain)
+
+    # Where all kernels are read from the cache, none is called by another one.
+    compiled.get_call_template = find_part
+    compiled.get_overload = lambda kinds: make_part().get_overload(kinds)
+    return compiled
 
 
 def _make_dispatcher(function: Any, cache: Any, compiler: Any, options: dict[str, Any]) -> Any:
@@ -197,18 +306,6 @@ def _make_dispatcher(function: Any, cache: Any, compiler: Any, options: dict[str
     turn = Path(cache.cache_path) / f"{function.__name__}-{function.__code__.co_firstlineno}.turn"
     compiled.compile = compile_in_turn
     return compiled
-
-
-def merged_kernel(function: Any) -> Any:
-    """A kernel whose machine code becomes part of that of each kernel that calls it.
-
-    For what a loop over rows calls for each of them: to hand over a few groups of arrays, seven
-    words each, takes longer than what is done with one row of them.
-
-    Args:
-        function: What to compile.
-    """
-    return kernel(function, forceinline=True)
 
 
 @functools.cache

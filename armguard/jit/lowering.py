@@ -1,9 +1,10 @@
 """How a kernel's code is written for LLVM: as Numba does, in fewer steps.
 
 Numba infers the types of a whole function, and those of each operator again while it writes code.
-It copies what describes an array to memory to read one number of it, and asks LLVM for the size of
-each variable by a module of its own. LLVM takes most of that out again. What kernels compute is the
-same to the bit: each number is read, and goes through the same operations.
+It copies what describes an array to memory to read one number of it, reads all of that to count a
+reference, compiles a function for the lesser of two numbers, and asks LLVM for the size of each
+variable by a module of its own. LLVM takes most of that out again. What kernels compute is the same
+to the bit: each number is read, and goes through the same operations.
 """
 
 from __future__ import annotations
@@ -15,15 +16,20 @@ from numba import types as numba_types
 from numba.core import cgutils as numba_cgutils
 from numba.core import ir as numba_ir
 from numba.core import lowering as numba_lowering
+from numba.core.runtime import context as numba_runtime
+from numba.cpython import builtins as numba_builtins
 from numba.np import arrayobj as numba_arrayobj
 
-from armguard.jit.operators import OperatorTypes
+from armguard.jit.handle import HandleType, read_field
+from armguard.jit.operators import EXTREMES, OperatorTypes
 
 # Numba's functions are untyped: they are called as anything is.
 arrayobj: Any = numba_arrayobj
+builtins: Any = numba_builtins
 cgutils: Any = numba_cgutils
 ir: Any = numba_ir
 lowering: Any = numba_lowering
+runtime: Any = numba_runtime
 types: Any = numba_types
 
 NUMBERS = types.Number, types.Boolean
@@ -31,6 +37,24 @@ NUMBERS = types.Number, types.Boolean
 
 _sizes: dict[Any, int] = {}
 """[bytes], of LLVM's types."""
+_counted: dict[Any, bool] = {}
+"""Whether references are counted to anything in a value, by its type."""
+
+
+class Owners(runtime.NRTContext):  # type: ignore[misc]  # a class of unknown type
+    """Finds what counts the references to a value, and reads nothing else of it."""
+
+    def get_meminfos(self, builder: Any, kind: Any, value: Any) -> list[tuple[Any, Any]]:
+        """Type and owner of all that a value consists of and references are counted to."""
+        fields = self._context.data_model_manager[kind]
+        if kind not in _counted:
+            _counted[kind] = fields.contains_nrt_meminfo()
+        if not _counted[kind]:
+            return []
+        if isinstance(kind, types.Array):
+            return [(kind, builder.extract_value(value, fields.get_field_position("meminfo")))]
+        found: list[tuple[Any, Any]] = super().get_meminfos(builder, kind, value)
+        return found
 
 
 class Lower(lowering.Lower):  # type: ignore[misc]  # a class of unknown type
@@ -40,6 +64,7 @@ class Lower(lowering.Lower):  # type: ignore[misc]  # a class of unknown type
         """Called at the end of the constructor."""
         super().init()
         self._operators = OperatorTypes(self.context.typing_context, self.flags)
+        self._borrowed: set[str] = set()
         measure = self.context.get_abi_sizeof
 
         def find_size(kind: Any) -> int:
@@ -49,6 +74,37 @@ class Lower(lowering.Lower):  # type: ignore[misc]  # a class of unknown type
 
         # The context is a copy, for this function alone.
         self.context.get_abi_sizeof = find_size
+        self.context.nrt = Owners(self.context, self.context.enable_nrt)
+
+    def lower_assign(self, resty: Any, inst: Any) -> Any:
+        """Write an assignment."""
+        value = inst.value
+        if isinstance(value, ir.Expr) and value.op == "getattr":
+            kind = self.typeof(value.value.name)
+            if isinstance(kind, HandleType):
+                self._borrowed.add(inst.target.name)
+                return self._write_field(resty, kind, value)
+        return super().lower_assign(resty, inst)
+
+    def _write_field(self, resty: Any, kind: Any, expr: Any) -> Any:
+        """Write how a handle's field is read."""
+        address = self.loadvar(expr.value.name)
+        field = read_field(self.context, self.builder, kind, address, expr.attr)
+        found = kind.fields[expr.attr].kind if expr.attr in kind.fields else kind
+        return self.context.cast(self.builder, field, found, resty)
+
+    def delvar(self, name: str) -> None:
+        """Write what follows the last use of a variable: nothing, if its value is borrowed."""
+        if not (name in self._borrowed and name in self._blk_local_varmap):
+            super().delvar(name)
+
+    def _lower_call_normal(self, fnty: Any, expr: Any, signature: Any) -> Any:
+        """Write a call; that of an extreme of numbers as Numba does, but no function for it."""
+        compare = EXTREMES.get(getattr(fnty, "typing_key", None))
+        if compare is None or not all(isinstance(kind, types.Number) for kind in signature.args):
+            return super()._lower_call_normal(fnty, expr, signature)
+        values = self.fold_call_args(fnty, signature, expr.args, expr.vararg, expr.kws)
+        return builtins.do_minmax(self.context, self.builder, signature.args, values, compare)
 
     def lower_binop(self, resty: Any, expr: Any, op: Any) -> Any:
         """Write an operator of two operands."""

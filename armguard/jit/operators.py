@@ -12,9 +12,14 @@ import types as python_types
 from typing import Any
 
 from numba import types as numba_types
+from numba.core import typing as numba_typing
 
 # Numba's functions are untyped: they are called as anything is.
 types: Any = numba_types
+typing: Any = numba_typing
+
+EXTREMES: dict[Any, Any] = {min: operator.lt, max: operator.gt}
+"""What says of two numbers that the later one is nearer to each extreme."""
 
 _Signatures = dict[tuple[int, tuple[Any, ...]], tuple[Any, Any]]
 
@@ -42,6 +47,9 @@ class OperatorTypes:
 
     def resolve_function_type(self, function: Any, args: Any, kws: Any) -> Any:
         """Signature of a function for arguments of these types; None: there is none."""
+        if not kws and _is_extreme(function, args):
+            kinds = tuple(map(types.unliteral, args))
+            return typing.signature(self._context.unify_types(*kinds), *kinds)
         if kws or not _is_operator(function) or not all(_is_plain(kind) for kind in args):
             return self._context.resolve_function_type(function, args, kws)
         key = id(function), tuple(args)
@@ -63,6 +71,14 @@ class OperatorTypes:
         if key not in _operators:
             _operators[key] = self._context.resolve_value_type(function)
         return _operators[key]
+
+
+def _is_extreme(function: Any, args: Any) -> bool:
+    """Whether a call is that of the least or greatest of some numbers."""
+    if not (isinstance(function, types.Function) and len(args) > 1):
+        return False
+    is_number = all(isinstance(kind, types.Integer | types.Float) for kind in args)
+    return is_number and function.typing_key in EXTREMES
 
 
 def _is_operator(function: Any) -> bool:

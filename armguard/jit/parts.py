@@ -3,7 +3,8 @@
 Numba optimises each function together with all that it calls and makes machine code of the whole,
 for each function anew. In a chain of twelve that is done twelve times with what the last one does,
 and eleven times for nothing. A part stops before: it is linked into its callers as it was written,
-and optimised and translated once, within each entry.
+and optimised and translated once, within each entry. What is long and within many entries stays
+outside of them instead: it is compiled as an entry is, and they call it by its symbol.
 
 Parts are made by replacing one step of Numba's compiler and the kind of library that it fills. With
 it, steps are left out that find nothing in a kernel and look for it for long, and code is written
@@ -33,10 +34,15 @@ untyped_passes: Any = numba_untyped_passes
 lookup_environment: Any = numba_lookup_environment
 
 
-NEEDLESS = (untyped_passes.InlineClosureLikes, passes.NopythonRewrites, passes.AnnotateTypes)
-"""Steps for what no kernel has, functions within functions and sums of whole arrays, which are
-right without but slow; and a listing of all types for readers. Together they take a twentieth of
-the time."""
+NEEDLESS = (
+    untyped_passes.InlineClosureLikes,
+    passes.NopythonRewrites,
+    passes.InlineOverloads,
+    passes.AnnotateTypes,
+)
+"""Steps for what no kernel has, functions within functions, sums of whole arrays and Numba's own
+functions that it writes out, which are right without but slow; and a listing of all types for
+readers. Together they take a twentieth of the time."""
 
 
 class KernelLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # a class of unknown type
@@ -64,6 +70,8 @@ class PartLibrary(KernelLibrary):
 
     def get_pointer_to_function(self, name: str) -> int:
         """Null: there is no machine code."""
+        # What it calls is asked for next, to be kept along with it; now it is linked.
+        self._ensure_finalized()
         return 0
 
     def serialize_using_object_code(self) -> Any:
@@ -122,6 +130,19 @@ class EntryLibrary(KernelLibrary):
         manager, builder = self._codegen._module_pass_manager()
         manager.run(self._final_module, builder)
 
+    def _verify_declare_only_symbols(self) -> None:
+        """Have all that is called be there: a call of what is not would end the process.
+
+        Raises:
+            LookupError: It is not.
+        """
+        super()._verify_declare_only_symbols()
+        for function in self._final_module.functions:
+            name = function.name
+            is_called = function.is_declaration and name.startswith("_ZN")
+            if is_called and not self._codegen._engine.is_symbol_defined(name):
+                raise LookupError(f"{self.name} calls {name}, which has no machine code")
+
     def serialize_using_object_code(self) -> Any:
         """For the cache: the machine code, and the names of what is in it.
 
@@ -132,6 +153,19 @@ class EntryLibrary(KernelLibrary):
         empty = (f'define void @"{name}"() {{ ret void }}' for name in names)
         named = codegen.ll.parse_assembly("\n".join(empty))
         return self.name, "object", (self._get_compiled_object(), named.as_bitcode())
+
+
+def link_by_symbol(library: Any, load: Any) -> None:
+    """Have nothing of a library linked into what calls it, which finds its machine code by symbol.
+
+    Args:
+        library: Whose machine code is in memory.
+        load: Called, without arguments, before any of these callers is read from a cache; it is
+            kept along with them.
+    """
+    nothing = codegen.ll.parse_assembly(str(library.codegen._create_empty_module(library.name)))
+    library._shared_module = nothing
+    library._reload_init = {load}
 
 
 @machinery.register_pass(mutates_CFG=True, analysis_only=False)

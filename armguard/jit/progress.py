@@ -17,7 +17,7 @@ from numba.core import event as numba_event
 # Numba's functions are untyped: they are called as anything is.
 event: Any = numba_event
 
-USUAL = 220
+USUAL = 210
 """About how many kernels a first start compiles; `benchmarks/bench_start.py` counts them."""
 
 COMPILING = "compiling kernel"

@@ -19,7 +19,7 @@ import numpy as np
 from armguard.bounds.table_time import ArmSphere, is_free_to_end, table_contact_time
 from armguard.contact.advancement import pair_distance_time, row_contact_time
 from armguard.contact.bodies import Ball, Bounds, Hull
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, separate_kernel
 from armguard.jit.numerics import TERM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.table import States
@@ -108,7 +108,7 @@ class StatePlace(NamedTuple):
     """Of the state, in [s]."""
 
 
-@kernel
+@separate_kernel
 def link_time(
     handle: Any,
     link: int,

@@ -15,7 +15,7 @@ from armguard.bounds.isotropic import VelocityErrors, fill_velocity_errors
 from armguard.bounds.joint_table import JointTable
 from armguard.bounds.limits import JointLimits
 from armguard.jit.arrays import FloatArray, IntArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import separate_kernel
 from armguard.obstacles.table import Marks, States
 from armguard.robot.kinematics import ArmPlacement, ArmSpheres, move_spheres
 
@@ -128,7 +128,7 @@ def thread_tree(spheres: ArmSpheres) -> SphereTree:
     return SphereTree(spheres.root, first_child, parent, skip, spheres.radius)
 
 
-@kernel
+@separate_kernel
 def prepare_arm(scene: Scene, q: FloatArray, v: FloatArray, age: float) -> None:
     """Fill all that evaluations need to know of the arm, whose joints are placed already.
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, separate_kernel
 from armguard.robot.brakes import BrakeCurves
 from armguard.robot.joint_history import (
     JointHistory,
@@ -104,7 +104,7 @@ class Guard(NamedTuple):
     """What all states believed so far allow."""
 
 
-@kernel
+@separate_kernel
 def accept(
     guard: Guard, stamp: float, q_given: FloatArray, v_given: FloatArray, now: float
 ) -> tuple[int, int, float, float]:

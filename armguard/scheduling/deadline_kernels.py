@@ -38,7 +38,7 @@ from armguard.bounds.operating_history import (
     keeps_operating_limits,
 )
 from armguard.jit.arrays import FloatArray, IntArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, separate_kernel
 from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
 from armguard.obstacles.table import clear_changed_rows, copy_state
@@ -466,7 +466,7 @@ def _read_ahead(scene: Scene, certificates: Certificates) -> int:
     return some
 
 
-@kernel
+@separate_kernel
 def _evaluate_due(
     handle: Any, placed: bool, spent_before: int, moment: Moment
 ) -> tuple[int, int, float, int, int, int, int]:
@@ -621,7 +621,7 @@ def _is_proved(
     return True
 
 
-@kernel
+@separate_kernel
 def _holds_for_newer(scene: Scene, certificates: Certificates, row: int, place: int) -> bool:
     """Whether what was proved of a row's state holds for its next one, as certificates do.
 

@@ -1,7 +1,12 @@
+import itertools
+import math
+from typing import NamedTuple
+
 import numpy as np
 import pytest
+from numba.core.runtime import _nrt_python, rtsys
 
-from armguard.jit import kernel
+from armguard.jit import kernel, pack
 
 
 @kernel
@@ -51,3 +56,65 @@ def test_items_are_read_and_set_as_python_does_from_either_end(kind):
             function(numbers, counts, flags, pairs.T, k)
             results.append([array.tolist() for array in (numbers, counts, flags, pairs)])
         assert results[0] == results[1]
+
+
+@kernel
+def find_extremes(x, y, z, count):
+    return (
+        min(x, y), max(x, y), min(x, y, z), max(x, y, z),
+        min(x, count), max(count, x), min(count, 2), max(3, count), max((x, y, z)),
+    )  # fmt: skip
+
+
+def test_extremes_of_numbers_are_those_of_python_to_the_bit():
+    numbers = (0.0, -0.0, 1.5, -2.0, math.inf, -math.inf, math.nan)
+    for x, y, z in itertools.product(numbers, repeat=3):
+        for count in (-1, 2, 5):
+            found = np.array(find_extremes(x, y, z, count), dtype=float)
+            told = np.array(find_extremes.py_func(x, y, z, count), dtype=float)
+            assert found.tobytes() == told.tobytes()
+
+
+class Lent(NamedTuple):
+    values: np.ndarray
+    scale: float
+
+
+@kernel
+def make_arrays(handle, given, take_given):
+    content = handle.content
+    values = content.values
+    made = np.zeros(values.shape[0])
+    for i in range(values.shape[0]):
+        made[i] = content.scale * content.values[i] + given[i]
+    pair = (made, given)
+    chosen = given[1:] if take_given else made
+    return pair, chosen
+
+
+@pytest.fixture
+def count_living():
+    """Says how many arrays that compiled code made are alive."""
+    _nrt_python.memsys_enable_stats()
+
+    def count():
+        counts = rtsys.get_allocation_stats()
+        return counts.alloc - counts.free, counts.mi_alloc - counts.mi_free
+
+    yield count
+    _nrt_python.memsys_disable_stats()
+
+
+def test_arrays_that_kernels_make_live_as_long_as_they_are_held(count_living):
+    values, given = np.arange(4.0), np.ones(4)
+    handle = pack(Lent(values, 2.0))
+    make_arrays(handle, given, True)  # compiled
+    before = count_living()
+    kept = [make_arrays(handle, given, bool(k % 2)) for k in range(50)]
+    for k, ((made, same), chosen) in enumerate(kept):
+        assert made.tolist() == [1.0, 3.0, 5.0, 7.0]
+        assert same.tolist() == given.tolist()
+        assert chosen.tolist() == ([1.0, 1.0, 1.0] if k % 2 else made.tolist())
+    del kept, made, same, chosen
+    assert count_living() == before
+    assert values.tolist() == [0.0, 1.0, 2.0, 3.0]
