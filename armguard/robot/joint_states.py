@@ -93,7 +93,7 @@ class JointStates:
             ),
         )
         self._handle = pack(self.guard)
-        strided = np.zeros((joints, 2))[:, 0]
+        strided = np.zeros((2, 2))[:, 0]  # a single joint's would be of another type
         self._accept = machine_code(accept_at, self._handle, 0.0, strided, strided, 0.0)
         self._compile()
 
