@@ -72,12 +72,9 @@ def arrange_surface(triangles: FloatArray) -> Surface:
     step = max((float(np.prod(np.maximum(extent, thinnest))) / _CELLS) ** (1 / 3), _FINEST)
     counts = np.ceil(extent / step).astype(np.int64) + 4
     corner = corners.min(axis=0) - 2.0 * step
-    axes = [corner[i] + step * (np.arange(counts[i]) + 0.5) for i in range(3)]
-    middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    distances = np.empty(len(middles))
-    _distances(middles, whole, distances)
     # A step that crosses the surface has an end within half a step of it.
-    is_free = (distances > 0.55 * step).reshape(*counts)
+    is_free = np.ones(tuple(counts), dtype=np.bool_)
+    _mark_near(corner, step, whole, 0.55 * step, is_free)
     is_wet = _flood(is_free)
     is_outer = _touch(triangles, is_wet, corner, step)
     outer = _sort_into_blocks(triangles[is_outer]) if is_outer.any() else whole
@@ -153,9 +150,42 @@ def _touch(
 
 
 @kernel
-def _distances(points, surface, distances):
-    for i in range(len(points)):
-        distances[i] = measure_distance(points[i, 0], points[i, 1], points[i, 2], surface)
+def _mark_near(corner, step, surface, limit, is_free):
+    """Mark as not free all cells whose middles are no farther from the surface than `limit`."""
+    for i in range(is_free.shape[0]):
+        x = corner[0] + step * (i + 0.5)
+        for j in range(is_free.shape[1]):
+            y = corner[1] + step * (j + 0.5)
+            k = 0
+            # Invariant: all cells of this row before k are marked as they should be.
+            while k < is_free.shape[2]:
+                room = _find_room(x, y, corner[2] + step * (k + 0.5), surface, limit)
+                if room > limit:
+                    # Each cell on the way is nearer by no more than a step.
+                    k += 1 + int(min((room - limit) / (step * (1.0 + PRUNING_SLACK)), 1e6))
+                else:
+                    is_free[i, j, k] = False
+                    k += 1
+
+
+@kernel
+def _find_room(px, py, pz, surface, limit):
+    """A lower bound on the distance to all triangles; 0 if one is no farther than `limit`."""
+    triangles, starts, balls = surface.triangles, surface.starts, surface.balls
+    room = math.inf
+    for block in range(len(balls)):
+        x, y, z = balls[block, 0] - px, balls[block, 1] - py, balls[block, 2] - pz
+        away = math.sqrt(x * x + y * y + z * z)
+        bound = away - balls[block, 3] - PRUNING_SLACK * away
+        if not bound > limit:
+            bound = math.inf
+            for j in range(starts[block], starts[block + 1]):
+                bound = min(bound, _triangle_squared(triangles[j], px, py, pz))
+            bound = math.sqrt(bound)
+            if not bound > limit:
+                return 0.0
+        room = min(room, bound)
+    return room
 
 
 @kernel
@@ -184,10 +214,7 @@ def measure_distance(px, py, pz, surface):
         if not (math.sqrt(x * x + y * y + z * z) - balls[block, 3] <= farthest):
             continue
         for j in range(starts[block], starts[block + 1]):
-            ax, ay, az = triangles[j, 0, 0] - px, triangles[j, 0, 1] - py, triangles[j, 0, 2] - pz
-            bx, by, bz = triangles[j, 1, 0] - px, triangles[j, 1, 1] - py, triangles[j, 1, 2] - pz
-            cx, cy, cz = triangles[j, 2, 0] - px, triangles[j, 2, 1] - py, triangles[j, 2, 2] - pz
-            nearest = min(nearest, _squared_distance(ax, ay, az, bx, by, bz, cx, cy, cz))
+            nearest = min(nearest, _triangle_squared(triangles[j], px, py, pz))
         farthest = min(farthest, math.sqrt(nearest))
     return math.sqrt(nearest)
 
@@ -233,6 +260,16 @@ def _segment_squared(ax, ay, az, bx, by, bz):
         s = min(1.0, max(0.0, -(ax * ex + ay * ey + az * ez) / length))
     x, y, z = ax + s * ex, ay + s * ey, az + s * ez
     return x * x + y * y + z * z
+
+
+@kernel
+def _triangle_squared(triangle, px, py, pz):
+    """Squared distance from a point to a triangle."""
+    return _squared_distance(
+        triangle[0, 0] - px, triangle[0, 1] - py, triangle[0, 2] - pz,
+        triangle[1, 0] - px, triangle[1, 1] - py, triangle[1, 2] - pz,
+        triangle[2, 0] - px, triangle[2, 1] - py, triangle[2, 2] - pz,
+    )  # fmt: skip
 
 
 @kernel(inline="always")

@@ -329,14 +329,14 @@ def find_cache(source: Path) -> Path:
     return beside / place
 
 
-Source = tuple[bytes, tuple[Path, ...]]
+Source = tuple[bytes, tuple[str, ...]]
 """Digest of a source, and what it imports of the package."""
 
-_seen: dict[Path, Source] = {}
+_seen: dict[str, Source] = {}
 """Sources of this process's kernels; most count for dozens of modules, and are read once."""
 
 
-def digest_sources(source: Path, package: Path, seen: dict[Path, Source] | None = None) -> str:
+def digest_sources(source: Path, package: Path, seen: dict[str, Source] | None = None) -> str:
     """A digest of a module's source and of all sources of its package that it imports.
 
     What compiles kernels and reads their handles counts with each, imported or not.
@@ -347,17 +347,18 @@ def digest_sources(source: Path, package: Path, seen: dict[Path, Source] | None 
         seen: Sources that were read before; those that are read now are added.
     """
     seen = {} if seen is None else seen
-    sources: set[Path] = set()
-    waiting = [source, *(package / "jit").glob("*.py")]
+    sources: set[str] = set()
+    root = str(package)
+    waiting = [str(source), *map(str, (package / "jit").glob("*.py"))]
     while waiting:
         path = waiting.pop()
         if path not in sources:
             sources.add(path)
             if path not in seen:
-                content = path.read_bytes()
+                content = Path(path).read_bytes()
                 seen[path] = (
                     hashlib.sha256(content).digest(),
-                    find_imported(path, content, package),
+                    find_imported(path, content, root),
                 )
             waiting.extend(seen[path][1])
     digest = hashlib.sha256()
@@ -378,7 +379,7 @@ IMPORT_FROM = re.compile(
 """An import from a module: dots, module, and what is taken, in brackets or not."""
 
 
-def find_imported(source: Path, content: bytes, package: Path) -> tuple[Path, ...]:
+def find_imported(source: str, content: bytes, package: str) -> tuple[str, ...]:
     """Files of the package that a module's imports could take anything from.
 
     A name that is taken from a package can be the package's own or one of its modules, so both
@@ -386,29 +387,36 @@ def find_imported(source: Path, content: bytes, package: Path) -> tuple[Path, ..
     them gets into a kernel unless it is named.
 
     All that looks like an import counts, in a string as well: a source too many does no harm, and
-    to parse all sources would take a third of a start's time.
+    to parse all sources would take a third of a start's time. Paths are strings, because thousands
+    of them as objects would take a tenth.
 
     Args:
         source: The module's file.
         content: What stands in it.
         package: The folder of the package `armguard`.
     """
+    join = os.path.join
     text = re.sub(r"\\\r?\n", " ", content.decode(errors="replace"))
-    modules: list[Path] = []
+    modules: list[str] = []
     for names in IMPORT.findall(text):
         for name, *parts in filter(None, map(WORD.findall, names.split(","))):
             if name == "armguard":
                 # An import of armguard.a.b makes armguard and armguard.a accessible as well.
-                modules += [package.joinpath(*parts[:k]) for k in range(len(parts) + 1)]
+                modules += [join(package, *parts[:k]) for k in range(len(parts) + 1)]
     for dots, module, within, beside in IMPORT_FROM.findall(text):
         parts = WORD.findall(module)
-        if 0 < (level := dots.count(".")) <= len(source.parents):
-            place = source.parents[level - 1].joinpath(*parts)
+        if "." in dots:
+            place = source
+            for _ in range(dots.count(".")):
+                place = os.path.dirname(place)
+            place = join(place, *parts)
         elif parts[:1] == ["armguard"]:
-            place = package.joinpath(*parts[1:])
+            place = join(package, *parts[1:])
         else:
             continue
         taken = WORD.findall(re.sub("#.*", "", within)) + WORD.findall(beside)
-        modules += [place, *(place / name for name in taken)]
-    files = [file for one in modules for file in (Path(f"{one}.py"), one / "__init__.py")]
-    return tuple(file for file in dict.fromkeys(files) if file.is_file())
+        modules += [place, *(join(place, name) for name in taken)]
+    files = (
+        file for one in dict.fromkeys(modules) for file in (f"{one}.py", join(one, "__init__.py"))
+    )
+    return tuple(filter(os.path.isfile, files))

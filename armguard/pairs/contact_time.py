@@ -48,7 +48,7 @@ def sphere_of(scene: Scene, node: int) -> ArmSphere:
     arm = scene.arm
     return ArmSphere(
         arm.centers[node, 0], arm.centers[node, 1], arm.centers[node, 2],
-        scene.placement.jacobian, arm.lever[node], arm.slope_error[node],
+        scene.placement.jacobian.T, arm.lever[node], arm.slope_error[node],
     )  # fmt: skip
 
 

@@ -67,14 +67,15 @@ class JointStates:
             v=self.v,
             read_q=np.zeros(joints),
             read_v=np.zeros(joints),
-            lower=robot.lower_position_limit - robot.position_error,
-            upper=robot.upper_position_limit + robot.position_error,
-            fastest=robot.velocity_limit + robot.velocity_error,
+            # Of one type, or all that reads them is compiled anew for limits of less precision.
+            lower=np.subtract(robot.lower_position_limit, robot.position_error, dtype=FLOAT),
+            upper=np.add(robot.upper_position_limit, robot.position_error, dtype=FLOAT),
+            fastest=np.add(robot.velocity_limit, robot.velocity_error, dtype=FLOAT),
             continuous=find_continuous(robot.lower_position_limit, robot.upper_position_limit),
             operating_velocity=in_force.velocity,
             operating_acceleration=in_force.acceleration,
-            velocity_error=np.array(robot.velocity_error),
-            acceleration_limit=np.array(robot.acceleration_limit),
+            velocity_error=np.array(robot.velocity_error, dtype=FLOAT),
+            acceleration_limit=np.array(robot.acceleration_limit, dtype=FLOAT),
             brakes=in_force.brakes,
             heard=np.array([-math.inf]),
             standing=np.zeros(3),
@@ -92,7 +93,7 @@ class JointStates:
             ),
         )
         self._handle = pack(self.guard)
-        strided = np.zeros((joints, 2))[:, 0]
+        strided = np.zeros((2, 2))[:, 0]  # a single joint's would be of another type
         self._accept = machine_code(accept_at, self._handle, 0.0, strided, strided, 0.0)
         self._compile()
 

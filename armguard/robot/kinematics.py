@@ -33,8 +33,8 @@ class ArmPlacement(NamedTuple):
     translation: FloatArray
     """Origins of joint frames in the world, in [m]. Shape (J, 3)."""
     jacobian: FloatArray
-    """Pinocchio's `data.J`: each joint's motion at the world's origin, linear part first. Shape
-    (6, nv)."""
+    """Pinocchio's `data.J`, transposed: each joint's motion at the world's origin, linear part
+    first. Shape (nv, 6)."""
     moves: BoolArray
     """Which joints move which joint's frame. Shape (J, nv)."""
     joint: IntArray
@@ -127,8 +127,9 @@ class Kinematics:
         # Its views do not keep `data` alive: what uses it must hold on to this object.
         self.placement = ArmPlacement(
             *_view_data(self.data, self.model.njoints),
-            # Pinocchio shows that of a single joint without its second axis.
-            self.data.J.reshape(6, -1),
+            # Pinocchio shows that of a single joint without its second axis. Transposed, it is laid
+            # out alike for one joint and for many, and kernels are compiled once for both.
+            self.data.J.reshape(6, -1).T,
             moves,
             self.spheres.joint,
             self.spheres.local,
@@ -234,12 +235,12 @@ def move_spheres(placement: ArmPlacement, v: FloatArray) -> None:
             lx = ly = lz = wx = wy = wz = 0.0
             for j in range(v.shape[0]):
                 if placement.moves[carried, j]:
-                    lx += jacobian[0, j] * v[j]
-                    ly += jacobian[1, j] * v[j]
-                    lz += jacobian[2, j] * v[j]
-                    wx += jacobian[3, j] * v[j]
-                    wy += jacobian[4, j] * v[j]
-                    wz += jacobian[5, j] * v[j]
+                    lx += jacobian[j, 0] * v[j]
+                    ly += jacobian[j, 1] * v[j]
+                    lz += jacobian[j, 2] * v[j]
+                    wx += jacobian[j, 3] * v[j]
+                    wy += jacobian[j, 4] * v[j]
+                    wz += jacobian[j, 5] * v[j]
         px, py, pz = placement.local[i, 0], placement.local[i, 1], placement.local[i, 2]
         rotation, translation = placement.rotation[carried], placement.translation[carried]
         x = rotation[0, 0] * px + rotation[0, 1] * py + rotation[0, 2] * pz + translation[0]

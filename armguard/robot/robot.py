@@ -8,8 +8,10 @@ A robot that lacks a limit, a mesh or a link's geometry is refused: nothing vani
 
 from __future__ import annotations
 
+import functools
 import threading
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -61,7 +63,8 @@ class PublishedLimits(NamedTuple):
     """Where both come from; "CHOSEN" marks a figure that is published nowhere."""
 
 
-class _Link(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Link:
     joint: int
     """Index of the joint that moves it."""
     triangles: FloatArray
@@ -69,6 +72,13 @@ class _Link(NamedTuple):
     pieces: FloatArray
     """Of its surface, as `patches` has them."""
     is_attached: bool
+
+    @functools.cached_property
+    def hull(self) -> FloatArray:
+        """Vertices of its triangles, each once; read-only, as every monitor shares them."""
+        vertices = np.unique(self.triangles.reshape(-1, 3), axis=0)
+        vertices.flags.writeable = False
+        return vertices
 
 
 class _Bodies(NamedTuple):
@@ -393,9 +403,14 @@ class Robot:
         """Points whose convex hull contains a link.
 
         Returns:
-            Vertices of its surface in the frame of its parent joint, in [m]. Shape (n, 3).
+            Vertices of its surface in the frame of its parent joint, in [m]; read-only, and found
+            once. Shape (n, 3).
+
+        Raises:
+            RobotError: As `triangles` does.
         """
-        return np.unique(self.triangles(link).reshape(-1, 3), axis=0)
+        self._check_link(link)
+        return self._bodies.links[link].hull
 
     def fixed_points(self) -> Mapping[str, FloatArray]:
         """Of each link that no watched joint moves, points whose convex hull contains it.

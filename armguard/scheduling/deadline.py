@@ -504,7 +504,7 @@ class DeadlineScheduler:
             Moment(0.0, 0.0, 0, 0.0, 0.0),
             StopQuestion(0.0, 0.0, 0.0, 0.0, 0.0, True, 0.0, 0, 0),
         )
-        some = np.zeros((len(self._states.q), 2))[:, 0]
+        some = np.zeros((2, 2))[:, 0]  # a single joint's would be of another type
         return (
             machine_code(advance, handle, 0.0, some, some, 0.0, 0.0, 0, True),
             machine_code(evaluate_due, handle, True, 0, moment),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import atexit
+import gc
 import os
 import sys
 from pathlib import Path
@@ -29,6 +31,8 @@ def main() -> int:
     parser.add_argument("--export", type=Path, help="write a file that plays offline at the end")
     parser.add_argument("--parent", type=int, default=None, help="end when this process has ended")
     options = parser.parse_args()
+    # What is left at the end goes with the process: to collect it would take up to 0.3 s.
+    atexit.register(gc.freeze)
     os.nice(NICENESS)
     try:
         keys = None

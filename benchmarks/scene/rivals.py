@@ -85,7 +85,7 @@ class Sweep:
         self._near = np.zeros((6, kept), dtype=np.float32 if single else np.float64)
         self._answer = np.zeros(6)
         self._answer[sweeps.WIDEN] = sweeps.ROOM_SINGLE if single else sweeps.ROOM
-        self._arrays = placement.rotation, placement.translation, placement.jacobian
+        self._arrays = placement.rotation, placement.translation, placement.jacobian.T
         self._room = np.ones((6, sweeps.BLOCK))
 
     def update(self, rows: slice, names, stamp: float, position, velocity) -> None:

@@ -45,6 +45,22 @@ def test_the_version_is_one_line_with_what_verdicts_depend_on(capsys):
     )
 
 
+def test_a_process_does_not_look_through_all_that_it_has_at_its_end():
+    """Which takes as long as a third of its start; what was registered first is called last."""
+    program = (
+        "import atexit, gc, sys\n"
+        "atexit.register(lambda: print('left out', gc.get_freeze_count(), gc.get_count()[0]))\n"
+        "from armguard.app.cli import main\n"
+        "sys.argv = ['armguard', 'robots']\n"
+        "sys.exit(main())\n"
+    )
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert told.returncode == 0, told.stderr
+    left_out, young = map(int, told.stdout.rpartition("left out ")[2].split())
+    assert left_out > 100_000
+    assert young < 1000
+
+
 def test_help_of_each_command_has_an_example(capsys):
     commands = list_commands(capsys)
     assert {"demo", "robots"} <= set(commands)

@@ -2,7 +2,7 @@ import coal
 import numpy as np
 import pytest
 
-from armguard.cover.signed_distance import compute_signed_distances
+from armguard.cover.signed_distance import _mark_near, _sort_into_blocks, compute_signed_distances
 from armguard.cover.triangulation import triangulate
 
 
@@ -65,3 +65,18 @@ def test_degenerate_triangles_are_segments_or_points(corners, points):
     sampled = np.linalg.norm(points[:50, None] - line, axis=2).min(axis=1)
     distances = compute_signed_distances(points[:50], triangle)
     np.testing.assert_allclose(distances, sampled, atol=1e-3)
+
+
+@pytest.mark.parametrize("limit", [0.0, 0.03, 0.2])
+def test_cells_are_marked_that_are_near_the_surface_and_no_others(limit):
+    random = np.random.default_rng(7)
+    for count in (1, 20, 300):
+        surface = _sort_into_blocks(random.normal(size=(count, 3, 3)) * (0.5, 0.1, 0.2))
+        corner, step = np.array([-2.0, -0.5, -0.9]), 0.06
+        is_free = np.ones((60, 17, 30), dtype=np.bool_)
+        _mark_near(corner, step, surface, limit, is_free)
+        middles = corner + step * (np.argwhere(np.ones_like(is_free)) + 0.5)
+        distances = np.abs(compute_signed_distances(middles, surface))
+        assert (is_free.ravel() == (distances > limit)).all()
+        assert is_free.any()
+        assert limit == 0.0 or not is_free.all()

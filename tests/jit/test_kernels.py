@@ -89,13 +89,13 @@ def find_parsed(source):
 
 def test_nothing_that_the_sources_import_is_missed():
     for source in PACKAGE.rglob("*.py"):
-        found = find_imported(source, source.read_bytes(), PACKAGE)
+        found = find_imported(str(source), source.read_bytes(), str(PACKAGE))
         for name in find_parsed(source):
             first, *parts = name.split(".")
             if first == "armguard":
                 place = PACKAGE.joinpath(*parts)
                 files = {place.with_name(f"{place.name}.py"), place / "__init__.py"}
-                assert {file for file in files if file.is_file()} <= set(found), (source, name)
+                assert {str(file) for file in files if file.is_file()} <= set(found), (source, name)
 
 
 def test_the_face_of_a_package_counts_where_something_is_taken_from_it(package):

@@ -6,8 +6,9 @@ import pytest
 
 from armguard.jit import turns
 from armguard.jit.turns import take_turn
+from support.kernel_program import ALONE
 
-HOLDER = (
+HOLDER = ALONE + (
     "import sys, time\n"
     "from pathlib import Path\n"
     "from armguard.jit.turns import take_turn\n"
@@ -16,7 +17,7 @@ HOLDER = (
     "    time.sleep(600.0)\n"
 )
 
-COMPILER = (
+COMPILER = ALONE + (
     "import sys\n"
     "from numba.core import event\n"
     "from armguard.jit import kernel\n"

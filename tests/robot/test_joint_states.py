@@ -4,8 +4,10 @@ import math
 import numpy as np
 import pytest
 
+from armguard.jit import pack
 from armguard.robot import JointStates
 from armguard.robot.joint_acceptance import NO_JOINT, find_runaway
+from armguard.robot.portable import LIMITS
 from armguard.verdict import ReasonKind
 from support.joint_states import TIMEOUT, changed, kind_of, receive
 from support.panda_monitor import HOME, STILL, panda
@@ -36,6 +38,17 @@ def test_what_is_taken_is_a_copy(states):
     receive(states, 1.0, q, STILL, 1.0)
     q += 9.0
     assert (states.q == HOME).all()
+
+
+def test_limits_of_less_precision_need_no_kernels_of_their_own(monkeypatch):
+    expected = pack(JointStates(panda(), TIMEOUT).guard).kind
+    for name in LIMITS:  # other tests share the robot
+        monkeypatch.setattr(panda(), name, np.float32(getattr(panda(), name)))
+    states = JointStates(panda(), TIMEOUT)
+    assert pack(states.guard).kind is expected
+    assert states.guard.fastest == pytest.approx(
+        np.float64(panda().velocity_limit) + np.float64(panda().velocity_error), rel=1e-15
+    )
 
 
 @pytest.mark.parametrize(("joint", "sign"), list(itertools.product(range(7), (1.0, -1.0))))

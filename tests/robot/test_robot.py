@@ -96,6 +96,15 @@ def test_unknown_link_lists_those_that_exist(panda):
         panda.joint_index("panda_link0")
 
 
+def test_corners_of_a_link_are_found_once_and_shared_by_all_who_ask(panda):
+    for link in panda.links:
+        corners = panda.hull(link)
+        assert panda.hull(link) is corners
+        assert not corners.flags.writeable
+        assert {*map(tuple, corners)} == {*map(tuple, panda.triangles(link).reshape(-1, 3))}
+        assert len({*map(tuple, corners)}) == len(corners)
+
+
 def test_a_joints_own_source_comes_before_the_robots(tmp_path):
     row = brakes_for("shoulder", source="")
     limits = limits_for("shoulder", sources={"braking": "measured"}, brakes=[row])

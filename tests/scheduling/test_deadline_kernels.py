@@ -9,8 +9,9 @@ import pytest
 from armguard.contact import earliest_contact_pair
 from armguard.pairs.evaluate import evaluate, find_unsafe_pair
 from armguard.pairs.scene import REACH
-from armguard.robot.joint_acceptance import BELIEVED
+from armguard.robot.joint_acceptance import BELIEVED, accept_at
 from armguard.robot.stop_time import compute_stop_time
+from armguard.scheduling import deadline_kernels
 from armguard.scheduling.certificates import UNPLACED
 from armguard.scheduling.deadline_kernels import (
     CROWD,
@@ -21,6 +22,7 @@ from armguard.scheduling.deadline_kernels import (
 from armguard.scheduling.scheduler import Tick
 from armguard.scheduling.timing_wheel import NOBODY, WAITING, take_out
 from armguard.scheduling.tournament import entries_of
+from armguard.studies.extremes.arms import make_arm
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps
 
@@ -409,3 +411,14 @@ def test_without_a_budget_for_a_closer_look_near_is_a_stop(budget):
     assert verdict.level is Level.STOP
     assert verdict.speed_scale == 0.0
     assert ReasonKind.BUDGET_SPENT in kinds(verdict) or not verdict.complete
+
+
+def test_an_arm_of_one_joint_needs_no_kernels_of_its_own():
+    """Arrays of one column are laid out in both orders at once, and kernels know but one."""
+    names = "advance", "evaluate_due", "find_unsafe", "recall_stops"
+    entries = accept_at, *(getattr(deadline_kernels, name) for name in names)
+    make_monitor("deadline")
+    known = [set(entry.signatures) for entry in entries]
+    assert all(known)
+    make_monitor("deadline", robot=make_arm(1))
+    assert [set(entry.signatures) for entry in entries] == known

@@ -1,4 +1,7 @@
-"""A demo is recorded, whichever of its processes is killed, and replayed to the bit."""
+"""A demo is recorded, whichever of its processes is killed, and replayed to the bit.
+
+The same runs show how a demo ends that loses a process: each takes seconds to start.
+"""
 
 import json
 import os
@@ -8,7 +11,7 @@ import pytest
 
 from armguard.app.cli import main
 from armguard.recording import replay
-from support.demo_processes import RunningDemo, finish, wait_until
+from support.demo_processes import SOON, RunningDemo, finish, wait_until
 from support.recordings_made import read_verdicts
 
 
@@ -32,14 +35,21 @@ def test_a_demo_is_replayed_to_the_bit(tmp_path, capsys):
 @pytest.mark.parametrize("role", ["monitor", "recorder", "launcher"])
 def test_whichever_process_is_killed_the_file_reads_up_to_its_last_chunk(role, tmp_path):
     path = tmp_path / "demo.mcap"
-    arguments = ["--duration", "60", "--no-view", "--json", "--record", str(path)]
+    arguments = ["--duration", "60", "--json", "--record", str(path)]
     with RunningDemo(*arguments, folder=tmp_path) as demo:
         demo.wait_for_verdicts()
         assert wait_until(lambda: path.stat().st_size > 150_000)
         os.kill(demo.pid_of(role), signal.SIGKILL)
         if role == "recorder":
             demo.process.send_signal(signal.SIGINT)
-        assert demo.wait_until_gone(30.0)
+        assert demo.wait_until_gone(SOON if role == "launcher" else 30.0)
+        out, err = demo.process.communicate()
+    if role == "monitor":
+        assert (demo.process.returncode, out) == (1, "")
+        assert err.endswith("armguard: the monitor ended by SIGKILL\n")
+        assert "Traceback" not in err
+    elif role == "launcher":
+        assert demo.process.returncode == -signal.SIGKILL
     report = replay(path)
     assert report.compared > 50
     assert report.is_identical

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from armguard.bounds.model import read_only
 from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import machine_code
 from armguard.jit.kernels import kernel
@@ -134,8 +135,8 @@ class PlanLimits(NamedTuple):
 
 
 def read_plan_limits(robot: Robot) -> PlanLimits:
-    """The limits and errors by which plans for a robot are judged."""
-    return PlanLimits(
+    """The limits and errors by which plans for a robot are judged; read-only copies."""
+    given = (
         robot.lower_position_limit,
         robot.upper_position_limit,
         robot.velocity_limit,
@@ -143,6 +144,8 @@ def read_plan_limits(robot: Robot) -> PlanLimits:
         robot.position_error,
         robot.velocity_error,
     )
+    # Of one type, or all that reads them is compiled anew for limits of less precision.
+    return PlanLimits(*(read_only(np.array(limit, dtype=NUMBER)) for limit in given))
 
 
 class Refusal(NamedTuple):

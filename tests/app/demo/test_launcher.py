@@ -4,7 +4,6 @@ import json
 import os
 import re
 import shutil
-import signal
 from pathlib import Path
 
 import pytest
@@ -14,35 +13,11 @@ from armguard.app.demo.launcher import run_demo, write_cell
 from armguard.app.demo.nodes import make_sources
 from armguard.exceptions import ArmguardError
 from armguard.robot.description import find_robot
-from support.demo_processes import SOON, RunningDemo, finish, listening_sockets
+from support.demo_processes import RunningDemo, finish
 
 RECORDINGS = Path(
     os.environ.get("ARMGUARD_RECORDINGS", Path(__file__).parents[3] / "../shared/data/human-motion")
 )
-
-
-def test_it_listens_on_the_loopback_interface_only_and_ends_when_asked(start, tmp_path):
-    demo = start("--duration", "60", "--json")
-    sockets = listening_sockets(demo.pids())
-    assert len(demo.pids()) == 5
-    assert len(sockets) == 1  # the page
-    assert sockets[0].startswith("0100007F:")
-    demo.process.terminate()
-    out, err = finish(demo)
-    assert demo.process.returncode == 0
-    assert json.loads(out)["ticks"] > 0
-    assert "armguard:" not in err
-    assert not list(tmp_path.iterdir())
-
-
-def test_nothing_outlives_a_launcher_that_is_killed(start):
-    demo = start("--duration", "60", "--json")
-    ports = listening_sockets(demo.pids())
-    assert ports
-    demo.process.kill()
-    assert demo.wait_until_gone(SOON)
-    assert demo.process.wait() == -signal.SIGKILL
-    assert not listening_sockets(demo.pids())
 
 
 def test_a_page_whose_port_is_taken_is_a_mistake(tmp_path):

@@ -12,7 +12,7 @@ from rich.console import Console
 from armguard.app.demo.watcher import Watcher
 from armguard.streams import VerdictReader
 from armguard.verdict import Level
-from support.demo_processes import RunningDemo, finish, wait_until
+from support.demo_processes import RunningDemo, finish, listening_sockets, wait_until
 
 
 def test_without_its_perception_it_ends_and_says_so(start):
@@ -25,27 +25,26 @@ def test_without_its_perception_it_ends_and_says_so(start):
     assert err.count("armguard:") == 1
 
 
-def test_without_its_monitor_it_ends_and_says_so(start):
+def test_without_its_view_it_goes_on_and_a_robot_that_hangs_is_a_stop(start, tmp_path):
+    """And before, it listens on the loopback interface only; after, it ends when asked."""
     demo = start("--duration", "60", "--json")
-    os.kill(demo.pid_of("monitor"), signal.SIGKILL)
-    out, err = finish(demo)
-    assert demo.process.returncode == 1
-    assert out == ""
-    assert err.endswith("armguard: the monitor ended by SIGKILL\n")
-
-
-def test_without_its_view_it_goes_on_and_a_robot_that_hangs_is_a_stop(start):
-    demo = start("--duration", "60", "--json")
+    sockets = listening_sockets(demo.pids())
+    assert len(demo.pids()) == 5
+    assert len(sockets) == 1  # the page
+    assert sockets[0].startswith("0100007F:")
     os.kill(demo.pid_of("view"), signal.SIGKILL)
     with VerdictReader(demo.verdicts) as reader:
         before = reader.latest(timeout=10.0).sequence
         assert wait_until(lambda: reader.latest().sequence > before + 1000)
         os.kill(demo.pid_of("robot"), signal.SIGSTOP)
         assert wait_until(lambda: reader.latest(timeout=1.0).level is Level.STOP)
-    demo.process.send_signal(signal.SIGINT)
-    _, err = finish(demo)
+    demo.process.terminate()
+    out, err = finish(demo)
     assert demo.process.returncode == 0
+    assert json.loads(out)["ticks"] > 0
     assert "the page has ended" in err
+    assert "armguard:" not in err
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_interrupt_before_the_first_tick_is_one_line(tmp_path):

@@ -2,7 +2,10 @@ import numpy as np
 import pytest
 
 from armguard.bounds import Plan, Refusal
-from armguard.bounds.planned.plan import MOST_SAMPLES, read_plan
+from armguard.bounds.planned.plan import MOST_SAMPLES, read_plan, read_plan_limits
+from armguard.jit import pack
+from armguard.robot.portable import LIMITS
+from support.panda_monitor import panda
 
 GOOD = Plan(1.0, [0.0, 0.1, 0.2], np.zeros((3, 2)), np.zeros((3, 2)), [1e-3, 1e-3])
 PLAIN = Plan(1.0, *(np.array(array) for array in GOOD[1:5]), np.full(2, 0.1), np.full(2, 0.01))
@@ -120,3 +123,12 @@ def test_plain_arrays_are_copied():
             assert array.flags.c_contiguous
             with pytest.raises(ValueError, match="read-only"):
                 array[0] = 1.0
+
+
+def test_limits_of_less_precision_need_no_kernels_of_their_own(monkeypatch):
+    expected = pack(read_plan_limits(panda())).kind
+    for name in LIMITS:  # other tests share the robot
+        monkeypatch.setattr(panda(), name, np.float32(getattr(panda(), name)))
+    limits = read_plan_limits(panda())
+    assert pack(limits).kind is expected
+    assert np.array_equal(limits.velocity, panda().velocity_limit)
