@@ -76,7 +76,11 @@ def clearly_allows(record0: Record, record1: Record) -> bool:
     states1, row1, radius1, _, _ = record1
     if not _have_same_shape(record0, record1):
         return False
-    elapsed, _, by_accel, by_speed, velocity_change, top_speed = _find_allowance(record0, record1)
+    allowance = _find_allowance(record0, record1)
+    elapsed, duration, by_accel, by_speed, velocity_change, top_speed = allowance
+    if not duration < math.inf:
+        # Then slack is NaN for what stands still.
+        return False
     stray_limit = find_square_limit(by_accel - radius1)
     step_limit = find_square_limit(by_speed - radius1)
     change_limit, velocity_limit = find_square_limit(velocity_change), find_square_limit(top_speed)

@@ -72,6 +72,10 @@ HELD_UP = 50e-6
 _COMPARISONS = 8
 """How often two clocks are compared at most, before the best comparison must do."""
 
+_SUMMED_AT_ONCE = 10_000
+"""Most numbers whose products BLAS sums up in the thread that asks. More it shares out among other
+threads, and where further processes keep the processors busy, the loop would wait for those."""
+
 _OF_SOURCES = ObstaclesMessage | CloudMessage | RemoveMessage
 """Messages that say whose they are."""
 
@@ -884,7 +888,7 @@ class Edge:
             array = np.asarray(values, float)
             # The sum of their squares is finite only if all are, and found in less than half the
             # time.
-            if math.isfinite(np.vdot(array, array)):
+            if array.size <= _SUMMED_AT_ONCE and math.isfinite(np.vdot(array, array)):
                 continue
             # Bounds may be infinite: that says that there is none.
             good = ~np.isnan(array) if field in ("accel", "speed") else np.isfinite(array)

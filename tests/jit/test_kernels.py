@@ -193,6 +193,13 @@ def program(tmp_path):
     return Program(tmp_path)
 
 
+def test_a_program_that_dies_is_a_failure(program):
+    """As one does that calls machine code which is not there."""
+    with pytest.raises(AssertionError, match="ended with status 9"):
+        program.run(before="import os, signal\nos.kill(os.getpid(), signal.SIGKILL)\n")
+    assert program.run() == ["3.0", "0"]
+
+
 def test_a_cache_with_types_of_a_script_that_is_gone_is_an_empty_one(program, tmp_path):
     """One process packs a tuple of its own, the next knows nothing of where it came from."""
     (tmp_path / "script").mkdir()

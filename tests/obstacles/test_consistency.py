@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from fractions import Fraction
 
 import numpy as np
@@ -327,6 +328,17 @@ def test_hostile_numbers_are_not_clearly_allowed_where_they_break_a_bound(number
     records = lay(old, new)
     if clearly_allows(*records):
         assert find_broken_bound(*records) == ALLOWED
+
+
+LAST = sys.float_info.max
+
+
+@pytest.mark.parametrize("stamps", [(0.0, LAST), (LAST, LAST), (-0.5 * LAST, 0.5 * LAST)])
+@pytest.mark.parametrize("velocity", [(0.0, 0.0, 0.0), (0.0, 0.5, 0.5)])
+def test_nothing_is_clear_at_stamps_whose_slack_is_no_number(stamps, velocity):
+    records = lay(*(record(v=velocity, position_error=0.01, stamp=stamp) for stamp in stamps))
+    assert find_broken_bound(*records) == POSITION_BY_ACCEL
+    assert not clearly_allows(*records)
 
 
 def test_most_of_what_moves_within_its_bounds_is_clear():

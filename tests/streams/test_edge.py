@@ -425,6 +425,22 @@ def test_bad_obstacles_are_named_and_the_verdict_hears_of_them(changes, kind, te
     assert world.obstacles.take_faults(), "the table must know, so that the verdict is STOP"
 
 
+@pytest.mark.parametrize("count", [1, 4000])
+def test_no_sum_is_shared_out_among_threads_that_the_loop_would_wait_for(count, monkeypatch):
+    """OpenBLAS does so beyond 10,000 numbers, and other processes may keep its threads waiting."""
+    sizes, compute = [0], np.vdot
+    monkeypatch.setattr(np, "vdot", lambda a, b: sizes.append(a.size) or compute(a, b))
+    positions = np.full((count, 3), 5.0)
+    message = {"ids": [f"b{i}" for i in range(count)], "velocity": ...}
+    world = World()
+    world.send(obstacles(seq=1, position=positions.tobytes(), **message))
+    assert world.faults.total == 0
+    positions[-1, 1] = math.nan
+    world.send(obstacles(seq=2, position=positions.tobytes(), **message))
+    assert any(f"position[{count - 1}, 1] is nan" in line for line in world.lines)
+    assert max(sizes) <= 10_000
+
+
 def test_good_rows_beside_a_bad_one_are_taken():
     world = World()
     bad = obstacles(ids=["a", "b"], position=[[1, 2, 3], [math.nan, 5, 6]], velocity=...)

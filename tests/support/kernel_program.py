@@ -43,7 +43,9 @@ for line in sys.stdin:
     if os.fork() == 0:
         print(json.dumps(run(*json.loads(line))), flush=True)
         os._exit(0)
-    os.wait()
+    _, status = os.wait()
+    if status:
+        print(json.dumps(["", f"ended with status {{status}}"]), flush=True)
 """
 """Forks a process for each program that it is told of: to import Numba takes several times as long
 as the rest of such a process, and what was read of no source, and of no kernel, is as in a process
@@ -120,7 +122,7 @@ class Program:
                 **environment,
             },
         )
-        assert told.stderr == ""
+        assert told.stderr == "", told.stderr
         return told.stdout.split()
 
     def kept(self):
