@@ -300,6 +300,36 @@ def test_questions_alone_leave_bounds_to_whoever_needs_them():
     assert only_moved > 3
 
 
+@pytest.mark.parametrize(("seed", "count", "nearest"), [(1, 3, 0.85), (10, 9, 0.8)])
+def test_no_tick_reads_what_an_earlier_one_filled_in_of_the_arm(seed, count, nearest):
+    """Each fills in what it reads: spheres for questions, all bounds where it evaluates as well.
+
+    Questions evaluate afresh what they find in the way, and whose certificate has grown stale.
+    """
+    company, afresh = Company(seed, count, nearest, 1.4), 0
+    worlds = [
+        make_monitor(rise_delay=0.0, source_timeout=10.0, max_staleness=0.5) for _ in range(2)
+    ]
+    for k in range(200):
+        verdicts = []
+        for obstacles, monitor in worlds:
+            if k % 40 == 0:
+                company.tell(obstacles, k * PERIOD)
+            if verdicts:
+                scene = monitor._scheduler.arm.state.scene
+                places, table = scene.placement, scene.table
+                for array in (places.centers, places.velocities, table.high, table.low):
+                    array.fill(np.nan)
+                scene.velocity_errors.error.fill(np.nan)
+            verdicts.append(monitor.step(k * PERIOD, *company.arm(k * PERIOD)))
+        assert verdicts[0] == verdicts[1]
+        assert verdicts[0].level is Level.SLOW
+        certificates, tick = worlds[0][1]._scheduler.certificates, worlds[0][1]._last[0]
+        is_busy = (certificates.evaluated_at == tick.time).any()
+        afresh += certificates.numbers[PREPARED] == tick.number and not is_busy
+    assert afresh > 5
+
+
 def test_a_stop_is_proved_by_far_fewer_questions_than_ticks(monkeypatch):
     company, questions = Company(3, 9, 1.0, 1.3), []
     obstacles, monitor = make_monitor(source_timeout=10.0)
