@@ -7,6 +7,7 @@ from armguard.pairs.evaluate import evaluate, find_unsafe_pair
 from armguard.scheduling.certificates import (
     ASKABLE,
     ENDING,
+    IN_VAIN,
     MOVED,
     PREPARED,
     PROVED,
@@ -249,6 +250,35 @@ def test_a_tick_that_has_nothing_to_do_renews_what_ends_soon(monkeypatch):
     assert known.count(ASKABLE) < known.count(ENDING)
     assert busy > 5
     assert both <= 0.2 * busy
+
+
+@pytest.mark.parametrize("ending", ["one", "other"])
+def test_proofs_are_renewed_at_leisure_only_where_nothing_lacks_one(ending):
+    """Whichever is looked at first: what was asked about in vain is not proved."""
+    obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
+    places, still = [[0.72, 0.2, 0.5], [0.72, -0.2, 0.5]], np.zeros((2, 3))
+    see(obstacles, 0.0, places, ["one", "other"], velocity=still)
+    assert steps(monitor, 0, 2)[-1].level is Level.SLOW
+    scheduler, tick = monitor._scheduler, monitor._last[0]
+    tick = tick._replace(number=tick.number + 1)
+    proofs = scheduler.certificates.proofs
+    ends, lacks = (
+        stop_place(obstacles.row(name), False)
+        for name in (("one", "other") if ending == "one" else ("other", "one"))
+    )
+
+    def recall(soon):
+        return scheduler.recall_stops(tick, 1.0, soon=soon)
+
+    proofs.retry_at[[ends, lacks]] = 0.0
+    proofs.until[[ends, lacks]] = tick.time + 1e-3, tick.time + 1.0
+    assert recall(0.5e-3) == PROVED
+    assert recall(2e-3) == ENDING
+    proofs.until[lacks] = tick.time - 1e-9
+    assert recall(2e-3) == ASKABLE
+    proofs.retry_revision[lacks] = proofs.revision[lacks]
+    proofs.retry_at[lacks] = tick.time + 1.0
+    assert recall(2e-3) == IN_VAIN
 
 
 def test_where_an_arm_may_go_at_full_speed_questions_and_evaluations_are_spread_too(monkeypatch):
