@@ -7,6 +7,7 @@ from armguard.pairs.evaluate import evaluate, find_unsafe_pair
 from armguard.scheduling.certificates import (
     ASKABLE,
     ENDING,
+    IN_VAIN,
     MOVED,
     PREPARED,
     PROVED,
@@ -251,6 +252,35 @@ def test_a_tick_that_has_nothing_to_do_renews_what_ends_soon(monkeypatch):
     assert both <= 0.2 * busy
 
 
+@pytest.mark.parametrize("ending", ["one", "other"])
+def test_proofs_are_renewed_at_leisure_only_where_nothing_lacks_one(ending):
+    """Whichever is looked at first: what was asked about in vain is not proved."""
+    obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
+    places, still = [[0.72, 0.2, 0.5], [0.72, -0.2, 0.5]], np.zeros((2, 3))
+    see(obstacles, 0.0, places, ["one", "other"], velocity=still)
+    assert steps(monitor, 0, 2)[-1].level is Level.SLOW
+    scheduler, tick = monitor._scheduler, monitor._last[0]
+    tick = tick._replace(number=tick.number + 1)
+    proofs = scheduler.certificates.proofs
+    ends, lacks = (
+        stop_place(obstacles.row(name), False)
+        for name in (("one", "other") if ending == "one" else ("other", "one"))
+    )
+
+    def recall(soon):
+        return scheduler.recall_stops(tick, 1.0, soon=soon)
+
+    proofs.retry_at[[ends, lacks]] = 0.0
+    proofs.until[[ends, lacks]] = tick.time + 1e-3, tick.time + 1.0
+    assert recall(0.5e-3) == PROVED
+    assert recall(2e-3) == ENDING
+    proofs.until[lacks] = tick.time - 1e-9
+    assert recall(2e-3) == ASKABLE
+    proofs.retry_revision[lacks] = proofs.revision[lacks]
+    proofs.retry_at[lacks] = tick.time + 1.0
+    assert recall(2e-3) == IN_VAIN
+
+
 def test_where_an_arm_may_go_at_full_speed_questions_and_evaluations_are_spread_too(monkeypatch):
     company, asked_in, busy, both = Company(6, 9, 1.1, 1.5), set(), 0, 0
     obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
@@ -298,6 +328,36 @@ def test_questions_alone_leave_bounds_to_whoever_needs_them():
         assert (filled[0] == state.scene.table.high).all()
         assert (filled[1] == state.arm.velocity_error).all()
     assert only_moved > 3
+
+
+@pytest.mark.parametrize(("seed", "count", "nearest"), [(1, 3, 0.85), (10, 9, 0.8)])
+def test_no_tick_reads_what_an_earlier_one_filled_in_of_the_arm(seed, count, nearest):
+    """Each fills in what it reads: spheres for questions, all bounds where it evaluates as well.
+
+    Questions evaluate afresh what they find in the way, and whose certificate has grown stale.
+    """
+    company, afresh = Company(seed, count, nearest, 1.4), 0
+    worlds = [
+        make_monitor(rise_delay=0.0, source_timeout=10.0, max_staleness=0.5) for _ in range(2)
+    ]
+    for k in range(200):
+        verdicts = []
+        for obstacles, monitor in worlds:
+            if k % 40 == 0:
+                company.tell(obstacles, k * PERIOD)
+            if verdicts:
+                scene = monitor._scheduler.arm.state.scene
+                places, table = scene.placement, scene.table
+                for array in (places.centers, places.velocities, table.high, table.low):
+                    array.fill(np.nan)
+                scene.velocity_errors.error.fill(np.nan)
+            verdicts.append(monitor.step(k * PERIOD, *company.arm(k * PERIOD)))
+        assert verdicts[0] == verdicts[1]
+        assert verdicts[0].level is Level.SLOW
+        certificates, tick = worlds[0][1]._scheduler.certificates, worlds[0][1]._last[0]
+        is_busy = (certificates.evaluated_at == tick.time).any()
+        afresh += certificates.numbers[PREPARED] == tick.number and not is_busy
+    assert afresh > 5
 
 
 def test_a_stop_is_proved_by_far_fewer_questions_than_ticks(monkeypatch):
