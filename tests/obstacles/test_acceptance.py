@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from armguard.jit import kernel, pack
 from armguard.obstacles import Fault, FaultKind, Obstacles
-from armguard.obstacles.table import MOST_REFUSED, clear_changed_rows, copy_state
+from armguard.obstacles.acceptance import TAKEN, _find_flaw, _is_flawless
+from armguard.obstacles.table import MOST_REFUSED, clear_changed_rows, copy_state, make_states
 from support.obstacle_samples import check_invariants, kinds, possible, refused, see
 
 INF = math.inf
@@ -595,3 +597,36 @@ def test_what_a_certificate_rests_on_is_possible_no_longer_than_a_refused_sample
     obstacles.forget_refused(stamp, 0.3)
     obstacles.forget_refused(stamp + 0.31, 0.3)
     assert len(possible(obstacles, row)) == 1
+
+
+@kernel
+def judge_fields(handle, speed_is_error, extent):
+    return (
+        _is_flawless(handle.content, speed_is_error, extent),
+        _find_flaw(handle.content, speed_is_error, extent)[0],
+    )
+
+
+def test_what_is_clearly_without_flaw_has_none():
+    """Whatever each number is; and usual samples are clear."""
+    rng = np.random.default_rng(14)
+    usual = (0.0, 0.1, 0.5, 1.0, 1.9, 2.0, 50.0)
+    odd = (math.nan, INF, -INF, -0.1, -0.0, 100.1, 1000.1, 1e200, 1.8e308, 5e-324)
+    sample = make_states(1, 2)
+    handle, clear, flawed = pack(sample), 0, 0
+    for _ in range(20_000):
+        sample.point_count[0] = rng.integers(1, 3)
+        for array in sample:
+            if array is not sample.point_count:
+                array[...] = rng.choice(usual, array.shape)
+        array = sample[rng.integers(len(sample))]
+        if array is not sample.point_count and rng.random() < 0.5:
+            array[(0, *(rng.integers(size) for size in array.shape[1:]))] = rng.choice(odd)
+        is_clear, flaw = judge_fields(
+            handle, bool(rng.integers(2)), float(rng.choice([1.0, 60.0, INF]))
+        )
+        assert not (is_clear and flaw != TAKEN)
+        clear += is_clear
+        flawed += flaw != TAKEN
+    assert clear > 500
+    assert flawed > 5000

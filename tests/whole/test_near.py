@@ -54,6 +54,15 @@ class Company:
         turn = 1.3 * now
         return HOME + 0.3 * self.swing * np.sin(turn), 0.39 * self.swing * np.cos(turn)
 
+    def supervise(self, obstacles, monitor, ticks):
+        """Lead an arm that swings slowly through so many ticks; number and verdict of each."""
+        for number in range(ticks):
+            now = number * PERIOD
+            if number % 10 == 0:
+                self.tell(obstacles, now)
+            swing = 0.1 * self.swing
+            yield number, monitor.step(now, HOME + swing * np.sin(now), swing * np.cos(now))
+
 
 def compute_all(scheduler, tick, pairs):
     """Contact times of pairs, in [s] from now, evaluated afresh one by one."""
@@ -292,12 +301,7 @@ def test_where_an_arm_may_go_at_full_speed_questions_and_evaluations_are_spread_
         return ask(tick, stop_time, **options)
 
     monkeypatch.setattr(scheduler, "find_unsafe", note)
-    for k in range(300):
-        now = k * PERIOD
-        if k % 10 == 0:
-            company.tell(obstacles, now)
-        q, v = HOME + 0.1 * company.swing * np.sin(now), 0.1 * company.swing * np.cos(now)
-        verdict = monitor.step(now, q, v)
+    for _, verdict in company.supervise(obstacles, monitor, 300):
         assert (verdict.level, verdict.speed_scale) == (Level.SLOW, 1.0)
         is_busy = bool((scheduler.certificates.evaluated_at == monitor._last[0].time).any())
         busy += is_busy
@@ -430,14 +434,10 @@ def test_what_can_hardly_be_proved_of_a_speed_scale_is_not_asked_in_every_tick(m
         return ask(tick, stop_time, **options)
 
     monkeypatch.setattr(scheduler, "find_unsafe", count)
-    for k in range(200):
-        now = k * PERIOD
-        if k % 10 == 0:
-            company.tell(obstacles, now)
-        if k == 100:
+    for number, verdict in company.supervise(obstacles, monitor, 200):
+        if number < 100:
+            # It begins with nothing proved.
             single.clear()
-        q, v = HOME + 0.1 * company.swing * np.sin(now), 0.1 * company.swing * np.cos(now)
-        verdict = monitor.step(now, q, v)
-        if k >= 100:
+        else:
             assert 0.1 < verdict.speed_scale < 0.5
     assert len(single) < 70
