@@ -18,7 +18,7 @@ writes all that a monitor is told and all that it answers, for `armguard replay`
 """
 
 from armguard import bounds, contact, people
-from armguard.bounds import Plan
+from armguard.bounds import Plan, stop_on_path
 from armguard.contact import Certificate, certificate
 from armguard.cover import Cover, CoverReport
 from armguard.exceptions import ArmguardError
@@ -72,4 +72,5 @@ __all__ = [
     "certificate",
     "contact",
     "people",
+    "stop_on_path",
 ]

@@ -301,8 +301,8 @@ class Verdict(NamedTuple):
     """Time within which the arm surely stands still, counted from `now`."""
     speed_scale: float
     """Safe to go on while every joint keeps below this fraction of its operating velocity, or of
-    its velocity limit where none is stated; of an arm that follows a trajectory, while its clock,
-    `path_time`, runs no faster than this. 1 on a committed piece that is proved safe to its end."""
+    its velocity limit where none is stated. 1 on a committed piece that is proved safe to its
+    end."""
     link: str | None
     """Link of the deciding pair; None without pairs or where not all that is there is known."""
     obstacle: str | None
@@ -332,7 +332,7 @@ class PlanVerdict(NamedTuple):
     """Whether it may: then it is what the monitor takes the arm to follow from now on."""
     contact_time: float
     """Earliest possible contact on the way, in [s] from now; inf if there is none before the arm
-    rests, 0 where that is unknown. Of a trajectory, on the way until it could be stopped."""
+    rests, 0 where that is unknown."""
     link: str | None
     """Link of the pair that could touch first; None if none can."""
     obstacle: str | None

@@ -41,7 +41,6 @@ COMMIT_EVERY = 50  # ticks
 COLUMNS = ("median", "p99", "max", "evaluated", "most", "loop", "÷loop")
 TARGETS = {  # median and 99 % of ticks, [µs]; evaluations
     "person at 1.1 m": (40, 100, 60),
-    "person, follow": (80, 200, None),
     "commit": (None, 300, None),
     "3 people, 20 parts": (120, None, None),
     "1,000 near balls": (60, 200, None),
@@ -130,15 +129,12 @@ class Run:
 
     def _tell_plan(self, now: float) -> None:
         monitor, swing = self._monitor, self._swing
-        if self._setting.plans == "follow" and self.tick % 10_000 == 0:
-            answer = monitor.follow(monitor.with_stop(swing.plan(now, 12.0)))
-        elif self._setting.plans == "commit" and self.tick % COMMIT_EVERY == 0:
-            plan = monitor.with_stop(swing.plan(now, PIECE))
-            begin = self._clock()
-            answer = monitor.commit(plan)
-            self.commits.append(self._clock() - begin)
-        else:
+        if not self._setting.commits or self.tick % COMMIT_EVERY:
             return
+        plan = monitor.with_stop(swing.plan(now, PIECE))
+        begin = self._clock()
+        answer = monitor.commit(plan)
+        self.commits.append(self._clock() - begin)
         self.refused |= {str(reason) for reason in answer.reasons}
 
 

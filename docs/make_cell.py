@@ -101,7 +101,6 @@ WORDS = {
     "SourceTable.timeout": "`thresholds.source_timeout`",
     "EntranceTable.speed": "as `[bounds]` has it",
     "EntranceTable.accel": "as `[bounds]` has it",
-    "MonitorTable.path_deceleration": "what brakes guarantee",
     "MonitorTable.budget": "no limit",
     "ThresholdsTable.joint_timeout": "0.05, or 5 ticks where that is longer",
     "CellTables.settings_from": "a simulated visit to the arm",

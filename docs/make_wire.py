@@ -36,7 +36,7 @@ TYPES = {
     "Rows | None": "rows of numbers, or nil",
     "Values": "number, or one a row",
     "Values | None": "number, or one a row, or nil",
-    "Literal['commit', 'follow', 'share']": '`"commit"`, `"follow"` or `"share"`',
+    "Literal['commit', 'share']": '`"commit"` or `"share"`',
     "Literal['finish', 'brake'] | None": '`"finish"`, `"brake"` or nil',
     "list[ReasonMessage]": "list of reasons",
     "CertificateMessage | None": "certificate or nil",
@@ -171,7 +171,7 @@ ANSWERS = """Both kinds end at rest. Each plan that has these fields gets one an
 SHARING = """**A plan that is shared** (`"ask": "share"`) is a promise to the monitors of the other arms of the cell: until `until` the arm does nothing but follow it, on time or slower, or stop ([Several arms](several_arms.md#plans-that-are-shared)). It needs `until` and `velocity_tracking_error`, no `motion = "planned"`, and gets no answer; one that is not as it should be is counted as `plan refused`, and narrows nothing.
 """
 
-TAIL = """A controller of committed pieces: ask for the next piece while the present one is under way; where the answer is no, or does not come, run the present one to its end, and rest. A controller of a trajectory: ask once, go on while verdicts allow it, and brake on STOP and on silence.
+TAIL = """A controller of committed pieces: ask for the next piece while the present one is under way; where the answer is no, or does not come, run the present one to its end, and rest.
 
 ```python
 from armguard.streams import Publisher, VerdictReader

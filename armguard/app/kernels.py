@@ -27,7 +27,7 @@ from armguard.scheduling.schedule import DEADLINE, SCHEDULES
 MONITORS: tuple[dict[str, Any], ...] = (
     *({"schedule": schedule} for schedule in (DEADLINE, *SCHEDULES)),
     *({"schedule": schedule, "motion": "isotropic"} for schedule in (DEADLINE, *SCHEDULES)),
-    *({"motion": "planned", "stop": stop} for stop in ("joints", "path")),
+    {"motion": "planned"},
     {"motion": "planned", "leave": "any"},
     {"operating": "published"},
     {"certify": True, "separation": SeparationRule()},
@@ -106,7 +106,6 @@ def watch_a_moment(robot: Robot, **settings: Any) -> Monitor:
         if settings.get("motion") == "planned":
             plan = Plan(stamp, [0.0, 0.5], [q, q], [v, v], np.full(len(q), 0.01))
             monitor.commit(plan)
-            monitor.follow(plan)
     monitor.pairs()
     monitor.explain()
     return monitor

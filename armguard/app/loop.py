@@ -202,7 +202,7 @@ class RateLoop:
         if state is None:
             verdict = _wait_for_joints(now, edge.dropped_age)
         else:
-            verdict = self.monitor.step(state.stamp, state.q, state.v, now, state.path_time)
+            verdict = self.monitor.step(state.stamp, state.q, state.v, now)
         self._publish(verdict)
         for request in edge.plans:
             is_newest = request is edge.plans[-1]
@@ -343,8 +343,7 @@ def judge_request(monitor: Monitor, request: PlanRequest, *, is_newest: bool) ->
         return refuse_plan("plan", "was overtaken by a newer one in the same tick")
     if monitor.settings.motion != PLANNED:
         return refuse_plan("monitor", 'takes no plans: it has no motion = "planned" in [monitor]')
-    plan = _make_plan(request)
-    return monitor.commit(plan) if request.ask == "commit" else monitor.follow(plan)
+    return monitor.commit(_make_plan(request))
 
 
 def take_shared_plan(
@@ -366,7 +365,6 @@ def _make_plan(request: PlanRequest) -> Plan:
         request.v,
         request.tracking_error,
         request.velocity_tracking_error,
-        request.stop_tracking_error,
     )
 
 

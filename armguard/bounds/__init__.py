@@ -16,8 +16,7 @@ from armguard.bounds.planned.contact import PlannedContact
 from armguard.bounds.planned.course import PlannedCourse
 from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
-from armguard.bounds.planned.slabs import PathClock
-from armguard.bounds.planned.stop import append_stop
+from armguard.bounds.planned.stop import append_stop, stop_on_path
 from armguard.bounds.reach import ReachMotion
 from armguard.bounds.sums import compute_levers
 from armguard.bounds.table_time import table_contact_time
@@ -29,7 +28,6 @@ __all__ = [
     "JointMotion",
     "JointTable",
     "MotionModel",
-    "PathClock",
     "Plan",
     "PlannedContact",
     "PlannedCourse",
@@ -40,5 +38,6 @@ __all__ = [
     "check_plan",
     "compute_levers",
     "free_advance",
+    "stop_on_path",
     "table_contact_time",
 ]

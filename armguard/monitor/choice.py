@@ -75,11 +75,10 @@ class TrialTick(NamedTuple):
     """One tick of a trial: a joint state, and what is told before it is judged."""
 
     stamp: float
-    """As in `Monitor.step`, and so are the next four."""
+    """As in `Monitor.step`, and so are the next three."""
     q: ArrayLike
     v: ArrayLike
     now: float | None = None
-    path_time: float | None = None
     tell: Callable[[Any], object] | None = None
     """Is handed the monitor that is tried, and tells it and its `obstacles` what came since the
     tick before; the same for each. None: nothing came."""
@@ -137,7 +136,6 @@ class Tried(Protocol):
         q: ArrayLike,
         v: ArrayLike,
         now: float | None = None,
-        path_time: float | None = None,
     ) -> Verdict:
         """Judge one joint state."""
         ...
@@ -316,7 +314,7 @@ def _run(
     for number, tick in enumerate(ticks):
         if tick.tell is not None:
             tick.tell(monitor)
-        verdict = monitor.step(tick.stamp, tick.q, tick.v, tick.now, tick.path_time)
+        verdict = monitor.step(tick.stamp, tick.q, tick.v, tick.now)
         said[number] = int(verdict.level), verdict.speed_scale, verdict.evaluated
         if looks and number % LOOK == 0:
             near = monitor.snapshot(pair_limit=MOST_PAIRS, row_limit=0)

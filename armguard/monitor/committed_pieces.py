@@ -17,15 +17,20 @@ import numpy as np
 
 from armguard.bounds.planned.check import PlanCheck, StopCheck
 from armguard.bounds.planned.course import PlannedCourse
+from armguard.bounds.planned.curve import find_top_speeds
 from armguard.bounds.planned.following import Following
 from armguard.bounds.planned.motion import PlannedMotion
-from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
+from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal, read_plan
+from armguard.bounds.planned.stop import append_stop
+from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import BoolArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.monitor.plan_verdict import find_course_contact, refuse_plan
+from armguard.monitor.settings import MonitorSettings
 from armguard.obstacles.reference_states import allows_reference_state, keep_reference_state
 from armguard.obstacles.table import States, make_states
+from armguard.robot.brakes import find_gentlest_stop
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.verdict import PlanVerdict, Reason, ReasonKind
@@ -133,32 +138,24 @@ class CommittedPieces:
     Args:
         robot: The arm.
         scheduler: Knows the pairs.
-        latency: Until an answer is obeyed, in [s].
-        margin: Distance that counts as contact already, in [m].
-        may_leave: Whether joints may leave a piece at any moment, to brake by themselves.
+        settings: Of the monitor.
 
     Attributes:
         is_proved: Whether the arm is on a piece, and nothing can touch it until it rests.
-        evaluated: Evaluations, since it was set to 0.
+        evaluated: Evaluations since the last joint state was taken.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        scheduler: Scheduler,
-        latency: float,
-        margin: float,
-        *,
-        may_leave: bool,
-    ) -> None:
+    def __init__(self, robot: Robot, scheduler: Scheduler, settings: MonitorSettings) -> None:
         self.evaluated = 0
+        self._joints = robot.joints
         self._scheduler = scheduler
         self._check = PlanCheck(robot)
         self._stop_check = StopCheck(robot, self._planned_motion().brakes)
         self._following = Following(robot)
-        self._latency = latency
-        self._margin = margin
-        self._may_leave = may_leave
+        self._latency = settings.latency
+        self._margin = settings.margin
+        # Whether joints may leave a piece at any moment, to brake by themselves.
+        self._may_leave = settings.leave == "any"
         self._known = KnownObstacles(scheduler)
         self.reset()
 
@@ -173,9 +170,24 @@ class CommittedPieces:
         """The pieces that the arm may be on."""
         return [piece.plan for piece in self._pieces]
 
-    def is_over(self, now: float) -> bool:
-        """Whether the arm has come to the end of all its pieces by then, if it is on any."""
-        return all(piece.plan.end <= now for piece in self._pieces)
+    def drop(self, subject: str, detail: str) -> Reason | None:
+        """Forget all pieces where their ground is gone; None if there were none."""
+        if not self.is_proved:
+            return None
+        self.reset()
+        return Reason(ReasonKind.PLAN_VOID, subject, detail)
+
+    def with_stop(self, plan: Plan) -> Plan:
+        """A plan with a stop at its end; see `Monitor.with_stop`."""
+        read = read_plan(plan, len(self._joints))
+        if isinstance(read, Refusal):
+            raise ArmguardError(read.subject, read.detail, expected="a plan to stop from")
+        times, q, v = (np.asarray(part) for part in (read.times, read.q, read.v))
+        brakes = self._planned_motion().brakes
+        stopped = append_stop(plan, find_gentlest_stop(brakes, find_top_speeds(times, q, v)))
+        if isinstance(stopped, Refusal):
+            raise ArmguardError(stopped.subject, stopped.detail, expected="a plan to stop from")
+        return stopped
 
     def commit(self, plan: Plan, tick: Tick) -> PlanVerdict:
         """Judge a piece at the last tick; a safe one is what the arm may be on from now on."""
@@ -232,19 +244,26 @@ class CommittedPieces:
         self.is_proved = True
         return PlanVerdict(True, math.inf, None, None, ())
 
-    def update(self, tick: Tick, stamp: float, *, disturbed: bool) -> Reason | None:
+    def update(self, tick: Tick, stamp: float, *, disturbed: bool, unplaced: bool) -> Reason | None:
         """Take a tick's joint state, and judge what is left of the pieces where there is news.
 
         Args:
             tick: The tick.
             stamp: Of its joint state, in [s].
             disturbed: Whether obstacles have changed by more than was allowed for.
+            unplaced: Whether there are obstacles that found no room, and could be anywhere.
 
         Returns:
             Why the arm is on no piece any more, or on none that is safe; None otherwise.
         """
+        self.evaluated = 0
         if not self._pieces:
             return None
+        if unplaced:
+            # They are in no pair, so no piece is judged by them.
+            self.reset()
+            detail = "some found no room, and could be anywhere"
+            return Reason(ReasonKind.PIECE_UNSAFE, "obstacles", detail)
         strayed: Refusal | None = None
         kept = []
         for piece in self._pieces:
@@ -277,6 +296,19 @@ class CommittedPieces:
                 return Reason(ReasonKind.PIECE_UNSAFE, reason.subject, reason.detail)
             self._known.keep(piece.place)
         return None
+
+    def compile(self, tick: Tick) -> None:
+        """Run once what only some ticks need, so that nothing is compiled in a tick.
+
+        Args:
+            tick: One of an arm at rest, for nothing is there to touch it yet.
+        """
+        q = np.tile(tick.q, (2, 1))
+        rest = Plan(0.0, np.array([0.0, 1.0]), q, np.zeros_like(q), np.ones(q.shape[1]))
+        for _ in range(2):
+            self.commit(rest, tick)
+        self.update(tick, 0.0, disturbed=False, unplaced=False)
+        self.reset()
 
     def _drop_covered(self, pieces: list[Piece], now: float) -> list[Piece]:
         """Those that are not covered from now on by the newest one that has begun."""

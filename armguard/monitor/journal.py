@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 from armguard.pairs.exemptions import Exemption
 from armguard.verdict import PlanVerdict, Verdict
@@ -14,7 +14,7 @@ class MonitorJournal(Protocol):
     Arguments may be anything at all: a monitor takes what comes from outside as it is.
     """
 
-    def note_state(self, stamp: object, q: Any, v: Any, now: object, path_time: object) -> None:
+    def note_state(self, stamp: object, q: Any, v: Any, now: object) -> None:
         """Is told the arguments of a step before anything is done with them."""
         ...
 
@@ -22,7 +22,7 @@ class MonitorJournal(Protocol):
         """Is told the answer."""
         ...
 
-    def note_plan(self, ask: Literal["commit", "follow"], plan: object) -> None:
+    def note_plan(self, plan: object) -> None:
         """Is told a plan before it is judged."""
         ...
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from armguard.contact.earliest import Certificate
-from armguard.monitor.known_path import KnownPath
+from armguard.monitor.committed_pieces import CommittedPieces
 from armguard.monitor.levels import CLEAR, SLOW, STOP, VerdictRule
 from armguard.monitor.settings import MonitorSettings
 from armguard.monitor.stop_decision import StopDecision
@@ -26,11 +26,6 @@ from armguard.verdict import BRAKE, FINISH, Effect, Level, Reason, ReasonKind, V
 NO_NAMES = (None, None)
 """Of link and obstacle, where no pair decides."""
 
-PROMISED_SHARE = 0.125
-"""For how long the scale of a clock promises that the arm may go on, at most, as a share of what a
-slower clock could gain: while somebody lingers there the arm is slow, and a longer promise costs
-more work than stops do that it averts (docs/usefulness.md)."""
-
 
 class Judge:
     """Makes verdicts of ticks whose arm state is believed.
@@ -46,7 +41,7 @@ class Judge:
         certify: Whether each verdict is to carry a certificate.
 
     Attributes:
-        path: What is known of the arm's way; None where plans are not judged.
+        pieces: Pieces that the arm may be on; None where plans are not judged.
         certificate_inputs: What the last verdict's certificate is about.
     """
 
@@ -72,15 +67,12 @@ class Judge:
         self._velocity_error = np.array(robot.velocity_error)
         self._most_scale, self._most_scale_of = 1.0, -1
         self._stopping = None
-        self._late_delay = 0.0
         if settings.with_joints:
             self._stopping = StopDecision(scheduler, settings.response_time, settings.reaction_time)
             states.delay_braking(self._stopping.looks_ahead - self._response_time)
-            self._late_delay = self._stopping.looks_ahead + settings.reaction_time
-        self.path = None
+        self.pieces = None
         if scheduler.arm.motion.planned is not None:
-            self.path = KnownPath(robot, scheduler, settings)
-        self._was_followed = False
+            self.pieces = CommittedPieces(robot, scheduler, settings)
         self._separation = None
         if separation is not None:
             self._separation = SeparationMargin(separation, self._braking_delay)
@@ -88,8 +80,8 @@ class Judge:
         self._compile(robot)
 
     def reset(self) -> None:
-        """Forget speed scales and what is known of the arm's way."""
-        for memory in (self._stopping, self.path):
+        """Forget speed scales and committed pieces."""
+        for memory in (self._stopping, self.pieces):
             if memory is not None:
                 memory.reset()
 
@@ -105,7 +97,7 @@ class Judge:
             reasons: What there is to say already; more is added.
             unplaced: Whether there are obstacles that found no room, and could be anywhere.
         """
-        rule, stopping, path = self._rule, self._stopping, self.path
+        rule, stopping, pieces = self._rule, self._stopping, self.pieces
         pair, expiry, overdue, evaluated, _, _, ended = result
         contact_time = expiry - tick.time
         if unplaced:
@@ -120,24 +112,15 @@ class Judge:
             stopping.left = 0
             spent_before = stopping.evaluated
         # On a piece that is proved safe to its end, the arm rests whatever verdicts say.
-        is_proved = path is not None and path.is_proved
-        # Brakes that keep the arm on its path take longer than each joint's own.
-        lasting = None if path is None else path.stop_lasting
-        if path is not None and lasting is not None:
-            tick = tick._replace(
-                stop_time=max(tick.stop_time, self._braking_delay + lasting),
-                late_stop_time=max(tick.late_stop_time, self._late_delay + lasting),
-            )
+        is_proved = pieces is not None and pieces.is_proved
         stop_time = tick.stop_time
         matters = not (overdue or standing or unplaced or contact_time > stop_time)
         # What was decided about in this tick is not overdue, though its certificate has ended.
         is_decided = (
             matters
             and (ended > 0 or not is_proved)
-            and (
-                (stopping is not None and lasting is None and stopping.rests(tick))
-                or (path is not None and path.rests(tick))
-            )
+            and stopping is not None
+            and stopping.rests(tick)
         )
         if not is_decided:
             overdue += ended
@@ -167,8 +150,8 @@ class Judge:
             some = "1 obstacle waits" if waiting == 1 else f"{waiting} obstacles wait"
             reasons.append(Reason(ReasonKind.CROWD, detail=f"{some}: a STOP is certain anyway"))
         scale = self._find_scale(tick, level, contact_time, is_proved=is_proved)
-        if path is not None:
-            evaluated += path.evaluated
+        if pieces is not None:
+            evaluated += pieces.evaluated
         if stopping is not None:
             evaluated += stopping.evaluated - spent_before
             if stopping.left:
@@ -192,8 +175,8 @@ class Judge:
             reason: What there is against the joint state; it is latched.
             since: When that was, in words.
         """
-        if self.path is not None:
-            self.path.reset()
+        if self.pieces is not None:
+            self.pieces.reset()
         self.certificate_inputs = None
         self._rule.latch(reason, since)
         level, _ = self._rule.decide(tick.now, 0.0, tick.stop_time, complete=False, standing=True)
@@ -218,7 +201,7 @@ class Judge:
         stop = None
         if level is STOP:
             # On a piece of trajectory that is proved, and ends at rest, the arm may run it.
-            stop = FINISH if self.path is not None and self.path.is_proved else BRAKE
+            stop = FINISH if self.pieces is not None and self.pieces.is_proved else BRAKE
         # A named tuple's own constructor takes twice as long.
         return tuple.__new__(
             Verdict,
@@ -271,34 +254,17 @@ class Judge:
             return 0.0
         if level is not SLOW or is_proved:
             return 1.0
-        stopping, path = self._stopping, self.path
+        stopping = self._stopping
         if stopping is None:
             # An arm that is no faster can brake before contact, whatever it does in this tick.
             left = max(contact_time - self._braking_delay, 0.0)
             fastest = self._in_force.velocity
             return float(scale_that_rests(self._in_force.brakes, fastest, left))
-        is_followed = path is not None and path.is_followed
-        # On a trajectory it is the clock that is scaled, and no joint gets faster than it says.
-        most = 1.0 if is_followed else self._find_most_scale(stopping)
-        if is_followed is not self._was_followed:
-            # Scales of another kind, given out so far, say nothing of this one.
-            stopping.reset()
-            self._was_followed = is_followed
+        most = self._find_most_scale(stopping)
         # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
-        scale = 1.0
-        # Where brakes are not stated for what joints can do by then, there is no such time.
-        is_late_known = not is_followed or stopping.covers(tick)
-        if not (is_late_known and contact_time > tick.late_stop_time):
-            if path is None or not is_followed:
-                scale = stopping.find_scale(tick, most=most)
-            elif path.is_on_time:
-                # Its clock is time itself, so there is no search: it goes on, or it does not.
-                scale = 1.0 if path.is_free(tick, stopping.looks_ahead, 1.0) else 0.0
-            else:
-                # A promise for longer costs more work than a slower clock could gain.
-                longest = PROMISED_SHARE * path.find_gain()
-                scale = stopping.find_scale(tick, path.is_free, longest)
-        return min(scale, most)
+        if contact_time > tick.late_stop_time:
+            return most
+        return stopping.find_scale(tick, most)
 
     def _find_most_scale(self, stopping: StopDecision) -> float:
         """What no scale exceeds, since brakes are not stated for more; found at changes only.
@@ -349,15 +315,14 @@ class Judge:
         scale_that_rests(self._in_force.brakes, self._in_force.velocity, 0.0)
         if self._stopping is not None:
             self._find_most_scale(self._stopping)
-            self._stopping.covers(tick)
             # Where nothing is near, neither stops nor scales have to be asked for.
             self._scheduler.find_unsafe(tick, 0.0)
             for most in (1.0, 0.5):
                 self._scheduler.arm.motion.braking.tabulate(tick.q, tick.v, 0.0, 0.0, pace=most)
-                self._stopping.find_scale(tick, most=most)
+                self._stopping.find_scale(tick, most)
                 self._stopping.reset()
-        if self.path is not None:
-            self.path.compile(tick)
+        if self.pieces is not None:
+            self.pieces.compile(tick)
         if self._separation is not None:
             self._separation.compile(self._scheduler.arm.state)
         if self._certify:

@@ -12,7 +12,7 @@ import copy
 import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import pinocchio
 from numpy.typing import ArrayLike
@@ -22,6 +22,7 @@ from armguard.bounds.planned.plan import CheckedPlan, Plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.monitor.choice import Choice, TrialTick, choose
+from armguard.monitor.committed_pieces import CommittedPieces
 from armguard.monitor.entrances import check_entrances
 from armguard.monitor.explain import Explanation
 from armguard.monitor.headroom import Attention, Headroom
@@ -33,7 +34,6 @@ from armguard.monitor.joint_reasons import (
 )
 from armguard.monitor.journal import MonitorJournal
 from armguard.monitor.judge import Judge
-from armguard.monitor.known_path import KnownPath
 from armguard.monitor.levels import STOP, VerdictRule
 from armguard.monitor.obstacle_reasons import (
     describe_no_sources,
@@ -75,14 +75,8 @@ class Monitor:
         schedule: "deadline", "full", "distance", "daa", or a `Schedule` of your own.
         motion: How the arm's possible motion is bounded: "joint" (by its joints' limits, and a STOP
             only where braking after the next tick could be too late), "planned" (the same, and the
-            controller tells its path, by `commit` or `follow`), or "isotropic" (points of the arm
-            as free bodies; cheaper, and far more cautious).
-        stop: How an arm that follows a trajectory stops, for motion="planned": "joints", each by
-            itself from a moment of its own, or "path", together and on the path. The same goes for
-            what `with_stop` appends.
-        path_deceleration: How fast a stop on the path slows the path's clock down at the least,
-            wherever it begins, by the controller's word, [1/s]: its time is 1 second a second
-            before. For stop="path"; default: what the brakes of all joints guarantee together.
+            controller has each piece of its path judged, by `commit`), or "isotropic" (points of
+            the arm as free bodies; cheaper, and far more cautious).
         leave: Whether joints may leave a committed piece on the way, for motion="planned": "never",
             or at "any" moment, each at its own, to brake by itself, as at an emergency stop or
             without power. What is committed is then proved safe for that, too, and refused more
@@ -137,9 +131,7 @@ class Monitor:
         rate: float = 1000.0,
         schedule: str | Schedule = "deadline",
         motion: str = "joint",
-        stop: str = "joints",
         leave: str = "never",
-        path_deceleration: float | None = None,
         ignore: Iterable[Sequence[str]] = (),
         reaction_time: float = 0.02,
         latency: float = 0.002,
@@ -166,9 +158,7 @@ class Monitor:
             rate=rate,
             schedule=schedule,
             motion=motion,
-            stop=stop,
             leave=leave,
-            path_deceleration=path_deceleration,
             joint_timeout=joint_timeout,
             max_staleness=max_staleness,
             budget=budget,
@@ -351,7 +341,6 @@ class Monitor:
         q: ArrayLike,
         v: ArrayLike,
         now: float | None = None,
-        path_time: float | None = None,
     ) -> Verdict:
         """Judge one joint state.
 
@@ -362,18 +351,15 @@ class Monitor:
             q: Joint positions in the order of `robot.joints`, [rad] or [m]. Shape (nv,).
             v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
             now: Time of this tick, in [s]; the stamp unless given.
-            path_time: Where on the trajectory that it follows the arm was at the stamp, in [s] as
-                in the plan's times; its clock may stand still, and is never faster than time. Once
-                told, it is told in every step. Default: the trajectory is followed on time.
         """
         self._sequence += 1
         if now is None:
             now = stamp
         journal = self.journal
         if journal is not None:
-            journal.note_state(stamp, q, v, now, path_time)
+            journal.note_state(stamp, q, v, now)
         try:
-            verdict = self._step(stamp, q, v, now, path_time)
+            verdict = self._step(stamp, q, v, now)
         except Exception as error:
             # Whatever went wrong inside, the arm must stop.
             verdict = self._refuse(
@@ -389,7 +375,7 @@ class Monitor:
 
         Args:
             source: Arguments of `step`, one tuple a tick: stamp, q, v and, where it is not the
-                stamp, now, and path_time. What makes them may update the obstacles in between.
+                stamp, now. What makes them may update the obstacles in between.
             sink: Is called with each verdict.
         """
         for state in source:
@@ -513,13 +499,13 @@ class Monitor:
     def with_stop(self, plan: Plan) -> Plan:
         """A plan with a stop at its end, as hard as brakes guarantee, to be committed.
 
-        Each joint decelerates as its own brake can; all together, straight on, where the monitor
-        was made with stop="path". A plan that ends at rest stays as it is.
+        Each joint decelerates as its own brake can; `armguard.stop_on_path` slows all of them down
+        together. A plan that ends at rest stays as it is.
 
         Raises:
             ArmguardError: The plan is malformed, or the monitor was not made with motion="planned".
         """
-        return self._known_path("with_stop").with_stop(plan)
+        return self._find_pieces("with_stop").with_stop(plan)
 
     def commit(self, plan: Plan) -> PlanVerdict:
         """Judge the next piece of the controller's trajectory, which ends at rest: is it safe?
@@ -542,35 +528,13 @@ class Monitor:
         Raises:
             ArmguardError: The monitor was not made with motion="planned".
         """
-        return self._judge_plan("commit", self._known_path("commit").commit, plan)
-
-    def follow(self, plan: Plan) -> PlanVerdict:
-        """Take a whole trajectory, at whose end the arm rests, as the one that it follows.
-
-        From then on each step that would be a STOP asks whether the arm can still be stopped on it
-        in time: brakes bite at any time until the next verdict has been obeyed, and until then the
-        arm is on the trajectory. It ends where the arm strays from it, and where another one takes
-        its place: that must agree with it until the answer has arrived, `latency` from now. After
-        its end the arm stays there. Judged on what the last step saw, as `commit` is; nothing in a
-        plan makes this raise.
-
-        Args:
-            plan: The trajectory, on the clock of the joint states' stamps.
-
-        Returns:
-            Safe if it is in order, and followed from now on; its contact time is that of an arm
-            that is told to stop after the next step.
-
-        Raises:
-            ArmguardError: The monitor was not made with motion="planned".
-        """
-        return self._judge_plan("follow", self._known_path("follow").follow, plan)
+        return self._judge_plan(plan)
 
     @property
     def plans(self) -> list[CheckedPlan]:
-        """What the arm may be on as it was told, by `commit` or `follow`; for observers."""
-        path = self._judge.path
-        return [] if path is None else path.plans
+        """The committed pieces that the arm may be on; for observers."""
+        pieces = self._judge.pieces
+        return [] if pieces is None else pieces.plans
 
     def pairs(self, limit: int = 64) -> list[PairReport]:
         """The most imminent pairs as of the last tick, soonest first, at most `limit`.
@@ -618,7 +582,7 @@ class Monitor:
         """
         return self._queries.snapshot(self._last[0], pair_limit, row_limit)
 
-    def _step(self, stamp: float, q: Any, v: Any, now: float, path_time: object) -> Verdict:
+    def _step(self, stamp: float, q: Any, v: Any, now: float) -> Verdict:
         if not (type(stamp) is float and type(now) is float):
             stamp, now = read_number(stamp), read_number(now)
         if not self._now <= now < math.inf:
@@ -693,19 +657,15 @@ class Monitor:
         )
         if result is None:
             result = scheduler.evaluate_due(tick)
-        path = self._judge.path
-        if path is not None:
+        pieces = self._judge.pieces
+        if pieces is not None:
             disturbed = result.disturbed or bool(result.broken) or not quiet
-            told = path.update(tick, stamp, path_time, disturbed=disturbed, unplaced=self._unplaced)
-            if told is not None:
-                reasons.append(told)
-            excess = path.find_excess() if resumes else None
-            if excess is not None:
-                # It was taken while the hardware's limits were in force.
-                reasons.append(Reason(ReasonKind.PLAN_VOID, *excess))
-                path.reset()
-        # On a known path the arm gets no faster than that says, and its brakes are asked of that.
-        if unbraked is not None and (path is None or not path.is_braked(tick)):
+            found_unsafe = pieces.update(tick, stamp, disturbed=disturbed, unplaced=self._unplaced)
+            if found_unsafe is not None:
+                reasons.append(found_unsafe)
+        is_proved = pieces is not None and pieces.is_proved
+        # On a piece brakes were found to be stated for all its speeds.
+        if unbraked is not None and not is_proved:
             reasons.append(unbraked)
             # How far to look ahead needed a number; that the arm rests by then is not known.
             tick = tick._replace(stop_time=math.inf, late_stop_time=math.inf)
@@ -723,11 +683,11 @@ class Monitor:
             # Last, since nothing rests on them.
             verdict = verdict._replace(reasons=(*verdict.reasons, *notes))
         self._reasons = reasons
-        # Beside another reason to stop, or on a known path, more than the brakes would decide.
+        # Beside another reason to stop, or on a piece, more than the brakes would decide.
         self._stopped_by_braking = (
             verdict.level is STOP
             and verdict.complete
-            and not (self._unplaced or (path is not None and (path.is_proved or path.is_followed)))
+            and not (self._unplaced or is_proved)
             and all(
                 one.kind.effect is Effect.NOTE or one.kind is ReasonKind.BRAKES_NOT_COVERED
                 for one in verdict.reasons
@@ -735,26 +695,22 @@ class Monitor:
         )
         return verdict
 
-    def _known_path(self, method: str) -> KnownPath:
-        if self._judge.path is None:
+    def _find_pieces(self, method: str) -> CommittedPieces:
+        if self._judge.pieces is None:
             raise ArmguardError(method, "needs plans", remedy='Monitor(..., motion="planned")')
-        return self._judge.path
+        return self._judge.pieces
 
-    def _judge_plan(
-        self,
-        ask: Literal["commit", "follow"],
-        judge: Callable[[Plan, Tick], PlanVerdict],
-        plan: Plan,
-    ) -> PlanVerdict:
+    def _judge_plan(self, plan: Plan) -> PlanVerdict:
         """The answer to a plan, by what the last tick found."""
+        pieces = self._find_pieces("commit")
         if self.journal is not None:
-            self.journal.note_plan(ask, plan)
+            self.journal.note_plan(plan)
         # A plan is run to its end whatever verdicts say, so it is judged by all pairs.
         rows = self._exemptions.suspend()
         if len(rows):
             self._scheduler.watch_anew(rows)
         tick = self._find_tick_to_plan()
-        answer = tick if isinstance(tick, PlanVerdict) else judge(plan, tick)
+        answer = tick if isinstance(tick, PlanVerdict) else pieces.commit(plan, tick)
         if self.journal is not None:
             self.journal.note_plan_verdict(answer)
         return answer
@@ -788,14 +744,14 @@ class Monitor:
         self._reloaded = False
         self._scheduler.invalidate_all()
         void = None
-        if self._judge.path is not None:
-            void = self._judge.path.drop("payload", f"is {self.payload:g} kg now")
+        if self._judge.pieces is not None:
+            void = self._judge.pieces.drop("payload", f"is {self.payload:g} kg now")
         return [] if void is None else [void]
 
     def _suspend(self, operating: OperatingHistory, now: float) -> list[Reason]:
         """Put the hardware's limits in force: nothing that was proved with others holds.
 
-        What is known of the arm's path rests on the hardware's alone.
+        What is proved of committed pieces rests on the hardware's alone.
         """
         operating.suspend(now)
         self._scheduler.invalidate_all()
@@ -813,9 +769,9 @@ class Monitor:
                 the end of a speed scale, in [s].
             unbraked: Why that is not known; None: it is.
         """
-        path = self._judge.path
-        if unbraked is not None or (path is not None and (path.is_proved or path.is_followed)):
-            # A stop on a known path takes its own time, and a piece is run to its end unheard.
+        pieces = self._judge.pieces
+        if unbraked is not None or (pieces is not None and pieces.is_proved):
+            # A piece is run to its end, whatever verdicts say.
             horizon = math.inf
         exemptions = self._exemptions
         change = exemptions.update(now, horizon)

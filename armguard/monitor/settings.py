@@ -24,9 +24,6 @@ from armguard.scheduling.pair_scheduler import PairScheduler
 from armguard.scheduling.schedule import DEADLINE, Schedule, make_schedule
 from armguard.scheduling.scheduler import Scheduler
 
-STOPS = ("joints", "path")
-"""How an arm stops that follows a trajectory: each joint by itself, or all of them on the path."""
-
 LEAVES = ("never", "any")
 """When joints may leave a committed piece to brake by themselves: never, or at any moment."""
 
@@ -46,12 +43,8 @@ class MonitorSettings(NamedTuple):
     """Of pairs; None: obstacles by their deadlines."""
     motion: str
     """One of `MOTIONS`."""
-    stop: str
-    """One of `STOPS`."""
     leave: str
     """One of `LEAVES`."""
-    path_deceleration: float | None
-    """Of the clock of an arm that stops on its path, [1/s]; None: what brakes guarantee."""
     reaction_time: float
     latency: float
     slow_margin: float
@@ -97,9 +90,7 @@ def read_settings(
     rate: float,
     schedule: str | Schedule,
     motion: str,
-    stop: str = "joints",
     leave: str = "never",
-    path_deceleration: float | None = None,
     joint_timeout: float | None,
     max_staleness: float,
     budget: int | None,
@@ -140,36 +131,19 @@ def read_settings(
         raise ArmguardError("base_placement", f"is {base_placement!r}", expected="a pinocchio.SE3")
     if not (isinstance(motion, str) and motion in MOTIONS):
         raise ArmguardError("motion", f"is {motion!r}", expected=f"one of {', '.join(MOTIONS)}")
-    if not (isinstance(stop, str) and stop in STOPS):
-        raise ArmguardError("stop", f"is {stop!r}", expected=f"one of {', '.join(STOPS)}")
-    if stop != "joints" and motion != PLANNED:
-        raise ArmguardError(
-            "stop", f"is {stop!r}", expected='"joints" unless motion="planned" tells the path'
-        )
     if not (isinstance(leave, str) and leave in LEAVES):
         raise ArmguardError("leave", f"is {leave!r}", expected=f"one of {', '.join(LEAVES)}")
     if leave != "never" and motion != PLANNED:
         raise ArmguardError(
             "leave", f"is {leave!r}", expected='"never" unless motion="planned" tells the path'
         )
-    if path_deceleration is not None:
-        if not 0.0 < read_number(path_deceleration) < math.inf:
-            raise ArmguardError(
-                "path_deceleration", f"is {path_deceleration!r}", expected="a finite number above 0"
-            )
-        if stop != "path":
-            raise ArmguardError(
-                "path_deceleration", "is given", expected='stop="path", which alone slows a clock'
-            )
     by_deadline = isinstance(schedule, str) and schedule == DEADLINE
     numbers: dict[str, Any] = {name: float(amount) for name, amount in amounts.items()}
     return MonitorSettings(
         period=period,
         schedule=None if by_deadline else make_schedule(schedule, period),
         motion=motion,
-        stop=stop,
         leave=leave,
-        path_deceleration=None if path_deceleration is None else float(path_deceleration),
         max_staleness=float(max_staleness),
         budget=_read_budget(budget, by_deadline=by_deadline),
         base_placement=base_placement or pinocchio.SE3.Identity(),

@@ -9,17 +9,12 @@ the tick before still had that proof.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 from armguard.bounds.joint_table import JointTable
 from armguard.monitor.kept_speeds import KeptSpeeds
 from armguard.scheduling.certificates import ASKABLE, ENDING, IN_VAIN, PROVED
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.scheduling.timing_wheel import NOBODY
-
-IsFree = Callable[[Tick, float, float], bool]
-"""Says of a tick whether the arm surely rests before contact if it is told to stop after some time,
-in [s], and keeps to a pace of its clock until brakes bite."""
 
 STEP = 1.0 / 32.0
 """To what a speed scale is found, at least."""
@@ -47,15 +42,6 @@ SOON = 2.5e-3
 else renewals of both kinds, and evaluations, would now and then all fall to one tick."""
 
 
-def find_proving(response_time: float) -> float:
-    """For how long a STOP is proved to be in time at once, in [s]; 0: for the tick at hand.
-
-    Args:
-        response_time: Until the verdict after the present one is obeyed, in [s].
-    """
-    return PROVING if response_time < 0.5 * PROVING else 0.0
-
-
 class StopDecision:
     """Asks a scheduler whether the arm rests in time, by its table of braking.
 
@@ -77,7 +63,8 @@ class StopDecision:
         self.evaluated = self.left = 0
         self._scheduler = scheduler
         self._response_time = response_time
-        self._proving = find_proving(response_time)
+        # For how long a STOP is proved to be in time at once, in [s]; 0: for the tick at hand.
+        self._proving = PROVING if response_time < 0.5 * PROVING else 0.0
         self.braking_delay = response_time + reaction_time
         self.looks_ahead = response_time + min(self.braking_delay, LONGEST_PROMISE)
         self._kept = KeptSpeeds()
@@ -87,7 +74,6 @@ class StopDecision:
         """Forget the speed scale that was found last."""
         self._found, self._asked_in = 1.0, -1
         self._unsafe_in = -9
-        self._told_after = self.looks_ahead
         self._raise = STEP
         self._raise_at = -math.inf
         self._kept.reset()
@@ -123,22 +109,8 @@ class StopDecision:
         self._unsafe_in = tick.number
         return False
 
-    def covers(self, tick: Tick) -> bool:
-        """Whether brakes are stated for all that joints can do until the proof of a scale ends."""
-        braking = self._scheduler.arm.motion.braking
-        return braking.covers(tick.v, tick.arm_age, self.looks_ahead)
-
-    def find_scale(
-        self,
-        tick: Tick,
-        is_free: IsFree | None = None,
-        longest: float = math.inf,
-        most: float = 1.0,
-    ) -> float:
+    def find_scale(self, tick: Tick, most: float = 1.0) -> float:
         """The fraction of their operating velocities at which joints may go on, at most `most`.
-
-        Of an arm on a known path it is its clock that is scaled, and `is_free` that is asked; what
-        it promises lasts no longer than `longest`, in [s].
 
         An arm whose joints are no faster may go on so for as long as a STOP takes to reach the
         brakes, at most `LONGEST_PROMISE`, and surely rests before contact if the next verdict
@@ -152,7 +124,6 @@ class StopDecision:
         then one asks whether a higher scale would do; only where the last scale is safe no more, it
         is a bisection.
         """
-        self._told_after = min(self.looks_ahead, self._response_time + longest)
         found = min(self._found, most)
         if tick.number != self._asked_in + 1:
             # Nothing was slow in between, so the arm may go at full speed until something is found.
@@ -160,18 +131,18 @@ class StopDecision:
         self._asked_in = tick.number
         if found < most and not tick.time < self._raise_at:
             higher = min(most, found + self._raise)
-            if self._is_safe(tick, higher, is_free):
+            if self._is_safe(tick, higher):
                 self._raise = min(1.0, 2.0 * self._raise)
                 self._found = higher
                 return higher
             self._raise = STEP
             self._raise_at = tick.time + RAISE_PAUSE
-        if not self._is_safe(tick, found, is_free, lasts=True):
+        if not self._is_safe(tick, found, lasts=True):
             # Invariant: `found` is safe, for an arm that may be told to stop now; `high` is not.
             found, high = 0.0, found
             scale = high - STEP
             while scale > 0.0 and high - found > STEP:
-                if self._is_safe(tick, scale, is_free):
+                if self._is_safe(tick, scale):
                     found = scale
                 else:
                     high = scale
@@ -180,17 +151,13 @@ class StopDecision:
         self._found = found
         return found
 
-    def _is_safe(
-        self, tick: Tick, scale: float, is_free: IsFree | None, *, lasts: bool = False
-    ) -> bool:
+    def _is_safe(self, tick: Tick, scale: float, *, lasts: bool = False) -> bool:
         """Whether an arm that keeps to a scale rests in time; at 0 it rests already.
 
         What `lasts` is proved for some ticks at once, where it can be.
         """
         if scale == 0.0:
             return True
-        if is_free is not None:
-            return is_free(tick, self._told_after, scale)
         if scale == 1.0:
             return self._is_whole_safe(tick, lasts=lasts)
         return self._is_paced_safe(tick, scale, lasts=lasts)

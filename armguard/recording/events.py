@@ -22,7 +22,7 @@ from armguard.pairs.exemptions import Exemption
 from armguard.robot.portable import read_numbers, write_number, write_numbers
 from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, Verdict
 
-FORMAT = 1
+FORMAT = 2
 """Of recordings; a reader refuses those of a later one."""
 
 Number: TypeAlias = float | str
@@ -56,10 +56,6 @@ class JointState(Event, frozen=True, kw_only=False):
     """[rad/s] or [m/s]."""
     odd_q: OddArray | UnsetType = UNSET
     odd_v: OddArray | UnsetType = UNSET
-    path_time: Number | UnsetType = UNSET
-    """[s]."""
-    odd_path_time: str | UnsetType = UNSET
-    """What stood in its place, and was no number."""
 
 
 class ObstacleUpdate(Event, frozen=True, kw_only=True):
@@ -179,9 +175,8 @@ class PlanField(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlanAsked(Event, frozen=True, kw_only=True):
-    """A plan, and what was asked of it."""
+    """A piece that was to be committed."""
 
-    ask: Literal["commit", "follow"]
     fields: list[PlanField] = []
     type: str = "Plan"
     """What it was, if it was no plan."""

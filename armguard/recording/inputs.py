@@ -7,7 +7,7 @@ kept as its refusal told: type and shape of an array that does not fit, and that
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from msgspec import UNSET
@@ -30,9 +30,7 @@ MOST_NUMBERS = 1 << 20
 _FLOAT = np.dtype(np.float64)
 
 
-def tell_state(
-    stamp: object, q: Any, v: Any, now: object, path_time: object, joints: int
-) -> JointState:
+def tell_state(stamp: object, q: Any, v: Any, now: object, joints: int) -> JointState:
     """The arguments of a step.
 
     Args:
@@ -40,49 +38,33 @@ def tell_state(
         q: As in `Monitor.step`.
         v: As in `Monitor.step`.
         now: As in `Monitor.step`; the stamp where none was given.
-        path_time: As in `Monitor.step`.
         joints: How many there are.
     """
     told_q, odd_q = _tell_vector(q, joints)
     told_v, odd_v = _tell_vector(v, joints)
-    told_time: Any = UNSET
-    odd_time: Any = UNSET
-    if path_time is not None:
-        number = read_number(path_time)
-        told_time = write_number(number)
-        if not math.isfinite(number):
-            odd_time = repr(path_time)
-    return JointState(
-        _tell_number(stamp), _tell_number(now), told_q, told_v, odd_q, odd_v, told_time, odd_time
-    )
+    return JointState(_tell_number(stamp), _tell_number(now), told_q, told_v, odd_q, odd_v)
 
 
-def restore_state(event: JointState) -> tuple[float, Any, Any, float, object]:
+def restore_state(event: JointState) -> tuple[float, Any, Any, float]:
     """Arguments of a step that have the same effect as those of `tell_state` had."""
-    path_time: object = None
-    if event.odd_path_time is not UNSET:
-        path_time = OddNumber(event.odd_path_time)
-    elif event.path_time is not UNSET:
-        path_time = float(event.path_time)
     return (
         float(event.stamp),
         read_numbers(event.q) if event.odd_q is UNSET else restore_odd(event.odd_q),
         read_numbers(event.v) if event.odd_v is UNSET else restore_odd(event.odd_v),
         float(event.now),
-        path_time,
     )
 
 
-def tell_plan(ask: Literal["commit", "follow"], plan: object) -> PlanAsked:
+def tell_plan(plan: object) -> PlanAsked:
     """A plan, or whatever stood in its place."""
     if not isinstance(plan, Plan):
-        return PlanAsked(ask=ask, type=type(plan).__name__)
+        return PlanAsked(type=type(plan).__name__)
     fields = [
         _tell_field(name, value)
         for name, value in zip(Plan._fields, plan, strict=True)
         if value is not None or name in Plan._fields[:5]
     ]
-    return PlanAsked(ask=ask, fields=fields)
+    return PlanAsked(fields=fields)
 
 
 def restore_plan(event: PlanAsked) -> Any:
@@ -90,16 +72,6 @@ def restore_plan(event: PlanAsked) -> Any:
     if event.type != "Plan" or not event.fields:
         return type(event.type, (), {})()
     return Plan(**{field.name: _restore_field(field) for field in event.fields})
-
-
-class OddNumber:
-    """Stands in for what was given as a number, and was none."""
-
-    def __init__(self, text: str) -> None:
-        self._text = text
-
-    def __repr__(self) -> str:
-        return self._text
 
 
 class OddValues(np.ndarray[Any, Any]):

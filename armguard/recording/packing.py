@@ -41,8 +41,8 @@ and joint states and updates as they usually are."""
 NUMBERS = {kind: number for number, kind in enumerate(KINDS)}
 """Places in `KINDS`."""
 
-_STATE = struct.Struct("<Bqddd")
-"""`FRAME`; stamp, time of the tick, path time, NaN where that was not told. Then q and v."""
+_STATE = struct.Struct("<Bqdd")
+"""`FRAME`; stamp, time of the tick. Then q and v."""
 
 _UPDATE = struct.Struct("<BqH")
 """`FRAME`; number of the heading. Then the body."""
@@ -75,7 +75,6 @@ class ToldState(NamedTuple):
     q: Any
     v: Any
     now: Any
-    path_time: Any
 
 
 class ToldVerdict(NamedTuple):
@@ -101,7 +100,7 @@ def pack_state(told: ToldState, shape: tuple[int]) -> bytes | None:
         told: Arguments of a step.
         shape: Of positions and velocities.
     """
-    came, stamp, q, v, now, path_time = told
+    came, stamp, q, v, now = told
     if not (
         type(stamp) is float is type(now)
         and type(q) is np.ndarray is type(v)
@@ -110,16 +109,12 @@ def pack_state(told: ToldState, shape: tuple[int]) -> bytes | None:
         and q.shape == shape == v.shape
     ):
         return None
-    if path_time is None:
-        path_time = math.nan
-    elif type(path_time) is not float or path_time != path_time:
-        return None
-    return _STATE.pack(STATE, came, stamp, now, path_time) + q.tobytes() + v.tobytes()
+    return _STATE.pack(STATE, came, stamp, now) + q.tobytes() + v.tobytes()
 
 
 def read_state(data: bytes) -> JointState:
     """The joint state that `pack_state` made bytes of."""
-    _, _, stamp, now, path_time = _STATE.unpack_from(data)
+    _, _, stamp, now = _STATE.unpack_from(data)
     values = np.frombuffer(data, np.float64, offset=_STATE.size).tolist()
     joints = len(values) // 2
     if not math.isfinite(sum(values)):
@@ -129,7 +124,6 @@ def read_state(data: bytes) -> JointState:
         spell(now),
         values[:joints],
         values[joints:],
-        path_time=UNSET if path_time != path_time else spell(path_time),
     )
 
 

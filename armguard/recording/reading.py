@@ -120,11 +120,12 @@ class Recording:
     def _check_format(self, found: str) -> None:
         if not found.isdecimal():
             raise ArmguardError(str(self.path), f"has format {found!r}", expected="a number")
-        if int(found) > FORMAT:
+        if int(found) != FORMAT:
+            other = "a newer" if int(found) > FORMAT else "an older"
             raise ArmguardError(
                 str(self.path),
-                f"is of a newer version of armguard (format {found})",
-                expected=f"format {FORMAT} or older",
+                f"is of {other} version of armguard (format {found})",
+                expected=f"format {FORMAT}",
                 remedy="replay it with that version",
             )
 

@@ -19,7 +19,7 @@ from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -247,7 +247,7 @@ class Recorder:
 
     # What a monitor tells; see `armguard.monitor.journal`.
 
-    def note_state(self, stamp: object, q: Any, v: Any, now: object, path_time: object) -> None:
+    def note_state(self, stamp: object, q: Any, v: Any, now: object) -> None:
         """As `MonitorJournal` says."""
         self._stepping = True
         try:
@@ -255,7 +255,7 @@ class Recorder:
                 self.write_pending()
             if self._robot.revision != self._revision:
                 self._tell_bodies()
-            state = ToldState(self._now(), stamp, q, v, now, path_time)
+            state = ToldState(self._now(), stamp, q, v, now)
             if self._defers:
                 self._pending.append(state)
             else:
@@ -302,10 +302,10 @@ class Recorder:
                 self._lose()
                 raise
 
-    def note_plan(self, ask: Literal["commit", "follow"], plan: object) -> None:
+    def note_plan(self, plan: object) -> None:
         """As `MonitorJournal` says."""
         try:
-            self._tell(tell_plan(ask, plan))
+            self._tell(tell_plan(plan))
         except Exception:
             self._lose()
 

@@ -160,8 +160,8 @@ class Replay:
         pending: tuple[float, Verdict] | None = None
         for nanoseconds, event, data in self._recording.events():
             if isinstance(event, JointState):
-                stamp, q, v, now, path_time = self._read(restore_state, event)
-                pending = now, self.monitor.step(stamp, q, v, now, path_time)
+                stamp, q, v, now = self._read(restore_state, event)
+                pending = now, self.monitor.step(stamp, q, v, now)
                 self._now = now
             elif not isinstance(event, VerdictTold):
                 self._apply(event, data)
@@ -224,8 +224,7 @@ class Replay:
         elif isinstance(event, PlanAsked):
             self._answer = None
             if monitor.settings.motion == PLANNED:
-                ask = monitor.commit if event.ask == "commit" else monitor.follow
-                self._answer = ask(restore_plan(event))
+                self._answer = monitor.commit(restore_plan(event))
         elif isinstance(event, PlanAnswered):
             answer, self._answer = self._answer, None
             is_compared = answer is not None and not self._lost and not self._changes

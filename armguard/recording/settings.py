@@ -14,7 +14,6 @@ from armguard.monitor.monitor import Monitor
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
-from armguard.pairs.arm import ADVANCES
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.portable import read_numbers, write_number, write_numbers
@@ -38,10 +37,7 @@ _PLAIN = (
 )
 """Settings of a monitor that are one number each."""
 
-_MAYBE = ("path_deceleration",)
-"""Those that are one number or nothing."""
-
-_WORDS = ("motion", "stop", "leave")
+_WORDS = ("motion", "leave")
 _WHOLE = ("budget", "advances")
 
 
@@ -59,7 +55,6 @@ def describe_settings(monitor: Monitor) -> dict[str, Any]:
             **{name: getattr(settings, name) for name in _WORDS},
             "schedule": _describe_schedule(settings.schedule),
             "budget": settings.budget,
-            **{name: getattr(settings, name) for name in _MAYBE},
             "advances": settings.advances,
             "ignore": [list(entry) for entry in settings.ignore],
             "certify": bool(settings.certify),
@@ -142,8 +137,6 @@ def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) ->
     """A monitor from the data of `describe_settings`; errors as of `make_obstacles`."""
     base, operating, separation = data["base_placement"], data["operating"], data["separation"]
     schedule = data["schedule"]
-    # Recordings of earlier versions do not have all that there is now: then it was as by default.
-    data = {"leave": "never", "path_deceleration": None, "advances": ADVANCES, **data}
     words: dict[str, Any] = {name: str(data[name]) for name in _WORDS}
     numbers: dict[str, Any] = {name: float(data[name]) for name in _PLAIN}
     return Monitor(
@@ -155,7 +148,6 @@ def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) ->
         if isinstance(schedule, str)
         else DaaSchedule(float(schedule["period"]), schedule["law"], schedule["sort"]),
         budget=data["budget"],
-        **{name: data[name] for name in _MAYBE},
         advances=data["advances"],
         ignore=[tuple(entry) for entry in data["ignore"]],
         certify=bool(data["certify"]),
@@ -186,12 +178,12 @@ def change_settings(data: dict[str, Any], changes: Mapping[str, str], robot: Rob
     Raises:
         ArmguardError: There is no such setting, or its value is not of its kind.
     """
-    known = [*_PLAIN, *_MAYBE, *_WORDS, "schedule", *_WHOLE, "operating", "operating.velocity"]
+    known = [*_PLAIN, *_WORDS, "schedule", *_WHOLE, "operating", "operating.velocity"]
     known += ["operating.acceleration", "bounds.speed", "bounds.accel"]
     for name, text in changes.items():
         if name in _WORDS or name == "schedule":
             data["monitor"][name] = text
-        elif name in _PLAIN or name in _MAYBE:
+        elif name in _PLAIN:
             data["monitor"][name] = _read_number(name, text)
         elif name in _WHOLE:
             number = _read_number(name, text)

@@ -138,12 +138,12 @@ def _collect(recording: Recording, rate: float, begin: int, end: int) -> list[Tr
 
 def _make_tick(recording: Recording, event: JointState, tell: Any) -> TrialTick:
     try:
-        stamp, q, v, now, path_time = restore_state(event)
+        stamp, q, v, now = restore_state(event)
     except (ValueError, TypeError) as error:
         raise ArmguardError(
             str(recording.path), f"has a JointState that cannot be tried ({error})"
         ) from None
-    return TrialTick(stamp, q, v, now, path_time, tell)  # type: ignore[arg-type]  # whatever it was
+    return TrialTick(stamp, q, v, now, tell)
 
 
 def _tell(path: str, events: Sequence[Event], monitor: Any) -> None:
@@ -154,8 +154,7 @@ def _tell(path: str, events: Sequence[Event], monitor: Any) -> None:
                 monitor.payload = float(event.payload)
             elif isinstance(event, PlanAsked):
                 if monitor.settings.motion == PLANNED:
-                    ask = monitor.commit if event.ask == "commit" else monitor.follow
-                    ask(restore_plan(event))
+                    monitor.commit(restore_plan(event))
             else:
                 apply_event(monitor, event)
         except (ArmguardError, ValueError, KeyError, TypeError, IndexError) as error:

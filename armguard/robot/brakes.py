@@ -219,20 +219,6 @@ def find_gentlest_stop(brakes: BrakeCurves, speeds: FloatArray) -> FloatArray:
     return rates
 
 
-@kernel
-def find_decelerations(brakes: BrakeCurves, speeds: FloatArray) -> FloatArray:
-    """What is guaranteed at each instant from speeds of at most `speeds`; 0 where nothing is.
-
-    Args:
-        brakes: How joints stop.
-        speeds: Of the joints, >= 0, in [rad]/[s] or [m]/[s]. Shape (nv,).
-    """
-    decelerations = np.zeros(speeds.shape[0])
-    for j in range(speeds.shape[0]):
-        decelerations[j] = find_stop(brakes, j, speeds[j]).deceleration
-    return decelerations
-
-
 class Brakes:
     """The table of a robot's brakes, checked; one list of entries for each watched joint.
 

@@ -80,11 +80,6 @@ class Certificates(NamedTuple):
     pair_bound: NDArray[np.int8]
     """What that rests on, an index of `BOUND_NAMES`. Shape (rows, links)."""
     proofs: StopProofs
-    way_until: FloatArray
-    """Until when a STOP is in time for an arm that is on its trajectory until then, in [s] since
-    the epoch. Shape (rows,)."""
-    way_revision: IntArray
-    """The row's revision that this was proved with. Shape (rows,)."""
     broken: IntArray
     """Rows whose changes broke the bounds behind their certificates. Shape (rows,)."""
     numbers: IntArray
@@ -107,8 +102,6 @@ def make_certificates(links: int) -> Certificates:
         ),
         **_make_rows(0, links),
         proofs=_make_proofs(0, 1),
-        way_until=np.zeros(0),
-        way_revision=np.zeros(0, dtype=np.int64),
         broken=np.zeros(0, dtype=np.int64),
         numbers=np.array([0, -1, -1, 0, 0, 0, 0, -9, -9, 0, 0]),
     )
@@ -161,8 +154,6 @@ def grow_certificates(
         **grown,
         # To prove it again takes less than to copy it.
         proofs=_make_proofs(rows, width),
-        way_until=extend_rows(certificates.way_until, rows),
-        way_revision=extend_rows(certificates.way_revision, rows),
         broken=extend_rows(certificates.broken, rows),
     )
 
@@ -173,7 +164,6 @@ def invalidate(certificates: Certificates, row: int) -> None:
     for link in range(certificates.watched.shape[1]):
         certificates.pair_expiry[row, link] = -np.inf
     certificates.proofs.until[2 * row : 2 * row + 2] = -np.inf
-    certificates.way_until[row] = -np.inf
     make_due(certificates.wheel, row, -np.inf)
     set_value(certificates.expiry_tree, row, -np.inf)
 

@@ -48,10 +48,7 @@ from armguard.scheduling.deadline_kernels import (
     TickData,
     advance,
     evaluate_due,
-    find_near_pairs,
     find_unsafe,
-    is_way_proved,
-    keep_way_proof,
     recall_stops,
 )
 from armguard.scheduling.layouts import Layouts
@@ -84,8 +81,6 @@ class _Desk(NamedTuple):
     tick_data: Any
     codes: tuple[Any, Any, Any, Any]
     """Machine code of `advance`, `evaluate_due`, `find_unsafe` and `recall_stops`."""
-    way_codes: tuple[Any, Any, Any]
-    """Of `find_near_pairs`, `is_way_proved` and `keep_way_proof`."""
 
 
 def _list_own(certificates: Certificates) -> list[NDArray[Any]]:
@@ -285,13 +280,6 @@ class DeadlineScheduler:
             state.prepare_arm(tick.q, tick.v)
             numbers[MOVED] = numbers[PREPARED] = tick.number
 
-    def near_pairs(self, tick: Tick, duration: float) -> IntArray:
-        """Pairs that could touch within `duration`, in [s]."""
-        pairs: IntArray = self._find_near_pairs(
-            self._tick_data, tick.time + duration, self._candidates
-        )
-        return pairs
-
     def watched_pairs(self) -> NDArray[np.bool_]:
         """Which pairs are watched, by row × links + link."""
         return self.certificates.watched.reshape(-1)
@@ -337,19 +325,6 @@ class DeadlineScheduler:
             self._candidates,
         )
         return answer
-
-    def is_way_proved(self, told: float, latest: float) -> bool:
-        """Whether earlier ticks have proved that the arm can be told to stop on its trajectory."""
-        proved: bool = self._is_way_proved(self._tick_data, told, latest, self._candidates)
-        return proved
-
-    def keep_way_proof(self, told: float, latest: float) -> None:
-        """Keep that nothing touches an arm that is told to stop on its trajectory by then."""
-        self._keep_way_proof(self._tick_data, told, latest, self._candidates)
-
-    def forget_way_proofs(self) -> None:
-        """Forget all of them: the arm is on another way."""
-        self.certificates.way_until.fill(-np.inf)
 
     def find_unsafe(
         self,
@@ -472,7 +447,6 @@ class DeadlineScheduler:
         self.certificates, self._candidates = desk.certificates, desk.candidates
         self._handle, self._tick_data = desk.handle, desk.tick_data
         self._advance, self._evaluate_due, self._find_unsafe, self._recall_stops = desk.codes
-        self._find_near_pairs, self._is_way_proved, self._keep_way_proof = desk.way_codes
 
     def _lay_desk(self, arm: WatchedArm, certificates: Certificates, *, is_fresh: bool) -> _Desk:
         """Certificates that have the obstacle table's size, and what ticks run on them."""
@@ -491,11 +465,6 @@ class DeadlineScheduler:
             pack(certificates),
             tick_data,
             self._bind(tick_data, candidates),
-            (
-                machine_code(find_near_pairs, tick_data, 0.0, candidates),
-                machine_code(is_way_proved, tick_data, 0.0, 0.0, candidates),
-                machine_code(keep_way_proof, tick_data, 0.0, 0.0, candidates),
-            ),
         )
 
     def _bind(self, handle: Any, candidates: IntArray) -> tuple[Any, Any, Any, Any]:

@@ -172,11 +172,6 @@ class PairScheduler:
         self.arm.state.now, self.arm.state.arm_age = tick.now, tick.arm_age
         self.arm.state.prepare_arm(tick.q, tick.v)
 
-    def near_pairs(self, tick: Tick, duration: float) -> IntArray:
-        """Pairs that could touch within `duration`, in [s]."""
-        pairs = self.certificates.pairs
-        return pairs[~(self.certificates.expiry[pairs] > tick.time + duration)]
-
     def watched_pairs(self) -> NDArray[np.bool_]:
         """Which pairs are watched, by row × links + link."""
         return self.certificates.active
@@ -197,16 +192,6 @@ class PairScheduler:
         """Whether the arm was proved to rest in time: that is asked in every tick."""
         return IN_VAIN
 
-    def is_way_proved(self, told: float, latest: float) -> bool:
-        """Whether the arm can be told to stop on its trajectory: that is asked in every tick."""
-        return False
-
-    def keep_way_proof(self, told: float, latest: float) -> None:
-        """Keep nothing."""
-
-    def forget_way_proofs(self) -> None:
-        """Forget nothing."""
-
     def find_unsafe(
         self,
         tick: Tick,
@@ -220,7 +205,8 @@ class PairScheduler:
         kept_since: float | None = None,
     ) -> Unsafe:
         """A pair that might touch before the arm rests; all pairs that are near are evaluated."""
-        near = self.near_pairs(tick, stop_time)
+        pairs = self.certificates.pairs
+        near = pairs[~(self.certificates.expiry[pairs] > tick.time + stop_time)]
         return Unsafe(*find_unsafe_pair(self.arm.state, near), left=0)
 
     def recall(self, pair: int) -> PairResult:

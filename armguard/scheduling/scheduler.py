@@ -191,10 +191,6 @@ class Scheduler(Protocol):
         """Place the arm and fill its bounds for a tick, needed by its evaluations or not."""
         ...
 
-    def near_pairs(self, tick: Tick, duration: float) -> IntArray:
-        """Pairs that could touch within `duration`, in [s]. Shape (m,)."""
-        ...
-
     def watched_pairs(self) -> NDArray[np.bool_]:
         """Which pairs are watched, by row × links + link; none beyond its end. Shape (n,)."""
         ...
@@ -229,26 +225,6 @@ class Scheduler(Protocol):
             that it may well be renewed; IN_VAIN where all that is not proved was asked a moment ago
             already; or ASKABLE, which says nothing.
         """
-        ...
-
-    def is_way_proved(self, told: float, latest: float) -> bool:
-        """Whether ticks before have proved that an arm on its trajectory can be told to stop then.
-
-        Args:
-            told: When it is told to at the latest, in [s] since the epoch.
-            latest: When it surely rests, by that proof, alike.
-
-        Returns:
-            False says nothing: there is news of an obstacle, or proofs are not kept.
-        """
-        ...
-
-    def keep_way_proof(self, told: float, latest: float) -> None:
-        """Keep that nothing touches such an arm, as `near_pairs` were all asked in this tick."""
-        ...
-
-    def forget_way_proofs(self) -> None:
-        """Forget all of them: the arm is on another way."""
         ...
 
     def find_unsafe(

@@ -124,8 +124,6 @@ class JointState(NamedTuple):
     stamp: float
     q: NDArray[np.float64]
     v: NDArray[np.float64]
-    path_time: float | None = None
-    """Where on its trajectory the arm says that it was, in [s]."""
 
 
 class OtherArm(NamedTuple):
@@ -143,7 +141,7 @@ class OtherArm(NamedTuple):
 class PlanRequest(NamedTuple):
     """What a controller asks about its plan, in the order of the watched joints."""
 
-    ask: Literal["commit", "follow", "share"]
+    ask: Literal["commit", "share"]
     number: int
     """Of the plan, as its sender counts."""
     problem: str
@@ -160,8 +158,6 @@ class PlanRequest(NamedTuple):
     """[rad] or [m]. Shape (nv,)."""
     velocity_tracking_error: NDArray[np.float64] | None = None
     """[rad/s] or [m/s]. Shape (nv,); None where the sender does not say."""
-    stop_tracking_error: NDArray[np.float64] | None = None
-    """[rad] or [m]. Shape (nv,); None where the sender does not say."""
 
 
 class ExemptionRequest(NamedTuple):
@@ -760,7 +756,7 @@ class Edge:
             problem = f"stamp is {message.stamp!r}, {last.stamp - stamp:.3g} s before the last one"
             self.faults.add("stamp went back", "joints", message.seq, problem)
         if not self._keeps_joint_state:
-            self._newest = JointState(stamp, q, v, message.path_time)
+            self._newest = JointState(stamp, q, v)
         if usable and self._own_points is not None:
             self._past.append(JointState(stamp, q, v))
         # An impossible state must be seen by the monitor, even if a good one follows at once.
@@ -808,9 +804,9 @@ class Edge:
             q = to_rows("q", message.q, size, count)[:, order]
             v = to_rows("v", message.v, size, count)[:, order]
             fields = {"tracking_error": _read_errors(message, "tracking_error", order)}
-            for field in ("velocity_tracking_error", "stop_tracking_error"):
-                if getattr(message, field) is not None:
-                    fields[field] = _read_errors(message, field, order)
+            if message.velocity_tracking_error is not None:
+                field = "velocity_tracking_error"
+                fields[field] = _read_errors(message, field, order)
         except MessageError as error:
             self.faults.add("malformed", "plans", message.number, str(error))
             return PlanRequest(message.ask, message.number, str(error))

@@ -152,9 +152,6 @@ class JointsMessage(Message, tag="joints"):
     """velocities, [rad/s] or [m/s], one a name"""
     seq: int | None = None
     """counts the messages, so that lost ones are told"""
-    path_time: float | None = None
-    """where on the trajectory that it follows the arm was at `stamp`, [s] as in the plan's `times`;
-    left out: the trajectory is followed on time"""
     arm: str = ""
     """whose state it is, by its name in a cell with several arms; left out where there is one"""
 
@@ -162,9 +159,9 @@ class JointsMessage(Message, tag="joints"):
 class PlanMessage(Message, tag="plan"):
     """What the controller is about to do, and what it asks: may the arm?"""
 
-    ask: Literal["commit", "follow", "share"]
-    """a piece that carries its own stop, or a whole trajectory; or nothing: a promise to the
-    monitors of other arms"""
+    ask: Literal["commit", "share"]
+    """whether a piece that carries its own stop may be done; or nothing: a promise to the monitors
+    of other arms"""
     number: Number
     """of the plan; the answer carries it, and all readers see all answers: use none twice, and none
     of another sender's"""
@@ -183,9 +180,6 @@ class PlanMessage(Message, tag="plan"):
     velocity_tracking_error: Values | None = None
     """how far velocities may be off the curve's, [rad/s] or [m/s]; left out: what follows from the
     tracking error and the limits on acceleration"""
-    stop_tracking_error: Values | None = None
-    """how far joints may be off while the arm stops on its path, [rad] or [m]; for
-    `stop = "path"`"""
     arm: str = ""
     """whose plan it is, by its name in a cell with several arms; left out where there is one"""
     until: float | None = None
@@ -308,8 +302,7 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     where that is unknown"""
     speed_scale: Figure
     """how fast the arm may go on, from 0 to 1, as a share of the joints' operating velocities, or
-    of their velocity limits where none are stated; of an arm that follows a trajectory, of its
-    clock"""
+    of their velocity limits where none are stated"""
     link: str | None
     """link of the deciding pair; nil without pairs, or where not all that is there is known"""
     obstacle: str | None
@@ -426,7 +419,17 @@ def _name_mistake(data: bytes, is_json: bool, problem: str) -> MessageError:
         found, expected = ("missing", "a value") if missing else ("there", "no such field")
     elif not found:
         found, expected = problem, "another value"
+    expected = _REMOVED.get(field, expected)
     return MessageError(field or "message", found, expected, source, sequence)
+
+
+_COMMIT = 'pieces of trajectory that carry their own stop, in plans that ask "commit"'
+_REMOVED = {
+    "ask": f'"commit" or "share"; instead of "follow": {_COMMIT}',
+    "path_time": f"no such field; instead: {_COMMIT}",
+    "stop_tracking_error": f"no such field; instead: {_COMMIT}",
+}
+"""What is expected where messages of earlier versions have something else."""
 
 
 def to_values(field: str, values: bytes | list[float], count: int) -> NDArray[np.float64]:

@@ -236,7 +236,6 @@ class Publisher:
         names: Sequence[str],
         q: ArrayLike,
         v: ArrayLike,
-        path_time: float | None = None,
         arm: str = "",
     ) -> None:
         """Send a joint state.
@@ -246,8 +245,6 @@ class Publisher:
             names: Of the joints, in any order. Length n.
             q: Positions, in [rad] or [m]. Shape (n,).
             v: Velocities, in [rad/s] or [m/s]. Shape (n,).
-            path_time: Where on the trajectory that it follows the arm was then, in [s] as in the
-                plan's times; None: it is followed on time.
             arm: Whose state it is, in a cell with several arms; empty where there is one.
 
         Raises:
@@ -263,14 +260,13 @@ class Publisher:
                 positions,
                 velocities,
                 self._joints_sequence,
-                path_time,
                 arm,
             )
         )
 
     def plan(
         self,
-        ask: Literal["commit", "follow"],
+        ask: Literal["commit"],
         stamp: float,
         names: Sequence[str],
         times: ArrayLike,
@@ -278,15 +274,14 @@ class Publisher:
         v: ArrayLike,
         tracking_error: ArrayLike,
         velocity_tracking_error: ArrayLike | None = None,
-        stop_tracking_error: ArrayLike | None = None,
         arm: str = "",
     ) -> int:
-        """Ask whether the arm may do what is planned; see `Plan`, `Monitor.commit` and `follow`.
+        """Ask whether the arm may do what is planned; see `Plan` and `Monitor.commit`.
 
         The answer is published among the verdicts: `VerdictReader.answer` waits for it.
 
         Args:
-            ask: "commit" for a piece that carries its own stop, "follow" for a whole trajectory.
+            ask: "commit": the plan is a piece that carries its own stop.
             stamp: When the arm is at the first sample, in [s] on the clock of the joint states.
             names: Of the joints, in any order. Length n.
             times: Of the samples, counted from `stamp`, in [s]; rising from 0. Shape (k,).
@@ -294,17 +289,18 @@ class Publisher:
             v: Velocities, in [rad/s] or [m/s]. Shape (k, n).
             tracking_error: How far joints may be off, in [rad] or [m], one or shape (n,).
             velocity_tracking_error: How far velocities may be off, one or shape (n,).
-            stop_tracking_error: How far joints may be off while the arm stops on its path, one or
-                shape (n,).
             arm: Whose plan it is, in a cell with several arms; empty where there is one.
 
         Returns:
             The plan's number, by which it is answered.
 
         Raises:
-            StreamError: If shapes do not fit the numbers of names and times.
+            StreamError: If something else is asked, or shapes do not fit the numbers of names
+                and times.
         """
-        errors = tracking_error, velocity_tracking_error, stop_tracking_error
+        if ask != "commit":
+            raise StreamError("ask", f"is {ask!r}", expected='"commit"')
+        errors = tracking_error, velocity_tracking_error
         return self._send_plan(ask, stamp, names, (times, q, v), errors, arm)
 
     def share_plan(
@@ -344,25 +340,25 @@ class Publisher:
             stamp,
             names,
             (times, q, v),
-            (tracking_error, velocity_tracking_error, None),
+            (tracking_error, velocity_tracking_error),
             arm,
             float(until),
         )
 
     def _send_plan(
         self,
-        ask: Literal["commit", "follow", "share"],
+        ask: Literal["commit", "share"],
         stamp: float,
         names: Sequence[str],
         samples: tuple[ArrayLike, ArrayLike, ArrayLike],
-        errors: tuple[ArrayLike, ArrayLike | None, ArrayLike | None],
+        errors: tuple[ArrayLike, ArrayLike | None],
         arm: str,
         until: float | None = None,
     ) -> int:
         """Send times, positions and velocities, with the errors of a plan; its number."""
         self._plans += 1
         times, q, v = samples
-        tracking_error, velocity_tracking_error, stop_tracking_error = errors
+        tracking_error, velocity_tracking_error = errors
         count, instants = len(names), np.asarray(times, float)
         shape = (len(instants) if instants.ndim else 0, count)
         self._send(
@@ -376,7 +372,6 @@ class Publisher:
                 _pack("v", v, shape),
                 _pack_values("tracking_error", tracking_error, count) or 0.0,
                 _pack_values("velocity_tracking_error", velocity_tracking_error, count),
-                _pack_values("stop_tracking_error", stop_tracking_error, count),
                 arm,
                 until,
             )

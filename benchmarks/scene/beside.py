@@ -131,12 +131,11 @@ class Balls:
 
 
 class Setting(NamedTuple):
-    """One scene: who is there, and how the controller tells what it is about to do."""
+    """One scene: who is there, and whether the controller commits pieces."""
 
     crowd: tuple[Any, ...]
     """Whatever has `publish`."""
-    plans: str = ""
-    """"follow", "commit", or nothing."""
+    commits: bool = False
     settings: dict[str, Any] = {}  # noqa: RUF012  # nobody writes to it
     """Of the monitor."""
 
@@ -162,13 +161,11 @@ def make_settings(swing: Swing) -> dict[str, Setting]:
     around = [Person(f"person{k}", 1.2 + 0.2 * k, bearing) for k, bearing in enumerate((0, 2, 4))]
     parts = Balls("part", scatter_near(swing, 20, 0.35, 1.2), PART, 0.0)
     one = (Person("person", 1.1, -math.pi / 2.0),)
-    planned = {"motion": "planned"}
     return {
         "person at 1.1 m": Setting(one),
         "person at 1.3 m": Setting((Person("person", 1.3, -math.pi / 2.0),)),
         "person at 2 m": Setting((Person("person", 2.0, -math.pi / 2.0),)),
-        "person, follow": Setting(one, "follow", planned),
-        "person, commit": Setting(one, "commit", planned),
+        "person, commit": Setting(one, True, {"motion": "planned"}),
         "3 people, 20 parts": Setting((*around, parts)),
         "1,000 near balls": Setting((balls(1000, 0.2, 4.0),)),
         "5,000 at hand": Setting((balls(5000, 0.02, 0.9, 0.02),)),

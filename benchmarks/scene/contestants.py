@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-import numpy as np
-
 from armguard.robot import OperatingLimits, Robot
 from scene.least_rule import LeastRule
 from scene.stop_rules import (
     ContactTimeRule,
-    FollowingRule,
     MonitorRule,
     Oracle,
     PieceRule,
@@ -24,9 +21,8 @@ ORACLE, SEPARATION, BRAKING = "knows the future", "separation distance", "brakin
 ISOTROPIC, JOINT = "isotropic", "joint, no braking"
 OPERATING = "operating limits"
 LEAST = "least of any sound rule"
-PATH, ON_PATH, PIECES = "known path", "known path, stop on it", "pieces with their own stop"
+PIECES = "pieces with their own stop"
 NO_LOAD = ", no load"
-EXACT = ", exact encoders"
 AS_THEY_COME = ", data as they come"
 WITH_ERRORS = ", errors included"
 
@@ -41,14 +37,9 @@ DESCRIPTIONS = {
     JOINT: "the default's contact time against the time in which any arm would rest",
     OPERATING: f"`operating=`, {OPERATING_ACCELERATION:g} of the acceleration limits and"
     f" {OPERATING_VELOCITY:g} of the top speeds of the arm's trajectories",
-    PATH: "operating limits, and `follow`: the trajectory is known, and where on it the arm is;"
-    " each joint may leave it at any moment until its brakes bite",
-    ON_PATH: 'the same with `stop="path"`: joints stop together, on the path',
     PIECES: "operating limits, and `commit`: in each tick the next piece, with a stop at its end;"
     " no reaction time enters; an arm that is refused one stops at the end of the one before",
-    PATH + EXACT: "the known path with joint states taken to be exact, as the separation distance"
-    " takes them",
-    PATH + NO_LOAD: "the known path with `payload=0`: brakes as they are without load",
+    PIECES + NO_LOAD: "the same with `payload=0`: brakes as they are without load",
 }
 """What is particular about monitors with settings."""
 
@@ -56,14 +47,14 @@ DESCRIPTIONS = {
 ORDER = (
     ORACLE, ORACLE + NO_LOAD, LEAST, LEAST + WITH_ERRORS, LEAST + NO_LOAD, SEPARATION,
     SEPARATION + NO_LOAD, SEPARATION + AS_THEY_COME, ISOTROPIC, JOINT, BRAKING,
-    BRAKING + AS_THEY_COME, OPERATING, OPERATING + NO_LOAD, OPERATING + AS_THEY_COME, PATH,
-    PATH + EXACT, PATH + NO_LOAD, PATH + AS_THEY_COME, ON_PATH, PIECES, PIECES + NO_LOAD,
+    BRAKING + AS_THEY_COME, OPERATING, OPERATING + NO_LOAD, OPERATING + AS_THEY_COME, PIECES,
+    PIECES + NO_LOAD,
 )  # fmt: skip
 """All rules, as tables have them."""
 
 NOT_OBEYED = (
     ORACLE + NO_LOAD, LEAST, LEAST + WITH_ERRORS, LEAST + NO_LOAD, SEPARATION + AS_THEY_COME,
-    ISOTROPIC, JOINT, OPERATING + NO_LOAD, OPERATING + AS_THEY_COME, PATH + EXACT,
+    ISOTROPIC, JOINT, OPERATING + NO_LOAD, OPERATING + AS_THEY_COME,
 )  # fmt: skip
 """Rules that are judged only: there is another one of the kind to obey."""
 
@@ -105,10 +96,6 @@ class Scope(NamedTuple):
         return (setting.camera, setting.bounds) == (self.cameras[0], self.bounds[0])
 
 
-ENCODER_ERROR = 1e-6
-"""Of joint states that are taken to be exact, in [rad] and [rad]/[s]: not nothing, for rounding."""
-
-
 class Target(NamedTuple):
     """What the share of time in STOP of one rule was to be at most, in shares of another's."""
 
@@ -124,12 +111,7 @@ class Target(NamedTuple):
 TARGETS = (
     Target(OPERATING, SEPARATION, 1.05, (0.02,), LEAST),
     Target(OPERATING, SEPARATION, 1.6, (0.1,), LEAST),
-    Target(PATH, SEPARATION, 0.95, (0.02, 0.05, 0.1), LEAST + WITH_ERRORS),
-    Target(PATH + EXACT, SEPARATION, 0.95, (0.02, 0.05, 0.1), LEAST),
     Target(PIECES, SEPARATION, 0.95, (0.02, 0.05, 0.1)),
-    Target(PATH + NO_LOAD, SEPARATION, 0.75, (0.02, 0.05, 0.1), LEAST + NO_LOAD),
-    Target(PATH + NO_LOAD, SEPARATION + NO_LOAD, 0.95, (0.02, 0.05, 0.1), LEAST + NO_LOAD),
-    Target(PATH + NO_LOAD, ORACLE, 3.0, (0.02, 0.05, 0.1), LEAST + NO_LOAD),
 )
 
 
@@ -158,9 +140,6 @@ def make_rules(
         LeastRule(*given, LEAST + WITH_ERRORS, fastest=operating.resolve(robot)[0]),
         LeastRule(*given, LEAST + NO_LOAD, payload=0.0),
         MonitorRule(*given, OPERATING, operating=operating),
-        FollowingRule(*given, PATH, **known),
-        FollowingRule(load_exact(robot), *given[1:], PATH + EXACT, **known),
-        FollowingRule(*given, PATH + NO_LOAD, payload=0.0, **known),
         PieceRule(*given, PIECES, **known),
         PieceRule(*given, PIECES + NO_LOAD, payload=0.0, **known),
     ]
@@ -182,17 +161,7 @@ def make_rules(
         MonitorRule(*given, ISOTROPIC, motion="isotropic"),
         ContactTimeRule(*given, JOINT),
         MonitorRule(*given, OPERATING + NO_LOAD, payload=0.0, operating=operating),
-        FollowingRule(*given, ON_PATH, stop="path", **known),
         Separation(*given, SEPARATION + AS_THEY_COME, clean=False),
         MonitorRule(*given, BRAKING + AS_THEY_COME, clean=False),
         MonitorRule(*given, OPERATING + AS_THEY_COME, clean=False, operating=operating),
-        FollowingRule(*given, PATH + AS_THEY_COME, clean=False, **known),
     ]
-
-
-def load_exact(robot: Robot) -> Robot:
-    """The same arm with encoders that are taken to be exact."""
-    exact = Robot.load(robot.name)
-    exact.position_error = np.full(len(robot.joints), ENCODER_ERROR)
-    exact.velocity_error = np.full(len(robot.joints), ENCODER_ERROR)
-    return exact

@@ -6,7 +6,7 @@ that moves. A rule that says go on then is right by luck alone. So what stops le
 right for all that people may do, whatever it knows of the arm; and what armguard stops more is what
 its errors and its bounds on the arm cost.
 
-With errors it knows no more than a known path is told: people are off what was measured of them by
+With errors it knows the path, and no more: people are off what was measured of them by
 as much as is stated, joints are off the path by the errors of encoders and of tracking, and each
 leaves it when it likes. All that it tries is one arm that this allows, drawn towards where a person
 comes nearest, so it still stops less than a rule must. What armguard stops more than this is what

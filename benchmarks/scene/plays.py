@@ -88,17 +88,16 @@ class Brakes:
         now: float,
         period: float,
         speed_limit: np.ndarray | float = np.inf,
-        pace_limit: float = 1.0,
     ) -> None:
-        """Let the arm move until the next tick, within limits that `WorkingArm.step` knows."""
+        """Let the arm move until the next tick, within a limit that `WorkingArm.step` knows."""
         while self._due and self._due[0][0] < now + period - 1e-9:
             when, go = self._due.popleft()
             if when > now:
-                self._arm.step(when - now, self._go, speed_limit, pace_limit)
+                self._arm.step(when - now, self._go, speed_limit)
                 period -= when - now
                 now = when
             self._go = go
-        self._arm.step(period, self._go, speed_limit, pace_limit)
+        self._arm.step(period, self._go, speed_limit)
 
 
 class Contacts:
@@ -175,7 +174,7 @@ class Stage:
         self, people: People, arm: WorkingArm, rule: Rule, seconds: float, *, by_scale: bool
     ) -> Obeyed:
         """Let an arm obey one rule, and by wish keep to the speed that it allows."""
-        arm.brakes, arm.stops_on_path = rule.brakes, rule.stops_on_path
+        arm.brakes = rule.brakes
         brakes, contacts = Brakes(arm, rule.delay), Contacts()
         holder = Holder(0.0 if rule.holds or rule.goes_at_once else RISE_DELAY)
         ticks = stopped = stops = missed = beyond = 0
@@ -191,8 +190,7 @@ class Stage:
                     beyond += broken
                     missed += not broken
             brakes.tell(moment.now, stop or not moment.counts)
-            limits = (rule.speed_limit, rule.pace_limit) if by_scale else ()
-            brakes.run(moment.now, self._period, *limits)
+            brakes.run(moment.now, self._period, rule.speed_limit if by_scale else np.inf)
         return Obeyed(ticks, stopped, stops, missed, beyond, arm.progress)
 
     def _moments(  # type: ignore[no-untyped-def]
@@ -213,8 +211,7 @@ class Stage:
 def _is_answerable(rule: Rule, oracle: Oracle) -> bool:
     """Whether a rule's STOP takes as long as that of an oracle, with the same brakes."""
     delays = rule.timing.period + rule.delay, oracle.timing.period + oracle.delay
-    is_alike = rule.stops_on_path == oracle.stops_on_path
-    is_alike &= rule.setting.bounds == oracle.setting.bounds
+    is_alike = rule.setting.bounds == oracle.setting.bounds
     return delays[0] == delays[1] and is_alike and rule.brakes.payload == oracle.brakes.payload
 
 

@@ -27,13 +27,8 @@ from scene.working_arm import ACCELERATION_SHARE, Braking, WorkingArm
 
 TRACKING_ERROR, VELOCITY_TRACKING_ERROR = 1e-3, 0.01
 """What the controller states that it may be off its plans by, in [rad] and [rad]/[s]."""
-PLAN_STEP = 0.02
-"""Between samples of a trajectory to follow, in [s]."""
-PLAN_AHEAD = 70.0
-"""How far such a trajectory leads at least, in [s]: beyond the end of every recording."""
-
-SLOW, SLOW_TICKS = 0.05, 10
-"""Below this speed of all joints, in [rad]/[s], a piece lasts so many ticks; else one."""
+PIECE = 0.01
+"""How long a piece lasts before its stop, in [s], or one tick where that is longer."""
 
 LATENCY = 0.002
 PERIOD = 0.005
@@ -106,12 +101,10 @@ class Rule:
         delay: From its STOP to deceleration, in [s].
         brakes: What the arm's guarantee under that payload.
         holds: Whether its STOPs last until it believes that they are over.
-        stops_on_path: Whether the arm stops on its path; else each joint by itself.
         goes_at_once: Whether an arm that obeys goes on as soon as it may.
         has_scale: Whether it says how fast the arm may go on.
         speed_limit: What joints are to keep to by its last judgement that let the arm go on, in
             [rad]/[s]: a STOP is for the brakes, and takes as long for whoever obeys. Shape (nv,).
-        pace_limit: The same of the arm's clock along its way.
         price: Time that the last judgement took, in [s].
     """
 
@@ -131,9 +124,7 @@ class Rule:
         self.timing = make_timing(setting, period)
         self.delay = self.timing.delay
         self.brakes = Braking(robot, payload)
-        self.stops_on_path = False
         self.speed_limit: np.ndarray | float = np.inf
-        self.pace_limit = 1.0
         self.price = 0.0
 
     def begin(self, people: People, begin: float) -> None:
@@ -241,7 +232,6 @@ class MonitorRule(Rule):
         **options: Any,
     ) -> None:
         super().__init__(robot, setting, period, name, payload=payload, clean=clean)
-        self.stops_on_path = options.get("stop") == "path"
         self._table = Obstacles()
         self.monitor = Monitor(
             robot,
@@ -263,7 +253,7 @@ class MonitorRule(Rule):
         self._table.remove([name for name in self._table.ids if name])
         self.monitor.reset()
         self._next, self._begin = 0, begin
-        self.speed_limit, self.pace_limit = np.inf, 1.0
+        self.speed_limit = np.inf
 
     def judge(self, moment: Moment) -> bool:
         """Whether the arm may go on."""
@@ -295,55 +285,12 @@ class ContactTimeRule(MonitorRule):
         return verdict.complete and verdict.contact_time > verdict.stop_time
 
 
-class FollowingRule(MonitorRule):
-    """A monitor that is told the trajectory, and in each tick where on it the arm is.
-
-    Whenever the arm takes up another way, it says so before it sets off.
-    """
-
-    def begin(self, people: People, begin: float) -> None:
-        """Start anew, with a recording that begins at a time in [s]."""
-        super().begin(people, begin)
-        self._leg: int | None = None
-        self._from = self._along = 0.0
-
-    def _judge(self, moment: Moment) -> bool:
-        arm = moment.arm
-        if self._leg == arm.legs:
-            self._along = max(arm.leg_time - self._from, 0.0)
-        told = None if self._leg is None else self._along
-        self.verdict = self.monitor.step(moment.now, arm.q, arm.v, path_time=told)
-        if any(reason.kind is ReasonKind.PLAN_VOID for reason in self.verdict.reasons):
-            self._leg = None
-        if self._leg != arm.legs and (arm.rests or not arm.braking):
-            self._follow(moment)
-        if self.verdict.level is Level.STOP:
-            return False
-        # Along a known path a scale is one of the arm's clock, and else one of its joints.
-        scale, is_followed = self.verdict.speed_scale, self._leg is not None
-        self.pace_limit = scale if is_followed else 1.0
-        self.speed_limit = np.inf if is_followed else scale * self._speeds
-        return True
-
-    def _follow(self, moment: Moment) -> None:
-        arm = moment.arm
-        leg, first = arm.leg, arm.leg_time
-        lasting = leg.next_rest(first + PLAN_AHEAD) - first
-        times = np.linspace(0.0, lasting, max(2, math.ceil(lasting / PLAN_STEP) + 1))
-        samples = [leg.sample(first + time) for time in times]
-        q, v = (np.array(part) for part in zip(*samples, strict=True))
-        v[-1] = 0.0
-        if self.monitor.follow(make_plan(moment.now, times, q, v)).safe:
-            self._leg, self._from, self._along = arm.legs, first, 0.0
-
-
 class PieceRule(MonitorRule):
     """A monitor that is shown the next piece of the way, with a stop at its end, again and again.
 
     A piece lasts until the answer to the next one has arrived, and stops as hard as brakes
     guarantee. An arm that obeys is on it when no other is found safe, so that no reaction time
-    enters. It goes on with the first piece that is safe: what is proposed must be done. While the
-    arm is slow, pieces are longer: those that joint states cannot tell apart are all kept.
+    enters. It goes on with the first piece that is safe: what is proposed must be done.
     """
 
     holds = has_scale = False
@@ -371,7 +318,7 @@ class PieceRule(MonitorRule):
         left = self._until - now - timing.latency
         if left > timing.period + 1e-9:
             return True
-        ticks = 1 if np.abs(arm.v).max() > SLOW else SLOW_TICKS
+        ticks = max(1, round(PIECE / timing.period))
         times = np.linspace(0.0, ticks * timing.period + timing.latency, ticks + 2)
         piece = self.monitor.with_stop(make_plan(now, times, *arm.preview(times)))
         if self.monitor.commit(piece).safe:

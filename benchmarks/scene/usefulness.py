@@ -384,7 +384,7 @@ def _missed(results: Results, scope: Scope) -> list[str]:
                 rows.append([rule, f"{bounds}, {_milliseconds(camera)}", *map(str, cells)])
     hits = ", ".join(f"{results.hits(speed)} at {speed:g} rad/s" for speed in results.speeds)
     text = "Of the ticks in which a STOP was the last one in time, at all reactions together, how"
-    text += " many a rule let pass. Nothing asks pieces and stops on the path in this way: see the"
+    text += " many a rule let pass. Nothing asks pieces in this way: see the"
     text += f" contacts of arms that obey them. Contacts of the arm, which goes on: {hits}."
     return ["## Missed", "", text, "", *_table(heads, rows), ""]
 

@@ -122,7 +122,6 @@ class WorkingArm:
         robot = trajectory.robot
         self._trajectory = trajectory
         self.brakes = Braking(robot) if brakes is None else brakes
-        self.stops_on_path = False
         self._deceleration = robot.braking_deceleration
         along = trajectory.acceleration_fraction * np.minimum(
             robot.acceleration_limit, robot.braking_deceleration
@@ -153,7 +152,6 @@ class WorkingArm:
         dt: float,
         go: bool,
         speed_limit: np.ndarray | float = np.inf,
-        pace_limit: float = 1.0,
     ) -> None:
         """Advance by `dt` seconds, at work or braking.
 
@@ -162,19 +160,16 @@ class WorkingArm:
             go: Whether it may go on; else it brakes.
             speed_limit: Of each joint at work, in [rad]/[s]: the arm's clock comes down to it as
                 fast as accelerations allow. Shape (nv,).
-            pace_limit: Of that clock, in the same way.
         """
         if not go and not self.braking:
             self.braking = True
             self._deceleration = self.brakes.deceleration(self.v)
         if self.braking and go and self.rests:
             self.braking = False
-        if self.braking and self.stops_on_path:
-            self._brake_on_path(dt)
-        elif self.braking:
+        if self.braking:
             self._brake(dt)
         else:
-            self._follow(dt, speed_limit, pace_limit)
+            self._follow(dt, speed_limit)
 
     def preview(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What it will do if it may go on, positions and velocities. Shapes (len(times), nv).
@@ -198,16 +193,6 @@ class WorkingArm:
         self.v = np.where(moving < dt, 0.0, self.v + pull * moving)
         if self.rests and not was_at_rest:
             self._turn_back()
-
-    def _brake_on_path(self, dt: float) -> None:
-        if self.rests:
-            # A leg that it has yet to begin begins at rest at any pace.
-            self._pace = 0.0 if self.leg_time > 0.0 else 1.0
-            return
-        rate = self._slowing()
-        if not rate > 0.0:
-            raise ValueError("the path bends too much for a stop on it")
-        self._advance(dt, max(0.0, self._pace - rate * dt), rate)
 
     def _slowing(self) -> float:
         """How fast the pace can fall by what the brakes guarantee, in [1]/[s]; 0 or less: not."""
@@ -235,8 +220,8 @@ class WorkingArm:
         self.leg, self.leg_time, self._pace = leg, 0.0, 1.0
         self.legs += 1
 
-    def _follow(self, dt: float, speed_limit: np.ndarray | float, pace_limit: float) -> None:
-        wanted = min(1.0, pace_limit)
+    def _follow(self, dt: float, speed_limit: np.ndarray | float) -> None:
+        wanted = 1.0
         if np.min(speed_limit) < np.max(self._top_speed):
             # The faster of here and where this step leads, as far as that is known.
             slopes = [self.leg.sample(self.leg_time + ahead)[1] for ahead in (0.0, dt)]

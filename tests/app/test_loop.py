@@ -159,9 +159,8 @@ def ask(*messages, text=PLANNED):
     return answers, verdicts, loop
 
 
-@pytest.mark.parametrize("question", ["commit", "follow"])
-def test_a_plan_is_answered_by_its_number(question):
-    answers, verdicts, loop = ask(plan(0.002, 7, ask=question))
+def test_a_plan_is_answered_by_its_number():
+    answers, verdicts, loop = ask(plan(0.002, 7))
     ((number, answer),) = answers
     assert (number, answer.safe, answer.reasons) == (7, True, ())
     assert loop.report().faults == {}
@@ -204,17 +203,6 @@ def test_a_plan_before_the_first_joint_state_is_refused():
     loop.tick()
     assert not answers[0][1].safe
     assert "not known" in str(answers[0][1].reasons[0])
-
-
-def test_where_the_arm_is_on_its_path_reaches_the_monitor():
-    away = joints(0.003, path_time=0.4)
-    _, verdicts, loop = ask(plan(0.002, ask="follow"))
-    loop._edge.joint_state = None
-    told = []
-    loop.monitor.step = lambda *arguments: told.append(arguments) or verdicts[-1]
-    loop._inputs = [Script([away])]
-    loop.tick()
-    assert told[0][-1] == 0.4
 
 
 def test_the_loop_ends_with_its_input_and_on_control_c():

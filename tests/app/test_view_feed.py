@@ -220,8 +220,8 @@ def test_the_most_imminent_obstacle_has_its_reach_and_a_told_path_its_samples(ro
     feed = MonitorFeed(monitor, messages)
     obstacles.update(["ball"], 0.0, [[2.0, 0.0, 1.0]], radius=0.1)
     monitor.step(0.0, READY, np.zeros(7))
-    plan = Plan(0.0, [0.0, 1.0], np.stack([READY, READY]), np.zeros((2, 7)), np.full(7, 1e-3))
-    assert monitor.follow(plan).safe
+    plan = Plan(0.0, [0.0, 0.1], np.stack([READY, READY]), np.zeros((2, 7)), np.full(7, 1e-3))
+    assert monitor.commit(plan).safe
     feed.observe(monitor.step(0.001, READY, np.zeros(7)), 0.001, Durations(), 0)
     (frame,) = messages.frames
     ((*center, radius),) = frame.reach.values

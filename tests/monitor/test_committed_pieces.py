@@ -1,11 +1,13 @@
 import math
+from functools import partial
 
 import numpy as np
 import pinocchio
 import pytest
 from coal import Sphere
 
-from armguard.bounds import Plan
+from armguard.bounds import Plan, stop_on_path
+from armguard.bounds.planned import contact, curve, following, slabs, stop
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor, PlanVerdict, committed_pieces
 from armguard.obstacles import Obstacles, table
@@ -125,7 +127,7 @@ def test_a_piece_that_may_be_left_does_not_begin_out_of_nothing():
     later = make_plan()
     again = later._replace(stamp=0.02, times=later.times[2:] - 0.02, q=later.q[2:], v=later.v[2:])
     assert monitor.commit(again).safe
-    assert len(monitor._judge.path._pieces._pieces) == 2, "it may leave the first one until then"
+    assert len(monitor._judge.pieces._pieces) == 2, "it may leave the first one until then"
 
 
 def first_touch(plan, place, radius):
@@ -267,7 +269,7 @@ def test_a_piece_that_nothing_new_is_seen_on_is_judged_once():
     _, monitor = start(0.3)
     plan = make_plan()
     assert monitor.commit(plan).safe
-    pieces = monitor._judge.path._pieces
+    pieces = monitor._judge.pieces
     for k in range(1, len(TIMES)):
         verdict = monitor.step(float(TIMES[k]), plan.q[k], plan.v[k])
         assert pieces.evaluated == 0
@@ -339,31 +341,36 @@ def test_after_its_end_the_arm_stays_there_until_it_is_seen_to_leave():
         gone.append(monitor.step(DURATION + (19 + k) * PERIOD, q, v))
     assert not monitor._rule.latched
     assert sum(ReasonKind.PLAN_VOID in kinds(verdict) for verdict in gone) == 1
-    assert not monitor._judge.path.is_proved
+    assert not monitor._judge.pieces.is_proved
+
+
+def cut_part(plan, first, last):
+    """The piece between two samples."""
+    return plan._replace(
+        stamp=plan.stamp + float(TIMES[first]),
+        times=TIMES[first : last + 1] - TIMES[first],
+        q=plan.q[first : last + 1],
+        v=plan.v[first : last + 1],
+    )
 
 
 def cut(plan, first, last, monitor):
     """The piece between two samples, with its own stop."""
-    return monitor.with_stop(
-        plan._replace(
-            stamp=plan.stamp + float(TIMES[first]),
-            times=TIMES[first : last + 1] - TIMES[first],
-            q=plan.q[first : last + 1],
-            v=plan.v[first : last + 1],
-        )
-    )
+    return monitor.with_stop(cut_part(plan, first, last))
 
 
-@pytest.mark.parametrize("stop", ["joints", "path"])
-def test_pieces_with_their_own_stops_follow_each_other(stop):
-    obstacles, monitor = make_monitor(motion="planned", rate=100.0, stop=stop)
+@pytest.mark.parametrize("on_path", [False, True])
+def test_pieces_with_their_own_stops_follow_each_other(on_path):
+    obstacles, monitor = make_monitor(motion="planned", rate=100.0)
     put_post(obstacles, 0.3)
     monitor.step(0.0, HOME, STILL)
     plan, most = make_plan(), 0
     for k in range(len(TIMES) - 1):
-        answer = monitor.commit(cut(plan, k, min(k + 3, len(TIMES) - 1), monitor))
+        piece = cut_part(plan, k, min(k + 3, len(TIMES) - 1))
+        stopped = stop_on_path(panda(), piece) if on_path else monitor.with_stop(piece)
+        answer = monitor.commit(stopped)
         assert answer.safe, answer
-        pieces = monitor._judge.path._pieces._pieces
+        pieces = monitor._judge.pieces._pieces
         most = max(most, len(pieces))
         # What the proof of each rests on is its own.
         assert len({piece.place for piece in pieces}) == len(pieces)
@@ -382,7 +389,7 @@ def test_room_that_is_made_for_more_pieces_keeps_what_was_known(monkeypatch):
     see(obstacles, 0.0, FAR)
     monitor.step(0.0, HOME, STILL)
     plan, most = make_plan(), 0
-    pieces = monitor._judge.path._pieces
+    pieces = monitor._judge.pieces
     rooms = []
     for k in range(15):
         assert monitor.commit(cut(plan, k, k + 3, monitor)).safe
@@ -423,7 +430,7 @@ def test_until_joint_states_tell_them_apart_the_arm_may_be_on_either_piece():
         first, second = cut(plan, 0, 10, monitor), plan
         assert monitor.commit(first).safe
         assert monitor.commit(second).safe
-        pieces = monitor._judge.path._pieces
+        pieces = monitor._judge.pieces
         followed = second if goes_on else first
         curve = Hermite(followed.times, followed.q, followed.v)
         for k in range(1, 11):
@@ -522,22 +529,23 @@ def test_a_stop_without_a_piece_is_to_brake_and_no_other_level_says_how():
 
 
 def test_with_stop_ends_at_rest_and_is_committed():
-    for stop in ("joints", "path"):
-        _, monitor = make_monitor(motion="planned", stop=stop)
+    for ends in (lambda monitor: monitor.with_stop, lambda _: partial(stop_on_path, panda())):
+        _, monitor = make_monitor(motion="planned")
+        append = ends(monitor)
         monitor.step(0.0, HOME, STILL)
         plan = make_plan()
         half = plan._replace(times=TIMES[:31], q=plan.q[:31], v=plan.v[:31])
-        whole = monitor.with_stop(half)
+        whole = append(half)
         assert (np.asarray(whole.v)[-1] == 0.0).all()
         assert np.array_equal(np.asarray(whole.q)[:31], half.q)
         pace, braking = half.v[-1, 0], panda().braking_deceleration[0]
         assert whole.times[-1] == pytest.approx(TIMES[30] + pace / braking, abs=2e-6)
         assert whole.q[-1, 0] == pytest.approx(half.q[-1, 0] + 0.5 * pace**2 / braking, abs=1e-6)
         assert monitor.commit(whole).safe
-        assert monitor.with_stop(plan).times[-1] == pytest.approx(DURATION, abs=1e-5)
+        assert append(plan).times[-1] == pytest.approx(DURATION, abs=1e-5)
         for junk in (None, make_plan(q=HOME), make_plan(stamp=np.nan)):
             with pytest.raises(ArmguardError):
-                monitor.with_stop(junk)
+                append(junk)
 
 
 def test_reset_forgets_the_plan():
@@ -589,7 +597,7 @@ def test_a_tool_that_comes_on_the_way_judges_the_piece_anew(length, is_safe):
 def test_only_a_monitor_of_planned_motion_takes_plans(motion):
     _, monitor = make_monitor(motion=motion)
     monitor.step(0.0, HOME, STILL)
-    for ask in (monitor.commit, monitor.follow, monitor.with_stop):
+    for ask in (monitor.commit, monitor.with_stop):
         with pytest.raises(ArmguardError, match="planned"):
             ask(make_plan())
 
@@ -779,7 +787,7 @@ def test_a_continuous_joint_may_wrap_under_a_plan(kinova, side, whose):
     for now in TIMES[1:]:
         assert ReasonKind.PLAN_VOID not in kinds(drive(float(now)))
     # It is followed, not let go.
-    assert monitor._judge.path.is_proved
+    assert monitor._judge.pieces.is_proved
 
 
 def test_what_is_handed_over_is_a_copy():
@@ -903,7 +911,7 @@ def test_a_piece_that_is_left_is_kept_while_one_that_goes_on_from_it_has_not_beg
     assert monitor.commit(now).safe
     assert monitor.commit(nxt).safe
     assert monitor.commit(last).safe
-    kept = [piece.plan.stamp for piece in monitor._judge.path._pieces._pieces]
+    kept = [piece.plan.stamp for piece in monitor._judge.pieces._pieces]
     expected = [begin, begin + later] if leave == "never" else [0.0, begin, begin + later]
     assert kept == pytest.approx(expected)
 
@@ -914,9 +922,9 @@ def test_a_piece_is_not_covered_by_one_that_promises_to_be_less_fast_off_its_cur
     sure = plan._replace(velocity_tracking_error=np.full(7, 1e-4))
     assert monitor.commit(plan).safe
     assert monitor.commit(sure).safe
-    assert len(monitor._judge.path._pieces._pieces) == 2
+    assert len(monitor._judge.pieces._pieces) == 2
     assert monitor.commit(plan).safe
-    assert len(monitor._judge.path._pieces._pieces) == 1, "both are covered by the last one"
+    assert len(monitor._judge.pieces._pieces) == 1, "both are covered by the last one"
 
 
 def test_pieces_that_begin_ahead_do_not_add_up_where_they_may_be_left():
@@ -928,4 +936,30 @@ def test_pieces_that_begin_ahead_do_not_add_up_where_they_may_be_left():
         ahead = 0.0 if k == 1 else 0.5 * PERIOD
         piece = make_plan(stamp=now + ahead, times=[0.0, 0.2], q=q, v=0.0 * q)
         assert monitor.commit(piece).safe, k
-        assert len(monitor._judge.path._pieces._pieces) <= 3
+        assert len(monitor._judge.pieces._pieces) <= 3
+
+
+def test_everything_is_compiled_before_the_first_plan():
+    modules = (contact, curve, following, slabs, stop, committed_pieces)
+    kernels = [
+        one for module in modules for one in vars(module).values() if hasattr(one, "signatures")
+    ]
+    obstacles, monitor = make_monitor(motion="planned", rate=100.0)
+    before = [len(one.signatures) for one in kernels]
+    plan = make_plan()
+    obstacles.add_static("post", [0.9, 0.0, 0.5], 0.05)
+    monitor.step(0.0, HOME, STILL)
+    assert monitor.commit(monitor.with_stop(plan)).safe
+    follow(monitor, plan, 5)
+    assert [len(one.signatures) for one in kernels] == before
+
+
+def test_the_pieces_that_the_arm_may_be_on_are_there_to_be_looked_at_until_a_reset():
+    _, monitor = start(0.3)
+    assert monitor.plans == []
+    plan = make_plan()
+    assert monitor.commit(plan).safe
+    (known,) = monitor.plans
+    assert np.array_equal(known.q, plan.q)
+    monitor.reset()
+    assert monitor.plans == []

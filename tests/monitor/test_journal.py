@@ -11,12 +11,12 @@ def test_arguments_are_told_as_they_came_and_answers_as_they_are():
     monitor.journal = Journal()
     strange = {"q": 1}
     first = monitor.step(0.0, strange, None)
-    second = monitor.step(0.001, HOME, STILL, 0.002, 7.0)
+    second = monitor.step(0.001, HOME, STILL, 0.002)
     told = monitor.journal.told
     assert [name for name, _, _ in told] == ["note_state", "note_verdict"] * 2
     assert told[0][1][1] is strange
-    assert told[0][1] == (0.0, strange, None, 0.0, None)
-    assert told[2][1][3:] == (0.002, 7.0)
+    assert told[0][1] == (0.0, strange, None, 0.0)
+    assert told[2][1][3:] == (0.002,)
     assert told[1][1] == (first,)
     assert told[3][1] == (second,)
     assert monitor.ticks == 2
@@ -30,13 +30,11 @@ def test_resets_payloads_and_plans_are_told():
     with pytest.raises(RobotError):
         monitor.payload = -1.0
     answer = monitor.commit("no plan")
-    monitor.follow("no plan")
     told = [(name, arguments) for name, arguments, _ in monitor.journal.told]
     assert told[0] == ("note_reset", ())
     assert told[1] == ("note_payload", (monitor.payload,))
-    assert told[2] == ("note_plan", ("commit", "no plan"))
+    assert told[2] == ("note_plan", ("no plan",))
     assert told[3] == ("note_plan_verdict", (answer,))
-    assert told[4] == ("note_plan", ("follow", "no plan"))
 
 
 def test_what_cannot_be_asked_is_not_told():

@@ -139,9 +139,7 @@ def test_durations_and_lengths_are_finite_and_not_negative(name):
         ("rate", [0.0, -1.0, math.inf, math.nan, None, "1000", True]),
         ("max_staleness", [-0.1, 1.0, math.nan, None, True]),
         ("motion", ["hope", "", None, 3, "Joint", ["joint"], np.array(["joint"])]),
-        ("stop", ["path", "later", None, 3]),  # without plans there is no path
-        ("path_deceleration", [1.0, 0.0, -1.0, math.inf, math.nan, "1", True]),
-        ("leave", ["any", "later", None, 3]),
+        ("leave", ["any", "later", None, 3]),  # without plans there is nothing to leave
         ("schedule", ["sometimes", None, 3]),
         ("base_placement", [np.eye(4), "here", 1.0]),
         ("budget", [0, -1, 1.0, math.inf, True, "5", [5]]),

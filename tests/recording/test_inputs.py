@@ -53,29 +53,29 @@ def through_file(event, kind):
     return msgspec.json.decode(encode(event), type=kind)
 
 
-def judge(stamp, q, v, now, path_time=None):
+def judge(stamp, q, v, now):
     """The verdict on a state after a good one, and on a good one after it."""
     _, monitor = make_monitor(motion="planned")
     monitor.step(0.002, HOME, STILL)
-    return monitor.step(stamp, q, v, now, path_time), monitor.step(0.004, HOME, STILL)
+    return monitor.step(stamp, q, v, now), monitor.step(0.004, HOME, STILL)
 
 
 @pytest.mark.parametrize("number", range(len(VECTORS)))
 def test_whatever_a_step_is_given_has_the_same_effect_when_it_is_restored(number):
     vector = VECTORS[number]
     for q, v in ((vector, STILL), (HOME, vector), (vector, vector)):
-        event = through_file(tell_state(0.003, q, v, 0.003, None, 7), JointState)
+        event = through_file(tell_state(0.003, q, v, 0.003, 7), JointState)
         assert repr(judge(*restore_state(event))) == repr(judge(0.003, q, v, 0.003))
 
 
 @pytest.mark.parametrize("time", TIMES, ids=repr)
 def test_so_do_times(time):
-    for stamp, now, path_time in ((time, 0.003, None), (0.003, time, None), (0.003, 0.003, time)):
+    for stamp, now in ((time, 0.003), (0.003, time)):
         # A journal is told the stamp where no other time is given.
         judged = stamp if now is None else now
-        event = through_file(tell_state(stamp, HOME, STILL, judged, path_time, 7), JointState)
+        event = through_file(tell_state(stamp, HOME, STILL, judged, 7), JointState)
         told = judge(*restore_state(event))
-        assert repr(told) == repr(judge(stamp, HOME, STILL, now, path_time))
+        assert repr(told) == repr(judge(stamp, HOME, STILL, now))
 
 
 PLANS = [
@@ -86,7 +86,7 @@ PLANS = [
     resting(stamp=0.003, v=np.zeros((21, 6))),
     resting(stamp=0.003, times=["a"]),
     resting(stamp=0.003, times=None),
-    resting(stamp=0.003, velocity_tracking_error=np.full(7, 0.1), stop_tracking_error="wide"),
+    resting(stamp=0.003, velocity_tracking_error="wide"),
     resting(stamp=0.003, q=Awkward()),
     "a plan",
     None,
@@ -97,7 +97,7 @@ PLANS = [
 def test_so_does_a_plan(number):
     plan = PLANS[number]
     answers = []
-    for one in (plan, restore_plan(through_file(tell_plan("commit", plan), PlanAsked))):
+    for one in (plan, restore_plan(through_file(tell_plan(plan), PlanAsked))):
         _, monitor = make_monitor(motion="planned")
         monitor.step(0.003, HOME, STILL)
         answers.append(monitor.commit(one))
@@ -106,7 +106,7 @@ def test_so_does_a_plan(number):
 
 def test_a_plan_is_kept_to_the_bit():
     plan = resting(velocity_tracking_error=np.full(7, 1.0 / 3.0))
-    again = restore_plan(through_file(tell_plan("follow", plan), PlanAsked))
+    again = restore_plan(through_file(tell_plan(plan), PlanAsked))
     for name in Plan._fields:
         one, other = getattr(plan, name), getattr(again, name)
         assert (one is None and other is None) or np.asarray(one).tobytes() == other.tobytes()

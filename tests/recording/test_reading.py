@@ -115,9 +115,14 @@ def test_a_recording_of_others_is_no_recording_of_armguard(tmp_path):
 
 @pytest.mark.parametrize(
     ("found", "words"),
-    [(str(FORMAT + 1), "newer version"), ("one", "has format 'one'"), ("-1", "has format '-1'")],
+    [
+        (str(FORMAT + 1), "a newer version"),
+        (str(FORMAT - 1), "an older version"),
+        ("one", "has format 'one'"),
+        ("-1", "has format '-1'"),
+    ],
 )
-def test_a_recording_of_a_newer_version_is_refused(found, words, tmp_path):
+def test_a_recording_of_another_version_is_refused(found, words, tmp_path):
     path = write(tmp_path / "a.mcap", metadata={"format": found}, attachments=SETTINGS)
     with pytest.raises(ArmguardError, match=words):
         Recording(path)
@@ -126,7 +131,10 @@ def test_a_recording_of_a_newer_version_is_refused(found, words, tmp_path):
 def test_a_message_that_this_version_cannot_read_is_told(tmp_path):
     messages = [("/armguard/verdict", b'{"level": 3}')]
     path = write(
-        tmp_path / "a.mcap", metadata={"format": "1"}, attachments=SETTINGS, messages=messages
+        tmp_path / "a.mcap",
+        metadata={"format": str(FORMAT)},
+        attachments=SETTINGS,
+        messages=messages,
     )
     with pytest.raises(ArmguardError, match="message that cannot be read"):
         count(path)
@@ -135,6 +143,9 @@ def test_a_message_that_this_version_cannot_read_is_told(tmp_path):
 def test_topics_of_others_in_a_recording_are_passed_over(tmp_path):
     messages = [("/camera/image", b"\x00"), ("/armguard/resets", b"{}")]
     path = write(
-        tmp_path / "a.mcap", metadata={"format": "1"}, attachments=SETTINGS, messages=messages
+        tmp_path / "a.mcap",
+        metadata={"format": str(FORMAT)},
+        attachments=SETTINGS,
+        messages=messages,
     )
     assert count(path) == (1, False)

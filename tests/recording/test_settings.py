@@ -71,11 +71,10 @@ def test_settings_are_changed_by_name():
         operating__velocity="0.3",
         bounds__speed="inf",
         budget="500",
-        stop="joints",
+        leave="never",
         advances="3",
-        path_deceleration="2.5",
     )
-    assert data["monitor"]["path_deceleration"] == 2.5
+    assert data["monitor"]["leave"] == "never"
     assert data["monitor"]["latency"] == 0.01
     assert (data["monitor"]["budget"], data["monitor"]["advances"]) == (500, 3)
     assert data["monitor"]["operating"]["acceleration"] is None

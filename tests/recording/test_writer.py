@@ -5,6 +5,7 @@ import pytest
 
 from armguard.recording import Recording
 from armguard.recording.events import (
+    FORMAT,
     KINDS,
     JointState,
     Log,
@@ -30,7 +31,7 @@ def start():
     robot, _, monitor = eventful_runs.make_monitor("joint")
     made = {"settings.json": describe_settings(monitor), "robot.json": describe_robot(robot)}
     return [
-        (NOTED, 1, pack(("armguard", {"format": "1"}))),
+        (NOTED, 1, pack(("armguard", {"format": str(FORMAT)}))),
         *(
             (ATTACHED, 1, pack((name, "", msgspec.json.encode(data))))
             for name, data in made.items()

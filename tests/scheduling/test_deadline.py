@@ -9,7 +9,6 @@ import pytest
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
-from armguard.scheduling.scheduler import Tick
 from armguard.scheduling.tournament import ROOT, entries_of
 from armguard.verdict import Level, ReasonKind
 from support.adversary import Hunt
@@ -147,17 +146,6 @@ def test_without_staleness_every_answer_is_that_of_full():
             assert lazy.level is Level.STOP
         levels.add(full.level)
     assert len(levels) > 1
-
-
-def test_of_no_time_all_pairs_are_near():
-    """What is unknown is the worst case: NaN leaves nothing out."""
-    obstacles, monitor = make_monitor()
-    see(obstacles, 0.0, FAR)
-    monitor.step(0.0, HOME, np.zeros(7))
-    scheduler, tick = monitor._scheduler, Tick(1, 0.0, 0.0, HOME, np.zeros(7), 0.0, 0.0, 0.0)
-    watched = np.flatnonzero(scheduler.watched_pairs())
-    assert len(scheduler.near_pairs(tick, 0.0)) == 0 < len(watched)
-    assert scheduler.near_pairs(tick, math.nan).tolist() == watched.tolist()
 
 
 def test_updates_within_bounds_cost_nothing():

@@ -41,7 +41,7 @@ VALID = [
     {"type": "remove", "ids": ["a"], "stamp": 1005.0, "source": "cam0", "seq": 3},
     {"type": "reset", "token": "sesame"},
     joints(),
-    joints(q=b"\0" * 24, path_time=0.5),
+    joints(q=b"\0" * 24),
     PLAN,
 ]
 ENCODED = [

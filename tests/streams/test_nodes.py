@@ -199,9 +199,13 @@ def test_a_plan_arrives_in_the_order_of_the_watched_joints(address):
         attend(source, lambda: publisher.wait(0.001))
         numbers = [
             publisher.plan("commit", stamp, ["b", "a"], times, q, v, 0.01),
-            publisher.plan("follow", stamp, ["b", "a"], times, q, v, [0.1, 0.2], [0.3, 0.4], 0.5),
+            publisher.plan("commit", stamp, ["b", "a"], times, q, v, [0.1, 0.2], [0.3, 0.4]),
         ]
-        publisher.joints(stamp, ["b", "a"], [1.0, 2.0], [3.0, 4.0], path_time=0.25)
+        publisher.joints(stamp, ["b", "a"], [1.0, 2.0], [3.0, 4.0])
+        with pytest.raises(StreamError, match="ask: is 'follow'; expected \"commit\""):
+            publisher.plan("follow", stamp, ["b", "a"], times, q, v, 0.01)
+        with pytest.raises(StreamError, match="ask: is 'follow'; expected \"commit\""):
+            publisher.plan("follow", stamp, ["b", "a"], times, q, v, 0.01)
         with pytest.raises(StreamError, match="q: has shape"):
             publisher.plan("commit", stamp, ["b", "a"], times, q[:2], v, 0.01)
         end = time.monotonic() + PATIENCE
@@ -212,19 +216,17 @@ def test_a_plan_arrives_in_the_order_of_the_watched_joints(address):
     assert faults.total == 0
     assert [(one.number, one.ask, one.problem) for one in plans] == [
         (numbers[0], "commit", ""),
-        (numbers[1], "follow", ""),
+        (numbers[1], "commit", ""),
     ]
-    piece, trajectory = plans
+    piece, other = plans
     assert piece.q.tolist() == q[:, ::-1].tolist()
     assert piece.times.tolist() == times
     assert piece.tracking_error.tolist() == [0.01, 0.01]
-    assert (piece.velocity_tracking_error, piece.stop_tracking_error) == (None, None)
-    assert trajectory.tracking_error.tolist() == [0.2, 0.1]
-    assert trajectory.velocity_tracking_error.tolist() == [0.4, 0.3]
-    assert trajectory.stop_tracking_error.tolist() == [0.5, 0.5]
+    assert piece.velocity_tracking_error is None
+    assert other.tracking_error.tolist() == [0.2, 0.1]
+    assert other.velocity_tracking_error.tolist() == [0.4, 0.3]
     # A state was measured before its stamp by the latency; a plan says where the arm will be.
     assert piece.stamp - edge.joint_state.stamp == pytest.approx(0.004, abs=1e-9)
-    assert edge.joint_state.path_time == 0.25
 
 
 def test_what_is_asked_of_contact_arrives(address):

@@ -100,7 +100,6 @@ def sample(
         "stamps": times,
         "q": q,
         "v": v,
-        "path_times": np.full(len(times), np.nan),
         "stops": [StopCommand(stop, stop + 1.0) for stop in stops],
         "plans": [],
         "sources": {},

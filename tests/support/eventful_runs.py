@@ -30,7 +30,7 @@ MOTIONS = {
     "full": {"schedule": "full"},
     "distance": {"schedule": "distance"},
     "committed": {"motion": "planned"},
-    "followed": {"motion": "planned", "stop": "path", "operating": "published"},
+    "left": {"motion": "planned", "leave": "any", "operating": "published"},
 }
 """Settings of monitors, by what is particular about them."""
 
@@ -125,7 +125,7 @@ def see_people(obstacles, rng, tick, now):
         obstacles.take_faults()
 
 
-def take_step(monitor, tick, now, path_time):
+def take_step(monitor, tick, now):
     """One step, or what stands in its place; a reset follows what latches."""
     q, v = swing(now)
     if tick == 300:
@@ -141,9 +141,9 @@ def take_step(monitor, tick, now, path_time):
     elif tick == 1000:
         verdict = monitor.step(np.float32(now), q, v, np.inf)
     elif tick == 1100:
-        verdict = monitor.step(now, q, v + 0.9, now, path_time)  # beyond the operating limits
+        verdict = monitor.step(now, q, v + 0.9, now)  # beyond the operating limits
     else:
-        verdict = monitor.step(now - 0.0005, q, v, now, path_time)
+        verdict = monitor.step(now - 0.0005, q, v, now)
     if tick in (340, 480, 550, 950, 1050, 1150):
         monitor.reset()
     return verdict
@@ -153,21 +153,17 @@ def drive(monitor, obstacles, *, ticks=TICKS, seed=0, start=0):
     """Lead a monitor through it; its verdicts and its answers to plans."""
     rng = np.random.default_rng(seed)
     verdicts, answers = [], []
-    followed = None
-    motion, is_on_path = monitor.settings.motion, monitor.settings.stop == "path"
+    motion = monitor.settings.motion
     for tick in range(start, start + ticks):
         now = PERIOD * tick
         see_people(obstacles, rng, tick, now)
-        path_time = None if followed is None or tick % 200 == 199 else now - followed
-        if tick % 700 == 650:
-            path_time = "late"
         if tick in (60, 620, 1200):
             monitor.ignore("panda_hand", "part*", "camera", until=now + 0.5)
             monitor.ignore("*", "post", zone=POST_ROOM)
         if tick in (140, 1250):
             for one in monitor.exemptions[-1:]:
                 monitor.watch(one.number)
-        verdicts.append(take_step(monitor, tick, now, path_time))
+        verdicts.append(take_step(monitor, tick, now))
         if tick == 700:
             monitor.payload = 0.25
         if motion == "planned" and tick % 40 == 20:
@@ -176,13 +172,8 @@ def drive(monitor, obstacles, *, ticks=TICKS, seed=0, start=0):
             elif tick % 360 == 20 + 320:
                 plan = "no plan"
             else:
-                plan = make_plan(now - 0.0005, 1.5 if is_on_path else 0.3)
-            if is_on_path:
-                answers.append(monitor.follow(plan))
-                if answers[-1].safe:
-                    followed = now
-            else:
-                answers.append(monitor.commit(plan))
+                plan = make_plan(now - 0.0005, 0.3)
+            answers.append(monitor.commit(plan))
     return verdicts, answers
 
 

@@ -83,7 +83,7 @@ def make_plan(robot, waves, stamp, times, tracking_error, velocity_tracking_erro
         tracking_error,
         velocity_tracking_error,
     )
-    stopped = append_stop(plan, robot.braking_deceleration, on_path=False)
+    stopped = append_stop(plan, robot.braking_deceleration)
     assert isinstance(stopped, Plan), stopped
     return stopped._replace(**changes)
 
@@ -209,39 +209,6 @@ class Follower:
                 self.q[k + 1 :], self.v[k + 1 :] = self.q[k + 1], 0.0
                 break
 
-    def stop_on_path(self, window):
-        """From now on brakes bite, at a time within a window, and slow the arm's clock down."""
-        random, curve = self.random, self._curve
-        braking = self.robot.braking_deceleration
-        arms = self.along.shape[1]
-        begin = self.index(self.now)
-        bites = begin + random.choice([0, round(window / STEP), round(0.5 * window / STEP)], arms)
-        hard = random.choice([1.0, 1.0, 1.5, 20.0], arms)
-        pace = self.pace[begin].copy()
-        for k in range(begin, len(self.time) - 1):
-            pace = np.where(bites >= k, self.pace[k], pace)
-            at = np.clip(self.along[k], 0.0, curve.times[-1])
-            bend, speed = np.abs(curve(at, 2)), np.abs(curve(at, 1))
-            room = braking - bend * pace[:, None] ** 2
-            slowing = hard * (room / np.maximum(speed, 1e-9)).min(axis=1)
-            after = np.where(bites <= k, np.maximum(pace - slowing * STEP, 0.0), self.pace[k + 1])
-            until = np.minimum(STEP, pace / slowing)
-            gone = until * (pace - 0.5 * slowing * until)
-            self.along[k + 1] = np.where(bites <= k, self.along[k] + gone, self.along[k + 1])
-            pace = after
-            self.pace[k + 1] = pace
-            if not pace.any() and k >= bites.max():
-                # All rest, and what comes after shows nothing more.
-                self.time, self.along, self.pace = (
-                    array[: k + 3] for array in (self.time, self.along, self.pace)
-                )
-                self.along[k + 1 :], self.pace[k + 1 :] = self.along[k + 1], 0.0
-                break
-        ended = (self.pace <= 0.0) | (self.along >= curve.times[-1])
-        self.resting = np.where(ended.any(axis=0), self.time[np.argmax(ended, axis=0)], np.inf)
-        for laid_before in ("q", "v"):
-            self.__dict__.pop(laid_before, None)
-
 
 class Skin:
     """Some corners of the geometry of all links: what a body can touch, covers aside."""
@@ -296,7 +263,7 @@ class Attack:
         self.plan = make_plan(robot, waves, now + lead, times, errors, speeds)
         arm = Follower(robot, waves, self.plan, random, 1, -lead - 0.03, -lead)
         if self.is_stopped:
-            arm.brake_joints(latest_bite)
+            arm.brake_joints(max(min(latest_bite, duration + lead), STEP))
         step = arm.index(-lead)
         end = min(arm.index(min(arm.resting[0], arm.time[-1])) + 1, len(arm.time) - 1)
         qs, vs = arm.q[: end + 1, 0], arm.v[: end + 1, 0]

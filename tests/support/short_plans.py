@@ -25,7 +25,7 @@ def moved(joint, place, pace):
 
 def check(robot, plan, *, now=NOW, q=None, v=None, stamp=NOW, stops=True, **settings):
     """A plan as checked, with each joint's stop at its end unless it is to be without."""
-    stopped = append_stop(plan, robot.braking_deceleration, on_path=False)
+    stopped = append_stop(plan, robot.braking_deceleration)
     plan = stopped if stops and isinstance(stopped, Plan) else plan
     q = np.asarray(plan.q)[0] if q is None else q
     v = np.asarray(plan.v)[0] if v is None else v

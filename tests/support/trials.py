@@ -62,5 +62,5 @@ def lead(monitor, trial):
     for tick in trial:
         if tick.tell is not None:
             tick.tell(monitor)
-        verdicts.append(monitor.step(tick.stamp, tick.q, tick.v, tick.now, tick.path_time))
+        verdicts.append(monitor.step(tick.stamp, tick.q, tick.v, tick.now))
     return verdicts

@@ -173,7 +173,7 @@ def test_a_monitor_stops_wherever_a_sound_rule_must(load, trajectory, people):
         (least_rule(*given, "least"), rules.MonitorRule(*given, "monitor")),
         (
             least_rule(*given, "least, errors included", fastest=operating.resolve(robot)[0]),
-            rules.FollowingRule(*given, "known path", motion="planned", operating=operating),
+            rules.MonitorRule(*given, "operating limits", operating=operating),
         ),
     ]
     stage = load("scene.plays").Stage(robot, PERIOD)
@@ -250,43 +250,6 @@ def test_the_arm_comes_down_to_its_speed_limit(load, trajectory):
         if tick > 300:
             assert (np.abs(arm.v) <= 1.02 * limit).all()
     assert np.abs(arm.v).max() > 0.02
-
-
-def test_the_arm_keeps_to_a_pace(load, trajectory):
-    arm = load("scene.working_arm").WorkingArm(trajectory)
-    for tick in range(300):
-        before = arm.leg_time
-        arm.step(0.01, True, pace_limit=0.4)
-        if tick > 100:
-            assert arm.leg_time - before == pytest.approx(0.004)
-    arm.step(0.5, False)
-    while not arm.rests:
-        arm.step(0.01, False)
-    left, legs = arm.progress, arm.legs
-    while arm.legs == legs or arm.progress == left:
-        arm.step(0.01, True)
-    assert arm.progress == pytest.approx(left, abs=1e-3)
-
-
-def test_the_arm_stops_on_its_path(load, trajectory):
-    robot = trajectory.robot
-    arm = load("scene.working_arm").WorkingArm(trajectory)
-    arm.stops_on_path = True
-    dt, random, stops = 1e-3, np.random.default_rng(1), 0
-    most = np.maximum(0.25 * robot.acceleration_limit, robot.braking_deceleration) * 1.01
-    go, way = True, []
-    for _ in range(8000):
-        if random.random() < 0.003:
-            go = not go
-        moved, before = not arm.rests, arm.v
-        arm.step(dt, go)
-        stops += moved and arm.rests and arm.braking
-        assert (np.abs(arm.v - before) <= most * dt).all()
-        assert arm.legs == 1
-        way.append(arm.leg_time)
-        np.testing.assert_array_equal(arm.q, arm.leg.sample(arm.leg_time)[0])
-    assert (np.diff(way) >= 0.0).all()
-    assert stops > 3
 
 
 def test_a_leg_begins_and_ends_at_rest(load, trajectory):

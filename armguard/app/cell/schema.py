@@ -304,14 +304,10 @@ class MonitorTable(_Table, frozen=True, kw_only=True):
     """What is evaluated in a tick: `"deadline"` (what falls due), `"full"` (everything),
     `"distance"` or `"daa"` (the paper's)."""
     motion: Name | UnsetType = UNSET
-    """How the arm's possible motion is bounded: `"joint"`, `"planned"` (the controller tells its
-    path) or `"isotropic"` (far more cautious)."""
-    stop: Name | UnsetType = UNSET
-    """How the arm stops on a plan: `"joints"` (each by itself) or `"path"` (all together)."""
+    """How the arm's possible motion is bounded: `"joint"`, `"planned"` (the controller
+    commits pieces of its path) or `"isotropic"` (far more cautious)."""
     leave: Name | UnsetType = UNSET
     """When joints may leave a committed piece and brake: `"never"`, or at `"any"` moment."""
-    path_deceleration: Positive | UnsetType = UNSET
-    """How fast a stop on the path slows its clock down, in [1/s]."""
     max_staleness: Annotated[float, Meta(ge=0.0, lt=1.0)] | UnsetType = UNSET
     """How stale an answer may look, as a fraction of itself, below 1."""
     budget: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
@@ -541,6 +537,14 @@ def _convert(raw: object, kind: type[_T], path: str, file: str) -> _T:
         raise _translate(error, raw, kind, path, file) from None
 
 
+_REMOVED = {
+    f"monitor.{key}": 'no such key: with motion = "planned" the controller commits pieces that '
+    "carry their own stop"
+    for key in ("stop", "path_deceleration")
+}
+"""Keys of earlier versions, and what replaces them."""
+
+
 def _translate(
     error: msgspec.ValidationError, raw: object, kind: type, path: str, file: str
 ) -> CellError:
@@ -564,6 +568,8 @@ def _translate(
         return make_error(file, key, "is missing")
     known = getattr(_table_at(kind, steps), "__struct_fields__", ())
     found = value[field[1]] if isinstance(value, Mapping) else value
+    if key in _REMOVED:
+        return make_error(file, key, "is no key any more", _REMOVED[key])
     return make_error(
         file, key, f"is no key (its value is {found!r})", f"one of {', '.join(known)}"
     )

@@ -34,12 +34,12 @@ from armguard.bounds.planned.plan import (
     read_plan,
     read_plan_limits,
 )
-from armguard.bounds.planned.stop import bound_path_braking, find_hard_stop
+from armguard.bounds.planned.stop import find_hard_stop
 from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import LIMIT_SLACK
-from armguard.robot.brakes import BrakeCurves, find_decelerations, find_gentlest_stop
+from armguard.robot.brakes import BrakeCurves, find_gentlest_stop
 from armguard.robot.robot import Robot
 from armguard.robot.turns import (
     align_turns,
@@ -57,8 +57,6 @@ class PlanErrors(NamedTuple):
 
     error: FloatArray
     """[rad] or [m]."""
-    stop_error: FloatArray
-    """While the arm stops on its path, in [rad] or [m]."""
     velocity_error: FloatArray
     """[rad]/[s] or [m]/[s]; inf where none is stated."""
 
@@ -89,7 +87,7 @@ class Excess(NamedTuple):
     """What it may be at the most."""
 
 
-ROOMS = 6
+ROOMS = 4
 """Fields of a `CheckedPlan` from `deviation` on, which follow from its samples."""
 
 
@@ -107,7 +105,7 @@ class PlanCheck:
         self._limits = pack(limits)
         example = make_example()
         samples, one = example[1:4], np.zeros(1)
-        errors = PlanErrors(one, one, one)
+        errors = PlanErrors(one, one)
         state = MeasuredState(one, one, 0.0)
         # All that these are handed was read by `read_plan`, or is made here.
         self._judge_plan = machine_code(
@@ -147,11 +145,9 @@ class PlanCheck:
         # The sums of stamps are off by as much as this, and by that time joints have moved.
         latest = max(abs(now), abs(stamp), abs(read.stamp), abs(read.stamp + lasting))
         clock = 4.0 * math.ulp(latest) if latest < math.inf else math.nan
-        error, stop = read.tracking_error, read.stop_tracking_error
         speed = read.velocity_tracking_error
         errors = PlanErrors(
-            np.asarray(error),
-            np.asarray(error if stop is None else stop),
+            np.asarray(read.tracking_error),
             np.full(len(robot.joints), np.inf) if speed is None else np.asarray(speed),
         )
         samples = times, np.asarray(read.q), np.asarray(read.v)
@@ -162,11 +158,11 @@ class PlanCheck:
             return _describe_excess(Excess(*excess), robot, times)
         if straying[0] != FOLLOWED:
             off = Straying(*straying)
-            return describe_straying(off, robot.joints, state.along, is_on_time=True)
-        deviation, stop_deviation, acceleration, velocity_deviation, top_speed, top_speedup = room
+            return describe_straying(off, robot.joints, state.along)
+        deviation, acceleration, velocity_deviation, top_speed = room
         return CheckedPlan(
-            read.stamp, *samples, deviation, stop_deviation, acceleration, velocity_deviation,
-            top_speed, top_speedup, now, stamp, position, velocity,
+            read.stamp, *samples, deviation, acceleration, velocity_deviation,
+            top_speed, now, stamp, position, velocity,
         )  # fmt: skip
 
 
@@ -302,10 +298,10 @@ def _judge_plan(
     if excess[0] != curve.FINE:
         return excess, (FOLLOWED, -1, 0.0, 0.0, 0.0)
     plan = CheckedPlan(
-        0.0, times, q, v, room[0], room[1], room[2], room[3], room[4], room[5],
+        0.0, times, q, v, room[0], room[1], room[2], room[3],
         0.0, 0.0, state.q, state.v,
     )  # fmt: skip
-    return excess, find_straying(plan, limits, state.q, state.v, state.along, True)
+    return excess, find_straying(plan, limits, state.q, state.v, state.along)
 
 
 @kernel
@@ -327,10 +323,8 @@ def _judge_curve(
         upper[j] = limits.upper[j] + limits.position_error[j] + LIMIT_SLACK
         fastest[j] = limits.velocity[j] + limits.velocity_error[j] + LIMIT_SLACK
         allowed[j] = limits.acceleration[j] * (1.0 + LIMIT_SLACK)
-    deviation, stop_deviation, acceleration, velocity_deviation, top_speed, top_speedup = (
-        room[0], room[1], room[2], room[3], room[4], room[5],
-    )  # fmt: skip
-    peaks = CurvePeaks(acceleration, top_speedup, top_speed)
+    deviation, acceleration, velocity_deviation, top_speed = room[0], room[1], room[2], room[3]
+    peaks = CurvePeaks(acceleration, top_speed)
     kind, joint, sample, value = find_excess(times, q, v, lower, upper, fastest, allowed, peaks)
     if kind == curve.POSITION:
         return kind, joint, sample, value, lower[joint], upper[joint]
@@ -343,11 +337,7 @@ def _judge_curve(
         # Nothing is known of where an arm gets to that does not rest at the end.
         if not abs(v[last, j]) <= LIMIT_SLACK:
             return ENDS, j, last, v[last, j], 0.0, 0.0
-        off = errors.error[j] + limits.position_error[j] + clock * limits.velocity[j]
-        deviation[j] = off
-        stop_deviation[j] = off
-        if errors.stop_error[j] > errors.error[j]:
-            stop_deviation[j] = max(off, off - errors.error[j] + errors.stop_error[j])
+        deviation[j] = errors.error[j] + limits.position_error[j] + clock * limits.velocity[j]
         acceleration[j] += limits.acceleration[j]
         velocity_deviation[j] = errors.velocity_error[j] + limits.velocity_error[j]
     return curve.FINE, -1, -1, 0.0, 0.0, 0.0
@@ -399,39 +389,5 @@ def _judge_stop(
     return curve.RATE, joint, found, allowed[joint], when
 
 
-def _check_range(speeds: FloatArray, robot: Robot, brakes: BrakeCurves) -> Refusal | None:
-    """Whether brakes are stated for all speeds of a plan, (nv,)."""
-    off = np.flatnonzero(~(speeds <= brakes.speed[:, -1] * (1.0 + LIMIT_SLACK)))
-    if not len(off):
-        return None
-    j = int(off[0])
-    return _refuse_speed(robot.joints[j], float(speeds[j]), float(brakes.speed[j, -1]))
-
-
 def _refuse_speed(joint: str, speed: float, stated: float) -> Refusal:
     return Refusal(joint, f"goes at {speed:.4g}, brakes are stated up to {stated:.4g}")
-
-
-def check_path_stop(plan: CheckedPlan, robot: Robot, brakes: BrakeCurves) -> Refusal | None:
-    """Why the arm cannot be stopped anywhere on its path; None if it can.
-
-    Args:
-        plan: As checked.
-        robot: Whose joints they are.
-        brakes: How these stop: what is guaranteed at each instant counts, for a stop on the path
-            slows down all joints but one by less than their brakes would.
-    """
-    refusal = _check_range(plan.top_speed, robot, brakes)
-    if refusal is not None:
-        return refusal
-    braking = find_decelerations(brakes, plan.top_speed)
-    found, joint, when = bound_path_braking(
-        plan.times, plan.q, plan.v, braking, 0.0, float(plan.times[-1])
-    )
-    if found > 0.0:
-        return None
-    return Refusal(
-        robot.joints[joint],
-        f"bends at {braking[joint] - found:.4g} after {when:.6g} s: no stop on "
-        f"the path is within the {braking[joint]:.4g} that brakes guarantee",
-    )

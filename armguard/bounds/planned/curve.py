@@ -18,7 +18,7 @@ import numpy as np
 
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
-from armguard.jit.numerics import LIMIT_SLACK, TERM_ROUNDING
+from armguard.jit.numerics import TERM_ROUNDING
 
 FINE, POSITION, VELOCITY, RATE, CURVE = 0, 1, 2, 3, 4
 """What `find_excess` can say: nothing, or what is beyond its limit."""
@@ -173,48 +173,18 @@ def _top_speed_within(speed: float, h: float, c: float, d: float) -> float:
     return fastest
 
 
-@kernel
-def _top_speedup_within(first: float, last: float, h: float, c: float, d: float) -> float:
-    """The greatest acceleration on an interval of length h where it speeds up.
-
-    It begins at the velocity `first` and ends at `last`. Acceleration is linear within, so where a
-    joint speeds up it is greatest at an end of that part: at a sample, or where the velocity
-    changes its sign.
-    """
-    speedup = 0.0
-    begin, end = 2.0 * c, 2.0 * c + 6.0 * d * h
-    if begin * first > 0.0 or first == 0.0:
-        speedup = max(speedup, abs(begin))
-    if end * last > 0.0:
-        speedup = max(speedup, abs(end))
-    # The roots of v + 2 c u + 3 d u², in the form that does not cancel.
-    square = c * c - 3.0 * d * first
-    if square > 0.0:
-        pivot = -(c + math.copysign(math.sqrt(square), c))
-        for u in (
-            pivot / (3.0 * d) if d != 0.0 else -1.0,
-            first / pivot if pivot != 0.0 else -1.0,
-        ):
-            # As good as at its end is where it comes to rest there.
-            if 0.0 < u < h * (1.0 - LIMIT_SLACK):
-                speedup = max(speedup, abs(2.0 * c + 6.0 * d * u))
-    return speedup
-
-
 class CurvePeaks(NamedTuple):
     """The most of what each joint does anywhere on a curve. Shape (nv,) each."""
 
     acceleration: FloatArray
     """Greatest acceleration, in [rad]/[s²] or [m]/[s²]."""
-    speedup: FloatArray
-    """The same where a joint speeds up: away from rest."""
     speed: FloatArray
     """Greatest speed, as `find_top_speeds` has it, in [rad]/[s] or [m]/[s]."""
 
 
 def make_peaks(joints: int) -> CurvePeaks:
     """Peaks of so many joints, to be filled."""
-    return CurvePeaks(*np.zeros((3, joints)))
+    return CurvePeaks(*np.zeros((2, joints)))
 
 
 @kernel
@@ -247,7 +217,7 @@ def find_excess(
         other as a cubic.
     """
     for j in range(q.shape[1]):
-        peaks.acceleration[j] = peaks.speedup[j] = peaks.speed[j] = 0.0
+        peaks.acceleration[j] = peaks.speed[j] = 0.0
     for k in range(times.shape[0] - 1):
         for j in range(q.shape[1]):
             h, c, d = interval_coefficients(times, q, v, k, j)
@@ -271,8 +241,6 @@ def find_excess(
             bend = max(abs(2.0 * c), abs(2.0 * c + 6.0 * d * h))
             if not bend <= allowed:
                 return CURVE, j, k, bend
-            speedup = _top_speedup_within(v[k, j], v[k + 1, j], h, c, d)
             peaks.acceleration[j] = max(peaks.acceleration[j], bend)
-            peaks.speedup[j] = max(peaks.speedup[j], speedup)
             peaks.speed[j] = max(peaks.speed[j], _top_speed_within(v[k, j], h, c, d))
     return FINE, -1, -1, 0.0

@@ -102,7 +102,6 @@ def find_straying(
     q: FloatArray,
     v: FloatArray,
     along: float,
-    is_on_time: bool,
 ) -> tuple[int, int, float, float, float]:
     """The first joint whose measured state shows that it does not follow a plan: a `Straying`.
 
@@ -112,8 +111,6 @@ def find_straying(
         q: Measured positions, in [rad] or [m]. Shape (nv,).
         v: Measured velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
         along: Where on the plan the arm is to be, in [s]; negative: that long before it begins.
-        is_on_time: Whether it is followed as its times say; else by a clock that goes at any
-            pace from 0 to 1.
     """
     position, velocity = np.empty_like(plan.deviation), np.empty_like(plan.deviation)
     speed = np.empty_like(plan.deviation)
@@ -133,20 +130,10 @@ def find_straying(
             found = nearest_turn(found, position[j])
         if not abs(found - position[j]) <= allowed:
             return PLACE, j, found, position[j], allowed
-    slowest, fastest = 0.0, 1.0
     for j in range(position.shape[0]):
         allowed = speed[j] + limits.velocity_error[j] + limits.acceleration[j] * wait + LIMIT_SLACK
-        ahead = velocity[j]
-        if is_on_time or not abs(ahead) > LIMIT_SLACK:
-            if not abs(v[j] - ahead) <= allowed + (0.0 if is_on_time else LIMIT_SLACK):
-                return PACE, j, v[j], ahead, allowed
-            continue
-        # One pace of the clock must do for all joints.
-        one, other = (v[j] - allowed) / ahead, (v[j] + allowed) / ahead
-        slowest = max(slowest, min(one, other) - LIMIT_SLACK)
-        fastest = min(fastest, max(one, other) + LIMIT_SLACK)
-        if not slowest <= fastest:
-            return PACE, j, v[j], ahead, allowed
+        if not abs(v[j] - velocity[j]) <= allowed:
+            return PACE, j, v[j], velocity[j], allowed
     return FOLLOWED, -1, 0.0, 0.0, 0.0
 
 
@@ -162,7 +149,7 @@ class Following:
         self._limits = pack(read_plan_limits(robot))
         # All that these are handed is an example's like, or a state that was believed.
         plan, one = make_example(), np.zeros(1)
-        self._find_straying = machine_code(find_straying, plan, self._limits, one, one, 0.0, True)
+        self._find_straying = machine_code(find_straying, plan, self._limits, one, one, 0.0)
         self._compare = machine_code(_compare, plan, plan, 0.0, 0.0)
         self._is_covered = machine_code(is_covered, plan, plan, 0.0)
 
@@ -172,7 +159,6 @@ class Following:
         q: FloatArray,
         v: FloatArray,
         stamp: float,
-        path_time: float | None = None,
     ) -> Refusal | None:
         """Why a measured state shows that the arm does not follow a plan; None if it may.
 
@@ -184,15 +170,12 @@ class Following:
             q: Measured joint positions, in [rad] or [m]. Shape (nv,), contiguous.
             v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,), contiguous.
             stamp: When they were measured, in [s].
-            path_time: Where on the plan the arm says it is, in [s] as in the plan's times; None: it
-                follows the plan on time.
         """
-        is_on_time = path_time is None
-        along = stamp - plan.stamp if path_time is None else max(path_time, 0.0)
-        found = self._find_straying(plan, self._limits, q, v, along, is_on_time)
+        along = stamp - plan.stamp
+        found = self._find_straying(plan, self._limits, q, v, along)
         if found[0] == FOLLOWED:
             return None
-        return describe_straying(Straying(*found), self._joints, along, is_on_time=is_on_time)
+        return describe_straying(Straying(*found), self._joints, along)
 
     def compare(
         self, before: CheckedPlan, after: CheckedPlan, first: float, last: float
@@ -234,16 +217,13 @@ class Comparison(NamedTuple):
     """Whether an arm on the first one is on the other as well, from then on until both end."""
 
 
-def describe_straying(
-    found: Straying, joints: Sequence[str], along: float, *, is_on_time: bool
-) -> Refusal:
+def describe_straying(found: Straying, joints: Sequence[str], along: float) -> Refusal:
     """What shows that the arm does not follow a plan, in words; arguments as of `find_straying`."""
     when = f"when it begins, {-along:.3g} s on," if along < 0.0 else f"{along:.3g} s into the plan"
     if found.kind == PLACE:
         what = f"at {found.found:.6g} {when} where the plan has it at {found.expected:.6g}"
     else:
-        some = "" if is_on_time else " or less"
-        what = f"at velocity {found.found:.4g} {when} where the plan has {found.expected:.4g}{some}"
+        what = f"at velocity {found.found:.4g} {when} where the plan has {found.expected:.4g}"
     return Refusal(joints[found.joint], f"{what}, expected within {found.allowed:.3g}")
 
 

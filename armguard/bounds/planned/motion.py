@@ -1,14 +1,12 @@
 """What the arm does if it follows a plan: obstacles are then all that is unknown.
 
-The controller tells its next piece of trajectory, its stop included, or all of it, and how far off
-it the arm may be. Where it can be meanwhile is laid out in slabs of time, for a piece until its
-end, for a trajectory until the arm has stopped on the way, and then asked for contact times as
-often as obstacles change.
+The controller tells its next piece of trajectory, its stop included, and how far off it the arm may
+be. Where the arm can be until the end of the piece is laid out in slabs of time, and then asked for
+contact times as often as obstacles change.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,23 +15,23 @@ import numpy.typing as npt
 import pinocchio
 
 from armguard.bounds.limits import read_limits
-from armguard.bounds.model import check_duration, check_question, read_only
-from armguard.bounds.planned.check import PlanCheck, StopCheck, check_path_stop
+from armguard.bounds.model import check_question, read_only
+from armguard.bounds.planned.check import PlanCheck, StopCheck
 from armguard.bounds.planned.contact import PlannedContact, Surroundings, find_planned_contact
 from armguard.bounds.planned.course import ArmShape, PlannedCourse, deviation_along
-from armguard.bounds.planned.curve import evaluate_curve, find_top_speeds
+from armguard.bounds.planned.curve import evaluate_curve
 from armguard.bounds.planned.following import Following
 from armguard.bounds.planned.placing import PlacedArm, check_chain, make_chain, place_all
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal, is_plain
-from armguard.bounds.planned.slabs import JointSlabs, PathClock, SlabMaker
-from armguard.bounds.planned.stop import append_stop, bound_path_braking
+from armguard.bounds.planned.slabs import JointSlabs, SlabMaker
+from armguard.bounds.planned.stop import append_stop
 from armguard.bounds.sums import compute_levers, compute_sphere_levers
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.table import Marks, States
-from armguard.robot.brakes import BrakeCurves, find_decelerations, find_gentlest_stop
+from armguard.robot.brakes import BrakeCurves, find_gentlest_stop
 from armguard.robot.joints import is_prismatic
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce
@@ -41,11 +39,10 @@ from armguard.robot.robot import Robot
 
 
 class PlannedMotion:
-    """The arm follows a plan within its deviation, to rest at its end or until it is stopped.
+    """The arm follows a plan within its deviation, to rest at its end.
 
     What was proved of a piece is to stand until its end, and operating limits may cease to be in
-    force before: beside the piece itself it is the robot's own limits that count. Of a stop on the
-    way it is the limits in force: it is asked for anew in every tick.
+    force before: beside the piece itself it is the robot's own limits that count.
     """
 
     def __init__(
@@ -62,18 +59,16 @@ class PlannedMotion:
             robot: The arm.
             base_placement: Placement of the robot's base in the world; None: they coincide.
             lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
-            in_force: What joints keep to while the arm works, and how they stop, shared; None: the
-                robot's limits, and its brakes under the heaviest payload.
+            in_force: How joints stop under the payload in force, shared; None: the robot's brakes
+                under the heaviest payload.
 
         Raises:
             ArmguardError: The placement is no rigid motion, or a limit of the robot is missing or
                 unusable.
         """
         self._robot = robot
-        self._limits_in_force = read_limits(robot, in_force)
-        self._limits = read_limits(robot)._replace(brakes=self._limits_in_force.brakes)
+        self._limits = read_limits(robot)._replace(brakes=read_limits(robot, in_force).brakes)
         self._slabs = SlabMaker(self._limits)
-        self._slabs_in_force = SlabMaker(self._limits_in_force)
         self._kinematics = Kinematics(robot, base_placement)
         spheres = self._kinematics.spheres
         numbers = [robot.model.getJointId(joint) for joint in robot.joints]
@@ -137,73 +132,10 @@ class PlannedMotion:
         slabs = self._slabs.lay_left_piece(plan, before, latency)
         return None if slabs is None else self._place(plan.now, slabs)
 
-    def lay_out_stop(
-        self, plan: CheckedPlan, clock: PathClock, latest_bite: float, *, on_path: bool
-    ) -> PlannedCourse | None:
-        """Where the arm can be that follows a trajectory until it is stopped, until it rests.
-
-        Args:
-            plan: What `armguard.bounds.check_plan` found to be in order for this robot, with the
-                present time and joint state.
-            clock: Where on it the arm is now.
-            latest_bite: When brakes bite at the latest, in [s] from now.
-            on_path: Whether all joints stop together, on the path; else each by itself, from a time
-                of its own.
-
-        Returns:
-            Arrays of their own; None where brakes do not guarantee that the arm stops on its path,
-            or slows down on it as the clock asks for.
-
-        Raises:
-            ArmguardError: The plan was not checked, or for a robot with other joints, or the time
-                is unusable.
-        """
-        self._check(plan)
-        latest = check_duration("latest_bite", latest_bite)
-        slabs = self._slabs_in_force.lay_stop(plan, clock, latest, on_path=on_path)
-        return None if slabs is None else self._place(plan.now, slabs)
-
     @property
     def brakes(self) -> BrakeCurves:
         """How joints stop under the payload in force."""
         return self._limits.brakes
-
-    def find_path_stop(self, plan: CheckedPlan, stated: float | None = None) -> tuple[float, float]:
-        """How the arm can be stopped on its path, wherever on it.
-
-        Args:
-            plan: What `armguard.bounds.check_plan` found to be in order for this robot.
-            stated: How fast a stop surely slows its clock down, by the controller's word, in
-                [1]/[s]; None: what brakes guarantee counts.
-
-        Returns:
-            How fast its clock can surely be slowed down, in [1]/[s], 0 or less where that is not
-            guaranteed; and how long a stop lasts from its beginning until the arm rests, in [s].
-        """
-        self._check(plan)
-        if stated is not None:
-            return stated, 1.0 / stated + self._slabs.find_settling(plan, 0.0)
-        braking = find_decelerations(self._limits.brakes, plan.top_speed)
-        slowing, _, _ = bound_path_braking(
-            plan.times, plan.q, plan.v, braking, 0.0, float(plan.times[-1])
-        )
-        if not slowing > 0.0:
-            return slowing, math.inf
-        return slowing, 1.0 / slowing + self._slabs.find_settling(plan, 0.0)
-
-    def find_gain(self, speeds: FloatArray, delay: float) -> float:
-        """How much sooner joints rest that stand still now than such as may be at full speed, [s].
-
-        Those that stand still speed up again from now on, as far as the limits in force allow.
-
-        Args:
-            speeds: What joints are not faster than on their way, in [rad]/[s] or [m]/[s]. (nv,).
-            delay: From now until brakes bite, in [s].
-        """
-        limits = self._limits_in_force
-        slower = limits.velocity_error + delay * limits.operating_acceleration
-        find_rest = self._slabs_in_force.find_rest
-        return find_rest(speeds) - find_rest(np.minimum(speeds, slower))
 
     def _check(self, plan: object, before: Sequence[CheckedPlan] = ()) -> None:
         joints = len(self._limits.lower)
@@ -330,13 +262,7 @@ class PlannedMotion:
             raise ArmguardError(robot.name, f"cannot even rest: {plan}")
         StopCheck(robot, self.brakes)
         Following(robot)
-        speeds = find_top_speeds(plan.times, plan.q, plan.v)
-        append_stop(rest, find_gentlest_stop(self.brakes, speeds), on_path=False)
-        slowing, _ = self.find_path_stop(plan)
-        for on_path in (False, True):
-            clock = PathClock(0.0, 0.0, True, 0.0, slowing=slowing)
-            self.lay_out_stop(plan, clock, 0.1, on_path=on_path)
-        check_path_stop(plan, robot, self.brakes)
+        append_stop(rest, find_gentlest_stop(self.brakes, plan.top_speed))
         self.lay_out(plan._replace(now=-0.1), [plan])
         course = self.lay_out(plan._replace(now=-0.1))
         self.lay_out_left(plan)

@@ -1,6 +1,6 @@
 """Plans as controllers hand them over, and reading them: well formed, or refused with a reason.
 
-A plan is either a piece that carries its own stop, or a whole trajectory; both end at rest.
+A plan is a piece of trajectory that carries its own stop: it ends at rest.
 """
 
 from __future__ import annotations
@@ -53,9 +53,6 @@ class Plan(NamedTuple):
     """How far each velocity may be off the curve's, in [rad]/[s] or [m]/[s], above 0;
     `robot.velocity_error` comes on top. None: what follows from `tracking_error` and the limits on
     accelerations, which is much. Shape (nv,)."""
-    stop_tracking_error: ArrayLike | None = None
-    """How far each joint may be off the curve while the arm stops on its path, in [rad] or [m],
-    above 0; None: as far as `tracking_error` says. For `stop="path"` alone. Shape (nv,)."""
 
 
 class CheckedPlan(NamedTuple):
@@ -74,8 +71,6 @@ class CheckedPlan(NamedTuple):
     """[rad]/[s] or [m]/[s]. Shape (k, nv)."""
     deviation: FloatArray
     """How far joints may truly be off the curve, all errors included, in [rad] or [m]. (nv,)."""
-    stop_deviation: FloatArray
-    """The same while the arm stops on its path, no less; in [rad] or [m]. Shape (nv,)."""
     acceleration: FloatArray
     """Greatest acceleration of the deviation of joints from the curve: the robot's limit and the
     curve's greatest together, in [rad]/[s²] or [m]/[s²]. Shape (nv,)."""
@@ -84,8 +79,6 @@ class CheckedPlan(NamedTuple):
     included, in [rad]/[s] or [m]/[s]; inf where it does not. Shape (nv,)."""
     top_speed: FloatArray
     """The curve's greatest speed of each joint, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
-    top_speedup: FloatArray
-    """Its greatest acceleration where a joint speeds up, in [rad]/[s²] or [m]/[s²]. Shape (nv,)."""
     now: float
     """When it was checked, in [s]."""
     measured_stamp: float
@@ -106,12 +99,12 @@ def make_example() -> CheckedPlan:
     times, q, v, one = np.zeros(2), np.zeros((2, 1)), np.zeros((2, 1)), np.zeros(1)
     for samples in (times, q, v):
         samples.flags.writeable = False
-    return CheckedPlan(0.0, times, q, v, one, one, one, one, one, one, 0.0, 0.0, one, one)
+    return CheckedPlan(0.0, times, q, v, one, one, one, one, 0.0, 0.0, one, one)
 
 
 def is_plain(plan: CheckedPlan, joints: int) -> bool:
     """Whether a plan has the types that all plans have in compiled code, and so many joints."""
-    for array in (*plan[1:10], *plan[12:]):
+    for array in (*plan[1:8], *plan[10:]):
         if not (type(array) is np.ndarray and array.dtype == NUMBER and array.flags.c_contiguous):
             return False
     return plan.q.shape[1:] == (joints,)
@@ -184,7 +177,7 @@ def _copy_arrays(plan: Plan, joints: int) -> Plan | None:
     if count > MOST_SAMPLES:
         # It is refused before anything is copied, for it may be of any size.
         return None
-    shapes = (count,), (count, joints), (count, joints), (joints,), (joints,), (joints,)
+    shapes = (count,), (count, joints), (count, joints), (joints,), (joints,)
     copies: list[FloatArray | None] = []
     for array, shape in zip(given, shapes, strict=True):
         if array is None and len(copies) > OPTIONAL:
@@ -195,8 +188,8 @@ def _copy_arrays(plan: Plan, joints: int) -> Plan | None:
             copies.append(copy)
         else:
             return None
-    times, q, v, error, speed_error, stop_error = copies
-    # Those that are not stated are as good as the one that is.
+    times, q, v, error, speed_error = copies
+    # One that is not stated is as good as the one that is.
     if not _find_sound_code()(
         float(stamp),
         times,
@@ -204,7 +197,6 @@ def _copy_arrays(plan: Plan, joints: int) -> Plan | None:
         v,
         error,
         error if speed_error is None else speed_error,
-        error if stop_error is None else stop_error,
     ):
         return None
     return Plan(float(stamp), *copies)  # type: ignore[arg-type]  # it has no None but where one may be
@@ -223,9 +215,8 @@ def _read_fields(plan: Plan, joints: int) -> Plan | Refusal:
     if not 2 <= len(times) <= MOST_SAMPLES:
         return _refuse_count(len(times))
     arrays = {"q": (len(times), joints), "v": (len(times), joints), "tracking_error": (joints,)}
-    for name in ("velocity_tracking_error", "stop_tracking_error"):
-        if getattr(plan, name) is not None:
-            arrays[name] = (joints,)
+    if plan.velocity_tracking_error is not None:
+        arrays["velocity_tracking_error"] = (joints,)
     fields: dict[str, FloatArray] = {}
     for name, shape in arrays.items():
         array = _read_array(name, getattr(plan, name), shape)
@@ -281,7 +272,7 @@ def _read_array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray | 
 def _find_sound_code() -> Any:
     """What `_is_sound` runs for copies of arrays."""
     times, q, v = make_example()[1:4]
-    return machine_code(_is_sound, 0.0, times, q, v, times, times, times)
+    return machine_code(_is_sound, 0.0, times, q, v, times, times)
 
 
 @kernel
@@ -292,7 +283,6 @@ def _is_sound(
     v: FloatArray,
     error: FloatArray,
     speed_error: FloatArray,
-    stop_error: FloatArray,
 ) -> bool:
     """Whether all that `_read_fields` says of the numbers of a plan is in order."""
     count = times.shape[0]
@@ -310,7 +300,7 @@ def _is_sound(
         for j in range(q.shape[1]):
             total += (q[k, j] - q[k, j]) + (v[k, j] - v[k, j])
     for j in range(error.shape[0]):
-        for array in (error, speed_error, stop_error):
+        for array in (error, speed_error):
             total += array[j] - array[j]
             if not array[j] > 0.0:
                 return False

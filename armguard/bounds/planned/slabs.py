@@ -4,13 +4,6 @@
 curve, give or take their deviation. Until it begins they are on the pieces that the arm may be
 following, or free within their limits where there is none. If the arm may leave it, each joint is
 on it until a time of its own, at any moment, and brakes by itself from then on.
-
-*A trajectory* is followed until brakes bite, at any time from now until the latest. From then on
-either each joint brakes by itself, having left the trajectory at a time of its own, or all of them
-slow down on the path, by its clock. The last slab ends when every joint surely rests.
-
-A trajectory's clock is either time itself, or goes at any pace from 0 to 1: then the arm is
-anywhere between where it was measured and where time itself would have brought it.
 """
 
 from __future__ import annotations
@@ -26,12 +19,11 @@ from armguard.bounds.limits import JointLimits
 from armguard.bounds.planned.curve import curve_range, evaluate_curve, speed_range
 from armguard.bounds.planned.following import fill_deviation_speed
 from armguard.bounds.planned.plan import CheckedPlan, make_example
-from armguard.bounds.planned.stop import bound_path_braking
 from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
-from armguard.robot.brakes import find_decelerations, find_stop, rest_time
+from armguard.robot.brakes import find_stop, rest_time
 from armguard.robot.turns import nearest_turn
 
 SLAB = 5e-3
@@ -59,25 +51,6 @@ class JointSlabs(NamedTuple):
     """Half their widths, in [rad] or [m]. Shape (slabs, nv)."""
 
 
-class PathClock(NamedTuple):
-    """Where on a trajectory the arm is now, and how it goes on."""
-
-    at: float
-    """Where it was when it was measured, in [s] as in the plan's times."""
-    age: float
-    """How long ago that was, in [s]; negative where it is yet to be."""
-    is_on_time: bool
-    """Whether its clock is time itself; else it goes at any pace from 0 to 1."""
-    followed: float
-    """How long it has been followed, in [s]; negative: not before so long."""
-    pace: float = 1.0
-    """What the pace of a clock of its own does not exceed until brakes bite."""
-    slowing: float = 0.0
-    """How fast a stop slows it down anywhere on the trajectory, in [1]/[s]; 0: not known to."""
-    is_slowing_stated: bool = False
-    """Whether the controller says so; else it is what brakes guarantee, more in some places."""
-
-
 class SlabMaker:
     """Lays out slabs for the plans of one robot.
 
@@ -87,16 +60,13 @@ class SlabMaker:
 
     def __init__(self, limits: JointLimits) -> None:
         self._limits = handle = pack(limits)
-        plan, clock = make_example(), PathClock(0.0, 0.0, True, 0.0)
+        plan = make_example()
         slabs = JointSlabs(*np.zeros((2, 1)), *np.zeros((2, 1, 1)))
         # All that these are handed is an example's like, made here, or by kernels.
         self._lay_piece = machine_code(_lay_piece, plan, handle, 0.0, True)
-        self._lay_leaving = machine_code(_lay_leaving, plan, handle, clock, 0.0, 0.0)
-        self._lay_path_stop = machine_code(_lay_path_stop, plan, handle, clock, 0.0)
+        self._lay_leaving = machine_code(_lay_leaving, plan, handle, 0.0, 0.0, 0.0, 0.0)
         self._include = machine_code(_include, slabs, plan, 0.0)
         self._center = machine_code(_center, slabs, handle, 0, 0)
-        self._find_settling = machine_code(_find_settling, plan, handle, 0.0)
-        self._find_rest = machine_code(_find_rest, handle, np.zeros(1))
 
     def lay_piece(self, plan: CheckedPlan, before: Sequence[CheckedPlan] = ()) -> JointSlabs:
         """All slabs of a piece with its own stop, from when it was checked until the arm rests.
@@ -135,57 +105,14 @@ class SlabMaker:
             return None
         begin = max(-lead, 0.0)
         age = max(lead, 0.0) + plan.now - plan.measured_stamp
-        clock = PathClock(begin - age, age, True, -float(latency))
-        # The last moment is when it rests at the end; from then on nothing is left to brake.
-        latest = max(float(plan.times[-1]) - begin, 0.0) + self.find_settling(plan, math.inf)
-        is_braked, times, boxes = self._lay_leaving(plan, self._limits, clock, latest, lead)
+        is_braked, times, boxes = self._lay_leaving(
+            plan, self._limits, begin, age, float(latency), lead
+        )
         if not is_braked:
             return None
         slabs = JointSlabs(*times, *boxes)
         self._wait(slabs, plan, before, lead)
         return slabs
-
-    def lay_stop(
-        self, plan: CheckedPlan, clock: PathClock, latest_bite: float, *, on_path: bool
-    ) -> JointSlabs | None:
-        """All slabs of an arm that follows a trajectory until its brakes bite, and then stops.
-
-        Args:
-            plan: What it follows; it ends at rest, and the arm stays there.
-            clock: Where on it the arm is.
-            latest_bite: Until when brakes bite, in [s] from now: at any time until then, and where
-                joints stop by themselves each at a time of its own.
-            on_path: Whether all joints stop together, on the path.
-
-        Returns:
-            None where a joint may be faster than its brakes are stated for, and where the arm is to
-            stop on the path, and brakes guarantee no such thing there.
-        """
-        if on_path:
-            laid = self._lay_path_stop(plan, self._limits, clock, latest_bite)
-        else:
-            laid = self._lay_leaving(plan, self._limits, clock, latest_bite, 0.0)
-        is_braked, times, boxes = laid
-        return JointSlabs(*times, *boxes) if is_braked else None
-
-    def find_settling(self, plan: CheckedPlan, followed: float) -> float:
-        """How long joints may still move about the place where they come to rest, in [s].
-
-        Args:
-            plan: What they follow.
-            followed: How long they have followed it by then, in [s].
-        """
-        lasting: float = self._find_settling(plan, self._limits, followed)
-        return lasting
-
-    def find_rest(self, pace: FloatArray) -> float:
-        """How long it takes until all joints surely rest, from speeds of at most `pace`, in [s].
-
-        Args:
-            pace: In [rad]/[s] or [m]/[s]. Shape (nv,), contiguous.
-        """
-        lasting: float = self._find_rest(self._limits, pace)
-        return lasting
 
     def _wait(
         self, slabs: JointSlabs, plan: CheckedPlan, before: Sequence[CheckedPlan], lead: float
@@ -249,7 +176,7 @@ def _lay_piece(
     count = min(max(math.ceil((last - begin) / SLAB), 1), MOST_CURVE_SLABS)
     along, nodes = np.empty(count + 2), np.empty(count + 2)
     _divide(along, 0, count, begin, last)
-    along[count + 1] = last + _find_settling(plan, limits, math.inf)
+    along[count + 1] = last + _find_settling(plan, limits)
     for k in range(count + 2):
         nodes[k] = along[k] - begin
     times, boxes = _make_room(count + 1 + (WAITING_SLABS if lead > 0.0 else 0), joints)
@@ -287,36 +214,6 @@ def _include(slabs: JointSlabs, plan: CheckedPlan, begun: float) -> None:
 
 
 @kernel
-def _lay_path_stop(
-    plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float
-) -> tuple[bool, FloatArray, FloatArray]:
-    """The slabs of an arm that stops on its path, and whether it surely can."""
-    joints = plan.deviation.shape[0]
-    slowing = _find_slowing(plan, limits, clock, latest_bite)
-    if not slowing > 0.0:
-        return False, np.empty((2, 0)), np.empty((2, 0, joints))
-    rest = clock.pace / slowing + _find_settling(plan, limits, clock.followed)
-    leaving = _count_leaving(latest_bite)
-    count = leaving + (BRAKING_SLABS if rest > 0.0 else 0)
-    nodes = np.empty(count + 1)
-    _divide(nodes, 0, leaving, 0.0, latest_bite)
-    if rest > 0.0:
-        _divide_rest(nodes, leaving, latest_bite, rest)
-    times, boxes = _make_room(count, joints)
-    slabs = _view(times, boxes)
-    _fill_times(slabs, nodes, 0.0)
-    first, last = _run_clock(clock, slowing, nodes, latest_bite)
-    low, high = slabs.middle, slabs.half
-    for k in range(count):
-        curve_range(plan.times, plan.q, plan.v, first[k], last[k], low[k], high[k])
-        for j in range(joints):
-            low[k, j] -= plan.deviation[j]
-            high[k, j] += plan.deviation[j]
-    _center(slabs, limits, 0, count)
-    return True, times, boxes
-
-
-@kernel
 def _count_leaving(latest_bite: float) -> int:
     """How many slabs there are until the latest bite, in [s]."""
     return min(max(math.ceil(latest_bite / SLAB), 4), MOST_LEAVING_SLABS)
@@ -332,30 +229,40 @@ def _divide_rest(nodes: FloatArray, first: int, latest_bite: float, rest: float)
 
 @kernel
 def _lay_leaving(
-    plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float, lead: float
+    plan: CheckedPlan,
+    limits: JointLimits,
+    begin: float,
+    age: float,
+    latency: float,
+    lead: float,
 ) -> tuple[bool, FloatArray, FloatArray]:
     """The slabs of joints that leave a plan each by itself, and whether brakes are stated for them.
 
     Where there is a lead, in [s], the slabs until it is over are left to be laid out.
+
+    Args:
+        plan: What the arm follows; it ends at rest.
+        limits: Of the robot.
+        begin: Where on the plan the first slab begins, in [s] as in the plan's times.
+        age: How long before that the joint state was measured, in [s].
+        latency: After that the arm follows the plan at the latest, in [s].
+        lead: Until the first slab of the plan begins, in [s]; 0 or less: it has begun.
     """
     joints = plan.deviation.shape[0]
+    # The last moment is when it rests at the end; from then on nothing is left to brake.
+    latest_bite = max(plan.times[-1] - begin, 0.0) + _find_settling(plan, limits)
     leaving = _count_leaving(latest_bite)
     nodes = np.empty(leaving + BRAKING_SLABS + 1)
     _divide(nodes, 0, leaving, 0.0, latest_bite)
     # Where on the plan joints can be until they leave it, and how fast right on it.
     low_on, high_on = np.empty((leaving, joints)), np.empty((leaving, joints))
     slowest, fastest = np.empty((leaving, joints)), np.empty((leaving, joints))
-    first, last = _run_clock(clock, math.inf, nodes[: leaving + 1], math.inf)
     for k in range(leaving):
-        curve_range(plan.times, plan.q, plan.v, first[k], last[k], low_on[k], high_on[k])
-        speed_range(plan.times, plan.q, plan.v, first[k], last[k], slowest[k], fastest[k])
-    if not clock.is_on_time:
-        for k in range(leaving):
-            for j in range(joints):
-                slowest[k, j] = min(0.0, slowest[k, j] * clock.pace)
-                fastest[k, j] = max(0.0, fastest[k, j] * clock.pace)
+        first, last = begin + nodes[k], begin + nodes[k + 1] * (1.0 + SUM_ROUNDING)
+        curve_range(plan.times, plan.q, plan.v, first, last, low_on[k], high_on[k])
+        speed_range(plan.times, plan.q, plan.v, first, last, slowest[k], fastest[k])
     # How fast they truly are, and how soon they rest then.
-    _widen_speeds(plan, limits, clock, nodes, slowest, fastest)
+    _widen_speeds(plan, limits, age, latency, nodes, slowest, fastest)
     rest = 0.0
     top = np.empty(joints)
     for j in range(joints):
@@ -370,13 +277,12 @@ def _lay_leaving(
     # Where they can be at all, from where they were measured.
     low_free, high_free = np.empty((leaving, joints)), np.empty((leaving, joints))
     at, speed = np.empty(joints), np.empty(joints)
-    evaluate_curve(plan.times, plan.q, plan.v, clock.at, at, speed)
+    evaluate_curve(plan.times, plan.q, plan.v, begin - age, at, speed)
     q = plan.measured_q.copy()
     for j in range(joints):
         if math.isinf(limits.lower[j]) and math.isinf(limits.upper[j]):
             q[j] = nearest_turn(q[j], at[j])
-    # Since the stamp its clock may have been faster than its pace: that counts as measured.
-    _spread(q, plan.measured_v, clock.age, limits, nodes[: leaving + 1], low_free, high_free)
+    _spread(q, plan.measured_v, age, limits, nodes[: leaving + 1], low_free, high_free)
     for k in range(leaving):
         for j in range(joints):
             low_on[k, j] -= plan.deviation[j]
@@ -448,59 +354,13 @@ def _find_rest(limits: JointLimits, pace: FloatArray) -> float:
 
 
 @kernel
-def _find_settling(plan: CheckedPlan, limits: JointLimits, followed: float) -> float:
-    """How long joints may still move where they come to rest; see `SlabMaker.find_settling`."""
+def _find_settling(plan: CheckedPlan, limits: JointLimits) -> float:
+    """How long joints may still move about the place where a plan comes to rest, in [s]."""
     pace = np.empty_like(plan.deviation)
-    fill_deviation_speed(plan.deviation, plan.acceleration, plan.velocity_deviation, followed, pace)
+    fill_deviation_speed(plan.deviation, plan.acceleration, plan.velocity_deviation, math.inf, pace)
     for j in range(pace.shape[0]):
         pace[j] = min(pace[j], limits.velocity[j] + limits.velocity_error[j])
     return _find_rest(limits, pace)
-
-
-@kernel
-def _find_slowing(
-    plan: CheckedPlan, limits: JointLimits, clock: PathClock, latest_bite: float
-) -> float:
-    """How fast the clock can surely be slowed down wherever the arm can be by then, in [1]/[s]."""
-    if clock.is_slowing_stated or not clock.slowing > 0.0:
-        return clock.slowing
-    # Only what lies ahead counts: that far it gets at the most by what brakes do anywhere.
-    begin = clock.at - abs(clock.age)
-    end = clock.at + abs(clock.age) + latest_bite + 0.5 / clock.slowing
-    braking = find_decelerations(limits.brakes, plan.top_speed)
-    slowing, _, _ = bound_path_braking(
-        plan.times, plan.q, plan.v, braking, max(begin, 0.0), max(end, 0.0)
-    )
-    return slowing
-
-
-@kernel
-def _run_clock(
-    clock: PathClock, slowing: float, nodes: FloatArray, latest_bite: float
-) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest times on the trajectory between neighbouring nodes, (nodes - 1,) each.
-
-    Brakes that bite at the latest bite, in [s], slow its clock down to rest.
-    """
-    count = nodes.shape[0] - 1
-    first, last = np.empty(count), np.empty(count)
-    slowing = min(slowing, 1e300)  # a path on which no joint moves ends at once
-    is_slowed = nodes[count] > latest_bite
-    for k in range(count):
-        after = max(nodes[k + 1] - latest_bite, 0.0)
-        gone = clock.pace * (nodes[k + 1] - after)
-        if is_slowed:
-            until = min(after, clock.pace / slowing)
-            gone += until * (clock.pace - 0.5 * slowing * until)
-        gone *= 1.0 + SUM_ROUNDING
-        if clock.is_on_time:
-            # Brakes that can slow the clock down may have done so at once.
-            first[k] = clock.at + clock.age + (0.0 if is_slowed else nodes[k])
-            last[k] = clock.at + clock.age + gone
-        else:
-            first[k] = clock.at + min(clock.age, 0.0)
-            last[k] = clock.at + abs(clock.age) + gone
-    return first, last
 
 
 @kernel
@@ -535,7 +395,8 @@ def _spread(
 def _widen_speeds(
     plan: CheckedPlan,
     limits: JointLimits,
-    clock: PathClock,
+    age: float,
+    latency: float,
     nodes: FloatArray,
     slowest: FloatArray,
     fastest: FloatArray,
@@ -547,31 +408,17 @@ def _widen_speeds(
     acceleration, and slows down by no more than its acceleration limit. `slowest` and `fastest`
     are right on the curve so far, (slabs, nv), of which the nodes are the first ones.
     """
-    off, measured = np.empty_like(plan.deviation), plan.measured_v.copy()
-    error = limits.velocity_error.copy()
-    if clock.pace < 1.0:
-        # One that was measured to be faster than its pace counts as if it were so fast: for one
-        # that is not, the velocity nearest to the measured one is no farther from the true one.
-        fill_deviation_speed(
-            plan.deviation, plan.acceleration, plan.velocity_deviation, clock.followed, off
-        )
-        for j in range(off.shape[0]):
-            kept = max(measured[j], slowest[0, j] - off[j])
-            kept = min(kept, fastest[0, j] + off[j])
-            if clock.age < 0.0:
-                # It was measured later than that, when it may have had any pace.
-                error[j] += abs(measured[j] - kept)
-            measured[j] = kept
+    off = np.empty_like(plan.deviation)
     for k in range(slowest.shape[0]):
         fill_deviation_speed(
-            plan.deviation, plan.acceleration, plan.velocity_deviation,
-            clock.followed + nodes[k], off,
-        )  # fmt: skip
+            plan.deviation, plan.acceleration, plan.velocity_deviation, nodes[k] - latency, off
+        )
         # A slab may begin before the stamp, when a joint that slows down was faster.
-        before = max(-(clock.age + nodes[k]), 0.0) * (1.0 + SUM_ROUNDING)
-        after = max(clock.age + nodes[k + 1], 0.0) * (1.0 + SUM_ROUNDING)
+        before = max(-(age + nodes[k]), 0.0) * (1.0 + SUM_ROUNDING)
+        after = max(age + nodes[k + 1], 0.0) * (1.0 + SUM_ROUNDING)
         for j in range(off.shape[0]):
-            up, down = measured[j] + error[j], -measured[j] + error[j]
+            up = plan.measured_v[j] + limits.velocity_error[j]
+            down = -plan.measured_v[j] + limits.velocity_error[j]
             limit, speeding = limits.acceleration[j], limits.operating_acceleration[j]
             most = operating_velocity(up, limit, speeding, math.inf, after)
             least = -operating_velocity(down, limit, speeding, math.inf, after)

@@ -1,4 +1,4 @@
-"""Stops that a plan carries or that begin on it: appended, checked, and how soon they end.
+"""Stops that a plan carries: joint by joint, or on its path; and their check.
 
 Joint by joint, each joint decelerates by what its brake guarantees. On the path, all joints slow
 down together: with s the path time, the arm at q(s) and the clock's pace ds/dt = w, a joint's
@@ -13,24 +13,37 @@ import math
 
 import numpy as np
 
-from armguard.bounds.planned.curve import interval_at, interval_coefficients
-from armguard.bounds.planned.plan import Plan, Refusal, read_plan
+from armguard.bounds.planned.curve import (
+    evaluate_curve,
+    find_top_speeds,
+    interval_at,
+    interval_coefficients,
+)
+from armguard.bounds.planned.plan import MOST_SAMPLES, Plan, Refusal, read_plan
+from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import LIMIT_SLACK, SUM_ROUNDING, TERM_ROUNDING
+from armguard.robot.brakes import find_gentlest_stop
+from armguard.robot.robot import Robot
 
 GRAIN = 1e-6
 """What the lasting of a joint's stop is rounded up to, in [s]."""
 
+PATH_STEP = 2e-3
+"""Longest time between samples of a stop on a bending path, in [s]."""
 
-def append_stop(plan: Plan, braking: FloatArray, *, on_path: bool) -> Plan | Refusal:
-    """The plan with a stop at its end, not harder than brakes guarantee; or what is wrong with it.
+PATH_SHARE = 0.98
+"""How much of the possible slowing a stop on a bending path uses: cubics between its samples bend a
+little more than the path does."""
+
+
+def append_stop(plan: Plan, braking: FloatArray) -> Plan | Refusal:
+    """The plan with a stop at its end, joint by joint; or what is wrong with it.
 
     Args:
         plan: Anything at all.
         braking: Guaranteed decelerations, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
-        on_path: Whether all joints stop together, straight on from the plan's end; else each
-            decelerates as much as its brake guarantees.
 
     Returns:
         A plan of the same samples and some more; positions and velocities are continuous, and a
@@ -44,8 +57,6 @@ def append_stop(plan: Plan, braking: FloatArray, *, on_path: bool) -> Plan | Ref
     with np.errstate(all="ignore"):
         # No harder than guaranteed, and no two samples closer than a grain.
         each = np.ceil(pace / braking / GRAIN) * GRAIN
-        if on_path:
-            each[:] = each.max()
         # Every joint's motion is quadratic between these, which cubics through samples reproduce.
         lasting = np.unique(each[each > 0.0])[:, None]
         left = np.maximum(1.0 - lasting / np.where(each > 0.0, each, 1.0), 0.0)
@@ -60,6 +71,101 @@ def append_stop(plan: Plan, braking: FloatArray, *, on_path: bool) -> Plan | Ref
         q=np.concatenate([q, more_q]),
         v=np.concatenate([v, more_v]),
     )
+
+
+def stop_on_path(
+    robot: Robot, plan: Plan, payload: float | None = None, *, at: float | None = None
+) -> Plan:
+    """The plan with a stop on its path: all joints slow down together, by the clock of the plan.
+
+    The arm follows the plan until `at`. From then on the plan's clock slows down at a constant
+    rate, the greatest for which no joint has to brake harder than guaranteed. Where
+    the plan ends before the clock has stopped, the arm goes straight on. `Monitor.commit` accepts
+    such a stop where it accepts the plan.
+
+    Args:
+        robot: The arm.
+        plan: A piece of trajectory; it need not end at rest.
+        payload: What the arm carries at most, tool included, in [kg]; None: the heaviest that its
+            brakes are stated for.
+        at: When the stop begins, in [s] as in the plan's times; None: at the plan's end.
+
+    Returns:
+        The plan until `at`, and samples of the stop, at the end of which the arm rests.
+
+    Raises:
+        ArmguardError: The plan is malformed, `at` is not within its times, the payload is beyond
+            what brakes are stated for, or the path bends harder than brakes guarantee: the joint is
+            named.
+    """
+    read = read_plan(plan, len(robot.joints))
+    if isinstance(read, Refusal):
+        raise ArmguardError(read.subject, read.detail, expected="a plan to stop on")
+    times, q, v = (np.asarray(part) for part in (read.times, read.q, read.v))
+    last = float(times[-1])
+    begin = last if at is None else float(at)
+    if not 0.0 <= begin <= last:
+        raise ArmguardError("at", f"is {at!r}", expected=f"a time of the plan, 0 to {last:.6g} s")
+    braking = find_gentlest_stop(robot.brakes.make_curves(payload), find_top_speeds(times, q, v))
+    if begin == last:
+        # From its end on the arm goes straight on, however hard the path bends before.
+        with np.errstate(divide="ignore"):
+            slowing = float((braking / np.abs(v[-1])).min()) * (1.0 - SUM_ROUNDING)
+    else:
+        slowing = PATH_SHARE * _find_slowing(robot, times, q, v, braking, begin)
+    lasting = max(1.0 / slowing, GRAIN)
+    # Samples of the stop: evenly spaced where the path bends, and those of the plan that it passes.
+    gone = np.minimum(times[times > begin], begin + 0.5 * lasting) - begin
+    passed = lasting * (1.0 - np.sqrt(np.maximum(1.0 - 2.0 * gone / lasting, 0.0)))
+    bent = float(passed.max(initial=0.0))
+    step = max(PATH_STEP, bent / (MOST_SAMPLES // 4))
+    since = np.unique(np.concatenate([np.arange(0.0, bent, step), passed, [0.0, lasting]]))
+    since = since[np.diff(since, append=math.inf) > GRAIN]
+    pace = np.maximum(1.0 - since / lasting, 0.0)
+    along = begin + since * (0.5 + 0.5 * pace)
+    more_q, more_v = np.empty((len(since), q.shape[1])), np.empty((len(since), q.shape[1]))
+    for k in range(len(since)):
+        evaluate_curve(times, q, v, float(along[k]), more_q[k], more_v[k])
+    # Beyond its end the path goes straight on.
+    more_q += np.maximum(along - last, 0.0)[:, None] * v[-1]
+    more_v *= pace[:, None]
+    before = times < begin
+    return read._replace(
+        times=np.concatenate([times[before], begin + since]),
+        q=np.concatenate([q[before], more_q]),
+        v=np.concatenate([v[before], more_v]),
+    )
+
+
+def _find_slowing(
+    robot: Robot,
+    times: FloatArray,
+    q: FloatArray,
+    v: FloatArray,
+    braking: FloatArray,
+    begin: float,
+) -> float:
+    """How fast the path's clock can be slowed down from `begin` to rest, in [1]/[s].
+
+    Only the part of the path that a stop passes matters, which is the shorter, the faster the clock
+    slows down. So parts are tried, each twice as long as the one before.
+    """
+    left = float(times[-1]) - begin
+    passed = PATH_STEP
+    while True:
+        end = begin + min(passed, left)
+        slowing, joint, when = bound_path_braking(times, q, v, braking, begin, end)
+        if slowing > 0.0 and (passed >= left or 0.5 / (PATH_SHARE * slowing) <= passed):
+            return slowing
+        if not slowing > 0.0:
+            # A longer part has no smaller bends.
+            raise ArmguardError(
+                robot.joints[joint],
+                f"bends at {braking[joint] - slowing:.4g} after {when:.6g} s: no stop on the path",
+                expected=f"less than the {braking[joint]:.4g} that its brakes guarantee",
+                remedy="a slower path, or a stop joint by joint, as Monitor.with_stop appends it",
+            )
+        passed *= 2.0
 
 
 @kernel

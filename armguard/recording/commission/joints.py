@@ -157,15 +157,11 @@ def measure_tracking(seen: Observations) -> TrackingErrors | None:
     states = 0
     for plan, ended in seen.plans:
         inside = (seen.stamps >= plan.stamp) & (seen.stamps <= ended)
-        stamps = seen.stamps[inside]
-        elapsed = seen.path_times[inside]
-        is_on_time = np.isnan(elapsed)
-        elapsed = np.where(is_on_time, stamps - plan.stamp, elapsed)
+        elapsed = seen.stamps[inside] - plan.stamp
         on_plan = elapsed <= float(np.asarray(plan.times)[-1])
         planned_q, planned_v = _sample(plan, elapsed[on_plan])
         off = np.abs(seen.q[inside][on_plan] - planned_q)
-        # Where the plan's clock is slowed down, velocities are not those of the plan.
-        off_v = np.abs(seen.v[inside][on_plan] - planned_v)[is_on_time[on_plan]]
+        off_v = np.abs(seen.v[inside][on_plan] - planned_v)
         states += len(off)
         position = np.maximum(position, off.max(axis=0, initial=0.0))
         velocity = np.maximum(velocity, off_v.max(axis=0, initial=0.0))

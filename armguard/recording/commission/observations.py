@@ -65,8 +65,6 @@ class Observations(NamedTuple):
     """[rad] or [m]. Shape (n, nv)."""
     v: FloatArray
     """As the controller states them, in [rad/s] or [m/s]. Shape (n, nv)."""
-    path_times: FloatArray
-    """Where on its plan the arm says that it was, in [s]; NaN where it does not. Shape (n,)."""
     stops: list[StopCommand]
     plans: list[PlanAccepted]
     sources: dict[str, SourceObservations]
@@ -122,7 +120,7 @@ def observe(recording: Recording) -> Observations:
                 seen[event.source][name].append([stamp, *points[0]])
         elif isinstance(event, Gap):
             is_lossy = True
-    states = np.array(rows).reshape(-1, 2 + 2 * count)
+    states = np.array(rows).reshape(-1, 1 + 2 * count)
     states = states[np.unique(states[:, 0], return_index=True)[1]]
     if len(states) < _FEWEST_STATES:
         raise ArmguardError(
@@ -136,9 +134,8 @@ def observe(recording: Recording) -> Observations:
     return Observations(
         robot,
         states[:, 0],
-        states[:, 2 : 2 + count],
-        states[:, 2 + count :],
-        states[:, 1],
+        states[:, 1 : 1 + count],
+        states[:, 1 + count :],
         stops,
         _find_plan_ends(plans, stops, end),
         {
@@ -156,14 +153,13 @@ def observe(recording: Recording) -> Observations:
 
 
 def _read_state(event: JointState, count: int) -> list[float] | None:
-    """Stamp, path time, q and v of a joint state; None if it could not be used."""
+    """Stamp, q and v of a joint state; None if it could not be used."""
     if not (isinstance(event.q, list) and isinstance(event.v, list)):
         return None
-    path_time = float(event.path_time) if isinstance(event.path_time, float | int) else np.nan
     values = [float(value) for value in (event.stamp, *event.q, *event.v)]
     if len(values) != 1 + 2 * count or not np.isfinite(values).all():
         return None
-    return [values[0], path_time, *values[1:]]
+    return values
 
 
 def _find_stops(verdicts: list[tuple[float, bool]]) -> list[StopCommand]:

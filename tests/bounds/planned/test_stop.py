@@ -1,9 +1,13 @@
 import numpy as np
 import pytest
 
-from armguard.bounds import append_stop
-from armguard.bounds.planned.check import StopCheck, check_path_stop
+from armguard.bounds import append_stop, stop_on_path
+from armguard.bounds.planned.check import StopCheck
+from armguard.bounds.planned.curve import find_top_speeds
+from armguard.exceptions import ArmguardError
+from armguard.robot.brakes import find_gentlest_stop
 from support.example_arms import load_holding
+from support.plan_cases import Hermite, Waves
 from support.short_plans import HOME, TIMES, check, moved, resting
 
 
@@ -16,7 +20,7 @@ def test_a_stop_harder_than_brakes_guarantee_is_told(robot):
     braking = robot.braking_deceleration
     plan = moved(0, 0.1 * TIMES, 0.1)
     for part, is_fine in ((0.5, True), (1.0, True), (1.01, False), (2.0, False)):
-        stopped = append_stop(plan, part * braking, on_path=False)
+        stopped = append_stop(plan, part * braking)
         checked = check(robot, stopped, stops=False)
         refusal = StopCheck(robot, robot.brakes.make_curves()).check(checked)
         assert (refusal is None) is is_fine
@@ -33,7 +37,48 @@ def test_a_stop_harder_than_brakes_guarantee_is_told(robot):
         assert (found is None) is is_fine
 
 
-def test_a_path_that_bends_more_than_brakes_guarantee_is_told(robot):
+def follow_waves(robot, random, share):
+    """A path that bends, and ends in full motion."""
+    waves = Waves(robot, random, 0.3)
+    waves.size *= share
+    times = np.linspace(0.0, 1.0, 101)
+    return resting(times=times, q=waves.position(times), v=waves.velocity(times))
+
+
+def test_a_stop_on_the_path_stays_on_it_and_no_joint_brakes_harder_than_guaranteed(robot):
+    random, brakes = np.random.default_rng(5), robot.brakes.make_curves()
+    tried = 0
+    for _ in range(60):
+        plan = follow_waves(robot, random, random.choice([0.02, 0.05]))
+        braking = find_gentlest_stop(brakes, find_top_speeds(plan.times, plan.q, plan.v))
+        at = float(random.choice([0.0, 0.3, 0.505, 0.98]))
+        try:
+            stopped = stop_on_path(robot, plan, at=at)
+        except ArmguardError:
+            continue
+        tried += 1
+        curve, path = Hermite(stopped.times, stopped.q, stopped.v), Hermite(*plan[1:4])
+        assert not stopped.v[-1].any()
+        before = np.linspace(0.0, at, 50)
+        assert curve(before) == pytest.approx(path(before), abs=1e-9)
+        # Of all joints together by one clock: its place follows from that of the fastest one.
+        after = np.linspace(at, stopped.times[-1], 400)[:-1]
+        lasting = stopped.times[-1] - at
+        along = at + (after - at) * (1.0 - 0.5 * (after - at) / lasting)
+        expected = path(np.minimum(along, 1.0)) + np.maximum(along - 1.0, 0.0)[:, None] * plan.v[-1]
+        assert curve(after) == pytest.approx(expected, abs=1e-6)
+        slower = curve(after, 1) * curve(after, 2) < 0.0
+        assert (np.abs(curve(after, 2)) <= np.where(slower, braking, np.inf) * (1.0 + 1e-9)).all()
+        # And no gentler than that, but for what is left to rounding and sampling.
+        pace = 1.0 - (after - at) / lasting
+        bent = np.abs(path(np.minimum(along, 1.0 - 1e-9), 2))
+        ahead = np.abs(path(np.minimum(along, 1.0), 1))
+        assert ((braking - bent) / np.maximum(ahead, 1e-12)).min() <= 1.3 / lasting
+        assert (pace > 0.0).all()
+    assert tried > 20
+
+
+def test_a_path_that_bends_more_than_brakes_guarantee_has_no_stop_on_it(robot):
     braking = robot.braking_deceleration[0]
     for part in (0.9, 1.1):
         times = np.linspace(0.0, 1.0, 101)
@@ -42,12 +87,26 @@ def test_a_path_that_bends_more_than_brakes_guarantee_is_told(robot):
         q[:, 0] += size * (1.0 - np.cos(6.0 * times))
         v[:, 0] = 6.0 * size * np.sin(6.0 * times)
         plan = resting(times=times, q=q, v=v)
-        stopped = append_stop(plan, 0.5 * robot.braking_deceleration, on_path=False)
-        refusal = check_path_stop(check(robot, stopped), robot, robot.brakes.make_curves())
-        assert (refusal is None) is (part < 1.0)
-        if refusal is not None:
-            assert refusal.subject == robot.joints[0]
-            assert "no stop on the path" in refusal.detail
+        if part < 1.0:
+            assert not stop_on_path(robot, plan, at=0.1).v[-1].any()
+            continue
+        with pytest.raises(ArmguardError, match="no stop on the path") as caught:
+            stop_on_path(robot, plan, at=0.1)
+        assert caught.value.offender == robot.joints[0]
+        # From its end on the arm goes straight on.
+        assert not stop_on_path(robot, plan).v[-1].any()
+
+
+def test_what_cannot_be_stopped_on_is_refused_by_name(robot):
+    plan = moved(0, 0.1 * TIMES, 0.1)
+    for at in (-0.1, float(TIMES[-1]) + 0.1, np.nan):
+        with pytest.raises(ArmguardError, match=r"^at"):
+            stop_on_path(robot, plan, at=at)
+    with pytest.raises(ArmguardError, match="payload"):
+        stop_on_path(robot, plan, -1.0)
+    for junk in (None, plan._replace(q=plan.q[:, :6]), plan._replace(stamp=np.nan)):
+        with pytest.raises(ArmguardError):
+            stop_on_path(robot, junk)
 
 
 @pytest.mark.parametrize("on_path", [False, True])
@@ -57,7 +116,7 @@ def test_an_appended_stop_goes_on_smoothly_and_no_harder_than_brakes(robot, on_p
         pace = random.uniform(-0.5, 0.5, 7) * (random.random(7) < 0.8)
         q = HOME + np.outer(TIMES, pace)
         plan = resting(q=q, v=np.tile(pace, (21, 1)))
-        stopped = append_stop(plan, braking, on_path=on_path)
+        stopped = stop_on_path(robot, plan) if on_path else append_stop(plan, braking)
         times, q, v = stopped.times, stopped.q, stopped.v
         assert (v[-1] == 0.0).all()
         # Quadratic between samples: displacements are those of the mean velocity.

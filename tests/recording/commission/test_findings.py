@@ -15,7 +15,6 @@ def test_brakes_are_listed_by_speed_and_the_worst_of_all_stops_counts():
         stamps=np.r_[fast.stamps, slow.stamps + shift],
         q=np.r_[fast.q, slow.q],
         v=np.r_[fast.v, slow.v],
-        path_times=np.r_[fast.path_times, slow.path_times],
         stops=fast.stops + moved,
     )
     found = commission(both)

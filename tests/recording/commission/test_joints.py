@@ -70,7 +70,7 @@ def test_too_few_states_have_no_errors():
     )
 
 
-def make_followed(off, off_velocity=0.0, path_times=False):
+def make_followed(off, off_velocity=0.0):
     times = np.linspace(0.0, 2.0, 41)
     course = np.stack([np.sin(times), 0.5 * np.cos(times)], axis=1)
     speed = np.stack([np.cos(times), -0.5 * np.sin(times)], axis=1)
@@ -82,22 +82,19 @@ def make_followed(off, off_velocity=0.0, path_times=False):
     v = np.stack([np.cos(s), -0.5 * np.sin(s)], axis=1) + off_velocity
     seen = sample(ARM, [], 0.1)
     return seen._replace(
-        stamps=stamps if not path_times else stamps * 2.0 - 10.0,
+        stamps=stamps,
         q=q,
         v=v,
-        path_times=s if path_times else np.full(len(s), np.nan),
         plans=[PlanAccepted(plan, 100.0)],
     )
 
 
-@pytest.mark.parametrize("path_times", [False, True])
-def test_tracking_errors_are_those_that_the_arm_was_off_its_plan(path_times):
-    found = measure_tracking(make_followed([0.004, 0.009], 0.02, path_times))
+def test_tracking_errors_are_those_that_the_arm_was_off_its_plan():
+    found = measure_tracking(make_followed([0.004, 0.009], 0.02))
     assert (found.position >= [0.004, 0.009]).all()
     assert (found.position <= [0.0044, 0.0099]).all()
-    if not path_times:
-        assert (found.velocity >= 0.02).all()
-        assert (found.velocity <= 0.022).all()
+    assert (found.velocity >= 0.02).all()
+    assert (found.velocity <= 0.022).all()
 
 
 def test_only_what_was_allowed_and_is_not_over_counts():
@@ -117,8 +114,7 @@ def make_pulses(shape, steepest, length, period, noise):
     v = v + np.random.default_rng(0).uniform(-noise, noise, len(v))
     stamps = period * np.arange(len(v))
     seen = sample(Arm([1.0], [3.0], [4.0], 0.03), [], 0.1)
-    nothing = np.full(len(v), np.nan)
-    return seen._replace(stamps=stamps, q=v[:, None], v=v[:, None], path_times=nothing)
+    return seen._replace(stamps=stamps, q=v[:, None], v=v[:, None])
 
 
 @pytest.mark.parametrize("shape", [np.sin, np.ones_like])

@@ -132,7 +132,6 @@ def make_creeping(below, creep, noise, seed=0):
         stamps=times,
         q=(q + random.normal(0.0, 3e-5 * (noise > 0.0), len(q)))[:, None],
         v=(v + random.normal(0.0, noise, len(v)))[:, None],
-        path_times=np.full(len(times), np.nan),
         stops=[StopCommand(0.5, 2.4)],
     )
 

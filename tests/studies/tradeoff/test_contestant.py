@@ -64,14 +64,6 @@ def test_contact_time_alone_stops_no_less():
     assert (by_time.track.pace[by_time.track.level == Level.STOP] == 0.0).all()
 
 
-def test_a_known_path_is_told_and_followed():
-    one = make(AXES["motion"][3])
-    one.run(1.0)
-    assert one._plan is not None
-    assert one._plan.times[-1] >= 1.0
-    assert one.monitor.settings.motion == "planned"
-
-
 @pytest.mark.parametrize("law", [1, 2])
 def test_daa_tells_how_much_it_watches_out_of_turn(law):
     one = make(AXES["schedule"][law])
