@@ -31,6 +31,10 @@ call, which takes as long as all that they do.
 """
 
 
+SHORTEST = 1e-9
+"""For how long two plans are compared at the least, in [s]."""
+
+
 class Straying(NamedTuple):
     """What shows that the arm does not follow a plan."""
 
@@ -251,7 +255,8 @@ def _find_knots(before: CheckedPlan, after: CheckedPlan, first: float, last: flo
             count += 1
         i += one == knot
         k += other == knot
-    knots[count] = max(last, np.nextafter(first, math.inf))
+    # Two times of which the difference is next to nothing have no slope between them.
+    knots[count] = max(last, first + SHORTEST, np.nextafter(first, math.inf))
     return knots[: count + 1]
 
 
@@ -293,7 +298,8 @@ def _find_gap(
     curve_range(since, apart, pace, 0.0, since[count - 1], low, high)
     for j in range(joints):
         allowed = share * min(before.deviation[j], after.deviation[j])
-        if not (-low[j] <= allowed + LIMIT_SLACK and high[j] <= allowed + LIMIT_SLACK):
+        # Of a difference that is no number no range is found, and low is above high.
+        if not (-allowed - LIMIT_SLACK <= low[j] <= high[j] <= allowed + LIMIT_SLACK):
             when = knots[_find_largest(apart, j)]
             return PLACE, j, max(-low[j], high[j]), allowed, when
     for j in range(joints):
