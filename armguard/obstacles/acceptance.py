@@ -19,7 +19,13 @@ from typing import Any
 
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel, merged_kernel
-from armguard.jit.numerics import ACCEPTANCE_SLACK, ALLOWED, SHAPE, VELOCITY_BY_ACCEL
+from armguard.jit.numerics import (
+    ACCEPTANCE_SLACK,
+    ALLOWED,
+    SHAPE,
+    SUM_ROUNDING,
+    VELOCITY_BY_ACCEL,
+)
 from armguard.obstacles.consistency import (
     clearly_allows,
     find_broken_bound,
@@ -182,6 +188,49 @@ def _write(states: States, row: int, sample: States) -> None:
     states.position_error[row] = sample.position_error[0]
     states.velocity_error[row] = sample.velocity_error[0]
     states.stamp[row] = sample.stamp[0]
+
+
+@kernel
+def _keep_surer(sample: States, accepted: States, row: int) -> None:
+    """Replace what a newer sample says more vaguely than the accepted state still does.
+
+    Both hold within their errors, so the truth lies in what both allow. After a time h a velocity
+    is within dv + A h of v, and a point within dp + (dv + A h / 2) h of x + v h, with the errors dp
+    and dv of the accepted state. Whichever error is smaller counts, of velocities and of points by
+    themselves. A body that is described otherwise now is taken as the sample describes it.
+    """
+    accel = accepted.accel[row]
+    if not (
+        accel < math.inf
+        and sample.accel[0] == accel
+        and sample.speed[0] == accepted.speed[row]
+        and sample.radius[0] == accepted.radius[row]
+    ):
+        return
+    before, stamp = accepted.stamp[row], sample.stamp[0]
+    elapsed = stamp - before
+    duration = elapsed + ACCEPTANCE_SLACK * (abs(before) + abs(stamp))
+    change = accel * duration
+    velocity_error = accepted.velocity_error[row]
+    position_error = accepted.position_error[row] + (velocity_error + 0.5 * change) * duration
+    size = 0.0
+    for k in range(sample.point_count[0]):
+        for axis in range(3):
+            moved = accepted.velocities[row, k, axis] * duration
+            size = max(size, abs(accepted.points[row, k, axis]) + abs(moved))
+    position_error += SUM_ROUNDING * (position_error + size)
+    if position_error < sample.position_error[0]:
+        sample.position_error[0] = position_error
+        for k in range(sample.point_count[0]):
+            for axis in range(3):
+                moved = accepted.velocities[row, k, axis] * elapsed
+                sample.points[0, k, axis] = accepted.points[row, k, axis] + moved
+    velocity_error = (velocity_error + change) * (1.0 + SUM_ROUNDING)
+    if velocity_error < sample.velocity_error[0]:
+        sample.velocity_error[0] = velocity_error
+        for k in range(sample.point_count[0]):
+            for axis in range(3):
+                sample.velocities[0, k, axis] = accepted.velocities[row, k, axis]
 
 
 @kernel
@@ -511,6 +560,11 @@ def take_samples(
                 code = _agrees(accepted, row, sample, told_accel, told_speed)
                 if code == ALLOWED and not stamp > accepted.stamp[row]:
                     code = LATE
+            if code == TAKEN and (
+                sample.velocity_error[0] > accepted.velocity_error[row]
+                or sample.position_error[0] > accepted.position_error[row]
+            ):
+                _keep_surer(sample, accepted, row)
         if code != TAKEN:
             code, value = _make_exception(handle, row, sample, code, value)
             data.codes[i], data.values[i] = code, value

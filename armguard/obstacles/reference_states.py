@@ -41,6 +41,10 @@ def allows_reference_state(
 ) -> tuple[bool, bool]:
     """Whether a state of an obstacle can be true if its reference state is, and its bounds grew.
 
+    A larger error is no growth. Both states hold within their errors, so the truth lies in what
+    both allow: a vaguer state takes nothing from what the reference state proves. A larger radius
+    or bound is growth, since the reference state says nothing of such a body.
+
     Where there is no reference state the bounds grew: there was no accepted state when the obstacle
     was evaluated, and there is one now.
     """
@@ -50,8 +54,6 @@ def allows_reference_state(
         bodies.radius[row] > reference_states.radius[place]
         or bodies.accel[row] > reference_states.accel[place]
         or bodies.speed[row] > reference_states.speed[place]
-        or bodies.position_error[row] > reference_states.position_error[place]
-        or bodies.velocity_error[row] > reference_states.velocity_error[place]
     )
     # A larger radius is another description, no motion: it has been seen to above.
     radius = min(bodies.radius[row], reference_states.radius[place])

@@ -630,3 +630,44 @@ def test_what_is_clearly_without_flaw_has_none():
         flawed += flaw != TAKEN
     assert clear > 500
     assert flawed > 5000
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_accepted_state_holds_the_truth_and_no_vaguer_sample_takes_from_it(seed):
+    """Samples of any errors, of a body that moves as its bounds allow."""
+    random = np.random.default_rng(seed)
+    accel, speed, dt = 10.0, 2.0, 0.01
+    obstacles = Obstacles(accel=accel, speed=speed)
+    states = obstacles.table.accepted
+    place, pace = random.normal(size=3), np.zeros(3)
+    kept = 0
+    position_room = velocity_room = INF
+    for k in range(300):
+        push = random.normal(size=3)
+        push *= accel * random.random() / np.linalg.norm(push)
+        after = pace + push * dt
+        after *= min(1.0, speed / max(np.linalg.norm(after), 1e-12))
+        # Straight on average, which no acceleration within the bound leaves by more.
+        place, pace = place + 0.5 * dt * (pace + after), after
+        error, slip = random.choice([0.001, 0.02, 0.5]), random.choice([0.01, 0.1, 3.0])
+        noise = random.normal(size=(2, 3))
+        noise *= random.random((2, 1)) / np.linalg.norm(noise, axis=1, keepdims=True)
+        if random.random() < 0.7:
+            told = pace + slip * noise[1]
+            told *= min(1.0, (speed + 0.9 * slip) / max(np.linalg.norm(told), 1e-12))
+            faults = obstacles.fault_count
+            obstacles.update(
+                ["body"], k * dt, [place + error * noise[0]], [told], radius=0.1,
+                position_error=error, velocity_error=slip,
+            )  # fmt: skip
+            assert obstacles.fault_count == faults
+            kept += states.velocity_error[0] < slip
+            position_room, velocity_room = states.position_error[0], states.velocity_error[0]
+        if not len(obstacles):
+            continue
+        age = k * dt - states.stamp[0]
+        room = position_room + (velocity_room + 0.5 * accel * age) * age
+        seen, heading = states.points[0, 0], states.velocities[0, 0]
+        assert np.linalg.norm(place - seen - heading * age) <= room + 1e-9
+        assert np.linalg.norm(pace - heading) <= velocity_room + accel * age + 1e-9
+    assert kept > 30

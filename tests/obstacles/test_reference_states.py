@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
 from armguard.obstacles.table import Marks, make_states, resize_states
 
-BOUNDS = ("radius", "accel", "speed", "position_error", "velocity_error")
+BOUNDS = ("radius", "accel", "speed")
+ERRORS = ("position_error", "velocity_error")
 ROW, PLACE = 2, 5
 
 
@@ -87,6 +88,14 @@ def test_each_bound_may_shrink_and_not_grow(bound):
     # Growth by much is another description as well, never a broken bound.
     array[ROW] = kept + 1.0
     assert allows_reference_state(bodies, reference_states, ROW, PLACE) == (True, True)
+
+
+@pytest.mark.parametrize("error", ERRORS)
+def test_a_vaguer_state_takes_nothing_from_what_is_known(error):
+    _, bodies, reference_states = random_bodies(1)
+    keep_reference_state(bodies, reference_states, marks_of(has_state=True), ROW, PLACE)
+    getattr(bodies, error)[ROW] += 1.0
+    assert allows_reference_state(bodies, reference_states, ROW, PLACE) == (True, False)
 
 
 @pytest.mark.parametrize("seed", range(20))
