@@ -4,8 +4,14 @@ A controller that moves on safe pieces only never has to be stopped for obstacle
 bounds: where the next piece is refused, or no answer comes, it goes on along the one that it has,
 and rests at its end. So no verdict has to arrive, and no reaction time enters.
 
-Whether an answer arrived is not known here. Until joint states, or the next piece, tell which piece
-the arm is on, each that it may be on is kept, and all of them must be safe.
+Whether an answer arrived is not known here. So every piece that was answered safe is kept, and all
+that are kept must stay safe, until one of these rules it out:
+
+- a joint state that is not on it, nor on the way to it;
+- its end: the arm has come to rest there, and a resting arm touches nothing;
+- a later piece that does not go on from it, once it has begun: a controller that is on a piece goes
+  on from that piece. While it has not begun, the controller may still change over to it, if the
+  answer to the later piece is lost.
 """
 
 from __future__ import annotations
@@ -35,8 +41,10 @@ from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.verdict import PlanVerdict, Reason, ReasonKind
 
-MOST_PIECES = 64
-"""Pieces that the arm may be on at a time."""
+MOST_PIECES = 192
+"""Pieces that the arm may be on at a time: enough at 1 kHz for answers that take 0.1 s."""
+ENDED_PIECES = 32
+"""Beyond so many, pieces at whose end the arm would rest by now are forgotten."""
 USUAL_PIECES = 16
 """Pieces for which room is made at a time, at first from the start: to move what is kept of all of
 them to a larger one would make a commit late."""
@@ -198,7 +206,10 @@ class CommittedPieces:
         refusal = self._stop_check.check(checked)
         if refusal is not None:
             return refuse_plan(*refusal)
-        # What the arm may be on and the piece does not go on from, its controller does not follow.
+        # A piece that has begun, and that this one does not go on from, its controller does not
+        # follow. It may still change over to one that had not begun when it sent this one; a
+        # message takes no longer than an answer.
+        sent = now - self._latency
         first = max(now, checked.stamp)
         last = max(first, now + self._latency)
         going_on: list[Piece] = []
@@ -221,10 +232,11 @@ class CommittedPieces:
             for piece in going_on
             if may_leave_first or piece.plan.stamp > now or id(piece) not in covered
         ]
+        kept += [piece for piece in left_behind if piece.plan.stamp > sent]
         if self._may_leave:
             kept = _keep_waited_on(kept, left_behind, now)
         kept = self._drop_covered(kept, now)
-        if len(kept) >= MOST_PIECES:
+        if len(kept) >= ENDED_PIECES:
             # On one that has come to its end the arm rests, and a resting arm touches nothing: to
             # forget that it may be there can only cost a STOP.
             kept = [piece for piece in kept if not _is_at_rest(piece.course, now)]

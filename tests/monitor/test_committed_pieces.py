@@ -497,9 +497,68 @@ def test_whatever_the_proof_does_not_allow_for_judges_a_piece_anew_in_that_tick(
     NEWS[news](obstacles, float(TIMES[10]))
     verdict = monitor.step(float(TIMES[10]), plan.q[10], plan.v[10])
     # What came away is refused, or breaks its bounds: wherever it is by then, the piece is safe.
-    how = None if news in ("nothing", "it came away faster than it can") else "brake"
+    # A vaguer state takes nothing from what is known already.
+    harmless = ("nothing", "it came away faster than it can", "it is known less exactly")
+    how = None if news in harmless else "brake"
     assert (ReasonKind.PIECE_UNSAFE in kinds(verdict)) is (how == "brake")
     assert verdict.stop == how
+
+
+def test_a_body_that_comes_back_with_a_vaguer_velocity_stops_no_piece():
+    """A body that was hidden for 20 ms: the state from before still bounds it."""
+    obstacles, monitor = make_monitor(motion="planned", rate=100.0)
+    plan = make_plan()
+    for k in range(len(TIMES) - 1):
+        now = float(TIMES[k])
+        if k not in (20, 21):
+            error = 1.0 if k in (22, 23, 24) else 0.05
+            see_person(obstacles, now, 1.05, velocity_error=error)
+        verdict = monitor.step(now, plan.q[k], plan.v[k])
+        if k > 0:
+            assert verdict.level > Level.STOP
+        assert monitor.commit(cut(plan, k, min(k + 2, len(TIMES) - 1), monitor)).safe, k
+
+
+def test_a_piece_that_has_yet_to_begin_is_kept_whatever_comes_between():
+    """P1 begins in 90 ms. The answer to P2, which begins now, is lost: the arm goes on along P1."""
+    obstacles, monitor = make_monitor(motion="planned", latency=0.0)
+    begin, pace = 0.09, 0.4
+    first = make_way([(0.0, 0.2), (-3.0, pace / 3.0)], 0.0, pace, 0.0)
+    second = make_way([(0.0, 0.4), (-2.0, pace / 2.0)], begin, pace, pace * begin)
+    third = make_way([(-3.0, pace / 3.0)], 0.0, pace, 0.0)
+    monitor.step(0.0, HOME, first.v[0])
+    for plan in (first, second, third):
+        assert monitor.commit(plan).safe
+    curve = Hermite(second.times, second.q, second.v)
+    for now in np.arange(PERIOD, 0.1, PERIOD):
+        on_second = now >= begin
+        q = curve(now - begin) if on_second else HOME + np.eye(7)[0] * pace * now
+        v = curve(now - begin, 1) if on_second else np.eye(7)[0] * pace
+        assert monitor.step(float(now), q, v).level > Level.STOP
+    # It appears where only the second piece leads.
+    put_post(obstacles, 0.54, distance=0.42)
+    assert first_touch(first, obstacles.table.accepted.points[0, 0], 0.03) == math.inf
+    assert first_touch(second, obstacles.table.accepted.points[0, 0], 0.03) < math.inf
+    verdict = monitor.step(0.1, curve(0.1 - begin), curve(0.1 - begin, 1))
+    assert ReasonKind.PIECE_UNSAFE in kinds(verdict)
+    assert (verdict.level, verdict.stop) == (Level.STOP, "brake")
+
+
+@pytest.mark.parametrize("latency", [0.002, 0.02, 0.1])
+@pytest.mark.parametrize("speed", [0.0, 0.02, 0.3])
+def test_a_piece_in_each_tick_at_1_khz_is_refused_for_no_number_of_pieces(speed, latency):
+    """Slow pieces, which no joint state tells apart, and pieces that last until answers arrive."""
+    _, monitor = make_monitor(motion="planned", latency=latency)
+    lasting = 0.02 + latency
+    for k in range(1, 300):
+        now = k * PERIOD
+        turn, pace = np.eye(7)[0] * speed * now, np.eye(7)[0] * speed
+        monitor.step(now, HOME + turn, pace)
+        times = np.linspace(0.0, lasting, 5)
+        q = HOME + turn + np.outer(times, pace)
+        plan = Plan(now, times, q, np.tile(pace, (5, 1)), np.full(7, ERROR), np.full(7, 0.02))
+        answer = monitor.commit(monitor.with_stop(plan))
+        assert answer.safe, answer
 
 
 def test_a_piece_is_finished_while_a_source_is_silent_and_left_where_nothing_is_known():
