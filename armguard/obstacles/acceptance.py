@@ -560,11 +560,6 @@ def take_samples(
                 code = _agrees(accepted, row, sample, told_accel, told_speed)
                 if code == ALLOWED and not stamp > accepted.stamp[row]:
                     code = LATE
-            if code == TAKEN and (
-                sample.velocity_error[0] > accepted.velocity_error[row]
-                or sample.position_error[0] > accepted.position_error[row]
-            ):
-                _keep_surer(sample, accepted, row)
         if code != TAKEN:
             code, value = _make_exception(handle, row, sample, code, value)
             data.codes[i], data.values[i] = code, value
@@ -573,14 +568,21 @@ def take_samples(
             any_refused = any_refused or marks.refused[row]
             continue
         data.codes[i] = TAKEN
-        # Write: what agrees replaces the accepted state. The row has changed, unless its reference
-        # state allows for what was written.
+        # The row has changed, unless its reference state allows for what was told: the sample
+        # itself, not what the accepted state makes of a vaguer one.
+        allowed, grown = allows_reference_state(sample, reference_states, 0, row)
+        is_vaguer = marks.has_state[row] and (
+            sample.velocity_error[0] > accepted.velocity_error[row]
+            or sample.position_error[0] > accepted.position_error[row]
+        )
+        if allowed and is_vaguer:
+            _keep_surer(sample, accepted, row)
+        # Write: what agrees replaces the accepted state.
         _write(accepted, row, sample)
         marks.has_state[row] = True
         marks.confirmations[row] = 0
         marks.revision[row] += 1
         taken += 1
-        allowed, grown = allows_reference_state(sample, reference_states, 0, row)
         # Each step agreed with the one before, but all of them not with what was promised. What
         # that rests on is set aside once; it stands until the change has been read.
         if (

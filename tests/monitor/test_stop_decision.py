@@ -38,6 +38,12 @@ def test_a_stop_that_is_obeyed_is_in_time(robot, seed, settings):
     assert score.worst < 0.3
 
 
+def test_no_sample_of_whatever_error_makes_a_proof_last_too_long():
+    score = Hunt(panda(), 1, 30, 30, close=True, vague=0.9).run(6e5)
+    assert (score.hits, score.missed, score.early, score.too_fast) == (0, 0, 0, 0), score
+    assert score.goes > 100
+
+
 def test_nothing_is_missed_within_50_ms_of_contact():
     """All attack from beside a slow arm: only there does it still move, or may, at such times."""
     score = Hunt(panda(), 0, 30, 30, close=True).run(6e5)

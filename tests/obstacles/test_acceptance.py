@@ -599,6 +599,22 @@ def test_what_a_certificate_rests_on_is_possible_no_longer_than_a_refused_sample
     assert len(possible(obstacles, row)) == 1
 
 
+def test_a_vaguer_sample_is_compared_itself_with_what_a_certificate_rests_on():
+    """Not what the accepted state makes of it, which would hide that it contradicts the other."""
+    obstacles = Obstacles()
+    table = obstacles.table
+    told = {"position_error": 0.1, "velocity_error": 0.05}
+    row = see(obstacles, 0.0, velocity=[[0.0, 0.0, 0.0]], **told)
+    copy_state(table.accepted, row, table.reference_states, row)
+    clear_changed_rows(table.changed_rows)
+    # As fast as bounds and errors allow; then somewhat faster, with a larger error.
+    see(obstacles, 0.01, velocity=[[0.19, 0.0, 0.0]], **told)
+    assert not table.is_changed[row]
+    see(obstacles, 0.02, velocity=[[0.49, 0.0, 0.0]], **told | {"velocity_error": 0.16})
+    assert kinds(obstacles) == []
+    assert table.is_changed[row]
+
+
 @kernel
 def judge_fields(handle, speed_is_error, extent):
     return (

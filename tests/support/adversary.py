@@ -35,6 +35,7 @@ SAMPLES = 14  # instants at which what could happen is tried out
 NEAR = np.array([0.01, 0.02, 0.03, 0.04, 0.05])  # when contacts are tried of near pairs, in [s]
 SLOW = 0.02, 0.05, 0.1  # fractions of its speeds that an arm keeps to at close quarters
 CLOSE = 0.1, 0.7  # how far from the arm attacks begin at close quarters, in [m]
+VAGUE = 0.3, 2.0  # errors of a vague message, in [m] and [m/s]
 HORIZON = 0.4  # for which a contact time is tried, in [s]
 NAMES = itertools.count()
 
@@ -51,6 +52,7 @@ class Hunt:
         true_reaction: From a STOP to braking torque, in [s]; None: as the monitor believes.
         close: Whether attacks begin right beside the arm, which is slow, and whose brakes bite at
             once: others are stopped long before anything is within 50 ms of contact.
+        vague: Share of messages whose errors are larger than those of the others, by up to `VAGUE`.
         settings: Of the monitor.
     """
 
@@ -64,6 +66,7 @@ class Hunt:
         top=(0.05, 0.15, 0.3, 0.6, 1.0),
         true_reaction=None,
         close=False,
+        vague=0.0,
         **settings,
     ):
         self.settings = {"rate": 1000.0, "latency": 0.002, "reaction_time": 0.02, "rise_delay": 0.0}
@@ -73,6 +76,7 @@ class Hunt:
         self.settings |= settings
         self.random = np.random.default_rng(seed)
         self.robot, self.count, self.hunting, self.close = robot, count, hunting, close
+        self.vague = vague
         self.top = SLOW if close else top
         self.arm, self.limits = true_arm.make_skeleton(robot), limits_of(robot)
         self.room = true_arm.make_room(self.arm)
@@ -185,6 +189,9 @@ class Hunt:
             outwards /= np.linalg.norm(outwards, axis=1)[:, None] + 1e-9
             away = np.where((lies < 0.7)[:, None], outwards, away)
             errors = [error[chosen] for error in self.errors]
+            if self.vague > 0.0:
+                much = random.random(len(chosen)) * (random.random(len(chosen)) < self.vague)
+                errors = [error + much * most for error, most in zip(errors, VAGUE, strict=True)]
             self.obstacles.update(
                 [self.names[b] for b in chosen],
                 (self.start + n - ticks) * self.step,
