@@ -37,7 +37,7 @@ from armguard.obstacles import Fault, Frame, Obstacles, Source
 from armguard.pairs import ArmObstacles, CloudFilter, SeparationRule
 from armguard.recording import Recorder
 from armguard.robot import OperatingLimits, Robot
-from armguard.verdict import Level, Reason, ReasonKind, Verdict
+from armguard.verdict import Held, Level, Reason, ReasonKind, Verdict
 
 __all__ = [
     "ArmObstacles",
@@ -52,6 +52,7 @@ __all__ = [
     "Fault",
     "Frame",
     "Headroom",
+    "Held",
     "Level",
     "Monitor",
     "Obstacles",

@@ -286,6 +286,39 @@ class Reason(NamedTuple):
         return f"{text} ({self.detail})" if self.detail else text
 
 
+class Held(NamedTuple):
+    """Why a level is held, though this tick alone would earn a higher one; times in [s]."""
+
+    reason: Reason | None
+    """The weightiest reason of the tick that began it; None: a reset began it."""
+    contact_time: float
+    """Of that tick."""
+    stop_time: float
+    """Of that tick."""
+    since: float
+    """When that was, on the monitor's clock."""
+    rises_at: float
+    """The earliest time at which the level may rise, on the monitor's clock."""
+
+    def describe(self, level: Level, now: float) -> str:
+        """What is held and why, in words, at a time of the monitor's clock in [s]."""
+        return (
+            f"{level.name} for {now - self.since:.3g} s: {self.describe_cause()}; may rise in "
+            f"{max(self.rises_at - now, 0.0):.2g} s"
+        )
+
+    def describe_cause(self) -> str:
+        """What began it, in words."""
+        if self.reason is None:
+            return "reset"
+        if self.reason.kind is not ReasonKind.CONTACT:
+            return str(self.reason)
+        return (
+            f"{self.reason.subject}, contact time {1e3 * self.contact_time:.0f} ms, "
+            f"stop time {1e3 * self.stop_time:.0f} ms"
+        )
+
+
 class Verdict(NamedTuple):
     """The answer of one tick. Frozen; all times in [s] of the monitor's clock."""
 
@@ -323,6 +356,8 @@ class Verdict(NamedTuple):
     stop: Literal["finish", "brake"] | None = None
     """How to obey a STOP; None where the level is another. FINISH: run the committed piece to rest,
     which is proved safe. BRAKE: leave it and brake, for there is no such proof."""
+    held: Held | None = None
+    """Why the level is held, though this tick alone would earn a higher one; None: it is not."""
 
 
 class PlanVerdict(NamedTuple):

@@ -190,10 +190,12 @@ class MonitorFeed:
             p50=durations.percentile(50.0),
             p99=durations.percentile(99.0),
         )
-        if self._worst is not None and not self._worst.level < verdict.level:
-            self._worst = None
-        # What was lower in between is told first: a frame of its own, of the same moment.
-        for told in (self._worst, verdict):
+        worst = self._worst
+        if worst is verdict or (worst is not None and worst.level > verdict.level):
+            worst = None
+        # What was lower in between, or began the level that holds, is told first: a frame of its
+        # own, of the same moment.
+        for told in (worst, verdict):
             if told is not None:
                 frame = self._make_frame(told, now, load)
                 frame = msgspec.structs.replace(

@@ -21,7 +21,7 @@ from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
-from armguard.verdict import BRAKE, FINISH, Effect, Level, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, FINISH, Effect, Held, Level, Reason, ReasonKind, Verdict
 
 NO_NAMES = (None, None)
 """Of link and obstacle, where no pair decides."""
@@ -143,8 +143,11 @@ class Judge:
             and rule.grade(contact_time, stop_time, rests=rests) is not CLEAR
         ):
             reasons.append(self._tell_contact(pair, contact_time))
+        rule.keep_cause(tick.now, contact_time, stop_time, reasons)
+        cause = None
         if held:
-            reasons.append(Reason(ReasonKind.HOLD))
+            cause = rule.find_cause(level)
+            reasons.insert(0, Reason(ReasonKind.HOLD, detail=cause.describe(level, tick.now)))
         waiting = self._scheduler.waiting if level is STOP and complete else 0
         if waiting:
             some = "1 obstacle waits" if waiting == 1 else f"{waiting} obstacles wait"
@@ -157,7 +160,16 @@ class Judge:
             if stopping.left:
                 reasons.append(self._tell_spent(stopping))
         verdict = self._make_verdict(
-            stamp, tick, level, contact_time, scale, pair, evaluated, reasons, complete=complete
+            stamp,
+            tick,
+            level,
+            contact_time,
+            scale,
+            pair,
+            evaluated,
+            reasons,
+            complete=complete,
+            held=cause,
         )
         if self._separation is not None:
             separation = self._measure_separation(tick, unplaced=unplaced)
@@ -194,6 +206,7 @@ class Judge:
         reasons: list[Reason],
         *,
         complete: bool,
+        held: Held | None = None,
     ) -> Verdict:
         """The one place where a verdict is made; reasons are those beside what is latched."""
         latched = self._rule.latched
@@ -221,6 +234,7 @@ class Judge:
                 None,
                 None,
                 stop,
+                held,
             ),
         )
 

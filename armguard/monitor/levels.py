@@ -7,12 +7,17 @@ never flutters upwards. Whatever is unknown counts as the worst case, which is S
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-from armguard.verdict import Level, Reason, ReasonKind
+from armguard.verdict import Held, Level, Reason, ReasonKind
 
 LEVELS = STOP, SLOW, AWARE, CLEAR = tuple(Level)
 """From the lowest to the highest. To read a name here takes a tenth of reading it from `Level`, and
 every tick reads a dozen of them."""
+
+
+NO_CAUSE = Held(None, math.inf, math.inf, -math.inf, -math.inf)
+"""Of a level that no tick began."""
 
 
 class VerdictRule:
@@ -20,7 +25,7 @@ class VerdictRule:
 
     The level given out is the lowest raw level of the last `rise_delay` seconds: it falls at once,
     and rises when the whole of that time spoke for it. The first complete verdict after
-    construction stands at once.
+    construction stands at once. What began a level is kept for as long as the level may be held.
 
     Args:
         slow_margin: Below stop time plus this, in [s], the level is SLOW.
@@ -37,6 +42,9 @@ class VerdictRule:
         self._was_reset = False
         self._last_at: list[float] = [-math.inf] * len(Level)
         self._low_at = -math.inf
+        self._causes = [NO_CAUSE] * len(Level)
+        self._raw: Level = CLEAR
+        self._begins = False
 
     def reset(self) -> None:
         """Forget latched faults and held levels; the next tick counts as evidence for STOP.
@@ -47,6 +55,7 @@ class VerdictRule:
         self.latched.clear()
         self._settled = self._was_reset = True
         self._last_at = [-math.inf] * len(Level)
+        self._causes = [NO_CAUSE] * len(Level)
         # Until then nothing is clear, whatever the time is.
         self._low_at = math.inf
 
@@ -110,6 +119,9 @@ class VerdictRule:
         if self._was_reset:
             self._was_reset = False
             self._last_at[STOP] = self._low_at = now
+            self._causes[STOP] = NO_CAUSE._replace(since=now)
+        self._raw = raw
+        self._begins = raw is not CLEAR and not now - self._last_at[raw] < self.rise_delay
         self._last_at[raw] = now
         if raw is not CLEAR:
             self._low_at = now
@@ -120,3 +132,23 @@ class VerdictRule:
             if now - self._last_at[level] < self.rise_delay:
                 return level, True
         return raw, False
+
+    def keep_cause(
+        self, now: float, contact_time: float, stop_time: float, reasons: Sequence[Reason]
+    ) -> None:
+        """Keep what this tick's own level rests on, if the level begins with it.
+
+        Args:
+            now: As in `decide`, which was called for this tick.
+            contact_time: As in `decide`.
+            stop_time: As in `decide`.
+            reasons: Of the tick, the weightiest first; beside those that are latched.
+        """
+        if self._begins:
+            latched = next(iter(self.latched.values()), None)
+            reason = latched or (reasons[0] if reasons else None)
+            self._causes[self._raw] = Held(reason, contact_time, stop_time, now, now)
+
+    def find_cause(self, level: Level) -> Held:
+        """What began a level that is held, and when it may rise."""
+        return self._causes[level]._replace(rises_at=self._last_at[level] + self.rise_delay)

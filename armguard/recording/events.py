@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from armguard.contact.earliest import Certificate
 from armguard.pairs.exemptions import Exemption
 from armguard.robot.portable import read_numbers, write_number, write_numbers
-from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, Verdict
+from armguard.verdict import Held, Level, PlanVerdict, Reason, ReasonKind, Verdict
 
 FORMAT = 2
 """Of recordings; a reader refuses those of a later one."""
@@ -200,6 +200,16 @@ class PlanAnswered(Event, frozen=True, kw_only=True):
     reasons: list[ReasonTold]
 
 
+class HeldTold(msgspec.Struct, frozen=True):
+    """Why a level is held."""
+
+    contact_time: Number
+    stop_time: Number
+    since: Number
+    rises_at: Number
+    reason: ReasonTold | UnsetType = UNSET
+
+
 class VerdictTold(Event, frozen=True):
     """A verdict, all its fields; `sequence` 0: there was no joint state to judge."""
 
@@ -220,6 +230,7 @@ class VerdictTold(Event, frozen=True):
     certificate_time: Number | UnsetType = UNSET
     certificate_times: Numbers | UnsetType = UNSET
     certificate_witnesses: Numbers | UnsetType = UNSET
+    held: HeldTold | UnsetType = UNSET
 
 
 class LinkTold(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -359,6 +370,28 @@ def tell_verdict(verdict: Verdict) -> VerdictTold:
         UNSET if certificate is None else spell(certificate.contact_time),
         UNSET if certificate is None else write_numbers(certificate.times),
         UNSET if certificate is None else write_numbers(np.ravel(certificate.witnesses)),
+        UNSET if verdict.held is None else _tell_held(verdict.held),
+    )
+
+
+def _tell_held(held: Held) -> HeldTold:
+    return HeldTold(
+        spell(held.contact_time),
+        spell(held.stop_time),
+        spell(held.since),
+        spell(held.rises_at),
+        UNSET if held.reason is None else _tell_reasons((held.reason,))[0],
+    )
+
+
+def _read_held(told: HeldTold) -> Held:
+    reason = None if told.reason is UNSET else _read_reason(told.reason)
+    return Held(
+        reason,
+        float(told.contact_time),
+        float(told.stop_time),
+        float(told.since),
+        float(told.rises_at),
     )
 
 
@@ -394,6 +427,7 @@ def read_verdict(told: VerdictTold) -> Verdict:
         separation=None if told.separation is UNSET else float(told.separation),
         certificate=certificate,
         stop=None if told.stop is UNSET else ("finish" if told.stop == "finish" else "brake"),
+        held=None if told.held is UNSET else _read_held(told.held),
     )
 
 

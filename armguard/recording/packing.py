@@ -29,7 +29,7 @@ from armguard.recording.events import (
     write_field,
 )
 from armguard.robot.portable import write_numbers
-from armguard.verdict import Level, Reason, Verdict
+from armguard.verdict import Held, Level, Reason, Verdict
 
 FRAME = struct.Struct("<Bq")
 """Before each event: its kind, by its place in `KINDS`, and when it came, in [ns] since 1970."""
@@ -211,7 +211,11 @@ def pack_verdict(told: ToldVerdict) -> bytes:
     if certificate is not None:
         times, witnesses = certificate.times, certificate.witnesses
         certificate = certificate.contact_time, times.tolist(), np.ravel(witnesses).tolist()
-    fields = (*verdict[:10], reasons, *verdict[11:13], certificate, verdict[14])
+    held: Any = verdict.held
+    if held is not None and held.reason is not None:
+        kind, subject, detail = held.reason
+        held = (REASON_NAMES[kind], subject, detail), *held[1:]
+    fields = (*verdict[:10], reasons, *verdict[11:13], certificate, verdict[14], held)
     return FRAME.pack(NUMBERS[VerdictTold], told.came) + pack_plain(fields)
 
 
@@ -227,6 +231,11 @@ def unpack_verdict(data: bytes) -> Verdict:
         fields[13] = Certificate(
             contact_time, np.array(times, dtype=float), np.array(witnesses).reshape(-1, 3)
         )
+    if fields[15] is not None:
+        reason, *times = fields[15]
+        if reason is not None:
+            reason = Reason(_REASONS[reason[0]], *reason[1:])
+        fields[15] = Held(reason, *times)
     return Verdict(*fields)
 
 

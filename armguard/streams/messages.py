@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.contact.earliest import Certificate
-from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, Verdict
+from armguard.verdict import Held, Level, PlanVerdict, Reason, ReasonKind, Verdict
 
 _CLOSER_LOOK = 65536
 """Longest message, in bytes, that is read a second time to say what was wrong with it."""
@@ -285,6 +285,21 @@ class CertificateMessage(msgspec.Struct):
     """the separating directions, unit vectors from the arm to the obstacle, one a time"""
 
 
+class HeldMessage(msgspec.Struct):
+    """Why a level is held, though its tick alone would earn a higher one."""
+
+    reason: ReasonMessage | None
+    """the weightiest reason of the tick that began it; nil: a reset began it"""
+    contact_time: Figure
+    """of that tick, [s]"""
+    stop_time: Figure
+    """of that tick, [s]"""
+    since: Figure
+    """when that was, [s] of the machine's monotonic clock"""
+    rises_at: Figure
+    """the earliest time at which the level may rise, [s] of the machine's monotonic clock"""
+
+
 class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     """A `Verdict` on the wire: times on the machine's monotonic clock, the level by name."""
 
@@ -322,6 +337,8 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     stop: Literal["finish", "brake"] | None = None
     """how to obey a STOP: run the committed piece to rest, or leave it and brake; nil where the
     level is another"""
+    held: HeldMessage | None = None
+    """why the level is held, though this tick alone would earn a higher one; nil: it is not"""
 
 
 class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
@@ -549,6 +566,16 @@ def encode_verdict(verdict: Verdict, offset: float, *, as_json: bool = False) ->
         contact_time, times, witnesses = verdict.certificate
         instants: list[Figure] = [tell(time) for time in times.tolist()]
         certificate = CertificateMessage(tell(contact_time), instants, witnesses.tolist())
+    held = None
+    if verdict.held is not None:
+        cause, contact_time, stop_time, since, rises_at = verdict.held
+        held = HeldMessage(
+            None if cause is None else _tell_reasons((cause,))[0],
+            tell(contact_time),
+            tell(stop_time),
+            tell(since + offset),
+            tell(rises_at + offset),
+        )
     separation = verdict.separation
     message = VerdictMessage(
         tell(verdict.stamp + offset),
@@ -566,6 +593,7 @@ def encode_verdict(verdict: Verdict, offset: float, *, as_json: bool = False) ->
         None if separation is None else tell(separation),
         certificate,
         verdict.stop,
+        held,
     )
     return _json_encoder.encode(message) if as_json else _encoder.encode(message)
 
@@ -619,6 +647,12 @@ def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict]:
             times = np.array([_read_number(time, is_json) for time in proof.times])
             witnesses = np.array(proof.witnesses, float).reshape(-1, 3)
             fields["certificate"] = Certificate(contact_time, times, witnesses)
+        held = message.held
+        if held is not None:
+            names = ("contact_time", "stop_time", "since", "rises_at")
+            read = (_read_number(getattr(held, name), is_json) for name in names)
+            cause = None if held.reason is None else _read_reasons([held.reason])[0]
+            fields["held"] = Held(cause, *read)
         return Verdict(**fields)
     except (ValueError, KeyError, RecursionError) as error:
         raise MessageError("verdict", f"unusable ({error})", "a verdict of this version") from None
