@@ -59,6 +59,13 @@ class ReasonKind(enum.Enum):
         "Nothing is wrong: this pair is what the level rests on. `monitor.explain()` and "
         "`armguard replay --explain` say what would buy time.",
     )
+    LATE_DATA = (
+        "late data",
+        Effect.NOTE,
+        "Find out what held up the source or the joint states: a busy processor, a network, a "
+        "camera that pauses. Nothing came near: with data of their usual age the level would be "
+        "the one that the detail names.",
+    )
     HOLD = (
         "waiting for evidence before the level rises",
         Effect.NOTE,

@@ -40,6 +40,8 @@ TYPES = {
     "Literal['finish', 'brake'] | None": '`"finish"`, `"brake"` or nil',
     "list[ReasonMessage]": "list of reasons",
     "CertificateMessage | None": "certificate or nil",
+    "HeldMessage | None": "cause or nil",
+    "ReasonMessage | None": "reason or nil",
     "Figure": "number",
     "list[Figure]": "numbers",
     "list[tuple[Figure, Figure, Figure]]": "rows of 3 numbers",
@@ -157,6 +159,9 @@ VERDICT = """## Verdicts
 REASONS = """A reason is a map:
 """
 
+HELD = """A level that is held, though its tick alone would earn a higher one, has a cause. The cause is a map:
+"""
+
 CERTIFICATE = """A certificate is a map:
 """
 
@@ -247,6 +252,8 @@ def write_page() -> str:
         REASONS,
         write_table(messages.ReasonMessage),
         f"Kinds: {kinds}. [It says STOP: what now](troubleshooting.md) says what to do about each.\n",
+        HELD,
+        write_table(messages.HeldMessage),
         CERTIFICATE,
         write_table(messages.CertificateMessage),
         PLANS,

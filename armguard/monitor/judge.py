@@ -9,6 +9,7 @@ import numpy as np
 
 from armguard.contact.earliest import Certificate
 from armguard.monitor.committed_pieces import CommittedPieces
+from armguard.monitor.late_data import LateData
 from armguard.monitor.levels import CLEAR, SLOW, STOP, VerdictRule
 from armguard.monitor.settings import MonitorSettings
 from armguard.monitor.stop_decision import StopDecision
@@ -77,10 +78,12 @@ class Judge:
         if separation is not None:
             self._separation = SeparationMargin(separation, self._braking_delay)
         self.certificate_inputs: dict[str, Any] | None = None
+        self._late_data = LateData(scheduler.arm.obstacles, scheduler, states, rule, settings)
         self._compile(robot)
 
     def reset(self) -> None:
         """Forget speed scales and committed pieces."""
+        self._late_data.reset()
         for memory in (self._stopping, self.pieces):
             if memory is not None:
                 memory.reset()
@@ -98,6 +101,7 @@ class Judge:
             unplaced: Whether there are obstacles that found no room, and could be anywhere.
         """
         rule, stopping, pieces = self._rule, self._stopping, self.pieces
+        self._late_data.follow(tick)
         pair, expiry, overdue, evaluated, _, _, ended = result
         contact_time = expiry - tick.time
         if unplaced:
@@ -137,11 +141,15 @@ class Judge:
             standing=standing,
             rests=rests,
         )
+        scale = self._find_scale(tick, level, contact_time, is_proved=is_proved)
         if (
             level is not CLEAR
             and pair != NOBODY
             and rule.grade(contact_time, stop_time, rests=rests) is not CLEAR
         ):
+            if not (standing or held or unplaced):
+                # Last of all questions, so that it disturbs none of those that decide.
+                reasons += self._late_data.explain(tick, level)
             reasons.append(self._tell_contact(pair, contact_time))
         rule.keep_cause(tick.now, contact_time, stop_time, reasons)
         cause = None
@@ -152,7 +160,6 @@ class Judge:
         if waiting:
             some = "1 obstacle waits" if waiting == 1 else f"{waiting} obstacles wait"
             reasons.append(Reason(ReasonKind.CROWD, detail=f"{some}: a STOP is certain anyway"))
-        scale = self._find_scale(tick, level, contact_time, is_proved=is_proved)
         if pieces is not None:
             evaluated += pieces.evaluated
         if stopping is not None:
@@ -327,6 +334,7 @@ class Judge:
         lower, upper = robot.lower_position_limit, robot.upper_position_limit
         tick = Tick(-1, 0.0, 0.0, np.clip(still, lower, upper), still, 0.0, 0.0, 0.0)
         scale_that_rests(self._in_force.brakes, self._in_force.velocity, 0.0)
+        self._late_data.compile(tick)
         if self._stopping is not None:
             self._find_most_scale(self._stopping)
             # Where nothing is near, neither stops nor scales have to be asked for.

@@ -18,7 +18,7 @@ from armguard.jit.arrays import IntArray
 from armguard.obstacles.faults import Fault, FaultQueue, Unplaced
 from armguard.obstacles.journal import ObstacleJournal
 from armguard.obstacles.possible_states import distrust, forget_expired, list_states
-from armguard.obstacles.sources import NO_SOURCE, Source, Sources, Tombstones
+from armguard.obstacles.sources import NO_SOURCE, Source, Sources, SourceState, Tombstones
 from armguard.obstacles.spread import describe_spread
 from armguard.obstacles.table import ObstacleTable
 
@@ -172,6 +172,11 @@ class ObstacleRegister:
         """Gives up a row's accepted state: it counts as a refused sample."""
         distrust(self.table.handle, int(row))
         self._any_refused = bool(self.table.refused.any())
+
+    @property
+    def source_states(self) -> list[SourceState]:
+        """What is known of each source, by its number; for observers."""
+        return self._sources.states
 
     @property
     def source_names(self) -> list[str]:

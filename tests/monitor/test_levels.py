@@ -205,3 +205,30 @@ def test_an_arm_that_rests_in_time_need_not_stop_and_gains_nothing_else(
     assert make_rule().decide(
         now, contact_time, stop_time, complete=True, standing=False, rests=True
     ) == (rests, False)
+
+
+def test_a_held_level_keeps_what_began_it_and_says_when_it_may_rise():
+    rule, one, other = (
+        make_rule(),
+        Reason(ReasonKind.CONTACT, "a and b"),
+        Reason(ReasonKind.OVERDUE),
+    )
+
+    def go(now, contact_time, *reasons, standing=False):
+        level, held = decide(rule, now, contact_time, standing=standing)
+        rule.keep_cause(now, contact_time, 1.0, reasons)
+        return rule.find_cause(level) if held else None
+
+    assert go(10.0, 9.0) is None
+    assert go(10.1, 0.5, one) is None
+    # The same STOP goes on for another reason: the first one is what began it.
+    assert go(10.2, 9.0, other, standing=True) is None
+    held = go(10.3, 9.0)
+    assert held == (one, 0.5, 1.0, 10.1, pytest.approx(10.2 + HOLD))
+    assert decide(rule, held.rises_at + 1e-9, 9.0) == (Level.CLEAR, False)
+    # Another STOP has a cause of its own.
+    assert go(11.0, 9.0, other, standing=True) is None
+    assert go(11.1, 9.0)[0] == other
+    rule.reset()
+    assert go(0.0, 9.0) == (None, math.inf, math.inf, 0.0, HOLD)
+    assert "reset; may rise in 0.3 s" in go(0.0, 9.0).describe(Level.STOP, 0.0)

@@ -21,7 +21,7 @@ from armguard.recording.events import (
     write_field,
 )
 from armguard.recording.scene import SceneUpdate
-from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, Verdict
+from armguard.verdict import Held, Level, PlanVerdict, Reason, ReasonKind, Verdict
 
 PLAIN = {"object", "array", "string", "number", "integer", "boolean"}
 VERDICT = Verdict(
@@ -53,6 +53,8 @@ def same(one, other):
         {"link": None, "obstacle": None, "level": Level.STOP, "stop": "brake"},
         {"separation": -0.125, "stop": "finish", "certificate": PROOF},
         {"reasons": (), "contact_time": np.float64(0.3), "complete": np.True_},
+        {"held": Held(None, math.inf, 0.25, 1.5, 2.0)},
+        {"held": Held(Reason(ReasonKind.CONTACT, "a and b", "in 1 s"), 0.1, 0.25, 1.5, 2.0)},
     ],
 )
 def test_a_verdict_is_read_back_to_the_bit(changes):

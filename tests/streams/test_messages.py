@@ -23,7 +23,7 @@ from armguard.streams.messages import (
     to_points,
     to_values,
 )
-from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, Verdict
+from armguard.verdict import Held, Level, PlanVerdict, Reason, ReasonKind, Verdict
 from support.stream_messages import World, joints, obstacles, pack
 
 
@@ -204,6 +204,24 @@ PLAN = {
     "type": "plan", "ask": "commit", "stamp": 1.0, "names": ["a"], "times": [0.0, 1.0],
     "q": [[0.0], [0.0]], "v": [[0.0], [0.0]], "tracking_error": 0.1,
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+@pytest.mark.parametrize("reason", [None, Reason(ReasonKind.LATE_DATA, "camera", "182 ms old")])
+def test_what_holds_a_level_arrives_on_the_clock_of_the_wire(reason, as_json):
+    held = Held(reason, math.inf, 0.25, 10.0, 10.5)
+    data = encode_verdict(VERDICT._replace(held=held), 4.0, as_json=as_json)
+    assert decode_answer(data).held == held._replace(since=14.0, rises_at=14.5)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"ask": "follow", "number": 1}, {"number": 1, "stop_tracking_error": 0.1}]
+)
+def test_messages_of_earlier_versions_say_what_replaces_them(changes):
+    with pytest.raises(MessageError, match=r"carry their own stop"):
+        decode(json.dumps({**PLAN, **changes}).encode())
+    with pytest.raises(MessageError, match=r"path_time.*carry their own stop"):
+        decode(json.dumps({**joints(), "path_time": 0.1}).encode())
 
 
 def test_every_plan_that_is_read_can_be_answered_by_its_number():

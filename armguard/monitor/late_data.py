@@ -1,0 +1,239 @@
+"""Whether a low level rests on data that came later than usual.
+
+A state that is older than usual bounds less: contact seems nearer, and a STOP may rest on a pause
+of a camera alone. So the age of each source's data is followed, and where a low level rests on data
+of an unusual age, the tick is evaluated once more as if they had their usual age. That answer is
+for people; it never changes the verdict.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from armguard.jit.arrays import IntArray
+from armguard.monitor.levels import VerdictRule
+from armguard.monitor.settings import MonitorSettings
+from armguard.obstacles.obstacles import Obstacles
+from armguard.pairs.evaluate import evaluate, find_unsafe_pair
+from armguard.robot.joint_states import JointStates
+from armguard.scheduling.scheduler import Scheduler, Tick
+from armguard.verdict import Level, Reason, ReasonKind
+
+SAMPLING = 0.01
+"""Between two looks at all ages, in [s]."""
+SAMPLES = 1000
+"""Ages of each source that are remembered: those of 10 s."""
+FEWEST_SAMPLES = 50
+"""Ages from which a usual one is found."""
+UNUSUAL = 2.0
+"""Times its usual age, beyond which data are late. Between two messages age rises from the latency
+to the latency and a period; that is at most twice the median."""
+SHORTEST, PER_OCTAVE, BINS = 1e-4, 8, 160
+"""Ages are counted in bins: from 0.1 ms on, 8 for each doubling, up to 100 s. In [s]."""
+MOST_PAIRS = 256
+"""Pairs that are evaluated once more, at most; where there are more, nothing is said."""
+
+JOINT_STATES = "joint states"
+
+
+class UsualAge:
+    """The median age of what a source has told, over the last 10 s.
+
+    Args:
+        stated: In [s], until there are enough samples; None: not known until then.
+
+    Attributes:
+        median: In [s], to a tenth of itself; None while it is not known.
+    """
+
+    def __init__(self, stated: float | None = None) -> None:
+        self.median = stated
+        self._counts = [0] * BINS
+        self._ring = bytearray(SAMPLES)
+        self._count = 0
+
+    def add(self, age: float) -> None:
+        """Take in one age, in [s]; one that is no number counts as the longest."""
+        place = BINS - 1
+        if age <= SHORTEST:
+            place = 0
+        elif age < math.inf:
+            place = min(int(PER_OCTAVE * math.log2(age / SHORTEST)) + 1, BINS - 1)
+        index = self._count % SAMPLES
+        if self._count >= SAMPLES:
+            self._counts[self._ring[index]] -= 1
+        self._ring[index] = place
+        self._counts[place] += 1
+        self._count += 1
+        if self._count >= FEWEST_SAMPLES:
+            self.median = self._find_median()
+
+    def _find_median(self) -> float:
+        left = 0.5 * min(self._count, SAMPLES)
+        place = 0
+        while left > self._counts[place]:
+            left -= self._counts[place]
+            place += 1
+        return SHORTEST * 2.0 ** ((place - 0.5) / PER_OCTAVE) if place else SHORTEST
+
+    def find_lateness(self, age: float) -> float:
+        """By how much an age exceeds the usual one, in [s]; 0 where that is not unusual."""
+        usual = self.median
+        if usual is None or not age > UNUSUAL * usual:
+            return 0.0
+        return age - usual
+
+
+class LateData:
+    """Follows the ages of data, and says which level data of their usual age would earn.
+
+    Args:
+        obstacles: The table.
+        scheduler: Knows the pairs.
+        states: Knows the joint states.
+        rule: Makes levels.
+        settings: Of the monitor.
+    """
+
+    def __init__(
+        self,
+        obstacles: Obstacles,
+        scheduler: Scheduler,
+        states: JointStates,
+        rule: VerdictRule,
+        settings: MonitorSettings,
+    ) -> None:
+        self._obstacles = obstacles
+        self._scheduler = scheduler
+        self._states = states
+        self._rule = rule
+        self._response_time = settings.response_time
+        self._decides = settings.with_joints
+        self._joint_age = UsualAge(settings.period)
+        self._source_ages: list[UsualAge] = []
+        self.reset()
+        self._times = np.zeros(MOST_PAIRS)
+        self._nodes = np.zeros(MOST_PAIRS, dtype=np.int64)
+        self._bounds = np.zeros(MOST_PAIRS, dtype=np.int8)
+
+    def reset(self) -> None:
+        """Time may start anew; usual ages stay what they are."""
+        self._sample_at = -math.inf
+
+    def follow(self, tick: Tick) -> None:
+        """Take in the ages of a tick; most ticks take in nothing."""
+        if tick.now < self._sample_at:
+            return
+        self._sample_at = tick.now + SAMPLING
+        self._joint_age.add(tick.arm_age)
+        sources = self._obstacles.source_states
+        while len(self._source_ages) < len(sources):
+            self._source_ages.append(UsualAge())
+        for state, ages in zip(sources, self._source_ages, strict=True):
+            if state.heard:
+                ages.add(tick.now - state.newest)
+
+    def explain(self, tick: Tick, level: Level) -> list[Reason]:
+        """Reasons that name late data, where these alone have made the level of a tick so low.
+
+        Args:
+            tick: The tick.
+            level: What it earns by itself, below CLEAR, for nothing but contact times.
+        """
+        arm_late = self._joint_age.find_lateness(tick.arm_age)
+        sources = self._find_late_sources(tick.now)
+        if not (arm_late > 0.0 or sources):
+            return []
+        horizon = tick.stop_time + self._rule.aware_margin
+        listing = self._scheduler.list_imminent(tick.time, row_limit=0, pair_limit=MOST_PAIRS)
+        near = listing.pairs[~(listing.expiry > tick.time + horizon)]
+        if not 0 < len(near) < MOST_PAIRS:
+            return []
+        rows = np.unique(near // len(self._scheduler.arm.links))
+        late = self._find_late_rows(rows, tick.now, sources)
+        if not (arm_late > 0.0 or late):
+            return []
+        fresh = self._grade(tick, near, arm_late, late)
+        if not fresh > level:
+            return []
+        table = self._obstacles.table
+        ages = {JOINT_STATES: (tick.arm_age, arm_late)} if arm_late > 0.0 else {}
+        for row, lateness in late.items():
+            name = sources[int(table.owner[row])]
+            age = tick.now - float(table.accepted.stamp[row])
+            ages[name] = max(ages.get(name, (0.0, 0.0)), (age, lateness))
+        return [
+            Reason(
+                ReasonKind.LATE_DATA,
+                name,
+                f"{1e3 * age:.0f} ms old, usually {1e3 * (age - lateness):.0f} ms; with fresh "
+                f"data: {fresh.name}",
+            )
+            for name, (age, lateness) in ages.items()
+        ]
+
+    def compile(self, tick: Tick) -> None:
+        """Run once what only some ticks need, so that nothing is compiled in a tick."""
+        self._grade(tick, np.zeros(0, dtype=np.int64), 0.0, {})
+
+    def _find_late_sources(self, now: float) -> dict[int, str]:
+        """Sources whose newest data are older than usual, by number."""
+        return {
+            state.index: state.source.name
+            for state, ages in zip(self._obstacles.source_states, self._source_ages, strict=False)
+            if state.heard and ages.find_lateness(now - state.newest) > 0.0
+        }
+
+    def _find_late_rows(self, rows: IntArray, now: float, late: dict[int, str]) -> dict[int, float]:
+        """By how much states of late sources are older than usual, in [s], by row."""
+        table = self._obstacles.table
+        found = {}
+        for row in rows.tolist():
+            owner = int(table.owner[row])
+            if owner in late and table.marks.has_state[row] and not table.marks.static[row]:
+                age = now - float(table.accepted.stamp[row])
+                found[row] = self._source_ages[owner].find_lateness(age)
+        return {row: lateness for row, lateness in found.items() if lateness > 0.0}
+
+    def _grade(self, tick: Tick, pairs: IntArray, arm_late: float, late: dict[int, float]) -> Level:
+        """The level that data of their usual ages would earn."""
+        age = tick.arm_age - arm_late
+        stop_time, _ = self._states.stop_times(age) if arm_late > 0.0 else (tick.stop_time, 0.0)
+        times = self._times[: len(pairs)]
+        with self._freshen(tick, age, late):
+            state = self._scheduler.arm.state
+            evaluate(state, pairs, times, self._nodes, self._bounds)
+            contact_time = float(times.min(initial=math.inf))
+            rests = contact_time > stop_time
+            if self._decides and not rests:
+                braking = self._scheduler.arm.motion.braking
+                if braking.covers(tick.v, age, self._response_time):
+                    braking.tabulate(tick.q, tick.v, age, self._response_time)
+                    rests = find_unsafe_pair(state, pairs)[0] < 0
+        return self._rule.grade(contact_time, stop_time, rests=rests)
+
+    @contextmanager
+    def _freshen(self, tick: Tick, age: float, late: dict[int, float]) -> Iterator[None]:
+        """Let the arm and obstacles have other ages for a while; all is as it was then."""
+        scheduler = self._scheduler
+        scheduler.prepare(tick)
+        state, stamps = scheduler.arm.state, self._obstacles.table.accepted.stamp
+        threshold = state.refinement_threshold
+        known = {row: float(stamps[row]) for row in late}
+        try:
+            for row, lateness in late.items():
+                stamps[row] += lateness
+            state.arm_age, state.refinement_threshold = age, tick.refinement_threshold
+            state.prepare_arm(tick.q, tick.v)
+            yield
+        finally:
+            for row, stamp in known.items():
+                stamps[row] = stamp
+            state.arm_age, state.refinement_threshold = tick.arm_age, threshold
+            state.prepare_arm(tick.q, tick.v)
+            # What spheres were given here is not theirs.
+            state.sphere_time.fill(math.inf)
