@@ -88,6 +88,12 @@ class ReasonKind(enum.Enum):
         "See what the source removes: an id that it never reported, or something newer than "
         "the removal.",
     )
+    FORGOTTEN = (
+        "forgotten by a reset",
+        Effect.NOTE,
+        "See who sent it: an obstacle of which no state was believable, or a source that was not "
+        "named. If it is real, correct its stamps, or name the source.",
+    )
     ID_SHARED = (
         "id used twice",
         Effect.NOTE,
@@ -159,7 +165,8 @@ class ReasonKind(enum.Enum):
         Effect.STANDING,
         "Start the source, or see why it sends nothing; one that sees nothing sends an empty "
         "message as its heartbeat. `required = false` is for one that may never be started: what "
-        "has once spoken is missed from then on.",
+        "has once spoken is missed from then on. One that was not named, and spoke by mistake, is "
+        "forgotten by a reset.",
     )
     STAMP_AHEAD = (
         "stamp ahead of the clock",

@@ -127,7 +127,7 @@ AFTER_JOINTS = """A gap between joint states longer than `joint_timeout` is a ST
 
 RESET = """## Reset
 
-`{"type": "reset", …}` ends a latched STOP once its cause has gone; a cause that persists latches again at once. `armguard reset` sends it, with `--arm` in a cell with several arms: the monitors of the others leave it alone.
+`{"type": "reset", …}` ends a latched STOP once its cause has gone; a cause that persists latches again at once. It also forgets [what no message may ever end](obstacles.md), such as the silence of a mistyped source. `armguard reset` sends it, with `--arm` in a cell with several arms: the monitors of the others leave it alone.
 """
 
 AFTER_RESET = """A run without `--reset-token` obeys none, and with several arms none that names no arm of the cell. What was not obeyed is counted; there is no answer but the verdicts that follow.

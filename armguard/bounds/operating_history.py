@@ -163,11 +163,12 @@ class OperatingHistory:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all states; the operating limits are in force."""
+        """Forget all states. Limits that are suspended must first be kept again, as after a break.
+
+        That counts from the next tick on, whose time may be earlier than that of the ticks before.
+        """
         self.record.stamp[0] = -math.inf
-        self._broken_at = -math.inf
-        if self.in_force.is_suspended:
-            self.in_force.resume()
+        self._broken_at = math.inf
 
     def accept(self, stamp: float, q: FloatArray, v: FloatArray) -> bool:
         """Whether a state keeps the operating limits; it becomes part of the history.
@@ -221,8 +222,11 @@ class OperatingHistory:
         Returns:
             Whether that is so since now.
         """
+        if not self.in_force.is_suspended:
+            return False
+        self._broken_at = min(self._broken_at, now)
         # By the same sum as the rule that holds a level, so that both end in the same tick.
-        if not self.in_force.is_suspended or now - self._broken_at < self._rise_delay:
+        if now - self._broken_at < self._rise_delay:
             return False
         self.in_force.resume()
         return True

@@ -384,6 +384,11 @@ class Monitor:
     def reset(self) -> None:
         """Forget latched faults and past joint states; every pair is evaluated anew.
 
+        Operating limits that are suspended stay so until they have been kept for `rise_delay`. What
+        of the obstacles no message may ever end is forgotten as well, and named by notes of the
+        next verdict: an obstacle of which no state was ever believable; and where the sources were
+        named, another one that is silent and has no obstacle.
+
         Levels rise only after `rise_delay` seconds of evidence, counted from the next tick on; its
         time may be earlier than that of the ticks before.
         """
@@ -393,7 +398,7 @@ class Monitor:
         self._states.reset()
         if self._operating is not None:
             self._operating.reset()
-            self._scheduler.arm.follow_limits(self._states.v)
+        self.obstacles.forget_unbelieved(self._now, self._source_timeout)
         self._exemptions.reset()
         self._scheduler.restart()
         self._judge.reset()
@@ -602,7 +607,8 @@ class Monitor:
                 return self._refuse(stamp, read)
             q, v = read
         operating = self._operating
-        resumes = operating is not None and operating.resumes(now)
+        # While a state is not believed, nobody sees whether limits are kept.
+        resumes = operating is not None and not self._rule.latched and operating.resumes(now)
         if resumes:
             # What was proved with wider limits holds with these, too.
             scheduler.arm.follow_limits(states.v)

@@ -6,6 +6,9 @@ from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.obstacles import Obstacles
 from armguard.verdict import Effect, Reason, ReasonKind
 
+_IN_WORDS = FaultKind.MALFORMED, FaultKind.PROMISE_BROKEN, FaultKind.FORGOTTEN
+"""Kinds of faults whose value is words, with their verb."""
+
 
 def take_obstacle_reasons(
     obstacles: Obstacles, now: float, timeout: float, rise_delay: float
@@ -29,6 +32,7 @@ def take_obstacle_reasons(
     for row in obstacles.rows_ahead(now, timeout):
         reasons.append(Reason(ReasonKind.STAMP_AHEAD, obstacles.ids[row]))
         obstacles.distrust(row)
+    obstacles.judge_newcomers(now)
     for name, detail in obstacles.disbelieved_sources():
         reasons.append(Reason(ReasonKind.SOURCE_NOT_BELIEVED, name, detail))
     named = set()
@@ -81,13 +85,14 @@ def _as_reason(fault: Fault) -> Reason:
         kind = ReasonKind.OBSTACLE_NOT_BELIEVED
     elif fault.kind is FaultKind.POINTS_DROPPED:
         kind = ReasonKind.POINTS_DROPPED
+    elif fault.kind is FaultKind.FORGOTTEN:
+        kind = ReasonKind.FORGOTTEN
     elif fault.kind is FaultKind.PROMISE_BROKEN:
         kind = ReasonKind.OTHER_ARM_BROKE
     elif fault.id:
         kind = ReasonKind.OBSTACLE_REFUSED
     else:
         kind = ReasonKind.CALL_REFUSED
-    # Of these the value is words, with their verb.
-    verb = "" if fault.kind in (FaultKind.MALFORMED, FaultKind.PROMISE_BROKEN) else "is "
+    verb = "" if fault.kind in _IN_WORDS else "is "
     detail = f"{fault.field} {verb}{fault.value}: {fault.kind}"
     return Reason(kind, fault.id or fault.source, detail)

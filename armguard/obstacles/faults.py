@@ -34,6 +34,7 @@ class FaultKind(enum.StrEnum):
     WRONG_FRAME = "another frame than before, and what came in it contradicts that"
     POINTS_DROPPED = "points that are not finite, or beyond the table's extent"
     TABLE_FULL = "no room left in the table"
+    FORGOTTEN = "forgotten by a reset"
 
 
 _STOPPING = frozenset({FaultKind.MALFORMED, FaultKind.PROMISE_BROKEN, FaultKind.LATE})

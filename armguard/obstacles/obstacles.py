@@ -297,6 +297,8 @@ class Obstacles(ObstacleRegister):
             self._told_frames.note(state.index, number, rows, codes)
         if taken and time > self._newest:
             self._newest = time
+        if self._unbelieved:
+            self._newcomers |= self._unbelieved.intersection(rows.tolist())
         # A sample that is taken may set aside what a certificate rests on.
         self._any_refused = self._any_refused or any_refused
         refused = 0
@@ -716,6 +718,46 @@ class Obstacles(ObstacleRegister):
             else:
                 owners = [] if state is None else [state.index]
             self._remove_one(name, time, owners, source)
+
+    def judge_newcomers(self, now: float) -> None:
+        """Finds which new obstacles are believable at `now` in [s], once for each.
+
+        One is not while it has no accepted state, or one so old that the body can have crossed the
+        whole extent since: that says that there is something, and nothing of where it is.
+        """
+        if not self._newcomers:
+            return
+        table, rows = self.table, np.array(list(self._newcomers), dtype=np.int64)
+        reach = np.minimum(table.speed[rows], rule.MAXIMUM_SPEED) * (now - table.stamp[rows])
+        is_believable = table.has_state[rows] & (reach <= self._extent)
+        self._unbelieved.difference_update(rows[is_believable].tolist())
+        self._unbelieved.update(rows[~is_believable].tolist())
+        self._newcomers.clear()
+
+    def forget_unbelieved(self, now: float, default_timeout: float) -> None:
+        """Forgets what no message may ever end, as an operator's reset asks for; faults name it.
+
+        That are obstacles of which nothing was believable in any tick; and where sources were
+        named, others that have no obstacle and are silent: they are not missed any more until they
+        speak again. What was believable once stays, and so do other arms.
+
+        Args:
+            now: Time of the last tick, in [s].
+            default_timeout: Silence that a source may keep, in [s].
+        """
+        for row in sorted(self._unbelieved - self._newcomers):
+            name, source = self.ids[row], self.source_of(row)
+            found = f"of {source}, of which nothing was ever believable"
+            self._faults.leave(FaultKind.FORGOTTEN, source, name, "obstacle", found, now)
+            self._release(row, None)
+        if self.expects_sources:
+            return
+        for name in self._sources.silent(now, default_timeout):
+            state = self._sources.find(name)
+            if state is not None and not (state.is_named or self._rows_of(state.index)):
+                self._sources.forget(state)
+                found = "that was not named, and is silent"
+                self._faults.leave(FaultKind.FORGOTTEN, name, "", "source", found, now)
 
     def _check_source(self, source: object) -> None:
         if not isinstance(source, str) or not source:

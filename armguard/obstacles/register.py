@@ -74,6 +74,10 @@ class ObstacleRegister:
         self._removed: set[int] = set()
         self._newest = -math.inf
         self._any_refused = False
+        self._newcomers: set[int] = set()
+        """Rows of sources of which the next tick finds whether what is known is believable."""
+        self._unbelieved: set[int] = set()
+        """Rows of which nothing was believable in any tick so far."""
         # Compiled here, on a row that has no state.
         distrust(self.table.handle, 0)
         forget_expired(self.table.handle, 0.0, 0.0)
@@ -219,9 +223,9 @@ class ObstacleRegister:
     def is_quiet(self, now: float, tolerance: float) -> bool:
         """Whether nothing is wrong at `now` in [s], silence apart: quick to tell in every tick.
 
-        Nothing refused that may be true, and what `is_settled` says.
+        Nothing refused that may be true, nothing new, and what `is_settled` says.
         """
-        return not self._any_refused and self.is_settled(now, tolerance)
+        return not (self._any_refused or self._newcomers) and self.is_settled(now, tolerance)
 
     def is_settled(self, now: float, tolerance: float) -> bool:
         """Whether at `now` in [s] there is nothing that a tick would have to be told.
@@ -327,6 +331,8 @@ class ObstacleRegister:
         self.ids[row] = name
         self._rows_of(owner)[name] = row
         self._added.add(row)
+        if owner != NO_SOURCE:
+            self._newcomers.add(row)
         self.table.changes += 1
         return row
 
@@ -360,6 +366,8 @@ class ObstacleRegister:
         del self._rows[owner][name]
         self._resolved.pop(owner, None)
         self.ids[row] = ""
+        self._newcomers.discard(row)
+        self._unbelieved.discard(row)
         # A row that came and went between two steps of the monitor was never there for it.
         if row in self._added:
             self._added.discard(row)

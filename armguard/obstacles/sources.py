@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from armguard.exceptions import ObstacleError
@@ -117,6 +117,7 @@ class SourceState:
     Attributes:
         source: As it was named, or as it introduced itself.
         index: Its number, in order of appearance.
+        is_named: Whether it was named before it spoke.
         heard: Whether it has ever spoken.
         stamp: Of the last message received, in [s]; -inf before the first.
         newest: Latest of all such stamps, unless that was found to be ahead of the clock, in [s]:
@@ -128,6 +129,7 @@ class SourceState:
 
     source: Source
     index: int
+    is_named: bool = False
     heard: bool = False
     stamp: float = -math.inf
     newest: float = -math.inf
@@ -169,7 +171,7 @@ class Sources:
             source = item if isinstance(item, Source) else Source(item)
             if source.name in self._by_name:
                 raise ObstacleError(f"source {source.name!r}", "is named twice")
-            self._add(source)
+            self._add(source).is_named = True
 
     def find(self, name: str) -> SourceState | None:
         """State of a source; None if it was neither named nor heard."""
@@ -209,6 +211,13 @@ class Sources:
             raise ObstacleError(
                 "source", f"{name!r} is one too many", expected=f"at most {MAXIMUM_SOURCES}"
             )
+
+    def forget(self, state: SourceState) -> None:
+        """Let a source that was not named count as one that has never spoken, until it speaks."""
+        state.source = replace(state.source, required=False)
+        state.heard = False
+        state.stamp = state.newest = -math.inf
+        self.unsettled = True
 
     def silent(self, now: float, default_timeout: float) -> list[str]:
         """Required sources unheard so far, or for longer than their timeout, in [s]."""

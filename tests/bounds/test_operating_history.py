@@ -152,15 +152,19 @@ def test_a_break_is_found_again_until_it_is_over_and_the_limits_are_kept_after_t
     assert not history.resumes(0.37)
 
 
-def test_reset_forgets():
+def test_reset_forgets_states_and_puts_no_limits_in_force_that_were_not_kept():
     history = make()
     history.accept(0.0, on_axis(0.0), on_axis(0.0))
     assert not history.accept(0.001, on_axis(0.0), on_axis(0.5))
     history.suspend(0.001)
     history.reset()
-    assert not history.in_force.is_suspended
     # Time may begin anew, too.
     assert history.accept(-5.0, on_axis(2.0), on_axis(0.9))
+    assert not history.resumes(-5.0)
+    assert not history.resumes(-4.71)
+    assert history.in_force.is_suspended
+    assert history.resumes(-4.7)
+    assert not history.in_force.is_suspended
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armguard.exceptions import ArmguardError
-from armguard.obstacles import Obstacles
+from armguard.obstacles import Obstacles, Source
 from armguard.obstacles import table as obstacle_table
 from armguard.scheduling import deadline, pair_scheduler
 from armguard.verdict import Effect, Level, ReasonKind
@@ -518,7 +518,8 @@ def test_who_comes_in_the_middle_of_a_step_is_watched_from_the_next_one():
 
 
 def test_after_a_reset_silence_that_another_monitor_heard_of_is_heard_again():
-    obstacles, monitor = make_monitor(rise_delay=0.0)
+    named = Obstacles(sources=[Source("late", required=False)])
+    obstacles, monitor = make_monitor(obstacles=named, rise_delay=0.0)
     see(obstacles, 1.0, FAR)
     steps(monitor, 1000, 2)
     _, other = make_monitor(obstacles=obstacles)

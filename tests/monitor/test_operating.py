@@ -169,7 +169,7 @@ def test_a_piece_rests_on_the_robot_s_own_limits_and_may_be_finished_though_othe
     assert (verdict.level, verdict.stop) == (Level.STOP, "finish")
 
 
-def test_a_reset_ends_it():
+def test_after_a_reset_limits_must_be_kept_before_they_count():
     obstacles, monitor = make_monitor(obstacles=Obstacles(sources=[]), operating=QUARTER)
     obstacles.add_static("post", [2.5, 0.0, 0.5], 0.1)
     steps(monitor, 0, 10)
@@ -177,10 +177,25 @@ def test_a_reset_ends_it():
     monitor.step(10 * PERIOD, HOME, HARD * THIRD)
     assert (monitor._scheduler.arm.motion.isotropic.speed >= 2.0 * speed).all()
     monitor.reset()
+    verdicts = steps(monitor, 0, 300)
+    assert (monitor._scheduler.arm.motion.isotropic.speed >= 2.0 * speed).all()
+    verdicts += steps(monitor, 300, 2)
     np.testing.assert_array_equal(monitor._scheduler.arm.motion.isotropic.speed, speed)
-    verdicts = steps(monitor, 0, 302)
     assert not any(ReasonKind.OPERATING_LIMITS_BROKEN in kinds(verdict) for verdict in verdicts)
     assert verdicts[-1].level is Level.CLEAR
+
+
+def test_while_states_are_not_believed_no_limits_come_back():
+    _, monitor = make_monitor(obstacles=Obstacles(sources=[]), operating=QUARTER)
+    steps(monitor, 0, 10)
+    monitor.step(10 * PERIOD, HOME, HARD * THIRD)
+    for k in range(11, 1000):
+        monitor.step(k * PERIOD, np.full(7, np.nan), STILL)
+    limits = monitor._scheduler.arm.state.scene.limits
+    np.testing.assert_array_equal(limits.operating_velocity, panda().velocity_limit)
+    monitor.reset()
+    steps(monitor, 1000, 1)
+    np.testing.assert_array_equal(limits.operating_velocity, panda().velocity_limit)
 
 
 def test_a_tool_attached_meanwhile_has_the_limits_in_force():

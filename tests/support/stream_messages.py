@@ -29,12 +29,12 @@ class Messages:
 class World:
     """An edge between messages and a table, with clocks that the test sets."""
 
-    def __init__(self, clock=None, bounds=(), **options):
+    def __init__(self, clock=None, bounds=(), sources=None, **options):
         self.clock = ManualClock(5.0) if clock is None else clock
         self.lines = []
         self.faults = FaultLog(self.clock.now, self.lines.append)
         frames = {"camera": Frame(np.eye(3), [1.0, 0.0, 0.0], 0.01)}
-        self.obstacles = Obstacles(frames=frames, bounds=bounds)
+        self.obstacles = Obstacles(frames=frames, bounds=bounds, sources=sources)
         self.input = Messages()
         clocks = {
             "monotonic": lambda: self.clock.now() + MONOTONIC,
