@@ -123,8 +123,11 @@ def test_a_break_is_a_stop_that_names_it_and_the_hardware_counts_until_it_is_lon
     np.testing.assert_allclose(limits.operating_velocity, 0.25 * panda().velocity_limit)
 
 
-def test_no_certificate_survives_a_break():
-    obstacles, monitor = make_monitor(obstacles=Obstacles(sources=[]), operating=QUARTER)
+@pytest.mark.parametrize("velocity", [0.25, 1.0])
+def test_no_certificate_survives_a_break(velocity):
+    """Nor where accelerations alone are limited, so that no bound on speed grows."""
+    operating = OperatingLimits.fraction(panda(), velocity=velocity, acceleration=0.25)
+    obstacles, monitor = make_monitor(obstacles=Obstacles(sources=[]), operating=operating)
     for k in range(10):
         obstacles.add_static(f"post{k}", [2.5, 0.1 * k, 0.5], 0.1)
     everything = steps(monitor, 0, 1)[0].evaluated

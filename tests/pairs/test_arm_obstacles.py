@@ -226,6 +226,24 @@ def test_a_state_of_another_length_is_refused_and_leaves_a_fault(state):
     assert obstacles.fault_count == 1
 
 
+@pytest.mark.parametrize("share", [None, 0.3])
+def test_what_placements_may_be_off_by_is_an_error_of_every_ball(share):
+    robot, exact, displaced = panda(), Told(), Told()
+    operating = None if share is None else limits_of(robot, share)
+    off = 0.03
+    armguard.ArmObstacles(robot, operating=operating).publish(exact, 0.0, HOME, STILL)
+    other = armguard.ArmObstacles(robot, operating=operating, placement_error=off)
+    other.publish(displaced, 0.0, HOME, STILL)
+    grown = displaced.fields[5] - exact.fields[5]
+    assert (grown >= off).all()
+    assert grown == pytest.approx(off, rel=1e-9)
+    # What does not move stands in the same place.
+    table = armguard.Obstacles()
+    other.add_fixed(table)
+    rows = table.table.alive
+    assert (table.table.radius[rows] >= off).all()
+
+
 def test_a_joint_above_its_operating_velocity_puts_the_limits_of_the_robot_in_force():
     robot, told = panda(), Told()
     other = armguard.ArmObstacles(robot, operating=limits_of(robot, 0.3))

@@ -12,6 +12,7 @@ from armguard.recording.events import (
     DroppedPoints,
     Gap,
     ObstacleUpdate,
+    PlanAnswered,
     PromiseBroken,
     Removal,
     StaticObstacle,
@@ -164,6 +165,36 @@ def test_one_bit_of_one_verdict_is_found_out_with_the_field_and_the_cause(path):
     assert "another cover: other recorded" in told
 
 
+def test_one_bit_of_one_answer_to_a_plan_is_found_out(tmp_path):
+    path = tmp_path / "run.mcap"
+    record(path, "committed", ticks=60, start=680)
+    assert run(Recording(path))[1].is_identical
+    seen = []
+
+    def edit(_, event):
+        if isinstance(event, PlanAnswered):
+            seen.append(event)
+            event = msgspec.structs.replace(event, safe=not event.safe)
+        yield event
+
+    _, report = run(Edited(path, edit))
+    assert seen
+    assert not report.is_identical
+    (field,) = report.difference.fields
+    assert field.startswith("safe: ")
+
+
+def test_a_replay_that_compared_nothing_is_not_identical(path):
+    def edit(_, event):
+        if not isinstance(event, VerdictTold):
+            yield event
+
+    ticks, report = run(Edited(path, edit))
+    assert ticks == []
+    assert (report.ticks, report.compared, report.difference) == (0, 0, None)
+    assert not report.is_identical
+
+
 def test_after_a_gap_nothing_is_compared_and_that_is_told(path):
     def edit(number, event):
         if number == 400:
@@ -185,6 +216,7 @@ def test_another_setting_changes_verdicts_and_nothing_is_compared(path):
     ticks, report = run(Recording(path), {"latency": "0.2"})
     assert report.compared == 0
     assert report.difference is None
+    assert not report.is_identical
     stops = [[one.level is Level.STOP for one in (tick.recorded, tick.replayed)] for tick in ticks]
     assert sum(after for _, after in stops) > sum(before for before, _ in stops)
     assert all(after or not before for before, after in stops), "more latency, never fewer stops"

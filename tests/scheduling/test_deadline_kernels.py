@@ -12,7 +12,7 @@ from armguard.pairs.scene import REACH
 from armguard.robot.joint_acceptance import BELIEVED, accept_at
 from armguard.robot.stop_time import compute_stop_time
 from armguard.scheduling import deadline_kernels
-from armguard.scheduling.certificates import UNPLACED
+from armguard.scheduling.certificates import PROVED, UNPLACED
 from armguard.scheduling.deadline_kernels import (
     CROWD,
     MOST_READ_AHEAD,
@@ -21,7 +21,7 @@ from armguard.scheduling.deadline_kernels import (
 )
 from armguard.scheduling.scheduler import Tick
 from armguard.scheduling.timing_wheel import NOBODY, WAITING, take_out
-from armguard.scheduling.tournament import entries_of
+from armguard.scheduling.tournament import entries_of, set_value
 from armguard.studies.extremes.arms import make_arm
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps
@@ -280,6 +280,60 @@ def test_where_the_arm_is_needed_it_is_placed():
     assert monitor._scheduler.arm.names(seen.pair)[1] == "near"
     assert seen.evaluated > 1
     assert seen.disturbed is False
+
+
+def prove_rest(pace):
+    """A monitor that has proved that its arm rests in time if it is told to stop a little later.
+
+    Args:
+        pace: That joints keep to, as a fraction of their velocities; None: they keep to none.
+    """
+    obstacles, monitor = make_monitor("deadline")
+    position = {"velocity": [[0.0, 0.0, 0.0]], "position_error": 0.01, "velocity_error": 0.1}
+
+    def tell(tick):
+        see(obstacles, tick * PERIOD, [1.2, 0.0, 0.6], **position)
+
+    tell(0)
+    steps(monitor, 0, 1)
+    tick, scheduler = monitor._last[0], monitor._scheduler
+    table = scheduler.arm.motion.braking.tabulate(HOME, STILL, 0.0, 0.02, pace=pace or 1.0)
+    end = float(table.time[-1])
+    # Without a certificate there is something to be proved.
+    scheduler.certificates.pair_expiry[:] = tick.time
+    set_value(scheduler.certificates.expiry_tree, obstacles.row("ball"), tick.time)
+    since = None if pace is None else tick.time
+    found = scheduler.find_unsafe(tick, end, lasting=0.015, until=0.0, kept_since=since)
+    assert found.pair == NOBODY
+
+    def recall(number, kept_since):
+        """What is recalled in a later tick, in which the ball has been seen once more."""
+        tell(number)
+        now = number * PERIOD
+        later = tick._replace(number=tick.number + number, now=now, time=now)
+        return scheduler.recall_stops(later, end, 0.0, kept_since)
+
+    return scheduler, recall
+
+
+def test_what_was_proved_of_a_slow_arm_counts_while_it_was_no_faster():
+    _, recall = prove_rest(0.2)
+    assert recall(1, 0.0) == PROVED
+    # Since then it may have been faster; and of an arm at any speed nothing was proved.
+    assert recall(2, math.nextafter(0.0, 1.0)) != PROVED
+    assert recall(3, None) != PROVED
+
+
+@pytest.mark.parametrize("pace", [None, 0.2])
+def test_a_proof_outlasts_a_state_that_agrees_with_all_that_it_rests_on(pace):
+    since = None if pace is None else 0.0
+    _, recall = prove_rest(pace)
+    assert recall(1, since) == PROVED
+    for states in ("states", "reference_states"):
+        scheduler, recall = prove_rest(pace)
+        # As if that had been another state, with which the next one does not agree.
+        getattr(scheduler.certificates.proofs, states).points[:, :, 0] += 1.0
+        assert recall(1, since) != PROVED
 
 
 @pytest.mark.parametrize("count", [0, 1, MOST_READ_AHEAD + 50])
