@@ -547,7 +547,9 @@ def take_samples(
             sample.velocity_error[0] = max(sample.velocity_error[0], RESOLUTION)
             radius, speed = sample.radius[0], sample.speed[0]
             follow_spread(table.spreads, row, Record(sample, 0, radius, stated_accel, speed))
-        # Gate: does it agree with the accepted state, by all bounds that were told lately?
+        # Gate: does it agree with the accepted state, by all bounds that were told lately? Where
+        # these are its own, what it says more exactly holds beside the sample.
+        is_vaguer = bool(0)
         if code == TAKEN and marks.has_state[row]:
             told_accel = max(told.accel[row], told.accel_before[row])
             told_speed = max(told.speed[row], told.speed_before[row])
@@ -560,6 +562,10 @@ def take_samples(
                 code = _agrees(accepted, row, sample, told_accel, told_speed)
                 if code == ALLOWED and not stamp > accepted.stamp[row]:
                     code = LATE
+            is_vaguer = (accel == accepted.accel[row] and speed == accepted.speed[row]) and (
+                sample.velocity_error[0] > accepted.velocity_error[row]
+                or sample.position_error[0] > accepted.position_error[row]
+            )
         if code != TAKEN:
             code, value = _make_exception(handle, row, sample, code, value)
             data.codes[i], data.values[i] = code, value
@@ -571,10 +577,6 @@ def take_samples(
         # The row has changed, unless its reference state allows for what was told: the sample
         # itself, not what the accepted state makes of a vaguer one.
         allowed, grown = allows_reference_state(sample, reference_states, 0, row)
-        is_vaguer = marks.has_state[row] and (
-            sample.velocity_error[0] > accepted.velocity_error[row]
-            or sample.position_error[0] > accepted.position_error[row]
-        )
         if allowed and is_vaguer:
             _keep_surer(sample, accepted, row)
         # Write: what agrees replaces the accepted state.

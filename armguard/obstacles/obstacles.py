@@ -728,7 +728,8 @@ class Obstacles(ObstacleRegister):
         if not self._newcomers:
             return
         table, rows = self.table, np.array(list(self._newcomers), dtype=np.int64)
-        reach = np.minimum(table.speed[rows], rule.MAXIMUM_SPEED) * (now - table.stamp[rows])
+        with np.errstate(all="ignore"):  # what overflows is too far
+            reach = np.minimum(table.speed[rows], rule.MAXIMUM_SPEED) * (now - table.stamp[rows])
         is_believable = table.has_state[rows] & (reach <= self._extent)
         self._unbelieved.difference_update(rows[is_believable].tolist())
         self._unbelieved.update(rows[~is_believable].tolist())

@@ -30,6 +30,9 @@ def start(**settings):
 
 NONSENSE = {
     "stamped long ago": lambda table: see(table, -1e300, FAR, ["ghost"], source="camera"),
+    "stamped at the beginning of time": lambda table: see(
+        table, -1.7e308, FAR, ["ghost"], source="camera", speed=100.0
+    ),
     "stamped far ahead": lambda table: see(table, 1e300, FAR, ["ghost"], source="camera"),
     "nowhere": lambda table: see(table, 0.495, [np.nan] * 3, ["ghost"], source="camera"),
 }

@@ -615,6 +615,18 @@ def test_a_vaguer_sample_is_compared_itself_with_what_a_certificate_rests_on():
     assert table.is_changed[row]
 
 
+def test_what_was_taken_by_wider_bounds_than_the_accepted_states_is_not_made_more_exact():
+    """A source may narrow its bounds while the body still moves by those before."""
+    obstacles = Obstacles()
+    states = obstacles.table.accepted
+    see(obstacles, 0.0, velocity=[[0.0, 0.0, 0.0]], accel=50.0, velocity_error=0.05)
+    row = see(obstacles, 0.01, velocity=[[0.0, 0.0, 0.0]], accel=1.0, velocity_error=0.05)
+    see(obstacles, 0.02, velocity=[[0.4, 0.0, 0.0]], accel=1.0, velocity_error=0.2)
+    assert kinds(obstacles) == []
+    assert states.velocities[row, 0, 0] == 0.4
+    assert states.velocity_error[row] == 0.2
+
+
 @kernel
 def judge_fields(handle, speed_is_error, extent):
     return (
