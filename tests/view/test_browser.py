@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import itertools
 import threading
 
 import msgspec
@@ -475,6 +476,32 @@ def test_silence_is_said_and_ends(feed, page):
     wait_for_text(page, "silence", "for the robot's joint states; STOP until they come")
 
 
+def test_readers_of_the_screen_hear_of_levels_and_of_no_numbers(feed, page):
+    feed.show("CLEAR")
+    wait_for_text(page, "announcement", "CLEAR")
+    page.evaluate("""() => {
+        window.heard = [];
+        const live = document.querySelectorAll(
+            "[aria-live], [role=status], [role=alert], [role=log], output");
+        for (const one of live) {
+            new MutationObserver(() => heard.push(one.textContent)).observe(
+                one, { childList: true, subtree: true, characterData: true });
+        }
+    }""")
+    for time in (1.5, 1.6, 1.7):
+        verdict = show_person("CLEAR")["verdict"]
+        feed.show("CLEAR", verdict=msgspec.structs.replace(verdict, contact_time=time))
+        wait_for_text(page, "contact", f"{time:.2f} s")
+    feed.show("STOP")
+    wait_for_text(page, "announcement", "STOP")
+    heard = page.evaluate("() => heard")
+    assert heard[-1] == "STOP"
+    assert set(heard) <= {*LEVELS, "NO DATA"}  # a busy machine may be silent for a while
+    assert all(one != other for one, other in itertools.pairwise(heard))
+    unnamed = "() => document.querySelectorAll('canvas:not([aria-label])').length"
+    assert page.evaluate(unnamed) == 0
+
+
 def test_buffers_do_not_grow_while_it_runs(feed, page):
     count = "() => [viewer.renderer.info.memory.geometries, viewer.scene.children.length]"
     feed.show("STOP")
@@ -572,6 +599,79 @@ def test_the_export_plays_from_a_file_without_a_network(view, browser, page):
     page.wait_for_function("() => shapes.drawn.has('/armguard/cover')")
     assert page.problems == []
     page.close()
+
+
+@contextlib.contextmanager
+def busy_cell(browser, **options):
+    """A page of a cell in which the arm has stopped and gone on every two seconds."""
+    feed, page = Feed(robot="bare"), open_page(browser, **options)
+
+    def tell(number):
+        level = "STOP" if number % 2 else "CLEAR"
+        feed.show(level, sequence=number + 1, now=2.0 * number)
+        wait_for_text(page, "source", f"tick {number + 1} ")
+
+    try:
+        with launch(feed.publisher.address) as view:
+            page.goto(view.url)
+            wait_for_text(page, "level", "STOP")
+            for number in range(12):
+                tell(number)
+            page.wait_for_function("() => document.querySelectorAll('#events button').length > 8")
+            yield page, tell
+    finally:
+        feed.close()
+    assert page.problems == []
+    page.close()
+
+
+HAS_FOCUS = "() => document.activeElement.getAttribute('aria-label') || ''"
+
+
+def test_a_few_tabs_lead_to_what_goes_through_the_past_on_a_busy_cell(browser):
+    wanted = {"pause", "jump to the next STOP", "back to the present"}
+    with busy_cell(browser) as (page, tell):
+        reached = []
+        for number in range(12, 20):  # something happens between any two presses
+            page.keyboard.press("Tab")
+            reached.append(page.evaluate(HAS_FOCUS))
+            tell(number)
+        assert wanted <= set(reached)
+        page.get_by_label("jump to the next STOP").focus()
+        page.keyboard.press("Enter")
+        wait_for_text(page, "past", "PAST")
+        page.keyboard.press("Tab")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#past", state="hidden")
+
+
+def test_a_marker_keeps_the_focus_while_more_happens_and_arrows_lead_to_others(browser):
+    with busy_cell(browser) as (page, tell):
+        page.keyboard.press("Tab")
+        newest = page.evaluate(HAS_FOCUS)
+        page.evaluate("() => { window.held = document.activeElement; }")
+        tell(12)
+        tell(13)
+        assert page.evaluate("() => document.activeElement === held")
+        assert page.evaluate(HAS_FOCUS) == newest
+        tab_stops = "() => document.querySelectorAll('#events button[tabindex=\"0\"]').length"
+        page.keyboard.press("ArrowLeft")
+        earlier = page.evaluate(HAS_FOCUS)
+        assert earlier != newest
+        assert page.evaluate(tab_stops) == 1
+        page.keyboard.press("ArrowRight")
+        assert page.evaluate(HAS_FOCUS) == newest
+        page.keyboard.press("End")
+        assert page.evaluate(HAS_FOCUS).startswith("26.00 s stop")
+        page.keyboard.press("Home")
+        first = page.evaluate(HAS_FOCUS)
+        # It leaves the window: the focus goes to one that is still there.
+        for number in range(14, 18):
+            tell(number)
+        assert "events" in page.evaluate("() => document.activeElement.parentElement.id")
+        assert page.evaluate(HAS_FOCUS) != first
+        page.keyboard.press("Enter")
+        wait_for_text(page, "past", "PAST")
 
 
 def test_a_reset_from_the_page_needs_the_token(browser):

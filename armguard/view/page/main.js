@@ -15,10 +15,12 @@ import { Transport } from "./transport.js";
 import { age, button, clock, element, readAddress, writeAddress } from "./words.js";
 
 const SILENCE = 1.5; // [s] without news after which the picture is no longer the present
+const BREATH = 1000; // [ms] at least between two announcements
 
 let viewer = null, shapes = null, camera = null, pace = null, source = null, transport = null;
 let news = { silence: null, status: "", over: false, connected: null, problem: "", address: "" };
 let lastNews = null; // [ms], of performance.now()
+let lastAnnounced = -BREATH; // alike
 let parted = ""; // why the view's server is not there; null: it is
 const film = document.getElementById("film");
 
@@ -156,6 +158,7 @@ function showState() {
   }
   const isUnknown = headline !== level || panels.isModel;
   panels.headline(headline || "…", isUnknown ? "" : level);
+  announce(past ? `past: ${headline}` : headline);
   document.body.classList.toggle("silent", (isSilent || parted !== null) && !past && film === null && !panels.isModel);
   document.body.classList.toggle("past", past && !strip.isWhole);
   element("past").hidden = !past || panels.isModel;
@@ -163,6 +166,15 @@ function showState() {
   element("silence").hidden = !text;
 }
 setInterval(showState, 100);
+
+// Readers of the screen hear of a change of level, and of no number; the newest, once a second.
+function announce(text) {
+  const now = performance.now();
+  const isNews = text !== element("announcement").textContent && text !== "…";
+  if (!isNews || now - lastAnnounced < BREATH) return;
+  lastAnnounced = now;
+  element("announcement").textContent = text;
+}
 
 // ---- where it comes from --------------------------------------------------------------------
 

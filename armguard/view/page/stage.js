@@ -23,6 +23,8 @@ export function makeStage(pane) {
   viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", 0.45);
   viewer.set_property(["Lights", "FillLight", "<object>"], "intensity", 0.6);
   viewer.set_property(["Lights", "FillLight", "<object>"], "position", [8, -5, 7]);
+  viewer.renderer.domElement.setAttribute("role", "img");
+  viewer.renderer.domElement.setAttribute("aria-label", "the arm and what is around it, in 3D");
   // The camera's own frame has y up: world x, z, -y.
   viewer.camera.fov = 38;
   viewer.camera.near = 0.05;

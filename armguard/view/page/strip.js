@@ -1,11 +1,11 @@
 // The strip: contact time (logarithmic) with the stop time below it, the speed scale, and the level
 // as a band, over the last half minute, or over a whole recording. What happened stands on top.
+import { Markers } from "./markers.js";
 import { clock, element } from "./words.js";
 
 const SPAN = 30; // [s] of a live monitor
 const SHORTEST = 0.01, LONGEST = 30; // [s] of contact and stop time
 const LINES = [0.1, 1, 10];
-const SIGNS = { stop: "■", go: "▶", fault: "!", latch: "◆", reset: "○", refused: "✕" };
 const GAP = 0.5; // [s] without moments is a gap
 const TOP = 22; // [px], for what happened
 
@@ -22,6 +22,7 @@ export class Strip {
     this.isWhole = false; // whether all is shown, as of a recording
     this.end = null; // where the window ends while the past is looked at, [s]
     this.canvas = element("curves");
+    this.markers = new Markers(element("events"), (event) => this.seek(event.number));
     const pick = (event) => {
       if (!this.moments.length) return;
       const { left, width } = this.canvas.getBoundingClientRect();
@@ -185,31 +186,24 @@ export class Strip {
   }
 
   showEvents(x, begin, end, width) {
-    const shown = this.events.filter(({ now }) => now >= begin && now <= end);
-    // Where many happen at once the weighty ones stand; all are in the moments.
+    const { markers } = this;
+    // Where many happen at once the weighty ones stand; all are in the moments. Focus keeps its
+    // marker while that is in the window.
     const weight = { latch: 0, stop: 1, reset: 2, refused: 3, fault: 4, go: 5 };
+    const held = markers.focused;
+    const rank = (event) => (identify(event) === held ? -1 : weight[event.kind]);
     const chosen = [];
-    for (const event of [...shown].sort((a, b) => weight[a.kind] - weight[b.kind])) {
+    for (const event of this.events.filter(({ now }) => now >= begin && now <= end)
+      .sort((a, b) => rank(a) - rank(b))) {
       const at = Math.min(Math.max(x(event.now), 9), width - 9);
       if (chosen.every((other) => Math.abs(other.at - at) >= 18)) chosen.push({ ...event, at });
     }
     chosen.sort((a, b) => a.at - b.at);
-    const key = chosen.map(({ number, kind }) => `${number}${kind}`).join();
-    const place = element("events");
-    if (key !== this.placed) {
-      this.placed = key;
-      place.replaceChildren(...chosen.map((event) => {
-        const made = document.createElement("button");
-        made.type = "button";
-        made.className = event.kind;
-        made.textContent = SIGNS[event.kind];
-        const moment = this.find(event.number);
-        made.title = `${clock(moment.wall, event.now)} ${event.kind}: ${event.text}`;
-        made.setAttribute("aria-label", made.title);
-        made.addEventListener("click", () => this.seek(event.number));
-        return made;
-      }));
-    }
-    [...place.children].forEach((made, k) => { made.style.left = `${chosen[k].at}px`; });
+    markers.show(chosen.map((event) => ({ ...event, key: identify(event) })), (event) => {
+      const { wall } = this.find(event.number);
+      return `${clock(wall, event.now)} ${event.kind}: ${event.text}`;
+    });
   }
 }
+
+const identify = ({ number, kind }) => `${number} ${kind}`;

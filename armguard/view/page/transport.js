@@ -28,7 +28,7 @@ export class Transport {
     this.speed.append(...SPEEDS.map((value) => new Option(`${value}×`, value, value === 1, value === 1)));
     this.live = button("live", "back to the present", () => this.goLive());
     this.live.hidden = !hasPresent;
-    this.told = document.createElement("output");
+    this.told = document.createElement("span");
     const step = (by, title) => {
       const made = button(by < 0 ? "◂" : "▸", title, () => this.step(by));
       made.classList.add("extra");
@@ -37,7 +37,7 @@ export class Transport {
     element("transport").append(
       this.play, step(-1, "one moment back"), step(1, "one moment on"),
       button("next STOP", "jump to the next STOP", () => this.nextStop()),
-      this.speed, this.slider, this.told, this.live);
+      this.live, this.speed, this.slider, this.told);
     requestAnimationFrame((now) => this.run(now));
   }
 
