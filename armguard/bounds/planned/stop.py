@@ -13,18 +13,20 @@ import math
 
 import numpy as np
 
+from armguard.bounds.model import check_duration
 from armguard.bounds.planned.curve import (
     evaluate_curve,
     find_top_speeds,
     interval_at,
     interval_coefficients,
+    speed_range,
 )
 from armguard.bounds.planned.plan import MOST_SAMPLES, Plan, Refusal, read_plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import LIMIT_SLACK, SUM_ROUNDING, TERM_ROUNDING
-from armguard.robot.brakes import find_gentlest_stop
+from armguard.robot.brakes import BrakeCurves, find_gentlest_stop
 from armguard.robot.robot import Robot
 
 GRAIN = 1e-6
@@ -79,48 +81,62 @@ def stop_on_path(
     """The plan with a stop on its path: all joints slow down together, by the clock of the plan.
 
     The arm follows the plan until `at`. From then on the plan's clock slows down at a constant
-    rate, the greatest for which no joint has to brake harder than guaranteed. Where
-    the plan ends before the clock has stopped, the arm goes straight on. `Monitor.commit` accepts
-    such a stop where it accepts the plan.
+    rate, the greatest for which no joint has to brake harder than guaranteed. Where the plan ends
+    before the clock has stopped, the arm goes straight on. A stop that begins at the plan's end
+    is no harder than the stated stopping times and distances. One that begins before relies only on
+    decelerations that are guaranteed at each instant, at the speeds that joints have while they
+    stop.
+
+    Nothing else of the plan is checked here, nor what is ahead: `Monitor.commit` judges the result.
 
     Args:
         robot: The arm.
         plan: A piece of trajectory; it need not end at rest.
         payload: What the arm carries at most, tool included, in [kg]; None: the heaviest that its
             brakes are stated for.
-        at: When the stop begins, in [s] as in the plan's times; None: at the plan's end.
+        at: When the stop begins, in [s] as in the plan's times; within a microsecond of a sample,
+            at that sample. None: at the plan's end.
 
     Returns:
         The plan until `at`, and samples of the stop, at the end of which the arm rests.
 
     Raises:
-        ArmguardError: The plan is malformed, `at` is not within its times, the payload is beyond
-            what brakes are stated for, or the path bends harder than brakes guarantee: the joint is
-            named.
+        ArmguardError: The plan is malformed, `at` is not within its times, the payload or the speed
+            of a joint is beyond what brakes are stated for, or the path bends harder than brakes
+            guarantee. The joint is named.
     """
     read = read_plan(plan, len(robot.joints))
     if isinstance(read, Refusal):
         raise ArmguardError(read.subject, read.detail, expected="a plan to stop on")
     times, q, v = (np.asarray(part) for part in (read.times, read.q, read.v))
     last = float(times[-1])
-    begin = last if at is None else float(at)
-    if not 0.0 <= begin <= last:
-        raise ArmguardError("at", f"is {at!r}", expected=f"a time of the plan, 0 to {last:.6g} s")
-    braking = find_gentlest_stop(robot.brakes.make_curves(payload), find_top_speeds(times, q, v))
+    begin = last if at is None else _read_begin(at, times)
+    brakes = robot.brakes.make_curves(payload)
+    fastest = find_top_speeds(times, q, v)
+    off = np.flatnonzero(~(fastest <= brakes.speed[:, -1] * (1.0 + LIMIT_SLACK)))
+    if len(off):
+        j = int(off[0])
+        stated = f"at most the {brakes.speed[j, -1]:.4g} that its brakes are stated for"
+        raise ArmguardError(robot.joints[j], f"goes at {fastest[j]:.4g}", expected=stated)
+    # A committed piece is judged by what its greatest speeds allow.
+    most = find_gentlest_stop(brakes, fastest)
     if begin == last:
         # From its end on the arm goes straight on, however hard the path bends before.
+        speeds = np.abs(v[-1])
+        braking = np.minimum(most, find_gentlest_stop(brakes, speeds))
         with np.errstate(divide="ignore"):
-            slowing = float((braking / np.abs(v[-1])).min()) * (1.0 - SUM_ROUNDING)
+            slowing = float((braking / speeds).min()) * (1.0 - SUM_ROUNDING)
     else:
-        slowing = PATH_SHARE * _find_slowing(robot, times, q, v, braking, begin)
-    lasting = max(1.0 / slowing, GRAIN)
+        slowing = PATH_SHARE * _find_slowing(robot, brakes, most, times, q, v, begin)
+    lasting = max(1.0 / slowing, 2.0 * GRAIN)
     # Samples of the stop: evenly spaced where the path bends, and those of the plan that it passes.
     gone = np.minimum(times[times > begin], begin + 0.5 * lasting) - begin
     passed = lasting * (1.0 - np.sqrt(np.maximum(1.0 - 2.0 * gone / lasting, 0.0)))
     bent = float(passed.max(initial=0.0))
     step = max(PATH_STEP, bent / (MOST_SAMPLES // 4))
     since = np.unique(np.concatenate([np.arange(0.0, bent, step), passed, [0.0, lasting]]))
-    since = since[np.diff(since, append=math.inf) > GRAIN]
+    # The first and the last one stay; no two are closer than a grain.
+    since = since[(since == 0.0) | ((since > GRAIN) & (np.diff(since, append=math.inf) > GRAIN))]
     pace = np.maximum(1.0 - since / lasting, 0.0)
     along = begin + since * (0.5 + 0.5 * pace)
     more_q, more_v = np.empty((len(since), q.shape[1])), np.empty((len(since), q.shape[1]))
@@ -137,32 +153,57 @@ def stop_on_path(
     )
 
 
+def _read_begin(at: object, times: FloatArray) -> float:
+    """When a stop begins: `at`, or the sample that is no further from it than a grain."""
+    last = float(times[-1])
+    try:
+        begin = check_duration("at", at)  # type: ignore[arg-type]  # it may be anything
+    except (TypeError, ValueError):
+        begin = math.nan
+    if not begin <= last:
+        raise ArmguardError("at", f"is {at!r}", expected=f"a time of the plan, 0 to {last:.6g} s")
+    nearest = float(times[np.abs(times - begin).argmin()])
+    return nearest if abs(nearest - begin) <= GRAIN else begin
+
+
 def _find_slowing(
     robot: Robot,
+    brakes: BrakeCurves,
+    most: FloatArray,
     times: FloatArray,
     q: FloatArray,
     v: FloatArray,
-    braking: FloatArray,
     begin: float,
 ) -> float:
     """How fast the path's clock can be slowed down from `begin` to rest, in [1]/[s].
 
     Only the part of the path that a stop passes matters, which is the shorter, the faster the clock
-    slows down. So parts are tried, each twice as long as the one before.
+    slows down. So parts are tried, each twice as long as the one before. No joint brakes harder
+    than `most`, in [rad]/[s²] or [m]/[s²], (nv,).
     """
     left = float(times[-1]) - begin
     passed = PATH_STEP
+    low, high = np.empty(q.shape[1]), np.empty(q.shape[1])
     while True:
         end = begin + min(passed, left)
+        speed_range(times, q, v, begin, end, low, high)
+        speeds = np.maximum(high, -low)
+        # By the first entry that covers the speed, or the last one, for rounding. A joint at rest
+        # has nothing to brake.
+        slower = ~(speeds[:, None] <= brakes.speed * (1.0 + LIMIT_SLACK))
+        entry = np.minimum(slower.sum(axis=1), brakes.speed.shape[1] - 1)
+        stated = np.take_along_axis(brakes.deceleration, entry[:, None], axis=1)[:, 0]
+        braking = np.where(speeds > LIMIT_SLACK, np.minimum(stated, most), np.inf)
         slowing, joint, when = bound_path_braking(times, q, v, braking, begin, end)
         if slowing > 0.0 and (passed >= left or 0.5 / (PATH_SHARE * slowing) <= passed):
             return slowing
         if not slowing > 0.0:
-            # A longer part has no smaller bends.
+            # A longer part has no smaller bends, and no lower speeds.
             raise ArmguardError(
                 robot.joints[joint],
                 f"bends at {braking[joint] - slowing:.4g} after {when:.6g} s: no stop on the path",
-                expected=f"less than the {braking[joint]:.4g} that its brakes guarantee",
+                expected=f"less than the {braking[joint]:.4g} that its brakes guarantee at each"
+                " instant",
                 remedy="a slower path, or a stop joint by joint, as Monitor.with_stop appends it",
             )
         passed *= 2.0

@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from armguard.bounds import append_stop, stop_on_path
+from armguard.bounds import Plan, append_stop, stop_on_path
 from armguard.bounds.planned.check import StopCheck
 from armguard.bounds.planned.curve import find_top_speeds
 from armguard.exceptions import ArmguardError
+from armguard.robot import Robot
 from armguard.robot.brakes import find_gentlest_stop
 from support.example_arms import load_holding
 from support.plan_cases import Hermite, Waves
@@ -97,9 +98,63 @@ def test_a_path_that_bends_more_than_brakes_guarantee_has_no_stop_on_it(robot):
         assert not stop_on_path(robot, plan).v[-1].any()
 
 
+def slow_down_early(robot, joint, fast, slow):
+    """A path on which one joint gets slow in the first half, and goes on slowly."""
+    times = np.linspace(0.0, 1.0, 101)
+    pace = np.maximum(fast + (slow - fast) * times / 0.5, slow)
+    far = np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) * np.diff(times))])
+    q, v = np.zeros((101, len(robot.joints))), np.zeros((101, len(robot.joints)))
+    q[:, joint], v[:, joint] = far, pace
+    return Plan(0.0, times, q, v, np.full(len(robot.joints), 1e-3))
+
+
+@pytest.mark.parametrize("name", ["ur5", "ur10"])
+def test_a_stop_relies_on_brakes_as_they_are_at_the_speeds_of_the_stop(name):
+    """A stopping time from full speed says little about the deceleration from a low one."""
+    robot = Robot.load(name)
+    brakes = robot.brakes.make_curves()
+    plan = slow_down_early(robot, 0, 0.9 * robot.velocity_limit[0], 0.2)
+    allowed = find_gentlest_stop(brakes, plan.v[-1])[0]
+    assert allowed < 0.5 * find_gentlest_stop(brakes, plan.v[0])[0]
+    for at in (None, 0.6, 0.9):
+        stopped = stop_on_path(robot, plan, at=at)
+        begin = 1.0 if at is None else at
+        after = np.linspace(begin, stopped.times[-1], 200)[1:-1]
+        curve = Hermite(stopped.times, stopped.q, stopped.v)
+        hardest = -curve(after, 2)[:, 0].min()
+        assert hardest == pytest.approx(allowed, rel=0.05)
+        assert hardest <= allowed * (1.0 + 1e-9)
+
+
+def test_a_speed_that_no_brakes_are_stated_for_has_no_stop():
+    robot = Robot.load("ur5")
+    most = robot.brakes.make_curves().speed[3, -1]
+    for share, is_refused in ((0.99, False), (1.01, True)):
+        plan = slow_down_early(robot, 3, share * most, 0.2)
+        for at in (None, 0.7):
+            if not is_refused:
+                assert not stop_on_path(robot, plan, at=at).v[-1].any()
+                continue
+            with pytest.raises(ArmguardError, match="brakes are stated for") as caught:
+                stop_on_path(robot, plan, at=at)
+            assert caught.value.offender == robot.joints[3]
+
+
+def test_a_stop_anywhere_is_a_plan_that_can_be_checked(robot):
+    """Also of an arm that rests already, and beside a sample."""
+    for plan in (moved(0, 0.0 * TIMES, 0.0), moved(0, 0.1 * TIMES, 0.1)):
+        grains = [0.0, 1e-9, 1e-6, 3e-6]
+        for at in [None, *grains, *(float(TIMES[5]) + x for x in grains), float(TIMES[-1]) - 1e-9]:
+            stopped = stop_on_path(robot, plan, at=at)
+            assert stopped.times[0] == 0.0
+            assert (np.diff(stopped.times) > 9e-7).all()
+            checked = check(robot, stopped, stops=False)
+            assert StopCheck(robot, robot.brakes.make_curves()).check(checked) is None
+
+
 def test_what_cannot_be_stopped_on_is_refused_by_name(robot):
     plan = moved(0, 0.1 * TIMES, 0.1)
-    for at in (-0.1, float(TIMES[-1]) + 0.1, np.nan):
+    for at in (-0.1, float(TIMES[-1]) + 0.1, np.nan, np.inf, "now", [0.1], np.zeros(2)):
         with pytest.raises(ArmguardError, match=r"^at"):
             stop_on_path(robot, plan, at=at)
     with pytest.raises(ArmguardError, match="payload"):
