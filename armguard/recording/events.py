@@ -177,6 +177,8 @@ class PlanField(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class PlanAsked(Event, frozen=True, kw_only=True):
     """A piece that was to be committed."""
 
+    ask: Literal["commit"] = "commit"
+    """In recordings of format 1 some ask to "follow", which no monitor does any more."""
     fields: list[PlanField] = []
     type: str = "Plan"
     """What it was, if it was no plan."""

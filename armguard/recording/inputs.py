@@ -71,7 +71,9 @@ def restore_plan(event: PlanAsked) -> Any:
     """What a monitor answers alike; a `Plan` unless that was none."""
     if event.type != "Plan" or not event.fields:
         return type(event.type, (), {})()
-    return Plan(**{field.name: _restore_field(field) for field in event.fields})
+    # Format 1 has the error of stops that no monitor judges any more.
+    fields = [field for field in event.fields if field.name != "stop_tracking_error"]
+    return Plan(**{field.name: _restore_field(field) for field in fields})
 
 
 class OddValues(np.ndarray[Any, Any]):

@@ -27,6 +27,9 @@ MAGIC = b"\x89MCAP0\r\n"
 _FRAME = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 
+_REMOVED = {b'"path_time"': "path times", b'"ask":"follow"': "trajectories to follow"}
+"""What only messages of format 1 have in them, and what that is."""
+
 _KINDS = {PREFIX + topic: kind for kind, topic in TOPICS.items()}
 
 
@@ -112,20 +115,29 @@ class Recording:
                 try:
                     event = decoder.decode(data)
                 except ValueError as error:
-                    raise ArmguardError(
-                        str(self.path), f"has a message that cannot be read ({error})"
-                    ) from None
+                    raise self._refuse(data, error) from None
                 yield TimedEvent(nanoseconds, event, data)
+
+    def _refuse(self, data: bytes, error: ValueError) -> ArmguardError:
+        """Why a message cannot be read."""
+        for mark, removed in _REMOVED.items():
+            if mark in data:
+                return ArmguardError(
+                    str(self.path),
+                    f"holds {removed}",
+                    expected="committed pieces (Monitor.commit), which replace them",
+                    remedy="replay it with the version that wrote it",
+                )
+        return ArmguardError(str(self.path), f"has a message that cannot be read ({error})")
 
     def _check_format(self, found: str) -> None:
         if not found.isdecimal():
             raise ArmguardError(str(self.path), f"has format {found!r}", expected="a number")
-        if int(found) != FORMAT:
-            other = "a newer" if int(found) > FORMAT else "an older"
+        if int(found) > FORMAT:
             raise ArmguardError(
                 str(self.path),
-                f"is of {other} version of armguard (format {found})",
-                expected=f"format {FORMAT}",
+                f"is of a newer version of armguard (format {found})",
+                expected=f"format {FORMAT} or older",
                 remedy="replay it with that version",
             )
 
