@@ -12,7 +12,7 @@ import copy
 import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, Never
 
 import pinocchio
 from numpy.typing import ArrayLike
@@ -43,7 +43,12 @@ from armguard.monitor.obstacle_reasons import (
 from armguard.monitor.plan_verdict import refuse_plan
 from armguard.monitor.queries import Queries
 from armguard.monitor.reports import PairReport, Snapshot
-from armguard.monitor.settings import make_scheduler, read_number, read_settings
+from armguard.monitor.settings import (
+    make_scheduler,
+    read_number,
+    read_settings,
+    refuse_settings,
+)
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm import ADVANCES
 from armguard.pairs.exemptions import Exemption, Exemptions
@@ -112,6 +117,7 @@ class Monitor:
             takes a fraction of a millisecond a tick.
         separation: Attach to each verdict the margin of the speed-and-separation distance by this
             rule; evaluates every pair in every tick.
+        removed: Nothing: settings of earlier versions are refused with what replaces them.
 
     Attributes:
         settings: What it was made with, checked.
@@ -149,7 +155,9 @@ class Monitor:
         payload: float | None = None,
         certify: bool = False,
         separation: SeparationRule | None = None,
+        **removed: Never,
     ) -> None:
+        refuse_settings(removed)
         self.journal: MonitorJournal | None = None
         self.choice: Choice | None = None
         settings = read_settings(

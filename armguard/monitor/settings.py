@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +27,12 @@ from armguard.scheduling.scheduler import Scheduler
 
 LEAVES = ("never", "any")
 """When joints may leave a committed piece to brake by themselves: never, or at any moment."""
+
+REMOVED = dict.fromkeys(
+    ("stop", "path_deceleration"),
+    'with motion="planned" the controller commits pieces that carry their own stop',
+)
+"""Settings of earlier versions, and what replaces them."""
 
 MOST_EVALUATIONS = 2**62
 """A budget that nothing exceeds."""
@@ -152,6 +159,19 @@ def read_settings(
         payload=robot.brakes.check_payload(payload),
         **numbers,
     )
+
+
+def refuse_settings(given: Mapping[str, object]) -> None:
+    """Refuse arguments that a monitor does not take, or takes no more.
+
+    Raises:
+        ArmguardError: One of them is a setting of earlier versions.
+        TypeError: One of them never was a setting.
+    """
+    for name, value in given.items():
+        if name not in REMOVED:
+            raise TypeError(f"Monitor() got an unexpected keyword argument {name!r}")
+        raise ArmguardError(name, f"is {value!r}, and is no setting any more", remedy=REMOVED[name])
 
 
 def read_number(value: object) -> float:

@@ -11,9 +11,11 @@ import pinocchio
 
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
+from armguard.monitor.settings import REMOVED
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
+from armguard.pairs.arm import ADVANCES
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.portable import read_numbers, write_number, write_numbers
@@ -137,6 +139,8 @@ def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) ->
     """A monitor from the data of `describe_settings`; errors as of `make_obstacles`."""
     base, operating, separation = data["base_placement"], data["operating"], data["separation"]
     schedule = data["schedule"]
+    # Recordings of earlier versions do not have all that there is now: then it was as by default.
+    data = {"leave": "never", "advances": ADVANCES, **data}
     words: dict[str, Any] = {name: str(data[name]) for name in _WORDS}
     numbers: dict[str, Any] = {name: float(data[name]) for name in _PLAIN}
     return Monitor(
@@ -202,7 +206,10 @@ def change_settings(data: dict[str, Any], changes: Mapping[str, str], robot: Rob
             data["obstacles"][name.removeprefix("bounds.")] = _read_number(name, text)
         else:
             raise ArmguardError(
-                f"setting {name!r}", "is not known", expected=f"one of {', '.join(known)}"
+                f"setting {name!r}",
+                "is not known",
+                expected=f"one of {', '.join(known)}",
+                remedy=REMOVED.get(name, ""),
             )
 
 

@@ -49,6 +49,15 @@ def test_whatever_else_there_is_is_none(value):
     assert math.isnan(read_number(value))
 
 
+@pytest.mark.parametrize("given", [{"stop": "path"}, {"path_deceleration": 2.0}])
+def test_settings_of_earlier_versions_say_what_replaces_them(given):
+    with pytest.raises(ArmguardError, match=r"no setting any more.*commits pieces") as caught:
+        Monitor(panda(), Obstacles(), motion="planned", **given)
+    assert caught.value.offender == next(iter(given))
+    with pytest.raises(TypeError, match="'speed'"):
+        Monitor(panda(), Obstacles(), speed=1.0)
+
+
 class Refusing(float):
     """A number that will not be read."""
 

@@ -98,6 +98,7 @@ def test_settings_are_changed_by_name():
         ({"budget": "inf"}, "budget: is 'inf'"),
         ({"operating": "fast"}, "operating: is 'fast'"),
         ({"operating__velocity": "3"}, "operating velocity: is the fraction 3"),
+        ({"stop": "path"}, "setting 'stop': is not known; .*commits pieces"),
         ({"operating__speed": "1"}, r"setting 'operating\.speed': is not known"),
     ],
 )

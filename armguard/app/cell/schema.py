@@ -17,6 +17,7 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 from armguard.exceptions import CellError
+from armguard.monitor.settings import REMOVED
 from armguard.pairs.cloud_filter import SHELL
 from armguard.streams.authentication import Right
 from armguard.streams.inputs import BYTE_LIMIT
@@ -537,14 +538,6 @@ def _convert(raw: object, kind: type[_T], path: str, file: str) -> _T:
         raise _translate(error, raw, kind, path, file) from None
 
 
-_REMOVED = {
-    f"monitor.{key}": 'no such key: with motion = "planned" the controller commits pieces that '
-    "carry their own stop"
-    for key in ("stop", "path_deceleration")
-}
-"""Keys of earlier versions, and what replaces them."""
-
-
 def _translate(
     error: msgspec.ValidationError, raw: object, kind: type, path: str, file: str
 ) -> CellError:
@@ -568,8 +561,9 @@ def _translate(
         return make_error(file, key, "is missing")
     known = getattr(_table_at(kind, steps), "__struct_fields__", ())
     found = value[field[1]] if isinstance(value, Mapping) else value
-    if key in _REMOVED:
-        return make_error(file, key, "is no key any more", _REMOVED[key])
+    removed = REMOVED.get(key.removeprefix("monitor."))
+    if removed is not None and key.startswith("monitor."):
+        return make_error(file, key, "is no key any more", f"no such key: {removed}")
     return make_error(
         file, key, f"is no key (its value is {found!r})", f"one of {', '.join(known)}"
     )

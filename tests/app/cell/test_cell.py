@@ -70,7 +70,7 @@ def test_every_setting_of_the_monitor_has_a_key():
     # Certificates are for observers within the same program; `ignore`, `[separation]` and
     # `[robot.operating]` have places of their own.
     others = {"robot", "obstacles", "ignore", "base_placement", "certify", "separation"}
-    others |= {"operating", "payload"}
+    others |= {"operating", "payload", "removed"}
     assert keys == set(inspect.signature(Monitor).parameters) - others
 
 
