@@ -161,7 +161,8 @@ def test_two_arms_that_obey_go_for_one_another_and_never_touch():
     touched, speeds, _, levels = fight(is_obeying=True, both=True)
     assert touched is None
     assert Level.STOP in levels
-    assert min(speeds.values()) == 0.0
+    # Either may creep a little nearer at times; neither moves on as it could alone.
+    assert max(speeds.values()) < 0.1 * limits_of(panda(), 0.3).resolve(panda())[0].max()
 
 
 def test_the_two_arms_of_baxter_watch_each_other_and_may_move():
