@@ -4,14 +4,19 @@ A controller that moves on safe pieces only never has to be stopped for obstacle
 bounds: where the next piece is refused, or no answer comes, it goes on along the one that it has,
 and rests at its end. So no verdict has to arrive, and no reaction time enters.
 
-Whether an answer arrived is not known here. So every piece that was answered safe is kept, and all
-that are kept must stay safe, until one of these rules it out:
+Whether an answer arrived is not known here: it may be lost, or still be on its way. So a piece that
+was answered safe is one that the arm may be on, whatever was answered later. It is kept, and judged
+wherever obstacles bring news, until one of these rules it out:
 
-- a joint state that is not on it, nor on the way to it;
-- its end: the arm has come to rest there, and a resting arm touches nothing;
-- a later piece that does not go on from it, once it has begun: a controller that is on a piece goes
-  on from that piece. While it has not begun, the controller may still change over to it, if the
-  answer to the later piece is lost.
+- A joint state that no arm on it can have.
+- A later piece that covers it: wherever an arm is on the older one, it is on the later one as well.
+  That a later piece merely begins, or does not go on from this one, rules out nothing. The arm is
+  on the older one still if the later answer was lost, and gets to it if that begins before.
+- Its end. An arm that has come to rest there touches nothing.
+
+Every arm that follows pieces that were answered safe is then on a kept one at every time, so that
+what is proved of all kept pieces is proved of it. A controller that commits often leaves many that
+differ by little: from `MANY_PIECES` on two of them are kept as one, see `_join_two`.
 """
 
 from __future__ import annotations
@@ -41,13 +46,15 @@ from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.verdict import PlanVerdict, Reason, ReasonKind
 
-MOST_PIECES = 192
-"""Pieces that the arm may be on at a time: enough at 1 kHz for answers that take 0.1 s."""
-ENDED_PIECES = 32
-"""Beyond so many, pieces at whose end the arm would rest by now are forgotten."""
+MOST_PIECES = 64
+"""Pieces that the arm may be on at a time."""
+MANY_PIECES = 16
+"""From so many on two of them are kept as one, where that is safe."""
 USUAL_PIECES = 16
 """Pieces for which room is made at a time, at first from the start: to move what is kept of all of
 them to a larger one would make a commit late."""
+MOST_TRIED = 3
+"""Pairs of pieces for which that is tried in a commit."""
 
 
 class Known(NamedTuple):
@@ -206,43 +213,22 @@ class CommittedPieces:
         refusal = self._stop_check.check(checked)
         if refusal is not None:
             return refuse_plan(*refusal)
-        # A piece that has begun, and that this one does not go on from, its controller does not
-        # follow. It may still change over to one that had not begun when it sent this one; a
-        # message takes no longer than an answer.
-        sent = now - self._latency
         first = max(now, checked.stamp)
         last = max(first, now + self._latency)
+        # Covered ones need not be kept. But the new piece covers nothing of what the arm may do
+        # before that begins, nor of what an arm does that leaves another one first.
+        may_leave_first = self._may_leave and checked.stamp > now
         going_on: list[Piece] = []
-        left_behind: list[Piece] = []
-        covered: set[int] = set()
+        kept: list[Piece] = []
         for piece in pieces:
             refusal, is_covered = self._following.compare(piece.plan, checked, first, last)
-            (left_behind if refusal else going_on).append(piece)
-            if is_covered:
-                covered.add(id(piece))
+            if refusal is None:
+                going_on.append(piece)
+            if may_leave_first or piece.plan.stamp > now or not is_covered:
+                kept.append(piece)
         if pieces and not going_on:
             assert refusal is not None, "the last one disagreed"
             return refuse_plan(*refusal)
-        # One at whose every place the arm is on the new piece, too, need not be kept; but one that
-        # has not begun is kept for what the arm may do until then, and so is one that it may leave
-        # before the new one begins.
-        may_leave_first = self._may_leave and checked.stamp > now
-        kept = [
-            piece
-            for piece in going_on
-            if may_leave_first or piece.plan.stamp > now or id(piece) not in covered
-        ]
-        kept += [piece for piece in left_behind if piece.plan.stamp > sent]
-        if self._may_leave:
-            kept = _keep_waited_on(kept, left_behind, now)
-        kept = self._drop_covered(kept, now)
-        if len(kept) >= ENDED_PIECES:
-            # On one that has come to its end the arm rests, and a resting arm touches nothing: to
-            # forget that it may be there can only cost a STOP.
-            kept = [piece for piece in kept if not _is_at_rest(piece.course, now)]
-        if len(kept) >= MOST_PIECES:
-            detail = f"is the {MOST_PIECES + 1}th that the arm may be on: commit less often"
-            return refuse_plan("plan", detail)
         before = tuple(piece.plan for piece in going_on)
         course = self._lay_out(checked, before)
         if isinstance(course, Refusal):
@@ -250,6 +236,10 @@ class CommittedPieces:
         contact = self._find_contact(course, tick)
         if contact is not None:
             return contact
+        kept = self._make_room(self._drop_covered(kept, now), tick)
+        if len(kept) >= MOST_PIECES:
+            detail = f"is the {MOST_PIECES + 1}th that the arm may be on: commit less often"
+            return refuse_plan("plan", detail)
         self._pieces = kept
         self._pieces = [*kept, Piece(checked, course, before, self._remember())]
         self._motion = self._planned_motion()
@@ -332,6 +322,54 @@ class CommittedPieces:
         covered = {id(piece) for piece in older if covers(piece.plan, newest.plan, now)}
         return [piece for piece in pieces if id(piece) not in covered]
 
+    def _make_room(self, pieces: list[Piece], tick: Tick) -> list[Piece]:
+        """Fewer pieces, where there are many."""
+        if len(pieces) >= MANY_PIECES:
+            pieces = self._join_two(pieces, tick)
+        if len(pieces) >= MOST_PIECES:
+            # On one that has come to its end the arm rests, and a resting arm touches nothing: to
+            # forget that it may be there can only cost a STOP.
+            pieces = [piece for piece in pieces if not _is_at_rest(piece.course, tick.now)]
+        return pieces
+
+    def _join_two(self, pieces: list[Piece], tick: Tick) -> list[Piece]:
+        """The same with two of them kept as one, where an arm on either is still safe.
+
+        The newer of both, with deviations so wide that an arm on the older one is on it, too, is
+        proved anew. Neighbours that come to rest nearest to each other are tried first.
+        """
+        ends = np.array([piece.plan.q[-1] for piece in pieces])
+        widths = np.array([piece.plan.deviation for piece in pieces])
+        apart = (np.abs(np.diff(ends, axis=0)) + widths[:-1]).max(axis=1)
+        for k in np.argsort(apart, kind="stable")[:MOST_TRIED]:
+            older, newer = pieces[k : k + 2]
+            one = self._join(older, newer, tick)
+            if one is not None:
+                self._known.keep(one.place)
+                return [*pieces[:k], one, *pieces[k + 2 :]]
+        return pieces
+
+    def _join(self, older: Piece, newer: Piece, tick: Tick) -> Piece | None:
+        """Both as one that the arm may be on; None where that is not known to be safe."""
+        waits = newer.plan.stamp > tick.now
+        if older.plan.stamp > newer.plan.stamp or (waits and self._may_leave):
+            # What the arm does on the older one before the newer one begins, or when it leaves it
+            # then, is not on the course of the newer one.
+            return None
+        wide = self._following.widen(older.plan, newer.plan, max(tick.now, newer.plan.stamp))
+        # What is known of the joints now is known of an arm on either.
+        plan = wide._replace(
+            now=tick.now,
+            measured_stamp=tick.now - tick.arm_age,
+            measured_q=tick.q.copy(),
+            measured_v=tick.v.copy(),
+        )
+        before = (*older.before, older.plan, *newer.before) if waits else ()
+        course = self._lay_out(plan, before)
+        if isinstance(course, Refusal) or self._find_contact(course, tick) is not None:
+            return None
+        return Piece(plan, course, before, newer.place)
+
     def _find_straying(self, piece: Piece, tick: Tick, stamp: float) -> Refusal | None:
         """Why the arm is not on a piece, nor on the way to it; None if it may be."""
         check, q, v = self._following.check, tick.q, tick.v
@@ -397,25 +435,6 @@ class CommittedPieces:
         place = next(place for place in range(MOST_PIECES) if place not in used)
         self._known.keep(place)
         return place
-
-
-def _keep_waited_on(kept: list[Piece], left_behind: list[Piece], now: float) -> list[Piece]:
-    """Also those that a piece goes on from which has not begun: the arm may leave them first.
-
-    Args:
-        kept: Pieces that the arm may be on when the new one begins.
-        left_behind: Those that it is then on no more.
-        now: In [s].
-    """
-    waiting = [piece for piece in kept if piece.plan.stamp > now]
-    while waiting:
-        before = {id(plan) for piece in waiting for plan in piece.before}
-        found = [piece for piece in left_behind if id(piece.plan) in before]
-        left_behind = [piece for piece in left_behind if id(piece.plan) not in before]
-        # In the order in which they were committed.
-        kept = [*found, *kept]
-        waiting = [piece for piece in found if piece.plan.stamp > now]
-    return kept
 
 
 def _is_at_rest(course: PlannedCourse, now: float) -> bool:

@@ -50,7 +50,7 @@ class Straying(NamedTuple):
 
 
 class Gap(NamedTuple):
-    """Where two plans differ by more than the arm may be off either."""
+    """Where two plans differ by more than the arm may be off the first."""
 
     kind: int
     """FOLLOWED, if nowhere; PLACE or PACE."""
@@ -156,6 +156,7 @@ class Following:
         self._find_straying = machine_code(find_straying, plan, self._limits, one, one, 0.0)
         self._compare = machine_code(_compare, plan, plan, 0.0, 0.0)
         self._is_covered = machine_code(is_covered, plan, plan, 0.0)
+        self._find_largest = machine_code(_find_largest_differences, plan, plan, 0.0)
 
     def check(
         self,
@@ -211,12 +212,29 @@ class Following:
         covered: bool = self._is_covered(before, after, first)
         return covered
 
+    def widen(self, before: CheckedPlan, after: CheckedPlan, first: float) -> CheckedPlan:
+        """The second plan, with deviations so wide that an arm on the first one is on it as well.
+
+        Args:
+            before: A plan that the arm may be on.
+            after: Another one.
+            first: From when on, until both end, in [s].
+        """
+        place, pace = self._find_largest(before, after, first)
+        return after._replace(
+            deviation=np.maximum(after.deviation, before.deviation + place),
+            velocity_deviation=np.maximum(
+                after.velocity_deviation, before.velocity_deviation + pace
+            ),
+            top_speed=np.maximum(after.top_speed, before.top_speed),
+        )
+
 
 class Comparison(NamedTuple):
     """Of a plan that the arm may be following with the one that is to take its place."""
 
     refusal: Refusal | None
-    """Where they differ by more than the arm may be off either; None if nowhere."""
+    """Where they differ by more than the arm may be off the first; None if nowhere."""
     is_covered: bool
     """Whether an arm on the first one is on the other as well, from then on until both end."""
 
@@ -278,37 +296,69 @@ def _fill_difference(
 
 
 @kernel
-def _find_gap(
-    before: CheckedPlan, after: CheckedPlan, share: float, first: float, last: float
-) -> tuple[int, int, float, float, float]:
-    """Where two plans differ by more than a share, in [0, 1], of what the arm may be off either.
+def _find_differences(
+    before: CheckedPlan, after: CheckedPlan, first: float, last: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Knots, (k,), and how far and how fast one plan is ahead of another at each, (k, nv).
 
-    Returns:
-        The fields of a `Gap`.
+    Both are cubic between knots, and so is their difference.
     """
     knots = _find_knots(before, after, first, last)
     count, joints = knots.shape[0], before.deviation.shape[0]
     apart, pace = np.empty((count, joints)), np.empty((count, joints))
-    since = np.empty(count)
     for k in range(count):
-        since[k] = knots[k] - first
         _fill_difference(before, after, knots[k], apart[k], pace[k])
-    # Both are cubic between these, and so is their difference.
+    return knots, apart, pace
+
+
+@kernel
+def _find_largest_differences(
+    before: CheckedPlan, after: CheckedPlan, first: float
+) -> tuple[FloatArray, FloatArray]:
+    """How far, and how fast, joints on two plans are apart at most until both end; (nv,) each."""
+    last = max(before.stamp + before.times[-1], after.stamp + after.times[-1], first)
+    knots, apart, pace = _find_differences(before, after, first, last)
+    low, high = np.empty_like(before.deviation), np.empty_like(before.deviation)
+    curve_range(knots - first, apart, pace, 0.0, knots[-1] - first, low, high)
+    place, fastest = np.empty_like(low), np.zeros_like(low)
+    for j in range(place.shape[0]):
+        # Of a difference that is no number no range is found, and low is above high.
+        place[j] = max(high[j], -low[j]) if low[j] <= high[j] else math.inf
+    # Velocities are quadratic between knots: such a curve is nowhere farther from 0 than 5/4 of
+    # what it is at both ends or in the middle.
+    for k in range(2 * knots.shape[0] - 1):
+        time = 0.5 * (knots[k // 2] + knots[(k + 1) // 2])
+        _fill_difference(before, after, time, low, high)
+        for j in range(place.shape[0]):
+            if not 1.25 * abs(high[j]) <= fastest[j]:
+                fastest[j] = 1.25 * abs(high[j])
+    return place, fastest
+
+
+@kernel
+def _find_gap(
+    before: CheckedPlan, after: CheckedPlan, share: float, first: float, last: float
+) -> tuple[int, int, float, float, float]:
+    """Where two plans differ by more than a share, in [0, 1], of what the arm may be off the first.
+
+    Returns:
+        The fields of a `Gap`.
+    """
+    joints = before.deviation.shape[0]
+    knots, apart, pace = _find_differences(before, after, first, last)
     low, high = np.empty(joints), np.empty(joints)
-    curve_range(since, apart, pace, 0.0, since[count - 1], low, high)
+    curve_range(knots - first, apart, pace, 0.0, knots[-1] - first, low, high)
     for j in range(joints):
-        allowed = share * min(before.deviation[j], after.deviation[j])
+        allowed = share * before.deviation[j]
         # Of a difference that is no number no range is found, and low is above high.
         if not (-allowed - LIMIT_SLACK <= low[j] <= high[j] <= allowed + LIMIT_SLACK):
             when = knots[_find_largest(apart, j)]
             return PLACE, j, max(-low[j], high[j]), allowed, when
     for j in range(joints):
-        # However long either is followed.
+        # However long it is followed.
         allowed = min(
             before.velocity_deviation[j],
             _deviation_speed(share * before.deviation[j], before.acceleration[j], math.inf),
-            after.velocity_deviation[j],
-            _deviation_speed(share * after.deviation[j], after.acceleration[j], math.inf),
         )
         largest = _find_largest(pace, j)
         if not abs(pace[largest, j]) <= allowed + LIMIT_SLACK:
