@@ -971,8 +971,7 @@ def test_a_piece_that_is_left_is_kept_while_one_that_goes_on_from_it_has_not_beg
     assert monitor.commit(nxt).safe
     assert monitor.commit(last).safe
     kept = [piece.plan.stamp for piece in monitor._judge.pieces._pieces]
-    expected = [begin, begin + later] if leave == "never" else [0.0, begin, begin + later]
-    assert kept == pytest.approx(expected)
+    assert kept == pytest.approx([0.0, begin, begin + later])
 
 
 def test_a_piece_is_not_covered_by_one_that_promises_to_be_less_fast_off_its_curve():
