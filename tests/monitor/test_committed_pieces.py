@@ -13,6 +13,7 @@ from armguard.monitor import Monitor, PlanVerdict, committed_pieces
 from armguard.obstacles import Obstacles, table
 from armguard.robot import Robot
 from armguard.verdict import Effect, Level, ReasonKind
+from support.example_arms import load_holding
 from support.panda_monitor import (
     FAR,
     HOME,
@@ -26,6 +27,7 @@ from support.panda_monitor import (
     subjects,
 )
 from support.plan_cases import Hermite
+from support.plan_hunt import PlanHunt
 
 DURATION = 0.6
 TIMES = np.linspace(0.0, DURATION, 61)
@@ -464,6 +466,34 @@ def test_a_new_obstacle_in_the_way_is_a_stop_in_that_tick_and_the_piece_is_left(
         assert (after.level, after.stop) == (Level.STOP, "brake")
 
 
+@pytest.mark.parametrize("left", [1.0, 0.5, 0.2, 0.1, 0.02])
+def test_news_counts_until_the_very_end_of_a_piece(left):
+    """A post appears right where the arm is, so much of its piece before that ends."""
+    lasting = 0.6
+    pace = 0.3
+    plan = make_way([(0.0, lasting - 0.15), (-2.0, 0.15)], 0.0, pace, 0.0)
+    curve, end = Hermite(plan.times, plan.q, plan.v), float(plan.times[-1])
+    obstacles, monitor = make_monitor(motion="planned", rate=100.0)
+    monitor.step(0.0, HOME, plan.v[0])
+    assert monitor.commit(plan).safe
+    when = 0.01 * math.floor(100.0 * (1.0 - left) * end + 1.0)
+    for now in np.arange(0.01, when - 1e-9, 0.01):
+        assert monitor.step(float(now), curve(now), curve(now, 1)).level > Level.STOP
+    assert when < end
+    obstacles.add_static("post", find_hand(curve(when)), 0.03)
+    verdict = monitor.step(when, curve(when), curve(when, 1))
+    assert ReasonKind.PIECE_UNSAFE in kinds(verdict)
+    assert (verdict.level, verdict.stop) == (Level.STOP, "brake")
+
+
+def find_hand(q):
+    """Where the hand's joint is, in [m]."""
+    robot = panda()
+    data = robot.model.createData()
+    pinocchio.forwardKinematics(robot.model, data, np.asarray(q))
+    return data.oMi[robot.joint_index("panda_hand")].translation.copy()
+
+
 def see_person(obstacles, stamp, distance=1.6, **fields):
     see(obstacles, stamp, [distance, 0.0, 0.6], velocity=[[0.0, 0.0, 0.0]], **fields)
 
@@ -542,6 +572,29 @@ def test_a_piece_that_has_yet_to_begin_is_kept_whatever_comes_between():
     verdict = monitor.step(0.1, curve(0.1 - begin), curve(0.1 - begin, 1))
     assert ReasonKind.PIECE_UNSAFE in kinds(verdict)
     assert (verdict.level, verdict.stop) == (Level.STOP, "brake")
+
+
+@pytest.mark.parametrize("leave", ["never", "any"])
+def test_pieces_that_are_kept_as_one_are_judged_as_all_of_them(leave):
+    """A pole appears where only the fastest of many leads, or only the first: a STOP for it."""
+    for bearing, is_in_the_way in ((0.02, True), (2.5, False)):
+        obstacles, monitor = make_monitor(motion="planned", latency=0.02, leave=leave)
+        pieces = monitor._judge.pieces
+        for k in range(1, 80):
+            now = k * PERIOD
+            q, v = HOME + np.eye(7)[0] * 0.3 * (now - 0.079), np.eye(7)[0] * 0.3
+            monitor.step(now, q, v)
+            plan = make_way([(0.0, 0.05)], now, 0.3, q[0])
+            plan.v[-1, 0] = 0.3
+            assert monitor.commit(monitor.with_stop(plan)).safe
+        # Fewer are kept than the arm may be on, and wider ones than were shown.
+        assert len(monitor.plans) <= committed_pieces.MANY_PIECES
+        widest = max(plan.deviation[0] for plan in monitor.plans)
+        assert widest > 1.01 * min(plan.deviation[0] for plan in monitor.plans)
+        assert len({piece.place for piece in pieces._pieces}) == len(pieces._pieces)
+        put_post(obstacles, bearing, distance=0.45)
+        verdict = monitor.step(0.08, q + v * PERIOD, v)
+        assert (ReasonKind.PIECE_UNSAFE in kinds(verdict)) is is_in_the_way
 
 
 @pytest.mark.parametrize("latency", [0.002, 0.02, 0.1])
@@ -983,6 +1036,19 @@ def test_a_piece_is_not_covered_by_one_that_promises_to_be_less_fast_off_its_cur
     assert len(monitor._judge.pieces._pieces) == 2
     assert monitor.commit(plan).safe
     assert len(monitor._judge.pieces._pieces) == 1, "both are covered by the last one"
+
+
+@pytest.mark.parametrize("leave", ["never", "any"])
+def test_an_arm_is_always_on_a_kept_piece_and_touches_nothing(leave):
+    """Pieces that overlap, replace one another, lose answers; brakes and balls at any time."""
+    hunt = PlanHunt(load_holding("panda"), 7, latency=0.06, leave=leave)
+    for _ in range(12):
+        hunt.play()
+    score = hunt.score
+    assert score.contacts == score.astray == 0
+    # Else nothing would be shown.
+    assert min(score.safe, score.lost, score.followed) > 50
+    assert min(score.balls, score.brakes, score.near) > 0
 
 
 def test_pieces_that_begin_ahead_do_not_add_up_where_they_may_be_left():

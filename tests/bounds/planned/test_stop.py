@@ -38,6 +38,26 @@ def test_a_stop_harder_than_brakes_guarantee_is_told(robot):
         assert (found is None) is is_fine
 
 
+def test_a_stop_that_gets_harder_between_two_samples_is_judged_by_where_it_is_hardest(robot):
+    """From no deceleration to the peak, or the other way round, in one interval."""
+    braking, pace = robot.braking_deceleration, 0.1
+    for peak, is_fine in ((0.5, True), (1.0, True), (1.01, False), (2.0, False)):
+        for grows in (True, False):
+            # A deceleration that is linear in time has half of its peak on average.
+            lasting = pace / (0.5 * peak * braking[0])
+            way = pace * lasting * (2.0 if grows else 1.0) / 3.0
+            q, v = np.tile(HOME, (2, 1)), np.zeros((2, 7))
+            q[1, 0] += way
+            v[0, 0] = pace
+            plan = resting(times=np.array([0.0, lasting]), q=q, v=v)
+            checked = check(robot, plan, stops=False)
+            refusal = StopCheck(robot, robot.brakes.make_curves()).check(checked)
+            assert (refusal is None) is is_fine, (peak, grows)
+            if refusal is not None:
+                assert refusal.subject == robot.joints[0]
+                assert f"{peak * braking[0]:.4g}" in refusal.detail
+
+
 def follow_waves(robot, random, share):
     """A path that bends, and ends in full motion."""
     waves = Waves(robot, random, 0.3)
