@@ -266,14 +266,18 @@ class CommittedPieces:
             self.reset()
             detail = "some found no room, and could be anywhere"
             return Reason(ReasonKind.PIECE_UNSAFE, "obstacles", detail)
+        check = self._following.check
         strayed: Refusal | None = None
-        kept = []
+        kept, is_on_one = [], False
         for piece in self._pieces:
-            found = self._find_straying(piece, tick, stamp)
+            found = check(piece.plan, tick.q, tick.v, stamp)
             if found is None:
+                # One that the arm can still get to is kept, wherever the arm is until it begins.
                 kept.append(piece)
+                found = self._find_waiting_elsewhere(piece, tick, stamp)
+                is_on_one |= found is None
             strayed = found or strayed
-        if not kept:
+        if not is_on_one:
             assert strayed is not None, "the last one was not followed"
             self.reset()
             return Reason(ReasonKind.PLAN_VOID, *strayed)
@@ -370,15 +374,13 @@ class CommittedPieces:
             return None
         return Piece(plan, course, before, newer.place)
 
-    def _find_straying(self, piece: Piece, tick: Tick, stamp: float) -> Refusal | None:
-        """Why the arm is not on a piece, nor on the way to it; None if it may be."""
-        check, q, v = self._following.check, tick.q, tick.v
-        found = check(piece.plan, q, v, stamp)
-        if found is not None or not piece.before or stamp >= piece.plan.stamp:
-            return found
-        # Until it begins, its proof has the arm on one of those before.
+    def _find_waiting_elsewhere(self, piece: Piece, tick: Tick, stamp: float) -> Refusal | None:
+        """Why the arm is not where the proof of a piece has it until that begins; None if it is."""
+        if stamp >= piece.plan.stamp:
+            return None
+        found = None
         for one in piece.before:
-            found = check(one, q, v, stamp)
+            found = self._following.check(one, tick.q, tick.v, stamp)
             if found is None:
                 return None
         return found

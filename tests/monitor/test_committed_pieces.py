@@ -1038,6 +1038,28 @@ def test_a_piece_is_not_covered_by_one_that_promises_to_be_less_fast_off_its_cur
     assert len(monitor._judge.pieces._pieces) == 1, "both are covered by the last one"
 
 
+def test_a_piece_that_the_arm_can_still_get_to_is_kept_wherever_it_waits():
+    """Out and back again; a piece that begins where that ends. The first answer was lost."""
+    _, monitor = make_monitor(motion="planned", rate=100.0)
+    out = make_way([(3.0, 0.025), (-3.0, 0.05), (3.0, 0.025)], 0.0, 0.0, 0.0)
+    later = make_way([(1.0, 0.1), (-1.0, 0.1)], 0.1, 0.0, 0.0)
+    stays = make_plan(times=[0.0, 0.3], q=np.tile(HOME, (2, 1)), v=np.zeros((2, 7)))
+    monitor.step(0.0, HOME, STILL)
+    for plan in (out, later, stays):
+        assert monitor.commit(plan).safe
+    for k in range(1, 9):
+        monitor.step(0.01 * k, HOME, STILL)
+    assert [plan.stamp for plan in monitor.plans] == [0.1, 0.0]
+    # With nothing else to be on, an arm that is not on its way is on no piece.
+    _, monitor = make_monitor(motion="planned", rate=100.0)
+    monitor.step(0.0, HOME, STILL)
+    for plan in (out, later):
+        assert monitor.commit(plan).safe
+    verdicts = [monitor.step(0.01 * k, HOME, STILL) for k in range(1, 9)]
+    assert sum(ReasonKind.PLAN_VOID in kinds(verdict) for verdict in verdicts) == 1
+    assert not monitor.plans
+
+
 @pytest.mark.parametrize("leave", ["never", "any"])
 def test_an_arm_is_always_on_a_kept_piece_and_touches_nothing(leave):
     """Pieces that overlap, replace one another, lose answers; brakes and balls at any time."""
