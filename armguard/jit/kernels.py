@@ -8,12 +8,14 @@ kernels are kept under a digest of its source and of all of armguard's sources t
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import functools
 import hashlib
 import os
 import re
 import shutil
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -41,6 +43,9 @@ event.register("numba:compile", CollectionPause())
 
 PACKAGE = Path(__file__).resolve().parents[1]
 
+
+OLDEST_TRIED, NEWEST_TRIED = (0, 63), (0, 68)
+"""Versions of Numba with which kernels were read from caches; others compile at each start."""
 
 STAMP = ""
 """Instead of the time and size of a source."""
@@ -308,6 +313,24 @@ def _make_dispatcher(function: Any, cache: Any, compiler: Any, options: dict[str
     return compiled
 
 
+def is_tried(version: str) -> bool:
+    """Whether kernels were read from caches by this version of Numba.
+
+    How a cache is made is no public interface of Numba: 0.62 aborts the process where kernels of
+    this package come from one.
+    """
+    numbers = tuple(int(part) for part in re.findall(r"\d+", version)[:2])
+    return OLDEST_TRIED <= numbers <= NEWEST_TRIED
+
+
+@functools.cache
+def find_private_folder() -> Path:
+    """Where a process keeps its kernels that no other one is to read; gone at its end."""
+    folder = tempfile.TemporaryDirectory(prefix="armguard-kernels-", ignore_cleanup_errors=True)
+    atexit.register(folder.cleanup)
+    return Path(folder.name)
+
+
 @functools.cache
 def find_cache(source: Path) -> Path:
     """The folder for one module's kernels; those of its older versions beside it are removed.
@@ -315,6 +338,8 @@ def find_cache(source: Path) -> Path:
     Args:
         source: The module's file.
     """
+    if not is_tried(numba.__version__):
+        return find_private_folder() / f"{source.parent.name}-{source.stem}"
     name = f"kernels-{source.parent.name}-{source.stem}-"
     place = name + digest_sources(source, PACKAGE, _seen)
     if config.CACHE_DIR:  # by the user, as NUMBA_CACHE_DIR

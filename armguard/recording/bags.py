@@ -135,9 +135,14 @@ class BagRun:
 
     def _open(self) -> Any:
         # Here, since most of armguard works without recordings.
+        import sqlite3
+        import struct
+
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
 
+        # Of a damaged bag the reader tells by whatever error it meets.
+        damage = AnyReaderError, OSError, ValueError, LookupError, AssertionError
         try:
             reader = AnyReader([self._path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
             reader.open()
@@ -145,7 +150,7 @@ class BagRun:
             raise ArmguardError(
                 str(self._path), "is not there, or a folder without metadata.yaml"
             ) from None
-        except (AnyReaderError, OSError, ValueError, LookupError, AssertionError) as error:
+        except (*damage, sqlite3.DatabaseError, struct.error) as error:
             line = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise ArmguardError(
                 str(self._path),

@@ -265,3 +265,20 @@ def test_kernels_run_where_the_disk_is_full(program):
         "caching.IndexDataCacheFile.save = refuse\n"
     )
     assert program.run(before=full) == ["3.0", "0"]
+
+
+@pytest.mark.parametrize(
+    ("version", "tried"),
+    [("0.62.1", False), ("0.63.0", True), ("0.68.1", True), ("0.99.0rc1", False), ("1.0", False)],
+)
+def test_only_versions_of_numba_that_were_tried_read_kernels_from_a_cache(version, tried):
+    assert kernels.is_tried(version) is tried
+
+
+def test_kernels_of_another_version_of_numba_are_kept_for_no_other_process(monkeypatch):
+    source = PACKAGE / "contact" / "gap.py"
+    usual = find_cache(source)
+    monkeypatch.setattr(numba, "__version__", "0.62.1")
+    own = find_cache.__wrapped__(source)
+    assert own != usual
+    assert kernels.find_private_folder() in own.parents
