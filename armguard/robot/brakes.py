@@ -357,6 +357,8 @@ def _name_joints(where: str, row: BrakeRow, joints: list[str]) -> list[str]:
     }
     named: list[str] = []
     for key, mapping in mappings.items():
+        if not mapping:
+            raise RobotError(f"{where}: {key}", "names no joint", expected="a number for each")
         for joint in mapping:
             if joint not in joints:
                 raise RobotError(

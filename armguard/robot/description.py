@@ -179,9 +179,22 @@ def read_description(source: str | Path | Mapping[str, Any]) -> RobotDescription
     except OSError as error:
         raise RobotError(place, f"cannot be read: {error.strerror}") from error
     except (msgspec.ValidationError, msgspec.DecodeError, UnicodeDecodeError, TypeError) as error:
-        raise RobotError(place, str(error)) from error
+        raise RobotError(place, _name_joint(source, str(error))) from error
     _check(place, description)
     return description
+
+
+def _name_joint(source: str | Path | Mapping[str, Any], problem: str) -> str:
+    """What is wrong with a description, with the joint's name where msgspec says `[...]`."""
+    if "joints[...]" not in problem:
+        return problem
+    raw = source if isinstance(source, Mapping) else msgspec.toml.decode(Path(source).read_bytes())
+    for name, joint in raw["joints"].items():
+        try:
+            msgspec.convert(msgspec.to_builtins(joint, enc_hook=_to_builtin), JointDescription)
+        except msgspec.ValidationError:
+            return problem.replace("$.joints[...]", f"joints.{name}")
+    return problem
 
 
 def _to_builtin(value: object) -> object:

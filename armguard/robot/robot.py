@@ -156,6 +156,9 @@ class Robot:
         self._bodies = _Bodies(dict(sorted(links.items(), key=lambda item: item[1].joint)), 0)
         self._fixed_points = collect_fixed_points(urdf, self.joints, description)
 
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}: {len(self.joints)} joints, {len(self.links)} links)"
+
     @classmethod
     def load(
         cls,

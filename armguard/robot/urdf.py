@@ -20,6 +20,7 @@ from armguard.exceptions import RobotError
 
 UNIT = 1e-6  # an axis is off from unit length by rounding at most
 XACRO = "ros.org/wiki/xacro"  # in the name of its elements' namespace, with and without "www."
+PACKAGE = "package://"  # before the name of the package that a mesh is in
 FREE_RANGE = 1e9  # stands in for "none" where the URDF format wants a number, in [rad]
 
 
@@ -95,7 +96,7 @@ def read_urdf(
         root.set("name", path.stem)  # the reader wants one, and nothing depends on it
     _collide_as_drawn(root, drawn)
     continuous, mimics = _prepare_joints(root, freed)
-    _prepare_meshes(root, path.resolve().parent)
+    _prepare_meshes(root, path.resolve().parent, package_dirs)
     text = ElementTree.tostring(root, encoding="unicode")
     try:
         model = pinocchio.buildModelFromXML(text)
@@ -106,13 +107,11 @@ def read_urdf(
             model,
             text,
             pinocchio.GeometryType.COLLISION,
-            package_dirs=[str(directory) for directory in package_dirs],
         )
     except (ValueError, RuntimeError) as error:
         raise RobotError(
             str(path),
             f"its collision geometry cannot be read: {_first_line(error)}",
-            remedy="name the folders of its packages in package_dirs",
         ) from error
     for joint in list(model.joints)[1:]:
         if joint.nv != 1:
@@ -264,11 +263,55 @@ def _check_collisions(
             )
 
 
-def _prepare_meshes(root: ElementTree.Element, directory: Path) -> None:
-    for mesh in root.iterfind("link/collision/geometry/mesh"):
-        name = mesh.get("filename", "")
-        if "://" not in name and not Path(name).is_absolute():
-            mesh.set("filename", str(directory / name))
+def _prepare_meshes(
+    root: ElementTree.Element, directory: Path, package_dirs: Sequence[str | Path]
+) -> None:
+    """Give every mesh a path of its own, whatever the present folder and its package are."""
+    for link in root.iterfind("link"):
+        for mesh in link.iterfind("collision/geometry/mesh"):
+            name = mesh.get("filename", "")
+            if name.startswith(PACKAGE):
+                found = _find_packaged(name, link.get("name", ""), package_dirs)
+                mesh.set("filename", str(found))
+            elif "://" not in name and not Path(name).is_absolute():
+                mesh.set("filename", str(directory / name))
+
+
+def _find_packaged(name: str, link: str, package_dirs: Sequence[str | Path]) -> Path:
+    """The file of a mesh that is named by its package.
+
+    A package lies in a folder of its name, or in one whose package.xml says so.
+
+    Raises:
+        RobotError: No package of this name, or no such file in it, is in any of the folders.
+    """
+    package, _, rest = name.removeprefix(PACKAGE).partition("/")
+    searched = [Path(directory) for directory in package_dirs]
+    homes = []
+    for directory in searched:
+        manifests = [directory / "package.xml", *sorted(directory.glob("*/package.xml"))]
+        homes.append(directory / package)
+        homes += [one.parent for one in manifests if _read_package_name(one) == package]
+    for home in homes:
+        if (home / rest).is_file():
+            return home / rest
+    is_there = any(home.is_dir() for home in homes)
+    listed = ", ".join(map(str, searched)) or "no folder"
+    raise RobotError(
+        f"link {link!r}",
+        f"its mesh {name} was not found: searched {listed}",
+        expected=f"{rest} in package {package!r}" if is_there else f"a package {package!r} there",
+        remedy="name the folder that holds the package: --package-dirs on the command line, "
+        "package_dirs in Robot.from_urdf and in the cell file",
+    )
+
+
+def _read_package_name(manifest: Path) -> str:
+    """What a package.xml says that its package is called; empty where it does not."""
+    try:
+        return (ElementTree.parse(manifest).getroot().findtext("name") or "").strip()
+    except (OSError, ElementTree.ParseError, ValueError):
+        return ""
 
 
 def _first_line(error: Exception) -> str:

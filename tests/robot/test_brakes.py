@@ -91,6 +91,12 @@ def test_what_cannot_be_is_refused_by_name(rows, message):
 SOURCES = dict.fromkeys(("position", "velocity", "acceleration"), "a test")
 
 
+def test_a_row_that_names_no_joint_is_refused():
+    limits = limits_for("shoulder") | {"brakes": [row(speed={}, deceleration=3.0)]}
+    with pytest.raises(RobotError, match="speed: names no joint"):
+        read_description(limits)
+
+
 def test_every_joint_has_brakes_and_a_row_is_complete():
     limits = limits_for("shoulder", "elbow")
     with pytest.raises(RobotError, match="joint elbow: has no brakes"):

@@ -34,6 +34,13 @@ def test_unusable_limits_are_refused_by_name(tmp_path, changes, message):
         Robot.from_urdf(two_links(tmp_path), limits=limits_for("shoulder", **changes))
 
 
+def test_a_value_of_another_type_names_its_joint():
+    limits = limits_for("shoulder", "elbow")
+    limits["joints"]["elbow"]["velocity"] = "fast"
+    with pytest.raises(RobotError, match=r"got `str` - at `joints\.elbow\.velocity`"):
+        read_description(limits)
+
+
 def test_a_limit_without_source_is_refused(tmp_path):
     limits = limits_for("shoulder")
     limits["sources"] = SOURCES | {"braking": " "}

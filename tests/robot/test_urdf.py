@@ -129,6 +129,28 @@ def test_unreadable_meshes_are_refused_by_name(tmp_path, damage):
         Robot.from_urdf(two_links(tmp_path, mesh_xml(name)), limits=limits_for("shoulder"))
 
 
+def test_a_package_is_found_by_what_its_manifest_says(tmp_path):
+    """A clone may have another name than the package in it."""
+    home = tmp_path / "clone-of-it"
+    (home / "meshes").mkdir(parents=True)
+    write_stl(home / "meshes" / "upper.stl", [np.eye(3), -np.eye(3)])
+    (home / "package.xml").write_text("<package><name>arm_description</name></package>")
+    path = two_links(tmp_path, mesh_xml("package://arm_description/meshes/upper.stl"))
+    for folder in (tmp_path, home):
+        robot = Robot.from_urdf(path, limits=limits_for("shoulder"), package_dirs=[folder])
+        assert robot.triangles("upper").shape == (2, 3, 3)
+
+
+def test_a_mesh_that_is_not_found_names_package_folders_and_option(tmp_path):
+    path = two_links(tmp_path, mesh_xml("package://arm_description/meshes/upper.stl"))
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(RobotError) as caught:
+        Robot.from_urdf(path, limits=limits_for("shoulder"), package_dirs=[empty])
+    for words in ("'upper'", "arm_description", str(empty), "--package-dirs"):
+        assert words in str(caught.value)
+
+
 @pytest.mark.parametrize("axis", ["0 0 0", "0 -0 0"])
 def test_a_joint_without_an_axis_is_refused(tmp_path, axis):
     """Pinocchio takes such an axis as it is, and scales the link instead of turning it."""
