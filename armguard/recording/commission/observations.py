@@ -92,12 +92,15 @@ def observe(recording: Recording) -> Observations:
     plans: list[tuple[float, Plan]] = []
     messages: dict[str, list[tuple[float, float]]] = defaultdict(list)
     seen: dict[str, dict[str, list[list[float]]]] = defaultdict(lambda: defaultdict(list))
-    offset = np.inf
+    waiting: list[tuple[str, float]] = []
     is_lossy = False
-    for nanoseconds, event, _ in recording.events():
+    for _, event, _ in recording.events():
         if isinstance(event, JointState):
-            # The recorder's clock runs beside the monitor's: at the least, nothing was held up.
-            offset = min(offset, 1e-9 * nanoseconds - float(event.now))
+            now = float(event.now)
+            if np.isfinite(now):
+                for source, stamp in waiting:
+                    messages[source].append((stamp, now))
+                waiting.clear()
             row = _read_state(event, count)
             if row is not None:
                 rows.append(row)
@@ -112,7 +115,8 @@ def observe(recording: Recording) -> Observations:
             asked = None
         elif isinstance(event, ObstacleUpdate):
             stamp = float(event.stamp)
-            messages[event.source].append((stamp, 1e-9 * nanoseconds))
+            # It arrived for the tick that comes next.
+            waiting.append((event.source, stamp))
             if not event.ids:
                 continue  # A heartbeat is a message like any other, but tells of no obstacle.
             positions = read_numbers(event.position).reshape(len(event.ids), -1, 3)
@@ -141,7 +145,7 @@ def observe(recording: Recording) -> Observations:
         {
             name: SourceObservations(
                 np.array([stamp for stamp, _ in sent]),
-                np.array([came - offset - stamp for stamp, came in sent]),
+                np.array([came - stamp for stamp, came in sent]),
                 {id: _split(np.array(track)) for id, track in seen[name].items()},
             )
             for name, sent in messages.items()

@@ -19,11 +19,12 @@ class SourceFindings(NamedTuple):
     """What one source is like."""
 
     rate: float
-    """Messages a second, by the median of their intervals; [Hz]."""
+    """Messages a second, by the median of the times between their arrivals; [Hz]."""
     usual_silence: float
-    """Between two stamps, at most, 99 times of 100; in [s]."""
+    """From a stamp until the next message arrived, at most, 99 times of 100; in [s]. So does the
+    monitor count silence."""
     longest_silence: float
-    """Between two stamps, in [s]."""
+    """Of all silences, in [s]."""
     median_age: float
     oldest: float
     """When messages were taken in, counted from their stamps, in [s]."""
@@ -36,8 +37,13 @@ def measure_source(seen: SourceObservations) -> SourceFindings | None:
     """What a source is like; None if it sent too little to tell."""
     if len(seen.stamps) < _FEWEST_MESSAGES:
         return None
-    intervals = np.diff(np.unique(seen.stamps))
-    if not len(intervals):
+    order = np.argsort(seen.stamps + seen.ages, kind="stable")
+    arrivals = (seen.stamps + seen.ages)[order]
+    # A message that was overtaken on its way does not make its source look silent.
+    newest = np.maximum.accumulate(seen.stamps[order])
+    intervals, silences = np.diff(arrivals), arrivals[1:] - newest[:-1]
+    intervals = intervals[intervals > 0.0]
+    if not len(intervals) or not np.ptp(seen.stamps) > 0.0:
         return None
     spreads = []
     for stamps, positions in seen.tracks.values():
@@ -49,8 +55,8 @@ def measure_source(seen: SourceObservations) -> SourceFindings | None:
         spreads.append(widest * (1.0 + DEVIATIONS / np.sqrt(len(stamps))))
     return SourceFindings(
         float(1.0 / np.median(intervals)),
-        float(np.percentile(intervals, 99.0)),
-        float(intervals.max()),
+        float(np.percentile(silences, 99.0)),
+        float(silences.max()),
         float(np.median(seen.ages)),
         float(seen.ages.max()),
         float(max(spreads)) if spreads else float("nan"),

@@ -28,8 +28,9 @@ def test_the_longest_silence_is_found():
     seen = make()
     gone = np.r_[0:100, 160:400]
     found = measure_source(seen._replace(stamps=seen.stamps[gone], ages=seen.ages[gone], tracks={}))
-    assert found.usual_silence == pytest.approx(0.01)
-    assert found.longest_silence == pytest.approx(0.61)
+    # From a stamp until the next message arrived, 4 ms after its own.
+    assert found.usual_silence == pytest.approx(0.014)
+    assert found.longest_silence == pytest.approx(0.614)
     assert found.rate == pytest.approx(100.0)
     assert np.isnan(found.spread)
 
@@ -38,3 +39,15 @@ def test_a_source_that_hardly_spoke_tells_nothing():
     assert measure_source(make(messages=10)) is None
     seen = make(messages=100)
     assert measure_source(seen._replace(stamps=np.zeros(100))) is None
+
+
+def test_silences_are_those_of_data_that_arrive_late():
+    """Stamps every 10 ms that arrive in bursts: the monitor counts what passed as silence."""
+    seen = make(messages=4000)
+    arrivals = np.ceil(seen.stamps / 0.2) * 0.2 + 1e-4 * np.arange(4000)
+    found = measure_source(seen._replace(ages=arrivals - seen.stamps))
+    assert found.usual_silence > 0.19
+    # A timeout below would be a STOP in quiet times.
+    timeout = 1.5 * found.usual_silence
+    silent = np.diff(np.r_[arrivals, np.inf])[:-1] + (arrivals - seen.stamps)[:-1]
+    assert (silent <= timeout).mean() > 0.99
