@@ -256,7 +256,8 @@ class ReasonKind(enum.Enum):
         "joint state jumped",
         Effect.LATCHED,
         "No arm moves like that: check for lost or swapped states, units, and stamps that are "
-        "those of the measurement; then reset.",
+        "those of the measurement; a simulated driver that steps by a fixed time must stamp by the "
+        "nominal time of its tick. Then reset.",
     )
     TIME_INVALID = (
         "time not finite",
@@ -372,6 +373,14 @@ class Verdict(NamedTuple):
     which is proved safe. BRAKE: leave it and brake, for there is no such proof."""
     held: Held | None = None
     """Why the level is held, though this tick alone would earn a higher one; None: it is not."""
+
+    def __str__(self) -> str:
+        pair = f"{self.link} and {self.obstacle}" if self.link else "no pair"
+        return (
+            f"{self.level.name} at {self.stamp:.3f} s: {pair}, contact time "
+            f"{self.contact_time:.3f} s, stop time {self.stop_time:.3f} s, allowed speed "
+            f"{100.0 * self.speed_scale:.0f} %"
+        )
 
 
 class PlanVerdict(NamedTuple):

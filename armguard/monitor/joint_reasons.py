@@ -24,6 +24,9 @@ from armguard.robot.joints import is_prismatic
 from armguard.robot.stop_time import ALL_COVERED, speed_at_bite
 from armguard.verdict import Reason, ReasonKind
 
+UNIX_LEAD = 1e9
+"""A stamp so far ahead, in [s], is Unix time on a clock that began with the machine."""
+
 
 def read_joint_vectors(
     q: ArrayLike, v: ArrayLike, joints: int
@@ -61,20 +64,24 @@ def describe_refusal(
         name, array = ("q", q) if q.shape != states.q.shape else ("v", v)
         detail = f"shape {array.shape}, expected {states.q.shape}"
         return Reason(ReasonKind.JOINT_STATE_MALFORMED, name, detail)
-    at_most = f"expected at most {guard.timeout:.3g} s"
+    lasting, most = _spell(value, guard.timeout, digits=3)
+    at_most = f"expected at most {most} s"
+    age = f"{lasting} s old, {at_most}"
+    if value < 0.0:
+        age = describe_lead(-value, guard.timeout)
     about_time = {
         acceptance.STAMP_BACKWARDS: (
             ReasonKind.TIME_BACKWARDS,
             f"{stamp!r} after {float(guard.heard[0])!r}",
         ),
-        acceptance.TOO_OLD: (ReasonKind.JOINT_STATE_GAP, f"{value:.3g} s old, {at_most}"),
+        acceptance.TOO_OLD: (ReasonKind.JOINT_STATE_GAP, age),
         acceptance.GAP: (
             ReasonKind.JOINT_STATE_GAP,
-            f"{value:.3g} s between two, {at_most}",
+            f"{lasting} s between two, {at_most}",
         ),
         acceptance.STAMP_STANDS: (
             ReasonKind.JOINT_STATE_GAP,
-            f"stamp {stamp!r} has not changed for {value:.3g} s, {at_most}",
+            f"stamp {stamp!r} has not changed for {lasting} s, {at_most}",
         ),
     }
     if code in about_time:
@@ -106,6 +113,20 @@ def describe_refusal(
         f"limit {limit_text} {unit}{rate}"
     )
     return Reason(ReasonKind.JOINT_STATE_JUMPED, subject, detail)
+
+
+def describe_lead(lead: float, most: float) -> str:
+    """How far a stamp lies ahead, in words; and which clock it may be of.
+
+    Args:
+        lead: Stamp minus the monitor's time, in [s].
+        most: What is allowed, in [s].
+    """
+    found, allowed = _spell(lead, most, digits=3)
+    told = f"stamp {found} s ahead of the monitor's clock, expected at most {allowed} s"
+    if lead > UNIX_LEAD:
+        told += '; it looks like Unix time, which clock = "unix" in the cell file says'
+    return told
 
 
 def describe_unbraked(states: JointStates, age: float) -> Reason | None:

@@ -98,7 +98,7 @@ class Monitor:
             sample that was refused counts as one that may be true.
         source_timeout: Silence that a source may keep, and lead of its stamps, [s].
         joint_timeout: Longest step between joint states, their longest age, and the longest time
-            for which one stamp may stand, [s]; default max(0.05, 5 periods).
+            for which one stamp may stand, [s]; default max(0.1, 5 periods).
         margin: Distance that counts as contact already, [m].
         max_staleness: How stale an answer may look, as a fraction of itself, in [0, 1).
         budget: Evaluations in a tick after which no further obstacle is begun; what misses its
@@ -299,6 +299,11 @@ class Monitor:
             raise
         monitor.choice = choice
         return monitor
+
+    def __repr__(self) -> str:
+        settings = self.settings
+        watched = f"{self.robot!r}, {self.obstacles!r}"
+        return f"Monitor({watched}, {settings.rate:g} Hz, motion={settings.motion!r})"
 
     @property
     def certificate_inputs(self) -> dict[str, Any] | None:
@@ -842,7 +847,8 @@ class Monitor:
 
     def _refuse(self, stamp: float, reason: Reason) -> Verdict:
         """The verdict of a tick whose arm state is not believed: the worst of everything."""
-        self._disbelieved += 1
+        # One cause that latches is one fault, however many ticks it lasts.
+        self._disbelieved += reason.kind not in self._rule.latched
         self._last = self._last[0], NOTHING_FOUND
         self._scheduler.invalidate_all()
         is_known = self._now != NEVER

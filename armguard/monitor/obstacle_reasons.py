@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from armguard.monitor.joint_reasons import describe_lead
 from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.obstacles import Obstacles
 from armguard.verdict import Effect, Reason, ReasonKind
@@ -25,12 +26,15 @@ def take_obstacle_reasons(
         rise_delay: How long a refused sample is possible, in [s].
     """
     reasons = [
-        Reason(ReasonKind.SOURCE_SILENT, name) for name in obstacles.silent_sources(now, timeout)
+        Reason(ReasonKind.SOURCE_SILENT, name, detail)
+        for name, detail in obstacles.describe_silent_sources(now, timeout)
     ]
-    for name in obstacles.ahead_sources(now, timeout):
-        reasons.append(Reason(ReasonKind.STAMP_AHEAD, name))
+    for name, lead in obstacles.ahead_sources(now, timeout):
+        reasons.append(Reason(ReasonKind.STAMP_AHEAD, name, describe_lead(lead, timeout)))
     for row in obstacles.rows_ahead(now, timeout):
-        reasons.append(Reason(ReasonKind.STAMP_AHEAD, obstacles.ids[row]))
+        lead = float(obstacles.table.stamp[row]) - now
+        detail = describe_lead(lead, timeout)
+        reasons.append(Reason(ReasonKind.STAMP_AHEAD, obstacles.ids[row], detail))
         obstacles.distrust(row)
     obstacles.judge_newcomers(now)
     for name, detail in obstacles.disbelieved_sources():

@@ -126,7 +126,7 @@ def read_settings(
     if not 0.0 < read_number(rate) < math.inf:
         raise ArmguardError("rate", f"is {rate!r}", expected="a finite number of hertz above 0")
     period = 1.0 / float(rate)
-    amounts["joint_timeout"] = max(0.05, 5.0 * period) if joint_timeout is None else joint_timeout
+    amounts["joint_timeout"] = max(0.1, 5.0 * period) if joint_timeout is None else joint_timeout
     for name, value in amounts.items():
         if not 0.0 <= read_number(value) < math.inf:
             raise ArmguardError(name, f"is {value!r}", expected="a finite number, at least 0")

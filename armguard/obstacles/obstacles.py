@@ -753,7 +753,7 @@ class Obstacles(ObstacleRegister):
             self._release(row, None)
         if self.expects_sources:
             return
-        for name in self._sources.silent(now, default_timeout):
+        for name, _ in self._sources.silent(now, default_timeout):
             state = self._sources.find(name)
             if state is not None and not (state.is_named or self._rows_of(state.index)):
                 self._sources.forget(state)

@@ -82,6 +82,10 @@ class ObstacleRegister:
         distrust(self.table.handle, 0)
         forget_expired(self.table.handle, 0.0, 0.0)
 
+    def __repr__(self) -> str:
+        sources = ", ".join(self.source_names) or "no source"
+        return f"{type(self).__name__}({len(self)} obstacles, {sources})"
+
     def __len__(self) -> int:
         return sum(map(len, self._rows.values()))
 
@@ -205,10 +209,14 @@ class ObstacleRegister:
 
     def silent_sources(self, now: float, default_timeout: float) -> list[str]:
         """Required sources that are silent for longer than their timeout, in [s]."""
+        return [name for name, _ in self._sources.silent(now, default_timeout)]
+
+    def describe_silent_sources(self, now: float, default_timeout: float) -> list[tuple[str, str]]:
+        """The same, each with its silence in words."""
         return self._sources.silent(now, default_timeout)
 
-    def ahead_sources(self, now: float, tolerance: float) -> list[str]:
-        """Sources whose last stamp is more than `tolerance` [s] ahead of `now`.
+    def ahead_sources(self, now: float, tolerance: float) -> list[tuple[str, float]]:
+        """Sources whose last stamp is more than `tolerance` [s] ahead of `now`, and by how much.
 
         Removals stamped so far ahead count as made now: else they would hide their ids for ever.
         """

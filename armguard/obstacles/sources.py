@@ -219,15 +219,26 @@ class Sources:
         state.stamp = state.newest = -math.inf
         self.unsettled = True
 
-    def silent(self, now: float, default_timeout: float) -> list[str]:
-        """Required sources unheard so far, or for longer than their timeout, in [s]."""
-        names = []
+    def silent(self, now: float, default_timeout: float) -> list[tuple[str, str]]:
+        """Required sources unheard so far, or for longer than their timeout, in [s]; and how."""
+        found = []
         for state in self.states:
             if state.required:
                 timeout = state.source.timeout
-                if not now - state.newest <= (default_timeout if timeout is None else timeout):
-                    names.append(state.source.name)
-        return names
+                timeout = default_timeout if timeout is None else timeout
+                if not now - state.newest <= timeout:
+                    found.append((state.source.name, self._describe_silence(state, now, timeout)))
+        return found
+
+    def _describe_silence(self, state: SourceState, now: float, timeout: float) -> str:
+        """For how long a source has been silent; and who speaks that was not named."""
+        if state.heard:
+            return f"newest stamp {now - state.newest:.3g} s old, expected at most {timeout:g} s"
+        strangers = [repr(one.source.name) for one in self.states if one.heard and not one.is_named]
+        told = "never heard"
+        if strangers:
+            told += f"; {', '.join(strangers[:3])} sends data, but was not named: a misspelling?"
+        return told
 
     def disbelieved(self) -> list[SourceState]:
         """Sources of which most rows were refused lately, or most points could not be used."""
@@ -248,8 +259,8 @@ class Sources:
         ]
         return min(ends, default=math.inf)
 
-    def ahead(self, now: float, tolerance: float) -> list[str]:
-        """Sources whose last stamp is more than `tolerance` [s] ahead of `now`.
+    def ahead(self, now: float, tolerance: float) -> list[tuple[str, float]]:
+        """Sources stamped more than `tolerance` [s] ahead of `now`, and by how much, in [s].
 
         A message stamped so far ahead counts as heard now: else its source could keep silent for
         as long unnoticed.
@@ -263,7 +274,7 @@ class Sources:
         self.newest = max((state.stamp for state in self.states), default=-math.inf)
         self.any_disbelieved = bool(self.disbelieved())
         return [
-            state.source.name
+            (state.source.name, state.stamp - now)
             for state in self.states
             if state.heard and not state.stamp - now <= tolerance
         ]

@@ -81,7 +81,7 @@ LATCHING |= {
 def test_latched_faults_stay_until_reset(name):
     act, expected = LATCHING[name]
     kind = ReasonKind[expected]
-    obstacles, monitor = make_monitor()
+    obstacles, monitor = make_monitor(joint_timeout=0.05)
     assert {one.level for one in keep(obstacles, monitor, 0, 6)} == {Level.CLEAR}
     verdict = act(monitor)
     assert kind.effect is Effect.LATCHED
@@ -363,7 +363,7 @@ def test_steps_that_each_fit_but_not_together(schedule):
 @pytest.mark.parametrize("name", LATCHING)
 def test_a_latched_fault_says_since_when_in_every_verdict(name):
     act, expected = LATCHING[name]
-    obstacles, monitor = make_monitor()
+    obstacles, monitor = make_monitor(joint_timeout=0.05)
     keep(obstacles, monitor, 0, 6)
     first = act(monitor)
     since = first.reasons[0].detail
@@ -383,7 +383,7 @@ def test_a_fault_before_the_first_tick_is_latched_since_then():
 @pytest.mark.parametrize("clock", ["its own", "none"])
 def test_a_joint_stamp_that_never_changes_is_a_gap(schedule, clock):
     """A driver that hangs goes on telling its last state, perhaps with a stamp ahead."""
-    obstacles, monitor = make_monitor(schedule)
+    obstacles, monitor = make_monitor(schedule, joint_timeout=0.05)
     see(obstacles, 0.0, FAR)
     stopped = None
     for tick in range(60):

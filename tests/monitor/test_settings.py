@@ -110,8 +110,8 @@ def test_usual_settings_and_what_follows_from_them():
     assert usual.base_placement == pinocchio.SE3.Identity()
     assert [getattr(usual, name) for name in AMOUNTS[2:]] == [0.01] * 4
     # At least 50 ms, and five ticks of a slow loop.
-    assert usual.joint_timeout == 0.05
-    assert settings(rate=50.0).joint_timeout == pytest.approx(0.1)
+    assert usual.joint_timeout == 0.1
+    assert settings(rate=20.0).joint_timeout == pytest.approx(0.25)
     assert settings(joint_timeout=0.0).joint_timeout == 0.0
 
 

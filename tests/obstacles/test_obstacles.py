@@ -305,7 +305,7 @@ def test_a_removal_stamped_far_ahead_does_not_hide_an_id_for_ever():
     obstacles = Obstacles()
     see(obstacles, 1.0)
     obstacles.remove(["a"], stamp=1e9, source="default")
-    assert obstacles.ahead_sources(1.0, 0.2) == ["default"]
+    assert [name for name, _ in obstacles.ahead_sources(1.0, 0.2)] == ["default"]
     see(obstacles, 1.01)
     assert obstacles.row("a") >= 0
 

@@ -39,8 +39,8 @@ def test_named_sources_are_required_and_so_is_whoever_has_spoken():
     assert obstacles.silent_sources(1.3, 0.2) == ["cam0", "new"]
     assert obstacles.silent_sources(2.1, 0.2) == ["cam0", "lidar", "new"]
     assert obstacles.silent_sources(math.nan, 0.2) == ["cam0", "lidar", "new"]
-    assert obstacles.ahead_sources(0.85, 0.2) == []
-    assert obstacles.ahead_sources(0.5, 0.2) == ["cam0", "lidar", "new"]
+    assert [name for name, _ in obstacles.ahead_sources(0.85, 0.2)] == []
+    assert [name for name, _ in obstacles.ahead_sources(0.5, 0.2)] == ["cam0", "lidar", "new"]
 
 
 def test_without_sources_there_are_none():

@@ -16,20 +16,21 @@ def test_timeouts_are_checked(timeout):
 
 def test_who_was_named_is_required_and_who_speaks_is_from_then_on():
     sources = Sources(["camera", Source("lidar", timeout=1.0), Source("guest", required=False)])
-    assert sources.silent(0.0, 0.2) == ["camera", "lidar"]
+    assert [name for name, _ in sources.silent(0.0, 0.2)] == ["camera", "lidar"]
     for name in ("camera", "lidar", "guest", "stranger"):
         sources.hear(name, 1.0)
     assert sources.silent(1.2, 0.2) == []
-    assert sources.silent(1.3, 0.2) == ["camera", "guest", "stranger"]
-    assert sources.silent(2.1, 0.2) == ["camera", "lidar", "guest", "stranger"]
-    assert sources.silent(math.nan, 0.2) == sources.silent(2.1, 0.2)
+    assert [name for name, _ in sources.silent(1.3, 0.2)] == ["camera", "guest", "stranger"]
+    late = [name for name, _ in sources.silent(2.1, 0.2)]
+    assert late == ["camera", "lidar", "guest", "stranger"]
+    assert [name for name, _ in sources.silent(math.nan, 0.2)] == late
 
 
 def test_stamps_ahead_are_of_the_last_message():
     sources = Sources([])
     sources.hear("camera", 5.0)
     assert sources.ahead(4.75, 0.25) == []
-    assert sources.ahead(4.5, 0.25) == ["camera"]
+    assert [name for name, _ in sources.ahead(4.5, 0.25)] == ["camera"]
     sources.hear("camera", 4.5)
     assert sources.ahead(4.5, 0.25) == []
 
@@ -84,22 +85,22 @@ def test_a_late_message_does_not_make_its_source_look_silent():
     sources.hear("cam", 0.5)
     assert not sources.unsettled
     assert sources.silent(1.1, 0.2) == []
-    assert sources.silent(1.3, 0.2) == ["cam"]
+    assert [name for name, _ in sources.silent(1.3, 0.2)] == ["cam"]
 
 
 def test_a_stamp_far_ahead_hides_no_silence():
     sources = Sources([])
     sources.hear("cam", 1000.0)
-    assert sources.ahead(1.0, 0.2) == ["cam"]
+    assert [name for name, _ in sources.ahead(1.0, 0.2)] == ["cam"]
     sources.hear("cam", 1.01)
     assert sources.ahead(1.02, 0.2) == []
     assert sources.silent(1.1, 0.2) == []
-    assert sources.silent(1.3, 0.2) == ["cam"]
+    assert [name for name, _ in sources.silent(1.3, 0.2)] == ["cam"]
     # Also where it was put right before anything asked.
     sources.hear("cam", 1000.0)
     sources.hear("cam", 1.5)
     assert sources.ahead(1.5, 0.2) == []
-    assert sources.silent(1.8, 0.2) == ["cam"]
+    assert [name for name, _ in sources.silent(1.8, 0.2)] == ["cam"]
 
 
 @pytest.mark.parametrize("stamp", [1e308, -1e308, math.nextafter(math.inf, 0.0)])

@@ -35,7 +35,7 @@ def test_distrust_turns_the_state_into_a_refused_sample():
     obstacles = Obstacles()
     row = see(obstacles, 1000.0, x=0.5)
     assert obstacles.rows_ahead(10.0, 0.2).tolist() == [row]
-    assert obstacles.ahead_sources(10.0, 0.2) == ["default"]
+    assert [name for name, _ in obstacles.ahead_sources(10.0, 0.2)] == ["default"]
     revision = obstacles.table.revision[row]
     obstacles.distrust(row)
     table = obstacles.table
