@@ -1,8 +1,8 @@
 """A ROS 2 node that supervises an arm: joint states and perception in, diagnostics and a speed out.
 
-Needs ROS 2 (rclpy, tf2_msgs, diagnostic_msgs), which was not at hand when this was written: all
-that is in `armguard.bridges.ros2` is tested with messages that `rosbags` writes, and the node has
-run with a stand-in for rclpy only. Run it with the Python of ROS 2:
+Needs ROS 2 (rclpy, tf2_msgs, diagnostic_msgs). What is in `armguard.bridges.ros2` is tested with
+messages that `rosbags` writes, and the node with a stand-in for rclpy, not with ROS 2 itself. Run
+it with the Python of ROS 2:
 
     python3 demos/06_ros2_bridge.py --cell demos/cell.toml \
         --obstacles camera=/people:geometry_msgs/msg/PoseArray --radius 0.4 \

@@ -102,7 +102,7 @@ WORDS = {
     "EntranceTable.speed": "as `[bounds]` has it",
     "EntranceTable.accel": "as `[bounds]` has it",
     "MonitorTable.budget": "no limit",
-    "ThresholdsTable.joint_timeout": "0.05, or 5 ticks where that is longer",
+    "ThresholdsTable.joint_timeout": "0.1, or 5 ticks where that is longer",
     "CellTables.settings_from": "a simulated visit to the arm",
 }
 """Defaults that are no values."""

@@ -25,7 +25,7 @@ SECTIONS = {
     ),
     Effect.LATCHED: (
         "Reasons that stop the arm until a reset",
-        "See that the cause has gone, then `monitor.reset()`, or `armguard reset ADDRESS TOKEN` "
+        "See that the cause has gone, then `monitor.reset()`, or `armguard reset ADDRESS --token TOKEN` "
         "with the token that `armguard run --reset-token` was given.",
     ),
     Effect.NOTE: (

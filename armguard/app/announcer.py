@@ -149,7 +149,8 @@ class Announcer:
         text = f"{verdict.level.name:5} {_describe(verdict)}"
         worst = self._worst
         if self._changes > 1:
-            text += f" ({self._changes - 1} more changes since the last line"
+            more = self._changes - 1
+            text += f" ({more} more {'change' if more == 1 else 'changes'} since the last line"
             if worst is not None and worst.level < verdict.level:
                 text += f", down to {worst.level.name}: {_describe(worst)}"
             text += ")"

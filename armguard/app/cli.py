@@ -10,9 +10,12 @@ from __future__ import annotations
 import atexit
 import contextlib
 import dataclasses
+import difflib
+import functools
 import gc
 import importlib.metadata
 import io
+import operator
 import os
 import platform
 import sys
@@ -30,11 +33,17 @@ from armguard.app.processes import (
     termination_as_interrupt,
 )
 from armguard.exceptions import ArmguardError
+from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 
 MISTAKE = 2
 """Exit code of a call that could not be carried out as given."""
 
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+
+
+def _default(address: str) -> object:
+    """What help says of an address that counts where none is given."""
+    return tyro.conf.arg(help_behavior_hint=f"(default: {address})")
 
 
 class Command(Protocol):
@@ -75,6 +84,8 @@ class Demo:
     """Write a recording: a new MCAP file, or a folder for one."""
     export: Path | None = None
     """Write, at the end, one HTML file that plays what the page showed, offline."""
+    premises: Flag = False
+    """Print every premise that verdicts rest on, a line each."""
     json: Flag = False
     """Print one JSON object at the end and nothing else."""
 
@@ -94,6 +105,7 @@ class Demo:
             open_browser=self.open,
             record=self.record,
             export=self.export,
+            premises=self.premises,
             as_json=self.json,
         )
 
@@ -109,11 +121,11 @@ class Run:
     """The cell file."""
     arm: str | None = None
     """Which arm is watched, in a cell with several: one process for each."""
-    obstacles: str | None = None
+    obstacles: Annotated[str | None, _default(OBSTACLES_ADDRESS)] = None
     """Address to bind for obstacles; "-" reads JSON lines, joint states among them, from stdin."""
-    joints: str | None = None
+    joints: Annotated[str | None, _default(JOINTS_ADDRESS)] = None
     """Address to bind for joint states."""
-    verdicts: str | None = None
+    verdicts: Annotated[str | None, _default(VERDICTS_ADDRESS)] = None
     """Address to bind for readers of verdicts."""
     view: str | None = None
     """Address to bind for views to attach to, as `armguard view` does."""
@@ -129,6 +141,8 @@ class Run:
     """Print the summary as one JSON object."""
     json_verdicts: Flag = False
     """Send verdicts as JSON objects, not as msgpack maps."""
+    premises: Flag = False
+    """Tell every premise that verdicts rest on, a line each."""
     quiet: Flag = False
     """Tell neither addresses nor changes of level, but only what is wrong with messages."""
     parent: int | None = None
@@ -153,6 +167,7 @@ class Run:
             duration=self.duration,
             as_json=self.json,
             json_verdicts=self.json_verdicts,
+            premises=self.premises,
             quiet=self.quiet,
         )
 
@@ -658,6 +673,42 @@ class Robots:
         return list_known()
 
 
+GROUPS: dict[str, dict[str, type[Command]]] = {
+    "run": {"demo": Demo, "run": Run, "reset": Reset},
+    "look": {"view": View, "replay": Replay, "show": Show, "robots": Robots},
+    "prepare": {
+        "robot": NewRobot,
+        "cover": Cover,
+        "commission": Commission,
+        "keys": Keys,
+        "kernels": Kernels,
+    },
+    "study": {"tradeoff": Tradeoff, "faults": Faults, "extremes": Extremes, "paper": Paper},
+}
+"""All commands, by what they are for."""
+
+COMMANDS = {name: kind for group in GROUPS.values() for name, kind in group.items()}
+
+
+def describe_commands() -> str:
+    """What `armguard --help` prints."""
+    lines = [
+        "usage: armguard COMMAND …",
+        "",
+        "Real-time safety monitor for robot arms; no certified safety device.",
+    ]
+    for title, group in GROUPS.items():
+        lines += ["", f"{title}:"]
+        for name, kind in group.items():
+            lines.append(f"  {name:11} {(kind.__doc__ or '').splitlines()[0]}")
+    lines += [
+        "",
+        "`armguard COMMAND --help` tells the options of a command, with an example.",
+        "`armguard --version` tells what is installed. Example: armguard demo --duration 20",
+    ]
+    return "\n".join(lines) + "\n"
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `armguard` with `arguments` (default: the process's own); the exit code."""
     if list(sys.argv[1:] if arguments is None else arguments) == ["--version"]:
@@ -666,8 +717,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         # What is left at the end goes with the process: to collect it would take up to 0.3 s.
         atexit.register(gc.freeze)
-    command = _parse(arguments)
+    command = None
     try:
+        command = _parse(arguments)
         with termination_as_interrupt():
             return command.run()
     except ArmguardError as error:
@@ -676,7 +728,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         # Who read the output has enough, as `head` has. What is left goes nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return COMPLAINT
+        return 0 if command is None else COMPLAINT  # of help, all that was wanted was read
     except KeyboardInterrupt:
         complain("interrupted before there was anything to show")
         return INTERRUPTED
@@ -692,27 +744,31 @@ def describe_version() -> str:
 
 def _parse(arguments: Sequence[str] | None) -> Command:
     """Read the command line; a mistake ends the process with one line and exit code 2."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if given in (["--help"], ["-h"]):
+        sys.stdout.write(describe_commands())
+        sys.stdout.flush()
+        raise SystemExit(0)
+    if not given:
+        complain("a command is missing: `armguard --help` lists them")
+        raise SystemExit(MISTAKE)
+    if not given[0].startswith("-") and given[0] not in COMMANDS:
+        near = difflib.get_close_matches(given[0], COMMANDS, 1)
+        hint = f"did you mean {near[0]}?" if near else "`armguard --help` lists them"
+        complain(f"there is no command {given[0]!r}: {hint}")
+        raise SystemExit(MISTAKE)
     messages = io.StringIO()
     try:
         with contextlib.redirect_stderr(messages):
             return tyro.cli(
                 tyro.conf.OmitSubcommandPrefixes[  # type: ignore[misc]  # a type made by a call
-                    Annotated[Demo, tyro.conf.subcommand("demo")]
-                    | Annotated[Run, tyro.conf.subcommand("run")]
-                    | Annotated[Replay, tyro.conf.subcommand("replay")]
-                    | Annotated[Commission, tyro.conf.subcommand("commission")]
-                    | Annotated[Reset, tyro.conf.subcommand("reset")]
-                    | Annotated[View, tyro.conf.subcommand("view")]
-                    | Annotated[Keys, tyro.conf.subcommand("keys")]
-                    | Annotated[Show, tyro.conf.subcommand("show")]
-                    | Annotated[Cover, tyro.conf.subcommand("cover")]
-                    | Annotated[Faults, tyro.conf.subcommand("faults")]
-                    | Annotated[Tradeoff, tyro.conf.subcommand("tradeoff")]
-                    | Annotated[Extremes, tyro.conf.subcommand("extremes")]
-                    | Annotated[Kernels, tyro.conf.subcommand("kernels")]
-                    | Annotated[Paper, tyro.conf.subcommand("paper")]
-                    | Annotated[NewRobot, tyro.conf.subcommand("robot")]
-                    | Annotated[Robots, tyro.conf.subcommand("robots")]
+                    functools.reduce(
+                        operator.or_,
+                        (
+                            Annotated[kind, tyro.conf.subcommand(name)]
+                            for name, kind in COMMANDS.items()
+                        ),
+                    )
                 ],
                 prog="armguard",
                 description="Real-time safety monitor for robot arms; no certified safety device. "

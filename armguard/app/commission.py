@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 
+from armguard.app.terminal import make_console
 from armguard.exceptions import ArmguardError
 from armguard.recording.commission import (
     Findings,
@@ -48,7 +48,7 @@ def run_commission(file: Path, out: Path | None) -> int:
         except OSError as error:
             raise ArmguardError(str(out), f"cannot be written to ({error.strerror})") from None
         written += draw(found, out)
-    console = Console()
+    console = make_console()
     for table in _draw_tables(found):
         console.print(table)
     stops = len({stop.told for stop in found.stops})
@@ -60,16 +60,15 @@ def run_commission(file: Path, out: Path | None) -> int:
             f"{stops + 1}, if nothing else changes: make more stops, from full speed and with the "
             "full load, for more.",
             soft_wrap=True,
-            highlight=False,
         )
     for line in found.missing:
-        console.print(f"not found: {line}", soft_wrap=True, markup=False, highlight=False)
+        console.print(f"not found: {line}", soft_wrap=True)
     for title, text in (("cell file", cell_lines), ("robot.toml", robot_lines)):
         if out is None:
-            console.print(f"\nfor the {title}:\n", soft_wrap=True, highlight=False)
-            console.print(text, soft_wrap=True, markup=False, highlight=False)
+            console.print(f"\nfor the {title}:\n", soft_wrap=True)
+            console.print(text, soft_wrap=True)
     for path in written:
-        console.print(f"written: {path}", soft_wrap=True, markup=False, highlight=False)
+        console.print(f"written: {path}", soft_wrap=True)
     return 0
 
 

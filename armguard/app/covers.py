@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
 from rich.table import Table
 
 from armguard.app.lever_report import JointLevers, compare_levers
+from armguard.app.terminal import describe_column, make_console
 from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
 from armguard.cover.inflation import Gap, inflate_spheres, measure_gaps
 from armguard.cover.interchange import (
@@ -177,8 +177,8 @@ def fit_with_bar(robot: Robot | UrdfLinks, spheres: int | None, protrusion: floa
     Raises:
         CoverError: As `Cover.fit` does.
     """
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
+    columns = describe_column(), BarColumn(), MofNCompleteColumn()
+    with Progress(*columns, TimeElapsedColumn(), console=make_console(stderr=True)) as progress:
         bar = progress.add_task("reading", total=len(robot.links))
         begun: list[str] = []
 
@@ -341,4 +341,4 @@ def _make_table(first: str, *others: str) -> Table:
 
 
 def _print(what: Any) -> None:
-    Console().print(what, highlight=False, markup=False, soft_wrap=isinstance(what, str))
+    make_console().print(what, soft_wrap=isinstance(what, str))

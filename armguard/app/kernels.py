@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from armguard import bounds, contact
 from armguard.app.processes import complain
+from armguard.app.terminal import make_console
 from armguard.bounds.planned.plan import Plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.carried import CARRIED, PROCESSOR, describe_environment
@@ -76,7 +76,7 @@ def run(*, carry: bool) -> int:
 
 def _tell(line: str) -> None:
     """Print a line of any length."""
-    Console().print(line, soft_wrap=True, markup=False, highlight=False)
+    make_console().print(line, soft_wrap=True)
 
 
 def compile_all() -> None:

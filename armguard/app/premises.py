@@ -111,6 +111,14 @@ def list_premises(
     ]
 
 
+def summarise_premises() -> str:
+    """One line that says how many premises there are, and where they stand."""
+    return (
+        f"every verdict rests on {len(Premise)} premises: --premises prints them, docs/safety.md "
+        "explains them"
+    )
+
+
 def _find_figures(monitor: Monitor) -> dict[Premise, str]:
     """What a monitor was told about premises, in words."""
     settings, obstacles = monitor.settings, monitor.obstacles

@@ -20,12 +20,12 @@ from typing import IO, Any, Literal, NamedTuple
 
 import msgspec
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from armguard.app.cell.cell import Cell
 from armguard.app.loop import Durations
 from armguard.app.processes import COMPLAINT, complain
+from armguard.app.terminal import make_console
 from armguard.app.view_feed import MonitorFeed, Origin
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
@@ -153,10 +153,10 @@ def run_replay(
         sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
     else:
         # A table on standard output stays one.
-        console = Console(stderr=csv_file == STANDARD_OUTPUT, soft_wrap=True)
+        console = make_console(stderr=csv_file == STANDARD_OUTPUT, soft_wrap=True)
         if watch.found is not None:
             for line in explain_tick(replay.monitor, watch):
-                console.print(line, markup=False, highlight=False)
+                console.print(line)
         elif changes:
             print_changes(console, stops, changes)
         else:
@@ -237,7 +237,7 @@ def run_bag(
             summary["explained"] = "\n".join(explained)
         sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
     else:
-        console = Console(stderr=csv_file == STANDARD_OUTPUT, soft_wrap=True)
+        console = make_console(stderr=csv_file == STANDARD_OUTPUT, soft_wrap=True)
         lines = explained or [
             f"{path}: {stops.ticks} verdicts, {len(stops.stops)} stops in {stops.seconds:.1f} s"
         ]
@@ -247,7 +247,7 @@ def run_bag(
         if monitor.choice is not None:
             lines += [f"settings chosen: {line}" for line in monitor.choice.summary]
         for line in lines:
-            console.print(line, markup=False, highlight=False)
+            console.print(line)
     if problem:
         complain(problem)
     return COMPLAINT if problem else 0
@@ -555,7 +555,7 @@ def print_report(
     """Tell whether the replay gave the same verdicts."""
 
     def tell(line: str) -> None:
-        console.print(line, markup=False, highlight=False)
+        console.print(line)
 
     faster = stops.seconds / took if took > 0.0 else math.inf
     tell(
@@ -593,14 +593,12 @@ def print_changes(console: Console, stops: StopList, changes: dict[str, str]) ->
             then = f"a stop for {100.0 * stop.kept / stop.ticks:.0f} % of the time"
         else:
             then = "a stop"
-        table.add_row(f"{stop.begin:.3f}", f"{stop.end:.3f}", escape(stop.reason), then)
+        table.add_row(f"{stop.begin:.3f}", f"{stop.end:.3f}", stop.reason, then)
     console.print(table)
     gone = sum(stop.kept == 0 for stop in stops.stops)
     console.print(
         f"{gone} of {len(stops.stops)} stops would not have been; {stops.new} ticks would be a "
         "STOP that were none. The arm moves as it was recorded, whatever the verdicts say.",
-        markup=False,
-        highlight=False,
     )
 
 
@@ -668,7 +666,7 @@ def show_page(
         process = launch(publisher.address, page.port, export=page.export)
         resources.callback(process.close, EXPORT_TIMEOUT)
         if page.is_shown:
-            Console(stderr=True).print(f"see it in the browser: {process.url}", soft_wrap=True)
+            make_console(stderr=True).print(f"see it in the browser: {process.url}", soft_wrap=True)
         if page.opens_browser:
             webbrowser.open(process.url)
         feed = MonitorFeed(monitor, publisher, Origin(*urdf, is_recorded=True))
@@ -680,7 +678,9 @@ def show_page(
         yield take
         publisher.publish_status(StatusMessage(text="the recording ends here", is_over=True))
         if page.is_shown:
-            Console(stderr=True).print("all is read; the page stays until Ctrl-C", soft_wrap=True)
+            make_console(stderr=True).print(
+                "all is read; the page stays until Ctrl-C", soft_wrap=True
+            )
             stay(process)
 
 

@@ -14,15 +14,15 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from rich.console import Console
 
 from armguard.app.announcer import Announcer
 from armguard.app.cell.cell import AUTO, Cell
 from armguard.app.loop import RateLoop, run
-from armguard.app.premises import list_premises
+from armguard.app.premises import list_premises, summarise_premises
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.service import ServiceNotifier
 from armguard.app.summary import VerdictCounts, draw_summary, summarise
+from armguard.app.terminal import make_console
 from armguard.app.view_feed import MonitorFeed, Origin
 from armguard.bounds.braking import BrakingMotion
 from armguard.exceptions import ArmguardError, StreamError
@@ -71,6 +71,7 @@ def supervise(
     duration: float,
     as_json: bool,
     json_verdicts: bool = False,
+    premises: bool = False,
     quiet: bool = False,
 ) -> int:
     """Supervise a cell until the end, and print the summary.
@@ -88,6 +89,7 @@ def supervise(
         duration: How long, in [s].
         as_json: Print one JSON object instead of a table.
         json_verdicts: Send verdicts and answers to plans as JSON, not as msgpack.
+        premises: Whether every premise is told, not only how many there are.
         quiet: Tell neither addresses nor changes of level on standard error.
 
     Returns:
@@ -104,7 +106,7 @@ def supervise(
     obstacles_address = obstacles_address or OBSTACLES_ADDRESS
     verdicts_address = verdicts_address or VERDICTS_ADDRESS
     inputs = (obstacles_address, joints_address or JOINTS_ADDRESS)
-    console = Console(stderr=True)
+    console = make_console(stderr=True)
     with contextlib.ExitStack() as resources:
         # Mistakes are told before anything is compiled.
         authenticator = cell.make_authenticator()
@@ -143,7 +145,10 @@ def supervise(
             missing = describe_missing_limits(monitor)
             if missing is not None and not quiet:
                 announcer.tell(missing)
-            for line in () if quiet else list_premises(monitor, cell.drawn_links):
+            told = [summarise_premises()]
+            if premises:
+                told = list_premises(monitor, cell.drawn_links)
+            for line in () if quiet else told:
                 announcer.tell(line)
 
         is_auto = cell.tables.settings == AUTO
@@ -187,7 +192,7 @@ def supervise(
     if as_json:
         sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
     else:
-        Console().print(draw_summary(summary))
+        make_console().print(draw_summary(summary))
     return 0
 
 
@@ -287,7 +292,7 @@ def make_keys(name: str, folder: Path) -> int:
     """
     secret, public, key = write_new_pair(name, folder)
     table = name if re.fullmatch(r"[\w-]+", name) else f'"{name}"'
-    Console().print(
+    make_console().print(
         f"{secret}: stays with {name}, for its owner alone to read\n"
         f"{public}: for all that speak with {name}\n"
         "in the cell file, for a client and what it may do (obstacles, joints, verdicts, reset, "
@@ -296,8 +301,6 @@ def make_keys(name: str, folder: Path) -> int:
         "or for the monitor itself, with the path from the cell file:\n\n"
         f'[keys]\nsecret = "{secret.name}"',
         soft_wrap=True,
-        markup=False,
-        highlight=False,
     )
     return 0
 
@@ -329,8 +332,8 @@ def send_reset(
                 "that may reset, with --key and --server-key",
             )
         publisher.reset(token, arm)
-    Console().print(
-        f"reset sent to {address}; the monitor tells whether it obeys", soft_wrap=True, markup=False
+    make_console().print(
+        f"reset sent to {address}; the monitor tells whether it obeys", soft_wrap=True
     )
     return 0
 
@@ -358,7 +361,7 @@ def show(
         contextlib.suppress(KeyboardInterrupt),
         launch(address, port, floor=floor, host=host, key_files=key_files) as page,
     ):
-        Console().print(f"see it in the browser: {page.url}", soft_wrap=True)
+        make_console().print(f"see it in the browser: {page.url}", soft_wrap=True)
         if open_browser:
             webbrowser.open(page.url)
         while page.running:

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 
 from armguard.app.covers import Target, fit_with_bar
 from armguard.app.processes import COMPLAINT, complain
+from armguard.app.terminal import make_console
 from armguard.cover.cover import Cover
 from armguard.robot.links import UrdfLinks
 from armguard.robot.robot import Robot
@@ -42,7 +42,7 @@ def show_arm(
         ArmguardError: There is no such robot, or it cannot be covered or shown.
     """
     target = Target(name, None, package_dirs)
-    console = Console()
+    console = make_console()
     if isinstance(target.robot, UrdfLinks):
         cover = fit_with_bar(target.robot, None, None)
     else:

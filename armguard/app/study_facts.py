@@ -15,9 +15,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedColumn
 
+from armguard.app.terminal import describe_column, make_console
 from armguard.exceptions import ArmguardError
 from armguard.recording.provenance import describe_provenance, describe_software
 from armguard.robot.robot import Robot
@@ -69,9 +69,9 @@ def make_folder(out: Path) -> None:
 @contextlib.contextmanager
 def show_progress() -> Iterator[Tell]:
     """A bar on the terminal, gone at the end; what it is told is shown beside it."""
-    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
+    columns = describe_column(), BarColumn(), TaskProgressColumn()
     with Progress(
-        *columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True
+        *columns, TimeElapsedColumn(), console=make_console(stderr=True), transient=True
     ) as progress:
         bar = progress.add_task("starting", total=1.0)
 

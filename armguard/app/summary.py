@@ -6,8 +6,8 @@ import math
 from collections import Counter
 from typing import Any
 
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from armguard.app.loop import LoopReport
 from armguard.app.realtime import Realtime
@@ -55,15 +55,15 @@ def draw_summary(summary: dict[str, Any]) -> Table:
     if summary["ticks"]:
         for name, count in summary["levels"].items():
             share = f"{100.0 * count / summary['ticks']:.1f} % of the time"
-            table.add_row(f"[{COLORS[name]}]{name}[/]", share)
+            table.add_row(Text(name, COLORS[name]), share)
     elif summary["waiting"]:
         table.add_row(
-            f"[{COLORS['STOP']}]STOP[/]", "all the time: no joint state came that could be judged"
+            Text("STOP", COLORS["STOP"]), "all the time: no joint state came that could be judged"
         )
     table.add_row("stops", str(summary["stops"]))
     told = list(summary["stop_reasons"].items())
     for reason, count in told[:REASONS_SHOWN]:
-        table.add_row("", f"{count} × {escape(reason)}")
+        table.add_row("", f"{count} × {reason}")
     if len(told) > REASONS_SHOWN:
         rest = sum(count for _, count in told[REASONS_SHOWN:])
         table.add_row("", f"{rest} × {len(told) - REASONS_SHOWN} further reasons")
@@ -72,7 +72,7 @@ def draw_summary(summary: dict[str, Any]) -> Table:
     times = ["–" if spent[name] is None else f"{spent[name]:.0f}" for name in names]
     table.add_row("tick " + " / ".join(names), " / ".join(times) + " µs")
     table.add_row("real time", _tell_realtime(summary["realtime"]))
-    table.add_row("incomplete ticks", str(summary["incomplete"]))
+    table.add_row("times incomplete", str(summary["incomplete"]))
     if summary["cut_short"]:
         waits = f"{summary['cut_short']} times an input had more messages than a tick takes"
         table.add_row("messages that waited", waits)
@@ -117,7 +117,7 @@ class VerdictCounts:
         levels: Ticks at each level.
         stops: How often the level fell to STOP; a run that begins with STOP begins with one.
         reasons: How often the weightiest reason of a stop was this one.
-        incomplete: Ticks in which not every pair had a certificate in force.
+        incomplete: How often pairs began to lack a certificate in force.
         min_contact_time: Soonest contact of all ticks that knew where arm and obstacles were, in
             [s]; inf without any.
     """
@@ -130,6 +130,7 @@ class VerdictCounts:
         self.incomplete = 0
         self.min_contact_time = math.inf
         self._level: Level | None = None
+        self._complete = True
 
     def count(self, verdict: Verdict) -> None:
         """Add one verdict."""
@@ -141,7 +142,8 @@ class VerdictCounts:
             self._count_reason(verdict)
         self._level = verdict.level
         self.levels[verdict.level] += 1
-        self.incomplete += not verdict.complete
+        self.incomplete += self._complete and not verdict.complete
+        self._complete = verdict.complete
         if _is_known(verdict):
             self.min_contact_time = min(self.min_contact_time, verdict.contact_time)
 

@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-
 from armguard.app.cell.cell import Cell
 from armguard.app.processes import complain
 from armguard.app.study_facts import (
@@ -20,6 +18,7 @@ from armguard.app.study_facts import (
     show_progress,
     tell_command,
 )
+from armguard.app.terminal import make_console
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.provenance import describe_provenance
@@ -120,12 +119,12 @@ def run(
         _tell_operating(cell, site),
     )
     write_report(out, study, about, draw_pictures(study) if plots else {})
-    console = Console()
+    console = make_console()
     if rows is not None and rows.resumed:
-        console.print(f"- {rows.resumed} rows were taken from an earlier run.", highlight=False)
+        console.print(f"- {rows.resumed} rows were taken from an earlier run.")
     for line in summarise(study):
-        console.print(f"- {line.replace('**', '')}", highlight=False, markup=False, soft_wrap=True)
-    console.print(f"wrote {out / HTML_FILE}", highlight=False, markup=False, soft_wrap=True)
+        console.print(f"- {line.replace('**', '')}", soft_wrap=True)
+    console.print(f"wrote {out / HTML_FILE}", soft_wrap=True)
     return 0
 
 

@@ -13,8 +13,11 @@ import uuid
 from pathlib import Path
 
 import pytest
+from rich.table import Table
 
 from armguard.app.cli import main
+from armguard.app.terminal import make_console
+from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 
 ARMGUARD = Path(sys.executable).with_name("armguard")
 
@@ -25,8 +28,7 @@ def list_commands(capsys):
     with pytest.raises(SystemExit) as end:
         main(["--help"])
     assert end.value.code == 0
-    (commands,) = re.findall(r"\{([\w,-]+)\}", capsys.readouterr().out.splitlines()[0])
-    return commands.split(",")
+    return re.findall(r"^  ([\w-]+) +[A-Z]", capsys.readouterr().out, re.MULTILINE)
 
 
 def test_the_version_is_one_line_with_what_verdicts_depend_on(capsys):
@@ -61,6 +63,57 @@ def test_a_process_does_not_look_through_all_that_it_has_at_its_end():
     assert young < 1000
 
 
+@pytest.mark.parametrize("arguments", [["--help"], ["keys", "--help"], ["run", "--help"]])
+def test_help_that_nobody_reads_to_its_end_is_no_mistake(arguments):
+    """As `armguard --help | head -1`, of which the reader has gone before all is written."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        told = subprocess.run(
+            [ARMGUARD, *arguments], stdout=writing, stderr=subprocess.PIPE, timeout=60
+        )
+    finally:
+        os.close(writing)
+    assert (told.returncode, told.stderr) == (0, b"")
+
+
+def test_help_tells_the_addresses_that_count_where_none_is_given(capsys):
+    with pytest.raises(SystemExit):
+        main(["run", "--help"])
+    out = capsys.readouterr().out
+    for address in (OBSTACLES_ADDRESS, JOINTS_ADDRESS, VERDICTS_ADDRESS):
+        assert address in out
+
+
+def test_a_running_cell_loads_no_study_no_simulation_and_no_bridge():
+    program = (
+        "import sys\n"
+        "import armguard.app.run\n"
+        "from armguard.app.cell import Cell\n"
+        "Cell.load('demos/cell.toml').build()\n"
+        "print(*sorted(name for name in sys.modules if name.startswith('armguard.')))\n"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parents[2],
+    )
+    loaded = told.stdout.split()
+    assert "armguard.monitor.monitor" in loaded, told.stderr
+    wings = ("armguard.studies", "armguard.simulation", "armguard.bridges")
+    assert not [name for name in loaded if name.startswith(wings)]
+
+
+def test_text_from_data_is_printed_as_it_is(capsys):
+    table = Table("id [bold]")
+    table.add_row("hand [statics] [/] [red]x")
+    make_console().print("premise: [statics] of the cell [/nothing]", table)
+    out = capsys.readouterr().out
+    for text in ("[statics] of the cell [/nothing]", "id [bold]", "hand [statics] [/] [red]x"):
+        assert text in out
+
+
 def test_help_of_each_command_has_an_example(capsys):
     commands = list_commands(capsys)
     assert {"demo", "robots"} <= set(commands)
@@ -75,8 +128,9 @@ def test_help_of_each_command_has_an_example(capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "demo"),
-        (["dmeo"], "dmeo"),
+        ([], "a command is missing"),
+        (["dmeo"], "did you mean demo?"),
+        (["nothing-like-it"], "armguard --help"),
         (["demo", "--speed", "3"], "--speed"),
         (["demo", "--duration", "long"], "--duration"),
         (["demo", "--duration", "nan"], "--duration"),
@@ -155,7 +209,7 @@ def test_an_interrupt_ends_the_demo_with_its_summary(send, options):
     )
     os.close(theirs)
     try:
-        assert "contact possible in" in read_terminal(terminal, until="contact possible in")
+        assert "contact time" in read_terminal(terminal, until="contact time")
         assert len(find_processes(mark)) > 1
         send(demo.pid, signal.SIGINT)
         shown = read_terminal(terminal)

@@ -287,7 +287,8 @@ def test_nothing_is_asked_of_the_system_where_it_is_not_wanted(cell, addresses, 
 def test_a_run_tells_which_settings_a_trial_chose_and_why(cell, addresses, tmp_path, capfd):
     cell.write_text(f'settings = "auto"\n{CELL}[monitor]\nrate = 50.0\n')
     record = tmp_path / "day.mcap"
-    options = ["--duration", "0.1", "--no-realtime", "--json", "--record", str(record)]
+    options = ["--duration", "0.1", "--no-realtime", "--json", "--premises"]
+    options += ["--record", str(record)]
     assert main(["run", str(cell), *addresses, *options]) == 0
     told = capfd.readouterr().err
     kept = Recording(record).settings["choice"]

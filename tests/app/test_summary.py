@@ -2,11 +2,11 @@ import json
 import math
 
 import pytest
-from rich.console import Console
 
 from armguard.app.loop import LoopReport
 from armguard.app.realtime import Realtime
 from armguard.app.summary import COLORS, REASON_LIMIT, VerdictCounts, draw_summary, summarise
+from armguard.app.terminal import make_console
 from armguard.verdict import Level, Reason, ReasonKind
 from support.verdict_samples import verdict
 
@@ -116,7 +116,8 @@ def test_every_level_has_a_colour():
 
 
 def show(summary, width):
-    console = Console(width=width, file=None, force_terminal=False)
+    console = make_console()
+    console.width = width
     with console.capture() as capture:
         console.print(draw_summary(summary))
     return capture.get()

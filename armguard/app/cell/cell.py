@@ -58,9 +58,6 @@ from armguard.streams.authentication import Authenticator, Client
 from armguard.streams.edge import HELD_UP, OwnPoints
 from armguard.streams.keys import KeyPair
 from armguard.streams.limits import SourceLimits
-from armguard.studies.tradeoff.contestant import RATE
-from armguard.studies.tradeoff.scene import Site
-from armguard.studies.tradeoff.trial import list_ticks, make_visit
 
 _T = TypeVar("_T")
 
@@ -369,6 +366,11 @@ class Cell:
 
     def _make_trial(self, robot: Robot, settings: Mapping[str, Any]) -> list[TrialTick]:
         """What settings are chosen by."""
+        # Studies and simulation are loaded for a trial alone, not by every cell that runs.
+        from armguard.studies.tradeoff.contestant import RATE
+        from armguard.studies.tradeoff.scene import Site
+        from armguard.studies.tradeoff.trial import list_ticks, make_visit
+
         rate = float(settings.get("rate", RATE))
         if self.tables.settings_from is not None:
             return read_trial(self._folder / self.tables.settings_from, robot, rate)

@@ -11,7 +11,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeVar, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
@@ -555,6 +555,8 @@ def _translate(
         expected = text.removeprefix("Expected ").partition(", got ")[0]
         if text.startswith("Invalid enum value"):
             expected = _choices(kind, steps)
+        elif " | " in expected and not isinstance(value, Mapping):
+            expected = _choices(kind, steps) if steps else expected
         return make_error(file, key, f"is {value!r}", expected.replace("`", ""))
     key = f"{key}.{field[1]}".strip(".")
     if "missing" in text:
@@ -580,9 +582,33 @@ def _table_at(kind: type, steps: list[tuple[str, str]]) -> Any:
     return kind
 
 
+_PLAIN_WORDS: dict[Any, str] = {
+    float: "a number",
+    int: "a whole number",
+    str: "text",
+    bool: "true or false",
+}
+"""What types are called in errors."""
+
+
 def _choices(kind: type, steps: list[tuple[str, str]]) -> str:
+    """What may stand at a place, in words."""
     table = _table_at(kind, steps[:-1])
     for field in msgspec.structs.fields(table):
         if steps and field.name == steps[-1][0]:
-            return "one of " + ", ".join(repr(choice) for choice in field.type.__args__)
+            words: list[str] = []
+            for one in get_args(field.type) or (field.type,):
+                one = getattr(one, "__origin__", one) if hasattr(one, "__metadata__") else one
+                if get_origin(one) is list:
+                    words.append("a list")
+                elif get_origin(one) is Literal:
+                    words += [repr(choice) for choice in get_args(one)]
+                elif isinstance(one, type) and issubclass(one, _Table):
+                    words.append("a table")
+                elif one in _PLAIN_WORDS:
+                    words.append(_PLAIN_WORDS[one])
+                elif not isinstance(one, type) and one is not UnsetType:
+                    words.append(repr(one))
+            if words:
+                return words[0] if len(words) == 1 else f"one of {', '.join(words)}"
     return "another value"

@@ -22,14 +22,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import msgspec
-from rich.console import Console
 
 from armguard.app.demo import nodes
 from armguard.app.demo.places import find_place
 from armguard.app.demo.watcher import Watcher
-from armguard.app.premises import list_premises
+from armguard.app.premises import list_premises, summarise_premises
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.summary import draw_summary
+from armguard.app.terminal import make_console
 from armguard.exceptions import ArmguardError
 from armguard.recording.recorder import check_new
 from armguard.robot.description import (
@@ -98,6 +98,7 @@ def run_demo(
     open_browser: bool = False,
     record: Path | None = None,
     export: Path | None = None,
+    premises: bool = False,
     as_json: bool = False,
 ) -> int:
     """Run the demo and print its summary.
@@ -114,6 +115,7 @@ def run_demo(
         open_browser: Open the page.
         record: Where to write a recording; None: nowhere.
         export: Where to write a file that plays offline what the page showed; None: nowhere.
+        premises: Print every premise, not only how many there are.
         as_json: Print one JSON object instead of tables.
 
     Returns:
@@ -142,9 +144,8 @@ def run_demo(
     # Made here as well, so that a mistake is one line now and not a process that dies later.
     sources = nodes.make_sources(duration, recording, obstacle_count, seed)
     duration = min(duration, *(source.duration for source in sources))
-    console = Console(stderr=as_json)
-    for line in list_premises():
-        console.print(line, soft_wrap=True, highlight=False)
+    console = make_console(stderr=as_json)
+    told = list_premises() if premises else [summarise_premises()]
     with contextlib.ExitStack() as resources:
         folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="armguard-"))
         obstacles, joints, verdicts, frames = (
@@ -186,6 +187,13 @@ def run_demo(
         for node in parts.values():
             resources.enter_context(_ending(node))
 
+        def tell_premises() -> None:
+            for line in told:
+                console.print(line, soft_wrap=True)
+
+        if not wants_page:
+            tell_premises()
+
         def open_page() -> ViewProcess:
             page = launch(frames, port, floor=FLOOR, export=export)
             resources.callback(page.close, EXPORT_TIMEOUT if export is not None else END_TIMEOUT)
@@ -194,6 +202,7 @@ def run_demo(
                 console.print(f"token to end a latched STOP with, there: {token}", soft_wrap=True)
             if open_browser:
                 webbrowser.open(page.url)
+            tell_premises()
             return page
 
         watcher = Watcher(monitor, parts, log, console, live=not as_json)

@@ -18,9 +18,9 @@ import msgspec
 import zmq
 from rich.console import Console
 from rich.live import Live
-from rich.markup import escape
 from rich.status import Status
 from rich.table import Table
+from rich.text import Text
 
 from armguard.app.processes import describe_end
 from armguard.app.summary import COLORS
@@ -184,12 +184,13 @@ def draw_frame(frame: FrameMessage, width: int) -> Table:
     """The live table, at most `width` characters wide."""
     verdict, load = frame.verdict, frame.load
     table = Table(title=f"armguard, {frame.now:.1f} s", show_header=False, width=min(78, width))
-    table.add_row("level", f"[{COLORS[verdict.level]}]{verdict.level}[/]")
-    table.add_row("contact possible in", f"{verdict.contact_time:.3f} s")
+    table.add_row("level", Text(verdict.level, COLORS[verdict.level]))
+    table.add_row("contact time", f"{verdict.contact_time:.3f} s")
     table.add_row("stop time", f"{verdict.stop_time:.3f} s")
+    table.add_row("allowed speed", f"{100.0 * verdict.speed_scale:.0f} %")
     table.add_row("pair", f"{verdict.link} and {verdict.obstacle}" if verdict.link else "none")
     if load is not None:
         table.add_row("evaluations", str(load.evaluated))
         table.add_row("tick p50 / p99", f"{1e6 * load.p50:.0f} / {1e6 * load.p99:.0f} µs")
-    table.add_row("why", escape("; ".join(verdict.reasons)))
+    table.add_row("why", "; ".join(verdict.reasons))
     return table

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from rich.console import Console
 from rich.table import Table
 
 from armguard.app.covers import TOLERANCE, UNPROVED, fit_with_bar, show_report
@@ -37,6 +36,7 @@ from armguard.app.new_robot.questions import (
 from armguard.app.new_robot.sources import URDF, UrdfSource, find_urdf
 from armguard.app.new_robot.text import NewRobot, list_choices, write_text
 from armguard.app.processes import complain
+from armguard.app.terminal import make_console
 from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
 from armguard.cover.report import CoverReport
 from armguard.exceptions import ArmguardError, RobotError
@@ -612,8 +612,8 @@ def show_costs(robot: Robot, planning: PlanningLimits | None) -> None:
                 f"{1e3 * stop_time:.0f}" if stop_time < math.inf else "not stated",
                 f"{distance:.2f}" if distance < math.inf else "anywhere",
             )
-    Console().print(table)
+    make_console().print(table)
 
 
 def _print(text: str) -> None:
-    Console().print(text, highlight=False, markup=False, soft_wrap=True)
+    make_console().print(text, soft_wrap=True)

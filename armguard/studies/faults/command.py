@@ -59,8 +59,10 @@ def run_faults(only: Sequence[str], out: Path | None, *, as_json: bool) -> int:
     check_installed()
     if out is not None:
         check_page(out)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
+    with Progress(
+        *columns, TimeElapsedColumn(), console=Console(stderr=True, markup=False)
+    ) as progress:
         task = progress.add_task("starting", total=len(faults))
 
         def tell(text: str, done: int) -> None:
@@ -75,5 +77,5 @@ def run_faults(only: Sequence[str], out: Path | None, *, as_json: bool) -> int:
     if as_json:
         sys.stdout.write(msgspec.json.encode(describe(report)).decode() + "\n")
     else:
-        Console().print(draw_table(report))
+        Console(markup=False, highlight=False).print(draw_table(report))
     return 0 if report.passed else FAILED

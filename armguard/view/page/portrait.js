@@ -14,7 +14,7 @@ export function savePortrait(viewer, panels) {
     getComputedStyle(document.documentElement).getPropertyValue("--level"), 2]];
   if (verdict !== null) {
     lines.push([clock(verdict.wall, verdict.now), "#e9eef4", 1]);
-    lines.push([`earliest contact ${seconds(verdict.contact_time)}, time to stop ${stopTime(verdict.stop_time)}`, "#e9eef4", 1]);
+    lines.push([`contact time ${seconds(verdict.contact_time)}, stop time ${stopTime(verdict.stop_time)}`, "#e9eef4", 1]);
     lines.push(...verdict.reasons.slice(0, 2).map((text) => [text.slice(0, 90), "#a3b0be", 1]));
   }
   let top = 0.5 * unit;

@@ -144,7 +144,7 @@ export class Strip {
 
   drawKey(pen, width) {
     const words = [
-      ["— earliest contact", "#8fc7ff"], ["-- time to stop", "#ffffff"], ["▮ speed allowed", "#a3b0be"],
+      ["— contact time", "#8fc7ff"], ["-- stop time", "#ffffff"], ["▮ allowed speed", "#a3b0be"],
     ];
     let left = width - words.reduce((sum, [text]) => sum + pen.measureText(text).width + 12, 0);
     for (const [text, colour] of words) {

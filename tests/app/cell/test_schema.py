@@ -22,7 +22,7 @@ MISTAKES = [
     (ROBOT + "joints = []", "robot.joints", r"is \[\]"),
     ("[[robots]]\nname = 'left'", "sources", "is missing beside"),
     (ROBOT + "colour = 'red'", "robot.colour", "'red'.*one of name, urdf"),
-    ("[robot]\nname = 7", "robot.name", "is 7; expected str"),
+    ("[robot]\nname = 7", "robot.name", "is 7; expected text"),
     ("[robot]\nname = ''", "robot.name", "is ''"),
     (ROBOT + "[robot.base]\nxyz = [1, 2]", "robot.base.xyz", r"is \[1, 2\]; expected .*length 3"),
     (ROBOT + "[robot.base]\nxyz = [1, 2, 'up']", "robot.base.xyz[2]", "is 'up'; expected float"),
@@ -54,7 +54,7 @@ MISTAKES = [
     (ROBOT + "[frames.a.b]\nxyz = 3", "frames.a.b", "is no key"),
     (ROBOT + "[sources.cam0]\ntimeout = 0", "sources.cam0.timeout", "is 0; expected float > 0"),
     (ROBOT + "[sources.cam0]\ntimeout = inf", "sources.cam0.timeout", "is inf.*finite"),
-    (ROBOT + "[sources.cam0]\ntimeout = '1'", "sources.cam0.timeout", "is '1'; expected float"),
+    (ROBOT + "[sources.cam0]\ntimeout = '1'", "sources.cam0.timeout", "is '1'; expected a number"),
     (ROBOT + "[sources.cam0]\nrequired = 1", "sources.cam0.required", "is 1; expected bool"),
     (
         ROBOT + "[sources.cam0]\nclock = 'sundial'",
