@@ -4,14 +4,11 @@ A `Recorder` writes from a process of its own; `replay` steps a monitor made ane
 recording, and compares its verdicts to the bit. Both need the extra `record`.
 """
 
-from typing import Any
-
 from armguard.recording.reading import Recording
 from armguard.recording.recorder import Recorder
 from armguard.recording.replay import Difference, Replay, ReplayedTick, ReplayReport, replay
 
 __all__ = [
-    "BagRun",
     "Difference",
     "Recorder",
     "Recording",
@@ -20,12 +17,3 @@ __all__ = [
     "ReplayedTick",
     "replay",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    """`BagRun` alone needs the bridges: it is loaded when it is asked for."""
-    if name == "BagRun":
-        from armguard.recording.bags import BagRun
-
-        return BagRun
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

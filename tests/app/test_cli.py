@@ -13,10 +13,8 @@ import uuid
 from pathlib import Path
 
 import pytest
-from rich.table import Table
 
 from armguard.app.cli import main
-from armguard.app.terminal import make_console
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 
 ARMGUARD = Path(sys.executable).with_name("armguard")
@@ -103,15 +101,6 @@ def test_a_running_cell_loads_no_study_no_simulation_and_no_bridge():
     assert "armguard.monitor.monitor" in loaded, told.stderr
     wings = ("armguard.studies", "armguard.simulation", "armguard.bridges")
     assert not [name for name in loaded if name.startswith(wings)]
-
-
-def test_text_from_data_is_printed_as_it_is(capsys):
-    table = Table("id [bold]")
-    table.add_row("hand [statics] [/] [red]x")
-    make_console().print("premise: [statics] of the cell [/nothing]", table)
-    out = capsys.readouterr().out
-    for text in ("[statics] of the cell [/nothing]", "id [bold]", "hand [statics] [/] [red]x"):
-        assert text in out
 
 
 def test_help_of_each_command_has_an_example(capsys):

@@ -3,8 +3,8 @@ import pytest
 
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Frame, Obstacles
-from armguard.recording import BagRun
 from armguard.recording import bags as bags_module
+from armguard.recording.bags import BagRun
 from armguard.verdict import Level
 from support.bags_made import (
     NAMES,
