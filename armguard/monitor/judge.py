@@ -11,8 +11,9 @@ from armguard.contact.earliest import Certificate
 from armguard.monitor.committed_pieces import CommittedPieces
 from armguard.monitor.late_data import LateData
 from armguard.monitor.levels import CLEAR, SLOW, STOP, VerdictRule
+from armguard.monitor.rising_scale import RisingScale
 from armguard.monitor.settings import MonitorSettings
-from armguard.monitor.stop_decision import StopDecision
+from armguard.monitor.stop_decision import STEP, StopDecision
 from armguard.pairs.proof import compile_proof
 from armguard.pairs.scene import BOUND_NAMES
 from armguard.pairs.separation_margin import SeparationMargin, SeparationRule
@@ -26,6 +27,9 @@ from armguard.verdict import BRAKE, FINISH, Effect, Held, Level, Reason, ReasonK
 
 NO_NAMES = (None, None)
 """Of link and obstacle, where no pair decides."""
+
+MOST_SLOW_SCALE = 1.0 - STEP
+"""The most that is given out while the level is SLOW."""
 
 
 class Judge:
@@ -67,6 +71,7 @@ class Judge:
         self._in_force = in_force
         self._velocity_error = np.array(robot.velocity_error)
         self._most_scale, self._most_scale_of = 1.0, -1
+        self._rising = RisingScale(settings.scale_rise)
         self._stopping = None
         if settings.with_joints:
             self._stopping = StopDecision(scheduler, settings.response_time, settings.reaction_time)
@@ -78,12 +83,15 @@ class Judge:
         if separation is not None:
             self._separation = SeparationMargin(separation, self._braking_delay)
         self.certificate_inputs: dict[str, Any] | None = None
-        self._late_data = LateData(scheduler.arm.obstacles, scheduler, states, rule, settings)
+        self._late_data = LateData(
+            scheduler.arm.obstacles, scheduler, states, rule, settings, self._stopping
+        )
         self._compile(robot)
 
     def reset(self) -> None:
         """Forget speed scales and committed pieces."""
         self._late_data.reset()
+        self._rising.reset()
         for memory in (self._stopping, self.pieces):
             if memory is not None:
                 memory.reset()
@@ -133,6 +141,10 @@ class Judge:
         if overdue:
             reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{overdue} pairs"))
             standing = True
+        proved = None
+        may_slow = not (standing or rule.latched or rule.holds_stop(tick.now))
+        if may_slow and rule.grade(contact_time, stop_time, rests=rests) is SLOW:
+            proved = self._find_proved_scale(tick, contact_time, is_proved=is_proved)
         level, held = rule.decide(
             tick.now,
             contact_time,
@@ -140,8 +152,11 @@ class Judge:
             complete=complete,
             standing=standing,
             rests=rests,
+            whole=proved == 1.0,
         )
-        scale = self._find_scale(tick, level, contact_time, is_proved=is_proved)
+        if level is SLOW and proved is None:
+            proved = self._find_proved_scale(tick, contact_time, is_proved=is_proved)
+        scale = self._give_scale(tick, level, proved, is_proved=is_proved)
         if (
             level is not CLEAR
             and pair != NOBODY
@@ -199,6 +214,7 @@ class Judge:
         self.certificate_inputs = None
         self._rule.latch(reason, since)
         level, _ = self._rule.decide(tick.now, 0.0, tick.stop_time, complete=False, standing=True)
+        self._rising.give(tick.now, 0.0)
         return self._make_verdict(stamp, tick, level, 0.0, 0.0, NOBODY, 0, [], complete=False)
 
     def _make_verdict(
@@ -261,19 +277,13 @@ class Judge:
         detail = f"{some} not decided about after {self._budget} evaluations"
         return Reason(ReasonKind.BUDGET_SPENT, f"budget={self._budget}", detail)
 
-    def _find_scale(
-        self, tick: Tick, level: Level, contact_time: float, *, is_proved: bool
-    ) -> float:
-        """The speed scale of a tick: 0 in STOP, 1 in AWARE and CLEAR, and in SLOW what is proved.
+    def _find_proved_scale(self, tick: Tick, contact_time: float, *, is_proved: bool) -> float:
+        """What is proved of a speed scale, as far as it may be given out; 1: of any speed.
 
-        Where nothing is near there is nothing to slow down for: SLOW comes in time, for while a
-        level is higher, the arm can stop before contact at whatever speed it has. A scale that
-        promises something is never above what brakes are stated for. Safety does not rest on it:
-        whether an arm that is faster has to stop, is what the level says.
+        A scale that promises something is never above what brakes are stated for. Safety does not
+        rest on it: whether an arm that is faster has to stop, is what the level says.
         """
-        if level is STOP:
-            return 0.0
-        if level is not SLOW or is_proved:
+        if is_proved:
             return 1.0
         stopping = self._stopping
         if stopping is None:
@@ -285,7 +295,28 @@ class Judge:
         # Far off in time, nothing could touch an arm that goes on at any speed and brakes then.
         if contact_time > tick.late_stop_time:
             return most
-        return stopping.find_scale(tick, most)
+        allowed = self._rising.find_most(tick.now)
+        if allowed < MOST_SLOW_SCALE:
+            most = min(most, allowed)
+        return stopping.find_scale(tick, self._rising.given, most)
+
+    def _give_scale(
+        self, tick: Tick, level: Level, proved: float | None, *, is_proved: bool
+    ) -> float:
+        """The speed scale of a tick: 0 in STOP, and in SLOW below 1 and no more than is proved.
+
+        It rises at a bounded rate, in every level. In AWARE and CLEAR nothing else limits it: SLOW
+        comes in time, for while a level is higher, the arm can stop before contact at whatever
+        speed it has. A committed piece is run as it was proved, and not slower.
+        """
+        rising = self._rising
+        scale = 0.0
+        if level is not STOP:
+            scale = 1.0 if is_proved else rising.find_most(tick.now)
+            if level is SLOW:
+                assert proved is not None, "found wherever the level is SLOW"
+                scale = min(scale, proved, MOST_SLOW_SCALE)
+        return rising.give(tick.now, scale)
 
     def _find_most_scale(self, stopping: StopDecision) -> float:
         """What no scale exceeds, since brakes are not stated for more; found at changes only.
@@ -341,7 +372,7 @@ class Judge:
             self._scheduler.find_unsafe(tick, 0.0)
             for most in (1.0, 0.5):
                 self._scheduler.arm.motion.braking.tabulate(tick.q, tick.v, 0.0, 0.0, pace=most)
-                self._stopping.find_scale(tick, most)
+                self._stopping.find_scale(tick, 0.0, most)
                 self._stopping.reset()
         if self.pieces is not None:
             self.pieces.compile(tick)

@@ -17,6 +17,7 @@ import numpy as np
 from armguard.jit.arrays import IntArray
 from armguard.monitor.levels import VerdictRule
 from armguard.monitor.settings import MonitorSettings
+from armguard.monitor.stop_decision import StopDecision
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.evaluate import evaluate, find_unsafe_pair
 from armguard.robot.joint_states import JointStates
@@ -97,6 +98,7 @@ class LateData:
         states: Knows the joint states.
         rule: Makes levels.
         settings: Of the monitor.
+        stopping: Decides about stops; None: contact times alone decide.
     """
 
     def __init__(
@@ -106,13 +108,14 @@ class LateData:
         states: JointStates,
         rule: VerdictRule,
         settings: MonitorSettings,
+        stopping: StopDecision | None,
     ) -> None:
         self._obstacles = obstacles
         self._scheduler = scheduler
         self._states = states
         self._rule = rule
         self._response_time = settings.response_time
-        self._decides = settings.with_joints
+        self._stopping = stopping
         self._joint_age = UsualAge(settings.period)
         self._source_ages: list[UsualAge] = []
         self.reset()
@@ -208,13 +211,19 @@ class LateData:
             state = self._scheduler.arm.state
             evaluate(state, pairs, times, self._nodes, self._bounds)
             contact_time = float(times.min(initial=math.inf))
-            rests = contact_time > stop_time
-            if self._decides and not rests:
-                braking = self._scheduler.arm.motion.braking
-                if braking.covers(tick.v, age, self._response_time):
-                    braking.tabulate(tick.q, tick.v, age, self._response_time)
-                    rests = find_unsafe_pair(state, pairs)[0] < 0
-        return self._rule.grade(contact_time, stop_time, rests=rests)
+            rests, whole = contact_time > stop_time, False
+            if self._stopping is not None:
+                rests = rests or self._stops(tick, age, pairs, self._response_time)
+                whole = rests and self._stops(tick, age, pairs, self._stopping.looks_ahead)
+        return self._rule.grade(contact_time, stop_time, rests=rests, whole=whole)
+
+    def _stops(self, tick: Tick, age: float, pairs: IntArray, horizon: float) -> bool:
+        """Whether an arm that is told to stop after a time, in [s], rests in time."""
+        braking = self._scheduler.arm.motion.braking
+        if not braking.covers(tick.v, age, horizon):
+            return False
+        braking.tabulate(tick.q, tick.v, age, horizon)
+        return bool(find_unsafe_pair(self._scheduler.arm.state, pairs)[0] < 0)
 
     @contextmanager
     def _freshen(self, tick: Tick, age: float, late: dict[int, float]) -> Iterator[None]:

@@ -70,7 +70,9 @@ class VerdictRule:
             detail = f"{reason.detail}; latched since {since}".removeprefix("; ")
             self.latched[reason.kind] = reason._replace(detail=detail)
 
-    def grade(self, contact_time: float, stop_time: float, *, rests: bool = False) -> Level:
+    def grade(
+        self, contact_time: float, stop_time: float, *, rests: bool = False, whole: bool = False
+    ) -> Level:
         """The level that one contact time earns by itself.
 
         Args:
@@ -78,11 +80,13 @@ class VerdictRule:
             stop_time: Time to come to rest, in [s] from now.
             rests: Whether the arm is known to rest before any contact, if it brakes after the next
                 tick: then there is no need to stop now, however short the contact time.
+            whole: Whether an arm at any speed is known to rest, if it brakes at the end of a speed
+                scale: then there is no need to slow down.
         """
         if not contact_time > stop_time and not (rests and contact_time >= 0.0):
             return STOP
         if not contact_time > stop_time + self.slow_margin:
-            return SLOW
+            return AWARE if whole else SLOW
         if not contact_time > stop_time + self.aware_margin:
             return AWARE
         return CLEAR
@@ -96,6 +100,7 @@ class VerdictRule:
         complete: bool,
         standing: bool,
         rests: bool = False,
+        whole: bool = False,
     ) -> tuple[Level, bool]:
         """The level to give out at `now`, and whether earlier evidence holds it down.
 
@@ -106,8 +111,9 @@ class VerdictRule:
             complete: Whether a certificate in force stands behind every pair.
             standing: Whether a standing fault is present in this tick.
             rests: As for `grade`.
+            whole: As for `grade`.
         """
-        raw = self.grade(contact_time, stop_time, rests=rests)
+        raw = self.grade(contact_time, stop_time, rests=rests, whole=whole)
         if standing or self.latched or not complete:
             raw = STOP
         if not self._settled:
@@ -132,6 +138,10 @@ class VerdictRule:
             if now - self._last_at[level] < self.rise_delay:
                 return level, True
         return raw, False
+
+    def holds_stop(self, now: float) -> bool:
+        """Whether a STOP of before lasts until `now` at least, in [s]."""
+        return now - self._last_at[STOP] < self.rise_delay
 
     def keep_cause(
         self, now: float, contact_time: float, stop_time: float, reasons: Sequence[Reason]

@@ -44,6 +44,7 @@ from armguard.monitor.plan_verdict import refuse_plan
 from armguard.monitor.queries import Queries
 from armguard.monitor.reports import PairReport, Snapshot
 from armguard.monitor.settings import (
+    SCALE_RISE,
     make_scheduler,
     read_number,
     read_settings,
@@ -96,6 +97,8 @@ class Monitor:
         aware_margin: Beyond the stopping time, [s]: AWARE below.
         rise_delay: Evidence needed before a level rises, [s]; after `reset` as well. As long a
             sample that was refused counts as one that may be true.
+        scale_rise: By how much the speed scale rises in a second, at most, [1/s], so that an arm
+            that follows it moves smoothly; it falls at once.
         source_timeout: Silence that a source may keep, and lead of its stamps, [s].
         joint_timeout: Longest step between joint states, their longest age, and the longest time
             for which one stamp may stand, [s]; default max(0.1, 5 periods).
@@ -144,6 +147,7 @@ class Monitor:
         slow_margin: float = 0.1,
         aware_margin: float = 0.3,
         rise_delay: float = 0.3,
+        scale_rise: float = SCALE_RISE,
         source_timeout: float = 0.2,
         joint_timeout: float | None = None,
         margin: float = 0.0,
@@ -167,6 +171,7 @@ class Monitor:
             schedule=schedule,
             motion=motion,
             leave=leave,
+            scale_rise=scale_rise,
             joint_timeout=joint_timeout,
             max_staleness=max_staleness,
             budget=budget,

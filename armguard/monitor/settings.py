@@ -34,6 +34,9 @@ REMOVED = dict.fromkeys(
 )
 """Settings of earlier versions, and what replaces them."""
 
+SCALE_RISE = 1.0
+"""By how much the speed scale rises in a second unless another rate is given, [1/s]."""
+
 MOST_EVALUATIONS = 2**62
 """A budget that nothing exceeds."""
 
@@ -57,6 +60,8 @@ class MonitorSettings(NamedTuple):
     slow_margin: float
     aware_margin: float
     rise_delay: float
+    scale_rise: float
+    """By how much the speed scale rises in a second, at most, [1/s]."""
     source_timeout: float
     joint_timeout: float
     margin: float
@@ -98,6 +103,7 @@ def read_settings(
     schedule: str | Schedule,
     motion: str,
     leave: str = "never",
+    scale_rise: float = SCALE_RISE,
     joint_timeout: float | None,
     max_staleness: float,
     budget: int | None,
@@ -130,6 +136,8 @@ def read_settings(
     for name, value in amounts.items():
         if not 0.0 <= read_number(value) < math.inf:
             raise ArmguardError(name, f"is {value!r}", expected="a finite number, at least 0")
+    if not 0.0 < read_number(scale_rise) < math.inf:
+        raise ArmguardError("scale_rise", f"is {scale_rise!r}", expected="a finite number above 0")
     if not 0.0 <= read_number(max_staleness) < 1.0:
         raise ArmguardError(
             "max_staleness", f"is {max_staleness!r}", expected="0 <= max_staleness < 1"
@@ -151,6 +159,7 @@ def read_settings(
         schedule=None if by_deadline else make_schedule(schedule, period),
         motion=motion,
         leave=leave,
+        scale_rise=float(scale_rise),
         max_staleness=float(max_staleness),
         budget=_read_budget(budget, by_deadline=by_deadline),
         base_placement=base_placement or pinocchio.SE3.Identity(),

@@ -71,10 +71,8 @@ class StopDecision:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the speed scale that was found last."""
-        self._found, self._asked_in = 1.0, -1
+        """Forget what was asked before."""
         self._unsafe_in = -9
-        self._raise = STEP
         self._raise_at = -math.inf
         self._kept.reset()
 
@@ -109,7 +107,7 @@ class StopDecision:
         self._unsafe_in = tick.number
         return False
 
-    def find_scale(self, tick: Tick, most: float = 1.0) -> float:
+    def find_scale(self, tick: Tick, given: float, most: float) -> float:
         """The fraction of their operating velocities at which joints may go on, at most `most`.
 
         An arm whose joints are no faster may go on so for as long as a STOP takes to reach the
@@ -119,23 +117,20 @@ class StopDecision:
 
         What this returns was proved in this very tick, or in earlier ones: of the whole, by proofs
         that last; of less, by such as hold for an arm that has kept to it since. The search begins
-        where the last one ended, so most ticks take no question: few ask for a proof that lasts,
-        for a shorter one where that is not to be had, and at last of this tick alone, and now and
-        then one asks whether a higher scale would do; only where the last scale is safe no more, it
-        is a bisection.
+        at what was given out last, so most ticks take no question: few ask for a proof that lasts,
+        for a shorter one where that is not to be had, and at last of this tick alone; only where
+        the last scale is safe no more, it is a bisection. A higher one has to be proved for some
+        time ahead: a scale that had to fall again at once would make the arm jerk.
+
+        Args:
+            tick: The tick.
+            given: The scale that was given out last.
+            most: The most that is asked for.
         """
-        found = min(self._found, most)
-        if tick.number != self._asked_in + 1:
-            # Nothing was slow in between, so the arm may go at full speed until something is found.
-            found = most
-        self._asked_in = tick.number
+        found = min(given, most)
         if found < most and not tick.time < self._raise_at:
-            higher = min(most, found + self._raise)
-            if self._is_safe(tick, higher):
-                self._raise = min(1.0, 2.0 * self._raise)
-                self._found = higher
-                return higher
-            self._raise = STEP
+            if self._may_rise(tick, most):
+                return most
             self._raise_at = tick.time + RAISE_PAUSE
         if not self._is_safe(tick, found, lasts=True):
             # Invariant: `found` is safe, for an arm that may be told to stop now; `high` is not.
@@ -148,8 +143,16 @@ class StopDecision:
                     high = scale
                 scale = 0.5 * (found + high)
             self._raise_at = tick.time + RAISE_PAUSE
-        self._found = found
         return found
+
+    def _may_rise(self, tick: Tick, scale: float) -> bool:
+        """Whether a higher scale than the last one is safe, for a while if it is below 1."""
+        if scale == 1.0:
+            return self._is_whole_safe(tick, lasts=True)
+        braking = self._scheduler.arm.motion.braking
+        horizon = self.looks_ahead + SCALE_PROVING
+        table = braking.tabulate(tick.q, tick.v, tick.arm_age, horizon, pace=scale)
+        return self._is_free(tick, table)
 
     def _is_safe(self, tick: Tick, scale: float, *, lasts: bool = False) -> bool:
         """Whether an arm that keeps to a scale rests in time; at 0 it rests already.

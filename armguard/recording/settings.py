@@ -30,6 +30,7 @@ _PLAIN = (
     "slow_margin",
     "aware_margin",
     "rise_delay",
+    "scale_rise",
     "source_timeout",
     "joint_timeout",
     "margin",

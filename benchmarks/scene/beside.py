@@ -89,14 +89,19 @@ class Person(NamedTuple):
     bearing: float
     """Where that is, in [rad] about z from x."""
 
-    def publish(self, obstacles: Obstacles, time: float) -> None:
-        """Tell the obstacle table where the nine bodies are."""
+    def find_points(self, time: float) -> tuple[Floats, Floats]:
+        """Tracked points, in [m], shape (9, 3), and the velocity of all of them, in [m]/[s]."""
         ahead = np.array([-math.cos(self.bearing), -math.sin(self.bearing), 0.0])
         left, up = np.array([-ahead[1], ahead[0], 0.0]), np.array([0.0, 0.0, 1.0])
         angle = SWAYING * time + 3.0 * self.bearing
         shift = SWAY * (math.sin(angle) * ahead + math.cos(0.7 * angle) * left)
         pace = SWAYING * SWAY * (math.cos(angle) * ahead - 0.7 * math.sin(0.7 * angle) * left)
         place = np.array(STANDING) @ np.stack([ahead, left, up]) - self.distance * ahead + shift
+        return place, pace
+
+    def publish(self, obstacles: Obstacles, time: float, *, begin: float = 0.0) -> None:
+        """Tell the obstacle table where the nine bodies are, who have moved since `begin`."""
+        place, pace = self.find_points(begin + time)
         velocity = np.tile(pace, (len(STANDING), 1))
         publish_person(
             obstacles, self.name, time, place, velocity, np.zeros(len(STANDING)),

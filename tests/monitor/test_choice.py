@@ -51,7 +51,7 @@ def test_a_farther_obstacle_requires_less(near):
 
 
 def test_the_levels_that_occurred_are_told(near):
-    assert "ticks of SLOW and AWARE and CLEAR" in near.choice.summary[1]
+    assert "ticks of AWARE and CLEAR" in near.choice.summary[1]
 
 
 def test_every_link_is_watched_and_those_out_of_reach_are_told(near):

@@ -263,7 +263,7 @@ def test_on_its_piece_an_arm_may_go_where_it_would_have_to_stop_without():
         assert {verdict.stop for verdict in verdicts} == (
             {"finish", None} if commits else {"brake"}
         )
-        assert (verdicts[-1].level is Level.SLOW) is commits
+        assert (verdicts[-1].level is Level.AWARE) is commits
         assert verdicts[-1].speed_scale == (1.0 if commits else 0.0)
 
 

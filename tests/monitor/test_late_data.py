@@ -35,7 +35,7 @@ def tell(verdict):
 @pytest.mark.parametrize("schedule", ["deadline", "full"])
 def test_a_pause_of_a_camera_is_named_where_it_alone_stops_the_arm(schedule):
     on_time, paused = watch(schedule=schedule), watch((2.0, 2.17), schedule=schedule)
-    assert min(one.level for one in on_time) is Level.SLOW
+    assert min(one.level for one in on_time) is Level.AWARE
     assert not any(tell(one) for one in on_time)
     stops = [one for one in paused if one.level is Level.STOP]
     assert stops
@@ -43,7 +43,7 @@ def test_a_pause_of_a_camera_is_named_where_it_alone_stops_the_arm(schedule):
     (reason,) = tell(first)
     assert reason.subject == "camera"
     assert "usually 10 ms" in reason.detail
-    assert reason.detail.endswith("with fresh data: SLOW")
+    assert reason.detail.endswith("with fresh data: AWARE")
     # It is the weightiest reason, and what the STOP is held for.
     assert first.reasons[0] == reason
     assert all(one.held is None or one.held.reason.kind is ReasonKind.LATE_DATA for one in stops)

@@ -117,13 +117,15 @@ def test_levels_fall_as_a_ball_comes_and_rise_after_it_has_gone(schedule, motion
     assert up[-1] is Level.CLEAR
 
     def earned(verdict, *, rests):
-        return monitor._rule.grade(verdict.contact_time, verdict.stop_time, rests=rests)
+        contact_time, stop_time = verdict.contact_time, verdict.stop_time
+        return monitor._rule.grade(contact_time, stop_time, rests=rests, whole=rests)
 
     # Whether the arm rests in time is asked by joint bounds alone, and told by the level.
     for before, verdict in itertools.pairwise(times):
         least, most = earned(verdict, rests=False), earned(verdict, rests=motion == "joint")
         held = ReasonKind.HOLD in kinds(verdict)
         assert verdict.level <= most
+        assert verdict.level is not Level.SLOW or verdict.speed_scale < 1.0
         assert held or verdict.level >= least
         assert not held or verdict.level < most
         assert (ReasonKind.CONTACT in kinds(verdict)) == (least < Level.CLEAR)

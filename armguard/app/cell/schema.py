@@ -318,7 +318,7 @@ class MonitorTable(_Table, frozen=True, kw_only=True):
 
 
 class ThresholdsTable(_Table, frozen=True, kw_only=True):
-    """`[thresholds]`: times in [s] that decide about levels and faults."""
+    """`[thresholds]`: times, and a rate, that decide about levels, speeds and faults."""
 
     reaction_time: NotNegative | UnsetType = UNSET
     """From a STOP to braking torque, in [s]."""
@@ -330,6 +330,8 @@ class ThresholdsTable(_Table, frozen=True, kw_only=True):
     """AWARE within that time after the arm could have stopped, in [s]."""
     rise_delay: NotNegative | UnsetType = UNSET
     """Evidence that is needed before a level rises, after a reset as well, in [s]."""
+    scale_rise: Positive | UnsetType = UNSET
+    """By how much the speed scale rises in a second, at most, in [1/s]; it falls at once."""
     source_timeout: Positive | UnsetType = UNSET
     """Silence of sources that have no timeout of their own, in [s]."""
     joint_timeout: Positive | UnsetType = UNSET
