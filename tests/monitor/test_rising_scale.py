@@ -141,7 +141,7 @@ def test_levels_do_not_flutter_between_slow_and_aware():
     verdicts = sway()
     assert {one.level for one in verdicts} >= {Level.SLOW, Level.AWARE}
     rises = [two.stamp for one, two in itertools.pairwise(verdicts) if one.level < two.level]
-    assert len(rises) > 2
+    assert len(rises) > 1
     assert min(b - a for a, b in itertools.pairwise(rises)) > 0.1
     assert np.diff([one.speed_scale for one in verdicts]).max() <= 20.0 * PERIOD + 1e-9
 
