@@ -1,6 +1,6 @@
 """`Monitor`: from joint states and obstacles to a verdict in every tick.
 
-Its judge, the decision to stop, the plan it follows, and what can be asked of it between ticks.
+Its judge, the decision to stop, committed pieces, and what can be asked of it between ticks.
 """
 
 from armguard.monitor.choice import Choice, TrialTick

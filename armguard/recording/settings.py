@@ -11,7 +11,7 @@ import pinocchio
 
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
-from armguard.monitor.settings import REMOVED
+from armguard.monitor.settings import REMOVED, SCALE_RISE
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
@@ -141,7 +141,7 @@ def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) ->
     base, operating, separation = data["base_placement"], data["operating"], data["separation"]
     schedule = data["schedule"]
     # Recordings of earlier versions do not have all that there is now: then it was as by default.
-    data = {"leave": "never", "advances": ADVANCES, **data}
+    data = {"leave": "never", "advances": ADVANCES, "scale_rise": SCALE_RISE, **data}
     words: dict[str, Any] = {name: str(data[name]) for name in _WORDS}
     numbers: dict[str, Any] = {name: float(data[name]) for name in _PLAIN}
     return Monitor(
