@@ -8,6 +8,7 @@ right first, and afterwards every collision element and every axis is accounted 
 from __future__ import annotations
 
 import math
+import os
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -20,7 +21,7 @@ from armguard.exceptions import RobotError
 
 UNIT = 1e-6  # an axis is off from unit length by rounding at most
 XACRO = "ros.org/wiki/xacro"  # in the name of its elements' namespace, with and without "www."
-PACKAGE = "package://"  # before the name of the package that a mesh is in
+PACKAGES = ("package://", "model://")  # before the name of the package, or Gazebo model, of a mesh
 FREE_RANGE = 1e9  # stands in for "none" where the URDF format wants a number, in [rad]
 
 
@@ -70,7 +71,8 @@ def read_urdf(
 
     Args:
         path: The URDF file. Mesh names without a scheme are relative to its folder.
-        package_dirs: Folders in which `package://` names are looked up.
+        package_dirs: Folders in which `package://` and `model://` names are looked up, before those
+            of the environment variable `ROS_PACKAGE_PATH`.
         freed: Joints that are drawn fixed but do turn, about the axis that the file gives them.
         drawn: Links without collision geometry whose visual geometry is taken for it.
 
@@ -270,7 +272,7 @@ def _prepare_meshes(
     for link in root.iterfind("link"):
         for mesh in link.iterfind("collision/geometry/mesh"):
             name = mesh.get("filename", "")
-            if name.startswith(PACKAGE):
+            if name.startswith(PACKAGES):
                 found = _find_packaged(name, link.get("name", ""), package_dirs)
                 mesh.set("filename", str(found))
             elif "://" not in name and not Path(name).is_absolute():
@@ -280,13 +282,15 @@ def _prepare_meshes(
 def _find_packaged(name: str, link: str, package_dirs: Sequence[str | Path]) -> Path:
     """The file of a mesh that is named by its package.
 
-    A package lies in a folder of its name, or in one whose package.xml says so.
+    A package lies in a folder of its name, or in one whose package.xml says so. After
+    `package_dirs` the folders of the environment variable `ROS_PACKAGE_PATH` are searched.
 
     Raises:
         RobotError: No package of this name, or no such file in it, is in any of the folders.
     """
-    package, _, rest = name.removeprefix(PACKAGE).partition("/")
-    searched = [Path(directory) for directory in package_dirs]
+    package, _, rest = name.partition("://")[2].partition("/")
+    listed_by_ros = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
+    searched = [Path(directory) for directory in (*package_dirs, *filter(None, listed_by_ros))]
     homes = []
     for directory in searched:
         manifests = [directory / "package.xml", *sorted(directory.glob("*/package.xml"))]

@@ -1,3 +1,5 @@
+import os
+
 import numpy as np
 import pinocchio
 import pytest
@@ -139,6 +141,22 @@ def test_a_package_is_found_by_what_its_manifest_says(tmp_path):
     for folder in (tmp_path, home):
         robot = Robot.from_urdf(path, limits=limits_for("shoulder"), package_dirs=[folder])
         assert robot.triangles("upper").shape == (2, 3, 3)
+
+
+@pytest.mark.parametrize("scheme", ["package", "model"])
+@pytest.mark.parametrize("by_ros", [False, True])
+def test_packages_and_models_are_found_in_named_folders_and_in_those_of_ros(
+    tmp_path, monkeypatch, scheme, by_ros
+):
+    home = tmp_path / "arm" / "meshes"
+    home.mkdir(parents=True)
+    write_stl(home / "upper.stl", [np.eye(3), -np.eye(3)])
+    path = two_links(tmp_path, mesh_xml(f"{scheme}://arm/meshes/upper.stl"))
+    folders = f"{tmp_path / 'nowhere'}{os.pathsep}{tmp_path}"
+    monkeypatch.setenv("ROS_PACKAGE_PATH", folders if by_ros else "")
+    named = () if by_ros else (tmp_path,)
+    robot = Robot.from_urdf(path, limits=limits_for("shoulder"), package_dirs=named)
+    assert robot.triangles("upper").shape == (2, 3, 3)
 
 
 def test_a_mesh_that_is_not_found_names_package_folders_and_option(tmp_path):
