@@ -78,6 +78,12 @@ def test_what_no_tick_has_seen_yet_is_not_forgotten():
     monitor.reset()
     assert table.row("new") >= 0
     assert not subjects(run(table, monitor, 50, 1)[0], FORGOTTEN)
+    # Nor is an old one that no tick believed, where news of it came in since.
+    see(table, -1e300, FAR, ["late"], source="camera")
+    run(table, monitor, 51, 1)
+    see(table, 0.515, FAR, ["late"], source="camera")
+    monitor.reset()
+    assert table.row("late") >= 0
 
 
 def test_a_silent_source_that_nobody_named_is_forgotten_until_it_speaks():
