@@ -163,7 +163,7 @@ def test_reset_forgets_states_and_puts_no_limits_in_force_that_were_not_kept():
     assert not history.resumes(-5.0)
     assert not history.resumes(-4.71)
     assert history.in_force.is_suspended
-    assert history.resumes(-4.7)
+    assert history.resumes(-4.69)
     assert not history.in_force.is_suspended
 
 

@@ -443,7 +443,10 @@ def test_a_budget_that_is_spent_is_told_with_its_numbers():
         for budget in (2, 4, 12, 10**6):
             for verdict, without in zip(stand_beside(1, place, budget=budget), free, strict=True):
                 reasons = [r for r in verdict.reasons if r.kind is ReasonKind.BUDGET_SPENT]
-                assert verdict.level is without.level or reasons or not verdict.complete
+                # Whether full speed is safe may be left open: then the level is SLOW, not AWARE.
+                both = {verdict.level, without.level}
+                is_told = reasons or not verdict.complete
+                assert len(both) == 1 or both == {Level.SLOW, Level.AWARE} or is_told
                 assert verdict.level <= without.level
                 for reason in reasons:
                     told.add((budget, verdict.level))
