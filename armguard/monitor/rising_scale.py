@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-STEADY_SHARE = 0.9
+STEADY_SHARE = 0.85
 """Up to which share of the scale that was proved no longer it rises again at first."""
 
 STEADY_TIME = 0.5
