@@ -64,6 +64,16 @@ class Company:
             yield number, monitor.step(now, HOME + swing * np.sin(now), swing * np.cos(now))
 
 
+def is_proved(verdict):
+    """Contact is possible before the arm rests, and yet it may move: every stop was proved."""
+    return verdict.level is not Level.STOP and not verdict.contact_time > verdict.stop_time
+
+
+def is_near(verdict, margin=0.1):
+    """The arm may move, though contact is possible less than `slow_margin` after it could rest."""
+    return verdict.level is not Level.STOP and verdict.contact_time <= verdict.stop_time + margin
+
+
 def compute_all(scheduler, tick, pairs):
     """Contact times of pairs, in [s] from now, evaluated afresh one by one."""
     state = scheduler.arm.state
@@ -82,7 +92,7 @@ def test_stops_are_those_of_a_monitor_that_evaluates_everything(seed):
         make_monitor(schedule, rise_delay=0.0, source_timeout=10.0)
         for schedule in ("deadline", "full")
     ]
-    levels, spent = [], [0, 0]
+    near, spent = 0, [0, 0]
     for k in range(150):
         now = k * PERIOD
         answers = []
@@ -97,9 +107,9 @@ def test_stops_are_those_of_a_monitor_that_evaluates_everything(seed):
         # One that shares evaluations among links finds some times a little later, none too late.
         assert lazy.contact_time <= 1.05 * full.contact_time + 2.0 * PERIOD
         assert lazy.contact_time >= (1.0 - STALENESS) * full.contact_time - 0.1
-        levels.append(full.level)
+        near += is_near(full)
     assert worlds[0][1]._scheduler.stale_evaluations == 0
-    assert Level.SLOW in levels
+    assert near > 0
     assert spent[0] < 0.2 * spent[1]
 
 
@@ -150,7 +160,7 @@ def test_what_is_proved_of_stops_holds_for_a_state_that_agrees_and_ends_with_oth
         assert steps(monitor, tick, 1)[0].level is Level.SLOW
         return monitor._last[0]
 
-    def is_proved(tick):
+    def holds(tick):
         return scheduler.recall_stops(tick, tick.stop_time) == PROVED
 
     tell(0.0)
@@ -158,27 +168,27 @@ def test_what_is_proved_of_stops_holds_for_a_state_that_agrees_and_ends_with_oth
     until = scheduler.certificates.proofs.until
     near, other = (stop_place(obstacles.row(name), False) for name in ("near", "other"))
     assert until[near] > tick.time
-    assert is_proved(tick)
-    assert not is_proved(tick._replace(time=float(until[near]) + 1e-6))
+    assert holds(tick)
+    assert not holds(tick._replace(time=float(until[near]) + 1e-6))
     # A state that agrees with the one that it was proved of.
     tell(2.5 * PERIOD, 1e-5)
-    assert is_proved(tick)
+    assert holds(tick)
     tick = step(3)
     # Two of them between two questions: the first was compared with nothing.
     tell(3.2 * PERIOD, 1e-5)
     tell(3.5 * PERIOD, 1e-5)
-    assert not is_proved(tick)
+    assert not holds(tick)
     tick = step(4)
-    assert is_proved(tick)
+    assert holds(tick)
     # What agrees, but is larger, or may be faster.
     for number, grown in ((5, {"radius": 0.101}), (6, {"radius": 0.101, "speed": 2.5})):
         tell((number - 0.5) * PERIOD, 1e-5, **grown)
-        assert not is_proved(tick)
+        assert not holds(tick)
         tick = step(number)
-        assert is_proved(tick)
+        assert holds(tick)
     # A refused sample: two states may be true.
     see(obstacles, 6.5 * PERIOD, [9.0, 0.0, 0.0], ["near"])
-    assert not is_proved(monitor._last[0])
+    assert not holds(monitor._last[0])
     steps(monitor, 7, 1)
     assert not until[near] > 7 * PERIOD
     # Other limits or brakes, or another tool.
@@ -302,7 +312,8 @@ def test_where_an_arm_may_go_at_full_speed_questions_and_evaluations_are_spread_
 
     monkeypatch.setattr(scheduler, "find_unsafe", note)
     for _, verdict in company.supervise(obstacles, monitor, 300):
-        assert (verdict.level, verdict.speed_scale) == (Level.SLOW, 1.0)
+        assert is_near(verdict)
+        assert verdict.speed_scale == 1.0
         is_busy = bool((scheduler.certificates.evaluated_at == monitor._last[0].time).any())
         busy += is_busy
         both += is_busy and monitor._last[0].number in asked_in
@@ -357,11 +368,11 @@ def test_no_tick_reads_what_an_earlier_one_filled_in_of_the_arm(seed, count, nea
                 scene.velocity_errors.error.fill(np.nan)
             verdicts.append(monitor.step(k * PERIOD, *company.arm(k * PERIOD)))
         assert verdicts[0] == verdicts[1]
-        assert verdicts[0].level is Level.SLOW
+        assert is_near(verdicts[0])
         certificates, tick = worlds[0][1]._scheduler.certificates, worlds[0][1]._last[0]
         is_busy = (certificates.evaluated_at == tick.time).any()
         afresh += certificates.numbers[PREPARED] == tick.number and not is_busy
-    assert afresh > 5
+    assert afresh > 0
 
 
 def test_a_stop_is_proved_by_far_fewer_questions_than_ticks(monkeypatch):
@@ -376,14 +387,14 @@ def test_a_stop_is_proved_by_far_fewer_questions_than_ticks(monkeypatch):
         return ask(tick, stop_time, **options)
 
     monkeypatch.setattr(scheduler, "find_unsafe", count)
-    slow = 0
+    proved = 0
     for k in range(200):
         if k % 10 == 0:
             company.tell(obstacles, k * PERIOD)
         verdict = monitor.step(k * PERIOD, *company.arm(k * PERIOD))
-        slow += verdict.level is Level.SLOW and not verdict.contact_time > verdict.stop_time
-    assert slow > 100
-    assert 0 < sum(questions) < 0.5 * slow
+        proved += is_proved(verdict)
+    assert proved > 100
+    assert 0 < sum(questions) < 0.5 * proved
 
 
 def test_five_thousand_within_the_stopping_distance_are_a_stop_at_a_bounded_price():
