@@ -383,6 +383,15 @@ class Verdict(NamedTuple):
         )
 
 
+class ResetVerdict(NamedTuple):
+    """Whether a monitor has obeyed a reset; frozen."""
+
+    obeyed: bool
+    """Whether it has; a cause that persists has latched again at once."""
+    problem: str
+    """Why not; empty where it has."""
+
+
 class PlanVerdict(NamedTuple):
     """Whether the arm may follow a plan; frozen."""
 

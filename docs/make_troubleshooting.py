@@ -26,7 +26,7 @@ SECTIONS = {
     Effect.LATCHED: (
         "Reasons that stop the arm until a reset",
         "See that the cause has gone, then `monitor.reset()`, or `armguard reset ADDRESS --token TOKEN` "
-        "with the token that `armguard run --reset-token` was given.",
+        "with the token that `armguard run --reset-token` was given. The command says whether the monitor has obeyed.",
     ),
     Effect.NOTE: (
         "Reasons that explain, and stop nothing by themselves",

@@ -22,6 +22,7 @@ TYPES = {
     "int": "integer",
     "int | None": "integer or nil",
     "Number": "integer, 0 to 2⁶³ − 1",
+    "Number | None": "integer, 0 to 2⁶³ − 1, or nil",
     "float": "number",
     "float | None": "number or nil",
     "list[str]": "strings",
@@ -58,7 +59,7 @@ What goes between the processes of a cell: messages on ZeroMQ sockets. `armguard
 |---|---|---|---|---|
 | obstacles | SUB, bound | PUB | `{addresses.OBSTACLES_ADDRESS}` | `--obstacles` |
 | joint states and plans | SUB, bound | PUB | `{addresses.JOINTS_ADDRESS}` | `--joints` |
-| verdicts and answers to plans | PUB, bound | SUB | `{addresses.VERDICTS_ADDRESS}` | `--verdicts` |
+| verdicts and answers | PUB, bound | SUB | `{addresses.VERDICTS_ADDRESS}` | `--verdicts` |
 
 Both inputs take every type of message, and may be one address. With `--obstacles -` the monitor reads one JSON object a line from standard input, joint states among them; there is no socket then but that of the verdicts.
 
@@ -130,7 +131,7 @@ RESET = """## Reset
 `{"type": "reset", …}` ends a latched STOP once its cause has gone; a cause that persists latches again at once. It also forgets [what no message may ever end](obstacles.md), such as the silence of a mistyped source. `armguard reset` sends it, with `--arm` in a cell with several arms: the monitors of the others leave it alone.
 """
 
-AFTER_RESET = """A run without `--reset-token` obeys none, and with several arms none that names no arm of the cell. What was not obeyed is counted; there is no answer but the verdicts that follow.
+AFTER_RESET = """A run without `--reset-token` obeys none, and with several arms none that names no arm of the cell. What was not obeyed is counted. A reset with a `number` gets one answer, `{"type": "reset_verdict", …}`, on the socket of the verdicts, after the verdict of the tick in which it came. One that names another arm of the cell, or whose client may not send it, gets none.
 """
 
 IGNORE = """## Contact that is wanted
@@ -242,6 +243,7 @@ def write_page() -> str:
         RESET,
         write_table(messages.ResetMessage),
         AFTER_RESET,
+        write_table(messages.ResetVerdictMessage),
         IGNORE,
         write_table(messages.IgnoreMessage),
         WATCH,

@@ -41,6 +41,9 @@ MISTAKE = 2
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 
 
+_USUAL_VERDICTS = f"port {VERDICTS_ADDRESS.rpartition(':')[2]} of the same host"
+
+
 def _default(address: str) -> object:
     """What help says of an address that counts where none is given."""
     return tyro.conf.arg(help_behavior_hint=f"(default: {address})")
@@ -286,6 +289,8 @@ class Commission:
 class Reset:
     """End a latched STOP of a running monitor, once its cause has gone.
 
+    Says whether it was obeyed; the exit code is 1 where it was not.
+
     Example: armguard reset tcp://127.0.0.1:5702 --token sesame
     """
 
@@ -293,19 +298,26 @@ class Reset:
     """Where the monitor takes obstacles or joint states; `armguard run` prints it."""
     token: str
     """What `armguard run --reset-token` was given."""
+    verdicts: Annotated[str | None, _default(_USUAL_VERDICTS)] = None
+    """Where the monitor publishes verdicts, and its answer."""
     arm: str = ""
     """Whose monitor is meant, in a cell with several arms."""
     key: Path | None = None
-    """Where the monitor asks for keys: the secret file of a client that may reset."""
+    """Where the monitor asks for keys: the secret file of a client that may reset and read
+    verdicts."""
     server_key: Path | None = None
     """The monitor's public file."""
+    json: Flag = False
+    """Print one JSON object."""
 
     def run(self) -> int:
-        """Send the reset."""
+        """Send the reset and wait for the answer."""
         from armguard.app.run import read_key_files, send_reset
 
         key_files = read_key_files(self.key, self.server_key)
-        return send_reset(self.address, self.token, key_files, self.arm)
+        return send_reset(
+            self.address, self.token, key_files, self.arm, self.verdicts, as_json=self.json
+        )
 
 
 @dataclasses.dataclass(frozen=True)

@@ -43,7 +43,7 @@ from armguard.streams.edge import (
 from armguard.streams.faults import FaultLog, logger
 from armguard.streams.inputs import Input, LineInput, SocketInput
 from armguard.streams.nodes import VerdictPublisher
-from armguard.verdict import BRAKE, Level, PlanVerdict, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, Level, PlanVerdict, Reason, ReasonKind, ResetVerdict, Verdict
 
 LONGEST_SPELL = 0.19
 REST = 0.01
@@ -100,7 +100,8 @@ class RateLoop:
         inputs: Where messages come from; the loop ends when one that can end has ended.
         clock: Tells time and sleeps; the same as the edge's.
         publish: Takes each verdict; must never block.
-        answer: Takes the number of each plan that came, and the answer to it; must never block.
+        answer: Takes the number of each plan and reset that came, and the answer to it; must never
+            block.
         observe: Sees each verdict, with this loop, after it was published; must never block.
         rest: Called with this loop where there is time before the next tick, in [s], for what can
             wait until then; must never block.
@@ -120,7 +121,7 @@ class RateLoop:
         inputs: Sequence[Input],
         clock: Clock,
         publish: Callable[[Verdict], None],
-        answer: Callable[[int, PlanVerdict], None],
+        answer: Callable[[int, PlanVerdict | ResetVerdict], None],
         observe: Callable[[RateLoop, Verdict], None] | None = None,
         rest: Callable[[RateLoop, float], None] | None = None,
     ) -> None:
@@ -204,6 +205,8 @@ class RateLoop:
         else:
             verdict = self.monitor.step(state.stamp, state.q, state.v, now)
         self._publish(verdict)
+        for number, obeyed in edge.reset_verdicts:
+            self._answer(number, obeyed)
         for request in edge.plans:
             is_newest = request is edge.plans[-1]
             self._answer(request.number, judge_request(self.monitor, request, is_newest=is_newest))

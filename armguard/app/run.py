@@ -6,7 +6,6 @@ import contextlib
 import re
 import shlex
 import socket
-import sys
 import time
 import webbrowser
 from collections.abc import Mapping
@@ -22,10 +21,10 @@ from armguard.app.premises import list_premises, summarise_premises
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.service import ServiceNotifier
 from armguard.app.summary import VerdictCounts, draw_summary, summarise
-from armguard.app.terminal import make_console
+from armguard.app.terminal import make_console, print_json
 from armguard.app.view_feed import MonitorFeed, Origin
 from armguard.bounds.braking import BrakingMotion
-from armguard.exceptions import ArmguardError, StreamError
+from armguard.exceptions import ArmguardError
 from armguard.jit import Progress, Work, telling
 from armguard.jit.progress import PATIENCE
 from armguard.monitor.monitor import Monitor
@@ -40,15 +39,15 @@ from armguard.streams.addresses import (
     is_unspecified,
 )
 from armguard.streams.keys import Keys, write_new_pair
-from armguard.streams.nodes import Publisher
-from armguard.verdict import Verdict
+from armguard.streams.nodes import Publisher, VerdictReader
+from armguard.verdict import ResetVerdict, Verdict
 from armguard.view.listening import LOOPBACK
 from armguard.view.messages import StatusMessage
 from armguard.view.process import launch
 from armguard.view.publisher import FramePublisher
 
 REACH_TIMEOUT = 3.0
-"""How long `armguard reset` waits for the monitor to answer, in [s]."""
+"""How long `armguard reset` waits for the monitor, and for its answer, in [s]."""
 
 PROGRESS_INTERVAL = 2.0
 """Between two lines about the progress of long work where there is no terminal, in [s]."""
@@ -190,7 +189,7 @@ def supervise(
             )
     summary = summarise(report, observer.counts)
     if as_json:
-        sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
+        print_json(summary)
     else:
         make_console().print(draw_summary(summary))
     return 0
@@ -243,7 +242,7 @@ def describe_remedy(
     """What ends a latched STOP, as a command that can be copied.
 
     Args:
-        addresses: Of "joints" and "obstacles"; "-" is standard input.
+        addresses: Of "joints", "obstacles" and "verdicts"; "-" is standard input.
         reset_token: What a reset must carry; None: none is obeyed.
         has_keys: Whether it is sent with keys.
         arm: Which of several arms is watched; empty where there is one.
@@ -251,12 +250,13 @@ def describe_remedy(
     address = find_reset_address(addresses)
     token = "TOKEN" if reset_token is None else reset_token
     if address:
-        if is_unspecified(address):
-            # On each machine this is another one: the command is for any of them.
-            address = f"tcp://{socket.gethostname()}:{address.rsplit(':', 1)[1]}"
+        address, verdicts = _name_host(address), _name_host(addresses["verdicts"])
+        answered = [] if verdicts == find_verdicts_address(address) else ["--verdicts", verdicts]
         key_files = ["--key", "FILE", "--server-key", "FILE"] if has_keys else []
         named = ["--arm", arm] if arm else []
-        way = shlex.join(["armguard", "reset", address, "--token", token, *named, *key_files])
+        way = shlex.join(
+            ["armguard", "reset", address, "--token", token, *answered, *named, *key_files]
+        )
     else:
         fields = {"type": "reset", "token": token} | ({"arm": arm} if arm else {})
         line = msgspec.json.encode(fields)
@@ -264,6 +264,24 @@ def describe_remedy(
     if reset_token is not None:
         return f"to end it: {way}"
     return f"this run obeys no reset: start it anew; with --reset-token TOKEN this ends it: {way}"
+
+
+def _name_host(address: str) -> str:
+    """An address by which other machines can reach what is bound to it, if any can."""
+    if not is_unspecified(address):
+        return address
+    return f"tcp://{socket.gethostname()}:{address.rsplit(':', 1)[1]}"
+
+
+def find_verdicts_address(address: str) -> str:
+    """Where a monitor most likely publishes: on the same host, at the usual port.
+
+    Args:
+        address: Where it takes obstacles or joint states.
+    """
+    host, _, port = address.rpartition(":")
+    usual = VERDICTS_ADDRESS.rpartition(":")[2]
+    return f"{host}:{usual}" if port.isdigit() else VERDICTS_ADDRESS
 
 
 def read_key_files(own: Path | None, server: Path | None) -> tuple[Path, Path] | None:
@@ -306,36 +324,70 @@ def make_keys(name: str, folder: Path) -> int:
 
 
 def send_reset(
-    address: str, token: str, key_files: tuple[Path, Path] | None = None, arm: str = ""
+    address: str,
+    token: str,
+    key_files: tuple[Path, Path] | None = None,
+    arm: str = "",
+    verdicts_address: str | None = None,
+    *,
+    as_json: bool = False,
 ) -> int:
-    """Send a reset to a running monitor; the exit code.
+    """Send a reset to a running monitor and tell its answer; the exit code, 1 if not obeyed.
 
     Args:
         address: Where it takes obstacles or joint states.
         token: What its run was started with.
-        key_files: Secret file of a client that may reset, and the monitor's public file; None: it
-            asks for no keys.
+        key_files: Secret file of a client that may reset and read verdicts, and the monitor's
+            public file; None: it asks for no keys.
         arm: Whose monitor is meant, in a cell with several arms.
+        verdicts_address: Where it publishes verdicts and answers; None: as
+            `find_verdicts_address` has it.
+        as_json: Print one JSON object.
 
     Raises:
-        StreamError: The address or a key cannot be used, or no monitor listens there.
+        StreamError: An address or a key cannot be used.
     """
     keys = None if key_files is None else Keys.load(*key_files)
-    with Publisher(address, keys=keys) as publisher:
-        if not publisher.wait(REACH_TIMEOUT):
-            raise StreamError(
-                address,
-                "no monitor listens there, or this client may not reset "
-                f"(waited {REACH_TIMEOUT:g} s)",
-                expected="an address of obstacles or joint states",
-                remedy="`armguard run` prints both; with [keys] in its cell file it lets in those "
-                "that may reset, with --key and --server-key",
-            )
-        publisher.reset(token, arm)
-    make_console().print(
-        f"reset sent to {address}; the monitor tells whether it obeys", soft_wrap=True
-    )
+    verdicts_address = verdicts_address or find_verdicts_address(address)
+    with (
+        Publisher(address, keys=keys) as publisher,
+        VerdictReader(verdicts_address, keys) as reader,
+    ):
+        verdict = _ask_reset(publisher, reader, token, arm)
+    if as_json:
+        print_json(verdict._asdict() | {"address": address})
+    if not verdict.obeyed:
+        complain(f"{address}: not reset: {verdict.problem}")
+        return COMPLAINT
+    if not as_json:
+        make_console().print(f"{address}: reset", soft_wrap=True)
     return 0
+
+
+def _ask_reset(publisher: Publisher, reader: VerdictReader, token: str, arm: str) -> ResetVerdict:
+    """Send a reset, and wait for the answer; the problem says where none came from."""
+    rights = "with [keys] in its cell file, this client needs --key, --server-key and the right"
+    if not publisher.wait(REACH_TIMEOUT):
+        return ResetVerdict(
+            False,
+            f"no monitor listens there (waited {REACH_TIMEOUT:g} s). `armguard run` prints its "
+            f'addresses of obstacles and joint states; {rights} "reset"',
+        )
+    # A reader hears what is published once it is connected, as the first verdict shows.
+    if reader.latest(REACH_TIMEOUT) is None:
+        return ResetVerdict(
+            False,
+            f"nothing was sent, as its answer could not be read: no verdicts come from "
+            f"{reader.address} (waited {REACH_TIMEOUT:g} s). --verdicts takes the address that "
+            f'`armguard run` prints; {rights} "verdicts"',
+        )
+    number = publisher.reset(token, arm)
+    verdict = reader.reset_answer(number, REACH_TIMEOUT)
+    return verdict or ResetVerdict(
+        False,
+        f"the monitor at {reader.address} did not answer (waited {REACH_TIMEOUT:g} s): it is "
+        f'another one, of another arm, or too busy; {rights} "reset"',
+    )
 
 
 def show(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+
+import msgspec
 from rich.console import Console
 from rich.progress import ProgressColumn, TextColumn
 
@@ -14,6 +17,15 @@ def make_console(*, stderr: bool = False, soft_wrap: bool = False) -> Console:
         soft_wrap: Whether long lines are left to the terminal.
     """
     return Console(stderr=stderr, soft_wrap=soft_wrap, markup=False, highlight=False)
+
+
+def print_json(report: object) -> None:
+    """Print the report of a command as one JSON object, in a line of its own.
+
+    Args:
+        report: What msgspec encodes: a mapping or a record of numbers, texts, paths and the like.
+    """
+    sys.stdout.write(msgspec.json.encode(report).decode() + "\n")
 
 
 def describe_column() -> ProgressColumn:

@@ -49,6 +49,7 @@ from armguard.streams.messages import (
     to_rows,
     to_values,
 )
+from armguard.verdict import ResetVerdict
 
 _MESSAGES_A_DRAIN = 64
 """Most messages taken from one input in one tick; the rest wait for the next."""
@@ -244,6 +245,8 @@ class Edge:
         """What was asked in the last drain about contact that is wanted, oldest first."""
         self.reset_requested = False
         """Whether a reset with the right token came; the loop that obeys it sets it back."""
+        self.reset_verdicts: list[tuple[int, ResetVerdict]] = []
+        """Answers to the resets of the last drain that want one, by number, oldest first."""
         start, machine, gap = _compare(clock, monotonic, 0.0)
         self.offset = machine - start
         """Machine's monotonic clock minus the monitor's, in [s]; never too small."""
@@ -298,6 +301,7 @@ class Edge:
         self._keeps_joint_state = False
         self.plans = []
         self.exemptions = []
+        self.reset_verdicts = []
         self._admit_clients(inputs)
         for source in inputs:
             # Whatever is taken now arrived since this input was last found empty.
@@ -563,11 +567,16 @@ class Edge:
     def _take_reset(self, message: ResetMessage) -> None:
         """Hand on a reset that names the watched arm, and has the token of this run."""
         problem = "token is not the one of this run"
+        if self._reset_token is None:
+            problem = "this run was started without --reset-token, and obeys none"
         try:
             self._check_arm(message)
             is_obeyed = self._is_token(message.token)
         except MessageError as error:
             is_obeyed, problem = False, str(error)
+        if message.number is not None:
+            verdict = ResetVerdict(is_obeyed, "" if is_obeyed else problem)
+            self.reset_verdicts.append((message.number, verdict))
         if not is_obeyed:
             self.faults.add("reset refused", "unknown", None, problem)
             return

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.contact.earliest import Certificate
-from armguard.verdict import Held, Level, PlanVerdict, Reason, ReasonKind, Verdict
+from armguard.verdict import Held, Level, PlanVerdict, Reason, ReasonKind, ResetVerdict, Verdict
 
 _CLOSER_LOOK = 65536
 """Longest message, in bytes, that is read a second time to say what was wrong with it."""
@@ -241,6 +241,9 @@ class ResetMessage(Message, tag="reset"):
     arm: str = ""
     """whose monitor is meant, by the arm's name in a cell with several; left out where there is
     one"""
+    number: Number | None = None
+    """of the reset; the answer carries it, and all readers see all answers; left out: no answer is
+    wanted"""
 
 
 class Header(msgspec.Struct):
@@ -359,18 +362,27 @@ class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
     """why not"""
 
 
+class ResetVerdictMessage(msgspec.Struct, tag_field="type", tag="reset_verdict"):
+    """A `ResetVerdict` on the wire, with the number of the reset that it answers."""
+
+    number: int
+    """of the reset that is answered"""
+    obeyed: bool
+    """whether nothing that was latched before is latched any more; a cause that persists latches
+    again at once"""
+    problem: str
+    """why not; empty where it was obeyed"""
+
+
+_AnyAnswer = VerdictMessage | PlanVerdictMessage | ResetVerdictMessage
 _encoder = msgspec.msgpack.Encoder()
 _json_encoder = msgspec.json.Encoder()
 _json_decoder: msgspec.json.Decoder[AnyMessage] = msgspec.json.Decoder(AnyMessage)
 _msgpack_decoder: msgspec.msgpack.Decoder[AnyMessage] = msgspec.msgpack.Decoder(AnyMessage)
 _json_header_decoder: msgspec.json.Decoder[Header] = msgspec.json.Decoder(Header)
 _msgpack_header_decoder: msgspec.msgpack.Decoder[Header] = msgspec.msgpack.Decoder(Header)
-_answer_decoder: msgspec.msgpack.Decoder[VerdictMessage | PlanVerdictMessage] = (
-    msgspec.msgpack.Decoder(VerdictMessage | PlanVerdictMessage)
-)
-_json_answer_decoder: msgspec.json.Decoder[VerdictMessage | PlanVerdictMessage] = (
-    msgspec.json.Decoder(VerdictMessage | PlanVerdictMessage)
-)
+_answer_decoder: msgspec.msgpack.Decoder[_AnyAnswer] = msgspec.msgpack.Decoder(_AnyAnswer)
+_json_answer_decoder: msgspec.json.Decoder[_AnyAnswer] = msgspec.json.Decoder(_AnyAnswer)
 
 
 def encode(message: AnyMessage) -> bytes:
@@ -614,8 +626,20 @@ def encode_plan_verdict(number: int, verdict: PlanVerdict, *, as_json: bool = Fa
     return _json_encoder.encode(message) if as_json else _encoder.encode(message)
 
 
-def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict]:
-    """What a monitor publishes: a verdict, or the number of a plan and the answer to it.
+def encode_reset_verdict(number: int, verdict: ResetVerdict, *, as_json: bool = False) -> bytes:
+    """The answer to a reset as a msgpack map, or as a JSON object.
+
+    Args:
+        number: Of the reset, as its sender counts.
+        verdict: The answer.
+        as_json: Whether it is JSON.
+    """
+    message = ResetVerdictMessage(number, *verdict)
+    return _json_encoder.encode(message) if as_json else _encoder.encode(message)
+
+
+def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict | ResetVerdict]:
+    """What a monitor publishes: a verdict, or the number of a plan or reset and the answer to it.
 
     Both encodings are read. Times of a verdict are on the machine's monotonic clock. A verdict is
     read whatever its numbers are, since it may be a STOP; those that are none are NaN.
@@ -634,6 +658,8 @@ def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict]:
                 message.obstacle,
                 _read_reasons(message.reasons),
             )
+        if isinstance(message, ResetVerdictMessage):
+            return message.number, ResetVerdict(message.obeyed, message.problem)
         fields = {name: getattr(message, name) for name in message.__struct_fields__}
         fields["level"] = Level[message.level]
         fields["reasons"] = _read_reasons(message.reasons)

@@ -11,7 +11,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 import zmq
@@ -37,12 +37,15 @@ from armguard.streams.messages import (
     decode_answer,
     encode,
     encode_plan_verdict,
+    encode_reset_verdict,
     encode_verdict,
 )
-from armguard.verdict import Level, PlanVerdict, Verdict
+from armguard.verdict import Level, PlanVerdict, ResetVerdict, Verdict
 
 _ANSWERS = 16
-"""Answers to plans that a reader keeps."""
+"""Answers to plans and resets that a reader keeps."""
+
+_Answer = TypeVar("_Answer", PlanVerdict, ResetVerdict)
 
 _MESSAGES_AFTER = 64
 """Messages that are looked at for an answer once its time is over, at most."""
@@ -92,7 +95,7 @@ class Publisher:
         self._joints_sequence = 0
         # All readers see all answers: no number is another publisher's, or that of an earlier life.
         self._plans = time.monotonic_ns()
-        self._exemptions = self._plans
+        self._exemptions = self._resets = self._plans
         self._connected = False
         # XPUB publishes as PUB does, and tells when a monitor begins to listen.
         self._socket = _connect(address, zmq.XPUB, keys)
@@ -427,16 +430,22 @@ class Publisher:
         """
         self._send(WatchMessage(number, arm))
 
-    def reset(self, token: str, arm: str = "") -> None:
+    def reset(self, token: str, arm: str = "") -> int:
         """Ask a monitor to release a latched STOP; it obeys only the token of its run.
 
-        A cause that persists latches again at once.
+        A cause that persists latches again at once. The answer is published among the verdicts:
+        `VerdictReader.reset_answer` waits for it.
 
         Args:
             token: Of the run.
             arm: Whose monitor is meant, in a cell with several arms; empty where there is one.
+
+        Returns:
+            The reset's number, by which it is answered.
         """
-        self._send(ResetMessage(token, arm))
+        self._resets += 1
+        self._send(ResetMessage(token, arm, self._resets))
+        return self._resets
 
     def _send(self, message: AnyMessage) -> None:
         self._socket.send(encode(message), zmq.NOBLOCK)
@@ -523,9 +532,12 @@ class VerdictPublisher:
         data = encode_verdict(verdict, self._offset, as_json=self._as_json)
         self._socket.send(data, zmq.NOBLOCK)
 
-    def answer(self, number: int, verdict: PlanVerdict) -> None:
-        """Send the answer to a plan, by its number; never blocks."""
-        data = encode_plan_verdict(number, verdict, as_json=self._as_json)
+    def answer(self, number: int, verdict: PlanVerdict | ResetVerdict) -> None:
+        """Send the answer to a plan or a reset, by its number; never blocks."""
+        if isinstance(verdict, ResetVerdict):
+            data = encode_reset_verdict(number, verdict, as_json=self._as_json)
+        else:
+            data = encode_plan_verdict(number, verdict, as_json=self._as_json)
         self._socket.send(data, zmq.NOBLOCK)
 
     def close(self) -> None:
@@ -550,9 +562,10 @@ class VerdictReader:
     """
 
     def __init__(self, address: str, keys: Keys | None = None) -> None:
+        self.address = address
         self.refused = 0
         self._last: Verdict | None = None
-        self._answers: deque[tuple[int, PlanVerdict]] = deque(maxlen=_ANSWERS)
+        self._answers: deque[tuple[int, PlanVerdict | ResetVerdict]] = deque(maxlen=_ANSWERS)
         self._socket = _connect(address, zmq.SUB, keys)
         self._socket.subscribe(b"")
 
@@ -575,11 +588,23 @@ class VerdictReader:
             number: What `Publisher.plan` returned.
             timeout: How long to wait for it, in [s].
         """
+        return self._find_answer(PlanVerdict, number, timeout)
+
+    def reset_answer(self, number: int, timeout: float = 0.0) -> ResetVerdict | None:
+        """The answer to a reset, or None if there is none yet; takes verdicts in as well.
+
+        Args:
+            number: What `Publisher.reset` returned.
+            timeout: How long to wait for it, in [s].
+        """
+        return self._find_answer(ResetVerdict, number, timeout)
+
+    def _find_answer(self, kind: type[_Answer], number: int, timeout: float) -> _Answer | None:
         until = time.monotonic() + timeout
         after = 0
         while True:
             for answered, verdict in self._answers:
-                if answered == number:
+                if answered == number and isinstance(verdict, kind):
                     return verdict
             left = until - time.monotonic()
             # What waits already is looked at, but a sender that never pauses must not hold us.

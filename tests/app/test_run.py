@@ -1,5 +1,6 @@
 """`armguard run` and `armguard view` as their users meet them: processes, addresses, mistakes."""
 
+import contextlib
 import json
 import os
 import re
@@ -7,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -17,12 +19,19 @@ from armguard.app.cell import Cell
 from armguard.app.cli import main
 from armguard.app.loop import run
 from armguard.app.premises import Premise
-from armguard.app.run import describe_missing_limits, describe_remedy
+from armguard.app.run import describe_missing_limits, describe_remedy, find_verdicts_address
 from armguard.jit.progress import Progress, compilation
 from armguard.recording import Recording
-from armguard.streams import Keys, Publisher, VerdictReader
+from armguard.streams import (
+    VERDICTS_ADDRESS,
+    Keys,
+    Publisher,
+    SocketInput,
+    VerdictPublisher,
+    VerdictReader,
+)
 from armguard.streams.keys import write_new_pair
-from armguard.verdict import Level
+from armguard.verdict import Level, Verdict
 from armguard.view import FrameMessage
 from armguard.view.messages import decode_message
 
@@ -343,10 +352,86 @@ def is_alive(pid):
         return False
 
 
-def test_a_reset_where_no_monitor_listens_is_a_mistake(tmp_path, capsys, monkeypatch):
+def check_no_reset(capsys, arguments, words):
+    """A reset that was not obeyed is one line and exit code 1, and an object where one is asked."""
+    assert main(arguments) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert re.fullmatch(r"armguard: [^\n]+: not reset: [^\n]+\n", err)
+    assert words in err
+    assert main([*arguments, "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert not told["obeyed"]
+    assert words in told["problem"]
+
+
+def test_a_reset_that_nobody_takes_or_answers_is_told_within_a_stated_time(
+    tmp_path, capsys, monkeypatch
+):
     monkeypatch.setattr("armguard.app.run.REACH_TIMEOUT", 0.1)
-    check_mistake(capsys, ["reset", f"ipc://{tmp_path}/nobody", "--token", "x"], "no monitor")
+    nobody = ["reset", f"ipc://{tmp_path}/nobody", "--token", "x"]
+    check_no_reset(capsys, nobody, "no monitor listens there (waited 0.1 s)")
     check_mistake(capsys, ["reset", "tcp://10.0.0.1:5702", "--token", "x"], "tcp://10.0.0.1:5702")
+    monkeypatch.setattr("armguard.app.run.REACH_TIMEOUT", 1.0)
+    source = SocketInput(f"ipc://{tmp_path}/input")
+    verdicts = f"ipc://{tmp_path}/verdicts"
+    asked = ["reset", source.address, "--token", "x", "--verdicts", verdicts]
+    with repeating(source.receive):
+        check_no_reset(capsys, asked, f"no verdicts come from {verdicts} (waited 1 s)")
+    publisher = VerdictPublisher(verdicts, 0.0)
+    with repeating(source.receive, lambda: publisher.publish(NOTHING_KNOWN)):
+        check_no_reset(capsys, asked, "did not answer (waited 1 s)")
+    publisher.close()
+    source.close()
+
+
+NOTHING_KNOWN = Verdict(0.0, 1, Level.STOP, 0.0, 0.0, 0.0, None, None, False, 0, (), 0.0)
+
+
+@contextlib.contextmanager
+def repeating(*calls):
+    """Inside, a thread makes these calls again and again, as the loop of a run does."""
+    is_over = threading.Event()
+
+    def repeat():
+        while not is_over.wait(0.002):
+            for call in calls:
+                call()
+
+    thread = threading.Thread(target=repeat)
+    thread.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        thread.join()
+
+
+def test_a_reset_says_whether_it_was_obeyed(cell, addresses, tmp_path, capsys):
+    verdicts = f"ipc://{tmp_path}/verdicts"
+    options = ["--reset-token", "sesame", "--no-realtime", "--quiet", "--json", *addresses]
+    with start("run", str(cell), *options) as run, VerdictReader(verdicts) as reader:
+        try:
+            assert reader.latest(PATIENCE) is not None
+            for name in ("joints", "obstacles"):
+                asked = ["reset", f"ipc://{tmp_path}/{name}", "--verdicts", verdicts, "--token"]
+                check_no_reset(capsys, [*asked, "guess"], "token is not the one of this run")
+                assert main([*asked, "sesame"]) == 0
+                assert capsys.readouterr() == (f"ipc://{tmp_path}/{name}: reset\n", "")
+                assert main([*asked, "sesame", "--json"]) == 0
+                assert json.loads(capsys.readouterr().out)["obeyed"] is True
+            wrong_arm = [*asked, "sesame", "--arm", "left"]
+            check_no_reset(capsys, wrong_arm, "arm is 'left'")
+        finally:
+            run.send_signal(signal.SIGINT)
+            out, _ = run.communicate(timeout=PATIENCE)
+    assert run.returncode == 0
+    assert json.loads(out)["faults"] == 6
+
+
+def test_verdicts_are_expected_at_the_usual_port_of_the_same_host():
+    assert find_verdicts_address("tcp://192.0.2.10:5702") == "tcp://192.0.2.10:5703"
+    assert find_verdicts_address("ipc:///tmp/joints") == VERDICTS_ADDRESS
 
 
 @pytest.mark.parametrize(
@@ -359,26 +444,32 @@ def test_a_reset_where_no_monitor_listens_is_a_mistake(tmp_path, capsys, monkeyp
     ],
 )
 def test_the_remedy_is_a_command_that_can_be_copied(joints, obstacles, token, words):
-    remedy = describe_remedy({"joints": joints, "obstacles": obstacles}, token)
+    addresses = {"joints": joints, "obstacles": obstacles, "verdicts": VERDICTS_ADDRESS}
+    remedy = describe_remedy(addresses, token)
     assert words in remedy
 
 
 @pytest.mark.parametrize(
     ("address", "words"),
     [
-        ("ipc:///j", "armguard reset ipc:///j --token x --arm left"),
+        ("ipc:///j", "armguard reset ipc:///j --token x --verdicts ipc:///v --arm left"),
         ("-", 'a line {"type":"reset","token":"x","arm":"left"}'),
     ],
 )
 def test_the_remedy_names_the_arm_where_there_are_several(address, words):
-    remedy = describe_remedy({"joints": address, "obstacles": address}, "x", arm="left")
+    addresses = {"joints": address, "obstacles": address, "verdicts": "ipc:///v"}
+    remedy = describe_remedy(addresses, "x", arm="left")
     assert remedy.endswith(words)
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "[::]"])
 def test_with_keys_the_remedy_names_them_and_a_host_that_is_one_elsewhere(host, monkeypatch):
     monkeypatch.setattr("socket.gethostname", lambda: "cell7")
-    addresses = {"joints": f"tcp://{host}:5702", "obstacles": "tcp://0.0.0.0:5701"}
+    addresses = {
+        "joints": f"tcp://{host}:5702",
+        "obstacles": "tcp://0.0.0.0:5701",
+        "verdicts": "tcp://0.0.0.0:5703",
+    }
     assert describe_remedy(addresses, "x", has_keys=True) == (
         "to end it: armguard reset tcp://cell7:5702 --token x --key FILE --server-key FILE"
     )

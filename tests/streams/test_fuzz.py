@@ -16,9 +16,10 @@ from armguard.streams.messages import (
     decode,
     decode_answer,
     encode_plan_verdict,
+    encode_reset_verdict,
     encode_verdict,
 )
-from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind
+from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, ResetVerdict
 from armguard.view.messages import decode_message
 from support.stream_messages import World, joints, obstacles
 from support.verdict_samples import verdict
@@ -51,6 +52,7 @@ ENCODED = [
 ANSWERS = [
     encode_verdict(verdict(Level.STOP, reasons=(Reason(ReasonKind.NO_SOURCES),)), 3.0),
     encode_plan_verdict(7, PlanVerdict(False, 0.1, "hand", "ball", ())),
+    encode_reset_verdict(7, ResetVerdict(False, "another token")),
 ]
 
 values = st.recursive(

@@ -20,7 +20,7 @@ from armguard.streams import (
 )
 from armguard.streams.edge import OwnPoints, StampClock
 from armguard.streams.messages import decode, encode_verdict
-from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, Verdict
+from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, ResetVerdict, Verdict
 from support.stream_sockets import PATIENCE, attend
 
 
@@ -179,12 +179,15 @@ def test_a_reset_is_sent_as_the_edge_expects_it(address):
     source = SocketInput(address)
     with Publisher(source.address) as publisher:
         attend(source, lambda: publisher.wait(0.001))
-        publisher.reset("sesame")
+        number = publisher.reset("sesame")
         end = time.monotonic() + PATIENCE
         while not edge.reset_requested and time.monotonic() < end:
             edge.drain([source])
-    source.close()
     assert edge.reset_requested
+    assert edge.reset_verdicts == [(number, ResetVerdict(True, ""))]
+    edge.drain([source])
+    source.close()
+    assert edge.reset_verdicts == []
 
 
 def test_a_plan_arrives_in_the_order_of_the_watched_joints(address):
@@ -285,6 +288,10 @@ def test_an_answer_is_found_by_its_number_among_verdicts(address):
         publisher.publish(make_verdict(2))
         publisher.answer(2, yes)
         assert reader.answer(2, timeout=PATIENCE) == yes
+        assert reader.answer(1) == no
+        assert reader.reset_answer(1) is None
+        publisher.answer(1, ResetVerdict(False, "no"))
+        assert reader.reset_answer(1, timeout=PATIENCE) == ResetVerdict(False, "no")
         assert reader.answer(1) == no
         assert reader.latest().sequence == 2
         assert reader.answer(3, timeout=0.05) is None

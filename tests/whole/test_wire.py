@@ -20,6 +20,7 @@ from armguard.streams.messages import (
     CertificateMessage,
     PlanVerdictMessage,
     ReasonMessage,
+    ResetVerdictMessage,
     VerdictMessage,
     decode,
 )
@@ -32,7 +33,13 @@ ARMGUARD = Path(sys.executable).with_name("armguard")
 PATIENCE = 300.0  # a cold start compiles
 
 INPUTS = AnyMessage.__args__
-ANSWERS = (VerdictMessage, PlanVerdictMessage, ReasonMessage, CertificateMessage)
+ANSWERS = (
+    VerdictMessage,
+    PlanVerdictMessage,
+    ResetVerdictMessage,
+    ReasonMessage,
+    CertificateMessage,
+)
 
 
 @pytest.fixture(scope="module")
