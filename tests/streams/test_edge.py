@@ -501,7 +501,8 @@ def test_joints_that_do_not_fit_are_refused_by_name(changes, text):
 
 def test_an_impossible_joint_state_is_not_hidden_by_a_good_one_after_it():
     world = World()
-    world.send(joints(q=[math.nan, 0.0, 1.0]), joints(stamp=MONOTONIC + 5.001))
+    good = [joints(stamp=MONOTONIC + later) for later in (5.001, 5.0015)]
+    world.send(joints(q=[math.nan, 0.0, 1.0]), *good)
     assert math.isnan(world.edge.joint_state.q[1])
     assert world.kinds() == ["not finite"]
     world.send(joints(stamp=MONOTONIC + 5.002))

@@ -283,6 +283,18 @@ def test_the_benchmark_beside_people_runs_and_nothing_in_it_is_refused(load, cap
     assert all(run.name in table for run in runs)
 
 
+def test_an_arm_that_takes_the_speed_scale_as_its_override_moves_smoothly(load):
+    bench = load("bench_scale")
+    (scene,) = (one for name, one in bench.SCENES.items() if "0.35" in name)
+    smooth, rough = (bench.run(scene, 6.0, 0.0, scale_rise=rise) for rise in (1.0, 1e6))
+    assert smooth.contacts == rough.contacts == 0.0
+    assert smooth.full == rough.full == 0.0
+    assert smooth.slow > 0.5
+    assert smooth.reversals <= 4.0
+    assert smooth.jumps < 0.5 * rough.jumps
+    assert smooth.path > 0.9 * rough.path
+
+
 def test_rays_end_at_the_nearest_ball(load):
     bench = load("bench_cloud")
     camera = bench.Camera((1.0, -2.0, 0.5), (0.0, 0.3, 0.2), 1.2, 24, 18)
