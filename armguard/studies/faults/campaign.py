@@ -2,8 +2,9 @@
 
 Each fault begins when the people set out for the arm, in a cell that is sound by its verdicts, and
 lasts while they come near. Then it ends, what was killed is started anew, what is latched is reset,
-and the next one waits until nothing is wrong any more. Whether anybody was touched is judged at the
-end, of all the time from the first fault to the last.
+and the next one waits until nothing is wrong any more and the arm moves: up to a generous limit,
+however slow the machine is. Whether anybody was touched is judged at the end, of all the time from
+the first fault to the last.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from armguard.studies.faults.scene import (
 )
 from armguard.studies.faults.session import FaultyCell
 from armguard.studies.faults.truth import Closest, Witness
-from armguard.verdict import Effect
+from armguard.verdict import Effect, ReasonKind
 
 Array = NDArray[np.float64]
 
@@ -47,11 +48,9 @@ SETTING_OUT = 0.15
 SOUND_FOR = 0.2
 """A cell is sound that was so for so long, in [s]."""
 
-PATIENCE = 5
-"""So many visits may pass until a cell is sound again; a start of the monitor takes longer."""
-
-START_PATIENCE = 120.0
-"""How long a monitor that was started anew may take until nothing is wrong, in [s]."""
+PATIENCE = 120.0
+"""How long a cell may take until nothing is wrong and until the arm moves, in [s]: a slow machine
+needs long for a start of the monitor, or to get over a crowd."""
 
 RESET_INTERVAL = 0.2
 """Between two resets of what is latched, in [s]."""
@@ -74,6 +73,19 @@ class Trial(NamedTuple):
     resets: int
     foreign: tuple[str, ...] = ()
     """What was latched before them and is no sign of the fault, in words."""
+    was_tried: bool = True
+    """Whether the fault was made: not where the cell did not get sound, or the arm did not move,
+    before."""
+
+
+class Recovery(NamedTuple):
+    """How a cell got sound."""
+
+    sound: float | None
+    """When, on the machine's monotonic clock, in [s]; None: it did not."""
+    resets: int
+    latched: frozenset[ReasonKind]
+    """What was latched before them."""
 
 
 class Replayed(NamedTuple):
@@ -103,7 +115,8 @@ class CampaignReport(NamedTuple):
     def passed(self) -> bool:
         """Whether all is as it must be."""
         return (
-            not any(outcome.problem for outcome in self.outcomes)
+            any(outcome.was_tried for outcome in self.outcomes)
+            and not any(outcome.problem for outcome in self.outcomes)
             and not self.whole.contacts
             and all(one.identical for one in self.replayed)
         )
@@ -149,32 +162,20 @@ def make_trial(cell: FaultyCell, fault: Fault, period: float) -> Trial:
         period: Between two visits of the people, in [s].
     """
     cell.check()
-    log = cell.verdicts
-    begin = _next_visit(cell.start, period)
-    for _ in range(PATIENCE):
-        _sleep_until(begin - SOUND_FOR)
-        if _is_sound_until(cell, begin):
-            break
-        begin = _next_visit(cell.start, period)
+    begin = _await_visit(cell, period)
+    if begin is None:
+        now = time.monotonic()
+        return Trial(fault, now, now, None, 0, was_tried=False)
     end_it = cell.strike(fault, begin)
     _sleep_until(begin + fault.duration)
     end_it()
     end = time.monotonic()
-    patience = START_PATIENCE if fault.part == "monitor" else PATIENCE * period
-    resets, next_reset, sound = 0, end, None
-    foreign: set[str] = set()
-    while (now := time.monotonic()) < end + patience:
-        if log.last_time > end and log.is_sound(now, LATENCY):
-            sound = now
-            break
-        kinds = log.heard[-1].kinds if log.heard else frozenset()
-        latched = [kind for kind in kinds if kind.effect is Effect.LATCHED]
-        if now >= next_reset and latched:
-            foreign.update(kind.text for kind in latched if kind.name not in fault.signs)
-            cell.reset()
-            resets, next_reset = resets + 1, now + RESET_INTERVAL
-        time.sleep(LOOK_INTERVAL)
-    return Trial(fault, begin, end, sound, resets, tuple(sorted(foreign)))
+    recovery = _recover(cell, end, end + PATIENCE)
+    if recovery.sound is not None:
+        # The arm is to be seen at work, however long the machine took.
+        _await_motion(cell, recovery.sound + PATIENCE)
+    foreign = sorted(kind.text for kind in recovery.latched if kind.name not in fault.signs)
+    return Trial(fault, begin, end, recovery.sound, recovery.resets, tuple(foreign))
 
 
 def judge(
@@ -228,6 +229,7 @@ def judge(
                 ),
                 missing,
                 silence,
+                trial.was_tried,
             )
         )
     every = [outcome.obeying for outcome in outcomes]
@@ -251,7 +253,8 @@ def place_bodies(trial: Trial, start: float, period: float, now: float) -> Array
         Ends of their axes in [m]. Shape (n, 2, 3).
     """
     people = sample_people(now - start, period)[0]
-    if trial.fault.kind != "static" or not trial.begin <= now <= trial.begin + trial.fault.duration:
+    drifts = trial.was_tried and trial.fault.kind == "static"
+    if not drifts or not trial.begin <= now <= trial.begin + trial.fault.duration:
         return people
     return np.concatenate([people, sample_pillar(now - trial.begin)[0]])
 
@@ -268,6 +271,44 @@ def replay(path: Path) -> Replayed:
         bool(told.get("cut_off", True)),
         int(told.get("lost", 0)),
     )
+
+
+def _await_visit(cell: FaultyCell, period: float) -> float | None:
+    """When a visit begins, in [s], that finds a cell that is sound and was at work; None: none."""
+    deadline = time.monotonic() + PATIENCE
+    while (now := time.monotonic()) < deadline:
+        if _recover(cell, now, deadline).sound is None or not _await_motion(cell, deadline):
+            break
+        begin = _next_visit(cell.start, period)
+        _sleep_until(begin - SOUND_FOR)
+        if _is_sound_until(cell, begin):
+            return begin
+    return None
+
+
+def _recover(cell: FaultyCell, end: float, deadline: float) -> Recovery:
+    """Wait until nothing is wrong by a verdict later than `end` [s]; reset what is latched."""
+    log = cell.verdicts
+    resets, next_reset = 0, end
+    latched: set[ReasonKind] = set()
+    while (now := time.monotonic()) < deadline:
+        if log.last_time > end and log.is_sound(now, LATENCY):
+            return Recovery(now, resets, frozenset(latched))
+        kinds = log.heard[-1].kinds if log.heard else frozenset()
+        found = {kind for kind in kinds if kind.effect is Effect.LATCHED}
+        if now >= next_reset and found:
+            latched |= found
+            cell.reset()
+            resets, next_reset = resets + 1, now + RESET_INTERVAL
+        time.sleep(LOOK_INTERVAL)
+    return Recovery(None, resets, frozenset(latched))
+
+
+def _await_motion(cell: FaultyCell, deadline: float) -> bool:
+    """Wait until the arm moves; whether it does."""
+    while not (moves := cell.is_moving()) and time.monotonic() < deadline:
+        time.sleep(LOOK_INTERVAL)
+    return moves
 
 
 def _next_visit(start: float, period: float) -> float:

@@ -48,8 +48,8 @@ def run_faults(only: Sequence[str], out: Path | None, *, as_json: bool) -> int:
         as_json: Print one JSON object instead of a table.
 
     Returns:
-        0 where every fault was detected that has to be, the cell recovered from each, nobody was
-        touched and the control was; else 1.
+        0 where every fault that could be tried was detected if it has to be, the cell recovered
+        from each, nobody was touched and the control was; else 1, and where none could be tried.
 
     Raises:
         ArmguardError: No such fault, a page that cannot be written, packages that are missing, or

@@ -56,10 +56,14 @@ class Outcome(NamedTuple):
     """Verdicts that were made and not heard."""
     silence: float
     """Longest time without a verdict; of a fault that ends the monitor, that is no loss."""
+    was_tried: bool = True
+    """Whether the fault was made: not on a machine on which the cell did not get so far."""
 
     @property
     def problem(self) -> str:
         """What is not as it must be; empty: nothing."""
+        if not self.was_tried:
+            return "contact" if self.obeying.contacts else ""
         if self.fault.signs and self.detected is None:
             return "not detected"
         if self.obeying.contacts:
@@ -89,6 +93,7 @@ class Outcome(NamedTuple):
             "control_contacts": self.ignoring.contacts,
             "verdicts_missing": self.missing,
             "longest_silence_ms": _to_milliseconds(self.silence),
+            "tried": self.was_tried,
             "problem": self.problem,
         }
 

@@ -11,7 +11,7 @@ from typing import Any
 from rich.table import Table
 
 from armguard.streams.faults import quote
-from armguard.studies.faults.campaign import CampaignReport
+from armguard.studies.faults.campaign import PATIENCE, CampaignReport
 from armguard.studies.faults.outcome import Outcome
 from armguard.studies.faults.scene import JOINT_TIMEOUT, LATENCY, SOURCE_TIMEOUT
 from armguard.studies.pages import write_table
@@ -31,12 +31,18 @@ COLUMNS = (
 PAGE = Path(__file__).with_name("page.md")
 """The page, with places for what was found."""
 
+UNTRIED = "could not be tried on this machine"
+"""What is said of a fault before which the cell did not get sound, or its arm did not move."""
+
 SIGN_WIDTH = 90
 """Longest sign in a table, in characters."""
 
 
 def list_cells(outcome: Outcome) -> list[str]:
     """The cells of one fault's row, in the order of `COLUMNS`."""
+    contacts = f"**{outcome.obeying.contacts}**" if outcome.obeying.contacts else "0"
+    if not outcome.was_tried:
+        return [outcome.fault.name, "–", "–", UNTRIED, "–", "–", "–", "–", contacts]
     sign = quote(outcome.sign, SIGN_WIDTH) if outcome.fault.signs else "none needed"
     detected = _tell_milliseconds(outcome.detected, "**no**" if outcome.fault.signs else "–")
     recovered = _tell_milliseconds(outcome.recovered, "**no**")
@@ -54,7 +60,7 @@ def list_cells(outcome: Outcome) -> list[str]:
         str(outcome.missing) if outcome.missing else "nothing",
         f"{1e3 * distance:.0f}" if math.isfinite(distance) else "stood",
         "hit" if outcome.ignoring.contacts else "**not hit**",
-        f"**{outcome.obeying.contacts}**" if outcome.obeying.contacts else "0",
+        contacts,
     ]
 
 
@@ -89,6 +95,7 @@ def write_page(report: CampaignReport) -> str:
         summary=f"{summarise(report)} {setting}",
         table="\n".join(write_table(COLUMNS, rows, range(len(COLUMNS)))),
         replays="\n".join(replays),
+        patience=PATIENCE,
     )
 
 
@@ -96,14 +103,18 @@ def summarise(report: CampaignReport) -> str:
     """The result in a sentence or two."""
     problems = [f"{one.fault.name}: {one.problem}" for one in report.outcomes if one.problem]
     problems += [f"{one.name}: another verdict" for one in report.replayed if not one.identical]
-    hit = sum(outcome.ignoring.contacts > 0 for outcome in report.outcomes)
+    tried = [outcome for outcome in report.outcomes if outcome.was_tried]
+    untried = [outcome.fault.name for outcome in report.outcomes if not outcome.was_tried]
+    hit = sum(outcome.ignoring.contacts > 0 for outcome in tried)
     distance = 1e3 * report.whole.distance
     told = (
         f"{report.whole.contacts} contacts of the arm that obeys, which moved "
         f"{100.0 * report.whole.moving:.0f} % of the time and came no nearer than "
         f"{distance:.0f} mm while it did; the control, which obeys nothing, was hit in {hit} of "
-        f"{len(report.outcomes)} faults."
+        f"{len(tried)} faults."
     )
+    if untried:
+        told += f" {UNTRIED.capitalize()}: {', '.join(untried)}."
     return told + (f" Not as it must be: {'; '.join(problems)}." if problems else "")
 
 

@@ -26,12 +26,13 @@ from urllib.parse import urlsplit
 import msgspec
 
 from armguard.exceptions import ArmguardError
+from armguard.robot.robot import Robot
 from armguard.streams.nodes import Publisher
 from armguard.studies.faults import nodes
 from armguard.studies.faults.catalogue import Fault
 from armguard.studies.faults.disturbance import Disturbance
 from armguard.studies.faults.listening import LineLog, VerdictLog
-from armguard.studies.faults.scene import CELL
+from armguard.studies.faults.scene import CELL, ROBOT
 from armguard.view.process import ViewProcess, launch
 
 START_TIMEOUT = 600.0
@@ -70,6 +71,7 @@ class FaultyCell:
         self.start = time.monotonic()
         self.verdicts = VerdictLog(self._address("verdicts"))
         self.summaries: list[dict[str, object]] = []
+        self._joints = len(Robot.load(ROBOT).joints)
         self._cell = folder / "cell.toml"
         self._cell.write_text(CELL)
         self._logs: list[LineLog] = []
@@ -101,6 +103,12 @@ class FaultyCell:
 
     def __exit__(self, *_: object) -> None:
         self._resources.close()
+
+    def is_moving(self) -> bool:
+        """Whether the arm truly moves at present."""
+        last = self.truth.stat().st_size // (8 * nodes.row_width(self._joints)) - 1
+        rows = nodes.read_rows(self.truth, self._joints, max(last, 0))
+        return bool(rows[-1:, -self._joints :].any())
 
     def reset(self) -> None:
         """End a latched STOP."""

@@ -2,12 +2,17 @@
 
 import time
 
+import numpy as np
+import pytest
+
+from armguard.studies.faults import campaign
 from armguard.studies.faults.campaign import Trial, make_trial, place_bodies, run_campaign
 from armguard.studies.faults.catalogue import DEFAULT_DURATION, Fault, choose_faults
 from armguard.studies.faults.listening import Heard
 from armguard.studies.faults.scene import sample_people, sample_pillar
 from armguard.verdict import Level, Reason, ReasonKind
 
+CROWD = Fault("crowd", "camera", "disturb", kind="crowd", duration=0.0)
 EXCHANGED, KILLED = choose_faults(["camera-identities-swapped", "monitor-killed"])
 WORST = [EXCHANGED._replace(duration=DEFAULT_DURATION), KILLED]
 """Data that are sound and wrong, and no monitor at all until a new one starts."""
@@ -55,6 +60,9 @@ class StoppedCell:
         reasons = tuple(Reason(kind) for kind in self._latched)
         return lambda: self.heard.append(Heard(time.monotonic(), Level.STOP, reasons))
 
+    def is_moving(self):
+        return True
+
     def reset(self):
         self.heard.append(Heard(time.monotonic(), Level.CLEAR, ()))
 
@@ -66,6 +74,74 @@ def test_a_reset_of_what_is_no_sign_of_a_fault_says_what_it_was_for():
     assert (trial.resets, trial.foreign) == (1, ("gap in joint states",))
     trial = make_trial(StoppedCell(*latched[1:]), fault, 0.3)
     assert (trial.resets, trial.foreign) == (1, ())
+
+
+class SlowCell(StoppedCell):
+    """A cell on a machine that needs long for everything, in simulated time."""
+
+    def __init__(self, monkeypatch, *, sound_from=0.0, moves_from=0.0):
+        self.now = 0.0
+        monkeypatch.setattr(campaign, "time", self)
+        super().__init__()
+        self.start, self.struck_at = 0.0, None
+        self._sound_from, self._moves_from = sound_from, moves_from
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, duration):
+        self.now += duration
+
+    @property
+    def last_time(self):
+        return self.now
+
+    def is_sound(self, now, patience):
+        return now >= self._sound_from
+
+    def is_moving(self):
+        return self.now >= self._moves_from
+
+    def strike(self, fault, begin):
+        self.struck_at = begin
+        return self.end
+
+    def end(self):
+        self._sound_from, self._moves_from = self.now + 20.0, self.now + 90.0
+
+
+def test_a_slow_machine_is_waited_for_before_and_after_a_fault(monkeypatch):
+    cell = SlowCell(monkeypatch, sound_from=30.0, moves_from=70.0)
+    trial = make_trial(cell, CROWD, 4.0)
+    assert 70.0 < trial.begin == cell.struck_at < 70.0 + 2 * 4.0
+    assert trial.was_tried
+    assert trial.sound - trial.end == pytest.approx(20.0, abs=0.1)
+    assert cell.is_moving(), "or the next fault would begin before the arm was seen at work"
+
+
+@pytest.mark.parametrize("missing", [{"sound_from": np.inf}, {"moves_from": np.inf}])
+def test_what_cannot_be_tried_is_no_failure_of_the_monitor(missing, monkeypatch):
+    cell = SlowCell(monkeypatch, **missing)
+    trial = make_trial(cell, CROWD, 4.0)
+    assert cell.struck_at is None
+    assert not trial.was_tried
+    assert cell.now <= campaign.PATIENCE + 4.0, "it comes to an end"
+
+
+def test_a_cell_that_gets_sound_again_and_never_works_is_one(monkeypatch):
+    cell = SlowCell(monkeypatch)
+    monkeypatch.setattr(cell, "end", lambda: setattr(cell, "_moves_from", np.inf))
+    assert make_trial(cell, CROWD, 4.0).was_tried
+    assert cell.now >= campaign.PATIENCE
+
+
+def test_what_latches_before_a_fault_is_reset(monkeypatch):
+    cell = StoppedCell()
+    gap = Reason(ReasonKind.JOINT_STATE_GAP)
+    cell.heard.append(Heard(0.0, Level.STOP, (gap,)))
+    trial = make_trial(cell, CROWD, 0.3)
+    assert trial.was_tried
+    assert trial.resets == 0, "it was before the fault"
 
 
 def test_a_thing_that_drifts_is_there_while_its_fault_lasts():

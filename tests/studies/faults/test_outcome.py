@@ -93,6 +93,8 @@ def test_where_it_was_silent_before_the_next_silence_counts():
         ({"obeying": Closest(0, np.inf, 0.0)}, "the arm never moved"),
         ({"obeying": Closest(0, np.inf, np.nan)}, "the arm never moved"),
         ({"detected": None, "fault": FAULT._replace(signs=())}, ""),
+        ({"obeying": Closest(0, np.inf, 0.0), "was_tried": False}, ""),
+        ({"obeying": Closest(1, -0.01, 0.5), "was_tried": False}, "contact"),
     ],
 )
 def test_what_is_not_as_it_must_be_has_a_name(changes, problem):

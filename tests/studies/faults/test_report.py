@@ -1,5 +1,6 @@
 import io
 
+import numpy as np
 from rich.console import Console
 
 from armguard.studies.faults.campaign import CampaignReport, Replayed
@@ -62,6 +63,20 @@ def test_the_page_has_a_row_a_fault_and_names_what_is_wrong():
     assert "Not as it must be" not in write_page(make(GOOD))
     torn = write_page(make(GOOD, replayed=[REPLAYED._replace(identical=False, cut_off=True)]))
     assert "does not replay identically" in torn
+
+
+def test_what_could_not_be_tried_is_told_apart_from_what_is_wrong():
+    untried = GOOD._replace(
+        fault=FAULT._replace(name="crowd"), obeying=Closest(0, np.inf, 0.0), was_tried=False
+    )
+    report = make(GOOD, untried)
+    assert report.passed
+    assert not make(untried).passed, "then nothing was shown"
+    assert list_cells(untried)[3] == "could not be tried on this machine"
+    page = write_page(report)
+    assert "hit in 1 of 1 faults. Could not be tried on this machine: crowd." in page
+    assert "Not as it must be" not in page
+    assert [row["tried"] for row in describe(report)["faults"]] == [True, False]
 
 
 def test_the_table_shows_what_is_wrong():
