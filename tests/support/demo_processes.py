@@ -129,6 +129,6 @@ def listening_sockets(pids):
 def finish(demo):
     """What a demo printed, its exit code, and that nothing stayed behind."""
     out, err = demo.process.communicate(timeout=120)
-    assert demo.wait_until_gone(SOON)
+    assert demo.wait_until_gone(PATIENCE)
     assert "Traceback" not in err
     return out, err

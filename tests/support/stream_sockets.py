@@ -2,7 +2,7 @@
 
 import time
 
-PATIENCE = 5.0
+PATIENCE = 60.0
 """Seconds that a busy machine is given; nothing waits that long when all is well."""
 
 

@@ -4,7 +4,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 from rich.console import Console
@@ -48,14 +47,13 @@ def test_without_its_view_it_goes_on_and_a_robot_that_hangs_is_a_stop(start, tmp
 
 
 def test_an_interrupt_before_the_first_tick_is_one_line(tmp_path):
-    with RunningDemo("--duration", "60", "--no-view", folder=tmp_path) as demo:
+    # It would last far longer than its end is waited for.
+    with RunningDemo("--duration", "3600", "--no-view", folder=tmp_path) as demo:
         assert wait_until(lambda: list(tmp_path.glob("armguard-*/log")))
-        begin = time.monotonic()
         demo.process.send_signal(signal.SIGINT)
         _, err = finish(demo)
     # Either nothing had been seen yet, or, on a quick machine, a few ticks.
     assert (demo.process.returncode, "interrupted" in err) in [(130, True), (0, False)]
-    assert time.monotonic() - begin < 20.0
 
 
 MONITOR = """
