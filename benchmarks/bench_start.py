@@ -7,7 +7,8 @@ takes in ten obstacles and steps once. The first has an empty folder for its ker
 what the first one left. Times are the process's own, imports included: processor time on all cores,
 and wall time, which other load stretches. `compiled` counts kernels and what Numba compiles for
 them, and beside each of the dearest stands what it took without those that were compiled on its
-behalf.
+behalf. `reference` is what the same machine needs for a known quantity of work, in one thread of
+plain Python: how fast processors are differs more than how much there is to compile.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from typing import Any
 
 from scene.machine import describe_machine
 
+SQUARES = 50_000_000
 Q = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
 
 
@@ -77,6 +79,13 @@ def start(schedule: str) -> dict[str, Any]:
     }
 
 
+def sum_squares() -> float:
+    """Processor time of a sum of squares, in [s]."""
+    began = processor_time()
+    sum(number * number for number in range(SQUARES))
+    return processor_time() - began
+
+
 def measure(schedule: str, folder: str) -> dict[str, Any]:
     """Start a process with this folder for its kernels."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
@@ -101,6 +110,7 @@ def main() -> None:
         print(json.dumps(start(arguments.schedule)))
         return
     print(describe_machine())
+    print(f"reference: the sum of {SQUARES:,} squares takes {sum_squares():.2f} s")
     print(f"{'start':8} {'processor':>10} {'wall':>8} {'imports':>8} {'compiled':>9}")
     with tempfile.TemporaryDirectory() as folder:
         for number in range(1 + arguments.warm):

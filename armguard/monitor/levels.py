@@ -56,8 +56,6 @@ class VerdictRule:
         self._settled = self._was_reset = True
         self._last_at = [-math.inf] * len(Level)
         self._causes = [NO_CAUSE] * len(Level)
-        # Until then nothing is clear, whatever the time is.
-        self._low_at = math.inf
 
     def latch(self, reason: Reason, since: str) -> None:
         """Hold STOP for a reason until `reset()`; the first of a kind is the one kept.

@@ -319,6 +319,16 @@ def test_an_older_break_does_not_end_a_newer_one_s_time():
     assert told.fields[4].max() > 5.0, "in m/s: what the hardware can do"
 
 
+def test_a_state_that_comes_late_does_not_hide_a_break():
+    """From an older state on a joint would have had time to become that fast."""
+    robot, told = panda(), Told()
+    other = armguard.ArmObstacles(robot, operating=limits_of(robot, 0.3))
+    for stamp, speed in ((10.0, 0.0), (9.0, 0.0), (10.01, 0.2)):
+        other.publish(told, stamp, HOME, speed * np.eye(7)[0])
+    (problem,) = told.problems
+    assert "sooner than the operating acceleration" in problem
+
+
 def test_what_telling_a_state_takes_is_made_ready_and_leaves_nothing_behind(monkeypatch):
     ready, update = [], armguard.Obstacles.update
 

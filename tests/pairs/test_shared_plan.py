@@ -227,6 +227,17 @@ def test_a_joint_that_is_faster_than_its_plan_is_a_break_and_ends_what_was_promi
         assert "leaves the plan that was shared" in fault.value
 
 
+def test_what_was_promised_before_a_break_does_not_count_again_when_that_is_over():
+    robot, told = panda(), [Told(), Told()]
+    others = [armguard.ArmObstacles(robot, operating=limits_of(robot)) for _ in told]
+    others[0].take_plan(steady(0.0), START + 9.0)
+    for stamp, speed in ((0.1, 0.05), (3.0, 0.0)):
+        for other, table in zip(others, told, strict=True):
+            other.publish(table, START + stamp, HOME, speed * np.eye(7)[0])
+    assert [len(table.problems) for table in told] == [1, 0]
+    assert (told[0].fields[3] == told[1].fields[3]).all()
+
+
 @pytest.mark.parametrize("error", [-0.01, math.nan, math.inf])
 def test_a_clock_that_is_off_by_no_length_of_time_is_refused(error):
     other = armguard.ArmObstacles(panda())
