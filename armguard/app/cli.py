@@ -1,7 +1,8 @@
 """The command line: `armguard …`.
 
 Each command is a small dataclass: its fields are the options, its docstring the help, `run` the
-work. Mistakes are one line on standard error and exit code 2; a traceback is always a bug.
+work. Mistakes are one line on standard error and exit code 2; a traceback is always a bug. With
+`json` among its fields, it hands what it has found to `armguard.app.terminal.print_json`.
 Libraries are imported by the command that needs them, so that help and mistakes come at once.
 """
 
@@ -213,12 +214,16 @@ class Replay:
     open: Flag = False
     """Open the page in the browser."""
     json: Flag = False
-    """Print one JSON object."""
+    """Print one JSON object; what is for people goes to standard error."""
 
     def run(self) -> int:
         """Replay; the exit code is 1 where verdicts differ."""
         from armguard.app.replay import PageRequest, run_bag, run_replay
 
+        if self.json and self.csv == Path("-"):
+            raise ArmguardError(
+                "--csv -", "and --json both take standard output", expected="a file for the table"
+            )
         page = None
         if self.view or self.export is not None:
             page = PageRequest(self.view, self.port, self.open, self.export)
@@ -277,6 +282,8 @@ class Commission:
     """What `--record` or `armguard.Recorder` wrote while the arm was stopped a few times."""
     out: Path | None = None
     """The folder to write cell-lines.toml, robot.toml and pictures into."""
+    json: Flag = False
+    """Print one JSON object; what is for people goes to standard error."""
 
     def run(self) -> int:
         """Find it."""
@@ -308,7 +315,7 @@ class Reset:
     server_key: Path | None = None
     """The monitor's public file."""
     json: Flag = False
-    """Print one JSON object."""
+    """Print one JSON object; what is for people goes to standard error."""
 
     def run(self) -> int:
         """Send the reset and wait for the answer."""
@@ -429,6 +436,8 @@ class Cover:
     """Grow the imported spheres into a proved cover."""
     export: Path | None = None
     """Write a known robot's cover as such a file."""
+    json: Flag = False
+    """Print one JSON object; what is for people goes to standard error."""
 
     def run(self) -> int:
         """Do what the options ask for."""
@@ -504,6 +513,8 @@ class NewRobot:
     """At most so many spheres a link; or"""
     protrusion: float | None = None
     """how far they may stick out, in mm. Neither: 20 mm."""
+    json: Flag = False
+    """Print one JSON object; what is for people goes to standard error."""
 
     def run(self) -> int:
         """Ask, fit, write, and show what it costs."""
@@ -511,6 +522,7 @@ class NewRobot:
 
         said = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         del said["action"]
+        del said["json"]
         said["takes_usual"] = said.pop("yes")
         if self.protrusion is not None:
             said["protrusion"] = 1e-3 * self.protrusion
@@ -533,9 +545,10 @@ class Faults:
 
     def run(self) -> int:
         """Make the campaign; the exit code is 1 where something is not as it must be."""
+        from armguard.app.terminal import print_json
         from armguard.studies.faults.command import run_faults
 
-        return run_faults(self.only, self.out, as_json=self.json)
+        return run_faults(self.only, self.out, print_json)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -573,6 +586,8 @@ class Tradeoff:
     """How many processes of this machine measure settings; needs Dask (the extra `cluster`)."""
     resume: Flag = False
     """Go on with the settings that an earlier run of this study has kept in `out`."""
+    json: Flag = False
+    """Print one JSON object; what is for people goes to standard error."""
 
     def run(self) -> int:
         """Measure and write the report."""
@@ -613,6 +628,8 @@ class Extremes:
     """How many processes of this machine measure cases; needs Dask (the extra `cluster`)."""
     resume: Flag = False
     """Go on with the cases that an earlier run has kept beside `out`."""
+    json: Flag = False
+    """Print one JSON object; what is for people goes to standard error."""
 
     def run(self) -> int:
         """Measure all cases; the exit code is 1 if one is unsound."""
@@ -640,6 +657,8 @@ class Paper:
     """Leave out what takes long."""
     no_plots: Flag = False
     """Draw no pictures, for which matplotlib is needed (the extra `plot`)."""
+    json: Flag = False
+    """Print one JSON object; what is for people goes to standard error."""
 
     def run(self) -> int:
         """Measure and write the report; the exit code is 1 if a pair came near unwatched."""
@@ -677,6 +696,9 @@ class Robots:
 
     Example: armguard robots
     """
+
+    json: Flag = False
+    """Print one JSON object; what is for people goes to standard error."""
 
     def run(self) -> int:
         """Print the list."""
@@ -732,7 +754,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = None
     try:
         command = _parse(arguments)
-        with termination_as_interrupt():
+        with termination_as_interrupt(), _output_of(command):
             return command.run()
     except ArmguardError as error:
         complain(str(error))
@@ -744,6 +766,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         complain("interrupted before there was anything to show")
         return INTERRUPTED
+
+
+def _output_of(command: Command) -> contextlib.AbstractContextManager[None]:
+    """Where a command prints: with `--json`, standard output has its report and nothing else."""
+    if not getattr(command, "json", False):
+        return contextlib.nullcontext()
+    from armguard.app.terminal import keep_for_report
+
+    return keep_for_report()
 
 
 def describe_version() -> str:

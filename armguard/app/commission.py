@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
-from armguard.app.terminal import make_console
+from armguard.app.terminal import make_console, print_json
 from armguard.exceptions import ArmguardError
 from armguard.recording.commission import (
     Findings,
@@ -69,7 +69,30 @@ def run_commission(file: Path, out: Path | None) -> int:
             console.print(text, soft_wrap=True)
     for path in written:
         console.print(f"written: {path}", soft_wrap=True)
+    print_json(lambda: describe(found, cell_lines, robot_lines, written))
     return 0
+
+
+def describe(
+    found: Findings, cell_lines: str, robot_lines: str, written: list[Path]
+) -> dict[str, object]:
+    """What a recording says, for programs; in SI units.
+
+    Args:
+        found: What it says.
+        cell_lines: For the cell file.
+        robot_lines: For robot.toml.
+        written: Files that have these lines and the pictures.
+    """
+    kept = found._asdict()
+    del kept["seen"], kept["unmeasured"]  # all that was recorded; and `missing` tells of these
+    return kept | {
+        "robot": found.seen.robot.name,
+        "payload": found.seen.payload,
+        "cell_lines": cell_lines,
+        "robot_lines": robot_lines,
+        "written": written,
+    }
 
 
 def _draw_tables(found: Findings) -> list[Table]:

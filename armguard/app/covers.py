@@ -6,6 +6,7 @@ enough, since only geometry matters here.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedCo
 from rich.table import Table
 
 from armguard.app.lever_report import JointLevers, compare_levers
-from armguard.app.terminal import describe_column, make_console
+from armguard.app.terminal import describe_column, make_console, print_json
 from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
 from armguard.cover.inflation import Gap, inflate_spheres, measure_gaps
 from armguard.cover.interchange import (
@@ -157,6 +158,7 @@ def fit(target: Target, spheres: int | None, protrusion: float | None, folder: P
     cover = fit_with_bar(robot, spheres, protrusion)
     report = cover.check(robot)
     code = _finish(cover, report, folder)
+    print_json(lambda: describe(report, None if code else folder / COVER))
     limit = protrusion or DEFAULT_PROTRUSION
     for link, entry in report.links.items():
         if spheres is None and not entry.max_protrusion <= limit + TOLERANCE:
@@ -197,8 +199,11 @@ def prove(target: Target) -> int:
         raise CoverError("--check", "needs a robot that armguard knows", expected="its name")
     cover = Cover.load(target.cover)
     cover.verify(target.robot)
-    code = show_report(cover.check(target.robot))
-    _print(_tabulate_levers(compare_levers(target.robot, cover)))
+    report = cover.check(target.robot)
+    code = show_report(report)
+    levers = compare_levers(target.robot, cover)
+    _print(_tabulate_levers(levers))
+    print_json(lambda: describe(report) | {"levers": levers})
     return code
 
 
@@ -222,8 +227,10 @@ def exchange(target: Target, file: Path, inflate: bool, folder: Path | None) -> 
     if others:
         _print(f"not watched, left out: {', '.join(others)}")
     covered = all(gap.proved for gap in gaps.values())
+    found = {"gaps": gaps, "not_watched": others}
     if not inflate:
         _print("covers the robot: proved" if covered else "does not cover the robot")
+        print_json(lambda: {"proved": covered} | found)
         return 0 if covered else UNPROVED
     cover = inflate_spheres(robot, spheres)
     report = cover.check(robot)
@@ -231,7 +238,10 @@ def exchange(target: Target, file: Path, inflate: bool, folder: Path | None) -> 
         kept = {tuple(center) for center in cover.spheres(link)[:, :3].tolist()}
         if len(kept) < len(rows):
             _print(f"{link}: {len(rows) - len(kept)} of {len(rows)} spheres are not needed")
-    return show_report(report) if folder is None else _finish(cover, report, folder)
+    code = show_report(report) if folder is None else _finish(cover, report, folder)
+    wrote = None if code or folder is None else folder / COVER
+    print_json(lambda: describe(report, wrote) | found)
+    return code
 
 
 def write(target: Target, file: Path) -> int:
@@ -247,22 +257,30 @@ def write(target: Target, file: Path) -> int:
     else:
         raise CoverError(str(file), "is of no known kind", expected=".yml, .yaml or .urdf")
     _print(f"wrote {file}")
+    print_json(lambda: {"wrote": file})
     return 0
 
 
 def list_known() -> int:
     """Show the robots that armguard knows, from their files alone; the exit code."""
     table = Table("robot", "joints", "links", "spheres", "title", box=None, pad_edge=False)
+    robots = []
     for name in list_robots():
         description = read_description(find_robot(name) / DESCRIPTION)
         path = find_robot(name) / COVER
-        links = spheres = "no cover"
+        links = spheres = None
         if path.is_file():
             cover = Cover.load(path)
-            links = str(len(cover.links))
-            spheres = str(sum(len(cover.spheres(link)) for link in cover.links))
-        table.add_row(name, str(len(description.joints)), links, spheres, description.title)
+            links = len(cover.links)
+            spheres = sum(len(cover.spheres(link)) for link in cover.links)
+        joints, title = len(description.joints), description.title
+        counted = ("no cover" if one is None else str(one) for one in (links, spheres))
+        table.add_row(name, str(joints), *counted, title)
+        robots.append(
+            {"name": name, "joints": joints, "links": links, "spheres": spheres, "title": title}
+        )
     _print(table)
+    print_json(lambda: {"robots": robots})
     return 0
 
 
@@ -291,6 +309,23 @@ def show_report(report: CoverReport) -> int:
     """Print what a cover is like; the exit code is `UNPROVED` where a link is not inside it."""
     _print(_tabulate(report))
     return 0 if report.proved else UNPROVED
+
+
+def describe(report: CoverReport, wrote: Path | None = None) -> dict[str, Any]:
+    """What a cover is like, for programs; lengths in [m].
+
+    Args:
+        report: What it is like.
+        wrote: The file that it was written to; None: it was not.
+    """
+    return {
+        "proved": report.proved,
+        "links": {
+            name: dataclasses.asdict(link) | {"volume_ratio": link.volume_ratio}
+            for name, link in report.links.items()
+        },
+        "wrote": wrote,
+    }
 
 
 def _tabulate(report: CoverReport) -> Table:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.study_facts import Workers, list_facts, open_rows, show_progress, tell_command
+from armguard.app.terminal import print_json
 from armguard.exceptions import ArmguardError
 from armguard.studies.extremes.evaluations import list_evaluations, measure_evaluations
 from armguard.studies.extremes.line import UNSOUND, Line
@@ -66,6 +67,7 @@ def run(out: Path | None, *, seed: int, is_small: bool, workers: Workers) -> int
         except OSError as error:
             raise ArmguardError(str(out), f"cannot be written: {error.strerror}") from None
         sys.stdout.write(f"{summarise(lines)}\nwrote {out}\n")
+    print_json(lambda: {"is_whole": is_whole, "lines": lines, "facts": facts, "wrote": out})
     if any(line.outcome == UNSOUND for line in lines):
         complain("a contact time was later than a contact that is possible: please report it")
         return COMPLAINT

@@ -8,11 +8,12 @@ from pathlib import Path
 
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.study_facts import list_facts, make_folder, show_progress, tell_command
+from armguard.app.terminal import print_json
 from armguard.exceptions import ArmguardError
 from armguard.studies.pages import PAGE
 from armguard.studies.paper.measure import BALLS, MOST_EVALUATIONS, PERIODS, Row, measure_claims
 from armguard.studies.paper.plots import draw_pictures
-from armguard.studies.paper.report import summarise, write_report
+from armguard.studies.paper.report import describe, summarise, write_report
 from armguard.studies.pictures import check_plots
 
 SMALL_BALLS, SMALL_EVALUATIONS = BALLS[:5], 30_000
@@ -58,6 +59,7 @@ def run(out: Path, *, periods: Sequence[float], seed: int, is_small: bool, plots
     write_report(out, rows, interrupted, facts, draw_pictures(rows) if plots else {})
     sys.stdout.write("".join(f"- {line}\n" for line in summarise(rows, interrupted)))
     sys.stdout.write(f"wrote {out / PAGE}\n")
+    print_json(lambda: describe(rows, interrupted, facts) | {"wrote": out / PAGE})
     if any(row.unwatched for row in rows):
         complain("a pair came near while it was neither in turn nor flagged: please report it")
         return COMPLAINT

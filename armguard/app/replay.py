@@ -18,14 +18,13 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import IO, Any, Literal, NamedTuple
 
-import msgspec
 from rich.console import Console
 from rich.table import Table
 
 from armguard.app.cell.cell import Cell
 from armguard.app.loop import Durations
 from armguard.app.processes import COMPLAINT, complain
-from armguard.app.terminal import make_console
+from armguard.app.terminal import make_console, print_json
 from armguard.app.view_feed import MonitorFeed, Origin
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
@@ -150,7 +149,7 @@ def run_replay(
         summary = summarise(report, stops, took, changes)
         if watch.found is not None:
             summary["explained"] = "\n".join(explain_tick(replay.monitor, watch))
-        sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
+        print_json(lambda: summary)
     else:
         # A table on standard output stays one.
         console = make_console(stderr=csv_file == STANDARD_OUTPUT, soft_wrap=True)
@@ -160,7 +159,7 @@ def run_replay(
         elif changes:
             print_changes(console, stops, changes)
         else:
-            print_report(console, recording, report, stops, took)
+            print_replay(console, recording, report, stops, took)
     if changes or watch.found is not None:
         return 0
     return 0 if report.is_identical else COMPLAINT
@@ -235,7 +234,7 @@ def run_bag(
         }
         if explained:
             summary["explained"] = "\n".join(explained)
-        sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
+        print_json(lambda: summary)
     else:
         console = make_console(stderr=csv_file == STANDARD_OUTPUT, soft_wrap=True)
         lines = explained or [
@@ -549,7 +548,7 @@ def summarise(
     }
 
 
-def print_report(
+def print_replay(
     console: Console, recording: Recording, report: ReplayReport, stops: StopList, took: float
 ) -> None:
     """Tell whether the replay gave the same verdicts."""

@@ -189,7 +189,7 @@ def supervise(
             )
     summary = summarise(report, observer.counts)
     if as_json:
-        print_json(summary)
+        print_json(lambda: summary)
     else:
         make_console().print(draw_summary(summary))
     return 0
@@ -355,7 +355,7 @@ def send_reset(
     ):
         verdict = _ask_reset(publisher, reader, token, arm)
     if as_json:
-        print_json(verdict._asdict() | {"address": address})
+        print_json(lambda: verdict._asdict() | {"address": address})
     if not verdict.obeyed:
         complain(f"{address}: not reset: {verdict.problem}")
         return COMPLAINT

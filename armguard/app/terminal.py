@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Any, TextIO
 
 import msgspec
+import numpy as np
 from rich.console import Console
 from rich.progress import ProgressColumn, TextColumn
 
@@ -19,13 +26,51 @@ def make_console(*, stderr: bool = False, soft_wrap: bool = False) -> Console:
     return Console(stderr=stderr, soft_wrap=soft_wrap, markup=False, highlight=False)
 
 
-def print_json(report: object) -> None:
-    """Print the report of a command as one JSON object, in a line of its own.
+_report: ContextVar[TextIO | None] = ContextVar("report", default=None)
+"""Standard output, where `--json` keeps it for one report."""
+
+
+@contextlib.contextmanager
+def keep_for_report() -> Iterator[None]:
+    """Inside, standard output takes a report alone; all else that is printed goes aside.
+
+    What a command prints for people goes to standard error then.
+    """
+    token = _report.set(sys.stdout)
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _report.reset(token)
+
+
+def print_json(make: Callable[[], object]) -> None:
+    """Print what a command has found as one JSON object, where `--json` asks for it.
 
     Args:
-        report: What msgspec encodes: a mapping or a record of numbers, texts, paths and the like.
+        make: Gives what was found: records, mappings, sequences, numbers, texts and paths. What is
+            infinite or no number becomes null.
     """
-    sys.stdout.write(msgspec.json.encode(report).decode() + "\n")
+    output = _report.get()
+    if output is not None:
+        output.write(msgspec.json.encode(_to_plain(make())).decode() + "\n")
+
+
+def _to_plain(value: Any) -> Any:
+    """What JSON has a name for: records as objects, arrays as lists, paths as text."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Path):
+        return str(value)
+    if dataclasses.is_dataclass(value):
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    elif hasattr(value, "_asdict"):  # a NamedTuple
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        return {str(key): _to_plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_to_plain(item) for item in value]
+    return value
 
 
 def describe_column() -> ProgressColumn:

@@ -18,7 +18,7 @@ from armguard.app.study_facts import (
     show_progress,
     tell_command,
 )
-from armguard.app.terminal import make_console
+from armguard.app.terminal import make_console, print_json
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.provenance import describe_provenance
@@ -27,7 +27,7 @@ from armguard.studies.pictures import check_plots
 from armguard.studies.tradeoff.covers import Covers
 from armguard.studies.tradeoff.ladder import AUTO, check_axes
 from armguard.studies.tradeoff.plots import draw_pictures
-from armguard.studies.tradeoff.report import HTML_FILE, About, summarise, write_report
+from armguard.studies.tradeoff.report import HTML_FILE, About, describe, summarise, write_report
 from armguard.studies.tradeoff.scene import Site, find_published, make_scene
 from armguard.studies.tradeoff.study import run_study
 from armguard.studies.tradeoff.touching import add_touching
@@ -125,6 +125,7 @@ def run(
     for line in summarise(study):
         console.print(f"- {line.replace('**', '')}", soft_wrap=True)
     console.print(f"wrote {out / HTML_FILE}", soft_wrap=True)
+    print_json(lambda: describe(study, about) | {"wrote": out / HTML_FILE})
     return 0
 
 

@@ -21,15 +21,13 @@ import webbrowser
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import msgspec
-
 from armguard.app.demo import nodes
 from armguard.app.demo.places import find_place
 from armguard.app.demo.watcher import Watcher
 from armguard.app.premises import list_premises, summarise_premises
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.summary import draw_summary
-from armguard.app.terminal import make_console
+from armguard.app.terminal import make_console, print_json
 from armguard.exceptions import ArmguardError
 from armguard.recording.recorder import check_new
 from armguard.robot.description import (
@@ -209,7 +207,7 @@ def run_demo(
         summary, problem = watcher.run(frames, open_page if wants_page else None)
     if summary is not None:
         if as_json:
-            sys.stdout.write(msgspec.json.encode(summary).decode() + "\n")
+            print_json(lambda: summary)
         else:
             console.print(draw_summary(summary))
     if problem:

@@ -14,10 +14,12 @@ from typing import NamedTuple
 from rich.table import Table
 
 from armguard.app.covers import TOLERANCE, UNPROVED, fit_with_bar, show_report
+from armguard.app.covers import describe as describe_cover
 from armguard.app.new_robot import limits as usual
 from armguard.app.new_robot.costs import (
     WALKING_SPEED,
     WORKING_SHARE,
+    StopFigures,
     list_cases,
     measure,
 )
@@ -36,7 +38,7 @@ from armguard.app.new_robot.questions import (
 from armguard.app.new_robot.sources import URDF, UrdfSource, find_urdf
 from armguard.app.new_robot.text import NewRobot, list_choices, write_text
 from armguard.app.processes import complain
-from armguard.app.terminal import make_console
+from armguard.app.terminal import make_console, print_json
 from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
 from armguard.cover.report import CoverReport
 from armguard.exceptions import ArmguardError, RobotError
@@ -96,6 +98,7 @@ def run_new(wishes: Wishes) -> int:
     planning = None if wishes.joint_limits is None else read_planning_limits(wishes.joint_limits)
     made = make_folder(wishes, planning, asker)
     if show_report(made.report) != 0:
+        print_json(lambda: describe_cover(made.report))
         return UNPROVED
     limit = wishes.protrusion or DEFAULT_PROTRUSION
     for link, entry in made.report.links.items():
@@ -107,7 +110,17 @@ def run_new(wishes: Wishes) -> int:
     if planning is not None and planning.unused:
         _print(f"not used of {wishes.joint_limits}: {', '.join(planning.unused)}")
     # Read back as every command reads it, so that nothing is promised that cannot be loaded.
-    show_costs(Robot.load(wishes.out.absolute()), planning)
+    costs = show_costs(Robot.load(wishes.out.absolute()), planning)
+    unused = () if planning is None else planning.unused
+    print_json(
+        lambda: {
+            "wrote": [wishes.out / DESCRIPTION, wishes.out / COVER],
+            "cover": describe_cover(made.report),
+            "choices": list_choices(made.description),
+            "unused": unused,
+            "costs": costs,
+        }
+    )
     _print(
         f"next: armguard show {wishes.out}; armguard demo --robot {wishes.out}; in a cell file "
         f'[robot] name = "{wishes.out}" (relative to its folder), and operating = "published" if '
@@ -582,8 +595,12 @@ def write_folder(folder: Path, text: str, cover: Cover, urdf: str | None) -> Non
         raise RobotError(str(folder), f"cannot be written: {error.strerror}") from error
 
 
-def show_costs(robot: Robot, planning: PlanningLimits | None) -> None:
-    """Print what the monitor says of the arm as written, and with one choice at a time changed."""
+def show_costs(robot: Robot, planning: PlanningLimits | None) -> dict[str, StopFigures]:
+    """Print what the monitor says of the arm as written, and with one choice at a time changed.
+
+    Returns:
+        The same, by what was changed.
+    """
     table = Table(
         "description", title="what each choice costs in STOP", title_justify="left",
         caption_justify="left",
@@ -597,6 +614,7 @@ def show_costs(robot: Robot, planning: PlanningLimits | None) -> None:
         f"m/s, and may speed up by {most_accel:g} m/s² to {most_speed:g} m/s: nearer than this is "
         "a STOP."
     )
+    costs: dict[str, StopFigures] = {}
     cases = list(list_cases(robot, planning))
     with following("asking the monitor about case", len(cases)) as begin:
         for case in cases:
@@ -606,13 +624,14 @@ def show_costs(robot: Robot, planning: PlanningLimits | None) -> None:
             except ArmguardError as error:
                 complain(f"{case.name}: {error}")
                 continue
-            stop_time, distance = figures
+            stop_time, distance = costs[case.name] = figures
             table.add_row(
                 case.name,
                 f"{1e3 * stop_time:.0f}" if stop_time < math.inf else "not stated",
                 f"{distance:.2f}" if distance < math.inf else "anywhere",
             )
     make_console().print(table)
+    return costs
 
 
 def _print(text: str) -> None:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import msgspec
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -39,13 +37,17 @@ def check_page(out: Path) -> None:
         ) from None
 
 
-def run_faults(only: Sequence[str], out: Path | None, *, as_json: bool) -> int:
+def run_faults(
+    only: Sequence[str],
+    out: Path | None,
+    print_json: Callable[[Callable[[], object]], None],
+) -> int:
     """Make faults, and tell what came of them.
 
     Args:
         only: Names or patterns of faults; empty: all.
         out: The page to write; None: none.
-        as_json: Print one JSON object instead of a table.
+        print_json: Takes what gives the report as plain data, for programs.
 
     Returns:
         0 where every fault that could be tried was detected if it has to be, the cell recovered
@@ -74,8 +76,6 @@ def run_faults(only: Sequence[str], out: Path | None, *, as_json: bool) -> int:
             out.write_text(write_page(report), encoding="utf-8")
         except OSError as error:
             raise ArmguardError(str(out), f"cannot be written ({error.strerror})") from None
-    if as_json:
-        sys.stdout.write(msgspec.json.encode(describe(report)).decode() + "\n")
-    else:
-        Console(markup=False, highlight=False).print(draw_table(report))
+    Console(markup=False, highlight=False).print(draw_table(report))
+    print_json(lambda: describe(report))
     return 0 if report.passed else FAILED

@@ -27,6 +27,7 @@ USUAL = frozenset(
         ReasonKind.HOLD,
         ReasonKind.CROWD,
         ReasonKind.BUDGET_SPENT,
+        ReasonKind.LATE_DATA,  # of a busy machine
     }
 )
 """What verdicts rest on where nothing is wrong."""

@@ -1,0 +1,120 @@
+"""`--json`: one JSON object on standard output, and nothing else there, of every command."""
+
+import dataclasses
+import json
+
+import pytest
+
+from armguard.app import extremes, paper
+from armguard.app.cli import COMMANDS, main
+from armguard.studies.extremes.line import SOUND, Line
+from armguard.studies.faults import command
+from armguard.studies.faults.campaign import CampaignReport
+from armguard.studies.faults.truth import Closest
+from armguard.studies.tradeoff import growth, study
+from support import commissioned_runs
+from support.urdf_arms import two_links
+
+REPORT_NOTHING = {
+    "view": "serves a page until Ctrl-C",
+    "show": "serves a page until Ctrl-C",
+    "keys": "writes two files, and says what to do with them",
+    "kernels": "compiles, and finds nothing out",
+}
+"""Commands without `--json`, and why."""
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recorded") / "run.mcap"
+    commissioned_runs.record(path)
+    return path
+
+
+@pytest.fixture
+def words_of(tmp_path, recording, monkeypatch):
+    """By command: what is typed after it, and what its object has among others.
+
+    What would take long is made short, or its result is made up.
+    """
+    monkeypatch.setattr("armguard.app.run.REACH_TIMEOUT", 0.1)
+    monkeypatch.setattr(growth, "COUNTS", (1,))
+    monkeypatch.setattr(growth, "SECONDS", 0.02)
+    monkeypatch.setattr(study, "MOMENTS", 1)
+    monkeypatch.setattr(paper, "SMALL_BALLS", (3, 8))
+    monkeypatch.setattr(paper, "SMALL_EVALUATIONS", 300)
+    lines = [Line("radius", "1 m", SOUND)]
+    monkeypatch.setattr(extremes, "measure_evaluations", lambda cases, seed: iter(lines))
+    monkeypatch.setattr(extremes, "measure_ticks", lambda **how: iter([]))
+    found = CampaignReport([], [], Closest(0, 1.0, 0.5), 1.0)
+    monkeypatch.setattr(command, "run_campaign", lambda faults, tell: found)
+    cell, out = tmp_path / "cell.toml", str(tmp_path / "out")
+    cell.write_text('[robot]\nname = "panda"\noperating = "published"\n[sources]\n')
+    addresses = [
+        word
+        for name in ("obstacles", "joints", "verdicts")
+        for word in (f"--{name}", f"ipc://{tmp_path}/{name}")
+    ]
+    return {
+        "demo": (["--duration", "0.3", "--no-view"], "ticks"),
+        "run": ([str(cell), "--duration", "0.05", "--no-realtime", *addresses], "ticks"),
+        "reset": ([f"ipc://{tmp_path}/nobody", "--token", "x"], "obeyed"),
+        "replay": ([str(recording)], "identical"),
+        "robots": ([], "robots"),
+        "robot": (
+            ["new", str(two_links(tmp_path)), "--out", out, "--yes", "--spheres", "2"],
+            "costs",
+        ),
+        "cover": (["panda", "--export", str(tmp_path / "panda.yml")], "wrote"),
+        "commission": ([str(recording)], "cell_lines"),
+        "tradeoff": (
+            ["--out", out, "--seconds", "1", "--no-plots", "--axis", "advances"],
+            "settings",
+        ),
+        "faults": ([], "passed"),
+        "extremes": ([], "lines"),
+        "paper": (["--small", "--no-plots", "--period", "0.05", "--out", out], "rows"),
+    }
+
+
+def test_every_command_that_reports_has_it():
+    without = {
+        name
+        for name, kind in COMMANDS.items()
+        if "json" not in (field.name for field in dataclasses.fields(kind))
+    }
+    assert without == set(REPORT_NOTHING)
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name not in REPORT_NOTHING])
+def test_standard_output_has_one_object_and_nothing_else(name, words_of, capfd):
+    words, key = words_of[name]
+    assert main([name, *words, "--json"]) in (0, 1)
+    out, err = capfd.readouterr()
+    assert key in json.loads(out)
+    assert out.count("\n") == 1
+    assert "Traceback" not in err
+
+
+def test_a_cover_that_is_proved_says_what_it_is_like(tmp_path, capfd):
+    words = [str(two_links(tmp_path)), "--spheres", "2", "--out", str(tmp_path)]
+    assert main(["cover", *words, "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert told["proved"] is True
+    assert told["wrote"] == str(tmp_path / "cover.json")
+    assert {"count", "max_protrusion", "proved", "volume_ratio"} <= set(told["links"]["upper"])
+    assert main(["cover", "panda", "--check", "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert told["wrote"] is None
+    assert {"proved", "sampled", "ratio"} == set(told["levers"]["panda_joint1"])
+    few = tmp_path / "few.yml"
+    few.write_text("collision_spheres: {upper: [{center: [0.0, 0.0, 0.0], radius: 0.05}]}\n")
+    assert main(["cover", str(tmp_path / "arm.urdf"), "--import", str(few), "--json"]) == 1
+    told = json.loads(capfd.readouterr().out)
+    assert told["proved"] is False
+    assert told["gaps"]["upper"]["share"] > 0.0
+
+
+def test_a_table_and_an_object_cannot_share_standard_output(recording, capsys):
+    assert main(["replay", str(recording), "--csv", "-", "--json"]) == 2
+    assert "standard output" in capsys.readouterr().err
