@@ -47,7 +47,7 @@ What armguard must know of an arm and no URDF says: limits that hold in every mo
 
     armguard robot new arm.urdf --out my_arm
 
-reads the URDF, asks for what it lacks, fits and proves the cover, writes both files, and prints what in them is no data of the arm, and what each choice costs in STOP, as the monitor has it. The URDF may also be a path below `robots/` of example-robot-data, or a ROS parameter file with `robot_description`. On a terminal, Enter takes what is usual. Elsewhere each answer has an option, a missing one is named, and `--yes` takes all that is usual: what efforts and inertias of the URDF allow (`DERIVED`), or what is said to be `CHOSEN`. Neither is data of your arm: put in what its maker states.
+reads the URDF, asks for what it lacks, fits and proves the cover, writes both files, and prints what in them is no data of the arm, and what each choice costs in STOP, as the monitor has it. It may also be an MJCF, MuJoCo's format ([MuJoCo](mujoco.md)), a path below `robots/` of example-robot-data, or a ROS parameter file with `robot_description`. On a terminal, Enter takes what is usual. Elsewhere each answer has an option, a missing one is named, and `--yes` takes all that is usual: what efforts and inertias of the URDF allow (`DERIVED`), or what is said to be `CHOSEN`. Neither is data of your arm: put in what its maker states.
 
 What a choice costs is told by the time until the working arm rests and by the distance within which a person who walks up to it is a STOP: for the arm as written, with operating velocities or accelerations halved, without operating limits, with brakes twice as hard, and with measurement errors halved. Operating limits count only where a cell file says `operating = "published"`.
 

@@ -459,18 +459,19 @@ class Cover:
 
 @dataclasses.dataclass(frozen=True)
 class NewRobot:
-    """Describe an arm of your own from its URDF: limits, brakes, and a cover that is proved.
+    """Describe an arm of your own from its URDF or MJCF: limits, brakes, and a proved cover.
 
-    Asks for what the URDF lacks. AMOUNT counts for all joints that lack one, JOINT=AMOUNT for that
+    Asks for what the file lacks. AMOUNT counts for all joints that lack one, JOINT=AMOUNT for that
     joint, whatever the URDF says; JOINT may be a pattern.
 
     Example: armguard robot new arm.urdf --joint-limits joint_limits.yaml --out my_arm
+    Example: armguard robot new mujoco_arm.xml --velocity 3.14 --out my_arm
     """
 
     action: Annotated[Literal["new"], tyro.conf.Positional]
     """Make a new one; `armguard robots` lists those that armguard knows."""
     urdf: Annotated[Path, tyro.conf.Positional]
-    """A URDF, one below robots/ of example-robot-data, or YAML with robot_description."""
+    """A URDF, an MJCF, one below robots/ of example-robot-data, or YAML with robot_description."""
     out: Path
     """The folder to write robot.toml and cover.json into: new, or empty."""
     yes: Flag = False

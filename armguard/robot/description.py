@@ -119,8 +119,8 @@ class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     title: str = ""
     """The robot's name for people."""
     urdf: str = ""
-    """The URDF: relative to the folder of robot.toml, absolute, or below `robots/` of the package
-    example-robot-data; left out where the caller brings it.
+    """The URDF or MJCF: relative to the folder of robot.toml, absolute, or below `robots/` of the
+    package example-robot-data; left out where the caller brings it.
     """
     package_dirs: tuple[str, ...] = ()
     """Folders in which `package://` names are looked up, relative to the folder of robot.toml;

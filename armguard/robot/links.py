@@ -24,7 +24,8 @@ from armguard.cover.triangulation import hull_triangles, make_patches, triangula
 from armguard.exceptions import RobotError
 from armguard.jit.arrays import FloatArray
 from armguard.robot.description import LimitSources, LockedJoint, RobotDescription
-from armguard.robot.urdf import UrdfModel, read_urdf
+from armguard.robot.model_file import read_model
+from armguard.robot.urdf import UrdfModel
 
 STEP = math.radians(10.0)  # a polygon with corners so far apart sticks out of its arc by 0.4 %
 
@@ -190,7 +191,7 @@ class UrdfLinks:
     """What `Cover` and the interchange of spheres need to know of a robot.
 
     Args:
-        path: A URDF.
+        path: A URDF, or an MJCF.
         package_dirs: Folders in which `package://` mesh names are looked up.
 
     Attributes:
@@ -204,7 +205,7 @@ class UrdfLinks:
     """
 
     def __init__(self, path: str | Path, package_dirs: Sequence[str | Path] = ()) -> None:
-        urdf = read_urdf(path, package_dirs)
+        urdf = read_model(path, package_dirs)
         self.name = Path(path).stem
         self.model = urdf.model
         nothing = RobotDescription(sources=LimitSources(), joints={})

@@ -38,7 +38,8 @@ from armguard.robot.description import (
 )
 from armguard.robot.joints import check_bare_links, check_joints, reduce_model
 from armguard.robot.links import collect_fixed_points, collect_surfaces
-from armguard.robot.urdf import UrdfModel, read_urdf
+from armguard.robot.model_file import read_model
+from armguard.robot.urdf import UrdfModel
 
 SPHERES = 12
 """At most so many for an attached body: fitting must be quick more than tight."""
@@ -89,12 +90,14 @@ class _Bodies(NamedTuple):
 
 
 class Robot:
-    """An arm and what is known about it; made by `Robot.load` or `Robot.from_urdf`.
+    """An arm and what is known about it.
+
+    Made by `Robot.load`, `Robot.from_urdf` or `Robot.from_mjcf`.
 
     All limits are read-only arrays of shape (nv,), in the order of `joints`.
 
     Attributes:
-        name: Its name in `robots/`, or the file name of its URDF.
+        name: Its name in `robots/`, or the name of the file it was read from.
         model: `pinocchio.Model` reduced to the watched joints: nq = nv.
         collision_model: `pinocchio.GeometryModel` of it, geometry as read.
         joints: Names of the watched joints, in model order.
@@ -217,7 +220,7 @@ class Robot:
         """Load a robot from files of your own.
 
         Args:
-            path: Its URDF.
+            path: Its URDF; an MJCF is taken as well, as by `from_mjcf`.
             limits: A robot.toml, or a mapping of the same form.
             joints: The joints to watch; None: all that `limits` names.
             package_dirs: Folders in which `package://` mesh names are looked up.
@@ -242,6 +245,34 @@ class Robot:
             whole.prove(robot, str(cover))
         robot.cover = whole if level is None else whole.cut(level)
         return robot
+
+    @classmethod
+    def from_mjcf(
+        cls,
+        path: str | Path,
+        *,
+        limits: str | Path | Mapping[str, Any],
+        joints: Sequence[str] | None = None,
+        cover: str | Path | None = None,
+        level: int | None = None,
+    ) -> Robot:
+        """Load a robot from an MJCF file, MuJoCo's format.
+
+        Its links are the bodies of the file. Names of included files and meshes are relative to it.
+
+        Args:
+            path: The file, of the arm alone: no moving base, no floor.
+            limits: A robot.toml, or a mapping of the same form. The format has no velocities, so
+                this is where they come from, and position limits too.
+            joints: As for `from_urdf`, and so are the others.
+            cover: A file that `Cover.save` wrote.
+            level: Of the cover's tree.
+
+        Raises:
+            RobotError: As for `from_urdf`; or something in the file is not supported.
+            CoverError: As for `from_urdf`.
+        """
+        return cls.from_urdf(path, limits=limits, joints=joints, cover=cover, level=level)
 
     @property
     def braking_deceleration(self) -> FloatArray:
@@ -446,17 +477,17 @@ class Robot:
 def read_described(
     path: str | Path, package_dirs: Sequence[str | Path], description: RobotDescription
 ) -> UrdfModel:
-    """Read a URDF as the description of its robot has it.
+    """Read a URDF or an MJCF as the description of its robot has it.
 
     Args:
-        path: The URDF.
+        path: The file.
         package_dirs: Folders in which `package://` names are looked up.
         description: Says which fixed joints turn, and which links are collided with as drawn.
 
     Raises:
-        RobotError: As `read_urdf` does.
+        RobotError: As `read_model` does.
     """
-    return read_urdf(path, package_dirs, description.travelling, description.collision_from_visual)
+    return read_model(path, package_dirs, description.travelling, description.collision_from_visual)
 
 
 def _choose_joints(description: RobotDescription, patterns: Sequence[str] | None) -> list[str]:

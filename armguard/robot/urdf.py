@@ -103,7 +103,7 @@ def read_urdf(
     try:
         model = pinocchio.buildModelFromXML(text)
     except (ValueError, RuntimeError) as error:
-        raise RobotError(str(path), f"is not a usable URDF: {_first_line(error)}") from error
+        raise RobotError(str(path), f"is not a usable URDF: {describe_error(error)}") from error
     try:
         collision_model = pinocchio.buildGeomFromUrdfString(
             model,
@@ -113,7 +113,7 @@ def read_urdf(
     except (ValueError, RuntimeError) as error:
         raise RobotError(
             str(path),
-            f"its collision geometry cannot be read: {_first_line(error)}",
+            f"its collision geometry cannot be read: {describe_error(error)}",
         ) from error
     for joint in list(model.joints)[1:]:
         if joint.nv != 1:
@@ -318,8 +318,11 @@ def _read_package_name(manifest: Path) -> str:
         return ""
 
 
-def _first_line(error: Exception) -> str:
-    """Coal's errors have their message in a later line of three."""
+def describe_error(error: Exception) -> str:
+    """What an error of Pinocchio says, in one line.
+
+    Coal's errors have their message in a later line of three.
+    """
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     for i, line in enumerate(lines):
         if line.startswith("message:"):

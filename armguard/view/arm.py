@@ -22,7 +22,7 @@ from armguard.exceptions import ArmguardError
 from armguard.robot import triangulate
 from armguard.robot.description import DESCRIPTION, find_robot, locate_urdf, read_description
 from armguard.robot.joints import lock_joints
-from armguard.robot.urdf import read_urdf
+from armguard.robot.model_file import is_mjcf, read_model
 from armguard.view.drawing import Command, draw_collada, draw_triangles
 from armguard.view.messages import LinkCover, SceneMessage
 
@@ -46,13 +46,14 @@ class Arm:
     def __init__(self, scene: SceneMessage) -> None:
         self.notes: list[str] = []
         path, package_dirs, rest = _locate(scene)
-        urdf = read_urdf(path, package_dirs)
+        urdf = read_model(path, package_dirs)
         names = list(urdf.model.names)[1:]
         covers = [*scene.cover, *(cover for level in scene.levels for cover in level)]
         for joint in (*scene.joints, *(cover.joint for cover in covers)):
             if joint not in names:
                 raise ArmguardError(f"joint {joint!r}", f"is not in {path}")
-        geometry = self._read_visual_model(urdf.model, path, package_dirs) or urdf.collision_model
+        drawn = None if is_mjcf(path) else self._read_visual_model(urdf.model, path, package_dirs)
+        geometry = drawn or urdf.collision_model
         configuration = pinocchio.neutral(urdf.model)
         locked = [name for name in names if name not in scene.joints]
         for name in locked:

@@ -51,9 +51,10 @@ from armguard.robot.description import (
     LockedJoint,
     read_description,
 )
+from armguard.robot.model_file import read_model
 from armguard.robot.robot import Robot, read_described
 from armguard.robot.ros_parameters import PlanningLimits, read_planning_limits
-from armguard.robot.urdf import UrdfModel, read_urdf
+from armguard.robot.urdf import UrdfModel
 
 DRAWN = "drawn"
 """Answer that takes what a link is drawn with for its collision geometry."""
@@ -243,7 +244,7 @@ def describe(
     Raises:
         RobotError: Something is missing or unusable.
     """
-    urdf = read_urdf(source.path, source.folders, (), wishes.collision_from_visual)
+    urdf = read_model(source.path, source.folders, (), wishes.collision_from_visual)
     watched, locked = settle_joints(wishes, urdf, asker)
     drawn, bare = settle_bare_links(wishes, urdf, watched, asker)
     facts = JointFacts(urdf, watched, locked, source.origin)

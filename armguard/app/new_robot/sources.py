@@ -65,8 +65,8 @@ def find_urdf(name: Path, out: Path, package_dirs: Sequence[Path], scratch: Path
             raise RobotError(
                 str(name),
                 "cannot be read: no such file",
-                expected="a URDF, one below robots/ of example-robot-data, or a YAML file with "
-                "robot_description",
+                expected="a URDF, an MJCF, one below robots/ of example-robot-data, or a YAML file "
+                "with robot_description",
             ) from error
     folders = [*package_dirs, *name.resolve().parents]
     example = _find_in_examples(name)

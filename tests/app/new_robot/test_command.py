@@ -16,6 +16,7 @@ from armguard.app.new_robot.questions import GIVEN, Asker
 from armguard.exceptions import RobotError
 from armguard.robot import Robot
 from armguard.robot.ros_parameters import PlanningLimits
+from support.mjcf_arms import write_mjcf
 from support.urdf_arms import BOX, joint_xml, link_xml, two_links, write_urdf
 
 BARE_LIMIT = '<limit lower="-1" upper="2"/>'
@@ -364,3 +365,14 @@ def test_a_folder_that_has_something_in_it_is_left_alone(tmp_path, capsys):
     code, _, err = run([two_links(tmp_path), "--yes", "--out", taken / "file"], capsys)
     assert code == 2
     assert "is a file" in err
+
+
+def test_an_mjcf_becomes_a_robot_and_its_missing_velocities_are_named(tmp_path):
+    path, out = write_mjcf(tmp_path), tmp_path / "mine"
+    with pytest.raises(RobotError, match=r"--velocity.*pan, lift, roll"):
+        make(path, out, takes_usual=False, ask=None)
+    make(path, out, velocity=["2"], spheres=1)
+    robot = Robot.load(out)
+    assert robot.joints == ("pan", "lift", "roll")
+    assert robot.velocity_limit.tolist() == [2.0, 2.0, 2.0]
+    assert read(out)["urdf"] == "../arm.xml"
