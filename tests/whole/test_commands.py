@@ -15,6 +15,7 @@ bring, and in the environment that the tests run in:
 """
 
 import contextlib
+import fcntl
 import itertools
 import os
 import re
@@ -24,6 +25,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -215,12 +217,21 @@ def read_until(process, sign):
     raise AssertionError("".join(told))
 
 
+@pytest.fixture
+def usual_ports():
+    """The ports that pages name, for one test of this machine at a time."""
+    with (Path(tempfile.gettempdir()) / "armguard-usual-ports.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for port in range(5701, 5705):
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", port)) == 0:
+                    pytest.skip(f"port {port} is in use on this machine")
+        yield
+
+
 @pytest.mark.parametrize("name", LIVE)
+@pytest.mark.usefixtures("usual_ports")
 def test_what_a_page_starts_together_works_together(name, checkout):
-    for port in range(5701, 5705):
-        with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                pytest.skip(f"port {port}, which the page names, is in use on this machine")
     run, *others, reset = LIVE[name]
     with contextlib.ExitStack() as processes:
         monitor = processes.enter_context(started(run))
