@@ -310,8 +310,7 @@ class Reset:
     arm: str = ""
     """Whose monitor is meant, in a cell with several arms."""
     key: Path | None = None
-    """Where the monitor asks for keys: the secret file of a client that may reset and read
-    verdicts."""
+    """Where the monitor asks for keys: the secret file of a client that may reset."""
     server_key: Path | None = None
     """The monitor's public file."""
     json: Flag = False
@@ -322,9 +321,7 @@ class Reset:
         from armguard.app.run import read_key_files, send_reset
 
         key_files = read_key_files(self.key, self.server_key)
-        return send_reset(
-            self.address, self.token, key_files, self.arm, self.verdicts, as_json=self.json
-        )
+        return send_reset(self.address, self.token, key_files, self.arm, self.verdicts)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -329,20 +329,17 @@ def send_reset(
     key_files: tuple[Path, Path] | None = None,
     arm: str = "",
     verdicts_address: str | None = None,
-    *,
-    as_json: bool = False,
 ) -> int:
     """Send a reset to a running monitor and tell its answer; the exit code, 1 if not obeyed.
 
     Args:
         address: Where it takes obstacles or joint states.
         token: What its run was started with.
-        key_files: Secret file of a client that may reset and read verdicts, and the monitor's
-            public file; None: it asks for no keys.
+        key_files: Secret file of a client that may reset, and the monitor's public file; None: it
+            asks for no keys.
         arm: Whose monitor is meant, in a cell with several arms.
         verdicts_address: Where it publishes verdicts and answers; None: as
             `find_verdicts_address` has it.
-        as_json: Print one JSON object.
 
     Raises:
         StreamError: An address or a key cannot be used.
@@ -354,24 +351,24 @@ def send_reset(
         VerdictReader(verdicts_address, keys) as reader,
     ):
         verdict = _ask_reset(publisher, reader, token, arm)
-    if as_json:
-        print_json(lambda: verdict._asdict() | {"address": address})
+    print_json(lambda: verdict._asdict() | {"address": address})
     if not verdict.obeyed:
         complain(f"{address}: not reset: {verdict.problem}")
         return COMPLAINT
-    if not as_json:
-        make_console().print(f"{address}: reset", soft_wrap=True)
+    make_console().print(f"{address}: reset", soft_wrap=True)
     return 0
 
 
 def _ask_reset(publisher: Publisher, reader: VerdictReader, token: str, arm: str) -> ResetVerdict:
     """Send a reset, and wait for the answer; the problem says where none came from."""
-    rights = "with [keys] in its cell file, this client needs --key, --server-key and the right"
+    rights = (
+        "with [keys] in its cell file it lets in those that may reset, with --key and --server-key"
+    )
     if not publisher.wait(REACH_TIMEOUT):
         return ResetVerdict(
             False,
             f"no monitor listens there (waited {REACH_TIMEOUT:g} s). `armguard run` prints its "
-            f'addresses of obstacles and joint states; {rights} "reset"',
+            f"addresses of obstacles and joint states; {rights}",
         )
     # A reader hears what is published once it is connected, as the first verdict shows.
     if reader.latest(REACH_TIMEOUT) is None:
@@ -379,14 +376,14 @@ def _ask_reset(publisher: Publisher, reader: VerdictReader, token: str, arm: str
             False,
             f"nothing was sent, as its answer could not be read: no verdicts come from "
             f"{reader.address} (waited {REACH_TIMEOUT:g} s). --verdicts takes the address that "
-            f'`armguard run` prints; {rights} "verdicts"',
+            f"`armguard run` prints; {rights}",
         )
     number = publisher.reset(token, arm)
     verdict = reader.reset_answer(number, REACH_TIMEOUT)
     return verdict or ResetVerdict(
         False,
         f"the monitor at {reader.address} did not answer (waited {REACH_TIMEOUT:g} s): it is "
-        f'another one, of another arm, or too busy; {rights} "reset"',
+        f"another one, of another arm, or too busy; {rights}",
     )
 
 

@@ -517,7 +517,8 @@ class VerdictPublisher:
         # The last verdict of all is to arrive; a reader that takes none cannot delay the end.
         self._socket.set(zmq.LINGER, _LINGER)
         if authenticator is not None:
-            authenticator.guard(self._socket, ["verdicts"])
+            # Answers to resets are for those that may reset.
+            authenticator.guard(self._socket, ["verdicts", "reset"])
         try:
             self._socket.bind(address)
         except zmq.ZMQError as error:

@@ -71,7 +71,7 @@ def ring():
         camera=["obstacles"],
         lidar=["obstacles"],
         controller=["joints", "verdicts"],
-        desk=["reset", "verdicts"],
+        desk=["reset"],
     )
 
 
@@ -214,21 +214,24 @@ def test_without_keys_or_with_those_of_another_monitor_nothing_gets_in(address, 
         assert side.edge.received == 0
 
 
-def test_only_those_that_may_read_verdicts_hear_any(address, ring):
+def test_only_those_that_may_read_verdicts_or_reset_hear_any(address, ring):
     authenticator = ring.authenticator()
     publisher = VerdictPublisher(address, 0.0, authenticator)
     strangers = [None, ring.stranger(), ring.keys("camera"), KeyRing(desk=[]).keys("desk")]
     readers = [VerdictReader(publisher.address, keys) for keys in strangers]
-    with VerdictReader(publisher.address, ring.keys("controller")) as controller:
+    with (
+        VerdictReader(publisher.address, ring.keys("controller")) as controller,
+        VerdictReader(publisher.address, ring.keys("desk")) as desk,
+    ):
         end = time.monotonic() + PATIENCE
-        while controller.latest() is None and time.monotonic() < end:
+        while None in (controller.latest(), desk.latest()) and time.monotonic() < end:
             publisher.publish(verdict(Level.CLEAR))
             time.sleep(0.001)
         end = time.monotonic() + REST
         while time.monotonic() < end:
             publisher.publish(verdict(Level.CLEAR))
             time.sleep(0.001)
-        assert controller.latest() is not None
+        assert None not in (controller.latest(), desk.latest())
         assert [reader.latest() for reader in readers] == [None] * len(readers)
     for reader in readers:
         reader.close()
