@@ -30,6 +30,7 @@ from armguard.app.loop import Durations
 from armguard.app.view_feed import MonitorFeed, Origin
 from armguard.exceptions import ArmguardError
 from armguard.simulation import SimulatedArm, keeps_within, random_trajectory
+from armguard.verdict import ReasonKind
 from armguard.view import (
     FrameMessage,
     FramePublisher,
@@ -267,7 +268,8 @@ def take_latched(stage: Stage) -> None:
         contact_time=0.0,
         speed_scale=0.0,
     )
-    latches = (Latch(reason=reason, since=now - 1.3),)
+    remedy = ReasonKind.JOINT_STATE_GAP.remedy
+    latches = (Latch(reason=reason, since=now - 1.3, remedy=remedy),)
     stage.show(count, verdict=verdict, latches=latches, refused_resets=1)
     stage.wait(has_text("latches", "gap"))
     stage.take("latched")

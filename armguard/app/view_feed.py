@@ -293,7 +293,9 @@ class MonitorFeed:
     def _follow_latches(self, verdict: Verdict, now: float) -> tuple[Latch, ...]:
         latched = [one for one in verdict.reasons if one.kind.effect is Effect.LATCHED]
         self._latches = {
-            one.kind.name: self._latches.get(one.kind.name, Latch(reason=str(one), since=now))
+            one.kind.name: self._latches.get(
+                one.kind.name, Latch(reason=str(one), since=now, remedy=one.kind.remedy)
+            )
             for one in latched
         }
         return tuple(self._latches.values())

@@ -1,35 +1,97 @@
-"""One colour language: everything has the colour of the level that its own contact time earns.
+"""One colour language: a palette, of which everything that is drawn names a colour by its number.
 
-Red, orange, yellow and blue differ in lightness as well as in hue, so that whoever does not tell
-red from green, or blue from yellow, tells the levels apart (a test simulates it). No colour stands
-alone: levels have words and signs, and what was refused is drawn with edges.
+Bodies and pairs have the colour of their bucket of imminence: one scale from imminent (amber) over
+coral and magenta to far (blue), in steps that look alike, whose lightness falls from bucket to
+bucket for every kind of eye. Where a page asks for it, they have the colour of the level that
+their own contact time earns instead. Levels are told apart by eyes that do not tell red from green,
+or blue from yellow; tests simulate them. No colour stands alone: levels have words and signs,
+buckets have times, and what was refused is drawn with edges.
 
-Nothing is drawn as more alarming than the verdict. An arm that surely rests before contact is not
+The palette has each colour twice: for a dark page, and for a light one, where what is imminent is
+darkest.
+
+By level nothing is drawn as more alarming than the verdict. An arm that rests before contact is not
 told to stop, however short the contact time; then it is not red either.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from armguard.view.buckets import BUCKET_COUNT, compute_buckets
+
 LEVELS = ("STOP", "SLOW", "AWARE", "CLEAR")
-LEVEL_COLOURS = ("#e5173a", "#f57f00", "#ffec52", "#5fb0ff")
 LEVEL_SIGNS = ("■", "▼", "▲", "●")
 """Beside the word, for those who see no colours."""
 
-FAR_COLOUR = "#3f5f80"
-"""CLEAR fades into it."""
-FAR = 16.0
-"""Contact times that are no longer told apart, in [s]."""
+THEMES = ("dark", "light")
+LEVEL_COLOURS = {
+    "dark": ("#e5173a", "#f57f00", "#ffec52", "#5fb0ff"),
+    "light": ("#900604", "#c35a02", "#dfa80a", "#308fd3"),
+}
+BUCKET_COLOURS = {
+    "dark": (
+        *("#ffe39e", "#ffd56a", "#fec645", "#fab747", "#f5a84a", "#f19850", "#ea8957", "#e17b5e"),
+        *("#d96d65", "#d05d6b", "#c45074", "#b2477f", "#9a428a", "#7a4293", "#4c4599", "#054689"),
+    ),
+    "light": (
+        *("#7f0007", "#861616", "#8e2425", "#963134", "#9c3d44", "#a24955", "#a65565", "#a96175"),
+        *("#af6c84", "#b67594", "#bd7fa5", "#c18ab7", "#c395c8", "#c3a1da", "#c1aeeb", "#bdbbfc"),
+    ),
+}
+"""Found by a search for equal steps in lightness that every eye of the tests tells apart."""
 
-REFUSED_COLOUR = "#8b3df5"
-UNWATCHED_COLOUR = "#6f7d8c"
+_OTHER_COLOURS = {
+    "dark": ("#8b3df5", "#6f7d8c", "#ffffff", "#93a1b0", "#ff6b6b", "#7bd88f", "#6ba8ff"),
+    "light": ("#5a12d6", "#6f7d8c", "#10151b", "#7d8894", "#c62828", "#2e7d32", "#1565c0"),
+}
+_STILL_GREY = {"dark": "#7d8894", "light": "#9aa5b1"}
+STILL_SHARE = 0.6
+"""How much of the colour of what stands still is grey."""
+
+FIRST_LEVEL = BUCKET_COUNT
+"""Number of the colour of STOP; those of the other levels follow."""
+REFUSED, UNWATCHED, INK, PALE, AXIS_X, AXIS_Y, AXIS_Z = range(
+    FIRST_LEVEL + len(LEVELS), FIRST_LEVEL + len(LEVELS) + 7
+)
+"""Numbers of the other colours."""
+STILL = AXIS_Z + 1
+"""What is added to the number of a colour to have it greyer."""
+
+
+class Paints(NamedTuple):
+    """Numbers of the colours of several bodies."""
+
+    by_bucket: NDArray[np.uint8]
+    """Shape (n,)."""
+    by_level: NDArray[np.uint8]
+    """The same, where a page asks for the colours of levels. Shape (n,)."""
+
+    @classmethod
+    def of(cls, paint: int, count: int) -> Paints:
+        """One colour for so many bodies."""
+        paints = np.full(count, paint, dtype=np.uint8)
+        return cls(paints, paints)
+
+    def take(self, rows: ArrayLike | slice) -> Paints:
+        """Those of some of the bodies."""
+        return Paints(self.by_bucket[rows], self.by_level[rows])  # type: ignore[index]
 
 
 def parse_colour(code: str) -> NDArray[np.float64]:
     """An sRGB colour "#rrggbb" as values from 0 to 1. Shape (3,)."""
     return np.array([int(code[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+
+
+def compute_palette(theme: str) -> NDArray[np.float64]:
+    """The colours that paints number, in sRGB from 0 to 1, of one of `THEMES`. Shape (n, 3)."""
+    codes = (*BUCKET_COLOURS[theme], *LEVEL_COLOURS[theme], *_OTHER_COLOURS[theme])
+    colours = np.array([parse_colour(code) for code in codes])
+    greyer = colours + STILL_SHARE * (parse_colour(_STILL_GREY[theme]) - colours)
+    return np.concatenate([colours, greyer])
 
 
 def find_levels(
@@ -50,24 +112,20 @@ def find_levels(
     return np.maximum(found, LEVELS.index(level)) if level in LEVELS else found
 
 
-def compute_colours(
-    contact_times: ArrayLike, stop_time: float, margins: tuple[float, float], level: str
-) -> NDArray[np.float32]:
-    """SRGB values from 0 to 1 of what has these contact times; see `find_levels`. Shape (n, 3)."""
-    times = np.asarray(contact_times, dtype=np.float64)
-    levels = find_levels(times, stop_time, margins, level)
-    colours = np.array([parse_colour(code) for code in LEVEL_COLOURS])[levels]
-    begin = max(stop_time + margins[1], 1e-3)
-    if begin < FAR:
-        # Twice as far in time is the same step anywhere.
-        share = np.log2(np.maximum(times, begin) / begin) / np.log2(FAR / begin)
-        share = np.where(levels == len(LEVELS) - 1, np.clip(share, 0.0, 1.0), 0.0)
-        colours += share[..., None] * (parse_colour(FAR_COLOUR) - colours)
-    return colours.astype(np.float32)
+def choose_paints(
+    contact_times: ArrayLike,
+    period: float,
+    stop_time: float,
+    margins: tuple[float, float],
+    level: str,
+) -> Paints:
+    """Colours of what has these contact times; see `compute_buckets` and `find_levels`."""
+    levels = FIRST_LEVEL + find_levels(contact_times, stop_time, margins, level)
+    return Paints(compute_buckets(contact_times, period), levels.astype(np.uint8))
 
 
-def describe_levels(margins: tuple[float, float]) -> list[dict[str, str]]:
-    """The legend: name, sign, colour and meaning of each level.
+def describe_levels(margins: tuple[float, float]) -> list[dict[str, str | int]]:
+    """The legend of the levels: name, sign, number of the colour, and meaning of each.
 
     Args:
         margins: Beyond the stopping time, in [s], below which the level is SLOW, and AWARE.
@@ -77,10 +135,9 @@ def describe_levels(margins: tuple[float, float]) -> list[dict[str, str]]:
         "before the arm can rest",
         f"up to {slow} after that",
         f"up to {aware} after that",
-        "later; darker: far later",
+        "later",
     )
-    rows = zip(LEVELS, LEVEL_SIGNS, LEVEL_COLOURS, meanings, strict=True)
     return [
-        {"name": name, "sign": sign, "colour": colour, "text": text}
-        for name, sign, colour, text in rows
+        {"name": name, "sign": sign, "paint": FIRST_LEVEL + number, "text": text}
+        for number, (name, sign, text) in enumerate(zip(LEVELS, LEVEL_SIGNS, meanings, strict=True))
     ]

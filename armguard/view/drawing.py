@@ -14,7 +14,9 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-_FLOAT32 = 0x17  # extension code of msgpack-lite, which the viewer decodes with
+from armguard.view.colours import Paints
+
+_UINT8, _FLOAT32 = 0x12, 0x17  # extension codes of msgpack-lite, which the viewer decodes with
 
 
 class Command(NamedTuple):
@@ -87,7 +89,7 @@ NO_LABELS = Labels()
 def draw_balls(
     path: str,
     balls: ArrayLike,
-    colours: ArrayLike,
+    paints: Paints,
     look: Look,
     labels: Labels = NO_LABELS,
 ) -> Command:
@@ -96,7 +98,7 @@ def draw_balls(
     Args:
         path: Where in the tree of the scene.
         balls: Centre and radius in the world, in [m]. Shape (n, 4).
-        colours: sRGB from 0 to 1. Shape (n, 3).
+        paints: Their colours.
         look: How they are drawn.
         labels: What a pointer is told.
     """
@@ -106,14 +108,14 @@ def draw_balls(
     matrices[:, [0, 1, 2], [0, 1, 2]] = radii[:, None]
     matrices[:, 3, :3] = centres  # the page reads matrices column by column
     matrices[:, 3, 3] = 1.0
-    return _instances(path, "ball", matrices, colours, look, labels)
+    return _instances(path, "ball", matrices, paints, look, labels)
 
 
 def draw_rods(
     path: str,
     segments: ArrayLike,
     radii: ArrayLike,
-    colours: ArrayLike,
+    paints: Paints,
     look: Look,
     labels: Labels = NO_LABELS,
 ) -> Command:
@@ -123,7 +125,7 @@ def draw_rods(
         path: Where in the tree of the scene.
         segments: End points in the world, in [m]. Shape (n, 2, 3).
         radii: In [m]. Shape (n,).
-        colours: sRGB from 0 to 1. Shape (n, 3).
+        paints: Their colours.
         look: How they are drawn.
         labels: What a pointer is told.
     """
@@ -142,54 +144,48 @@ def draw_rods(
     matrices[:, 2, :3] = np.cross(across, along) * radius
     matrices[:, 3, :3] = ends.mean(axis=1)
     matrices[:, 3, 3] = 1.0
-    return _instances(path, "rod", matrices, colours, look, labels)
+    return _instances(path, "rod", matrices, paints, look, labels)
 
 
-def draw_lines(path: str, segments: ArrayLike, colours: ArrayLike, opacity: float = 1.0) -> Command:
+def draw_lines(path: str, segments: ArrayLike, paints: Paints, opacity: float = 1.0) -> Command:
     """Thin lines in one object.
 
     Args:
         path: Where in the tree of the scene.
         segments: End points in the world, in [m]. Shape (n, 2, 3).
-        colours: sRGB from 0 to 1. Shape (n, 3).
+        paints: Their colours.
         opacity: 0 to 1.
     """
-    both_ends = np.repeat(np.asarray(colours, dtype=np.float32).reshape(-1, 3), 2, axis=0)
-    content = {
-        "positions": pack_floats(segments),
-        "colours": pack_floats(both_ends),
-        "opacity": opacity,
-    }
-    return _pack("lines", path, content)
+    content = {"positions": pack_floats(segments), "opacity": opacity}
+    return _pack("lines", path, content | _pack_paints(paints))
 
 
 def draw_surface(
     path: str,
     triangles: ArrayLike,
-    colours: ArrayLike,
+    owners: Sequence[int],
+    paints: Paints,
     opacity: float,
     labels: Labels = NO_LABELS,
-    owners: Sequence[int] = (),
 ) -> Command:
     """Triangles that may change, in one object.
 
     Args:
         path: Where in the tree of the scene.
         triangles: Corners in the world, in [m]. Shape (n, 3, 3).
-        colours: Of each corner, sRGB from 0 to 1. Shape (3 n, 3).
+        owners: How many triangles each body has, in their order.
+        paints: Colours of the bodies.
         opacity: 0 to 1.
         labels: What a pointer is told of each body.
-        owners: How many triangles each body has, in their order.
     """
     content = {
         "positions": pack_floats(triangles),
-        "colours": pack_floats(colours),
         "opacity": opacity,
         "names": list(labels.names),
         "times": pack_floats(labels.times),
         "owners": list(owners),
     }
-    return _pack("surface", path, content)
+    return _pack("surface", path, content | _pack_paints(paints))
 
 
 def delete(path: str) -> Command:
@@ -214,7 +210,7 @@ def _instances(
     path: str,
     shape: str,
     matrices: NDArray[np.float32],
-    colours: ArrayLike,
+    paints: Paints,
     look: Look,
     labels: Labels,
 ) -> Command:
@@ -226,9 +222,16 @@ def _instances(
         "names": list(labels.names),
         "times": pack_floats(labels.times),
         "matrices": pack_floats(matrices),
-        "colours": pack_floats(colours),
     }
-    return _pack("instances", path, content)
+    return _pack("instances", path, content | _pack_paints(paints))
+
+
+def _pack_paints(paints: Paints) -> dict[str, msgspec.msgpack.Ext]:
+    """Numbers of colours as the page's Uint8Arrays."""
+    return {
+        name: msgspec.msgpack.Ext(_UINT8, np.ascontiguousarray(some, dtype=np.uint8).tobytes())
+        for name, some in (("buckets", paints.by_bucket), ("levels", paints.by_level))
+    }
 
 
 def _pack(kind: str, path: str, content: Mapping[str, Any]) -> Command:

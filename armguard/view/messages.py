@@ -204,10 +204,12 @@ class Latch(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         reason: In plain words.
         since: When it was first told, in [s] of the monitor.
+        remedy: What to do about it, in plain words.
     """
 
     reason: str
     since: float
+    remedy: str = ""
 
 
 class Balls(msgspec.Struct, frozen=True):

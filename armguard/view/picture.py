@@ -1,8 +1,9 @@
 """What to draw: turns the feed's messages into the latest values of drawing commands.
 
-Everything that is coloured has the colour of the level that its contact time earns: a cover ball by
-its most imminent pair, an obstacle by its most imminent pair, a line by its pair. Of a refused
-obstacle the last accepted state is shown, with edges.
+Everything that is coloured has the colour of its bucket of imminence, or, where a page asks for it,
+of the level that its contact time earns: a cover ball by its most imminent pair, an obstacle by its
+most imminent pair, a line by its pair. Of a refused obstacle the last accepted state is shown, with
+edges.
 """
 
 from __future__ import annotations
@@ -19,14 +20,23 @@ from numpy.typing import NDArray
 from armguard.exceptions import ArmguardError
 from armguard.view import drawing
 from armguard.view.arm import Arm
+from armguard.view.buckets import BUCKET_COUNT, compute_buckets
 from armguard.view.colours import (
+    AXIS_X,
+    AXIS_Y,
+    AXIS_Z,
+    INK,
     LEVELS,
-    REFUSED_COLOUR,
-    UNWATCHED_COLOUR,
-    compute_colours,
+    PALE,
+    REFUSED,
+    STILL,
+    THEMES,
+    UNWATCHED,
+    Paints,
+    choose_paints,
+    compute_palette,
     describe_levels,
     find_levels,
-    parse_colour,
 )
 from armguard.view.drawing import Command, Labels, Look
 from armguard.view.figure import draw_legs
@@ -40,17 +50,14 @@ ROOT = "/armguard"
 COVER_OPACITY = 0.28
 OBSTACLE_OPACITY = 0.72
 HULL_OPACITY = 0.45
-STATIC_GREY = "#7d8894"
-STATIC_SHARE = 0.6
-"""How much of a static's colour is grey."""
 FIRST_RADIUS, NEAR_RADIUS = 0.006, 0.0025
 NEAR_PAIRS = 10
 """Pairs whose lines are rods; the others' are faint."""
 FAINT = 0.22
 SOME, MANY = 40, 200
 """Obstacles beyond which each is drawn solid and with fewer triangles, and with the fewest."""
-OUTSIDE = 0.01
-"""How much larger than it is a body is drawn for each level below CLEAR, as a share."""
+OUTSIDE = 0.002
+"""How much larger than it is a body is drawn for each bucket below the last, as a share."""
 FRAMED_WITHIN = 8.0
 """How far from the arm's base a moving obstacle may be to be kept in the picture, in [m]."""
 BASE = 0.12
@@ -104,9 +111,15 @@ class Picture:
         legend = {
             "levels": describe_levels(self._margins),
             "others": [
-                {"sign": "◇", "text": "refused: last accepted state", "colour": REFUSED_COLOUR},
-                {"sign": "▫", "text": "stands still (greyer)", "colour": STATIC_GREY},
+                {"sign": "◇", "text": "refused: last accepted state", "paint": REFUSED},
+                {
+                    "sign": "▫",
+                    "text": "stands still (greyer)",
+                    "paint": STILL + BUCKET_COUNT // 2,
+                },
             ],
+            "palette": {name: drawing.pack_floats(compute_palette(name)) for name in THEMES},
+            "buckets": BUCKET_COUNT,
             "robot": message.robot,
             "period": message.period,
             "margins": self._margins,
@@ -156,8 +169,8 @@ class Picture:
             else:
                 self._draw_plan(self._arm, message, commands)
         volume = self._find_volume(message, notes) if with_volume else np.zeros((0, 4))
-        colours = np.tile(parse_colour("#ffffff"), (len(volume), 1))
-        commands.append(drawing.draw_balls(f"{ROOT}/volume", volume, colours, Look(0.1)))
+        paints = Paints.of(INK, len(volume))
+        commands.append(drawing.draw_balls(f"{ROOT}/volume", volume, paints, Look(0.1)))
         legs = self._draw_obstacles(message, commands)
         segments = self._draw_pairs(message, cover, commands)
         self._draw_reach(message, commands)
@@ -174,24 +187,27 @@ class Picture:
         commands.append(self._describe(message, notes))
         return commands
 
-    def _colours(self, times: NDArray[np.float32], message: FrameMessage) -> NDArray[np.float32]:
+    def _paint(self, times: NDArray[np.float32], message: FrameMessage) -> Paints:
+        assert self._message is not None, "paints a scene's frame"
         verdict = message.verdict
-        return compute_colours(times, verdict.stop_time, self._margins, verdict.level)
+        return choose_paints(
+            times, self._message.period, verdict.stop_time, self._margins, verdict.level
+        )
 
     def _draw_sensors(self, message: SceneMessage) -> None:
-        lines, colours = [], []
+        lines = []
         for _, pose in message.sensors:
             matrix = np.array(pose).reshape(4, 4)
-            for axis, code in enumerate(("#ff6b6b", "#7bd88f", "#6ba8ff")):
-                lines.append((matrix[:3, 3], matrix[:3, 3] + AXIS * matrix[:3, axis]))
-                colours.append(parse_colour(code))
-        self._draw(drawing.draw_lines(f"{ROOT}/sensors/axes", np.array(lines), np.array(colours)))
+            lines += [(matrix[:3, 3], matrix[:3, 3] + AXIS * matrix[:3, k]) for k in range(3)]
+        axes = np.tile(np.array([AXIS_X, AXIS_Y, AXIS_Z], np.uint8), len(message.sensors))
+        axes_paints = Paints(axes, axes)
+        self._draw(drawing.draw_lines(f"{ROOT}/sensors/axes", np.array(lines), axes_paints))
         balls = [[*np.array(pose).reshape(4, 4)[:3, 3], 0.02] for _, pose in message.sensors]
         self._draw(
             drawing.draw_balls(
                 f"{ROOT}/sensors/origins",
                 np.array(balls),
-                np.tile(parse_colour("#dfe7f0"), (len(balls), 1)),
+                Paints.of(INK, len(balls)),
                 Look(),
                 Labels([f"frame {name}" for name, _ in message.sensors]),
             )
@@ -204,9 +220,9 @@ class Picture:
         arm.place(message.q)
         commands += [drawing.move(path, pose) for path, pose in arm.compute_poses()]
         for number, level in enumerate(arm.compute_levels()):
-            colours = np.tile(parse_colour(UNWATCHED_COLOUR), (len(level), 1))
+            paints = Paints.of(UNWATCHED, len(level))
             path = f"{ROOT}/tree/{number}"
-            commands.append(drawing.draw_balls(path, level, colours, Look(0.35)))
+            commands.append(drawing.draw_balls(path, level, paints, Look(0.35)))
         cover = arm.compute_cover()
         times = np.frombuffer(message.sphere_times, "<f4")
         if len(times) != len(cover):
@@ -218,7 +234,7 @@ class Picture:
             drawing.draw_balls(
                 f"{ROOT}/cover",
                 cover,
-                self._colours(times, message),
+                self._paint(times, message),
                 Look(COVER_OPACITY, _count_segments(len(cover))),
                 Labels([links[number].link for number in arm.links], times),
             )
@@ -237,13 +253,9 @@ class Picture:
                 tips.append(end[-1, :3])
             path = np.stack([tips[:-1], tips[1:]], axis=1)
             arm.place(message.q)
-        white = parse_colour("#ffffff")
-        commands.append(
-            drawing.draw_balls(f"{ROOT}/plan/ghost", end, np.tile(white, (len(end), 1)), Look(0.12))
-        )
-        commands.append(
-            drawing.draw_lines(f"{ROOT}/plan/path", path, np.tile(white, (len(path), 1)), 0.8)
-        )
+        ghost = drawing.draw_balls(f"{ROOT}/plan/ghost", end, Paints.of(INK, len(end)), Look(0.12))
+        way = drawing.draw_lines(f"{ROOT}/plan/path", path, Paints.of(INK, len(path)), 0.8)
+        commands += [ghost, way]
 
     def _find_volume(self, message: FrameMessage, notes: list[str]) -> Array:
         assert self._message is not None, "asked for with a scene alone"
@@ -262,11 +274,11 @@ class Picture:
     def _draw_obstacles(self, message: FrameMessage, commands: list[Command]) -> Array:
         """Draw what is in the cell; the lines of the legs that a person has for the eye."""
         obstacles = message.obstacles
-        colours = self._colours(obstacles.times, message).astype(np.float64)
-        grey = parse_colour(STATIC_GREY)
+        paints = self._paint(obstacles.times, message)
         lifeless = obstacles.statics & ~obstacles.entrances
-        colours[lifeless] += STATIC_SHARE * (grey - colours[lifeless])
-        colours[obstacles.refused] = parse_colour(REFUSED_COLOUR)
+        for some in paints:
+            some[lifeless] += STILL
+            some[obstacles.refused] = REFUSED
         counts, points, radii = obstacles.counts.astype(np.int64), obstacles.points, obstacles.radii
         ends = np.cumsum(counts)
         sound = find_sound(obstacles)
@@ -287,9 +299,9 @@ class Picture:
             return Labels(names, obstacles.times[rows])
 
         # Where parts of a body meet, the more imminent one lies outside, and is seen in one piece.
-        verdict = message.verdict
-        levels = find_levels(obstacles.times, verdict.stop_time, self._margins, verdict.level)
-        outer = radii * (1.0 + OUTSIDE * (len(LEVELS) - 1 - levels))
+        assert self._message is not None, "draws a scene's frame"
+        buckets = compute_buckets(obstacles.times, self._message.period).astype(np.int64)
+        outer = radii * (1.0 + OUTSIDE * (BUCKET_COUNT - 1 - buckets))
         balls = np.column_stack([points, outer[owner]])
         for group, chosen in (
             ("obstacles", ~obstacles.statics),
@@ -301,7 +313,7 @@ class Picture:
                 drawing.draw_balls(
                     f"{ROOT}/{group}/balls",
                     balls[places],
-                    colours[owner[places]],
+                    paints.take(owner[places]),
                     look,
                     label(owner[places]),
                 )
@@ -312,32 +324,31 @@ class Picture:
                     f"{ROOT}/{group}/rods",
                     np.stack([points[ends[capsules] - 2], points[ends[capsules] - 1]], axis=1),
                     outer[capsules],
-                    colours[capsules],
+                    paints.take(capsules),
                     look,
                     label(capsules),
                 )
             )
             hulls = np.flatnonzero(those & (counts > 2))
-            commands.append(self._draw_hulls(group, obstacles, hulls, colours, label(hulls)))
+            commands.append(self._draw_hulls(group, obstacles, hulls, paints, label(hulls)))
         edged = balls[(sound & obstacles.refused)[owner]]
         edged[:, 3] *= 1.02
         commands.append(
             drawing.draw_balls(
                 f"{ROOT}/refused",
                 edged,
-                np.tile(parse_colour("#ffffff"), (len(edged), 1)),
+                Paints.of(INK, len(edged)),
                 Look(0.5, segments=10, is_wire=True),
             )
         )
         first = points[ends - counts].astype(np.float64) if len(counts) else np.zeros((0, 3))
         legs = draw_legs(dict(zip(obstacles.ids, first, strict=True)), self._floor)
-        pale = np.tile(parse_colour("#93a1b0"), (len(legs), 1))
         commands.append(
             drawing.draw_rods(
                 f"{ROOT}/figure",
                 legs,
                 np.full(len(legs), 0.02),
-                pale,
+                Paints.of(PALE, len(legs)),
                 Look(0.35),
                 Labels(["legs: drawn for the eye, watched by nothing"] * len(legs)),
             )
@@ -349,13 +360,13 @@ class Picture:
         group: str,
         obstacles: ObstacleShapes,
         rows: NDArray[np.int64],
-        colours: Array,
+        paints: Paints,
         labels: Labels,
     ) -> Command:
         """Draw boxes and the like; one whose shape and place are known is not computed again."""
         ends = np.cumsum(obstacles.counts.astype(np.int64))
         known: dict[bytes, Array] = {}
-        corners, painted, owners = [np.zeros((0, 3, 3))], [np.zeros((0, 3))], []
+        corners, owners = [np.zeros((0, 3, 3))], []
         for row in rows:
             points = obstacles.points[ends[row] - obstacles.counts[row] : ends[row]]
             radius = float(obstacles.radii[row])
@@ -363,21 +374,20 @@ class Picture:
             known[key] = self._hulls[key] if key in self._hulls else _hull(points, radius)
             corners.append(known[key])
             owners.append(len(known[key]))
-            painted.append(np.tile(colours[row], (3 * len(known[key]), 1)))
         # Bounded, and enough for two frames and both groups.
         self._hulls = known | dict(list(self._hulls.items())[: 2 * len(known) + 64])
         return drawing.draw_surface(
             f"{ROOT}/{group}/hulls",
             np.concatenate(corners),
-            np.concatenate(painted),
+            owners,
+            paints.take(rows),
             HULL_OPACITY,
             labels,
-            owners,
         )
 
     def _draw_pairs(self, message: FrameMessage, cover: Array, commands: list[Command]) -> Array:
         segments, times = self._find_segments(message, cover)
-        colours = self._colours(times, message)
+        paints = self._paint(times, message)
         for path, chosen, radius in (
             ("first", slice(0, 1), FIRST_RADIUS),
             ("near", slice(1, NEAR_PAIRS), NEAR_RADIUS),
@@ -388,13 +398,13 @@ class Picture:
                     f"{ROOT}/pairs/{path}",
                     some,
                     np.full(len(some), radius),
-                    colours[chosen],
+                    paints.take(chosen),
                     Look(),
                 )
             )
         rest = slice(NEAR_PAIRS, None)
         path = f"{ROOT}/pairs/rest"
-        commands.append(drawing.draw_lines(path, segments[rest], colours[rest], FAINT))
+        commands.append(drawing.draw_lines(path, segments[rest], paints.take(rest), FAINT))
         return segments
 
     def _find_segments(
@@ -418,15 +428,9 @@ class Picture:
 
     def _draw_reach(self, message: FrameMessage, commands: list[Command]) -> None:
         balls = message.reach.values[np.isfinite(message.reach.values).all(axis=1)]
-        colours = self._colours(message.obstacles.times[:1], message)
-        commands.append(
-            drawing.draw_balls(
-                f"{ROOT}/reach",
-                balls,
-                np.tile(colours[:1], (len(balls), 1)) if len(colours) else np.zeros((0, 3)),
-                Look(0.14),
-            )
-        )
+        first = message.obstacles.times[0] if len(message.obstacles.times) else 0.0
+        paints = self._paint(np.full(len(balls), first, np.float32), message)
+        commands.append(drawing.draw_balls(f"{ROOT}/reach", balls, paints, Look(0.14)))
 
     def _aim(self, message: FrameMessage, cover: Array, segments: Array, legs: Array) -> Command:
         """What the camera is to keep in the picture: balls in the world, in [m]."""

@@ -69,5 +69,4 @@ def read_command(payload: bytes) -> dict[str, Any]:
 
 
 def _read_array(code: int, data: memoryview) -> np.ndarray:
-    assert code == 0x17
-    return np.frombuffer(data, "<f4")
+    return np.frombuffer(data, {0x12: "u1", 0x17: "<f4"}[code])

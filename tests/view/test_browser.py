@@ -13,10 +13,11 @@ from playwright.sync_api import sync_playwright
 
 from armguard.streams.inputs import SocketInput
 from armguard.view import FramePublisher, ObstacleShapes, Pairs, VerdictSummary, launch
-from armguard.view.colours import LEVEL_COLOURS, parse_colour
+from armguard.view.buckets import compute_buckets
+from armguard.view.colours import BUCKET_COLOURS, LEVEL_COLOURS, THEMES, parse_colour
 from armguard.view.messages import FEED_VERSION, Latch, Load, SourceReport, StatusMessage
 from support.view_picture import CHROMIUM, FLAGS, TIMEOUT, settle, wait_until_drawn
-from support.view_samples import make_frame, make_scene
+from support.view_samples import PERIOD, make_frame, make_scene
 
 pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=f"{CHROMIUM} is not installed")
 
@@ -37,8 +38,8 @@ IS_FRAMED = """() => {
         .project(viewer.camera);
     const all = shapes.drawn;
     return ["/armguard/cover", "/armguard/obstacles/balls"].every((path) => {
-        const { matrices, colours } = all.get(path).userData.command;
-        return [...Array(colours.length / 3).keys()].every((k) => {
+        const { matrices, buckets } = all.get(path).userData.command;
+        return [...Array(buckets.length).keys()].every((k) => {
             const [r, x, y, z] = [0, 12, 13, 14].map((place) => matrices[16 * k + place]);
             return [[r, 0, 0], [-r, 0, 0], [0, r, 0], [0, -r, 0], [0, 0, r], [0, 0, -r]].every(
                 ([a, b, c]) => {
@@ -199,16 +200,87 @@ def count_like(picture, code):
 
 
 def test_person_and_arm_are_in_the_picture_in_the_colour_of_every_level(feed, page):
-    for level, code in zip(LEVELS, LEVEL_COLOURS, strict=True):
+    page.check("#by-level")
+    codes = LEVEL_COLOURS["dark"]
+    for level, code in zip(LEVELS, codes, strict=True):
         feed.show(level)
         wait_for_text(page, "level", level)
         if level == "STOP":
             wait_until_drawn(page)
         page.wait_for_function(IS_FRAMED)
         picture = take_picture(page)
-        counts = {one: count_like(picture, one) for one in LEVEL_COLOURS}
+        counts = {one: count_like(picture, one) for one in codes}
         assert counts[code] > 1000
         assert max(counts, key=counts.get) == code
+    assert page.evaluate("() => location.hash") == "#colours=level"
+    page.uncheck("#by-level")
+    assert "colours" not in page.evaluate("() => location.hash")
+    assert page.problems == []
+
+
+# Colours of the lines between pairs, the most imminent first, as they are handed to WebGL.
+READ_PAIRS = """() => ["first", "near"].flatMap((name) => {
+    const { count, instanceColor } = shapes.drawn.get(`/armguard/pairs/${name}`);
+    return [...Array(count).keys()].map((k) => [...instanceColor.array.slice(3 * k, 3 * k + 3)]);
+})"""
+
+
+@pytest.mark.parametrize("theme", THEMES)
+def test_pairs_bodies_and_legend_have_the_colours_of_their_buckets(feed, page, theme):
+    times = [0.0, 0.003, 0.05, 0.2, 1.5, 40.0]
+    buckets = compute_buckets(times, PERIOD)
+    wanted = [parse_colour(BUCKET_COLOURS[theme][bucket]) for bucket in buckets]
+    pairs = Pairs.pack([5] * 6, [2] * 6, times, np.bincount(buckets, minlength=16))
+    page.set_checked("#light", theme == "light")
+    feed.show("STOP", pairs=pairs)
+    page.wait_for_function(
+        "(count) => shapes.drawn.get('/armguard/pairs/near')?.count === count", arg=len(times) - 1
+    )
+    assert np.allclose(page.evaluate(READ_PAIRS), wanted, atol=1e-6)
+    (person,) = np.unique(
+        page.evaluate(
+            """() => {
+                const { count, instanceColor } = shapes.drawn.get("/armguard/obstacles/balls");
+                return [...Array(count).keys()].map(
+                    (k) => [...instanceColor.array.slice(3 * k, 3 * k + 3)]);
+            }"""
+        ),
+        axis=0,
+    )
+    bucket = int(compute_buckets(LEVELS["STOP"], PERIOD))
+    assert np.allclose(person, parse_colour(BUCKET_COLOURS[theme][bucket]), atol=1e-6)
+    swatches = page.locator("#buckets u").evaluate_all(
+        "(all) => all.map((one) => getComputedStyle(one).backgroundColor)"
+    )
+    codes = [parse_colour(code) for code in BUCKET_COLOURS[theme]]
+    assert swatches == [
+        "rgb({}, {}, {})".format(*np.rint(255.0 * code).astype(int)) for code in codes
+    ]
+    labels = page.locator("#buckets u + b").all_inner_texts()
+    assert [label for label in labels if label][:5] == ["1ms", "4ms", "16ms", "64ms", "256ms"]
+    # The level stays what it is.
+    assert page.inner_text("#level") == "STOP"
+    level = parse_colour(LEVEL_COLOURS[theme][0])
+    found = page.evaluate("() => getComputedStyle(document.getElementById('sign')).color")
+    assert found == "rgb({}, {}, {})".format(*np.rint(255.0 * level).astype(int))
+    page.uncheck("#light")
+    assert page.problems == []
+
+
+def test_a_printed_page_is_light_and_whole(feed, page):
+    feed.show("SLOW")
+    wait_for_text(page, "level", "SLOW")
+    page.emulate_media(media="print")
+    try:
+        page.wait_for_function("() => document.documentElement.classList.contains('light')")
+        picture = np.asarray(Image.open(io.BytesIO(page.screenshot(full_page=True))).convert("L"))
+        assert np.median(picture) > 200.0
+        assert page.is_visible("#banner")
+        assert page.is_visible("#source")
+        assert not page.is_visible("#transport")
+    finally:
+        page.emulate_media(media="screen")
+    page.wait_for_function("() => !document.documentElement.classList.contains('light')")
     assert page.problems == []
 
 
@@ -389,14 +461,82 @@ def test_a_pointer_is_told_a_name_and_two_clicks_look_there(feed, page):
 
 
 def test_a_latched_stop_tells_since_when_and_what_ends_it(feed, page):
-    latch = Latch(reason="joint state jumped: panda_joint3", since=0.0)
-    feed.show("STOP", latches=(latch,))
+    jump, gap = "joint state jumped: panda_joint3", "gap in joint states"
+    latches = (
+        Latch(reason=jump, since=1.0, remedy="check for <b>swapped</b> states"),
+        Latch(reason=gap, since=3.5, remedy="see why they stayed away"),
+    )
+    verdict = VerdictSummary(
+        level="STOP",
+        contact_time=0.0,
+        stop_time=0.2,
+        reasons=(jump, f"{gap} (0.4 s)", "source silent: cam0"),
+        effects=("latched", "latched", "standing"),
+    )
+    feed.show("STOP", latches=latches, verdict=verdict)
     page.wait_for_selector("#latch:not([hidden])")
-    assert "panda_joint3" in page.inner_text("#latches")
-    assert "since 0.00 s, for" in page.inner_text("#latches")
-    assert "obeys no reset" in page.inner_text("#latches")
+    wait_for_text(page, "reasons", "source silent")
+    panels = page.inner_text("#panels")
+    assert panels.count(jump) == panels.count(gap) == 1
+    assert page.inner_text("#latches").splitlines() == [
+        jump,
+        "check for <b>swapped</b> states",
+        f"3.50 s {gap}",
+        "see why they stayed away",
+    ]
+    assert page.inner_text("#since").startswith("since 1.00 s, for")
+    assert "obeys no reset" in page.inner_text("#remedy")
     feed.show("STOP")
     page.wait_for_selector("#latch", state="hidden")
+
+
+def test_no_text_from_data_is_markup(browser):
+    page = open_page(browser)
+    feed = Feed(robot="<b>bare</b>", sensors=(("<b>camera</b>", (1.0,) * 16),))
+    texts = [f"<b>{place}</b> [statics] &amp; {NAME}" for place in range(9)]
+    (reason, link, obstacle, latched, remedy, source, why, late, note) = texts
+    verdict = VerdictSummary(
+        level="STOP",
+        contact_time=0.1,
+        stop_time=0.2,
+        link=link,
+        obstacle=obstacle,
+        reasons=(reason, late),
+        effects=("note", "standing"),
+    )
+    feed.show(
+        "STOP",
+        verdict=verdict,
+        latches=(Latch(reason=latched, since=0.0, remedy=remedy),),
+        sources=(SourceReport(name=source, age=0.5, timeout=0.2),),
+        explanation=(why,),
+        obstacles=ObstacleShapes.pack([note], [[0.3, -2.4, 0.9]], [0.2], times=[0.1]),
+        pairs=Pairs(),
+    )
+    try:
+        with launch(feed.publisher.address) as view:
+            page.goto(view.url)
+            wait_for_text(page, "reasons", reason)
+            shown = {
+                "#link": link,
+                "#obstacle": obstacle,
+                "#latches": latched,
+                "#latch": remedy,
+                "#heard": source,
+                "#explanation": why,
+                "#source": "<b>bare</b>",
+            }
+            for place, text in shown.items():
+                assert text in page.inner_text(place)
+            titles = page.locator("#events button").evaluate_all("(all) => all.map((b) => b.title)")
+            assert any(latched in title for title in titles)
+            made = "() => [...document.querySelectorAll('img, #panels li b, #banner b, #events b')]"
+            found = page.evaluate(f"({made})().filter((one) => one.closest('#levels') === null)")
+            assert found == []
+    finally:
+        feed.close()
+    assert page.problems == []
+    page.close()
 
 
 def test_a_stop_tells_how_to_have_it_explained(feed, page):
@@ -696,7 +836,7 @@ def test_a_reset_from_the_page_needs_the_token(browser):
         try:
             with launch(feed.publisher.address) as view:
                 page.goto(view.url)
-                wait_for_text(page, "latches", "reset with the token")
+                wait_for_text(page, "remedy", "has the token")
                 page.fill("#token", "guessed")
                 page.click("#reset button")
                 wait_for_text(page, "outcome", "refused")

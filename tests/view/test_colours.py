@@ -4,13 +4,18 @@ import math
 import numpy as np
 import pytest
 
+from armguard.view.buckets import BUCKET_COUNT, compute_buckets
 from armguard.view.colours import (
-    FAR_COLOUR,
+    BUCKET_COLOURS,
+    FIRST_LEVEL,
     LEVEL_COLOURS,
     LEVEL_SIGNS,
     LEVELS,
-    REFUSED_COLOUR,
-    compute_colours,
+    REFUSED,
+    STILL,
+    THEMES,
+    choose_paints,
+    compute_palette,
     describe_levels,
     find_levels,
     parse_colour,
@@ -48,26 +53,54 @@ LEAST = 20.0
 """In CIELAB, where 2.3 is just noticeable side by side: these are told apart at a glance."""
 
 
-def see(code, eye):
-    """A colour in CIELAB as this eye sees it."""
-    colour = parse_colour(code)
+NOTICED = 2.3
+"""In CIELAB: just noticeable side by side."""
+
+
+def see(colour, eye):
+    """An sRGB colour in CIELAB as this eye sees it."""
     linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
     ratio = XYZ @ np.clip(np.array(EYES[eye]) @ linear, 0.0, 1.0) / WHITE
     x, y, z = np.where(ratio > 216 / 24389, np.cbrt(ratio), (24389 / 27 * ratio + 16) / 116)
     return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
 
 
+@pytest.mark.parametrize("theme", THEMES)
 @pytest.mark.parametrize("eye", EYES)
-def test_levels_are_told_apart_by_every_eye(eye):
-    seen = [see(code, eye) for code in (*LEVEL_COLOURS, REFUSED_COLOUR)]
+def test_levels_are_told_apart_by_every_eye(eye, theme):
+    palette = compute_palette(theme)
+    numbers = [*range(FIRST_LEVEL, FIRST_LEVEL + len(LEVELS)), REFUSED]
+    seen = [see(palette[number], eye) for number in numbers]
     for one, other in itertools.combinations(seen, 2):
         assert np.linalg.norm(one - other) > LEAST
 
 
+@pytest.mark.parametrize("theme", THEMES)
 @pytest.mark.parametrize("eye", EYES)
-def test_what_is_far_is_taken_for_no_other_level(eye):
-    for code in LEVEL_COLOURS[:3]:
-        assert np.linalg.norm(see(FAR_COLOUR, eye) - see(code, eye)) > LEAST
+def test_buckets_are_one_scale_to_every_eye(eye, theme):
+    """Neighbours differ, 32 times as far differs at a glance, and lightness is in order."""
+    palette = compute_palette(theme)
+    seen = np.array([see(colour, eye) for colour in palette[:BUCKET_COUNT]])
+    distances = np.linalg.norm(seen[:, None] - seen, axis=2)
+    apart = np.subtract.outer(np.arange(BUCKET_COUNT), np.arange(BUCKET_COUNT))
+    assert distances[apart == 1].min() > 1.5 * NOTICED
+    assert distances[apart >= 5].min() > LEAST
+    # What is imminent is farthest from the background in lightness.
+    assert (np.diff(seen[:, 0]) * (1.0 if theme == "light" else -1.0) > 0.0).all()
+    assert np.linalg.norm(seen - see(palette[REFUSED], eye), axis=1).min() > LEAST
+
+
+@pytest.mark.parametrize("theme", THEMES)
+def test_a_palette_has_every_colour_and_each_once_more_greyer(theme):
+    palette = compute_palette(theme)
+    assert palette.shape == (2 * STILL, 3)
+    assert np.array_equal(palette[0], parse_colour(BUCKET_COLOURS[theme][0]))
+    assert np.array_equal(palette[FIRST_LEVEL], parse_colour(LEVEL_COLOURS[theme][0]))
+    # Of what is coloured at all.
+    timed = slice(0, FIRST_LEVEL + len(LEVELS))
+    bright, greyer = np.ptp(palette[:STILL][timed], axis=1), np.ptp(palette[STILL:][timed], axis=1)
+    assert (greyer < bright).all()
+    assert ((palette >= 0.0) & (palette <= 1.0)).all()
 
 
 def test_no_colour_stands_alone():
@@ -90,15 +123,13 @@ def test_nothing_is_more_alarming_than_the_verdict(level):
     assert found.min() == LEVELS.index(level)
 
 
-def test_colours_are_those_of_the_levels_and_fade_with_time():
-    colours = compute_colours([0.1, 0.25, 0.4, 0.5001, 100.0], STOP_TIME, MARGINS, "STOP")
-    expected = [*LEVEL_COLOURS, FAR_COLOUR]
-    for colour, code in zip(colours, expected, strict=True):
-        assert np.allclose(colour, parse_colour(code), atol=2e-3)
-    fading = compute_colours([1.0, 2.0, 4.0, 8.0], STOP_TIME, MARGINS, "STOP")
-    assert (np.diff(fading.sum(axis=1)) < 0.0).all()
+def test_paints_are_those_of_the_bucket_and_of_the_level():
+    times = [math.nan, 0.1, 0.25, 0.4, 0.5001, math.inf]
+    paints = choose_paints(times, 1e-3, STOP_TIME, MARGINS, "STOP")
+    assert paints.by_bucket.tolist() == compute_buckets(times, 1e-3).tolist()
+    assert (paints.by_level - FIRST_LEVEL).tolist() == [0, 0, 1, 2, 3, 3]
 
 
 def test_an_arm_whose_stop_time_is_unknown_is_red():
-    colours = compute_colours([0.1, 1e9], math.inf, MARGINS, "STOP")
-    assert np.allclose(colours, parse_colour(LEVEL_COLOURS[0]))
+    paints = choose_paints([0.1, 1e9], 1e-3, math.inf, MARGINS, "STOP")
+    assert paints.by_level.tolist() == [FIRST_LEVEL] * 2

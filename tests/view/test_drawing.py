@@ -2,18 +2,19 @@ import numpy as np
 import pytest
 
 from armguard.view import drawing
+from armguard.view.colours import INK, Paints
 from armguard.view.drawing import Labels, Look
 from support.view_samples import read_command
 
 
 def test_a_key_is_what_a_command_sets():
-    colour, pose = [[1.0, 0.0, 0.0]], np.eye(4)
+    paint, pose = Paints.of(INK, 1), np.eye(4)
     keys = [
         drawing.move("/a", pose).key,
         drawing.delete("/a").key,
-        drawing.draw_balls("/a", [[0.0, 0.0, 0.0, 0.1]], colour, Look()).key,
-        drawing.draw_lines("/a", [[[0, 0, 0], [1, 0, 0]]], colour).key,
-        drawing.draw_surface("/a", np.zeros((1, 3, 3)), colour * 3, 1.0).key,
+        drawing.draw_balls("/a", [[0.0, 0.0, 0.0, 0.1]], paint, Look()).key,
+        drawing.draw_lines("/a", [[[0, 0, 0], [1, 0, 0]]], paint).key,
+        drawing.draw_surface("/a", np.zeros((1, 3, 3)), [1], paint, 1.0).key,
         drawing.draw_triangles("/a", np.zeros((1, 3, 3)), (0.0, 0.5, 1.0)).key,
         drawing.show("banner", {}).key,
         drawing.move("/b", pose).key,
@@ -34,7 +35,7 @@ def test_a_pose_goes_column_by_column():
 )
 def test_a_rod_goes_from_end_to_end_with_its_radius(end):
     start, end = np.array([0.1, 0.2, 0.3]), np.array([0.1, 0.2, 0.3]) + end
-    command = drawing.draw_rods("/a", [[start, end]], [0.05], [[1.0, 1.0, 1.0]], Look())
+    command = drawing.draw_rods("/a", [[start, end]], [0.05], Paints.of(INK, 1), Look())
     matrix = read_command(command.payload)["matrices"].reshape(4, 4).astype(float)
     # The page's cylinder has the radius 1 about the y axis, from -1/2 to 1/2.
     assert np.allclose(matrix[3, :3] - 0.5 * matrix[1, :3], start)
@@ -45,22 +46,25 @@ def test_a_rod_goes_from_end_to_end_with_its_radius(end):
 
 
 def test_a_rod_without_length_has_no_number_that_is_none():
-    command = drawing.draw_rods("/a", np.ones((1, 2, 3)), [0.05], [[1.0, 1.0, 1.0]], Look())
+    command = drawing.draw_rods("/a", np.ones((1, 2, 3)), [0.05], Paints.of(INK, 1), Look())
     assert np.isfinite(read_command(command.payload)["matrices"]).all()
 
 
 def test_nothing_to_draw_is_drawn_as_nothing():
-    none = np.zeros((0, 3))
+    none = Paints.of(INK, 0)
     balls = read_command(drawing.draw_balls("/a", np.zeros((0, 4)), none, Look()).payload)
     lines = read_command(drawing.draw_lines("/a", np.zeros((0, 2, 3)), none).payload)
-    assert balls["matrices"].size == balls["colours"].size == 0
-    assert lines["positions"].size == lines["colours"].size == 0
+    assert balls["matrices"].size == balls["buckets"].size == 0
+    assert lines["positions"].size == lines["buckets"].size == 0
 
 
 def test_looks_and_labels_are_told():
     look, labels = Look(0.5, segments=8, is_wire=True), Labels(["a", "b"], [0.5, np.inf])
-    balls = drawing.draw_balls("/a", np.ones((2, 4)), np.ones((2, 3)), look, labels)
+    balls = drawing.draw_balls(
+        "/a", np.ones((2, 4)), Paints(np.array([3, 15]), np.array([16, 19])), look, labels
+    )
     told = read_command(balls.payload)
     assert (told["opacity"], told["segments"], told["wire"]) == (0.5, 8, True)
     assert told["names"] == ["a", "b"]
+    assert (told["buckets"].tolist(), told["levels"].tolist()) == ([3, 15], [16, 19])
     assert told["times"].tolist() == [0.5, np.inf]

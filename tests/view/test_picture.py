@@ -5,9 +5,10 @@ import pytest
 
 from armguard.robot.description import find_example_urdf
 from armguard.view import ObstacleShapes, Pairs, VerdictSummary
-from armguard.view.colours import REFUSED_COLOUR, compute_colours, parse_colour
-from armguard.view.picture import Picture
-from support.view_samples import make_frame, make_scene, read_command
+from armguard.view.buckets import BUCKET_COUNT, compute_buckets
+from armguard.view.colours import FIRST_LEVEL, LEVELS, REFUSED, STILL
+from armguard.view.picture import OUTSIDE, Picture
+from support.view_samples import PERIOD, make_frame, make_scene, read_command
 
 
 class Page:
@@ -46,10 +47,10 @@ def test_the_arm_is_drawn_from_its_visual_meshes_with_a_pose_each(page):
 
 
 @pytest.mark.parametrize("contact_time", [0.01, 0.3, 3.0, math.inf])
-def test_everything_has_the_colour_of_its_level(page, contact_time):
+def test_everything_has_the_colours_of_its_bucket_and_its_level(page, contact_time):
     page.picture.draw_frame(make_frame(contact_time))
     level = "STOP" if contact_time < 0.2 else "CLEAR"
-    colour = compute_colours([contact_time], 0.2, (0.1, 0.3), level)
+    bucket = compute_buckets(contact_time, PERIOD)
     for key in (
         "instances /armguard/cover",
         "instances /armguard/obstacles/balls",
@@ -57,30 +58,38 @@ def test_everything_has_the_colour_of_its_level(page, contact_time):
         "instances /armguard/pairs/first",
         "surface /armguard/obstacles/hulls",
     ):
-        colours = page[key]["colours"].reshape(-1, 3)
-        assert len(colours)
-        assert np.allclose(colours, colour), key
+        assert page[key]["buckets"].size, key
+        assert (page[key]["buckets"] == bucket).all(), key
+        assert (page[key]["levels"] == FIRST_LEVEL + LEVELS.index(level)).all(), key
+
+
+def test_pairs_of_different_buckets_have_different_colours(page):
+    times = [0.0, 0.0015, 0.1, 0.1, 0.3, 40.0]
+    page.picture.draw_frame(make_frame(pairs=Pairs.pack([5] * 6, [0] * 6, times)))
+    lines = np.concatenate(
+        [page[f"instances /armguard/pairs/{path}"]["buckets"] for path in ("first", "near")]
+    )
+    assert lines.tolist() == [0, 0, 6, 6, 8, BUCKET_COUNT - 1]
 
 
 def test_matrices_place_balls_and_rods(page):
     balls = page["instances /armguard/obstacles/balls"]["matrices"].reshape(-1, 4, 4)
     assert len(balls) == 3  # one ball, and the two ends of a capsule
     assert np.allclose(balls[0, 3, :3], (0.9, 0.1, 0.7))
-    assert np.allclose(np.diag(balls[0])[:3], 0.15)
+    drawn = np.diag(balls[0])[:3]
+    assert ((drawn >= 0.15 - 1e-6) & (drawn <= 0.15 * (1.0 + OUTSIDE * BUCKET_COUNT))).all()
     (rod,) = page["instances /armguard/obstacles/rods"]["matrices"].reshape(-1, 4, 4)
     assert np.allclose(rod[3, :3], (0.2, 0.7, 0.55))
     assert np.allclose(rod[1, :3], (0.0, 0.0, 0.7), atol=1e-6)
     axes = rod[:3, :3].astype(float)
-    assert np.allclose(np.linalg.norm(axes, axis=1), (0.1, 0.7, 0.1))
+    assert np.allclose(np.linalg.norm(axes, axis=1), (0.1, 0.7, 0.1), rtol=OUTSIDE * BUCKET_COUNT)
     assert np.linalg.det(axes) > 0.0
 
 
 def test_of_parts_that_meet_the_more_imminent_one_lies_outside(page):
     radii = []
-    for level in ("CLEAR", "AWARE", "SLOW", "STOP"):
-        page.picture.draw_frame(
-            make_frame(0.0, verdict=VerdictSummary(level=level, contact_time=0.0, stop_time=0.2))
-        )
+    for contact_time in (math.inf, 0.4, 0.1, 0.0):
+        page.picture.draw_frame(make_frame(contact_time))
         radii.append(page["instances /armguard/obstacles/balls"]["matrices"][0])
     assert radii[0] == pytest.approx(0.15)
     assert (np.diff(radii) > 0.0).all()
@@ -104,11 +113,11 @@ def test_flat_and_repeated_hulls_are_drawn_too(page):
 def test_a_refused_obstacle_has_a_colour_of_its_own(page):
     obstacles = ObstacleShapes.pack(["ghost"], [[0, 0, 1]], [0.1], refused=[True], times=[0.0])
     page.picture.draw_frame(make_frame(obstacles=obstacles))
-    colours = page["instances /armguard/obstacles/balls"]["colours"]
-    assert np.allclose(colours, parse_colour(REFUSED_COLOUR))
+    balls = page["instances /armguard/obstacles/balls"]
+    assert balls["buckets"].tolist() == balls["levels"].tolist() == [REFUSED]
     edges = page["instances /armguard/refused"]
     assert edges["wire"]
-    assert edges["colours"].size == 3
+    assert edges["buckets"].size == 1
 
 
 def test_what_is_nowhere_is_not_drawn(page):
@@ -116,7 +125,7 @@ def test_what_is_nowhere_is_not_drawn(page):
     obstacles = ObstacleShapes.pack(list("abcd"), points, [0.1, 0.1, math.nan, 0.1])
     pairs = Pairs.pack([0, 0], [1, 3], [0.1, 0.1])
     page.picture.draw_frame(make_frame(obstacles=obstacles, pairs=pairs))
-    assert page["instances /armguard/obstacles/balls"]["colours"].size == 3
+    assert page["instances /armguard/obstacles/balls"]["buckets"].size == 1
     assert page["instances /armguard/pairs/first"]["matrices"].size == 0
 
 
@@ -182,9 +191,10 @@ def test_what_stands_still_is_greyer_and_apart(page):
         ["wall", "ball"], points, [0.1, 0.1], times=[0.3, 0.3], statics=[True, False]
     )
     page.picture.draw_frame(make_frame(obstacles=obstacles))
-    (wall,) = page["instances /armguard/statics/balls"]["colours"].reshape(-1, 3)
-    (ball,) = page["instances /armguard/obstacles/balls"]["colours"].reshape(-1, 3)
-    assert np.ptp(wall) < 0.5 * np.ptp(ball)
+    for paints in ("buckets", "levels"):
+        (wall,) = page["instances /armguard/statics/balls"][paints]
+        (ball,) = page["instances /armguard/obstacles/balls"][paints]
+        assert wall == ball + STILL
     assert page["instances /armguard/statics/balls"]["names"] == ["wall (stands still)"]
 
 
@@ -205,10 +215,9 @@ def test_an_entrance_says_what_it_is_and_is_as_bright_as_what_moves(page):
         "door (entrance: somebody may come in here)",
         "wall (stands still)",
     ]
-    door, wall = standing["colours"].reshape(-1, 3)
-    (ball,) = page["instances /armguard/obstacles/balls"]["colours"].reshape(-1, 3)
-    assert np.allclose(door, ball)
-    assert not np.allclose(wall, ball)
+    door, wall = standing["buckets"]
+    (ball,) = page["instances /armguard/obstacles/balls"]["buckets"]
+    assert door == ball != wall
     # The camera follows what moves.
     assert page["camera "]["bodies"].size == 4
 

@@ -1,5 +1,6 @@
 // The page of the view: puts stage, panels, strip and feed together.
 import { Camera } from "./camera.js";
+import { Colours } from "./colours.js";
 import { Feed } from "./feed.js";
 import { Film, readFilm } from "./film.js";
 import { Layers } from "./layers.js";
@@ -30,15 +31,16 @@ try {
   notice("This browser draws no 3D here (WebGL is missing or switched off). Everything else goes on.");
 }
 const panels = new Panels((token) => source.reset(token), showDepth);
+const colours = new Colours(recolour);
 const strip = new Strip((number) => transport.go(number));
 const layers = new Layers(viewer, (volume) => source.showVolume(volume));
 if (viewer !== null) {
-  shapes = new Shapes(viewer);
+  shapes = new Shapes(viewer, colours);
   camera = new Camera(viewer);
   pace = new Pace(viewer, (text) => panels.tellPace(text));
   new Names(viewer, shapes, camera);
   element("presets").append(
-    button("picture", "save a picture with level, time and legend", () => savePortrait(viewer, panels)));
+    button("picture", "save a picture with level, time and legend", () => savePortrait(viewer, panels, colours.isByLevel)));
   window.viewer = viewer; // for consoles and tests
   window.shapes = shapes;
   window.pace = pace;
@@ -49,6 +51,15 @@ function animate() {
   requestAnimationFrame(animate);
   camera.move();
   pace.draw();
+}
+
+// A page that is printed is drawn at once: its pixels are taken before the next frame.
+function recolour() {
+  strip.draw();
+  if (viewer === null) return;
+  layFloor(viewer, panels.scene === null ? 0 : panels.scene.floor, colours.isLight);
+  shapes.repaint();
+  if (colours.isPrinting) viewer.render();
 }
 
 function notice(text) {
@@ -71,12 +82,11 @@ function showDepth(depth) {
 const own = {
   legend: (scene) => {
     panels.showScene(scene);
+    colours.show(scene.palette);
     layers.limit(scene);
     strip.levels = scene.levels;
     strip.isWhole = scene.is_recorded || film !== null;
-    strip.draw(); // moments may have come before the colours of their levels
     element("time").hidden = panels.isModel;
-    if (viewer !== null) layFloor(viewer, scene.floor);
     layers.apply();
     if (panels.isModel) showDepth(Math.min(Number(readAddress().get("depth") || 0), scene.tree.length - 1));
   },

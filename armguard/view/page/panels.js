@@ -1,12 +1,14 @@
 // The panels: what the verdict says, what it rests on, who is heard, and what the colours mean.
-import { age, clock, element, item, microseconds, seconds, stopTime } from "./words.js";
+import { paint } from "./colours.js";
+import { age, brief, clock, element, item, microseconds, seconds, stopTime } from "./words.js";
 
-const GREY = "#93a1b0";
+const GREY = "var(--none)";
 const SLUGGISH = 0.5; // share of its timeout after which a source is called slow
 
 export class Panels {
   constructor(reset, chooseDepth) {
     this.levels = new Map(); // name -> { sign, colour, row }
+    this.columns = []; // { number, bar, column, text } of each bucket
     this.scene = null;
     this.depth = 0;
     this.latest = null; // the verdict that the panels show
@@ -29,14 +31,16 @@ export class Panels {
   showScene(scene) {
     this.scene = scene;
     this.levels.clear();
-    element("levels").replaceChildren(...scene.levels.map(({ name, sign, colour, text }) => {
-      const row = legendRow(sign, colour, name, text);
+    element("levels").replaceChildren(...scene.levels.map((level) => {
+      const { name, sign } = level, colour = paint(level.paint);
+      const row = legendRow(sign, colour, name, level.text);
       this.levels.set(name, { sign, colour, row });
       return row;
     }));
     element("others").replaceChildren(
-      ...scene.others.map(({ sign, colour, text }) => legendRow(sign, colour, null, text)));
-    for (const id of ["times", "figures", "legend"]) element(id).hidden = this.isModel;
+      ...scene.others.map((other) => legendRow(other.sign, paint(other.paint), null, other.text)));
+    this.layBuckets(scene);
+    for (const id of ["times", "figures", "structure", "legend"]) element(id).hidden = this.isModel;
     element("model").hidden = !this.isModel;
     if (this.isModel) element("depth").max = scene.tree.length - 1;
     element("token").disabled = !scene.obeys_reset;
@@ -63,12 +67,14 @@ export class Panels {
     element("contact").textContent = seconds(verdict.contact_time);
     // The number has the colour of the level that it earns by itself.
     const own = this.colour(verdict.sequence > 0 ? verdict.contact_level : "");
-    element("contact").style.color = `color-mix(in srgb, ${own} 65%, white)`;
+    element("contact").style.color = `color-mix(in srgb, ${own} 65%, var(--pole))`;
     element("stop").textContent = stopTime(verdict.stop_time);
     element("speed").textContent = `${(100 * verdict.speed_scale).toFixed(0)} %`;
     element("link").textContent = verdict.link || "none";
     element("obstacle").textContent = verdict.obstacle || "none";
-    const lines = verdict.reasons.map((text, k) => item(text, verdict.effects[k]));
+    // What is latched stands in its own panel, with what to do about it.
+    const lines = verdict.reasons.map((text, k) => item(text, verdict.effects[k]))
+      .filter((_, k) => verdict.effects[k] !== "latched" || !verdict.latches.length);
     if (!verdict.complete && verdict.sequence > 0) {
       lines.push(item("not every pair was looked at in time"));
     }
@@ -129,50 +135,47 @@ export class Panels {
       element("token").value = "";
       return;
     }
-    const rows = latches.map(({ reason, since }) => {
-      const row = item(reason);
-      const when = document.createElement("div");
-      when.className = "since";
-      const begin = wall > 0 ? clock(wall - (now - since), since) : clock(0, since);
-      when.textContent = `since ${begin}, for ${age(Math.max(0, now - since))}`;
-      row.append(when);
+    const begin = Math.min(...latches.map(({ since }) => since));
+    const tell = (since) => (wall > 0 ? clock(wall - (now - since), since) : clock(0, since));
+    element("since").textContent = `since ${tell(begin)}, for ${age(Math.max(0, now - begin))}`;
+    update(element("latches"), latches.map(({ reason, since, remedy }) => {
+      const row = item(since > begin ? `${tell(since)} ${reason}` : reason);
+      const advice = document.createElement("div");
+      advice.className = "remedy";
+      advice.textContent = remedy;
+      row.append(advice);
       return row;
+    }));
+    element("remedy").textContent = this.scene.obeys_reset
+      ? "The command line has the token."
+      : "This run obeys no reset: start it again, with --reset-token TOKEN.";
+  }
+
+  // The legend of the buckets: the colour and the times of each, and room for how many pairs it has.
+  layBuckets({ period, buckets }) {
+    this.columns = Array.from({ length: buckets }, (_, k) => {
+      const [column, number, bar, swatch, label] = ["div", "b", "i", "u", "b"].map(
+        (name) => document.createElement(name));
+      const begin = k ? period * 2 ** k : 0, end = k < buckets - 1 ? period * 2 ** (k + 1) : Infinity;
+      const text = end < Infinity ? `${seconds(begin)} to ${seconds(end)}` : `${seconds(begin)} and more`;
+      column.setAttribute("role", "listitem");
+      bar.style.background = swatch.style.background = paint(k);
+      label.textContent = k % 2 ? "" : brief(period * 2 ** k);
+      column.append(number, bar, swatch, label);
+      return { column, number, bar, text: `bucket ${k}, ${text}` };
     });
-    if (!this.scene.obeys_reset) {
-      rows.push(item("remedy: this run obeys no reset; start it again, with --reset-token TOKEN"));
-    } else {
-      rows.push(item("remedy: see that its cause has gone, then reset with the token that the command line has"));
-    }
-    update(element("latches"), rows);
+    element("buckets").replaceChildren(...this.columns.map(({ column }) => column));
   }
 
   showBuckets(counts) {
-    element("structure").hidden = !counts.length;
-    if (!counts.length) return;
     const most = Math.max(...counts, 1);
-    const { period } = this.scene;
-    update(element("buckets"), counts.map((count, k) => {
-      const column = document.createElement("div");
-      const number = document.createElement("b"), bar = document.createElement("i");
+    this.columns.forEach(({ column, number, bar, text }, k) => {
+      const count = counts[k] || 0;
       number.textContent = count || "";
-      bar.style.height = `${count ? 6 + 34 * Math.log1p(count) / Math.log1p(most) : 0}px`;
-      bar.style.background = this.colour(this.levelOf(period * 2 ** k));
-      column.title = `bucket ${k}, from ${seconds(k ? period * 2 ** k : 0)}: ${count} pairs`;
-      column.append(number, bar);
-      const label = document.createElement("b");
-      label.textContent = k % 5 === 0 ? seconds(period * 2 ** k).replace(" ", "") : "\u00a0";
-      column.append(label);
-      return column;
-    }));
-  }
-
-  // As the colours of what is drawn: never lower than the verdict's own level.
-  levelOf(time) {
-    const verdict = this.latest, names = [...this.levels.keys()];
-    const margins = this.scene.margins;
-    let found = 0;
-    for (const margin of [0, ...margins]) found += time > verdict.stop_time + margin ? 1 : 0;
-    return names[Math.max(found, names.indexOf(verdict.level))];
+      bar.style.height = `${count ? 6 + 30 * Math.log1p(count) / Math.log1p(most) : 0}px`;
+      column.title = counts.length ? `${text}: ${count} pair${count === 1 ? "" : "s"}` : text;
+      column.setAttribute("aria-label", column.title);
+    });
   }
 
   headline(text, level) {

@@ -1,7 +1,8 @@
 // A picture to send to somebody: the scene, with level, time and legend in it.
-import { clock, element, seconds, stopTime } from "./words.js";
+import { tone } from "./colours.js";
+import { brief, clock, element, seconds, stopTime } from "./words.js";
 
-export function savePortrait(viewer, panels) {
+export function savePortrait(viewer, panels, isByLevel) {
   viewer.render();
   const scene = viewer.renderer.domElement;
   const picture = document.createElement("canvas");
@@ -11,11 +12,11 @@ export function savePortrait(viewer, panels) {
   pen.drawImage(scene, 0, 0);
   const verdict = panels.latest;
   const lines = [[`${element("sign").textContent} ${element("level").textContent}`,
-    getComputedStyle(document.documentElement).getPropertyValue("--level"), 2]];
+    tone("--level"), 2]];
   if (verdict !== null) {
-    lines.push([clock(verdict.wall, verdict.now), "#e9eef4", 1]);
-    lines.push([`contact time ${seconds(verdict.contact_time)}, stop time ${stopTime(verdict.stop_time)}`, "#e9eef4", 1]);
-    lines.push(...verdict.reasons.slice(0, 2).map((text) => [text.slice(0, 90), "#a3b0be", 1]));
+    lines.push([clock(verdict.wall, verdict.now), tone("--ink"), 1]);
+    lines.push([`contact time ${seconds(verdict.contact_time)}, stop time ${stopTime(verdict.stop_time)}`, tone("--ink"), 1]);
+    lines.push(...verdict.reasons.slice(0, 2).map((text) => [text.slice(0, 90), tone("--faint"), 1]));
   }
   let top = 0.5 * unit;
   for (const [text, colour, size] of lines) {
@@ -25,11 +26,19 @@ export function savePortrait(viewer, panels) {
     pen.fillText(text, unit, top);
   }
   pen.font = `${unit}px system-ui, sans-serif`;
-  top = picture.height - 1.4 * unit * panels.levels.size;
-  for (const [name, { sign, colour }] of panels.levels) {
-    top += 1.4 * unit;
-    pen.fillStyle = colour;
-    pen.fillText(`${sign} ${name}`, unit, top - unit);
+  const { levels, buckets, period } = panels.scene, bottom = picture.height - 0.4 * unit;
+  if (isByLevel) {
+    levels.forEach(({ name, sign, paint }, k) => {
+      pen.fillStyle = tone(`--paint-${paint}`);
+      pen.fillText(`${sign} ${name}`, unit, bottom - 1.4 * unit * (levels.length - 1 - k));
+    });
+  } else {
+    const wide = Math.min(1.6 * unit, (picture.width - 2 * unit) / buckets);
+    for (let k = 0; k < buckets; k++) {
+      pen.fillStyle = tone(`--paint-${k}`);
+      pen.fillRect(unit + k * wide, bottom - 2 * unit, wide - 2, 0.8 * unit);
+      if (k % 3 === 0) pen.fillText(brief(period * 2 ** k), unit + k * wide, bottom);
+    }
   }
   const link = document.createElement("a");
   link.download = "armguard.png";

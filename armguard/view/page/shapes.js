@@ -10,8 +10,9 @@ const geometries = {
 export const split = (path) => path.split("/").filter((step) => step.length > 0);
 
 export class Shapes {
-  constructor(viewer) {
+  constructor(viewer, colours) {
     this.viewer = viewer;
+    this.colours = colours;
     this.drawn = new Map(); // path -> the object that is refilled
   }
 
@@ -32,6 +33,31 @@ export class Shapes {
     make();
     this.viewer.set_dirty();
     return true;
+  }
+
+  // The same bodies in other colours.
+  repaint() {
+    for (const object of this.drawn.values()) this.paint(object);
+    this.viewer.set_dirty();
+  }
+
+  // Colour each corner of each body, or each instance.
+  paint(object) {
+    const { palette } = this.colours;
+    if (palette === null) return; // the legend brings it, and has all painted anew
+    const { command } = object.userData, paints = this.colours.paints(command);
+    const buffer = object.isInstancedMesh ? object.instanceColor : object.geometry.attributes.color;
+    let at = 0;
+    paints.forEach((paint, k) => {
+      const corners = object.isInstancedMesh ? 1 : command.owners ? 3 * command.owners[k] : 2;
+      const [red, green, blue] = palette.subarray(3 * paint, 3 * paint + 3);
+      for (let corner = 0; corner < corners; corner++) {
+        buffer.array[at++] = red;
+        buffer.array[at++] = green;
+        buffer.array[at++] = blue;
+      }
+    });
+    buffer.needsUpdate = true;
   }
 
   // Buffers grow by doubling, and are never replaced while they are large enough.
@@ -56,7 +82,7 @@ export class Shapes {
   }
 
   fillInstances(command) {
-    const count = command.colours.length / 3;
+    const count = command.buckets.length;
     const object = this.provide(command, count, (capacity) => {
       // Lit at corners, not at pixels: what is round looks the same, and costs half.
       const material = new THREE.MeshLambertMaterial(
@@ -69,8 +95,7 @@ export class Shapes {
     });
     object.instanceMatrix.array.set(command.matrices);
     object.instanceMatrix.needsUpdate = true;
-    object.instanceColor.array.set(command.colours);
-    object.instanceColor.needsUpdate = true;
+    this.paint(object);
     object.count = count;
     for (const child of object.children) child.count = count;
   }
@@ -86,10 +111,10 @@ export class Shapes {
       geometry.boundingSphere = new THREE.Sphere(new THREE.Vector3(), 1000);
       return make(geometry);
     });
-    const { position, color } = object.geometry.attributes;
+    const { position } = object.geometry.attributes;
     position.array.set(command.positions);
-    color.array.set(command.colours);
-    position.needsUpdate = color.needsUpdate = true;
+    position.needsUpdate = true;
+    this.paint(object);
     object.geometry.setDrawRange(0, count);
   }
 }

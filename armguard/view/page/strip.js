@@ -1,5 +1,6 @@
 // The strip: contact time (logarithmic) with the stop time below it, the speed scale, and the level
 // as a band, over the last half minute, or over a whole recording. What happened stands on top.
+import { tone } from "./colours.js";
 import { Markers } from "./markers.js";
 import { clock, element } from "./words.js";
 
@@ -17,7 +18,7 @@ export class Strip {
     this.seek = seek;
     this.moments = []; // { number, now, wall, level, contact, stop, speed }
     this.events = [];
-    this.levels = []; // { name, colour }, the lowest first
+    this.levels = []; // { name, paint }, the lowest first
     this.at = null; // number of the moment that is shown; null: the present
     this.isWhole = false; // whether all is shown, as of a recording
     this.end = null; // where the window ends while the past is looked at, [s]
@@ -97,7 +98,7 @@ export class Strip {
     };
     const shown = this.moments.filter(({ now }) => now >= begin - 1 && now <= end + 1);
     pen.font = "10px system-ui, sans-serif";
-    pen.fillStyle = "#2b3641";
+    pen.fillStyle = tone("--edge");
     for (const time of LINES) pen.fillRect(0, Math.round(y(time)), width, 1);
     const box = (run) => {
       const left = x(run.begin);
@@ -106,19 +107,19 @@ export class Strip {
     for (const run of this.findRuns(shown, ({ level }) => level)) {
       this.drawLevel(pen, { level: run.value }, { ...box(run), height, band });
     }
-    pen.fillStyle = "#5f7184";
+    pen.fillStyle = tone("--share");
     for (const run of this.findRuns(shown, (moment) => Math.round(speed * clamp(moment.speed)))) {
       const { left, wide } = box(run);
       pen.fillRect(left, height - band - 2 - run.value, wide, run.value);
     }
-    this.drawCurve(pen, shown, x, (moment) => y(moment.stop), { dash: [4, 3], colour: "#ffffff" });
-    this.drawCurve(pen, shown, x, (moment) => y(moment.contact), { dash: [], colour: "#8fc7ff" });
+    this.drawCurve(pen, shown, x, (moment) => y(moment.stop), { dash: [4, 3], colour: tone("--pole") });
+    this.drawCurve(pen, shown, x, (moment) => y(moment.contact), { dash: [], colour: tone("--curve") });
     if (height > 100) {
-      for (const time of LINES) this.write(pen, `${time} s`, "#a3b0be", 2, y(time) - 2);
+      for (const time of LINES) this.write(pen, `${time} s`, tone("--faint"), 2, y(time) - 2);
       this.drawKey(pen, width);
     }
     if (this.at !== null && this.moments.length) {
-      pen.fillStyle = "#ffffff";
+      pen.fillStyle = tone("--pole");
       pen.fillRect(Math.round(x(this.find(this.at).now)) - 1, 0, 2, height);
     }
     this.showEvents(x, begin, end, width);
@@ -144,7 +145,8 @@ export class Strip {
 
   drawKey(pen, width) {
     const words = [
-      ["— contact time", "#8fc7ff"], ["-- stop time", "#ffffff"], ["▮ allowed speed", "#a3b0be"],
+      ["— contact time", tone("--curve")], ["-- stop time", tone("--pole")],
+      ["▮ allowed speed", tone("--faint")],
     ];
     let left = width - words.reduce((sum, [text]) => sum + pen.measureText(text).width + 12, 0);
     for (const [text, colour] of words) {
@@ -155,7 +157,7 @@ export class Strip {
 
   // Words over curves.
   write(pen, text, colour, left, bottom) {
-    pen.fillStyle = "rgba(22, 29, 37, 0.8)";
+    pen.fillStyle = tone("--veil");
     pen.fillRect(left - 3, bottom - 10, pen.measureText(text).width + 6, 13);
     pen.fillStyle = colour;
     pen.fillText(text, left, bottom);
@@ -165,7 +167,7 @@ export class Strip {
   drawLevel(pen, { level }, { left, wide, height, band }) {
     const known = this.levels[level];
     const tall = band * [1, 0.75, 0.5, 0.3][Math.max(level, 0)];
-    pen.fillStyle = known ? known.colour : "#93a1b0";
+    pen.fillStyle = tone(known ? `--paint-${known.paint}` : "--none");
     pen.fillRect(left, height - tall, wide, tall);
   }
 

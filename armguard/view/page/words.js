@@ -7,6 +7,11 @@ export function seconds(value) {
   return value < 0.9995 ? `${(1000 * value).toFixed(0)} ms` : `${value.toFixed(value < 10 ? 2 : 1)} s`;
 }
 
+// The same for labels with little room: 256ms, 4.1s.
+export function brief(value) {
+  return value < 0.9995 ? `${Number((1000 * value).toPrecision(3))}ms` : `${Number(value.toPrecision(2))}s`;
+}
+
 export function stopTime(value) {
   return value < Infinity ? seconds(value) : "unknown";
 }
