@@ -462,6 +462,7 @@ class NewRobot:
     joint, whatever the URDF says; JOINT may be a pattern.
 
     Example: armguard robot new arm.urdf --joint-limits joint_limits.yaml --out my_arm
+
     Example: armguard robot new mujoco_arm.xml --velocity 3.14 --out my_arm
     """
 

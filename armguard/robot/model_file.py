@@ -35,7 +35,8 @@ def read_model(
 
 def is_mjcf(path: str | Path) -> bool:
     """Whether a file can be read and its root element is that of an MJCF."""
-    with contextlib.suppress(OSError, ElementTree.ParseError, LookupError, ValueError):
-        for _, element in ElementTree.iterparse(path, events=("start",)):
+    unreadable = (OSError, ElementTree.ParseError, LookupError, ValueError)
+    with contextlib.suppress(*unreadable), Path(path).open("rb") as file:
+        for _, element in ElementTree.iterparse(file, events=("start",)):
             return element.tag == ROOT
     return False
