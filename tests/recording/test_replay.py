@@ -238,7 +238,7 @@ def test_a_recording_is_the_same_on_a_machine_without_the_robots_files(path, mon
     def refuse(*_):
         raise AssertionError("a file of a robot was opened")
 
-    for name in ("find_robot", "read_description", "read_urdf"):
+    for name in ("find_robot", "read_description", "read_model"):
         monkeypatch.setattr(robot_module, name, refuse)
     assert replay(path).is_identical
 
