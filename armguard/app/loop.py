@@ -20,7 +20,7 @@ import numpy as np
 
 from armguard.app.cell.cell import Cell
 from armguard.app.cell.schema import given
-from armguard.app.processes import complain
+from armguard.app.processes import complain, noted_interrupts
 from armguard.app.realtime import IdleCollector, Realtime, request_realtime
 from armguard.bounds.arm import PLANNED
 from armguard.bounds.planned.plan import Plan
@@ -148,16 +148,18 @@ class RateLoop:
 
     def run(self, duration: float = math.inf) -> LoopReport:
         """Loop for `duration` [s], until Ctrl-C (KeyboardInterrupt), or the end of an input."""
-        with IdleCollector(self.clock) as collector:
-            self._loop(duration, collector)
+        with noted_interrupts() as was_interrupted, IdleCollector(self.clock) as collector:
+            self._loop(duration, collector, was_interrupted)
         return self.report()
 
-    def _loop(self, duration: float, collector: IdleCollector) -> None:
+    def _loop(
+        self, duration: float, collector: IdleCollector, was_interrupted: Callable[[], bool]
+    ) -> None:
         clock, period = self.clock, self.monitor.period
         start = end = slept = clock.now()
         tick = 0
         try:
-            while tick * period < duration:
+            while tick * period < duration and not was_interrupted():
                 deadline = start + tick * period
                 if end < deadline:
                     if self._rest is not None:

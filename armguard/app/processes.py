@@ -10,7 +10,8 @@ import contextlib
 import os
 import signal
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from types import FrameType
 
 PARENT_CHECK_INTERVAL = 0.25
@@ -31,6 +32,39 @@ def termination_as_interrupt() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@contextlib.contextmanager
+def noted_interrupts() -> Iterator[Callable[[], bool]]:
+    """Inside, the first signal that would raise KeyboardInterrupt is noted; the next one raises it.
+
+    What is raised may be lost: Python ignores it in a destructor, and so does compiled code (that
+    of ZeroMQ's frames, for one). A loop that asks at every turn loses nothing, and ends between two
+    turns. Only the main thread may do this; in another one nothing is ever noted.
+
+    Yields:
+        Whether there was such a signal.
+    """
+    noted: list[int] = []
+    replaced: list[int] = []
+
+    def restore() -> None:
+        while replaced:
+            signal.signal(replaced.pop(), signal.default_int_handler)
+
+    def note(number: int, frame: FrameType | None) -> None:
+        noted.append(number)
+        restore()
+
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) is signal.default_int_handler:
+                replaced.append(number)
+                signal.signal(number, note)
+    try:
+        yield lambda: bool(noted)
+    finally:
+        restore()
 
 
 def end_with(parent: int) -> None:

@@ -215,6 +215,19 @@ def test_the_loop_ends_with_its_input_and_on_control_c():
     assert loop.run().ticks == 0
 
 
+class Interrupter:
+    """Control-C, at a moment at which Python ignores what is raised."""
+
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_the_loop_ends_on_a_control_c_that_is_lost_in_a_destructor():
+    loop = make_loop(Script(*[[]] * 1000), ManualClock(), lambda verdict: Interrupter())
+    assert loop.run().ticks == 1
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 def test_late_ticks_are_counted_and_the_grid_stays():
     clock = ManualClock(10.0)
     begins = []

@@ -3,10 +3,16 @@ import select
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from armguard.app.processes import complain, describe_end, termination_as_interrupt
+from armguard.app.processes import (
+    complain,
+    describe_end,
+    noted_interrupts,
+    termination_as_interrupt,
+)
 
 CHILD = """
 import os, time
@@ -28,6 +34,28 @@ def test_termination_is_an_interrupt_inside_and_what_it_was_afterwards():
     with pytest.raises(KeyboardInterrupt), termination_as_interrupt():
         os.kill(os.getpid(), signal.SIGTERM)
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_first_interrupt_is_noted_and_the_second_one_raised(number):
+    with termination_as_interrupt(), noted_interrupts() as was_interrupted:
+        assert not was_interrupted()
+        signal.raise_signal(number)
+        assert was_interrupted()
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(number)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_thread_that_may_not_handle_signals_notes_none():
+    with ThreadPoolExecutor(1) as pool:
+        assert not pool.submit(enter_and_ask).result()
+
+
+def enter_and_ask():
+    """What is noted in the thread that calls this."""
+    with noted_interrupts() as was_interrupted:
+        return was_interrupted()
 
 
 def test_a_process_ends_with_the_one_that_started_it():
