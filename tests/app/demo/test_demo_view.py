@@ -21,8 +21,9 @@ READ = """
 """
 DURATION = 50.0  # [s]; nobody waits for the end
 
-# At any level: on a busy machine late ticks alone may hold it down.
-AT_THE_ARM = "imminence < 0.3"
+# At any level: on a busy machine late ticks alone may hold it down. Where nothing is known, it says
+# that contact may be at once, and no link is near anything.
+AT_THE_ARM = "imminence > 0.05 && imminence < 0.3"
 AWAY = "imminence > 0.7"
 
 
