@@ -41,9 +41,9 @@ def take_picture(page):
 
 
 def count_warm(picture):
-    """Pixels that are red, orange or yellow, as nothing is that is far off in time."""
-    red, _, blue = np.moveaxis(picture, -1, 0)
-    return int(np.count_nonzero((red > 90) & (red > 1.6 * blue)))
+    """Pixels that are red to yellow, as nothing is that is far off in time: that is bluer."""
+    red, green, blue = np.moveaxis(picture, -1, 0)
+    return int(np.count_nonzero((red > 90) & (red > 1.6 * blue) & (green > blue)))
 
 
 def test_the_colours_change_when_the_person_reaches_in(tmp_path):
