@@ -8,7 +8,7 @@ Whether an answer arrived is not known here: it may be lost, or still be on its 
 was answered safe is one that the arm may be on, whatever was answered later. It is kept, and judged
 wherever obstacles bring news, until one of these rules it out:
 
-- A joint state that no arm on it can have.
+- A joint state that no arm on it can have, measured when its answer has surely arrived.
 - A later piece that covers it: wherever an arm is on the older one, it is on the later one as well.
   That a later piece merely begins, or does not go on from this one, rules out nothing. The arm is
   on the older one still if the later answer was lost, and gets to it if that begins before.
@@ -271,11 +271,13 @@ class CommittedPieces:
         kept, is_on_one = [], False
         for piece in self._pieces:
             found = check(piece.plan, tick.q, tick.v, stamp)
-            if found is None:
-                # One that the arm can still get to is kept, wherever the arm is until it begins.
+            if found is None or stamp < piece.plan.now + self._latency:
+                # One that the arm can still get to is kept, wherever the arm is until it begins;
+                # and one whose answer may be on its way, for it is taken up when that arrives.
                 kept.append(piece)
+            if found is None:
                 found = self._find_waiting_elsewhere(piece, tick, stamp)
-                is_on_one |= found is None
+            is_on_one |= found is None
             strayed = found or strayed
         if not is_on_one:
             assert strayed is not None, "the last one was not followed"

@@ -1060,6 +1060,36 @@ def test_a_piece_that_the_arm_can_still_get_to_is_kept_wherever_it_waits():
     assert not monitor.plans
 
 
+def swing(monitor, k):
+    """Tick k of an arm that swings off where it was for 0.1 s, by 4 mrad, and back."""
+    angle = np.pi * max(k - 1, 0) / 10.0
+    q, v = HOME.copy(), STILL.copy()
+    q[0] += 4e-3 * np.sin(angle) ** 2
+    v[0] = 0.04 * np.pi * np.sin(2.0 * angle)
+    return monitor.step(0.01 * k, q, v)
+
+
+@pytest.mark.parametrize(("latency", "is_kept"), [(0.1, True), (0.04, False)])
+def test_where_the_arm_is_before_an_answer_has_arrived_rules_out_nothing(latency, is_kept):
+    """On the piece before, it may be off the next one by more than that allows."""
+    obstacles, monitor = make_monitor(motion="planned", latency=latency, rate=100.0)
+    stays = make_plan(times=[0.0, 2.0], q=np.tile(HOME, (2, 1)), v=np.zeros((2, 7)))
+    loose = stays._replace(tracking_error=np.full(7, 5e-3), velocity_tracking_error=None)
+    goes = make_plan()
+    rows = [0, *range(len(TIMES))]
+    times = np.concatenate([[0.0], 0.1 + TIMES])
+    sure = goes._replace(stamp=0.01, times=times, q=goes.q[rows], v=goes.v[rows])
+    swing(monitor, 0)
+    assert monitor.commit(loose).safe
+    swing(monitor, 1)
+    assert monitor.commit(sure).safe
+    assert {swing(monitor, k).stop for k in range(2, 7)} == {None}
+    assert [plan.stamp for plan in monitor.plans] == ([0.0, 0.01] if is_kept else [0.0])
+    # What appears in its way is news for an arm that will follow it.
+    put_post(obstacles, 0.45, distance=0.42)
+    assert (ReasonKind.PIECE_UNSAFE in kinds(swing(monitor, 7))) == is_kept
+
+
 @pytest.mark.parametrize("leave", ["never", "any"])
 def test_an_arm_is_always_on_a_kept_piece_and_touches_nothing(leave):
     """Pieces that overlap, replace one another, lose answers; brakes and balls at any time."""
