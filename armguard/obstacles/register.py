@@ -347,7 +347,8 @@ class ObstacleRegister:
     def _newest_of(self, row: int) -> float:
         """Latest stamp of what may be true of a row, in [s]; -inf of one that stands still.
 
-        Of one that could be anywhere that of its source: what else was said of it is not kept.
+        Of one that could be anywhere that of its source: what else was said of it is not kept. Nor
+        does a stamp count that was found to be ahead of the clock, for nothing would be newer.
         """
         table = self.table
         if table.static[row]:
@@ -358,7 +359,8 @@ class ObstacleRegister:
                 table.accepted, table.refused_states, table.marks, row, 0.0
             )
         ]
-        return max(stamps, default=self._sources.states[int(table.owner[row])].newest)
+        newest = self._sources.states[int(table.owner[row])].newest
+        return min(max(stamps, default=newest), newest)
 
     def _release(self, row: int, time: float | None) -> None:
         table = self.table

@@ -217,6 +217,10 @@ class Sources:
         state.source = replace(state.source, required=False)
         state.heard = False
         state.stamp = state.newest = -math.inf
+        # What was refused of it is over as well: no newer message would tell.
+        state.recent.restart()
+        state.points.restart()
+        self.any_disbelieved = bool(self.disbelieved())
         self.unsettled = True
 
     def silent(self, now: float, default_timeout: float) -> list[tuple[str, str]]:

@@ -101,6 +101,45 @@ def test_a_silent_source_that_nobody_named_is_forgotten_until_it_speaks():
     assert subjects(verdicts[-1], ReasonKind.SOURCE_SILENT) == {"camrea"}
 
 
+DISBELIEVED = {
+    "rows": lambda table: see(
+        table, 0.495, np.full((6, 3), np.nan), [f"ghost-{k}" for k in range(6)], source="camrea"
+    ),
+    "points": lambda table: table.update_cloud(
+        "camrea", 0.495, np.full((50, 3), np.nan), [0.0, 0.0, 0.0]
+    ),
+}
+
+
+@pytest.mark.parametrize("what", DISBELIEVED)
+def test_what_was_refused_of_a_source_is_forgotten_with_it(what):
+    table, monitor = start(sources=["camera"])
+    DISBELIEVED[what](table)
+    verdicts = run(table, monitor, 50, 100)
+    assert subjects(verdicts[-1], ReasonKind.SOURCE_NOT_BELIEVED) == {"camrea"}
+    monitor.reset()
+    verdicts = run(table, monitor, 150, 50)
+    assert "camrea" in subjects(verdicts[0], FORGOTTEN)
+    assert not subjects(verdicts[0], ReasonKind.SOURCE_NOT_BELIEVED)
+    assert verdicts[-1].level is Level.CLEAR
+
+
+def test_an_obstacle_whose_stamp_was_ahead_of_the_clock_can_be_removed():
+    """Its source has told of it, once with a stamp of nonsense, and then that it is gone."""
+    table, monitor = start(sources=["camera"])
+    see(table, 0.495, FAR, ["guest"], source="camera")
+    run(table, monitor, 50, 10)
+    see(table, 1e300, FAR, ["guest"], source="camera")
+    table.remove(["guest"], 0.595, "camera")
+    assert table.row("guest") >= 0, "no tick has found out that the stamp was wrong"
+    assert run(table, monitor, 60, 10)[-1].level is Level.STOP
+    table.remove(["guest"], 0.595, "camera")
+    assert table.row("guest") >= 0, "older than what the source has told since"
+    table.remove(["guest"], 0.695, "camera")
+    assert table.row("guest") < 0
+    assert run(table, monitor, 70, 50)[-1].level is Level.CLEAR
+
+
 @pytest.mark.parametrize("sources", [["camera", "lidar"], None])
 def test_a_source_that_was_named_or_where_none_was_is_missed_after_a_reset(sources):
     table, monitor = make_monitor(obstacles=Obstacles(sources=sources), rate=1.0 / PERIOD)
