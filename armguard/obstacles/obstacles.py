@@ -406,7 +406,9 @@ class Obstacles(ObstacleRegister):
         finally:
             self.takes_voxels = takes_voxels
         clouds.edges[source] = edge
-        if len(ends):
+        state = self._sources.find(source)
+        if len(ends) or (state is not None and state.points.is_disbelieved):
+            # One without points ends what was wrong more than a second ago.
             self.count_points(source, time, len(ends), dropped)
         if gone:
             self.remove(gone, time, source)
