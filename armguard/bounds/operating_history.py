@@ -224,7 +224,10 @@ class OperatingHistory:
         """
         if not self.in_force.is_suspended:
             return False
-        self._broken_at = min(self._broken_at, now)
+        if self._broken_at == math.inf:
+            # The first tick after a reset: no state of before counts, so nothing was kept yet.
+            self._broken_at = now
+            return False
         # By the same sum as the rule that holds a level, so that both end in the same tick.
         if now - self._broken_at < self._rise_delay:
             return False

@@ -191,6 +191,20 @@ def test_after_a_reset_limits_must_be_kept_before_they_count():
     assert verdicts[-1].level is Level.CLEAR
 
 
+def test_after_a_reset_no_limit_counts_before_a_second_state_has_kept_it():
+    """Not even where limits count as soon as they are kept: of one state there is no telling."""
+    sources = Obstacles(sources=[])
+    _, monitor = make_monitor(obstacles=sources, operating=QUARTER, rise_delay=0.0)
+    steps(monitor, 0, 10)
+    monitor.step(10 * PERIOD, HOME, HARD * THIRD)
+    limits = monitor._scheduler.arm.state.scene.limits
+    monitor.reset()
+    steps(monitor, 0, 1)
+    np.testing.assert_array_equal(limits.operating_velocity, panda().velocity_limit)
+    steps(monitor, 1, 1)
+    assert (limits.operating_velocity < panda().velocity_limit).all()
+
+
 def test_while_states_are_not_believed_no_limits_come_back():
     _, monitor = make_monitor(obstacles=Obstacles(sources=[]), operating=QUARTER)
     steps(monitor, 0, 10)
