@@ -231,7 +231,7 @@ class LateData:
         scheduler = self._scheduler
         scheduler.prepare(tick)
         state, stamps = scheduler.arm.state, self._obstacles.table.accepted.stamp
-        threshold = state.refinement_threshold
+        threshold, sphere_time = state.refinement_threshold, state.sphere_time.copy()
         known = {row: float(stamps[row]) for row in late}
         try:
             for row, lateness in late.items():
@@ -244,5 +244,4 @@ class LateData:
                 stamps[row] = stamp
             state.arm_age, state.refinement_threshold = tick.arm_age, threshold
             state.prepare_arm(tick.q, tick.v)
-            # What spheres were given here is not theirs.
-            state.sphere_time.fill(math.inf)
+            state.sphere_time[:] = sphere_time

@@ -11,8 +11,11 @@ from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor
 LATENCY = 0.005
 
 
-def watch(pause=(), held_up=(), distance=0.95, ticks=3000, schedule="deadline"):
-    """Verdicts beside a hand that a camera sees 100 times a second, 5 ms late, with pauses."""
+def watch(pause=(), held_up=(), distance=0.95, ticks=3000, schedule="deadline", seen=None):
+    """Verdicts beside a hand that a camera sees 100 times a second, 5 ms late, with pauses.
+
+    What observers see of each tick of the first pause is added to `seen`, where that is a list.
+    """
     obstacles, monitor = make_monitor(schedule, obstacles=Obstacles(sources=["camera"]))
     verdicts, stamp = [], 0.0
     for k in range(ticks):
@@ -25,6 +28,8 @@ def watch(pause=(), held_up=(), distance=0.95, ticks=3000, schedule="deadline"):
         if not (held_up and held_up[0] <= now < held_up[1]):
             stamp = now
         verdicts.append(monitor.step(stamp, HOME, STILL, now))
+        if seen is not None and pause[0] <= now < pause[1]:
+            seen.append(monitor.snapshot(pair_limit=10, row_limit=2).sphere_times)
     return verdicts
 
 
@@ -62,14 +67,17 @@ def test_a_body_that_is_near_is_near_however_late_it_is_seen():
     assert not any(tell(one) for one in verdicts)
 
 
-def test_what_is_said_of_late_data_changes_nothing_else(monkeypatch):
-    told = watch((2.0, 2.17))
+@pytest.mark.parametrize("schedule", ["deadline", "full"])
+def test_what_is_said_of_late_data_changes_nothing_else(monkeypatch, schedule):
+    seen, unmoved = [], []
+    told = watch((2.0, 2.17), schedule=schedule, seen=seen)
     monkeypatch.setattr("armguard.monitor.late_data.LateData.explain", lambda *_: [])
-    untold = watch((2.0, 2.17))
+    untold = watch((2.0, 2.17), schedule=schedule, seen=unmoved)
     for one, other in zip(told, untold, strict=True):
         fields = {"reasons": (), "held": None}
         assert one._replace(**fields) == other._replace(**fields)
         assert kinds(one) - {ReasonKind.LATE_DATA} == kinds(other)
+    np.testing.assert_array_equal(seen, unmoved)
 
 
 def test_the_usual_age_is_the_median_of_the_last_samples():
