@@ -257,7 +257,7 @@ def test_pairs_bodies_and_legend_have_the_colours_of_their_buckets(feed, page, t
         "rgb({}, {}, {})".format(*np.rint(255.0 * code).astype(int)) for code in codes
     ]
     labels = page.locator("#buckets u + b").all_inner_texts()
-    assert [label for label in labels if label][:5] == ["1ms", "4ms", "16ms", "64ms", "256ms"]
+    assert [label for label in labels if label] == ["0", "8ms", "64ms", "512ms", "4.1s"]
     # The level stays what it is.
     assert page.inner_text("#level") == "STOP"
     level = parse_colour(LEVEL_COLOURS[theme][0])
@@ -496,6 +496,37 @@ def test_no_text_from_data_is_markup(browser):
     texts = [f"<b>{place}</b> [statics] &amp; {NAME}" for place in range(9)]
     (reason, link, obstacle, latched, remedy, source, why, late, note) = texts
     verdict = VerdictSummary(
+# Labels that touch the next one, or leave the panel.
+FIND_TOUCHING = """() => {
+    const all = [...document.querySelectorAll("#buckets u + b")];
+    const labels = all.filter((one) => one.textContent);
+    const spans = labels.map((one) => {
+        const range = document.createRange();
+        range.selectNodeContents(one);
+        const { left, right } = range.getBoundingClientRect();
+        return { text: one.textContent, left, right };
+    });
+    const end = document.getElementById("buckets").getBoundingClientRect().right;
+    return spans.filter((one, k) => one.right + 3 > (spans[k + 1]?.left ?? end))
+        .map(({ text }) => text);
+}"""
+
+
+@pytest.mark.parametrize("period", [1e-3, 4e-3, 0.01, 1.0 / 30.0])
+def test_labels_of_the_legend_do_not_touch(browser, period):
+    feed, page = Feed(robot="bare", period=period), open_page(browser)
+    try:
+        with launch(feed.publisher.address) as view:
+            page.goto(view.url)
+            wait_for_text(page, "level", "STOP")
+            for width, height in SIZES:
+                page.set_viewport_size({"width": width, "height": height})
+                assert page.evaluate(FIND_TOUCHING) == []
+    finally:
+        feed.close()
+    page.close()
+
+
         level="STOP",
         contact_time=0.1,
         stop_time=0.2,

@@ -160,7 +160,9 @@ export class Panels {
       const text = end < Infinity ? `${seconds(begin)} to ${seconds(end)}` : `${seconds(begin)} and more`;
       column.setAttribute("role", "listitem");
       bar.style.background = swatch.style.background = paint(k);
-      label.textContent = k % 2 ? "" : brief(period * 2 ** k);
+      // Where each third one begins: more would touch.
+      const isLabelled = k % 3 === 0 && k < buckets - 1;
+      label.textContent = isLabelled ? (k ? brief(begin) : "0") : "";
       column.append(number, bar, swatch, label);
       return { column, number, bar, text: `bucket ${k}, ${text}` };
     });

@@ -37,7 +37,7 @@ export function savePortrait(viewer, panels, isByLevel) {
     for (let k = 0; k < buckets; k++) {
       pen.fillStyle = tone(`--paint-${k}`);
       pen.fillRect(unit + k * wide, bottom - 2 * unit, wide - 2, 0.8 * unit);
-      if (k % 3 === 0) pen.fillText(brief(period * 2 ** k), unit + k * wide, bottom);
+      if (k % 3 === 0) pen.fillText(k ? brief(period * 2 ** k) : "0", unit + k * wide, bottom);
     }
   }
   const link = document.createElement("a");
