@@ -25,7 +25,7 @@ from armguard.obstacles.table import MOST_REFUSED
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.portable import describe_robot
 from armguard.robot.robot import Robot
-from armguard.verdict import Effect, Level, Verdict
+from armguard.verdict import Effect, Held, Level, Reason, ReasonKind, Verdict
 from armguard.view.buckets import count_buckets
 from armguard.view.messages import (
     Balls,
@@ -106,6 +106,8 @@ class MonitorFeed:
         """Of the last tick."""
         self._since: dict[Level, float] = {}
         """When each level was taken on last, in [s] of the monitor."""
+        self._causes: dict[Level, str] = {}
+        """What each level began with last, in words."""
         self._worst: Verdict | None = None
         """The first of the lowest level since the last frame."""
         self._stamp = math.nan
@@ -150,8 +152,13 @@ class MonitorFeed:
                 self._explain()
             self._level = verdict.level
             self._since[verdict.level] = now
+            self._causes[verdict.level] = _describe_cause(verdict, now)
             if self._worst is None or verdict.level < self._worst.level:
                 self._worst = verdict
+        elif verdict.held is not None and verdict.held.since > self._since[verdict.level]:
+            # A reset: the same level begins anew.
+            self._since[verdict.level] = verdict.held.since
+            self._causes[verdict.level] = verdict.held.describe_cause()
 
     def publish(
         self,
@@ -229,7 +236,8 @@ class MonitorFeed:
         if verdict.link is None and verdict.contact_time == 0.0:
             # Nothing is known about the arm, so everything may be about to touch it.
             sphere_times = np.zeros_like(sphere_times)
-        reasons = verdict.reasons[:REASON_LIMIT]
+        # What a level is held for has fields of its own.
+        reasons = [one for one in verdict.reasons if one.kind is not ReasonKind.HOLD][:REASON_LIMIT]
         return FrameMessage(
             sequence=verdict.sequence,
             now=now,
@@ -247,6 +255,8 @@ class MonitorFeed:
                 reasons=tuple(map(str, reasons)),
                 effects=tuple(reason.kind.effect.value for reason in reasons),
                 since=self._since[verdict.level],
+                cause=self._causes[verdict.level],
+                rises_at=None if verdict.held is None else verdict.held.rises_at,
             ),
             load=load,
             sphere_times=sphere_times.astype("<f4").tobytes(),
@@ -294,7 +304,7 @@ class MonitorFeed:
         latched = [one for one in verdict.reasons if one.kind.effect is Effect.LATCHED]
         self._latches = {
             one.kind.name: self._latches.get(
-                one.kind.name, Latch(reason=str(one), since=now, remedy=one.kind.remedy)
+                one.kind.name, Latch(reason=_tell_latched(one), since=now, remedy=one.kind.remedy)
             )
             for one in latched
         }
@@ -358,6 +368,23 @@ def pack_cover(robot: Robot) -> tuple[LinkCover, ...]:
         joint = robot.model.names[robot.joint_index(link)]
         covers.append(LinkCover.pack(link, joint, tree.spheres[tree.child_count == 0]))
     return tuple(covers)
+
+
+def _describe_cause(verdict: Verdict, now: float) -> str:
+    """What a verdict that takes on a level rests on, in words; empty where it is latched."""
+    held = verdict.held
+    if held is None:
+        if not verdict.reasons:
+            return ""
+        held = Held(verdict.reasons[0], verdict.contact_time, verdict.stop_time, now, now)
+    is_latched = held.reason is not None and held.reason.kind.effect is Effect.LATCHED
+    return "" if is_latched else held.describe_cause()
+
+
+def _tell_latched(reason: Reason) -> str:
+    """A latched reason, without since when: a view tells that by its own clock."""
+    detail = reason.detail.rpartition("latched since ")[0].removesuffix("; ")
+    return str(reason._replace(detail=detail))
 
 
 def _pack_obstacles(monitor: Monitor, snapshot: Snapshot) -> ObstacleShapes:

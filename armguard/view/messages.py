@@ -150,6 +150,9 @@ class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
         reasons: What the verdict rests on, in plain words.
         effects: What each reason does to the level: "note", "standing" or "latched".
         since: When this level was taken on, in [s] of the monitor; None: not told.
+        cause: What it began with, in plain words; empty where it is latched, or not told.
+        rises_at: The earliest time at which a level that is held may rise, in [s] of the monitor;
+            None: it is not held.
     """
 
     level: str
@@ -162,6 +165,8 @@ class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
     reasons: tuple[str, ...] = ()
     effects: tuple[str, ...] = ()
     since: float | None = None
+    cause: str = ""
+    rises_at: float | None = None
 
 
 class Load(msgspec.Struct, frozen=True, kw_only=True):

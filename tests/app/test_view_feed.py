@@ -188,11 +188,58 @@ def test_a_latch_tells_since_when_and_a_source_how_it_is_heard(robot):
     told = (scene.reset_address, scene.obeys_reset, scene.recording)
     assert told == ("ipc:///x", True, "/y")
     assert frame.latches[0].since == pytest.approx(0.2, abs=INTERVAL)
+    # Of two clocks a page shows one.
+    assert frame.latches[0].reason == "joint state malformed: panda_joint1 (q is nan)"
+    assert frame.verdict.cause == ""
     assert (frame.obeyed_resets, frame.refused_resets) == (1, 2)
     heard = {source.name: source for source in frame.sources}
     assert heard["camera"].rate == pytest.approx(500.0, rel=0.05)
     assert heard["robot"].rate == pytest.approx(500.0, rel=0.05)
     assert heard["camera"].timeout == monitor.settings.source_timeout
+
+
+def test_a_level_that_is_held_tells_what_it_began_with_and_when_it_may_rise(robot):
+    obstacles, messages = Obstacles(sources=[]), Messages()
+    monitor = Monitor(robot, obstacles, rise_delay=0.1)
+    feed, first = MonitorFeed(monitor, messages), None
+    for tick in range(200):
+        now = 1e-3 * tick
+        if tick == 10:
+            obstacles.update(["ball"], now, [[0.3, 0.0, 0.6]], radius=0.1)
+        if tick == 15:
+            obstacles.remove(["ball"], now)
+        verdict = monitor.step(now, READY, np.zeros(7))
+        if first is None and verdict.level.name == "STOP" and tick >= 10:
+            first = verdict
+        feed.observe(verdict, now, Durations(), 0)
+    frames = [frame for frame in messages.frames if frame.now > 0.02]
+    held = [frame for frame in frames if frame.verdict.rises_at is not None]
+    cause = f"{first.link} and ball, contact time 0 ms, stop time {1e3 * first.stop_time:.0f} ms"
+    assert len(held) > 1
+    for frame in held:
+        summary = frame.verdict
+        assert (summary.level, summary.since, summary.cause) == ("STOP", first.stamp, cause)
+        assert summary.rises_at == pytest.approx(0.114, abs=2e-3)
+        # In fields of its own, and not again among the reasons.
+        assert not any("waiting for evidence" in reason for reason in summary.reasons)
+        assert len(summary.reasons) == len(summary.effects)
+    assert frames[-1].verdict.level == "CLEAR"
+    assert (frames[-1].verdict.cause, frames[-1].verdict.rises_at) == ("", None)
+
+
+def test_a_stop_that_is_held_after_a_reset_began_with_the_reset(robot):
+    obstacles, messages = Obstacles(sources=[]), Messages()
+    monitor = Monitor(robot, obstacles, rise_delay=0.1)
+    feed = MonitorFeed(monitor, messages)
+    for tick in range(1, 250):
+        now = 1e-3 * tick
+        q = READY * np.nan if tick == 100 else READY
+        if tick == 150:
+            monitor.reset()
+        feed.observe(monitor.step(now, q, np.zeros(7)), now, Durations(), 0)
+    held = [frame.verdict for frame in messages.frames if frame.verdict.rises_at is not None]
+    (told,) = {(one.level, one.cause, one.since) for one in held if one.since > 0.12}
+    assert told == ("STOP", "reset", 0.15)
 
 
 def test_what_is_told_of_a_stop_in_a_recording_is_why(robot):

@@ -464,7 +464,7 @@ def test_a_latched_stop_tells_since_when_and_what_ends_it(feed, page):
     jump, gap = "joint state jumped: panda_joint3", "gap in joint states"
     latches = (
         Latch(reason=jump, since=1.0, remedy="check for <b>swapped</b> states"),
-        Latch(reason=gap, since=3.5, remedy="see why they stayed away"),
+        Latch(reason=gap, since=3.5, remedy="set a longer `joint_timeout <b>x</b>`, then reset"),
     )
     verdict = VerdictSummary(
         level="STOP",
@@ -482,20 +482,44 @@ def test_a_latched_stop_tells_since_when_and_what_ends_it(feed, page):
         jump,
         "check for <b>swapped</b> states",
         f"3.50 s {gap}",
-        "see why they stayed away",
+        "set a longer joint_timeout <b>x</b>, then reset",
     ]
+    assert page.locator("#latches code").all_inner_texts() == ["joint_timeout <b>x</b>"]
     assert page.inner_text("#since").startswith("since 1.00 s, for")
     assert "obeys no reset" in page.inner_text("#remedy")
+    # On a phone each time stays in one line beside the sign of the latch.
+    page.set_viewport_size({"width": 360, "height": 640})
+    heights = "() => ['contact', 'speed'].map((id) => document.getElementById(id).clientHeight)"
+    assert max(page.evaluate(heights)) < 25
+    page.set_viewport_size({"width": 900, "height": 600})
     feed.show("STOP")
     page.wait_for_selector("#latch", state="hidden")
 
 
-def test_no_text_from_data_is_markup(browser):
-    page = open_page(browser)
-    feed = Feed(robot="<b>bare</b>", sensors=(("<b>camera</b>", (1.0,) * 16),))
-    texts = [f"<b>{place}</b> [statics] &amp; {NAME}" for place in range(9)]
-    (reason, link, obstacle, latched, remedy, source, why, late, note) = texts
-    verdict = VerdictSummary(
+def test_a_level_that_is_held_tells_its_cause_and_when_it_may_rise(feed, page):
+    cause = "panda_link1 and <b>left_hand</b>, contact time 46 ms, stop time 83 ms"
+    begun = msgspec.structs.replace(show_person("STOP")["verdict"], since=39.9, cause=cause)
+    held = msgspec.structs.replace(begun, contact_time=0.157, stop_time=0.073, rises_at=40.3)
+    sizes = []
+    for width, height in [(900, 600), (390, 844)]:
+        page.set_viewport_size({"width": width, "height": height})
+        feed.show("STOP", verdict=begun, now=39.9)
+        wait_for_text(page, "contact", "50 ms")
+        wait_for_text(page, "cause", f"since 39.90 s: {cause}")
+        assert page.inner_text("#rises") == ""
+        before = page.locator("#banner").bounding_box()
+        feed.show("STOP", verdict=held, now=40.1)
+        wait_for_text(page, "contact", "157 ms")
+        assert page.inner_text("#cause") == f"since 39.90 s: {cause}; may rise in 0.2 s"
+        sizes.append((before, page.locator("#banner").bounding_box()))
+    page.set_viewport_size({"width": 900, "height": 600})
+    # Nothing on the page moves when the level begins to be held.
+    assert all(before == after for before, after in sizes)
+    feed.show("STOP", sequence=0)
+    wait_for_text(page, "level", "WAITING")
+    assert page.inner_text("#cause").strip() == ""
+
+
 # Labels that touch the next one, or leave the panel.
 FIND_TOUCHING = """() => {
     const all = [...document.querySelectorAll("#buckets u + b")];
@@ -527,6 +551,12 @@ def test_labels_of_the_legend_do_not_touch(browser, period):
     page.close()
 
 
+def test_no_text_from_data_is_markup(browser):
+    page = open_page(browser)
+    feed = Feed(robot="<b>bare</b>", sensors=(("<b>camera</b>", (1.0,) * 16),))
+    texts = [f"<b>{place}</b> [statics] &amp; {NAME}" for place in range(9)]
+    (reason, link, obstacle, latched, remedy, source, why, late, note) = texts
+    verdict = VerdictSummary(
         level="STOP",
         contact_time=0.1,
         stop_time=0.2,
@@ -811,9 +841,12 @@ def test_a_few_tabs_lead_to_what_goes_through_the_past_on_a_busy_cell(browser):
         page.get_by_label("jump to the next STOP").focus()
         page.keyboard.press("Enter")
         wait_for_text(page, "past", "PAST")
+        spoken = page.get_by_label("time", exact=True)
+        assert spoken.get_attribute("aria-valuetext") == page.inner_text("#transport span")
         page.keyboard.press("Tab")
         page.keyboard.press("Enter")
         page.wait_for_selector("#past", state="hidden")
+        assert spoken.get_attribute("aria-valuetext") == "the present"
 
 
 def test_a_marker_keeps_the_focus_while_more_happens_and_arrows_lead_to_others(browser):
@@ -883,6 +916,8 @@ def test_a_reset_from_the_page_needs_the_token(browser):
                 wait_for_text(page, "level", "CLEAR")
                 page.wait_for_selector("#events .reset")
                 assert page.input_value("#token") == ""
+                # Where the reset was asked for is hidden: the focus stays nearby.
+                assert page.evaluate("() => document.activeElement.id") == "panels"
         finally:
             ended.set()
             listener.join()

@@ -1,6 +1,6 @@
 // The panels: what the verdict says, what it rests on, who is heard, and what the colours mean.
 import { paint } from "./colours.js";
-import { age, brief, clock, element, item, microseconds, seconds, stopTime } from "./words.js";
+import { age, brief, clock, element, item, microseconds, prose, seconds, stopTime } from "./words.js";
 
 const GREY = "var(--none)";
 const SLUGGISH = 0.5; // share of its timeout after which a source is called slow
@@ -40,7 +40,7 @@ export class Panels {
     element("others").replaceChildren(
       ...scene.others.map((other) => legendRow(other.sign, paint(other.paint), null, other.text)));
     this.layBuckets(scene);
-    for (const id of ["times", "figures", "structure", "legend"]) element(id).hidden = this.isModel;
+    for (const id of ["times", "cause", "figures", "structure", "legend"]) element(id).hidden = this.isModel;
     element("model").hidden = !this.isModel;
     if (this.isModel) element("depth").max = scene.tree.length - 1;
     element("token").disabled = !scene.obeys_reset;
@@ -70,6 +70,7 @@ export class Panels {
     element("contact").style.color = `color-mix(in srgb, ${own} 65%, var(--pole))`;
     element("stop").textContent = stopTime(verdict.stop_time);
     element("speed").textContent = `${(100 * verdict.speed_scale).toFixed(0)} %`;
+    this.showCause(verdict);
     element("link").textContent = verdict.link || "none";
     element("obstacle").textContent = verdict.obstacle || "none";
     // What is latched stands in its own panel, with what to do about it.
@@ -85,7 +86,7 @@ export class Panels {
     element("asking").hidden = !verdict.asking;
     element("hint").textContent = this.scene.is_being_recorded
       ? "the recording of this run tells what would have avoided it:"
-      : "what would have avoided it a recording tells: start the run with --record FILE, and then ask";
+      : "a recording tells what would have avoided it: start the run with --record FILE, then ask";
     update(element("command"), verdict.asking.split(/( )/).map((word) => {
       const part = document.createElement("span"); // a line ends between words, never at a hyphen
       part.textContent = word;
@@ -103,6 +104,14 @@ export class Panels {
     const count = `${verdict.obstacles} obstacle${verdict.obstacles === 1 ? "" : "s"}`;
     element("source").textContent = this.isModel ? this.scene.robot
       : `${this.scene.robot} · ${count} · tick ${verdict.sequence} · ${clock(verdict.wall, verdict.now)}`;
+  }
+
+  // A level that is held tells what it began with, since when, and when it may rise.
+  showCause({ sequence, now, wall, since, cause, rises_at }) {
+    const isKnown = sequence > 0 && since !== null, isHeld = isKnown && rises_at !== null;
+    element("began").textContent = isKnown
+      ? `since ${tellTime(since, now, wall)}${cause && ": "}${cause}${isHeld ? ";" : ""}` : "";
+    element("rises").textContent = isHeld ? `may rise in ${Math.max(0, rises_at - now).toFixed(1)} s` : "";
   }
 
   showSources(sources) {
@@ -128,21 +137,21 @@ export class Panels {
   }
 
   showLatches({ latches, now, wall }) {
-    element("latch").hidden = !latches.length;
     document.body.classList.toggle("latched", latches.length > 0);
     if (!latches.length) {
+      if (element("latch").contains(document.activeElement)) element("panels").focus();
       element("outcome").textContent = "";
       element("token").value = "";
+      element("latch").hidden = true;
       return;
     }
+    element("latch").hidden = false;
     const begin = Math.min(...latches.map(({ since }) => since));
-    const tell = (since) => (wall > 0 ? clock(wall - (now - since), since) : clock(0, since));
-    element("since").textContent = `since ${tell(begin)}, for ${age(Math.max(0, now - begin))}`;
+    element("since").textContent = `since ${tellTime(begin, now, wall)}, for ${age(Math.max(0, now - begin))}`;
     update(element("latches"), latches.map(({ reason, since, remedy }) => {
-      const row = item(since > begin ? `${tell(since)} ${reason}` : reason);
-      const advice = document.createElement("div");
+      const row = item(since > begin ? `${tellTime(since, now, wall)} ${reason}` : reason);
+      const advice = prose(document.createElement("div"), remedy);
       advice.className = "remedy";
-      advice.textContent = remedy;
       row.append(advice);
       return row;
     }));
@@ -187,6 +196,11 @@ export class Panels {
     element("headline").classList.toggle("long", text.length > 9);
     document.documentElement.style.setProperty("--level", known ? known.colour : GREY);
   }
+}
+
+// A time of the monitor on the clock of the page.
+function tellTime(time, now, wall) {
+  return clock(wall > 0 ? wall - (now - time) : 0, time);
 }
 
 function legendRow(sign, colour, name, text) {

@@ -116,8 +116,8 @@ export class Strip {
     this.drawCurve(pen, shown, x, (moment) => y(moment.contact), { dash: [], colour: tone("--curve") });
     if (height > 100) {
       for (const time of LINES) this.write(pen, `${time} s`, tone("--faint"), 2, y(time) - 2);
-      this.drawKey(pen, width);
     }
+    this.drawKey(pen, height > 100 ? 40 : 2);
     if (this.at !== null && this.moments.length) {
       pen.fillStyle = tone("--pole");
       pen.fillRect(Math.round(x(this.find(this.at).now)) - 1, 0, 2, height);
@@ -143,12 +143,12 @@ export class Strip {
     return this.isWhole ? Infinity : GAP;
   }
 
-  drawKey(pen, width) {
+  // On the left, where it covers what is oldest.
+  drawKey(pen, left) {
     const words = [
       ["— contact time", tone("--curve")], ["-- stop time", tone("--pole")],
       ["▮ allowed speed", tone("--faint")],
     ];
-    let left = width - words.reduce((sum, [text]) => sum + pen.measureText(text).width + 12, 0);
     for (const [text, colour] of words) {
       this.write(pen, text, colour, left, TOP + 12);
       left += pen.measureText(text).width + 12;

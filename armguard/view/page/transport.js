@@ -125,5 +125,6 @@ export class Transport {
     if (!moments.length) return;
     const moment = moments[this.index];
     this.told.textContent = clock(moment.wall, moment.now);
+    this.slider.setAttribute("aria-valuetext", this.at === null ? "the present" : this.told.textContent);
   }
 }

@@ -44,6 +44,17 @@ export function item(text, kind) {
   return row;
 }
 
+// Prose with code between backticks. All of it is text, whatever it looks like.
+export function prose(place, text) {
+  place.append(...text.split(/`([^`]*)`/).map((part, k) => {
+    if (k % 2 === 0) return part;
+    const code = document.createElement("code");
+    code.textContent = part;
+    return code;
+  }));
+  return place;
+}
+
 export function button(text, title, act) {
   const made = document.createElement("button");
   made.type = "button";
