@@ -84,7 +84,7 @@ def main(arguments: list[str] | None = None) -> tuple[Score, Score | None]:
     parser.add_argument("--obstacles", type=int, default=400)
     parser.add_argument("--hunting", type=int, default=16, help="of these, how many attack")
     parser.add_argument("--rate", type=float, default=1000.0, help="ticks a second")
-    parser.add_argument("--max-staleness", type=float, default=0.25)
+    parser.add_argument("--max-staleness", type=float, default=0.1)
     parser.add_argument("--schedule", default="deadline")
     parser.add_argument(
         "--control",

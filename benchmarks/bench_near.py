@@ -32,6 +32,7 @@ from armguard.jit.kernels import kernel
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.pairs.contact_time import bounds_of
+from armguard.pairs.scene import ADVANCES
 from armguard.robot import Robot
 from armguard.verdict import Level
 from scene.beside import PIECE, RATE, UPDATE_RATE, Setting, Swing, make_settings
@@ -68,7 +69,7 @@ def loop_over_all(handle: Any, now: float, age: float) -> float:
             )  # fmt: skip
             found = row_contact_time(
                 sphere, bodies.points, bodies.velocities, row, bodies.point_count[row],
-                bounds_of(bodies, row, now - bodies.stamp[row]), distance, scene.settings.advances,
+                bounds_of(bodies, row, now - bodies.stamp[row]), distance, ADVANCES,
             )  # fmt: skip
             earliest = min(earliest, found)
     return earliest

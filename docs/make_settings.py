@@ -21,7 +21,7 @@ BLOCK = re.compile(
 )
 
 LEFT_OUT = {
-    "cover level 1", "cover level 2", "advances 2", "advances 4", "motion joint by time",
+    "cover level 1", "cover level 2", "motion joint by time",
     "schedule daa, fibonacci", "max_staleness 0.5", "rate 500 Hz", "budget 256",
 }  # fmt: skip
 """Settings that a table leaves to its report, and so are combinations."""
@@ -88,7 +88,7 @@ def _tabulate_settings(settings: dict[str, Any]) -> str:
 def _tabulate_choices() -> str:
     shares = "same level | of the evaluations | of the time"
     lines = [
-        f"| scene | `max_staleness`, level, `advances` | {shares} | default: {shares} |",
+        f"| scene | `max_staleness`, level | {shares} | default: {shares} |",
         f"|---|---|{'---:|' * 6}",
     ]
     for name, scene in SCENES.items():
@@ -98,7 +98,7 @@ def _tabulate_choices() -> str:
         fineness = "all" if level is None else str(level)
         cells = [
             f"{scene} ([{name}](tradeoff/auto/{name}/README.md))",
-            f"{settings['max_staleness']:g}, {fineness}, {settings['advances']}",
+            f"{settings['max_staleness']:g}, {fineness}",
         ]
         for one in ("auto", "default"):
             cells.append(f"{figures[one]['same_level']:.1%}")

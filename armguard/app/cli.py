@@ -571,7 +571,7 @@ class Tradeoff:
     out: Path = Path("tradeoff")
     """The folder to write the report into."""
     axis: tuple[str, ...] = ()
-    """Only these: operating, cover, advances, motion, schedule, max_staleness, rate, budget,
+    """Only these: operating, cover, motion, schedule, max_staleness, rate, budget,
     auto."""
     seconds: float = 20.0
     """Of the scene."""

@@ -27,7 +27,6 @@ from armguard.exceptions import ArmguardError
 from armguard.monitor.reports import Snapshot
 from armguard.monitor.settings import MonitorSettings
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs.arm import ADVANCES
 from armguard.pairs.scene import REACH
 from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import DEADLINE
@@ -47,15 +46,11 @@ AS_CHEAP = 1.02
 
 STALENESS = (0.0, 0.02, 0.05, 0.1, 0.25, 0.5)
 MOTIONS = ("joint", "isotropic")
-FEWER_ADVANCES = (1, 2)
-
-FINEST_ADVANCES = 16
-"""Steps of conservative advancement in an evaluation by the finest; hardly a pair takes more."""
 
 ROOM, LEAST_BUDGET = 4, 5000
 """A budget is so many times what the dearest tick of the trial took, and no less than this."""
 
-USUAL: Mapping[str, Any] = {"motion": "joint", "max_staleness": 0.25, "advances": ADVANCES}
+USUAL: Mapping[str, Any] = {"motion": "joint", "max_staleness": 0.1}
 """What a monitor has that is told nothing; kept where a trial shows nothing."""
 
 FINEST_SCHEDULE = "full"
@@ -188,9 +183,8 @@ def choose(
     """Try settings, and choose the cheapest that cannot be told from the finest.
 
     One axis after the other, each with what was chosen on those before: `max_staleness`, level of
-    the cover, motion model, advances. Of settings that cost the same the finer one is chosen, but
-    for advances, whose price no count of evaluations shows: there the fewest. The budget is what
-    the dearest tick took, with room to spare. Where no setting is as good as the finest, the
+    the cover, motion model. Of settings that cost the same the finer one is chosen. The budget is
+    what the dearest tick took, with room to spare. Where no setting is as good as the finest, the
     nearest to it is chosen, and a reason says so; where the finest says one level alone, nothing
     but STOP or nothing but CLEAR, a trial shows nothing, and what is usual stays.
 
@@ -224,8 +218,7 @@ def choose(
     # What verdicts carry beside their answer is not compared, and takes time.
     fixed = {**given, "certify": False, "separation": None}
     usual = {name: value for name, value in USUAL.items() if name not in given}
-    finer = {"advances": FINEST_ADVANCES} if "advances" in usual else {}
-    whole = _Rungs({**usual, **finer, "schedule": FINEST_SCHEDULE, "budget": None})
+    whole = _Rungs({**usual, "schedule": FINEST_SCHEDULE, "budget": None})
     finest = _run(make, robot, obstacles, ticks, fixed, whole, looks=True)
 
     def attempt(rungs: _Rungs) -> _Outcome:
@@ -284,7 +277,6 @@ def _list_axes(
         "max_staleness": lambda best: [best.change(max_staleness=one) for one in STALENESS],
         "level": lambda best: [best, *(best._replace(level=one) for one in coarser)],
         "motion": lambda best: [best.change(motion=one) for one in MOTIONS],
-        "advances": lambda best: [*(best.change(advances=one) for one in FEWER_ADVANCES), best],
     }
     return [
         (axis, candidates)

@@ -51,7 +51,6 @@ from armguard.monitor.settings import (
     refuse_settings,
 )
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs.arm import ADVANCES
 from armguard.pairs.exemptions import Exemption, Exemptions
 from armguard.pairs.ignored import IgnoredPairs
 from armguard.pairs.separation_margin import SeparationRule
@@ -108,8 +107,6 @@ class Monitor:
             deadline is a STOP. Each question of the stop decision may spend as many; where they do
             not suffice, the answer is the cautious one, and a reason says so. For "deadline" only;
             default: no limit.
-        advances: Steps of conservative advancement in an evaluation, from 1; any number is safe,
-            and fewer are cheaper and find contact times that are too short for some pairs.
         base_placement: Of the robot's base in the world; default at the origin.
         operating: What the controller keeps to while the arm works, enforced by it and tested here
             at every joint state; "published": what the robot's description has from published
@@ -151,9 +148,8 @@ class Monitor:
         source_timeout: float = 0.2,
         joint_timeout: float | None = None,
         margin: float = 0.0,
-        max_staleness: float = 0.25,
+        max_staleness: float = 0.1,
         budget: int | None = None,
-        advances: int = ADVANCES,
         base_placement: pinocchio.SE3 | None = None,
         operating: OperatingLimits | str | None = None,
         payload: float | None = None,
@@ -175,7 +171,6 @@ class Monitor:
             joint_timeout=joint_timeout,
             max_staleness=max_staleness,
             budget=budget,
-            advances=advances,
             base_placement=base_placement,
             operating=operating,
             payload=payload,
@@ -264,8 +259,8 @@ class Monitor:
         Each candidate is led through the trial with a table of its own. Chosen is the cheapest
         whose verdicts cannot be told from those of the finest, which evaluates every pair in every
         tick: the same level in 99 % of the ticks, and speed scales that differ by 0.01 at most on
-        average. What is chosen is `max_staleness`, the level of the cover, `motion`, `advances` and
-        a `budget` with room to spare. The price is counted in evaluations, so the choice does not
+        average. What is chosen is `max_staleness`, the level of the cover, `motion` and a
+        `budget` with room to spare. The price is counted in evaluations, so the choice does not
         depend on the machine. Safety does not rest on it: each setting errs to the safe side, and
         watches every link, obstacle and source; a scene that is not like the trial is judged more
         cautiously than by the finest, never less safely.

@@ -13,7 +13,7 @@ from armguard.bounds.arm import MOTIONS, PLANNED
 from armguard.bounds.operating_history import OperatingHistory
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs.arm import ADVANCES, WatchedArm
+from armguard.pairs.arm import WatchedArm
 from armguard.pairs.exemptions import Exemptions
 from armguard.pairs.ignored import IgnoredPairs
 from armguard.pairs.separation_margin import SeparationRule
@@ -28,10 +28,12 @@ from armguard.scheduling.scheduler import Scheduler
 LEAVES = ("never", "any")
 """When joints may leave a committed piece to brake by themselves: never, or at any moment."""
 
-REMOVED = dict.fromkeys(
-    ("stop", "path_deceleration"),
-    'with motion="planned" the controller commits pieces that carry their own stop',
-)
+_COMMIT = 'with motion="planned" the controller commits pieces that carry their own stop'
+REMOVED = {
+    "stop": _COMMIT,
+    "path_deceleration": _COMMIT,
+    "advances": "leave it out: an evaluation takes as many steps as it needs, up to 8",
+}
 """Settings of earlier versions, and what replaces them."""
 
 SCALE_RISE = 1.0
@@ -39,9 +41,6 @@ SCALE_RISE = 1.0
 
 MOST_EVALUATIONS = 2**62
 """A budget that nothing exceeds."""
-
-MOST_ADVANCES = 100
-"""More steps of conservative advancement than any pair was seen to take."""
 
 
 class MonitorSettings(NamedTuple):
@@ -69,7 +68,6 @@ class MonitorSettings(NamedTuple):
     max_staleness: float
     budget: int | None
     base_placement: pinocchio.SE3
-    advances: int = ADVANCES
     operating: OperatingLimits | None = None
     """What the controller keeps to; None: the robot's limits."""
     payload: float = 0.0
@@ -108,7 +106,6 @@ def read_settings(
     max_staleness: float,
     budget: int | None,
     base_placement: pinocchio.SE3 | None,
-    advances: object = ADVANCES,
     operating: object = None,
     payload: object = None,
     **amounts: float,
@@ -163,7 +160,6 @@ def read_settings(
         max_staleness=float(max_staleness),
         budget=_read_budget(budget, by_deadline=by_deadline),
         base_placement=base_placement or pinocchio.SE3.Identity(),
-        advances=_read_advances(advances),
         operating=read_operating(robot, operating),
         payload=robot.brakes.check_payload(payload),
         **numbers,
@@ -222,14 +218,6 @@ def _read_budget(budget: object, *, by_deadline: bool) -> int | None:
     return min(int(budget), MOST_EVALUATIONS)
 
 
-def _read_advances(advances: object) -> int:
-    if isinstance(advances, bool) or not isinstance(advances, (int, np.integer)):
-        raise ArmguardError("advances", f"is {advances!r}", expected="a whole number")
-    if not 1 <= advances <= MOST_ADVANCES:
-        raise ArmguardError("advances", f"is {advances}", expected=f"1 to {MOST_ADVANCES}")
-    return int(advances)
-
-
 def make_scheduler(
     robot: Robot,
     obstacles: Obstacles,
@@ -267,7 +255,6 @@ def make_scheduler(
             by_distance=schedule is not None and schedule.measure == "distance",
             in_force=in_force,
             exemptions=exemptions,
-            advances=settings.advances,
         )
 
     if schedule is not None:

@@ -22,10 +22,6 @@ from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 
-ADVANCES = 8
-"""Steps of conservative advancement per evaluation, unless the user says otherwise; nearly every
-pair has converged by then."""
-
 
 class WatchedArm:
     """Kinematics, motion models, hull distances and the tick's numbers of one arm.
@@ -42,7 +38,6 @@ class WatchedArm:
         by_distance: Whether pairs are ranked by distance over closing speed.
         in_force: What joints keep to while the arm works, shared; None: the robot's limits.
         exemptions: Pairs that are not watched for the time being; None: there are none.
-        advances: Steps of conservative advancement per evaluation.
 
     Attributes:
         links: Names of the links, as of the revision below.
@@ -63,7 +58,6 @@ class WatchedArm:
         by_distance: bool,
         in_force: LimitsInForce | None = None,
         exemptions: Exemptions | None = None,
-        advances: int = ADVANCES,
     ) -> None:
         # What is attached meanwhile, in another thread, does not reach the copy.
         self._robot = robot = copy.copy(robot)
@@ -86,7 +80,6 @@ class WatchedArm:
             self.motion,
             obstacles,
             margin=margin,
-            advances=advances,
             by_distance=by_distance,
         )
         self.hull_distance = HullDistance(robot, self.kinematics)

@@ -23,7 +23,7 @@ from armguard.jit.kernels import kernel, separate_kernel
 from armguard.jit.numerics import TERM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.table import States
-from armguard.pairs.scene import DISTANCE, ISOTROPIC, JOINT, REACH, Scene
+from armguard.pairs.scene import ADVANCES, DISTANCE, ISOTROPIC, JOINT, REACH, Scene
 
 REACH_ADVANCES = 2
 """Steps of conservative advancement against what stands still: the second is nearly always last."""
@@ -92,7 +92,7 @@ def _free_time(
     else:
         time = row_contact_time(
             sphere, bodies.points, bodies.velocities, row, bodies.point_count[row],
-            bounds_of(bodies, row, age), distance, scene.settings.advances,
+            bounds_of(bodies, row, age), distance, ADVANCES,
         )  # fmt: skip
     return time if time >= 0.0 else 0.0
 

@@ -35,7 +35,6 @@ class TickState:
         motion: Whose bounds are read.
         obstacles: Whose table is read.
         margin: Distance in [m] that counts as contact already.
-        advances: Steps of conservative advancement per evaluation; any number is safe.
         by_distance: Evaluate distance over closing-speed bound instead of contact time.
 
     Attributes:
@@ -56,7 +55,6 @@ class TickState:
         obstacles: Obstacles,
         *,
         margin: float,
-        advances: int,
         by_distance: bool,
     ) -> None:
         self.now = 0.0
@@ -80,7 +78,6 @@ class TickState:
         )
         self._settings = Settings(
             float(margin),
-            advances,
             by_distance,
             with_reach=not by_distance,
             with_joints=motion.with_joints and not by_distance,

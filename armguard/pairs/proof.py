@@ -19,6 +19,7 @@ from armguard.jit.numerics import TERM_ROUNDING
 from armguard.obstacles.possible_states import list_states
 from armguard.obstacles.table import States
 from armguard.pairs.evaluate import TickState
+from armguard.pairs.scene import ADVANCES
 
 
 def prove_pair(
@@ -49,11 +50,11 @@ def _prove_state(
     decider = sphere
     while sphere >= 0:
         inputs = _describe(state, sphere, bodies, place, float(age))
-        proofs.append((certify(**inputs, advances=state.scene.settings.advances), inputs))
+        proofs.append((certify(**inputs, advances=ADVANCES), inputs))
         sphere = int(state.tree.parent[sphere])
     for ball in (state.arm.link_balls[state.link_of[decider]], state.arm.arm_ball):
         inputs = _describe_ball(state, ball, bodies, place, float(age))
-        proofs.append((certify(**inputs, advances=state.scene.settings.advances), inputs))
+        proofs.append((certify(**inputs, advances=ADVANCES), inputs))
     return max(proofs, key=lambda proof: proof[0].contact_time)
 
 

@@ -15,7 +15,7 @@ from armguard.monitor.settings import REMOVED, SCALE_RISE
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
-from armguard.pairs.arm import ADVANCES
+from armguard.pairs.scene import ADVANCES
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.portable import read_numbers, write_number, write_numbers
@@ -41,7 +41,7 @@ _PLAIN = (
 """Settings of a monitor that are one number each."""
 
 _WORDS = ("motion", "leave")
-_WHOLE = ("budget", "advances")
+_WHOLE = ("budget",)
 
 
 def describe_settings(monitor: Monitor) -> dict[str, Any]:
@@ -58,7 +58,6 @@ def describe_settings(monitor: Monitor) -> dict[str, Any]:
             **{name: getattr(settings, name) for name in _WORDS},
             "schedule": _describe_schedule(settings.schedule),
             "budget": settings.budget,
-            "advances": settings.advances,
             "ignore": [list(entry) for entry in settings.ignore],
             "certify": bool(settings.certify),
             "base_placement": {
@@ -140,8 +139,12 @@ def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) ->
     """A monitor from the data of `describe_settings`; errors as of `make_obstacles`."""
     base, operating, separation = data["base_placement"], data["operating"], data["separation"]
     schedule = data["schedule"]
+    if data.get("advances", ADVANCES) != ADVANCES:
+        raise ArmguardError(
+            "advances", f"is {data['advances']!r}", expected=f"{ADVANCES}, as always"
+        )
     # Recordings of earlier versions do not have all that there is now: then it was as by default.
-    data = {"leave": "never", "advances": ADVANCES, "scale_rise": SCALE_RISE, **data}
+    data = {"leave": "never", "scale_rise": SCALE_RISE, **data}
     words: dict[str, Any] = {name: str(data[name]) for name in _WORDS}
     numbers: dict[str, Any] = {name: float(data[name]) for name in _PLAIN}
     return Monitor(
@@ -153,7 +156,6 @@ def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) ->
         if isinstance(schedule, str)
         else DaaSchedule(float(schedule["period"]), schedule["law"], schedule["sort"]),
         budget=data["budget"],
-        advances=data["advances"],
         ignore=[tuple(entry) for entry in data["ignore"]],
         certify=bool(data["certify"]),
         base_placement=pinocchio.SE3(

@@ -68,7 +68,7 @@ def words_of(tmp_path, recording, monkeypatch):
         "cover": (["panda", "--export", str(tmp_path / "panda.yml")], "wrote"),
         "commission": ([str(recording)], "cell_lines"),
         "tradeoff": (
-            ["--out", out, "--seconds", "1", "--no-plots", "--axis", "advances"],
+            ["--out", out, "--seconds", "1", "--no-plots", "--axis", "max_staleness"],
             "settings",
         ),
         "faults": ([], "passed"),

@@ -77,7 +77,10 @@ def test_a_robot_beside_a_cell_is_a_mistake(tmp_path, capsys):
 
 def test_a_cell_is_a_scene(tmp_path, capsys):
     (tmp_path / "cell.toml").write_text(CELL)
-    assert run(tmp_path, str(tmp_path / "cell.toml"), "--axis", "advances", "--obstacles", "2") == 0
+    assert (
+        run(tmp_path, str(tmp_path / "cell.toml"), "--axis", "max_staleness", "--obstacles", "2")
+        == 0
+    )
     out = capsys.readouterr().out
     assert "Cheapest setting whose STOP share is within 1 percentage point" in out
     data = json.loads((tmp_path / "out" / "report.json").read_text())
@@ -86,7 +89,7 @@ def test_a_cell_is_a_scene(tmp_path, capsys):
     assert data["settings"][0]["figures"]["stop"] < 1.0
     assert data["interrupted"] == ""
     assert data["command"].startswith("armguard")
-    assert {one["name"] for one in data["settings"]} >= {"default", "finest", "advances 16"}
+    assert {one["name"] for one in data["settings"]} >= {"default", "finest", "max_staleness 0"}
 
 
 def test_an_interrupt_writes_what_there_is(tmp_path, capsys, monkeypatch):
@@ -95,7 +98,7 @@ def test_an_interrupt_writes_what_there_is(tmp_path, capsys, monkeypatch):
 
     monkeypatch.setattr("armguard.studies.tradeoff.study._find_contacts", find_contacts)
     (tmp_path / "cell.toml").write_text(CELL)
-    assert run(tmp_path, str(tmp_path / "cell.toml"), "--axis", "advances") == 0
+    assert run(tmp_path, str(tmp_path / "cell.toml"), "--axis", "max_staleness") == 0
     assert "Interrupted in the part “what really happened”" in capsys.readouterr().out
     page = (tmp_path / "out" / "README.md").read_text()
     assert "Interrupted in the part" in page
@@ -106,7 +109,7 @@ def test_an_interrupt_before_anything_says_so(tmp_path, capsys, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Covers, "choose", choose)
-    assert run(tmp_path, "--axis", "advances") == 130
+    assert run(tmp_path, "--axis", "max_staleness") == 130
     assert "interrupted before there was anything to show" in capsys.readouterr().err
     assert not (tmp_path / "out" / "report.json").exists()
 
@@ -121,7 +124,7 @@ def test_pictures_need_their_library_before_anything_is_measured(tmp_path, monke
 
 def test_what_was_kept_is_gone_on_with_and_a_study_of_another_seed_is_not(tmp_path, capsys):
     (tmp_path / "cell.toml").write_text(CELL)
-    words = [str(tmp_path / "cell.toml"), "--axis", "advances", "--obstacles", "2", "--resume"]
+    words = [str(tmp_path / "cell.toml"), "--axis", "max_staleness", "--obstacles", "2", "--resume"]
     assert run(tmp_path, *words) == 0
     assert "taken from an earlier run" not in capsys.readouterr().out
     first = json.loads((tmp_path / "out" / "report.json").read_text())
@@ -150,7 +153,7 @@ def test_workers_that_cannot_be_had_are_a_mistake(tmp_path, capsys):
 
 def test_balls_that_touch_the_arm_are_told_of(tmp_path, capsys):
     (tmp_path / "cell.toml").write_text(CELL)
-    words = ["--axis", "advances", "--obstacles", "1", "--touching", "1"]
+    words = ["--axis", "max_staleness", "--obstacles", "1", "--touching", "1"]
     assert run(tmp_path, str(tmp_path / "cell.toml"), *words) == 0
     data = json.loads((tmp_path / "out" / "report.json").read_text())
     assert data["title"] == "panda and 1 balls from 1 m on and 1 balls that touch it"
@@ -171,6 +174,6 @@ def test_an_interrupt_before_the_finest_says_what_is_kept(tmp_path, capsys, monk
 
     monkeypatch.setattr(study, "measure_setting", measure_one)
     (tmp_path / "cell.toml").write_text(CELL)
-    words = ["--axis", "advances", "--obstacles", "1", "--resume"]
+    words = ["--axis", "max_staleness", "--obstacles", "1", "--resume"]
     assert run(tmp_path, str(tmp_path / "cell.toml"), *words) == 130
     assert "1 settings are kept: --resume goes on with them" in capsys.readouterr().err

@@ -8,13 +8,12 @@ import pytest
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor, TrialTick, choice
 from armguard.obstacles import Obstacles
-from armguard.pairs.arm import ADVANCES
 from armguard.scheduling import DaaSchedule
 from support.panda_monitor import HOME, STILL, make_monitor, panda, see
 from support.trials import RATE, lead, make_auto, make_robot, make_trial
 
 FAR = functools.partial(make_trial, nearest=20.0, farthest=21.0)
-FINEST = {"schedule": "full", "advances": 16}
+FINEST = {"schedule": "full"}
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +45,6 @@ def test_a_farther_obstacle_requires_less(near):
     assert farther.settings["max_staleness"] > near.choice.settings["max_staleness"]
     assert farther.evaluated < 0.5 * near.choice.evaluated
     assert farther.is_same
-    assert farther.settings["advances"] == 1
     assert farther.settings["budget"] == choice.LEAST_BUDGET
 
 
@@ -85,7 +83,7 @@ def test_a_link_is_out_of_reach_by_its_own_proof_for_each_new_state_again():
 
 
 def test_what_is_given_stands():
-    given = {"motion": "isotropic", "max_staleness": 0.3, "advances": 3, "budget": None}
+    given = {"motion": "isotropic", "max_staleness": 0.3, "budget": None}
     robot = make_robot()
     cover = robot.cover
     monitor = make_auto(make_trial(2.0), robot=robot, keeps_cover=True, **given)
@@ -94,9 +92,8 @@ def test_what_is_given_stands():
     assert monitor.choice.settings == {}
     assert monitor.choice.level is None
     first = monitor.choice.reasons[0]
-    assert first.endswith("motion and max_staleness and advances and budget as given")
-    settings = make_auto(FAR()[:20], advances=7, budget=50).settings
-    assert (settings.advances, settings.budget) == (7, 50)
+    assert first.endswith("motion and max_staleness and budget as given")
+    assert make_auto(FAR()[:20], budget=50).settings.budget == 50
 
 
 def test_nothing_of_the_trial_is_left():
@@ -121,7 +118,7 @@ def test_nothing_of_the_trial_is_left():
 )
 def test_a_trial_of_one_level_shows_nothing(trial, sources, level):
     told = make_auto(trial, obstacles=Obstacles(sources=sources)).choice
-    usual = {"motion": "joint", "max_staleness": 0.25, "advances": ADVANCES, "budget": None}
+    usual = {"motion": "joint", "max_staleness": 0.1, "budget": None}
     assert (told.settings, told.level) == (usual, None)
     assert told.summary[1].endswith(f"ticks, is nothing but {level}")
 

@@ -1038,6 +1038,26 @@ def test_a_piece_is_not_covered_by_one_that_promises_to_be_less_fast_off_its_cur
     assert len(monitor._judge.pieces._pieces) == 1, "both are covered by the last one"
 
 
+@pytest.mark.parametrize("leave", ["never", "any"])
+def test_a_piece_that_waits_is_joined_with_what_comes_before_it_or_not_at_all(leave):
+    """An arm that may leave the older one before the newer begins is on the course of neither."""
+    _, monitor = make_monitor(motion="planned", rate=100.0, leave=leave)
+    monitor.step(0.0, HOME, STILL)
+    stays = make_plan(times=[0.0, 2.0], q=np.tile(HOME, (2, 1)), v=np.zeros((2, 7)))
+    waits = make_plan(turn=0.01, stamp=0.1)
+    for plan in (stays, make_plan(turn=0.05), waits):
+        assert monitor.commit(plan).safe
+    pieces, (tick, _) = monitor._judge.pieces, monitor._last
+    _, older, newer = pieces._pieces
+    told = [id(plan) for plan in newer.before]
+    assert id(older.plan) not in told, "the newer one does not go on from it"
+    one = pieces._join(older, newer, tick)
+    if leave == "any":
+        assert one is None
+    else:
+        assert {id(older.plan), *told} <= {id(plan) for plan in one.before}
+
+
 def test_a_piece_that_the_arm_can_still_get_to_is_kept_wherever_it_waits():
     """Out and back again; a piece that begins where that ends. The first answer was lost."""
     _, monitor = make_monitor(motion="planned", rate=100.0)

@@ -5,7 +5,7 @@ import pinocchio
 import pytest
 
 from armguard.exceptions import ArmguardError
-from armguard.monitor.entrances import distance_to_hull
+from armguard.monitor.entrances import GOLDEN, distance_to_hull
 from armguard.obstacles import Obstacles
 from armguard.verdict import Level, ReasonKind
 from support.nearest_points import closest_in_hull
@@ -126,6 +126,22 @@ def test_an_entrance_around_a_link_is_refused_by_name(points):
     obstacles.add_static("post", [9.0, 0.0, 0.0], 0.1)
     ignore = [(link, "room") for link in panda().links]
     make_monitor(obstacles=obstacles, ignore=ignore)
+
+
+def test_an_entrance_that_a_link_can_leave_by_a_little_is_none_around_it():
+    """The link's reach is a ball: a region that is smaller by little does not hold all of it."""
+    _, monitor = make_monitor(obstacles=Obstacles(sources=[]))
+    *place, reach = monitor._scheduler.arm.motion.reach.link_balls[0].tolist()
+    around = reach * 3.0**0.5 / GOLDEN**2 * (1.0 + GOLDEN**2) ** 0.5
+    for share, is_around in ((1.001, True), (0.97, False)):
+        obstacles = Obstacles(sources=[])
+        obstacles.add_entrance("room", [place], share * around, 0.0)
+        ignore = [(link, "room") for link in panda().links[1:]]
+        if is_around:
+            with pytest.raises(ArmguardError, match=f"'room': is around {panda().links[0]}"):
+                make_monitor(obstacles=obstacles, ignore=ignore)
+        else:
+            make_monitor(obstacles=obstacles, ignore=ignore)
 
 
 def test_distances_to_hulls_are_never_too_short():

@@ -22,7 +22,7 @@ def place_crowd(count):
 def watch_crowd(count, *, rate=1000.0, budget=BUDGET, duration=0.4):
     """Headroom after a crowd was watched, the share of late ticks in which answers got staler than
     they may, and evaluations."""
-    obstacles, monitor = make_monitor(budget=budget, rate=rate)
+    obstacles, monitor = make_monitor(budget=budget, rate=rate, max_staleness=0.25)
     places, names = place_crowd(count), [f"ball {number}" for number in range(count)]
     # At first all are due at once, and that takes as long as it takes.
     backlog = math.ceil(count / budget)

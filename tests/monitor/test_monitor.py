@@ -296,23 +296,3 @@ def test_whole_numbers_are_numbers_like_others():
         kinds = [numba.typeof(getattr(monitor._scheduler, handle)) for monitor in (usual, other)]
         assert kinds[0] == kinds[1]
     assert other.headroom().evaluations == 0.0
-
-
-def test_fewer_advances_never_promise_more():
-    def contact_times(advances):
-        obstacles, monitor = make_monitor("full", motion="isotropic", advances=advances)
-        times = []
-        for i in range(40):
-            angle = 0.3 * i
-            place = [np.cos(angle), np.sin(angle), 0.2 + 0.02 * i]
-            moving = [-4.0 * np.sin(angle), 4.0 * np.cos(angle), 0.0]
-            obstacles.remove(["ball"])
-            see(obstacles, 0.1 * i, place, velocity=[moving], accel=0.5, speed=np.inf)
-            monitor.reset()
-            times.append(monitor.step(0.1 * i, HOME, STILL).contact_time)
-        return np.array(times)
-
-    one, usual, many = (contact_times(advances) for advances in (1, 8, 100))
-    assert (one <= usual).all()
-    assert (usual <= many).all()
-    assert (one < 0.999 * many).any()

@@ -166,6 +166,18 @@ def test_a_voxel_goes_when_rays_have_passed_it_and_not_because_none_fell_into_it
     assert kinds(obstacles) == []
 
 
+def test_rays_begin_where_the_frame_has_the_camera():
+    """The same scene, seen by a camera whose frame stands aside, turned."""
+    lens = Frame([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.5, -0.2, 1.0], 0.0)
+    obstacles, moved = Obstacles(), Obstacles(frames={"lens": lens})
+    for stamp, ball in enumerate(
+        [(1.5, 0.0, 0.0, 0.1), (0.7, 0.0, 0.0, 0.2), (0.7, 0.0, 2.0, 0.1)]
+    ):
+        watch(ball, 0.1 * stamp, obstacles)
+        watch(ball, 0.1 * stamp, moved, frame="lens")
+        assert (len(voxels(moved)) > 0) == (len(voxels(obstacles)) > 0) == (stamp < 2)
+
+
 def test_rays_too_far_apart_prove_nothing_and_a_snapshot_says_it():
     sparse = DepthCamera([0, 0, 0], [1, 0, 0], (40, 31))
     obstacles = Obstacles()

@@ -106,7 +106,7 @@ class World:
         self.rows = [self.obstacles.row(name) for name in names]
         self.motion = ArmMotion(robot, 0.02)
         self.state = TickState(
-            KINEMATICS, self.motion, self.obstacles, margin=MARGIN, advances=8, by_distance=False
+            KINEMATICS, self.motion, self.obstacles, margin=MARGIN, by_distance=False
         )
         self.state.begin(NOW, self.arm_age, math.inf)
         KINEMATICS.place(self.q)

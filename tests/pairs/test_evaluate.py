@@ -52,10 +52,8 @@ def free_motion(rng):
     return free_bodies(SimpleNamespace(**bounds, velocity_errors=errors))
 
 
-def make_state(motion, obstacles, *, advances=60, by_distance=False, margin=MARGIN):
-    return TickState(
-        KINEMATICS, motion, obstacles, margin=margin, advances=advances, by_distance=by_distance
-    )
+def make_state(motion, obstacles, *, by_distance=False, margin=MARGIN):
+    return TickState(KINEMATICS, motion, obstacles, margin=margin, by_distance=by_distance)
 
 
 def look(state, rows, now, arm_age=0.0, refinement_threshold=math.inf):
@@ -190,14 +188,13 @@ def test_contact_times_are_those_of_brute_force(count, seed):
     # Nothing matters: what the arm cannot leave is all that is asked for, once and for each link.
     assert few == len(rows) * (1 + LINKS)
     assert (bounds == REACH).all()
-    crude, *_ = look(make_state(motion, obstacles, advances=1), rows, now, arm_age)
     by_distance, *_ = look(make_state(motion, obstacles, by_distance=True), rows, now, arm_age)
     for i, body in enumerate(bodies):
         expected = brute_force(motion, body, now, arm_age)
         known = np.isfinite(expected)
         assert (times[i][known] <= expected[known] + 1e-9).all()
         assert times[i][known] == pytest.approx(expected[known], rel=1e-6, abs=1e-9)
-        for loose in (closed[i], crude[i], by_distance[i]):
+        for loose in (closed[i], by_distance[i]):
             assert (loose[known] <= expected[known] + 1e-9).all()
         assert (SPHERES.link[nodes[i]] == np.arange(LINKS)).all()
 

@@ -72,7 +72,7 @@ def test_the_arm_is_prepared_as_its_models_say(with_joints, age):
     rng, robot = np.random.default_rng(0), panda()
     v = rng.uniform(-0.5, 0.5, 7) * robot.velocity_limit
     motion = ArmMotion(robot, 0.02, with_joints=with_joints)
-    state = TickState(KINEMATICS, motion, Obstacles(), margin=0.0, advances=8, by_distance=False)
+    state = TickState(KINEMATICS, motion, Obstacles(), margin=0.0, by_distance=False)
     for name in TABLE:
         getattr(motion.table, name)[...] = 7.0
     state.begin(0.0, age, 0.0)

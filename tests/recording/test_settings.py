@@ -65,6 +65,15 @@ def change(**changes):
     return robot, data
 
 
+def test_steps_of_an_evaluation_that_no_monitor_has_are_refused():
+    robot, _, monitor = eventful_runs.make_monitor("joint")
+    data = through_json(describe_settings(monitor))
+    table = make_obstacles(data["obstacles"])
+    make_monitor({**data["monitor"], "advances": 8}, robot, table)
+    with pytest.raises(ArmguardError, match="advances: is 3; expected 8"):
+        make_monitor({**data["monitor"], "advances": 3}, robot, table)
+
+
 def test_settings_are_changed_by_name():
     robot, data = change(
         latency="0.01",
@@ -72,11 +81,10 @@ def test_settings_are_changed_by_name():
         bounds__speed="inf",
         budget="500",
         leave="never",
-        advances="3",
     )
     assert data["monitor"]["leave"] == "never"
     assert data["monitor"]["latency"] == 0.01
-    assert (data["monitor"]["budget"], data["monitor"]["advances"]) == (500, 3)
+    assert data["monitor"]["budget"] == 500
     assert data["monitor"]["operating"]["acceleration"] is None
     assert np.allclose(data["monitor"]["operating"]["velocity"], 0.3 * robot.velocity_limit)
     assert data["obstacles"]["speed"] == math.inf
@@ -94,7 +102,7 @@ def test_settings_are_changed_by_name():
         ({"latency": "soon"}, "latency: is 'soon'; expected a number"),
         ({"latency": "nan"}, "latency: is 'nan'"),
         ({"budget": "1.5"}, "budget: is '1.5'"),
-        ({"advances": "1.5"}, "advances: is '1.5'"),
+        ({"advances": "3"}, "setting 'advances': is not known; .*leave it out"),
         ({"budget": "inf"}, "budget: is 'inf'"),
         ({"operating": "fast"}, "operating: is 'fast'"),
         ({"operating__velocity": "3"}, "operating velocity: is the fraction 3"),

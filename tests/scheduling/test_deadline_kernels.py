@@ -242,7 +242,9 @@ def test_state_and_look_in_one_call():
     assert stop_time < late < math.inf
     assert monitor._scheduler.arm.names(seen.pair) == (verdict.link, verdict.obstacle)
     assert abs(seen.expiry - 1e-3 - verdict.contact_time) < 1e-9
-    assert advance_compiled(monitor, 3)[4] == (stop_time + 0.3) / 0.75
+    assert advance_compiled(monitor, 3)[4] == (stop_time + 0.3) / (
+        1.0 - monitor.settings.max_staleness
+    )
 
 
 def test_without_leave_it_does_not_look():

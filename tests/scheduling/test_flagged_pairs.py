@@ -33,7 +33,7 @@ def test_the_exact_check_is_its_formula(age, arm_age, corners):
         position_error=0.01, velocity_error=0.4,
     )  # fmt: skip
     KINEMATICS.compute(HOME, np.zeros(7))
-    state = TickState(KINEMATICS, motion, obstacles, margin=0.03, advances=8, by_distance=False)
+    state = TickState(KINEMATICS, motion, obstacles, margin=0.03, by_distance=False)
     check = FlaggedCheck(HULLS, motion.isotropic, state)
     state.begin(5.0, arm_age, 0.0)
     row = obstacles.row("body")
@@ -62,7 +62,7 @@ def test_the_exact_check_of_statics_and_of_bodies_without_bounds():
     obstacles.update(["wild"], 0.0, [[3.0, 0.0, 0.5]], radius=0.1, speed=math.inf)
     motion = ArmMotion(panda(), 0.02)
     KINEMATICS.compute(HOME, np.zeros(7))
-    state = TickState(KINEMATICS, motion, obstacles, margin=0.0, advances=8, by_distance=False)
+    state = TickState(KINEMATICS, motion, obstacles, margin=0.0, by_distance=False)
     check = FlaggedCheck(HULLS, motion.isotropic, state)
     for now in (0.0, 1e6):
         state.begin(now, 0.0, 0.0)
@@ -94,7 +94,7 @@ def test_all_flagged_pairs_at_once_are_as_imminent_as_each_by_itself(seed):
     motion, obstacles = ArmMotion(robot, 0.02), Obstacles()
     make_crowd(rng, obstacles)
     KINEMATICS.compute(HOME + rng.uniform(-0.3, 0.3, 7), np.zeros(7))
-    state = TickState(KINEMATICS, motion, obstacles, margin=0.01, advances=8, by_distance=False)
+    state = TickState(KINEMATICS, motion, obstacles, margin=0.01, by_distance=False)
     check = FlaggedCheck(HULLS, motion.isotropic, state)
     certificates = PairCertificates(
         LINKS, lambda row: np.ones(LINKS, dtype=bool), keeps_certificates=True
@@ -136,7 +136,7 @@ def test_most_of_a_far_crowd_is_not_measured_exactly():
     places *= rng.uniform(4.0, 12.0, (400, 1)) / np.linalg.norm(places, axis=1)[:, None]
     obstacles.update([f"{k}" for k in range(400)], 0.0, places, np.zeros((400, 3)), radius=0.1)
     KINEMATICS.compute(HOME, np.zeros(7))
-    state = TickState(KINEMATICS, motion, obstacles, margin=0.0, advances=8, by_distance=False)
+    state = TickState(KINEMATICS, motion, obstacles, margin=0.0, by_distance=False)
     check = FlaggedCheck(HULLS, motion.isotropic, state)
     certificates = PairCertificates(
         LINKS, lambda row: np.ones(LINKS, dtype=bool), keeps_certificates=True

@@ -29,9 +29,7 @@ class Scene:
 
     def __init__(self, watched=None, *, keeps_certificates=True, **bounds):
         self.obstacles = Obstacles(**bounds)
-        self.state = TickState(
-            KINEMATICS, MOTION, self.obstacles, margin=0.0, advances=8, by_distance=False
-        )
+        self.state = TickState(KINEMATICS, MOTION, self.obstacles, margin=0.0, by_distance=False)
         self.certificates = PairCertificates(
             LINKS,
             watched or (lambda row: np.ones(LINKS, dtype=bool)),

@@ -7,7 +7,6 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from armguard.pairs.arm import ADVANCES
 from armguard.pairs.evaluate import TickState, evaluate
 from armguard.verdict import Level
 from support.panda_monitor import (
@@ -23,9 +22,7 @@ from support.panda_monitor import (
 def all_times(monitor, obstacles, now, arm_age=0.0):
     """Contact time of every pair, by a look of our own at the monitor's tick."""
     arm = monitor._scheduler.arm
-    state = TickState(
-        arm.kinematics, arm.motion, obstacles, margin=0.0, advances=ADVANCES, by_distance=False
-    )
+    state = TickState(arm.kinematics, arm.motion, obstacles, margin=0.0, by_distance=False)
     state.begin(now, arm_age, arm.state.refinement_threshold)
     links = len(panda().links)
     rows = np.flatnonzero(obstacles.table.alive)

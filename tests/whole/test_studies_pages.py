@@ -103,7 +103,7 @@ def test_the_page_on_settings_quotes_what_trials_chose():
         figures = {one["name"]: one["figures"] for one in data["settings"]}
         settings, level = data["choice"]["settings"], data["choice"]["level"]
         fineness = "all" if level is None else str(level)
-        told = [f"{settings['max_staleness']:g}, {fineness}, {settings['advances']}"]
+        told = [f"{settings['max_staleness']:g}, {fineness}"]
         for one in ("auto", "default"):
             assert figures[one]["missed"] == 0
             told.append(f"{figures[one]['same_level']:.1%}")

@@ -313,8 +313,6 @@ class MonitorTable(_Table, frozen=True, kw_only=True):
     """How stale an answer may look, as a fraction of itself, below 1."""
     budget: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
     """Evaluations in a tick after which the rest waits."""
-    advances: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
-    """Steps of an evaluation, at most."""
 
 
 class ThresholdsTable(_Table, frozen=True, kw_only=True):

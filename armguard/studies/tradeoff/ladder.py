@@ -100,7 +100,6 @@ AXES: dict[str, list[Rung]] = {
         *(Rung("cover", f"level {level}", level=level) for level in range(4)),
         *(Rung("cover", f"{mm} mm", protrusion=1e-3 * mm) for mm in (80, 40, 10)),
     ],
-    "advances": _numbers("advances", (1, 2, 4, 16)),
     "motion": [
         Rung("motion", "distance", {"schedule": "distance"}),
         Rung("motion", "isotropic", {"motion": "isotropic"}),
@@ -111,7 +110,7 @@ AXES: dict[str, list[Rung]] = {
         _daa("powers"),
         _daa("fibonacci"),
     ],
-    "max_staleness": _numbers("max_staleness", (0.0, 0.1, 0.5, 0.75)),
+    "max_staleness": _numbers("max_staleness", (0.0, 0.05, 0.25, 0.5)),
     "rate": [Rung("rate", f"{rate} Hz", {"rate": float(rate)}) for rate in (100, 200, 500, 2000)],
     "budget": _numbers("budget", (16, 64, 256, 1024)),
 }
@@ -121,7 +120,7 @@ FULL = AXES["schedule"][0]
 MOST_REFINED = 150
 """Spheres of an arm whose cover is still fitted more finely: others would take many minutes."""
 
-FINER = ("cover 10 mm", "advances 16")
+FINER = ("cover 10 mm",)
 """Rungs of the finest setting, where their axes are asked for."""
 
 

@@ -96,7 +96,7 @@ def test_a_cell_may_have_its_settings_chosen():
     assert choice.ticks == 150
     told = {name: getattr(monitor.settings, name) for name in choice.settings}
     assert told == choice.settings
-    assert set(told) == {"max_staleness", "motion", "advances", "budget"}
+    assert set(told) == {"max_staleness", "motion", "budget"}
     assert monitor.period == 0.02
     assert len(obstacles) == 0
     assert Cell.from_text(AUTO).build()[2].choice == choice
@@ -107,7 +107,7 @@ def test_what_a_cell_states_stands_beside_what_is_chosen():
     text = text.replace("operating =", "level = 1\noperating =")
     robot, _, monitor = Cell.from_text(text).build()
     assert (monitor.settings.motion, monitor.settings.max_staleness) == ("isotropic", 0.4)
-    assert set(monitor.choice.settings) == {"advances", "budget"}
+    assert set(monitor.choice.settings) == {"budget"}
     assert monitor.choice.level is None
     assert max(robot.cover.levels(link) for link in robot.links) == 2
 

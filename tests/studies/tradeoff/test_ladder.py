@@ -40,7 +40,7 @@ def test_one_axis_at_a_time_around_the_default():
     assert all(len(one.rungs) == 1 and one.axis == one.rungs[0].axis for one in settings[2:])
     assert {one.axis for one in settings[2:]} == set(AXES)
     assert all(one.is_choice == (one.axis != OPERATING and not one.rule) for one in settings)
-    assert settings[1].monitor({}) == {"schedule": "full", "advances": 16}
+    assert settings[1].monitor({}) == {"schedule": "full"}
     assert len({one.name for one in settings}) == len(settings)
     assert "cover 10 mm" in map(str, settings[1].rungs)
     _, finest, *_ = list_settings(AXES, Robot.load("ur10").cover, {})
@@ -70,7 +70,7 @@ def test_the_finest_has_no_budget():
 
 
 def test_combinations_take_most_rungs_first_and_are_few():
-    rungs = [AXES[axis][0] for axis in ("cover", "advances", "max_staleness", "rate", "budget")]
+    rungs = [AXES[axis][0] for axis in ("cover", "motion", "max_staleness", "rate", "budget")]
     some = combine(rungs)
     assert len(some) == MOST_COMBINED
     assert some[0].rungs == tuple(rungs)

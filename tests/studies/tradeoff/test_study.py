@@ -55,7 +55,7 @@ def test_all_settings_see_the_same_and_the_finest_is_the_measure(monkeypatch):
     assert set(found.front) <= set(names)
     assert len(found.hunted) == 12
     assert {one.schedule for one in found.grown} >= {"deadline", "full"}
-    assert study(axes=("advances",)).grown == []
+    assert study(axes=("budget",)).grown == []
     assert all(0.0 <= share <= 1.0 for share in told)
     assert all(one.figures.tight_adversary <= 1.0 for one in found.outcomes)
 
