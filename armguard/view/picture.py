@@ -457,7 +457,7 @@ class Picture:
         """What the panels say."""
         assert self._message is not None, "describes a scene's frame"
         verdict = message.verdict
-        own = find_levels([verdict.contact_time], verdict.stop_time, self._margins, "")
+        own = find_levels([verdict.contact_time], verdict.stop_time, self._margins, verdict.level)
         content = {
             "sequence": message.sequence,
             "now": message.now,

@@ -357,6 +357,12 @@ def test_a_stop_is_an_event_that_leads_back_to_its_reasons(feed, page):
     wait_for_text(page, "past", "PAST")
     wait_for_text(page, "level", "STOP")
     assert "panda_link6 and left_hand" in page.inner_text("#reasons")
+    # On a phone the times stay beside the level.
+    page.set_viewport_size({"width": 390, "height": 844})
+    headline, times = (page.locator(f"#{name}").bounding_box() for name in ("headline", "times"))
+    assert times["x"] >= headline["x"] + headline["width"]
+    assert times["y"] < headline["y"] + headline["height"]
+    page.set_viewport_size({"width": 900, "height": 600})
     # The past stays while the present goes on, and a step further is a later moment.
     page.wait_for_timeout(300)
     assert page.inner_text("#level") == "STOP"
@@ -830,8 +836,13 @@ HAS_FOCUS = "() => document.activeElement.getAttribute('aria-label') || ''"
 
 
 def test_a_few_tabs_lead_to_what_goes_through_the_past_on_a_busy_cell(browser):
-    wanted = {"pause", "jump to the next STOP", "back to the present"}
+    wanted = {"pause", "jump to the next STOP", "live: back to the present"}
     with busy_cell(browser) as (page, tell):
+        # What stands on a button is in its name.
+        names = page.locator("button").evaluate_all(
+            "(all) => all.map((one) => [one.textContent, one.getAttribute('aria-label')])"
+        )
+        assert all(text in (name or text) for text, name in names if text[0].isalpha())
         reached = []
         for number in range(12, 20):  # something happens between any two presses
             page.keyboard.press("Tab")

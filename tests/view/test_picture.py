@@ -63,6 +63,14 @@ def test_everything_has_the_colours_of_its_bucket_and_its_level(page, contact_ti
         assert (page[key]["levels"] == FIRST_LEVEL + LEVELS.index(level)).all(), key
 
 
+def test_no_contact_time_looks_more_alarming_than_the_verdict(page):
+    """An arm that is proved to rest before contact is slow, however short the contact time."""
+    for level, time, earned in [("SLOW", 0.164, "SLOW"), ("STOP", 0.4, "AWARE")]:
+        verdict = VerdictSummary(level=level, contact_time=time, stop_time=0.171)
+        page.picture.draw_frame(make_frame(time, verdict=verdict))
+        assert page["banner "]["contact_level"] == earned
+
+
 def test_pairs_of_different_buckets_have_different_colours(page):
     times = [0.0, 0.0015, 0.1, 0.1, 0.3, 40.0]
     page.picture.draw_frame(make_frame(pairs=Pairs.pack([5] * 6, [0] * 6, times)))

@@ -60,7 +60,8 @@ export function button(text, title, act) {
   made.type = "button";
   made.textContent = text;
   made.title = title;
-  made.setAttribute("aria-label", title);
+  // Who speaks to the page says what stands on a button.
+  made.setAttribute("aria-label", /^\w/.test(text) && !title.includes(text) ? `${text}: ${title}` : title);
   made.addEventListener("click", act);
   return made;
 }
