@@ -1,14 +1,18 @@
 """Worlds of an arm that moves on committed pieces: what may happen to it does, and does it touch?
 
-A controller shows pieces that overlap, begin later, and replace one another. Some answers are lost,
-the others take up to the latency. It shows what goes on from the piece that it follows, or from one
-whose answer is still to come. The arm follows the piece that it was last told was safe, as far off
-it as was stated; on a STOP it finishes its piece, or brakes within latency and reaction time.
-Where joints may leave a piece, brakes also engage at any time, each joint at a moment of its own.
+A controller shows pieces that overlap, begin later, and replace one another, at times two in a
+tick. Some answers are lost, the others take up to the latency. It shows what goes on from the piece
+that it follows, or from one whose answer is still to come; until the answer arrives some pieces
+lead aside, as far as the piece before may be left, and allow for less themselves. The arm follows
+the piece that it was last told was safe, as far off it as was stated; on a STOP it finishes its
+piece, or brakes within latency and reaction time. Where joints may leave a piece, brakes also
+engage at any time, each joint at a moment of its own. Joint states may be a tick late.
 
 Balls appear at any time, at rest or in motion, where a piece leads that was answered safe. They
-keep to their bounds. One premise takes care: a ball must not appear so late that the arm touches
-something though it brakes on the first verdict after that. That is tried out before.
+keep to their bounds. Some are hidden for a while, some samples are vaguer than others, and messages
+come before a step or between that and what is shown after it. One premise takes care: a ball must
+not appear so late that the arm touches something though it brakes on the first verdict after that.
+That is tried out before.
 """
 
 import copy
@@ -59,6 +63,10 @@ class Score(NamedTuple):
     """How often brakes engaged."""
     near: int = 0
     """Worlds in which a ball came within 2 cm of an arm that moved."""
+    aside: int = 0
+    """Pieces that the arm took up and that led aside before."""
+    vague: int = 0
+    """Samples that were vaguer than others of the same ball."""
 
     def __add__(self, other):
         return Score(*(a + b for a, b in zip(self, other, strict=True)))
@@ -251,7 +259,7 @@ class TrueArm:
         begin, rates, (_, v0) = self.leaving
         return float(max((begin + np.abs(v0) / rates).max(), 0.0))
 
-    def take(self, now, plan, shown, drops_all):
+    def take(self, now, plan, drops_all):
         """Take up a piece that goes on from what it follows; whether it did."""
         begin = max(now, plan.stamp)
         legs = [leg for leg in self.legs if leg.begin < begin - 1e-9]
@@ -259,10 +267,9 @@ class TrueArm:
             legs = [leg for leg in legs if leg.begin <= now + 1e-9]
         if not legs or begin >= find_end(plan):
             return False
-        # From when it begins on the arm has to be near it, and it goes straight over to it.
-        times = np.linspace(min(max(plan.stamp, shown), begin), begin, 6)
-        had, had_pace = self.read(legs, times)
-        wanted, pace = read_plan(plan, times)
+        # It goes straight over to it, so that it has to be on it already.
+        had, had_pace = self.read(legs, [begin])
+        wanted, pace = read_plan(plan, [begin])
         off = max(np.abs(had - wanted).max(), np.abs(had_pace - pace).max())
         if not off <= ALIKE:
             return False
@@ -311,6 +318,8 @@ class PlanHunt:
         nv = len(robot.joints)
         self.error = random.choice([5e-4, 2e-3, 5e-3])
         self.pace_error = random.choice([0.005, 0.02])
+        self.states_pace = random.random() < 0.7
+        self.age = PERIOD * random.choice([0, 0, 1])
         off = random.choice([0.0, 0.5, 0.95], nv) * 0.5 * self.error
         rate = random.uniform(0.0, 1.0, nv) * 0.9 * self.pace_error / np.maximum(off, 1e-9)
         rate = np.minimum(rate, 30.0)
@@ -354,12 +363,19 @@ class PlanHunt:
         """One tick."""
         now, arm, random, nv = self.now, self.arm, self.random, len(self.lower)
         self.appear()
-        self.speak()
-        (q,), (v,) = arm.state([now])
+        # Only what is known already may be told of so late that this verdict does not rest on it.
+        known = [ball.name for ball in self.balls if ball.name in self.obstacles.ids]
+        told_late = known if random.random() < 0.3 else []
+        self.speak([ball for ball in self.balls if ball.name not in told_late])
+        (q,), (v,) = arm.state([now - self.age])
         noise = random.choice([-1.0, 0.0, 1.0], (2, nv))
         verdict = self.monitor.step(
-            now, q + noise[0] * self.robot.position_error, v + noise[1] * self.robot.velocity_error
+            now - self.age,
+            q + noise[0] * self.robot.position_error,
+            v + noise[1] * self.robot.velocity_error,
+            now,
         )
+        self.speak([ball for ball in self.balls if ball.name in told_late])
         if verdict.stop == "brake" and self.told_brake is None:
             self.told_brake = now + self.obeys[0]
             self.stop(arm, now)
@@ -367,11 +383,12 @@ class PlanHunt:
             # Emergency stop: each joint at a moment of its own.
             arm.brake(now + random.choice([0.0, 0.02, 0.1], nv) * random.random(), self.rates)
             self.score += Score(brakes=1)
-        if arm.leaving is not None and now > arm.rests_by() + STEP:
+        if arm.leaving is not None and now > arm.rests_by() + STEP + self.age:
             arm.rest(now, arm.state([now])[0][0])
             self.told_brake = None
-        if arm.leaving is None and random.random() < self.busy:
-            self.show()
+        for _ in range(random.choice([1, 1, 1, 2])):
+            if arm.leaving is None and random.random() < self.busy:
+                self.show()
         self.watch()
         self.move()
         self.tick += 1
@@ -387,14 +404,14 @@ class PlanHunt:
     def deliver(self, arm, until):
         """Answers that arrive by then."""
         while arm.mail and arm.mail[0][0] <= until:
-            arrival, plan, shown = arm.mail.pop(0)
-            took = arm.take(arrival, plan, shown, self.drops_all)
-            self.score += Score(followed=took)
+            arrival, plan, leads_aside = arm.mail.pop(0)
+            took = arm.take(arrival, plan, self.drops_all)
+            self.score += Score(followed=took, aside=took and leads_aside)
 
     def move(self):
         """The truth until the next tick: does anything touch?"""
         arm, now = self.arm, self.now
-        while len(arm.legs) > 1 and arm.legs[1].begin <= now - PERIOD:
+        while len(arm.legs) > 1 and arm.legs[1].begin <= now - 2.0 * PERIOD:
             del arm.legs[0]
         self.deliver(arm, now + PERIOD - 0.5 * STEP)
         times = now + STEP * np.arange(TICK_STEPS)
@@ -414,11 +431,14 @@ class PlanHunt:
 
     def show(self):
         """Show a piece, and take the answer."""
+        arrival = self.now + self.latency * self.random.choice([0.0, 1.0, self.random.random()])
+        arrival = max([arrival, *(one[0] for one in self.arm.mail)])
         plan = self.make_piece()
         if plan is None:
             return
+        aside = self.lead_aside(plan, arrival) if self.random.random() < 0.3 else None
         try:
-            plan = self.monitor.with_stop(plan)
+            plan = self.monitor.with_stop(plan if aside is None else aside)
         except ArmguardError:
             return
         answer = self.monitor.commit(plan)
@@ -431,9 +451,30 @@ class PlanHunt:
         if self.random.random() < self.loss:
             self.score += Score(lost=1)
             return
-        arrival = self.now + self.latency * self.random.choice([0.0, 1.0, self.random.random()])
-        arrival = max([arrival, *(one[0] for one in self.arm.mail)])
-        self.arm.mail.append((arrival, plan, self.now))
+        self.arm.mail.append((arrival, plan, aside is not None))
+
+    def lead_aside(self, plan, arrival):
+        """The piece as one that leads aside until its answer arrives; None where it cannot.
+
+        On the piece before, the arm may then be farther off it than it allows.
+        """
+        begin, before = max(plan.stamp, self.now), self.arm.leg(self.now)
+        lasting = arrival - begin
+        if not (before.is_moving and lasting > 0.02 and arrival <= plan.stamp + plan.times[-1]):
+            return None
+        size = 0.8 * before.plan.tracking_error
+        # No harder than the share of what joints can do that the piece itself leaves.
+        size = np.minimum(size, 0.35 * self.robot.acceleration_limit * lasting**2 / 32.0)
+        size = size * self.random.choice([-1.0, 0.0, 1.0], len(size))
+        knots = np.union1d(plan.stamp + plan.times, begin + lasting * np.linspace(0.0, 1.0, 9))
+        knots = knots[np.append(np.diff(knots) > 1e-6, True)]
+        q, v = read_plan(plan, knots)
+        # As the last sample has it, where the piece need not rest.
+        q[-1], v[-1] = plan.q[-1], plan.v[-1]
+        part = np.clip((knots - begin) / lasting, 0.0, 1.0)[:, None]
+        q += size * 16.0 * part**2 * (1.0 - part) ** 2
+        v += size * 32.0 * part * (1.0 - part) * (1.0 - 2.0 * part) / lasting
+        return plan._replace(times=np.append(0.0, knots[1:] - plan.stamp), q=q, v=v)
 
     def make_piece(self):
         """The next piece: some time along what the arm follows then, and on at random."""
@@ -472,9 +513,10 @@ class PlanHunt:
             v.append(pace)
             times.append(times[-1] + lasting)
         ones = np.ones(len(accel))
+        error = self.error * random.choice([1.0, 1.0, 3.0])
         return Plan(
-            stamp, np.array(times), np.array(q), np.array(v), self.error * ones,
-            self.pace_error * ones,
+            stamp, np.array(times), np.array(q), np.array(v), error * ones,
+            self.pace_error * ones if self.states_pace else None,
         )  # fmt: skip
 
     def appear(self):
@@ -531,7 +573,7 @@ class PlanHunt:
         ball = Ball(
             f"ball-{self.named}", np.zeros(3), heading, since, accel, speed, radius,
             (random.choice([0.0, 0.01]), random.choice([0.0, 0.05])),
-            int(random.choice([1, 4, 10])), int(random.choice([0, 0, 2])), is_static,
+            int(random.choice([1, 4, 10, 25])), int(random.choice([0, 0, 2])), is_static,
         )  # fmt: skip
         return ball._replace(start=target - ball.place([meet])[0][0])
 
@@ -551,10 +593,10 @@ class PlanHunt:
         )[0]  # fmt: skip
         return clear > 0.0 and self.find_gap(arm, times, balls) > 0.0
 
-    def speak(self):
-        """Messages of this tick."""
+    def speak(self, balls):
+        """Messages about balls in this tick."""
         random, now = self.random, self.now
-        for ball in self.balls:
+        for ball in balls:
             known = ball.name in self.obstacles.ids
             if ball.is_static:
                 if not known:
@@ -566,15 +608,16 @@ class PlanHunt:
             (place,), (pace,) = ball.place([stamp])
             away = random.normal(size=(2, 3))
             away /= np.linalg.norm(away, axis=1)[:, None]
-            place, pace = (
-                place + 0.999 * ball.errors[0] * away[0],
-                pace + 0.999 * ball.errors[1] * away[1],
-            )
+            is_vague = random.random() < 0.25
+            errors = np.array(ball.errors) + is_vague * random.choice([0.0, 1.0], 2) * [0.1, 1.0]
+            place = place + 0.999 * errors[0] * away[0]
+            pace = pace + 0.999 * errors[1] * away[1]
             self.obstacles.update(
                 [ball.name], stamp, place[None], pace[None], radius=ball.radius,
                 accel=ball.accel, speed=ball.speed,
-                position_error=ball.errors[0], velocity_error=ball.errors[1],
+                position_error=errors[0], velocity_error=errors[1],
             )  # fmt: skip
+            self.score += Score(vague=is_vague)
 
     def watch(self):
         """Whether the piece that the arm is on is among those that are kept."""
