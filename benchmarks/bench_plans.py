@@ -5,10 +5,10 @@
 
 Pieces overlap, begin later, replace one another, and lead aside until their answers arrive; answers
 are lost or late; balls appear at any time, are hidden for a while, and are seen more or less
-exactly; joint states may be late, and brakes engage at any time. `tests/support/plan_hunt.py` says what a world is, and by which
-premises it keeps. Worlds are shared out among arms, latencies, and joints that may leave a piece or
-not. Nothing must touch an arm that moves, and the piece that an arm is on must always be among
-those that are kept.
+exactly; joint states may be late, and brakes engage at any time. `tests/support/plan_hunt.py` says
+what a world is, and by which premises it keeps. Worlds are shared out among arms, latencies, and
+joints that may leave a piece or not. Nothing must touch an arm that moves, and the piece that an
+arm is on must always be among those that are kept.
 
 A control follows, a twentieth as long: an arm that takes every piece for safe that is in order.
 Contacts have to be found there.

@@ -14,9 +14,10 @@ wherever obstacles bring news, until one of these rules it out:
   on the older one still if the later answer was lost, and gets to it if that begins before.
 - Its end. An arm that has come to rest there touches nothing.
 
-Every arm that follows pieces that were answered safe is then on a kept one at every time, so that
-what is proved of all kept pieces is proved of it. A controller that commits often leaves many that
-differ by little: from `MANY_PIECES` on two of them are kept as one, see `_join_two`.
+Every arm that rests until it takes up its first piece, and follows pieces that were answered safe,
+is then on a kept one at every time, so that what is proved of all kept pieces is proved of it. A
+controller that commits often leaves many that differ by little: from `MANY_PIECES` on two of them
+are kept as one, see `_join_two`.
 """
 
 from __future__ import annotations

@@ -530,7 +530,8 @@ class Monitor:
 
         A piece is safe if nothing can touch the arm on it until it rests. Then it is what the arm
         may be on from now on, until joint states tell that it is on another one or on none. It must
-        agree with the one before until the answer has arrived, `latency` from now. While a piece is
+        agree with the one before until the answer has arrived, `latency` from now; the first one is
+        for an arm that rests until then. While a piece is
         followed, and nothing new is seen, it stays safe without a further look; what it may not
         allow for judges it anew, in that tick, and a STOP says by `stop` whether to finish it or to
         leave it. An arm that brakes joint by joint on the way, at an emergency stop or without
