@@ -319,7 +319,7 @@ class PlanHunt:
         self.error = random.choice([5e-4, 2e-3, 5e-3])
         self.pace_error = random.choice([0.005, 0.02])
         self.states_pace = random.random() < 0.7
-        self.age = PERIOD * random.choice([0, 0, 1])
+        self.ticks_late = int(random.choice([0, 0, 1]))
         off = random.choice([0.0, 0.5, 0.95], nv) * 0.5 * self.error
         rate = random.uniform(0.0, 1.0, nv) * 0.9 * self.pace_error / np.maximum(off, 1e-9)
         rate = np.minimum(rate, 30.0)
@@ -367,10 +367,12 @@ class PlanHunt:
         known = [ball.name for ball in self.balls if ball.name in self.obstacles.ids]
         told_late = known if random.random() < 0.3 else []
         self.speak([ball for ball in self.balls if ball.name not in told_late])
-        (q,), (v,) = arm.state([now - self.age])
+        # Not a difference, which would be rounded to before what begins in that tick.
+        stamp = (self.tick - self.ticks_late) * PERIOD
+        (q,), (v,) = arm.state([stamp])
         noise = random.choice([-1.0, 0.0, 1.0], (2, nv))
         verdict = self.monitor.step(
-            now - self.age,
+            stamp,
             q + noise[0] * self.robot.position_error,
             v + noise[1] * self.robot.velocity_error,
             now,
@@ -383,7 +385,7 @@ class PlanHunt:
             # Emergency stop: each joint at a moment of its own.
             arm.brake(now + random.choice([0.0, 0.02, 0.1], nv) * random.random(), self.rates)
             self.score += Score(brakes=1)
-        if arm.leaving is not None and now > arm.rests_by() + STEP + self.age:
+        if arm.leaving is not None and stamp > arm.rests_by() + STEP:
             arm.rest(now, arm.state([now])[0][0])
             self.told_brake = None
         for _ in range(random.choice([1, 1, 1, 2])):
